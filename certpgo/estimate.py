@@ -1,0 +1,81 @@
+"""Estimates: one absolute pose, or rotation, a node."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from certpgo.errors import GraphError
+from certpgo.linalg import so
+from certpgo.linalg.arrays import FloatArray, IntArray, frozen_floats
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Absolute rotations, and translations where the problem has them.
+
+    Attributes
+    ----------
+    rotations : (n, d, d), R_i world <- body i
+    translations : (n, d) origins t_i of the bodies in the world frame, metres; or None
+
+    Raises
+    ------
+    GraphError
+        A matrix that is no rotation (the worst is named), a translation that is not finite.
+    """
+
+    rotations: FloatArray
+    translations: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rotations", frozen_floats(self.rotations))
+        n = len(self.rotations)
+        if self.rotations.shape not in {(n, 2, 2), (n, 3, 3)}:
+            raise GraphError(
+                f"rotations must be (n, d, d) with d = 2 or 3, not {self.rotations.shape}"
+            )
+        worst, defect = so.worst_defect(self.rotations)
+        if not defect <= so.DEFECT_TOLERANCE:
+            raise GraphError(f"node {worst}: not a rotation, off by {defect:.1e}")
+        if self.translations is None:
+            return
+        object.__setattr__(self, "translations", frozen_floats(self.translations))
+        if self.translations.shape != (n, self.d):
+            raise GraphError(f"translations must be {(n, self.d)}, not {self.translations.shape}")
+        bad = ~np.isfinite(self.translations).all(axis=1)
+        if bad.any():
+            raise GraphError(f"node {int(np.argmax(bad))}: translation is not finite")
+
+    @property
+    def num_nodes(self) -> int:
+        """Number n of nodes."""
+        return len(self.rotations)
+
+    @property
+    def d(self) -> int:
+        """Dimension of space, 2 or 3."""
+        return int(self.rotations.shape[-1])
+
+    def moved(self, rotation: FloatArray, translation: FloatArray | None = None) -> Estimate:
+        """The estimate after the world is moved: S R_i and S t_i + s (``rotation`` S is (d, d))."""
+        if self.translations is None:
+            return Estimate(rotation @ self.rotations)
+        offset = np.zeros(self.d) if translation is None else np.asarray(translation)
+        return Estimate(rotation @ self.rotations, self.translations @ rotation.T + offset)
+
+    def anchored(self, node: int, like: Estimate | None = None) -> Estimate:
+        """The estimate moved so that ``node`` is the identity at the origin, or as in ``like``."""
+        R = self.rotations[node].T
+        if self.translations is None:
+            return self.moved(R if like is None else like.rotations[node] @ R)
+        if like is not None and like.translations is not None:
+            R = like.rotations[node] @ R
+            return self.moved(R, like.translations[node] - R @ self.translations[node])
+        return self.moved(R, -R @ self.translations[node])
+
+    def subset(self, nodes: IntArray) -> Estimate:
+        """The estimate of ``nodes`` alone, in that order."""
+        translations = None if self.translations is None else self.translations[nodes]
+        return Estimate(self.rotations[nodes], translations)

@@ -1,0 +1,32 @@
+"""Array types used in annotations, and freezing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
+CSC = sparse.csc_array
+
+
+def frozen_floats(values: ArrayLike) -> FloatArray:
+    """A read-only, C-contiguous float64 array; the input is copied unless it is already one."""
+    return _freeze(values, np.float64)
+
+
+def frozen_indices(values: ArrayLike) -> IntArray:
+    """A read-only, C-contiguous index array; the input is copied unless it is already one."""
+    return _freeze(values, np.intp)
+
+
+def _freeze(values: ArrayLike, dtype: Any) -> NDArray[Any]:
+    array = np.ascontiguousarray(values, dtype=dtype)
+    if array.flags.writeable:
+        array = array.copy() if np.shares_memory(array, np.asarray(values)) else array
+        array.flags.writeable = False
+    return array

@@ -1,0 +1,190 @@
+"""The rotation groups SO(2) and SO(3), in batches.
+
+Rotations are arrays (..., d, d). Tangent vectors are body-frame angles, (..., 1) for d = 2 and
+(..., 3) for d = 3, in radians: a rotation R moves to R exp(v).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from certpgo.linalg.arrays import FloatArray
+
+
+#: A matrix is taken for a rotation when no entry of R^T R - I is larger.
+DEFECT_TOLERANCE = 1e-6
+
+
+def tangent_dim(d: int) -> int:
+    """Dimension of SO(d): 1 for d = 2, 3 for d = 3."""
+    return d * (d - 1) // 2
+
+
+def hat(v: FloatArray) -> FloatArray:
+    """Skew-symmetric matrices (..., d, d) of tangent vectors (..., 1) or (..., 3)."""
+    v = np.asarray(v, dtype=np.float64)
+    if v.shape[-1] == 1:
+        out = np.zeros((*v.shape[:-1], 2, 2))
+        out[..., 0, 1] = -v[..., 0]
+        out[..., 1, 0] = v[..., 0]
+        return out
+    out = np.zeros((*v.shape[:-1], 3, 3))
+    out[..., 0, 1] = -v[..., 2]
+    out[..., 0, 2] = v[..., 1]
+    out[..., 1, 0] = v[..., 2]
+    out[..., 1, 2] = -v[..., 0]
+    out[..., 2, 0] = -v[..., 1]
+    out[..., 2, 1] = v[..., 0]
+    return out
+
+
+def vee(A: FloatArray) -> FloatArray:
+    """Tangent vector of the skew part (A - A^T)/2; inverse of `hat` on skew matrices."""
+    A = np.asarray(A, dtype=np.float64)
+    if A.shape[-1] == 2:
+        return 0.5 * (A[..., 1, 0] - A[..., 0, 1])[..., None]
+    return 0.5 * np.stack(
+        [
+            A[..., 2, 1] - A[..., 1, 2],
+            A[..., 0, 2] - A[..., 2, 0],
+            A[..., 1, 0] - A[..., 0, 1],
+        ],
+        axis=-1,
+    )
+
+
+def exp(v: FloatArray) -> FloatArray:
+    """Rotations (..., d, d) by the angles of tangent vectors (Rodrigues' formula)."""
+    v = np.asarray(v, dtype=np.float64)
+    if v.shape[-1] == 1:
+        c, s = np.cos(v[..., 0]), np.sin(v[..., 0])
+        return np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], -2)
+    theta = np.linalg.norm(v, axis=-1)[..., None, None]
+    K = hat(v)
+    a = np.sinc(theta / np.pi)
+    b = 0.5 * np.sinc(theta / (2 * np.pi)) ** 2
+    R: FloatArray = np.eye(3) + a * K + b * (K @ K)
+    return R
+
+
+def angle(R: FloatArray) -> FloatArray:
+    """Rotation angles (...,) in [0, pi], accurate near 0 and near pi alike."""
+    R = np.asarray(R, dtype=np.float64)
+    sine = np.linalg.norm(vee(R), axis=-1)
+    trace = np.trace(R, axis1=-2, axis2=-1)
+    cosine = 0.5 * trace if R.shape[-1] == 2 else 0.5 * (trace - 1.0)
+    return np.asarray(np.arctan2(sine, cosine))
+
+
+def log(R: FloatArray) -> FloatArray:
+    """Tangent vectors of norm at most pi with exp(log(R)) = R; at pi, one of the two."""
+    R = np.asarray(R, dtype=np.float64)
+    skew = vee(R)
+    if R.shape[-1] == 2:
+        return np.asarray(np.arctan2(skew, 0.5 * np.trace(R, axis1=-2, axis2=-1)[..., None]))
+    theta = angle(R)[..., None]
+    near_pi = theta[..., 0] > 3.0
+    v = skew / np.sinc(np.where(theta > 3.0, 0.0, theta) / np.pi)
+    if np.any(near_pi):
+        v[near_pi] = _log_near_pi(R[near_pi], skew[near_pi], theta[near_pi])
+    return v
+
+
+def _log_near_pi(R: FloatArray, skew: FloatArray, theta: FloatArray) -> FloatArray:
+    # There the skew part vanishes, and the axis stands in the symmetric part,
+    # (R + R^T)/2 = cos I + (1 - cos) a a^T; its largest column is safe to divide by.
+    cosine = np.cos(theta)[..., None]
+    outer = 0.5 * (R + np.swapaxes(R, -1, -2)) - cosine * np.eye(3)
+    k = np.argmax(np.diagonal(outer, axis1=-2, axis2=-1), axis=-1)
+    axis = np.take_along_axis(outer, k[:, None, None], axis=-1)[..., 0]
+    axis /= np.linalg.norm(axis, axis=-1, keepdims=True)
+    sign = np.where(np.sum(axis * skew, axis=-1, keepdims=True) < 0.0, -1.0, 1.0)
+    return np.asarray(sign * theta * axis)
+
+
+def project(A: FloatArray) -> FloatArray:
+    """The rotations nearest to matrices (n, d, d) in the Frobenius norm.
+
+    The polar factor by Newton's iteration (Higham, Functions of Matrices, 8.3), on the whole batch
+    at once; blocks with determinant near or below zero, where the nearest rotation is not the
+    polar factor, by the singular value decomposition.
+    """
+    A = np.asarray(A, dtype=np.float64)
+    if A.shape[-1] == 2:
+        a, b = A[..., 0, 0] + A[..., 1, 1], A[..., 1, 0] - A[..., 0, 1]
+        r = np.hypot(a, b)
+        safe = np.where(r > 0.0, r, 1.0)
+        c, s = np.where(r > 0.0, a / safe, 1.0), np.where(r > 0.0, b / safe, 0.0)
+        return np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], -2)
+    flat = A.reshape(-1, 3, 3)
+    X = np.ascontiguousarray(np.moveaxis(flat, 0, -1))
+    scale = np.sqrt(np.einsum("ijn,ijn->n", X, X))
+    determinant = _cofactors(X)[1]
+    regular = determinant > 1e-3 * scale**3
+    out = np.empty_like(flat)
+    if np.any(regular):
+        out[regular] = np.moveaxis(_polar(X[:, :, regular]), -1, 0)
+    if not np.all(regular):
+        U, _, Vt = np.linalg.svd(flat[~regular])
+        U[:, :, 2] *= np.sign(np.linalg.det(U @ Vt))[:, None]
+        out[~regular] = U @ Vt
+    return out.reshape(A.shape)
+
+
+def _polar(X: FloatArray) -> FloatArray:
+    """Orthogonal polar factors of matrices (3, 3, n) with positive determinant."""
+    for _ in range(20):
+        C, determinant = _cofactors(X)
+        Y = C / determinant
+        gamma = np.sqrt(np.sqrt(np.einsum("ijn,ijn->n", Y, Y) / np.einsum("ijn,ijn->n", X, X)))
+        X_next = 0.5 * (gamma * X + Y / gamma)
+        converged = np.abs(X_next - X).max() < 1e-9
+        X = X_next
+        if converged:
+            break
+    # One unscaled step squares the last error.
+    C, determinant = _cofactors(X)
+    return np.asarray(0.5 * (X + C / determinant))
+
+
+def _cofactors(X: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Cofactor matrices (3, 3, n) and determinants (n,) of matrices (3, 3, n)."""
+    C = np.empty_like(X)
+    for i in range(3):
+        p, q = (i + 1) % 3, (i + 2) % 3
+        for j in range(3):
+            r, s = (j + 1) % 3, (j + 2) % 3
+            C[i, j] = X[p, r] * X[q, s] - X[p, s] * X[q, r]
+    return C, np.einsum("jn,jn->n", X[0], C[0])
+
+
+def worst_defect(R: FloatArray) -> tuple[int, float]:
+    """Index of the matrix (n, d, d) farthest from being a rotation, and how far.
+
+    The distance is the largest entry of |R^T R - I|; infinite for a negative determinant or an
+    entry that is not finite.
+    """
+    if len(R) == 0:
+        return 0, 0.0
+    d = R.shape[-1]
+    with np.errstate(invalid="ignore", over="ignore"):
+        defect = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(d)).max(axis=(-2, -1))
+        if d == 2:
+            determinant = R[:, 0, 0] * R[:, 1, 1] - R[:, 0, 1] * R[:, 1, 0]
+        else:
+            determinant = np.einsum("ni,ni->n", np.cross(R[:, 0], R[:, 1]), R[:, 2])
+    defect = np.where(np.isfinite(defect) & (determinant > 0.0), defect, np.inf)
+    worst = int(np.argmax(defect))
+    return worst, float(defect[worst])
+
+
+def random(rng: np.random.Generator, n: int, d: int) -> FloatArray:
+    """n rotations (n, d, d), uniform in SO(d)."""
+    if d == 2:
+        return exp(rng.uniform(-np.pi, np.pi, (n, 1)))
+    q = rng.standard_normal((n, 4))
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    v, w = q[:, :3], q[:, 3]
+    K = hat(v)
+    R: FloatArray = np.eye(3) + 2.0 * w[:, None, None] * K + 2.0 * (K @ K)
+    return R

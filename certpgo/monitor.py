@@ -1,0 +1,98 @@
+"""Showing is separate from computing: monitors are told, and time spent telling is not counted."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Protocol, TextIO
+
+
+@dataclass(frozen=True, slots=True)
+class Iteration:
+    """One step of an iterative method.
+
+    Attributes
+    ----------
+    number : 0 for the starting point
+    cost : objective F there
+    gradient : norm of the Riemannian gradient, relative to the problem's scale
+    step : norm of the step that led here (radians and scaled translations together)
+    seconds : solver time so far, showing excluded
+    """
+
+    number: int
+    cost: float
+    gradient: float
+    step: float
+    seconds: float
+
+
+class Monitor(Protocol):
+    """Is told each iteration; answers True to stop the method at its current point."""
+
+    def __call__(self, iteration: Iteration) -> bool:
+        """Whether the method should stop here."""
+        ...
+
+
+def silent(iteration: Iteration) -> bool:
+    """The monitor that shows nothing and never stops."""
+    return False
+
+
+@dataclass(slots=True)
+class TableMonitor:
+    """Prints one line an iteration.
+
+    Attributes
+    ----------
+    stream : where to print, stderr by default
+    """
+
+    stream: TextIO | None = None
+
+    def __call__(self, iteration: Iteration) -> bool:
+        """Print the iteration; never asks to stop."""
+        stream = self.stream or sys.stderr
+        if iteration.number == 0:
+            stream.write(f"{'it':>4} {'cost':>22} {'gradient':>10} {'step':>10} {'s':>8}\n")
+        stream.write(
+            f"{iteration.number:4d} {iteration.cost:22.15g} {iteration.gradient:10.2e} "
+            f"{iteration.step:10.2e} {iteration.seconds:8.3f}\n"
+        )
+        return False
+
+
+@dataclass(slots=True)
+class Stopwatch:
+    """Wall-clock seconds by named phase; nested phases are not counted twice.
+
+    Attributes
+    ----------
+    seconds : phase name to seconds
+    """
+
+    seconds: dict[str, float] = field(default_factory=dict)
+    _inner: list[float] = field(default_factory=list, repr=False)
+
+    @contextmanager
+    def phase(self, name: str) -> Iterator[None]:
+        """Add the time of the ``with`` block, less its nested phases, to ``name``."""
+        self._inner.append(0.0)
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            elapsed = time.perf_counter() - start
+            nested = self._inner.pop()
+            self.seconds[name] = self.seconds.get(name, 0.0) + elapsed - nested
+            if self._inner:
+                self._inner[-1] += elapsed
+
+    @property
+    def total(self) -> float:
+        """Seconds of all phases together."""
+        return sum(self.seconds.values())
