@@ -1,0 +1,114 @@
+"""Sparse symmetric matrices made of square blocks, one block row a node, one block pair an edge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from certpgo.linalg.arrays import CSC, FloatArray, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class BlockPattern:
+    """Where the blocks of a graph's matrices stand; shared by all of them, of any block size.
+
+    Attributes
+    ----------
+    num_nodes : number n of block rows
+    edges : (m, 2) node pairs; parallel edges share a block, their blocks are summed
+    """
+
+    num_nodes: int
+    edges: IntArray
+
+    @cached_property
+    def _slots(self) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+        n, (i, j) = self.num_nodes, self.edges.T
+        nodes = np.arange(n)
+        keys = np.concatenate([nodes * (n + 1), i * n + j, j * n + i])
+        occupied, slot = np.unique(keys, return_inverse=True)
+        rows, columns = np.divmod(occupied, n)
+        indptr = np.searchsorted(rows, np.arange(n + 1))
+        return indptr, columns, slot[:n], slot[n:]
+
+    @property
+    def indptr(self) -> IntArray:
+        """(n + 1,) row pointers of the occupied blocks, diagonal included."""
+        return self._slots[0]
+
+    @property
+    def indices(self) -> IntArray:
+        """Column of each occupied block, ascending within its row."""
+        return self._slots[1]
+
+    @cached_property
+    def _summation(self) -> tuple[IntArray, IntArray, IntArray] | None:
+        """Order and starts that sum parallel edges' blocks; None for a simple graph."""
+        slot = self._slots[3]
+        order = np.argsort(slot, kind="stable")
+        target, starts = np.unique(slot[order], return_index=True)
+        return None if len(target) == len(slot) else (order, starts, target)
+
+    def _expanded(self, b: int) -> tuple[IntArray, IntArray, IntArray]:
+        """Column pointers, row indices and the place of each block entry, for b x b blocks."""
+        cache = self.__dict__.setdefault("_expansions", {})
+        if b not in cache:
+            indptr, columns = self.indptr, self.indices
+            blocks_in_row = np.diff(indptr)
+            row = np.repeat(np.arange(self.num_nodes), blocks_in_row)
+            stride = blocks_in_row[row] * b
+            base = indptr[row] * b * b + (np.arange(len(columns)) - indptr[row]) * b
+            a = np.arange(b)
+            place = base[:, None, None] + stride[:, None, None] * a[:, None] + a
+            pointers = np.concatenate(
+                [[0], np.cumsum(np.repeat(blocks_in_row * b, b))], dtype=np.int32
+            )
+            indices = np.empty(place.size, dtype=np.int32)
+            indices[place] = columns[:, None, None] * b + a
+            cache[b] = pointers, indices, place
+        result: tuple[IntArray, IntArray, IntArray] = cache[b]
+        return result
+
+    def assemble(self, diagonal: FloatArray, upper: FloatArray) -> CSC:
+        """The symmetric matrix with these diagonal blocks and block ``upper[e]`` at edge e = (i, j).
+
+        Parameters
+        ----------
+        diagonal : (n, b, b) symmetric blocks
+        upper : (m, b, b); block (j, i) is the transpose
+
+        Returns
+        -------
+        (n b, n b) matrix in CSC form with sorted indices; all matrices of one block size share
+        their index arrays.
+        """
+        b = diagonal.shape[-1]
+        pointers, indices, place = self._expanded(b)
+        blocks = np.empty((len(self.indices), b, b))
+        blocks[self._slots[2]] = diagonal
+        pairs = np.concatenate([upper, np.swapaxes(upper, 1, 2)])
+        if self._summation is None:
+            blocks[self._slots[3]] = pairs
+        else:
+            order, starts, target = self._summation
+            blocks[target] = np.add.reduceat(pairs[order], starts, axis=0)
+        data = np.empty(blocks.size)
+        data[place] = blocks
+        # Rows of the symmetric matrix are its columns.
+        return CSC((data, indices, pointers), shape=(self.num_nodes * b,) * 2)
+
+
+def scatter_sum(index: IntArray, values: FloatArray, n: int) -> FloatArray:
+    """Sum ``values`` (m, ...) into (n, ...) by ``index`` (m,)."""
+    flat = values.reshape(len(index), -1)
+    out = np.empty((n, flat.shape[1]))
+    for k in range(flat.shape[1]):
+        out[:, k] = np.bincount(index, weights=flat[:, k], minlength=n)
+    return out.reshape(n, *values.shape[1:])
+
+
+def expand(perm: IntArray, b: int) -> IntArray:
+    """The permutation of scalars that moves whole blocks of size b as ``perm`` moves nodes."""
+    return np.asarray((perm[:, None] * b + np.arange(b)).ravel())

@@ -1,0 +1,260 @@
+"""Sparse symmetric factorization behind one interface, with two engines.
+
+SuperLU (in SciPy, always there) in symmetric mode without pivoting, and CHOLMOD when the cvxopt
+wheel is installed. Only a factorization that ran to completion says "positive definite".
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+from scipy.sparse.linalg import splu
+
+from certpgo.errors import MissingDependency, SpecError
+from certpgo.linalg.arrays import CSC, FloatArray, IntArray
+
+
+class Factor(Protocol):
+    """A Cholesky factorization A[p][:, p] = L L^T."""
+
+    @property
+    def nnz(self) -> int:
+        """Nonzeros of L."""
+        ...
+
+    def solve(self, B: FloatArray) -> FloatArray:
+        """A^-1 B for B (N,) or (N, k)."""
+        ...
+
+    def lower(self) -> tuple[CSC, IntArray]:
+        """L with positive diagonal, and the permutation p."""
+        ...
+
+
+class Symbolic(Protocol):
+    """The analysis of a sparsity pattern, good for every matrix that has it."""
+
+    engine: str
+
+    def factor(self, A: CSC) -> Factor | None:
+        """Factorize A, of this very pattern; None when it is not positive definite."""
+        ...
+
+
+def engines() -> tuple[str, ...]:
+    """Names of the engines installed, the preferred one first."""
+    return ("cholmod", "superlu") if importlib.util.find_spec("cvxopt") else ("superlu",)
+
+
+def default_engine() -> str:
+    """The engine in use: ``CERTPGO_ENGINE`` if set, else the first installed."""
+    return os.environ.get("CERTPGO_ENGINE") or engines()[0]
+
+
+def analyze(A: CSC, *, order: IntArray | None = None, engine: str | None = None) -> Symbolic:
+    """Analyse the pattern of a symmetric matrix (both triangles stored, sorted indices).
+
+    Parameters
+    ----------
+    A : (N, N) matrix, of which only the pattern is used
+    order : (N,) fill-reducing permutation to use; by default one is computed
+    engine : ``"superlu"``, ``"cholmod"`` or None for `default_engine`
+
+    Raises
+    ------
+    MissingDependency
+        The engine is not installed.
+    """
+    p = fill_reducing_order(A.indptr, A.indices, engine=engine) if order is None else order
+    return _engine(engine)(A, p)
+
+
+def factorize(A: CSC, *, engine: str | None = None) -> Factor | None:
+    """Analyse and factorize; None when A is not positive definite."""
+    return analyze(A, engine=engine).factor(A)
+
+
+def inertia(A: CSC) -> tuple[int, int, int]:
+    """Numbers of negative, zero and positive eigenvalues, by an LDL^T without pivoting.
+
+    A floating-point statement, for screening only: a matrix with a tiny leading minor may be
+    misjudged. Costs an LU factorization whatever engine is in use.
+    """
+    lu = _splu_without_pivoting(A, "MMD_AT_PLUS_A")
+    pivots = np.zeros(A.shape[0]) if lu is None else lu.U.diagonal()
+    return int((pivots < 0).sum()), int((pivots == 0).sum()), int((pivots > 0).sum())
+
+
+def fill_reducing_order(
+    indptr: IntArray, indices: IntArray, *, engine: str | None = None
+) -> IntArray:
+    """A minimum-degree permutation for the symmetric pattern in compressed form, (N,)."""
+    n = len(indptr) - 1
+    if (engine or default_engine()) == "cholmod":
+        from cvxopt import amd
+
+        return _array_of(amd.order(_cvxopt_lower(n, indptr, indices)[0]), np.intp)
+    degree = np.diff(indptr)
+    column = np.repeat(np.arange(n), degree)
+    values = np.where(indices == column, degree[column].astype(float), -0.5)
+    lu = _splu_without_pivoting(CSC((values, indices, indptr), shape=(n, n)), "MMD_AT_PLUS_A")
+    return np.argsort(lu.perm_c)
+
+
+def _engine(name: str | None) -> Callable[[CSC, IntArray], Symbolic]:
+    name = name or default_engine()
+    if name == "superlu":
+        return SuperLU
+    if name != "cholmod":
+        raise SpecError.unknown("engine", name, ("superlu", "cholmod"))
+    if "cholmod" not in engines():
+        raise MissingDependency("CHOLMOD (the cvxopt package)", "cholmod")
+    return Cholmod
+
+
+def _splu_without_pivoting(A: CSC, ordering: str) -> Any:
+    try:
+        return splu(
+            A,
+            permc_spec=ordering,
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True, "Equil": False},
+        )
+    except RuntimeError:  # an exactly zero pivot
+        return None
+
+
+class SuperLU:
+    """SciPy's SuperLU in symmetric mode on the diagonal: L D L^T with D from U's diagonal."""
+
+    engine = "superlu"
+
+    def __init__(self, A: CSC, order: IntArray) -> None:
+        n = A.shape[0]
+        self._order = order
+        # Permuting once and remembering where each entry went makes refactoring a gather.
+        labels = CSC((np.arange(1, A.nnz + 1, dtype=np.int64), A.indices, A.indptr), shape=(n, n))
+        permuted = labels[order][:, order].tocsc()
+        permuted.sort_indices()
+        self._gather = permuted.data - 1
+        self._indices, self._indptr = permuted.indices, permuted.indptr
+
+    def factor(self, A: CSC) -> Factor | None:
+        """Factorize A; None when a pivot is not positive or had to leave the diagonal."""
+        permuted = CSC((A.data[self._gather], self._indices, self._indptr), shape=A.shape)
+        lu = _splu_without_pivoting(permuted, "NATURAL")
+        if lu is None or not np.array_equal(lu.perm_r, lu.perm_c):
+            return None
+        pivots = lu.U.diagonal()
+        return _SuperLUFactor(lu, pivots, self._order) if np.all(pivots > 0.0) else None
+
+
+class _SuperLUFactor:
+    def __init__(self, lu: Any, pivots: FloatArray, order: IntArray) -> None:
+        self._lu, self._pivots, self._order = lu, pivots, order
+
+    @property
+    def nnz(self) -> int:
+        return int(self._lu.L.nnz)
+
+    def solve(self, B: FloatArray) -> FloatArray:
+        X = np.empty_like(B, dtype=np.float64)
+        X[self._order] = self._lu.solve(np.asarray(B, dtype=np.float64)[self._order])
+        return X
+
+    def lower(self) -> tuple[CSC, IntArray]:
+        L = self._lu.L.tocsc(copy=True)
+        L.data *= np.repeat(np.sqrt(self._pivots), np.diff(L.indptr))
+        L.sort_indices()
+        return CSC(L), self._order[np.argsort(self._lu.perm_c)]
+
+
+class Cholmod:
+    """CHOLMOD's supernodal Cholesky factorization, from the cvxopt wheel."""
+
+    engine = "cholmod"
+
+    def __init__(self, A: CSC, order: IntArray) -> None:
+        from cvxopt import cholmod, matrix
+
+        cholmod.options["supernodal"] = 2
+        self._matrix, self._lower = _cvxopt_lower(A.shape[0], A.indptr, A.indices)
+        self._symbolic = (self._matrix, matrix(np.asarray(order, dtype=np.int64), tc="i"))
+        self._analysis: Any = self._analyze()
+
+    def factor(self, A: CSC) -> Factor | None:
+        """Factorize A; None when CHOLMOD meets a pivot that is not positive."""
+        values = A.data[self._lower]
+        analysis, self._analysis = self._analysis, None  # a factor keeps the analysis it used
+        if analysis is None:
+            analysis = self._analyze()
+        return _CholmodFactor(self, analysis, values) if self._numeric(analysis, values) else None
+
+    def _analyze(self) -> Any:
+        from cvxopt import cholmod
+
+        return cholmod.symbolic(*self._symbolic)
+
+    def _numeric(self, analysis: Any, values: FloatArray) -> bool:
+        from cvxopt import cholmod, matrix
+
+        self._matrix.V = matrix(values)
+        try:
+            cholmod.numeric(self._matrix, analysis)
+        except ArithmeticError:
+            return False
+        return True
+
+
+class _CholmodFactor:
+    def __init__(self, symbolic: Cholmod, factor: Any, values: FloatArray) -> None:
+        self._symbolic, self._factor, self._values = symbolic, factor, values
+        self._lower: tuple[CSC, IntArray] | None = None
+        self._numeric = True
+
+    @property
+    def nnz(self) -> int:
+        return int(self.lower()[0].nnz)
+
+    def solve(self, B: FloatArray) -> FloatArray:
+        if not self._numeric:
+            self._numeric = self._symbolic._numeric(self._factor, self._values)
+        return self._solve(np.asarray(B, dtype=np.float64), 0)
+
+    def _solve(self, B: FloatArray, system: int) -> FloatArray:
+        from cvxopt import cholmod, matrix
+
+        X = matrix(np.asfortranarray(B))
+        cholmod.solve(self._factor, X, sys=system)
+        return np.array(X).reshape(B.shape, order="F") if B.ndim > 1 else np.array(X).ravel()
+
+    def lower(self) -> tuple[CSC, IntArray]:
+        if self._lower is None:
+            from cvxopt import cholmod
+
+            # The analysis may postorder what it was given: the permutation is asked of the factor.
+            n = len(self._symbolic._symbolic[1])
+            order = self._solve(np.arange(n, dtype=np.float64), 7).astype(np.intp)
+            pointers, rows, values = cholmod.getfactor(self._factor).CCS
+            self._numeric = False  # getfactor leaves only the pattern behind
+            arrays = _array_of(values, np.float64), _array_of(rows, np.int32)
+            self._lower = CSC((*arrays, _array_of(pointers, np.int32)), shape=(n, n)), order
+        return self._lower
+
+
+def _cvxopt_lower(n: int, indptr: IntArray, indices: IntArray) -> tuple[Any, IntArray]:
+    """The lower triangle of a pattern as a cvxopt matrix, and which entries it takes."""
+    from cvxopt import matrix, spmatrix
+
+    columns = np.repeat(np.arange(n, dtype=np.int64), np.diff(indptr))
+    lower = np.flatnonzero(indices >= columns)
+    rows = matrix(np.asarray(indices[lower], dtype=np.int64), tc="i")
+    return spmatrix(1.0, rows, matrix(columns[lower], tc="i"), (n, n)), lower
+
+
+def _array_of(values: Any, dtype: Any) -> Any:
+    return np.array(values, dtype=dtype).ravel()

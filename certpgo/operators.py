@@ -1,0 +1,149 @@
+"""Pure builders, measurements in, sparse matrix out: one a matrix of the papers.
+
+Matrices over poses are interleaved, one block of d + 1 rows a pose: the translation row, then the
+d rotation rows, so that they multiply X = [t_1 R_1 ... t_n R_n]^T. That is a symmetric permutation
+of SE-Sync's [t | R] and lets one ordering of the graph serve every factorization.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.linalg import so
+from certpgo.linalg.arrays import CSC, FloatArray, IntArray
+from certpgo.linalg.blocks import BlockPattern, scatter_sum
+
+
+def pattern(graph: RotationGraph | PoseGraph) -> BlockPattern:
+    """The sparsity shared by every matrix of the graph."""
+    return BlockPattern(graph.num_nodes, graph.edges)
+
+
+def degrees(edges: IntArray, weights: FloatArray, n: int) -> FloatArray:
+    """(n,) weighted node degrees; parallel edges add."""
+    return scatter_sum(edges.ravel(), np.repeat(weights, 2), n)
+
+
+def laplacian(blocks: BlockPattern, weights: FloatArray) -> CSC:
+    """Weighted graph Laplacian L_G = D - A, (n, n); Eriksson et al. eq. 2."""
+    degree = degrees(blocks.edges, weights, blocks.num_nodes)
+    return blocks.assemble(degree[:, None, None], -weights[:, None, None])
+
+
+def connection_laplacian(
+    blocks: BlockPattern, graph: RotationGraph, shift: float = 0.0
+) -> CSC:
+    """Rotation connection Laplacian L (plus ``shift`` I), (dn, dn).
+
+    L_ii = deg_i I and L_ij = -kappa R_ij: the thesis' (Laplacian x 1) o Rtilde, eq. 4.6; in
+    Eriksson et al. blkdiag(deg I) - Rtilde, eq. 9. F(R) = tr(R L R^T).
+    """
+    degree = degrees(graph.edges, graph.kappa, graph.num_nodes) + shift
+    return blocks.assemble(
+        degree[:, None, None] * np.eye(graph.d), -graph.kappa[:, None, None] * graph.rotations
+    )
+
+
+def data_matrix(blocks: BlockPattern, graph: PoseGraph) -> CSC:
+    """Quadratic form M of the pose objective, F(R, t) = tr(X M X^T), ((d+1)n, (d+1)n).
+
+    Rosen et al. (SE-Sync, IJRR 2019) eq. 20, interleaved.
+    """
+    n, d, i = graph.num_nodes, graph.d, graph.edges[:, 0]
+    tau, t = graph.tau, graph.translations
+    kappa = graph.rotation.kappa
+    moment = tau[:, None] * t
+
+    diagonal = np.zeros((n, d + 1, d + 1))
+    diagonal[:, 0, 0] = degrees(graph.edges, tau, n)
+    diagonal[:, 0, 1:] = diagonal[:, 1:, 0] = scatter_sum(i, moment, n)
+    spread = scatter_sum(i, moment[:, :, None] * t[:, None, :], n)
+    diagonal[:, 1:, 1:] = degrees(graph.edges, kappa, n)[:, None, None] * np.eye(d) + spread
+
+    upper = np.zeros((graph.num_edges, d + 1, d + 1))
+    upper[:, 0, 0] = -tau
+    upper[:, 1:, 0] = -moment  # rotation of i against translation of j
+    upper[:, 1:, 1:] = -kappa[:, None, None] * graph.rotation.rotations
+    return blocks.assemble(diagonal, upper)
+
+
+def rotation_hessian(
+    graph: RotationGraph, R: FloatArray, multipliers: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Blocks of the exact Riemannian Hessian of F/2 over body-frame tangents.
+
+    For tangents R_i hat(w_i) it is the restriction of S = L - blkdiag(Lam), so a step solves
+    H w = -gradient/2.
+
+    Parameters
+    ----------
+    R : (n, d, d) rotations
+    multipliers : (n, d, d) the blocks Lam_i there
+
+    Returns
+    -------
+    (n, p, p) diagonal blocks and (m, p, p) blocks of edges (i, j), p = d (d - 1) / 2
+    """
+    d = graph.d
+    i, j = graph.edges.T
+    degree = degrees(graph.edges, graph.kappa, graph.num_nodes)
+    S = degree[:, None, None] * np.eye(d) - multipliers
+    between = np.swapaxes(R[j], 1, 2) @ R[i]
+    coupling = _tangent_form(graph.rotations, between)
+    return tangent_restriction(S), -graph.kappa[:, None, None] * coupling
+
+
+def pose_hessian(
+    graph: PoseGraph, R: FloatArray, multipliers: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Blocks of the exact Riemannian Hessian of F/2 over (t_i, w_i), translations first.
+
+    The tangent restriction of M - blkdiag(0, Lam); see `rotation_hessian`. Blocks are
+    (d + p, d + p).
+    """
+    d, n = graph.d, graph.num_nodes
+    p = so.tangent_dim(d)
+    i = graph.edges[:, 0]
+    tau = graph.tau[:, None, None]
+    # The residual t_j - t_i - R_i t_ij moves by dt_j - dt_i + lever w_i.
+    lever = -R[i] @ _generator_columns(graph.translations)
+    rotation_diagonal, rotation_upper = rotation_hessian(graph.rotation, R, multipliers)
+
+    diagonal = np.zeros((n, d + p, d + p))
+    diagonal[:, :d, :d] = degrees(graph.edges, graph.tau, n)[:, None, None] * np.eye(d)
+    cross = scatter_sum(i, -tau * lever, n)
+    diagonal[:, :d, d:], diagonal[:, d:, :d] = cross, np.swapaxes(cross, 1, 2)
+    inertia = scatter_sum(i, tau * (np.swapaxes(lever, 1, 2) @ lever), n)
+    diagonal[:, d:, d:] = rotation_diagonal + inertia
+
+    upper = np.zeros((graph.num_edges, d + p, d + p))
+    upper[:, :d, :d] = -tau * np.eye(d)
+    upper[:, d:, :d] = tau * np.swapaxes(lever, 1, 2)
+    upper[:, d:, d:] = rotation_upper
+    return diagonal, upper
+
+
+def tangent_restriction(S: FloatArray) -> FloatArray:
+    """The form w -> tr(hat(w) S hat(w)^T) of symmetric S (..., d, d), as (..., p, p)."""
+    trace = np.trace(S, axis1=-2, axis2=-1)[..., None, None]
+    return np.asarray(trace) if S.shape[-1] == 2 else trace * np.eye(3) - S
+
+
+def _generators(d: int) -> FloatArray:
+    return so.hat(np.eye(so.tangent_dim(d)))
+
+
+def _generator_columns(t: FloatArray) -> FloatArray:
+    """(m, d, p) matrices whose k-th column is hat(e_k) t."""
+    return np.einsum("kab,mb->mak", _generators(t.shape[-1]), t)
+
+
+def _tangent_form(A: FloatArray, B: FloatArray) -> FloatArray:
+    """(m, p, p) forms tr(E_k A E_l^T B) over the generators E."""
+    d = A.shape[-1]
+    E = _generators(d)
+    constants = np.einsum("kab,ldc->bcdakl", E, E)
+    p = len(E)
+    outer = np.einsum("mbc,mda->mbcda", A, B).reshape(len(A), -1)
+    return np.asarray(outer @ constants.reshape(d**4, p * p)).reshape(-1, p, p)

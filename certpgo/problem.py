@@ -1,0 +1,277 @@
+"""A graph with its operators, objective and residuals; no solving, no certifying.
+
+Costs and gradients come from edge residuals, never from tr(X M X^T), which cancels nine digits
+when translations are large.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from certpgo import operators
+from certpgo.errors import GraphError, InputError, NumericalError
+from certpgo.estimate import Estimate
+from certpgo.graph import PoseGraph, RotationGraph, require_connected
+from certpgo.linalg import factor, so
+from certpgo.linalg.arrays import CSC, FloatArray, IntArray
+from certpgo.linalg.blocks import BlockPattern, expand, scatter_sum
+from certpgo.linalg.factor import Factor, Symbolic
+
+
+class _Problem:
+    """What rotation and pose problems share: pattern, ordering and analyses of one graph."""
+
+    graph: RotationGraph | PoseGraph
+
+    @property
+    def n(self) -> int:
+        """Number of nodes."""
+        return self.graph.num_nodes
+
+    @property
+    def d(self) -> int:
+        """Dimension of space, 2 or 3."""
+        return self.graph.d
+
+    @cached_property
+    def pattern(self) -> BlockPattern:
+        """Sparsity shared by every matrix of the graph."""
+        return operators.pattern(self.graph)
+
+    @cached_property
+    def order(self) -> IntArray:
+        """(n,) fill-reducing order of the nodes."""
+        return factor.fill_reducing_order(self.pattern.indptr, self.pattern.indices)
+
+    def symbolic(self, A: CSC) -> Symbolic:
+        """The analysis of a block matrix of this graph; made once for each block size."""
+        cache: dict[tuple[int, str], Symbolic] = self.__dict__.setdefault("_symbolic", {})
+        b, engine = A.shape[0] // self.n, factor.default_engine()
+        if (b, engine) not in cache:
+            cache[b, engine] = factor.analyze(A, order=expand(self.order, b), engine=engine)
+        return cache[b, engine]
+
+    def check(self, estimate: Estimate) -> None:
+        """Refuse an estimate of another graph.
+
+        Raises
+        ------
+        InputError
+            Another number of nodes or dimension, or translations missing.
+        """
+        if (estimate.num_nodes, estimate.d) != (self.n, self.d):
+            raise InputError(
+                f"the estimate has {estimate.num_nodes} nodes in {estimate.d}D, "
+                f"the graph {self.n} in {self.d}D"
+            )
+        if isinstance(self.graph, PoseGraph) and estimate.translations is None:
+            raise InputError("the estimate has no translations, but the graph measures them")
+
+
+@dataclass(frozen=True, eq=False)
+class RotationProblem(_Problem):
+    """Rotation averaging: minimise F(R) = sum kappa ||R_j - R_i R_ij||_F^2 over SO(d)^n.
+
+    Raises
+    ------
+    GraphError
+        The graph is not connected.
+    """
+
+    graph: RotationGraph
+
+    def __post_init__(self) -> None:
+        require_connected(self.graph)
+
+    @property
+    def rotation(self) -> RotationProblem:
+        """The problem of the rotations alone: this one."""
+        return self
+
+    @property
+    def scale(self) -> float:
+        """W = sum(kappa), the scale of the objective in absolute tolerances."""
+        return float(self.graph.kappa.sum())
+
+    @cached_property
+    def connection_laplacian(self) -> CSC:
+        """L with F(R) = tr(R L R^T), (dn, dn)."""
+        return operators.connection_laplacian(self.pattern, self.graph)
+
+    @cached_property
+    def laplacian(self) -> CSC:
+        """The graph Laplacian weighted by kappa, (n, n)."""
+        return operators.laplacian(self.pattern, self.graph.kappa)
+
+    @property
+    def matrix(self) -> CSC:
+        """The objective's matrix: the connection Laplacian."""
+        return self.connection_laplacian
+
+    def residuals(self, R: FloatArray) -> FloatArray:
+        """(m, d, d) matrices R_j - R_i R_ij."""
+        i, j = self.graph.edges.T
+        return np.asarray(R[j] - R[i] @ self.graph.rotations)
+
+    def cost(self, estimate: Estimate) -> float:
+        """F of the estimate's rotations."""
+        E = self.residuals(estimate.rotations)
+        return float(np.einsum("m,mab,mab->", self.graph.kappa, E, E))
+
+    def gradient(self, estimate: Estimate) -> FloatArray:
+        """Half the Euclidean gradient of F, (n, d, d); in the papers' notation X M by blocks."""
+        i, j = self.graph.edges.T
+        E = self.graph.kappa[:, None, None] * self.residuals(estimate.rotations)
+        back = E @ np.swapaxes(self.graph.rotations, 1, 2)
+        return scatter_sum(j, E, self.n) - scatter_sum(i, back, self.n)
+
+    def residual_angles(self, estimate: Estimate) -> FloatArray:
+        """(m,) angles between R_i R_ij and R_j, radians."""
+        i, j = self.graph.edges.T
+        R = estimate.rotations
+        return so.angle(np.swapaxes(R[j], 1, 2) @ R[i] @ self.graph.rotations)
+
+    def hessian(self, estimate: Estimate, multipliers: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Blocks of the Riemannian Hessian of F/2; see `operators.rotation_hessian`."""
+        return operators.rotation_hessian(self.graph, estimate.rotations, multipliers)
+
+    def complete(self, rotations: FloatArray) -> Estimate:
+        """The best estimate with these rotations: just them."""
+        return Estimate(rotations)
+
+    def with_unit_weights(self) -> RotationProblem:
+        """The same measurements with kappa = 1, as the thesis weighs them."""
+        return RotationProblem(self.graph.with_weights(1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class PoseProblem(_Problem):
+    """Pose-graph optimization: minimise F(R, t) over SE(d)^n.
+
+    F(R, t) = sum kappa ||R_j - R_i R_ij||_F^2 + sum tau ||t_j - t_i - R_i t_ij||^2.
+
+    Raises
+    ------
+    GraphError
+        The graph is not connected.
+    """
+
+    graph: PoseGraph
+
+    def __post_init__(self) -> None:
+        require_connected(self.graph)
+
+    @cached_property
+    def rotation(self) -> RotationProblem:
+        """The problem of the rotations alone; shares pattern and ordering."""
+        problem = RotationProblem(self.graph.rotation)
+        problem.__dict__["pattern"] = self.pattern
+        problem.__dict__["order"] = self.order
+        return problem
+
+    @cached_property
+    def scale(self) -> float:
+        """W = sum(kappa) + sum(tau |t_ij|^2), the scale of the objective."""
+        t = self.graph.translations
+        return self.rotation.scale + float(np.einsum("m,ma,ma->", self.graph.tau, t, t))
+
+    @cached_property
+    def data_matrix(self) -> CSC:
+        """M with F(R, t) = tr(X M X^T), interleaved, ((d+1)n, (d+1)n)."""
+        return operators.data_matrix(self.pattern, self.graph)
+
+    @property
+    def matrix(self) -> CSC:
+        """The objective's matrix: the data matrix."""
+        return self.data_matrix
+
+    @cached_property
+    def translation_laplacian(self) -> CSC:
+        """The graph Laplacian weighted by tau, (n, n)."""
+        return operators.laplacian(self.pattern, self.graph.tau)
+
+    @cached_property
+    def _translation_factor(self) -> Factor:
+        L = self.translation_laplacian
+        # Pinning the first node makes it definite; its translation comes out as zero.
+        pinned = L + _unit_diagonal(L)
+        result = self.symbolic(pinned).factor(pinned)
+        if result is None:
+            raise NumericalError("the translation Laplacian could not be factorized")
+        return result
+
+    def solve_translations(self, forces: FloatArray) -> FloatArray:
+        """(n, d) solution of (translation Laplacian) t = forces, with the first node at zero."""
+        t = self._translation_factor.solve(forces)
+        return np.asarray(t - t[0])
+
+    def translations(self, rotations: FloatArray) -> FloatArray:
+        """(n, d) translations that minimise F for these rotations, the first at zero."""
+        i, j = self.graph.edges.T
+        step = self.graph.tau[:, None] * _rotated(rotations[i], self.graph.translations)
+        return self.solve_translations(scatter_sum(j, step, self.n) - scatter_sum(i, step, self.n))
+
+    def complete(self, rotations: FloatArray) -> Estimate:
+        """The best estimate with these rotations."""
+        return Estimate(rotations, self.translations(rotations))
+
+    def translation_residuals(self, estimate: Estimate) -> FloatArray:
+        """(m, d) vectors t_j - t_i - R_i t_ij."""
+        i, j = self.graph.edges.T
+        R, t = estimate.rotations, _translations(estimate)
+        return np.asarray(t[j] - t[i] - _rotated(R[i], self.graph.translations))
+
+    def cost(self, estimate: Estimate) -> float:
+        """F of the estimate."""
+        r = self.translation_residuals(estimate)
+        return self.rotation.cost(estimate) + float(np.einsum("m,ma,ma->", self.graph.tau, r, r))
+
+    def gradient(self, estimate: Estimate) -> FloatArray:
+        """Half the Euclidean gradient of F, (n, d, d + 1): translation column, then rotation."""
+        i, j = self.graph.edges.T
+        r = self.graph.tau[:, None] * self.translation_residuals(estimate)
+        G = np.empty((self.n, self.d, self.d + 1))
+        G[:, :, 0] = scatter_sum(j, r, self.n) - scatter_sum(i, r, self.n)
+        lever = scatter_sum(i, r[:, :, None] * self.graph.translations[:, None, :], self.n)
+        G[:, :, 1:] = self.rotation.gradient(estimate) - lever
+        return G
+
+    def residual_angles(self, estimate: Estimate) -> FloatArray:
+        """(m,) angles between R_i R_ij and R_j, radians."""
+        return self.rotation.residual_angles(estimate)
+
+    def hessian(self, estimate: Estimate, multipliers: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Blocks of the Riemannian Hessian of F/2; see `operators.pose_hessian`."""
+        return operators.pose_hessian(self.graph, estimate.rotations, multipliers)
+
+    def with_unit_weights(self) -> PoseProblem:
+        """The same measurements with kappa = tau = 1, as the thesis weighs them."""
+        return PoseProblem(self.graph.with_weights(1.0, 1.0))
+
+
+Problem = RotationProblem | PoseProblem
+
+
+def problem_of(graph: RotationGraph | PoseGraph) -> Problem:
+    """The problem that a graph poses."""
+    return PoseProblem(graph) if isinstance(graph, PoseGraph) else RotationProblem(graph)
+
+
+def _translations(estimate: Estimate) -> FloatArray:
+    if estimate.translations is None:
+        raise GraphError("the estimate has no translations")
+    return estimate.translations
+
+
+def _rotated(R: FloatArray, t: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("mab,mb->ma", R, t))
+
+
+def _unit_diagonal(L: CSC) -> CSC:
+    """A matrix of L's pattern whose only nonzero is the first diagonal entry, as large as L's."""
+    data = np.zeros_like(L.data)
+    data[L.indptr[0] + np.searchsorted(L.indices[L.indptr[0] : L.indptr[1]], 0)] = L[0, 0]
+    return CSC((data, L.indices, L.indptr), shape=L.shape)

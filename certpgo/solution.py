@@ -1,0 +1,66 @@
+"""What a method returns, and what a method is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import ClassVar, Protocol
+
+from certpgo.estimate import Estimate
+from certpgo.monitor import Iteration, Monitor, silent
+from certpgo.problem import Problem
+
+
+class Status(Enum):
+    """How a method ended; the estimate is its best point in every case."""
+
+    CLOSED_FORM = "closed form"
+    CONVERGED = "converged"
+    STALLED = "stalled"
+    ITERATION_LIMIT = "iteration limit"
+    INTERRUPTED = "interrupted"
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A method's answer.
+
+    Attributes
+    ----------
+    estimate : its best point
+    cost : F there, evaluated by the problem
+    status : how the method ended
+    iterations : steps taken
+    lower_bound : a bound on F* that the method computed (not proven against rounding), or None
+    seconds : wall-clock seconds by phase
+    trace : one entry an iteration, where the method keeps them
+    note : what a reader of the answer should know, e.g. which information a baseline used
+    """
+
+    estimate: Estimate
+    cost: float
+    status: Status
+    iterations: int = 0
+    lower_bound: float | None = None
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    trace: tuple[Iteration, ...] = ()
+    note: str = ""
+
+
+class Solver(Protocol):
+    """A method: a frozen dataclass of settings, validated at construction.
+
+    Attributes
+    ----------
+    poses, rotations : which kinds of problem it takes
+    """
+
+    poses: ClassVar[bool]
+    rotations: ClassVar[bool]
+
+    def solve(
+        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+    ) -> Solution:
+        """Estimate the poses or rotations of the problem."""
+        ...
