@@ -1,0 +1,84 @@
+"""What can be said about an answer, and with what right."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from certpgo.certify.bounds import Bounds
+from certpgo.estimate import Estimate
+from certpgo.linalg.arrays import FloatArray
+
+
+class Verdict(Enum):
+    """The judgement of an estimate; never a bare boolean."""
+
+    CERTIFIED = "CERTIFIED"
+    REFUTED = "REFUTED"
+    BOUNDED = "BOUNDED"
+    UNDECIDED = "UNDECIDED"
+
+
+class Tier(Enum):
+    """What a certificate trusts, besides the mathematics.
+
+    ``SCREEN`` trusts a factorization as it is and never yields CERTIFIED; ``STANDARD`` bounds its
+    rounding, trusting the factorization and BLAS to keep the usual componentwise error bound.
+    """
+
+    SCREEN = "screen"
+    STANDARD = "standard"
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """The judgement of an estimate against the best possible one.
+
+    Attributes
+    ----------
+    verdict : see `Verdict`
+    tier : what was trusted
+    cost : F of the estimate as given, rounded up
+    lower_bound : no estimate of this graph has a smaller F; -inf when nothing was proven
+    gap : ``cost - lower_bound``
+    rtol, atol : CERTIFIED means gap <= rtol * cost + atol * scale
+    scale : W, the problem's scale
+    stationarity : norm of the Riemannian gradient of the estimate as given over 2 sqrt(F W)
+    max_residual_angle : largest angle between R_i R_ij and R_j, radians
+    multipliers : (n, d, d) blocks Lam_i of the point that gave the lower bound; None without one
+    shift : eta with S + eta I >= 0 on the rotations, part of the bound; 0 without one
+    refined : the stationary point that descent from the estimate reaches, or the estimate itself
+    refined_cost : F of ``refined``
+    basin_is_global : whether ``refined`` is itself certified
+    better : a feasible estimate in another basin, better by more than the tolerance, or None
+    better_cost : its F
+    bounds : a priori bounds that need no factorization
+    engine : factorization engine
+    reason : why the verdict is what it is, one sentence that needs no paper
+    """
+
+    verdict: Verdict
+    tier: Tier
+    cost: float
+    lower_bound: float
+    gap: float
+    rtol: float
+    atol: float
+    scale: float
+    stationarity: float
+    max_residual_angle: float
+    multipliers: FloatArray | None
+    shift: float
+    refined: Estimate
+    refined_cost: float
+    basin_is_global: bool
+    better: Estimate | None
+    better_cost: float | None
+    bounds: Bounds
+    engine: str
+    reason: str
+
+    @property
+    def relative_gap(self) -> float:
+        """``gap / cost``; 0 for 0 / 0."""
+        return self.gap / self.cost if self.cost > 0.0 else (0.0 if self.gap <= 0.0 else float("inf"))
