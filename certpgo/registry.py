@@ -1,0 +1,123 @@
+"""Names to modules by scanning folders; nothing is imported until asked for.
+
+A method is one file of ``certpgo/solvers`` or, in a checkout, of ``baselines``, exposing ``SOLVER``;
+a table is one file of ``reports/tables`` exposing ``TABLE``. Files whose names start with an
+underscore are shared code. The checkout's folders are not in the wheel and are loaded by path.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from certpgo.errors import SpecError
+from certpgo.solution import Solver
+
+#: Environment variable naming the checkout, where it is not beside the package.
+REPOSITORY_VARIABLE = "CERTPGO_REPOSITORY"
+
+_PACKAGE = Path(__file__).parent
+
+
+def solver_names() -> tuple[str, ...]:
+    """Names of the methods here: the package's own, and the baselines in a checkout."""
+    return tuple(sorted({*_stems(_PACKAGE / "solvers"), *_stems(_checkout_folder("baselines"))}))
+
+
+def get_solver(name: str) -> type[Solver]:
+    """The method called ``name``, a frozen dataclass class of settings.
+
+    Raises
+    ------
+    SpecError
+        No such method, with the nearest names; or its file exposes no ``SOLVER``.
+    """
+    if name in _stems(_PACKAGE / "solvers"):
+        module = importlib.import_module(f"certpgo.solvers.{name}")
+    elif name in _stems(_checkout_folder("baselines")):
+        module = _load(repository() / "baselines", name)
+    else:
+        raise SpecError.unknown("method", name, solver_names())
+    solver: type[Solver] = _exposed(module, "SOLVER")
+    return solver
+
+
+def table_names() -> tuple[str, ...]:
+    """Names of the tables that `reproduce` knows; none without a checkout."""
+    return _stems(_checkout_folder("reports/tables"))
+
+
+def get_table(name: str) -> Any:
+    """The specification of the table called ``name``.
+
+    Raises
+    ------
+    SpecError
+        No checkout, no such table (with the nearest names), or a file that exposes no ``TABLE``.
+    """
+    folder = repository() / "reports" / "tables"
+    if name not in _stems(folder):
+        raise SpecError.unknown("table", name, _stems(folder))
+    return _exposed(_load(folder, name), "TABLE")
+
+
+def repository() -> Path:
+    """The root of the checkout, which holds ``baselines`` and ``reports``.
+
+    It is the folder named by the environment variable ``CERTPGO_REPOSITORY``, else the one that
+    the package lies in.
+
+    Raises
+    ------
+    SpecError
+        There is none.
+    """
+    root = _checkout()
+    if root is None:
+        raise SpecError(
+            "compare and reproduce need the repository: run them in a checkout of certpgo, "
+            f"or let {REPOSITORY_VARIABLE} name one"
+        )
+    return root
+
+
+def _checkout() -> Path | None:
+    root = Path(os.environ.get(REPOSITORY_VARIABLE) or _PACKAGE.parent).resolve()
+    complete = (root / "baselines").is_dir() and (root / "reports").is_dir()
+    return root if complete else None
+
+
+def _checkout_folder(relative: str) -> Path | None:
+    root = _checkout()
+    return None if root is None else root / relative
+
+
+def _stems(folder: Path | None) -> tuple[str, ...]:
+    if folder is None:
+        return ()
+    return tuple(sorted(p.stem for p in folder.glob("*.py") if not p.stem.startswith("_")))
+
+
+def _load(folder: Path, name: str) -> ModuleType:
+    # The folder becomes a package of its own, so that its files may import each other relatively.
+    package = f"certpgo_{folder.name}"
+    present = sys.modules.get(package)
+    if present is None or list(present.__path__) != [str(folder)]:
+        for stale in [k for k in sys.modules if k == package or k.startswith(f"{package}.")]:
+            del sys.modules[stale]
+        parent = ModuleType(package)
+        parent.__path__ = [str(folder)]
+        sys.modules[package] = parent
+        importlib.invalidate_caches()
+    return importlib.import_module(f"{package}.{name}")
+
+
+def _exposed(module: ModuleType, attribute: str) -> Any:
+    try:
+        return getattr(module, attribute)
+    except AttributeError:
+        raise SpecError(f"{module.__file__} must expose {attribute}") from None

@@ -1,0 +1,79 @@
+import sys
+
+import pytest
+
+from certpgo import registry
+from certpgo.errors import SpecError
+
+SOLVER_FILE = "from ._shared import VALUE\n\nclass SOLVER:\n    value = VALUE\n"
+
+
+@pytest.fixture
+def checkout(tmp_path, monkeypatch):
+    (tmp_path / "baselines").mkdir()
+    (tmp_path / "reports" / "tables").mkdir(parents=True)
+    (tmp_path / "baselines" / "some_peer.py").write_text(SOLVER_FILE)
+    (tmp_path / "baselines" / "_shared.py").write_text("VALUE = 7\n")
+    (tmp_path / "reports" / "tables" / "first.py").write_text("TABLE = 'the first table'\n")
+    monkeypatch.setenv(registry.REPOSITORY_VARIABLE, str(tmp_path))
+    return tmp_path
+
+
+def test_baselines_are_found_by_file_name_and_shared_files_are_not(checkout):
+    names = registry.solver_names()
+    assert "some_peer" in names
+    assert not any(name.startswith("_") for name in names)
+    assert names == tuple(sorted(names))
+
+
+def test_a_baseline_is_loaded_by_path_and_may_import_its_neighbour(checkout):
+    assert registry.get_solver("some_peer").value == 7
+
+
+def test_listing_names_runs_no_file(checkout):
+    (checkout / "baselines" / "broken.py").write_text("raise RuntimeError('imported')\n")
+    assert "broken" in registry.solver_names()
+
+
+def test_another_checkout_is_another_set_of_files(checkout, tmp_path, monkeypatch):
+    registry.get_solver("some_peer")
+    other = tmp_path / "other"
+    (other / "baselines").mkdir(parents=True)
+    (other / "reports").mkdir()
+    (other / "baselines" / "some_peer.py").write_text("class SOLVER:\n    value = 8\n")
+    monkeypatch.setenv(registry.REPOSITORY_VARIABLE, str(other))
+    assert registry.get_solver("some_peer").value == 8
+
+
+def test_an_unknown_method_suggests_the_nearest(checkout):
+    with pytest.raises(SpecError, match="unknown method 'some_per'; did you mean some_peer"):
+        registry.get_solver("some_per")
+
+
+def test_a_file_without_solver_is_named(checkout):
+    (checkout / "baselines" / "empty.py").write_text("")
+    with pytest.raises(SpecError, match=r"empty\.py must expose SOLVER"):
+        registry.get_solver("empty")
+
+
+def test_tables(checkout):
+    assert registry.table_names() == ("first",)
+    assert registry.get_table("first") == "the first table"
+    with pytest.raises(SpecError, match="unknown table 'frist'; did you mean first"):
+        registry.get_table("frist")
+
+
+def test_without_a_checkout_the_package_still_lists_its_own_methods(tmp_path, monkeypatch):
+    monkeypatch.setenv(registry.REPOSITORY_VARIABLE, str(tmp_path))
+    assert registry.table_names() == ()
+    assert not any(name.startswith("gtsam_") for name in registry.solver_names())
+    for call in (registry.repository, lambda: registry.get_table("first")):
+        with pytest.raises(SpecError, match="compare and reproduce need the repository"):
+            call()
+
+
+def test_this_checkout_lists_the_gtsam_baselines_without_importing_gtsam():
+    before = "gtsam" in sys.modules
+    listed = [name for name in registry.solver_names() if name.startswith("gtsam_")]
+    assert len(listed) == 4
+    assert ("gtsam" in sys.modules) == before
