@@ -1,6 +1,6 @@
 """Names to modules by scanning folders; nothing is imported until asked for.
 
-A method is one file of ``certpgo/solvers`` or, in a checkout, of ``baselines``, exposing ``SOLVER``;
+A method is one file of ``certpgo/solvers`` or, in a checkout, ``baselines``, exposing ``SOLVER``;
 a table is one file of ``reports/tables`` exposing ``TABLE``. Files whose names start with an
 underscore are shared code. The checkout's folders are not in the wheel and are loaded by path.
 """

@@ -1,0 +1,96 @@
+"""Named real files, found by name and checksum, and synthetic families.
+
+A file is looked for in the folder given, then in the folder that the environment variable
+``CERTPGO_DATA`` names, the user's cache and the gtsam wheel, and downloaded where it has an
+address. Folders are searched recursively by file name; the checksum decides.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from certpgo.datasets import lookup
+from certpgo.datasets.catalogue import KINDS, Entry, entries, entry
+from certpgo.errors import InputError, SpecError
+from certpgo.graph import Instance
+
+__all__ = ["Entry", "entry", "fetch", "find", "load", "names"]
+
+
+def names(kind: str | None = None) -> tuple[str, ...]:
+    """Names of the catalogue's entries: all, or those of one kind (``"graph"``, ...).
+
+    Raises
+    ------
+    SpecError
+        The kind is unknown.
+    """
+    if kind is not None and kind not in KINDS:
+        raise SpecError.unknown("kind of dataset", kind, KINDS)
+    return tuple(e.name for e in entries().values() if kind in (None, e.kind))
+
+
+def find(name: str, data: str | Path | None = None) -> Path | None:
+    """The local file of the dataset, or None; never downloads.
+
+    Raises
+    ------
+    SpecError
+        The name is unknown.
+    InputError
+        ``data`` is no folder.
+    """
+    path, _ = lookup.search(entry(name), lookup.places(data).values())
+    return path
+
+
+def fetch(name: str, data: str | Path | None = None, *, download: bool = True) -> Path:
+    """The file of the dataset, downloaded into the user's cache when it is not here.
+
+    Parameters
+    ----------
+    data : folder to look in first
+    download : whether to download
+
+    Raises
+    ------
+    SpecError
+        The name is unknown.
+    InputError
+        The file is nowhere (the places are named), or the download failed.
+    """
+    wanted, folders = entry(name), lookup.places(data)
+    path, others = lookup.search(wanted, folders.values())
+    if path is not None:
+        return path
+    if download and wanted.url is not None:
+        return lookup.download(wanted)
+    raise lookup.missing(wanted, folders, others)
+
+
+def load(
+    name: str, data: str | Path | None = None, *, download: bool = True, **options: Any
+) -> Instance:
+    """Read the dataset, with its ground truth where that is here too.
+
+    Parameters
+    ----------
+    data : folder to look in first
+    download : whether to download a file that is not here
+    **options : reading options, see `certpgo.io.read`
+
+    Raises
+    ------
+    SpecError
+        The name is unknown.
+    InputError
+        The file is nowhere, is no graph, or cannot be read.
+    """
+    wanted = entry(name)
+    if wanted.kind not in ("graph", "adjacency"):
+        raise InputError(f"{name} holds no graph but {wanted.kind}; fetch gives its path")
+    path = fetch(name, data, download=download)
+    from certpgo import io
+
+    return io.read(path, **options)

@@ -1,0 +1,124 @@
+"""What the named files are: where each comes from, its checksum, counts and licence.
+
+The list itself is ``catalogue.csv`` beside this module. The package ships none of the files.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from pathlib import Path, PurePosixPath
+
+from certpgo.errors import SpecError
+
+#: What can be in a file: a measurement graph, the topology of one, ground truth, another solver's
+#: iterate, or lists of names and inliers.
+KINDS = ("graph", "adjacency", "truth", "iterate", "labels")
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One named file.
+
+    Attributes
+    ----------
+    name : the name it is asked for by
+    kind : one of `KINDS`
+    d : dimension of space
+    file : its path below a data folder; lookup goes by the last part
+    origin : ``OWNER/REPOSITORY`` on GitHub, ``"derived"`` or ``"gtsam wheel"``
+    commit, path : where in the origin
+    checksum : ``"sha256:..."``, or ``"git:..."`` where only git's blob hash is known
+    bytes : size, or None when not known
+    nodes, edges : counts, or None when there is nothing to count
+    truth : name of the entry that holds the ground truth, or empty
+    licence : what the origin states
+    """
+
+    name: str
+    kind: str
+    d: int
+    file: str
+    origin: str
+    commit: str
+    path: str
+    checksum: str
+    bytes: int | None
+    nodes: int | None
+    edges: int | None
+    truth: str
+    licence: str
+
+    @property
+    def filename(self) -> str:
+        """Last part of the file's path."""
+        return PurePosixPath(self.file).name
+
+    @property
+    def url(self) -> str | None:
+        """Download address; None for files that no repository holds as they are."""
+        if "/" not in self.origin:
+            return None
+        return f"https://raw.githubusercontent.com/{self.origin}/{self.commit}/{self.path}"
+
+    def agrees(self, path: Path) -> bool:
+        """Whether the file at ``path`` is this one, byte for byte."""
+        size = path.stat().st_size
+        if self.bytes is not None and size != self.bytes:
+            return False
+        kind, _, digest = self.checksum.partition(":")
+        if kind == "git":
+            blob = hashlib.sha1(b"blob %d\0" % size, usedforsecurity=False)
+            blob.update(path.read_bytes())
+            return blob.hexdigest() == digest
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest() == digest
+
+
+@cache
+def entries() -> dict[str, Entry]:
+    """Every entry by name."""
+    text = resources.files(__package__).joinpath("catalogue.csv").read_text(encoding="utf-8")
+    return {row["name"]: _entry(row) for row in csv.DictReader(text.splitlines())}
+
+
+def entry(name: str) -> Entry:
+    """The entry called ``name``, or whose file is called so.
+
+    Raises
+    ------
+    SpecError
+        There is none, with the nearest names.
+    """
+    known = entries()
+    if name in known:
+        return known[name]
+    same = [e for e in known.values() if e.filename == name]
+    if len(same) != 1:
+        raise SpecError.unknown("dataset", name, known)
+    return same[0]
+
+
+def _entry(row: dict[str, str]) -> Entry:
+    return Entry(
+        name=row["name"],
+        kind=row["kind"],
+        d=int(row["d"]),
+        file=row["file"],
+        origin=row["origin"],
+        commit=row["commit"],
+        path=row["path"],
+        checksum=row["checksum"],
+        bytes=_count(row["bytes"]),
+        nodes=_count(row["nodes"]),
+        edges=_count(row["edges"]),
+        truth=row["truth"],
+        licence=row["licence"],
+    )
+
+
+def _count(text: str) -> int | None:
+    return int(text) if text else None

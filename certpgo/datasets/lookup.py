@@ -1,0 +1,100 @@
+"""Where a named file is: the places in their order, and the checksum that decides."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from certpgo.datasets.catalogue import Entry
+from certpgo.errors import InputError
+
+#: Environment variable naming a data folder.
+DATA_VARIABLE = "CERTPGO_DATA"
+
+
+def places(data: str | Path | None) -> dict[str, Path]:
+    """The folders to search, in order: argument, environment, user's cache, gtsam's wheel.
+
+    Raises
+    ------
+    InputError
+        ``data`` is no folder.
+    """
+    found: dict[str, Path] = {}
+    if data is not None:
+        found["the data folder"] = Path(data)
+        if not found["the data folder"].is_dir():
+            raise InputError(f"{data}: no such folder")
+    if variable := os.environ.get(DATA_VARIABLE):
+        found[DATA_VARIABLE] = Path(variable)
+    found["the cache"] = cache_folder()
+    wheel = importlib.util.find_spec("gtsam")
+    if wheel is not None and wheel.origin is not None:
+        found["the gtsam wheel"] = Path(wheel.origin).parent / "Data"
+    return found
+
+
+def cache_folder() -> Path:
+    """The user's cache, where downloads go."""
+    import pooch
+
+    return Path(pooch.os_cache("certpgo"))
+
+
+def search(entry: Entry, folders: Iterable[Path]) -> tuple[Path | None, list[Path]]:
+    """The first file of the entry's name and checksum, and the same-named files passed over."""
+    others: list[Path] = []
+    for folder in folders:
+        for path in sorted(folder.rglob(entry.filename)):
+            if path.is_file() and entry.agrees(path):
+                return path, others
+            others.append(path)
+    return None, others
+
+
+def missing(entry: Entry, places: dict[str, Path], others: list[Path]) -> InputError:
+    """The error for a file that is nowhere: the places looked at, and what stood there instead."""
+    looked = ", ".join(f"{place} ({folder})" for place, folder in places.items())
+    wrong = "".join(f"; {path} is another file (its checksum differs)" for path in others)
+    return InputError(f"{entry.name}: {entry.filename} is not in {looked}{wrong}; {_remedy(entry)}")
+
+
+def download(entry: Entry) -> Path:
+    """Fetch the file from its origin into the cache.
+
+    Raises
+    ------
+    InputError
+        The download failed, or what came is another file.
+    """
+    import pooch
+
+    kind, _, digest = entry.checksum.partition(":")
+    target = cache_folder() / entry.file
+    pooch.get_logger().setLevel("WARNING")
+    try:
+        path = Path(
+            pooch.retrieve(
+                entry.url,
+                known_hash=f"sha256:{digest}" if kind == "sha256" else None,
+                fname=target.name,
+                path=target.parent,
+            )
+        )
+    except Exception as error:  # pooch passes on whatever its transport raises
+        reason = str(error).partition("\n")[0][:200]
+        raise InputError(f"{entry.name}: download of {entry.url} failed: {reason}") from error
+    if not entry.agrees(path):
+        path.unlink()
+        raise InputError(f"{entry.name}: {entry.url} is another file (its checksum differs)")
+    return path
+
+
+def _remedy(entry: Entry) -> str:
+    if entry.url is not None:
+        return f"it can be downloaded from {entry.url}"
+    if entry.origin == "gtsam wheel":
+        return "pip install 'certpgo[baselines]' brings it"
+    return f"it is derived and has no download address: let {DATA_VARIABLE} name its folder"

@@ -1,0 +1,220 @@
+"""Families of graphs with known truth, as functions of a size and a random generator.
+
+Noise turns a measured rotation by exp of a Gaussian tangent vector and moves a measured
+translation by a Gaussian vector, each of the given standard deviation per axis.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from certpgo.errors import InputError
+from certpgo.estimate import Estimate
+from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
+from certpgo.linalg import so
+from certpgo.linalg.arrays import FloatArray, IntArray
+
+
+def winding_cycle(n: int, theta: float, winding: int, d: int = 3) -> tuple[Instance, Estimate]:
+    """A cycle of n identity measurements but one Rz(theta), and its stationary point.
+
+    In the point of winding k every residual angle is (theta + 2 pi k)/n, and its cost is
+    8 n sin^2((theta + 2 pi k)/(2 n)); only k = 0 is optimal (for abs(theta) < pi). The instance's
+    truth is that one.
+
+    Parameters
+    ----------
+    n : number of nodes, at least 3
+    theta : angle of the last measurement, radians
+    winding : k
+    """
+    edges = _cycle_edges(n)
+    angles = np.zeros(n)
+    angles[-1] = theta
+    graph = RotationGraph(n, edges, _turns(angles, d), np.ones(n))
+
+    def stationary(k: int) -> Estimate:
+        return Estimate(_turns(-np.arange(n) * (theta + 2.0 * np.pi * k) / n, d))
+
+    return _instance(f"winding_cycle-{n}", graph, stationary(0)), stationary(winding)
+
+
+def cycle(n: int, sigma: float, rng: np.random.Generator, d: int = 3) -> Instance:
+    """A cycle of n relative rotations with noise ``sigma`` (radians) and unit weights."""
+    return _rotations(f"cycle-{n}", n, _cycle_edges(n), sigma, rng, d)
+
+
+def complete(n: int, sigma: float, rng: np.random.Generator, d: int = 3) -> Instance:
+    """Relative rotations between all pairs of n nodes, noise ``sigma``, unit weights."""
+    _at_least(2, n)
+    return _rotations(f"complete-{n}", n, np.argwhere(np.tri(n, k=-1).T), sigma, rng, d)
+
+
+def random_graph(
+    n: int, mean_degree: float, sigma: float, rng: np.random.Generator, d: int = 3
+) -> Instance:
+    """A connected random graph of relative rotations, noise ``sigma``, unit weights.
+
+    A random tree (each node after the first tied to an earlier one, in random order) plus
+    uniformly random further pairs, to round(n mean_degree / 2) edges without repetition.
+
+    Raises
+    ------
+    InputError
+        The mean degree is below that of a tree or above that of the complete graph.
+    """
+    _at_least(2, n)
+    m = round(n * mean_degree / 2)
+    if not n - 1 <= m <= n * (n - 1) // 2:
+        raise InputError(
+            f"a connected graph of {n} nodes has a mean degree of {2 - 2 / n:g} to {n - 1}, "
+            f"not {mean_degree:g}"
+        )
+    label = rng.permutation(n)
+    earlier = rng.integers(0, np.arange(1, n))
+    codes = _pair_codes(n, label[1:], label[earlier])
+    while len(codes) < m:
+        # Codes found first stay: the tree, then each new pair in the order drawn.
+        i, j = rng.integers(0, n, (2, 2 * (m - len(codes)) + 16))
+        drawn = np.concatenate([codes, _pair_codes(n, i[i != j], j[i != j])])
+        codes = drawn[np.sort(np.unique(drawn, return_index=True)[1])][:m]
+    edges = np.stack(np.divmod(np.sort(codes), n), axis=1)
+    return _rotations(f"random-{n}-{m}", n, edges, sigma, rng, d)
+
+
+def helix(
+    turns: int,
+    rng: np.random.Generator,
+    *,
+    rotation_noise: float = 0.02,
+    translation_noise: float = 0.02,
+) -> Instance:
+    """A helix of ``turns`` turns of ``turns`` poses: odometry, and a link to the turn above.
+
+    The cylinder has circumference ``turns`` and the helix pitch 1, so that steps along and links
+    across have about unit length (metres). Rotations are uniformly random; kappa = 1/noise^2 per
+    axis, tau likewise (2500 for the default noise).
+    """
+    _at_least(3, turns)
+    k = np.arange(turns**2)
+    angle, radius = 2.0 * np.pi * k / turns, turns / (2.0 * np.pi)
+    t = np.stack([radius * np.cos(angle), radius * np.sin(angle), k / turns], axis=1)
+    edges = np.concatenate([np.stack([k[:-s], k[s:]], axis=1) for s in (1, turns)])
+    return _poses(f"helix-{turns}", t, edges, rotation_noise, translation_noise, rng)
+
+
+def grid3d(
+    side: int,
+    rng: np.random.Generator,
+    *,
+    fraction: float = 0.95,
+    rotation_noise: float = 0.1,
+    translation_noise: float = 0.1,
+) -> Instance:
+    """A cubic grid of side^3 poses with a random ``fraction`` of its edges, kept connected.
+
+    Neighbours are 1 m apart. Rotations are uniformly random; kappa = 1/noise^2, tau likewise (100
+    for the default noise).
+
+    Raises
+    ------
+    InputError
+        The fraction is too small to connect the grid, or above 1.
+    """
+    _at_least(2, side)
+    n = side**3
+    index = np.arange(n).reshape(side, side, side)
+    pairs = [
+        np.stack([np.delete(index, -1, a).ravel(), np.delete(index, 0, a).ravel()], axis=1)
+        for a in range(3)
+    ]
+    edges = np.concatenate(pairs)
+    kept = round(fraction * len(edges))
+    if not n - 1 <= kept <= len(edges):
+        raise InputError(f"{fraction:g} of the edges do not make a connected grid of side {side}")
+    chosen = _connected_choice(n, edges, kept, rng)
+    t = np.stack(np.unravel_index(np.arange(n), index.shape), axis=1).astype(float)
+    return _poses(f"grid3d-{side}", t, edges[chosen], rotation_noise, translation_noise, rng)
+
+
+def _connected_choice(n: int, edges: IntArray, kept: int, rng: np.random.Generator) -> IntArray:
+    """``kept`` random edges that contain the tree of the lowest draws."""
+    draw = rng.permutation(len(edges))
+    tree = csgraph.minimum_spanning_tree(
+        sparse.csr_array((draw + 1.0, (edges[:, 0], edges[:, 1])), shape=(n, n))
+    )
+    draw[np.argsort(draw)[tree.data.astype(np.intp) - 1]] -= len(edges)
+    return np.sort(np.argsort(draw)[:kept])
+
+
+def _rotations(
+    name: str, n: int, edges: IntArray, sigma: float, rng: np.random.Generator, d: int
+) -> Instance:
+    truth = Estimate(so.random(rng, n, d))
+    measured = _measured_rotations(truth.rotations, edges, sigma, rng)
+    return _instance(name, RotationGraph(n, edges, measured, np.ones(len(edges))), truth)
+
+
+def _poses(
+    name: str,
+    t: FloatArray,
+    edges: IntArray,
+    rotation_noise: float,
+    translation_noise: float,
+    rng: np.random.Generator,
+) -> Instance:
+    n, d = t.shape
+    m = len(edges)
+    R = so.random(rng, n, d)
+    i, j = edges.T
+    rotation = RotationGraph(
+        n,
+        edges,
+        _measured_rotations(R, edges, rotation_noise, rng),
+        np.full(m, 1.0 / rotation_noise**2),
+    )
+    steps = np.einsum("mba,mb->ma", R[i], t[j] - t[i])
+    steps += translation_noise * rng.standard_normal((m, d))
+    graph = PoseGraph(rotation, steps, np.full(m, 1.0 / translation_noise**2))
+    return _instance(name, graph, Estimate(R, t))
+
+
+def _measured_rotations(
+    R: FloatArray, edges: IntArray, sigma: float, rng: np.random.Generator
+) -> FloatArray:
+    i, j = edges.T
+    noise = sigma * rng.standard_normal((len(edges), so.tangent_dim(R.shape[-1])))
+    return np.asarray(np.swapaxes(R[i], 1, 2) @ R[j] @ so.exp(noise))
+
+
+def _instance(name: str, graph: Graph, truth: Estimate) -> Instance:
+    return Instance(
+        name,
+        graph,
+        np.arange(graph.num_nodes),
+        truth=truth,
+        source="synthetic",
+        options={"weights": "synthetic"},
+    )
+
+
+def _cycle_edges(n: int) -> IntArray:
+    _at_least(3, n)
+    k = np.arange(n)
+    return np.stack([k, (k + 1) % n], axis=1)
+
+
+def _turns(angles: FloatArray, d: int) -> FloatArray:
+    """Rotations by angles about the z axis, or in the plane."""
+    return so.exp(angles[:, None] * np.eye(so.tangent_dim(d))[-1])
+
+
+def _pair_codes(n: int, i: IntArray, j: IntArray) -> IntArray:
+    return np.asarray(np.minimum(i, j) * n + np.maximum(i, j))
+
+
+def _at_least(smallest: int, size: int) -> None:
+    if size < smallest:
+        raise InputError(f"the size must be at least {smallest}, not {size}")

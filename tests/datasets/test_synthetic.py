@@ -1,0 +1,129 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from certpgo.datasets import synthetic
+from certpgo.errors import InputError
+from certpgo.linalg import so
+from certpgo.problem import PoseProblem, RotationProblem, problem_of
+
+ROUNDING = 1e-12  # relative, or absolute where the exact value is zero
+
+
+def rng():
+    return np.random.default_rng(7)
+
+
+@given(
+    n=st.integers(3, 40),
+    theta=st.floats(-3.0, 3.0),
+    winding=st.integers(-2, 2),
+    d=st.sampled_from([2, 3]),
+)
+def test_winding_cycle_has_its_closed_form(n, theta, winding, d):
+    instance, estimate = synthetic.winding_cycle(n, theta, winding, d)
+    problem = RotationProblem(instance.graph)
+    residual = (theta + 2 * np.pi * winding) / n
+    cost = 8 * n * np.sin(residual / 2) ** 2
+    assert problem.cost(estimate) == pytest.approx(cost, rel=1e-9, abs=ROUNDING)
+    assert problem.stationarity(estimate) < ROUNDING
+    folded = abs((residual + np.pi) % (2 * np.pi) - np.pi)
+    np.testing.assert_allclose(
+        problem.residual_angles(estimate), np.full(n, folded), rtol=1e-9, atol=1e-9
+    )
+
+
+def test_the_truth_of_a_winding_cycle_is_the_unwound_one():
+    instance, estimate = synthetic.winding_cycle(12, 0.4, 0)
+    np.testing.assert_array_equal(instance.truth.rotations, estimate.rotations)
+
+
+FAMILIES = {
+    "cycle": lambda sigma: synthetic.cycle(12, sigma, rng()),
+    "cycle in the plane": lambda sigma: synthetic.cycle(12, sigma, rng(), d=2),
+    "complete": lambda sigma: synthetic.complete(9, sigma, rng()),
+    "random": lambda sigma: synthetic.random_graph(40, 5.0, sigma, rng()),
+    "random in the plane": lambda sigma: synthetic.random_graph(40, 5.0, sigma, rng(), d=2),
+}
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_without_noise_the_truth_costs_nothing(family):
+    instance = FAMILIES[family](0.0)
+    assert problem_of(instance.graph).cost(instance.truth) < ROUNDING
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_the_same_seed_gives_the_same_graph_and_noise_moves_it(family):
+    first, again, exact = FAMILIES[family](0.1), FAMILIES[family](0.1), FAMILIES[family](0.0)
+    np.testing.assert_array_equal(first.graph.edges, again.graph.edges)
+    np.testing.assert_array_equal(first.graph.rotations, again.graph.rotations)
+    assert problem_of(exact.graph).cost(exact.truth) < problem_of(first.graph).cost(first.truth)
+
+
+def test_rotation_noise_has_the_stated_deviation_per_axis():
+    instance = synthetic.complete(120, 0.1, rng())
+    i, j = instance.graph.edges.T
+    R = instance.truth.rotations
+    noise = so.log(np.swapaxes(np.swapaxes(R[i], 1, 2) @ R[j], 1, 2) @ instance.graph.rotations)
+    standard_error = 0.1 / np.sqrt(2 * noise.size)
+    assert noise.std() == pytest.approx(0.1, abs=4 * standard_error)
+
+
+@given(n=st.integers(2, 30), data=st.data())
+def test_random_graphs_are_connected_and_simple_with_the_asked_edges(n, data):
+    m = data.draw(st.integers(n - 1, n * (n - 1) // 2))
+    graph = synthetic.random_graph(n, 2 * m / n, 0.1, rng()).graph
+    assert graph.is_connected
+    assert graph.num_edges == m
+    assert graph.without_parallel_edges("first").num_edges == m
+
+
+def test_counts_of_the_helix_and_of_the_grid():
+    helix = synthetic.helix(10, rng()).graph
+    assert (helix.num_nodes, helix.num_edges) == (100, 99 + 90)
+    grid = synthetic.grid3d(5, rng()).graph
+    assert (grid.num_nodes, grid.num_edges) == (125, round(0.95 * 300))
+    assert helix.is_connected
+    assert grid.is_connected
+    assert np.all(helix.rotation.kappa == 2500.0)
+    assert np.all(grid.tau == pytest.approx(100.0))
+
+
+def test_steps_of_the_helix_and_of_the_grid_have_unit_length():
+    helix = synthetic.helix(40, rng(), translation_noise=1e-9).graph
+    np.testing.assert_allclose(np.linalg.norm(helix.translations, axis=1), 1.0, rtol=2e-3, atol=0)
+    grid = synthetic.grid3d(4, rng(), translation_noise=1e-9).graph
+    np.testing.assert_allclose(np.linalg.norm(grid.translations, axis=1), 1.0, rtol=1e-7, atol=0)
+
+
+def test_the_truth_of_a_pose_family_costs_about_its_degrees_of_freedom():
+    # kappa |log|^2 x 2 and tau |noise|^2 are chi-square: 6 and 3 a edge.
+    instance = synthetic.grid3d(8, rng())
+    m = instance.graph.num_edges
+    cost = PoseProblem(instance.graph).cost(instance.truth)
+    assert cost == pytest.approx(9 * m, rel=0.1)
+
+
+def test_a_grid_may_be_as_thin_as_a_tree():
+    tree = synthetic.grid3d(3, rng(), fraction=26 / 54).graph
+    assert tree.num_edges == 26
+    assert tree.is_connected
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: synthetic.cycle(2, 0.1, rng()), "at least 3"),
+        (lambda: synthetic.helix(2, rng()), "at least 3"),
+        (lambda: synthetic.complete(1, 0.1, rng()), "at least 2"),
+        (lambda: synthetic.random_graph(10, 1.0, 0.1, rng()), "mean degree of 1.8 to 9"),
+        (lambda: synthetic.random_graph(10, 10.0, 0.1, rng()), "mean degree of 1.8 to 9"),
+        (lambda: synthetic.grid3d(3, rng(), fraction=0.2), "connected grid"),
+        (lambda: synthetic.grid3d(3, rng(), fraction=1.2), "connected grid"),
+    ],
+)
+def test_impossible_sizes_are_refused(call, message):
+    with pytest.raises(InputError, match=message):
+        call()
