@@ -1,0 +1,171 @@
+"""What a file format is, and which one a file has.
+
+A format is one module in `certpgo.io.formats` with a constant ``FORMAT``; it is found by scanning
+the folder.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import MappingProxyType
+from typing import Literal
+
+from certpgo.errors import FormatError, InputError, SpecError
+from certpgo.estimate import Estimate
+from certpgo.graph import Instance
+from certpgo.linalg.arrays import FloatArray, IntArray
+
+RotationInformation = Literal["tangent", "quaternion", "rpy"]
+Progress = Callable[[int, int], None]
+
+_HEAD_BYTES = 1 << 14
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """What a format's reader is asked for.
+
+    Attributes
+    ----------
+    rotation_information : what the rotational information is about; None takes the format's own
+    ignore_information : whether all weights are overridden, so that the file's are not looked at
+    progress : told bytes done and bytes in all, or None
+    """
+
+    rotation_information: RotationInformation | None = None
+    ignore_information: bool = False
+    progress: Progress | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LabelledPoses:
+    """Poses under the ids of their file.
+
+    Attributes
+    ----------
+    rotations : (k, d, d)
+    translations : (k, d), or None
+    ids : (k,) integers; None where the format has none and order counts
+    times : (k,) seconds, for formats with timestamps
+    """
+
+    rotations: FloatArray
+    translations: FloatArray | None
+    ids: IntArray | None = None
+    times: FloatArray | None = None
+
+
+GraphReader = Callable[[Path, ReadOptions], Instance]
+PoseReader = Callable[[Path], LabelledPoses]
+GraphWriter = Callable[[Path, Instance], None]
+PoseWriter = Callable[[Path, Estimate, IntArray, FloatArray], None]
+
+
+@dataclass(frozen=True)
+class Format:
+    """One file format and what can be done with it.
+
+    Attributes
+    ----------
+    name : as in ``format=``
+    suffixes : of the files it writes, the first being usual
+    recognises : whether the first bytes of a file (or a folder: no bytes) are of this format
+    holds : what such a file holds, for messages
+    read_graph, write_graph : measurements, or None
+    read_poses : estimates, or None
+    write_poses : an estimate with ids (n,) and timestamps (n,) in seconds, or None
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    recognises: Callable[[Path, bytes], bool]
+    holds: str
+    read_graph: GraphReader | None = None
+    read_poses: PoseReader | None = None
+    write_graph: GraphWriter | None = None
+    write_poses: PoseWriter | None = None
+
+
+@cache
+def formats() -> Mapping[str, Format]:
+    """Every format in the folder, by name."""
+    package = importlib.import_module("certpgo.io.formats")
+    modules = (
+        importlib.import_module(f"{package.__name__}.{module.name}")
+        for module in pkgutil.iter_modules(package.__path__)
+    )
+    return MappingProxyType({module.FORMAT.name: module.FORMAT for module in modules})
+
+
+def get_format(name: str) -> Format:
+    """The format of that name.
+
+    Raises
+    ------
+    SpecError
+        There is none.
+    """
+    if name not in formats():
+        raise SpecError.unknown("format", name, formats())
+    return formats()[name]
+
+
+def format_of(path: Path) -> Format:
+    """The format of an existing file or folder, by its content, then by its suffix.
+
+    Raises
+    ------
+    FormatError
+        The path does not exist, is empty, or is of no known format.
+    """
+    head = _head(path)
+    for form in formats().values():
+        if form.recognises(path, head):
+            return form
+    text = b"\0" not in head and bool(head)
+    for form in formats().values():
+        # The reader then says which line is wrong.
+        if text and path.suffix in form.suffixes:
+            return form
+    if path.is_dir():
+        raise FormatError(path, None, "a folder must hold EGs.txt (1DSfM)")
+    raise FormatError(path, None, f"no known format; known: {', '.join(sorted(formats()))}")
+
+
+def _head(path: Path) -> bytes:
+    if path.is_dir():
+        return b""
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD_BYTES)
+    except FileNotFoundError:
+        raise FormatError(path, None, "no such file") from None
+    except OSError as error:
+        raise FormatError(path, None, f"cannot be read: {error.strerror}") from None
+    if not head:
+        raise FormatError(path, None, "the file is empty")
+    return head
+
+
+def format_to_write(path: Path, name: str | None) -> Format:
+    """The format called ``name``, or else the one of the path's suffix.
+
+    Raises
+    ------
+    SpecError
+        No format has that name.
+    InputError
+        The suffix does not tell.
+    """
+    if name is not None:
+        return get_format(name)
+    for form in formats().values():
+        writes = form.write_graph is not None or form.write_poses is not None
+        if writes and path.suffix in form.suffixes:
+            return form
+    raise InputError(f"{path}: the suffix does not tell the format; say format=...")

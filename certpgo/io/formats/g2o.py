@@ -1,0 +1,142 @@
+"""g2o: VERTEX_SE3:QUAT, EDGE_SE3:QUAT and their planar kin.
+
+    VERTEX_SE3:QUAT id x y z qx qy qz qw
+    EDGE_SE3:QUAT i j x y z qx qy qz qw [21 numbers]
+    VERTEX_SE2 id x y theta
+    EDGE_SE2 i j x y theta [6 numbers]
+    FIX id ...
+
+The information is its upper triangle, row by row, translation before rotation. g2o's own code
+takes the rotational part of 3D edges for information on the quaternion's vector part
+(``rotation_information="quaternion"``); SE-Sync and GTSAM read it on the tangent space, the
+default here.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from certpgo.estimate import Estimate
+from certpgo.graph import Instance, PoseGraph
+from certpgo.io import quaternion
+from certpgo.io.assemble import instance_from_lines, poses_from_lines
+from certpgo.io.format import Format, LabelledPoses, ReadOptions
+from certpgo.io.information import ROW_MAJOR_2D, ROW_MAJOR_3D
+from certpgo.io.lines import Dialect, Poses, Tag, read_lines
+from certpgo.linalg.arrays import FloatArray, IntArray
+
+_LANDMARKS = (
+    "VERTEX_XY",
+    "VERTEX_TRACKXYZ",
+    "VERTEX_POINT_XYZ",
+    "EDGE_SE2_XY",
+    "EDGE_BEARING_SE2_XY",
+    "EDGE_SE3_TRACKXYZ",
+    "EDGE_POINT_XYZ",
+    "LANDMARK2",
+    "LANDMARK3",
+)
+_PRIORS = ("EDGE_PRIOR_SE2", "EDGE_PRIOR_SE2_XY", "EDGE_SE2_PRIOR", "EDGE_SE3_PRIOR")
+_PARAMETERS = ("PARAMS_SE2OFFSET", "PARAMS_SE3OFFSET", "PARAMS_CAMERACALIB")
+
+
+def _poses(d: int, numbers: FloatArray) -> Poses:
+    t = numbers[:, :d]
+    if d == 2:
+        return quaternion.planar_rotations(numbers[:, 2]), t, 0
+    q = numbers[:, 3:]
+    return quaternion.rotations(q), t, quaternion.off_norm(q)
+
+
+DIALECT = Dialect(
+    name="g2o",
+    tags={
+        b"VERTEX_SE3:QUAT": Tag("vertex", 3, 7),
+        b"EDGE_SE3:QUAT": Tag("edge", 3, 7),
+        b"VERTEX_SE2": Tag("vertex", 2, 3),
+        b"EDGE_SE2": Tag("edge", 2, 3),
+        b"FIX": Tag("fix"),
+        **{name.encode(): Tag("skip", what="a landmark") for name in _LANDMARKS},
+        **{name.encode(): Tag("skip", what="a prior") for name in _PRIORS},
+        **{name.encode(): Tag("skip", what="a sensor parameter") for name in _PARAMETERS},
+    },
+    layouts={2: ROW_MAJOR_2D, 3: ROW_MAJOR_3D},
+    poses=_poses,
+)
+
+
+def _recognises(path: Path, head: bytes) -> bool:
+    return any(
+        line.split(None, 1)[0] in DIALECT.tags
+        for line in head.splitlines()[:50]
+        if line.strip() and not line.lstrip().startswith(b"#")
+    )
+
+
+def _read_graph(path: Path, options: ReadOptions) -> Instance:
+    about = options.rotation_information or DIALECT.rotation_information
+    said = read_lines(path, DIALECT, options)
+    return instance_from_lines(path, said, {"rotation_information": about})
+
+
+def _read_poses(path: Path) -> LabelledPoses:
+    return poses_from_lines(path, read_lines(path, DIALECT, ReadOptions(ignore_information=True)))
+
+
+def _vertex_lines(ids: IntArray, estimate: Estimate) -> list[str]:
+    numbers = _pose_numbers(estimate.rotations, estimate.translations)
+    tag = "VERTEX_SE3:QUAT" if estimate.d == 3 else "VERTEX_SE2"
+    return [f"{tag} {k} {text}\n" for k, text in zip(ids.tolist(), numbers, strict=True)]
+
+
+def _pose_numbers(R: FloatArray, translations: FloatArray | None) -> list[str]:
+    t = np.zeros(R.shape[:2]) if translations is None else translations
+    angles = quaternion.to_write(R) if R.shape[-1] == 3 else np.arctan2(R[:, 1, :1], R[:, 0, :1])
+    return [" ".join(map(repr, row)) for row in np.hstack([t, angles]).tolist()]
+
+
+def _information(d: int, kappa: float, tau: float) -> str:
+    # Isotropic, so that reading it gives kappa and tau back to the last bit.
+    if d == 2:
+        return f"{tau!r} 0 0 {tau!r} 0 {kappa!r}"
+    a, b = repr(tau), repr(2.0 * kappa)
+    return f"{a} 0 0 0 0 0 {a} 0 0 0 0 {a} 0 0 0 {b} 0 0 {b} 0 {b}"
+
+
+def _write_poses(path: Path, estimate: Estimate, ids: IntArray, times: FloatArray) -> None:
+    with path.open("w", encoding="ascii") as file:
+        file.writelines(_vertex_lines(ids, estimate))
+
+
+def _write_graph(path: Path, instance: Instance) -> None:
+    graph, ids = instance.graph, instance.ids
+    tag = "EDGE_SE3:QUAT" if graph.d == 3 else "EDGE_SE2"
+    if isinstance(graph, PoseGraph):
+        rotation, t, tau = graph.rotation, graph.translations, graph.tau
+    else:
+        rotation, t, tau = graph, None, np.ones(graph.num_edges)
+    numbers = _pose_numbers(rotation.rotations, t)
+    pairs = ids[graph.edges].tolist()
+    weights = zip(rotation.kappa.tolist(), tau.tolist(), strict=True)
+    with path.open("w", encoding="ascii") as file:
+        if instance.initial is not None:
+            file.writelines(_vertex_lines(ids, instance.initial))
+        file.writelines(f"FIX {ids[k]}\n" for k in instance.fixed)
+        file.writelines(
+            f"{tag} {i} {j} {pose} {_information(graph.d, *weight)}\n"
+            for (i, j), pose, weight in zip(pairs, numbers, weights, strict=True)
+        )
+
+
+FORMAT = Format(
+    name="g2o",
+    suffixes=(".g2o",),
+    recognises=_recognises,
+    holds="poses and measurements",
+    read_graph=_read_graph,
+    read_poses=_read_poses,
+    write_graph=_write_graph,
+    write_poses=_write_poses,
+)

@@ -1,0 +1,261 @@
+"""Reading graphs, estimates and ground truth from files."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from certpgo.errors import CertPGOError, FormatError, InputError, InputNotice
+from certpgo.estimate import Estimate
+from certpgo.graph import Graph, Instance, Keep, PoseGraph
+from certpgo.io.assemble import estimate_for, truth_for
+from certpgo.io.format import (
+    Format,
+    LabelledPoses,
+    Progress,
+    ReadOptions,
+    RotationInformation,
+    format_of,
+    get_format,
+)
+from certpgo.io.timestamps import node_ids
+from certpgo.io.trees import integrated
+from certpgo.linalg.arrays import IntArray
+
+_ABOUT = ("tangent", "quaternion", "rpy")
+
+
+def read(
+    path: str | Path,
+    *,
+    keep: Keep = "all",
+    rotation_information: RotationInformation | None = None,
+    kappa: float | None = None,
+    tau: float | None = None,
+    unit_weights: bool = False,
+    truth: str | Path | None = None,
+    format: str | None = None,
+    progress: Progress | None = None,
+    quiet: bool = False,
+) -> Instance:
+    """Read a measurement graph; its format is told by content, then by suffix.
+
+    Parameters
+    ----------
+    path : a g2o, TORO, iSAM, .mat (viewing graph) or .npz file, a 1DSfM folder or its EGs.txt
+    keep : of parallel edges, ``"all"`` (their terms add), or the ``"first"`` or ``"last"``
+    rotation_information : what the rotational information is about: ``"tangent"`` (g2o's and
+        TORO's default), ``"quaternion"`` (its vector part, half the angle: kappa is a quarter) or
+        ``"rpy"`` (iSAM's default; small angles, hence the same numbers as tangent)
+    kappa, tau : a concentration that replaces the file's on every edge; tau in 1/m^2
+    unit_weights : kappa = tau = 1 on every edge
+    truth : a file with ground truth, see `read_truth`; it must cover every node
+    format : name of the format, where content and suffix do not tell
+    progress : called with bytes done and bytes in all, a chunk at a time
+    quiet : collect notices in ``Instance.notices`` without also warning
+
+    Raises
+    ------
+    FormatError
+        With path, line and what was expected there.
+    InputError
+        Contradictory options, or truth that does not cover the graph.
+    SpecError
+        ``format`` is unknown.
+    """
+    path = Path(path)
+    form = _format(path, format)
+    if form.read_graph is None:
+        raise FormatError(path, None, f"a {form.name} file holds {form.holds}, no measurements")
+    weights = _Weights(kappa, tau, unit_weights)
+    _check_choice("keep", keep, ("all", "first", "last"))
+    if rotation_information is not None:
+        _check_choice("rotation_information", rotation_information, _ABOUT)
+    wanted = ReadOptions(rotation_information, weights.override_all, progress)
+    instance = form.read_graph(path, wanted)
+    if rotation_information == "quaternion" and instance.graph.d == 2:
+        raise InputError("rotation_information='quaternion' is for 3D; in 2D it is on the angle")
+    instance = _with_choices(instance, keep, weights)
+    if truth is not None:
+        instance = _with_truth(instance, Path(truth))
+    for notice in () if quiet else instance.notices:
+        warnings.warn(f"{path}: {notice}", InputNotice, stacklevel=2)
+    return instance
+
+
+def read_estimate(
+    path: str | Path,
+    instance: Instance | None = None,
+    *,
+    timestamps: str | Path = "ids",
+    format: str | None = None,
+) -> Estimate:
+    """Read one pose, or rotation, a node.
+
+    Parameters
+    ----------
+    path : a g2o (its vertices), TUM, KITTI, .npz or 1DSfM rotations file
+    instance : the graph the estimate is for: its ids decide the order, and it says whether
+        translations are wanted. Without one the order is that of ascending ids, or the file's;
+        translations that are all zero count as absent.
+    timestamps : what a TUM file's timestamps are: node ``"ids"``, or nothing of interest, the
+        order of lines being that of nodes (``"index"``), or those in a file, one line a node
+    format : name of the format, where content and suffix do not tell
+
+    Raises
+    ------
+    FormatError
+        With path, line and what was expected there.
+    InputError
+        The estimate is another graph's, or lacks nodes.
+    """
+    path = Path(path)
+    poses = _poses(path, format)
+    try:
+        ids = None if instance is None else instance.ids
+        poses = replace(poses, ids=node_ids(poses, ids, timestamps))
+        if instance is None:
+            return _as_they_come(poses)
+        poses = _in_dimension(poses, instance.graph.d)
+        return estimate_for(instance.ids, poses, isinstance(instance.graph, PoseGraph))
+    except FormatError:
+        raise
+    except InputError as error:
+        raise FormatError(path, None, str(error)) from None
+
+
+def read_truth(
+    path: str | Path, instance: Instance, *, format: str | None = None
+) -> tuple[IntArray, Estimate]:
+    """Read ground truth, which may cover a part of the nodes.
+
+    Parameters
+    ----------
+    path : a file of poses as for `read_estimate`, a Bundler file, or an iSAM file of noise-free
+        relative poses, which are integrated along a spanning tree from the smallest id
+    instance : the graph it is for; ids are matched, and ids not in the graph are ignored
+    format : name of the format, where content and suffix do not tell
+
+    Returns
+    -------
+    nodes : (k,) covered nodes, ascending
+    truth : their k poses, in that order
+
+    Raises
+    ------
+    FormatError
+        With path, line and what was expected there.
+    """
+    path = Path(path)
+    form = _format(path, format)
+    if form.read_poses is not None:
+        poses = form.read_poses(path)
+    elif form.read_graph is not None:
+        poses = integrated(form.read_graph(path, ReadOptions(ignore_information=True)))
+    else:
+        raise FormatError(path, None, f"a {form.name} file holds {form.holds}, no truth")
+    try:
+        poses = replace(poses, ids=node_ids(poses, instance.ids, "ids"))
+        return truth_for(instance, _in_dimension(poses, instance.graph.d))
+    except InputError as error:
+        raise FormatError(path, None, str(error)) from None
+
+
+@dataclass(frozen=True)
+class _Weights:
+    kappa: float | None
+    tau: float | None
+    unit: bool
+
+    def __post_init__(self) -> None:
+        if self.unit and (self.kappa is not None or self.tau is not None):
+            raise InputError("unit_weights excludes kappa and tau")
+        for name, value in (("kappa", self.kappa), ("tau", self.tau)):
+            if value is not None and not 0.0 < value < np.inf:
+                raise InputError(f"{name} must be positive and finite, not {value}")
+
+    @property
+    def override_all(self) -> bool:
+        return self.unit or (self.kappa is not None and self.tau is not None)
+
+    def apply(self, graph: Graph) -> Graph:
+        kappa, tau = (1.0, 1.0) if self.unit else (self.kappa, self.tau)
+        if isinstance(graph, PoseGraph):
+            return graph.with_weights(kappa, tau)
+        return graph if kappa is None else graph.with_weights(kappa)
+
+    def __str__(self) -> str:
+        if self.unit:
+            return "unit"
+        if self.kappa is None and self.tau is None:
+            return "file"
+        return ",".join(
+            f"{name}={'file' if value is None else repr(float(value))}"
+            for name, value in (("kappa", self.kappa), ("tau", self.tau))
+        )
+
+
+def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
+    if value not in choices:
+        raise InputError(f"{name} must be one of {', '.join(choices)}, not {value!r}")
+
+
+def _format(path: Path, name: str | None) -> Format:
+    found = format_of(path)  # also says that there is no such file
+    return found if name is None else get_format(name)
+
+
+def _poses(path: Path, name: str | None) -> LabelledPoses:
+    form = _format(path, name)
+    if form.read_poses is None:
+        raise FormatError(path, None, f"a {form.name} file holds {form.holds}, no estimate")
+    return form.read_poses(path)
+
+
+def _with_choices(instance: Instance, keep: Keep, weights: _Weights) -> Instance:
+    graph = instance.graph
+    if str(weights) != "file":
+        graph = weights.apply(graph)
+    if keep != "all":
+        graph = graph.without_parallel_edges(keep)
+    # An .npz file remembers how it came to be; only what is chosen now replaces that.
+    options = {"keep": "all", "rotation_information": "tangent", "weights": "file"}
+    options |= instance.options
+    if keep != "all":
+        options["keep"] = keep
+    if str(weights) != "file":
+        options["weights"] = str(weights)
+    return replace(instance, graph=graph, options=options)
+
+
+def _with_truth(instance: Instance, path: Path) -> Instance:
+    nodes, estimate = read_truth(path, instance)
+    n = instance.graph.num_nodes
+    if len(nodes) < n:
+        raise InputError(f"{path}: truth for {len(nodes)} of {n} nodes only; use read_truth")
+    return replace(instance, truth=estimate)
+
+
+def _as_they_come(poses: LabelledPoses) -> Estimate:
+    t = poses.translations
+    if t is not None and not t.any():
+        t = None
+    try:
+        estimate = Estimate(poses.rotations, t)
+    except CertPGOError as error:
+        raise InputError(str(error)) from None
+    return estimate if poses.ids is None else estimate.subset(np.argsort(poses.ids))
+
+
+def _in_dimension(poses: LabelledPoses, d: int) -> LabelledPoses:
+    """Poses for a d-dimensional graph; planar ones embedded at z = 0 are taken out again."""
+    R, t = poses.rotations, poses.translations
+    if R.shape[-1] == d:
+        return poses
+    planar = d == 2 and not R[:, 2, :2].any() and not R[:, :2, 2].any() and (R[:, 2, 2] > 0.0).all()
+    if not planar or (t is not None and t[:, 2].any()):
+        raise InputError(f"{R.shape[-1]}D poses, but the graph is {d}D")
+    return replace(poses, rotations=R[:, :2, :2], translations=None if t is None else t[:, :2])

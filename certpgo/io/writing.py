@@ -1,0 +1,133 @@
+"""Writing graphs and estimates, whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from certpgo.errors import InputError
+from certpgo.estimate import Estimate
+from certpgo.graph import Graph, Instance
+from certpgo.io.format import format_to_write
+from certpgo.io.timestamps import node_times
+from certpgo.linalg.arrays import IntArray
+
+Anchor = Literal["file", "identity", "prior", "none"]
+
+
+def write(
+    path: str | Path,
+    what: Estimate | Graph | Instance,
+    *,
+    instance: Instance | None = None,
+    ids: ArrayLike | None = None,
+    format: str | None = None,
+    anchor: Anchor | None = None,
+    timestamps: str | Path = "ids",
+) -> None:
+    """Write a graph or an estimate, in the format of the path's suffix.
+
+    The file appears complete or not at all: it is written beside its place and then renamed.
+
+    Parameters
+    ----------
+    path : .g2o or .npz for a graph; .g2o, .npz, .tum, .kitti or .rots for an estimate
+    what : an instance (graph, ids, initial values, fixed nodes), a graph, or an estimate
+    instance : for an estimate, the instance it solves: its ids, initial values and fixed nodes
+    ids : (n,) distinct node ids; the instance's by default, else 0 ... n-1
+    format : name of the format, where the suffix does not tell
+    anchor : where an estimate is moved, poses having no frame of their own: the smallest id as in
+        the instance's initial values, or the identity if it has none (``"file"``, the default with
+        an instance); the smallest id at the identity (``"identity"``); the instance's first fixed
+        node at its initial value (``"prior"``); not at all (``"none"``, the default without one)
+    timestamps : of a TUM file: node ``"ids"``, ``"index"``, or a file with one a node, seconds
+
+    Raises
+    ------
+    InputError
+        The format cannot hold it, an argument does not fit, or the file cannot be written.
+    SpecError
+        ``format`` is unknown.
+    """
+    path = Path(path)
+    form = format_to_write(path, format)
+    if isinstance(what, Estimate):
+        if form.write_poses is None:
+            raise InputError(f"{path}: {form.name} cannot be written for an estimate")
+        writer = form.write_poses
+        labels = _ids(ids, what.num_nodes, instance)
+        anchored = _anchored(what, labels, instance, anchor)
+        times = node_times(labels, timestamps) if form.name == "tum" else labels.astype(float)
+        _atomically(path, lambda beside: writer(beside, anchored, labels, times))
+        return
+    if form.write_graph is None:
+        raise InputError(f"{path}: {form.name} cannot be written for a graph")
+    graph_writer = form.write_graph
+    whole = _as_instance(path, what, ids)
+    _atomically(path, lambda beside: graph_writer(beside, whole))
+
+
+def _as_instance(path: Path, what: Graph | Instance, ids: ArrayLike | None) -> Instance:
+    if isinstance(what, Instance):
+        return what if ids is None else replace(what, ids=_ids(ids, what.graph.num_nodes, None))
+    return Instance(path.stem, what, _ids(ids, what.num_nodes, None))
+
+
+def _ids(ids: ArrayLike | None, n: int, instance: Instance | None) -> IntArray:
+    if instance is not None and instance.graph.num_nodes != n:
+        raise InputError(f"another graph's estimate: {n} nodes, not {instance.graph.num_nodes}")
+    if ids is None:
+        return np.arange(n) if instance is None else instance.ids
+    labels = np.asarray(ids)
+    if labels.shape != (n,) or labels.dtype.kind not in "iu" or len(np.unique(labels)) != n:
+        raise InputError(f"ids must be {n} distinct integers")
+    return labels.astype(np.intp)
+
+
+def _anchored(
+    estimate: Estimate, ids: IntArray, instance: Instance | None, anchor: Anchor | None
+) -> Estimate:
+    if anchor is None:
+        anchor = "none" if instance is None else "file"
+    if anchor not in ("file", "identity", "prior", "none"):
+        raise InputError(f"anchor must be file, identity, prior or none, not {anchor!r}")
+    initial = None if instance is None else instance.initial
+    node = int(np.argmin(ids))
+    if anchor == "none":
+        return estimate
+    if anchor == "identity":
+        return estimate.anchored(node)
+    if anchor == "prior":
+        if instance is None or not instance.fixed or initial is None:
+            raise InputError("anchor='prior' needs an instance with a fixed node and its value")
+        node = instance.fixed[0]
+    if initial is not None and _same_pose(estimate, initial, node):
+        return estimate
+    return estimate.anchored(node, initial)
+
+
+def _same_pose(a: Estimate, b: Estimate, node: int) -> bool:
+    """Whether there is nothing to move, so that nothing is rounded."""
+    if not np.array_equal(a.rotations[node], b.rotations[node]):
+        return False
+    if a.translations is None or b.translations is None:
+        return True
+    return np.array_equal(a.translations[node], b.translations[node])
+
+
+def _atomically(path: Path, write_to: Callable[[Path], None]) -> None:
+    beside = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    try:
+        write_to(beside)
+        os.replace(beside, path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+    finally:
+        beside.unlink(missing_ok=True)
