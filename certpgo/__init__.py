@@ -1,0 +1,66 @@
+"""Pose-graph optimization and rotation averaging whose answers come with a proof."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+# `certify` is a function here and a subpackage as well: importing it now, before anyone else
+# does, is what makes the function win.
+from certpgo.certify import Certificate, Tier, Verdict, certify
+from certpgo.errors import (
+    CertPGOError,
+    FormatError,
+    GraphError,
+    InputError,
+    InputNotice,
+    MissingDependency,
+    NumericalError,
+    SpecError,
+)
+from certpgo.estimate import Estimate
+from certpgo.graph import Instance, PoseGraph, RotationGraph
+from certpgo.problem import PoseProblem, RotationProblem
+from certpgo.solution import Solution, Status
+
+if TYPE_CHECKING:
+    from certpgo.io import read, read_estimate, write
+    from certpgo.registry import get_solver
+
+#: Imported when first used: reading and finding methods are not everybody's errand.
+_LATER = {"read": "io", "read_estimate": "io", "write": "io", "get_solver": "registry"}
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "CertPGOError",
+    "Certificate",
+    "Estimate",
+    "FormatError",
+    "GraphError",
+    "InputError",
+    "InputNotice",
+    "Instance",
+    "MissingDependency",
+    "NumericalError",
+    "PoseGraph",
+    "PoseProblem",
+    "RotationGraph",
+    "RotationProblem",
+    "Solution",
+    "SpecError",
+    "Status",
+    "Tier",
+    "Verdict",
+    "certify",
+    "get_solver",
+    "read",
+    "read_estimate",
+    "write",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LATER:
+        raise AttributeError(f"module 'certpgo' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"certpgo.{_LATER[name]}"), name)

@@ -36,7 +36,7 @@ class GraphError(InputError):
 
     Attributes
     ----------
-    component_sizes : sizes of the connected components, largest first, when connectivity is the matter
+    component_sizes : nodes in each component, largest first, when connectivity is the matter
     """
 
     def __init__(self, message: str, *, component_sizes: tuple[int, ...] = ()) -> None:

@@ -17,7 +17,8 @@ class Estimate:
 
     Attributes
     ----------
-    rotations : (n, d, d), R_i world <- body i
+    rotations : (n, d, d), R_i world <- body i; a matrix that is a rotation to few digits only is
+        replaced by the nearest rotation
     translations : (n, d) origins t_i of the bodies in the world frame, metres; or None
 
     Raises
@@ -39,6 +40,9 @@ class Estimate:
         worst, defect = so.worst_defect(self.rotations)
         if not defect <= so.DEFECT_TOLERANCE:
             raise GraphError(f"node {worst}: not a rotation, off by {defect:.1e}")
+        if defect > so.ROUNDING_DEFECT:
+            cleaned = frozen_floats(so.nearest_to_rounding(self.rotations))
+            object.__setattr__(self, "rotations", cleaned)
         if self.translations is None:
             return
         object.__setattr__(self, "translations", frozen_floats(self.translations))

@@ -41,7 +41,8 @@ class RotationGraph:
     ----------
     num_nodes : number n of nodes, numbered 0 ... n-1
     edges : (m, 2) node pairs (i, j); parallel edges are allowed, their terms add
-    rotations : (m, d, d) measured R_ij ~ R_i^T R_j, d = 2 or 3
+    rotations : (m, d, d) measured R_ij ~ R_i^T R_j, d = 2 or 3; a matrix that is a rotation to few
+        digits only is replaced by the nearest rotation
     kappa : (m,) rotational concentrations, positive
 
     Raises
@@ -75,6 +76,9 @@ class RotationGraph:
         if not defect <= so.DEFECT_TOLERANCE:
             i, j = self.edges[worst]
             raise GraphError(f"edge ({i}, {j}): not a rotation, off by {defect:.1e}")
+        if defect > so.ROUNDING_DEFECT:
+            cleaned = frozen_floats(so.nearest_to_rounding(self.rotations))
+            object.__setattr__(self, "rotations", cleaned)
 
     @property
     def d(self) -> int:
@@ -146,7 +150,7 @@ class PoseGraph:
         expected = (self.rotation.num_edges, self.rotation.d)
         if self.translations.shape != expected:
             raise GraphError(f"translations must be {expected}, not {self.translations.shape}")
-        bad = ~np.isfinite(self.translations).all(axis=1)
+        bad = np.asarray(~np.isfinite(self.translations).all(axis=1))
         if bad.any():
             raise GraphError(f"{_edge_name(self.edges, bad)}: translation is not finite")
         _check_weights("tau", self.tau, self.edges)
@@ -204,9 +208,7 @@ class PoseGraph:
     def subgraph(self, nodes: IntArray) -> PoseGraph:
         """The graph induced on ``nodes``, renumbered in that order."""
         _, chosen = _induced(self.num_nodes, self.edges, nodes)
-        return PoseGraph(
-            self.rotation.subgraph(nodes), self.translations[chosen], self.tau[chosen]
-        )
+        return PoseGraph(self.rotation.subgraph(nodes), self.translations[chosen], self.tau[chosen])
 
 
 Graph = RotationGraph | PoseGraph
@@ -268,10 +270,10 @@ class Instance:
 
 
 def _check_edges(edges: IntArray, n: int) -> None:
-    outside = ((edges < 0) | (edges >= n)).any(axis=1)
+    outside = np.asarray(((edges < 0) | (edges >= n)).any(axis=1))
     if outside.any():
         raise GraphError(f"{_edge_name(edges, outside)}: nodes are numbered 0 to {n - 1}")
-    loop = edges[:, 0] == edges[:, 1]
+    loop = np.asarray(edges[:, 0] == edges[:, 1])
     if loop.any():
         raise GraphError(f"{_edge_name(edges, loop)}: a node cannot be measured from itself")
 

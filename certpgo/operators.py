@@ -31,9 +31,7 @@ def laplacian(blocks: BlockPattern, weights: FloatArray) -> CSC:
     return blocks.assemble(degree[:, None, None], -weights[:, None, None])
 
 
-def connection_laplacian(
-    blocks: BlockPattern, graph: RotationGraph, shift: float = 0.0
-) -> CSC:
+def connection_laplacian(blocks: BlockPattern, graph: RotationGraph, shift: float = 0.0) -> CSC:
     """Rotation connection Laplacian L (plus ``shift`` I), (dn, dn).
 
     L_ii = deg_i I and L_ij = -kappa R_ij: the thesis' (Laplacian x 1) o Rtilde, eq. 4.6; in
@@ -66,6 +64,20 @@ def data_matrix(blocks: BlockPattern, graph: PoseGraph) -> CSC:
     upper[:, 1:, 0] = -moment  # rotation of i against translation of j
     upper[:, 1:, 1:] = -kappa[:, None, None] * graph.rotation.rotations
     return blocks.assemble(diagonal, upper)
+
+
+def multipliers(gradient: FloatArray, R: FloatArray) -> FloatArray:
+    """Blocks Lam_i = sym(G_i^T R_i), (n, d, d), of half the Euclidean gradient G in the rotations.
+
+    G_i^T is the block (M X^T)_i; Eriksson et al. eq. 16 is deg_i I - Lam_i.
+    """
+    product = np.swapaxes(gradient, 1, 2) @ R
+    return np.asarray(0.5 * (product + np.swapaxes(product, 1, 2)))
+
+
+def tangent_gradient(gradient: FloatArray, R: FloatArray) -> FloatArray:
+    """(n, p) Riemannian gradient of F/2 over body-frame tangents, from the Euclidean half."""
+    return 2.0 * so.vee(np.swapaxes(R, 1, 2) @ gradient)
 
 
 def rotation_hessian(
@@ -127,7 +139,7 @@ def pose_hessian(
 def tangent_restriction(S: FloatArray) -> FloatArray:
     """The form w -> tr(hat(w) S hat(w)^T) of symmetric S (..., d, d), as (..., p, p)."""
     trace = np.trace(S, axis1=-2, axis2=-1)[..., None, None]
-    return np.asarray(trace) if S.shape[-1] == 2 else trace * np.eye(3) - S
+    return np.asarray(trace if S.shape[-1] == 2 else trace * np.eye(3) - S)
 
 
 def _generators(d: int) -> FloatArray:

@@ -17,7 +17,7 @@ from certpgo.estimate import Estimate
 from certpgo.graph import PoseGraph, RotationGraph, require_connected
 from certpgo.linalg import factor, so
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
-from certpgo.linalg.blocks import BlockPattern, expand, scatter_sum
+from certpgo.linalg.blocks import BlockPattern, expand, pinned, scatter_sum
 from certpgo.linalg.factor import Factor, Symbolic
 
 
@@ -142,6 +142,27 @@ class RotationProblem(_Problem):
         """The best estimate with these rotations: just them."""
         return Estimate(rotations)
 
+    @cached_property
+    def node_weights(self) -> FloatArray:
+        """(n,) sums of kappa at each node: the curvature of F/2 in a rotation there, roughly."""
+        return operators.degrees(self.graph.edges, self.graph.kappa, self.n)
+
+    def multipliers(self, estimate: Estimate) -> FloatArray:
+        """Lam_i = sym((L R^T)_i R_i), (n, d, d); their traces add up to F.
+
+        Eriksson et al. eq. 16 is deg_i I - Lam_i.
+        """
+        return operators.multipliers(self.gradient(estimate), estimate.rotations)
+
+    def tangent_gradient(self, estimate: Estimate) -> FloatArray:
+        """(n, p) Riemannian gradient of F/2 in body-frame tangents."""
+        return operators.tangent_gradient(self.gradient(estimate), estimate.rotations)
+
+    def stationarity(self, estimate: Estimate) -> float:
+        """Largest gradient of a node over its weight, radians: 0 at a stationary point."""
+        g = np.linalg.norm(self.tangent_gradient(estimate), axis=1)
+        return float((g / self.node_weights).max())
+
     def with_unit_weights(self) -> RotationProblem:
         """The same measurements with kappa = 1, as the thesis weighs them."""
         return RotationProblem(self.graph.with_weights(1.0))
@@ -175,8 +196,7 @@ class PoseProblem(_Problem):
     @cached_property
     def scale(self) -> float:
         """W = sum(kappa) + sum(tau |t_ij|^2), the scale of the objective."""
-        t = self.graph.translations
-        return self.rotation.scale + float(np.einsum("m,ma,ma->", self.graph.tau, t, t))
+        return self.rotation.scale + float(self.lever_weights.sum())
 
     @cached_property
     def data_matrix(self) -> CSC:
@@ -196,17 +216,17 @@ class PoseProblem(_Problem):
     @cached_property
     def _translation_factor(self) -> Factor:
         L = self.translation_laplacian
-        # Pinning the first node makes it definite; its translation comes out as zero.
-        pinned = L + _unit_diagonal(L)
-        result = self.symbolic(pinned).factor(pinned)
+        grounded = pinned(L, np.array([0]))
+        result = self.symbolic(grounded).factor(grounded)
         if result is None:
             raise NumericalError("the translation Laplacian could not be factorized")
         return result
 
     def solve_translations(self, forces: FloatArray) -> FloatArray:
         """(n, d) solution of (translation Laplacian) t = forces, with the first node at zero."""
-        t = self._translation_factor.solve(forces)
-        return np.asarray(t - t[0])
+        grounded = forces.copy()
+        grounded[0] = 0.0
+        return self._translation_factor.solve(grounded)
 
     def translations(self, rotations: FloatArray) -> FloatArray:
         """(n, d) translations that minimise F for these rotations, the first at zero."""
@@ -247,6 +267,45 @@ class PoseProblem(_Problem):
         """Blocks of the Riemannian Hessian of F/2; see `operators.pose_hessian`."""
         return operators.pose_hessian(self.graph, estimate.rotations, multipliers)
 
+    def multipliers(self, estimate: Estimate) -> FloatArray:
+        """Lam_i = sym((M X^T)_{R_i} R_i), (n, d, d).
+
+        Their traces add up to F when the translations are optimal for the rotations.
+        """
+        return operators.multipliers(self.gradient(estimate)[:, :, 1:], estimate.rotations)
+
+    def tangent_gradient(self, estimate: Estimate) -> FloatArray:
+        """(n, d + p) Riemannian gradient of F/2: translations, then body-frame tangents."""
+        G = self.gradient(estimate)
+        turn = operators.tangent_gradient(G[:, :, 1:], estimate.rotations)
+        return np.concatenate([G[:, :, 0], turn], axis=1)
+
+    def stationarity(self, estimate: Estimate) -> float:
+        """Largest gradient of a node over its weight, radians: 0 at a stationary point.
+
+        Translations are measured in the typical length of a step, so that it has no unit.
+        """
+        g = self.tangent_gradient(estimate)
+        weights = self.rotation.node_weights + self.lever_weights
+        turn = np.linalg.norm(g[:, self.d :], axis=1) / weights
+        length = np.sqrt(self.lever_weights.sum() / self.graph.tau.sum())
+        if length == 0.0:
+            return float(turn.max())
+        move = np.linalg.norm(g[:, : self.d], axis=1) / (self.translation_weights * length)
+        return float(max(turn.max(), move.max()))
+
+    @cached_property
+    def translation_weights(self) -> FloatArray:
+        """(n,) sums of tau at each node: the curvature of F/2 in a translation there."""
+        return operators.degrees(self.graph.edges, self.graph.tau, self.n)
+
+    @cached_property
+    def lever_weights(self) -> FloatArray:
+        """(n,) sums of tau |t_ij|^2 over the edges that leave each node."""
+        t = self.graph.translations
+        lever = self.graph.tau * np.einsum("ma,ma->m", t, t)
+        return scatter_sum(self.graph.edges[:, 0], lever, self.n)
+
     def with_unit_weights(self) -> PoseProblem:
         """The same measurements with kappa = tau = 1, as the thesis weighs them."""
         return PoseProblem(self.graph.with_weights(1.0, 1.0))
@@ -268,10 +327,3 @@ def _translations(estimate: Estimate) -> FloatArray:
 
 def _rotated(R: FloatArray, t: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("mab,mb->ma", R, t))
-
-
-def _unit_diagonal(L: CSC) -> CSC:
-    """A matrix of L's pattern whose only nonzero is the first diagonal entry, as large as L's."""
-    data = np.zeros_like(L.data)
-    data[L.indptr[0] + np.searchsorted(L.indices[L.indptr[0] : L.indptr[1]], 0)] = L[0, 0]
-    return CSC((data, L.indices, L.indptr), shape=L.shape)

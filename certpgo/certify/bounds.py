@@ -1,8 +1,28 @@
-"""Bounds that need no factorization of the certificate matrix."""
+"""Bounds that need no factorization of the certificate matrix.
+
+The angle bounds speak of exactly stationary points of the rotation problem: K_4 with exact data
+has a point that is not stationary, with residuals of 44 < 54.4 degrees and F = 4 above F* = 0.
+They never certify an estimate by themselves.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+import numpy as np
+
+from certpgo import spectral
+from certpgo.errors import NumericalError
+from certpgo.estimate import Estimate
+from certpgo.graph import RotationGraph
+from certpgo.linalg import so
+from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.blocks import add_to_diagonal, scatter_sum
+from certpgo.linalg.eigen import krylov_schur
+from certpgo.problem import RotationProblem
+
+#: Residuals count as sharing an axis, and weights as equal, up to this.
+SAME = 1e-6
 
 
 @dataclass(frozen=True)
@@ -16,14 +36,165 @@ class Bounds:
     Attributes
     ----------
     spectral : n (lambda_1 + ... + lambda_d)(L) <= F*, from computed eigenvalues
+    fiedler : lambda_2 of the graph Laplacian weighted by kappa
     alpha_max : Eriksson et al., Theorem 4.1
     normalized_alpha_max : the same with the normalized Laplacian's second eigenvalue
-    cycle : pi / n (Theorem 4.2) when the graph is one unweighted cycle, else None
+    cycle : pi / n (Theorem 4.2) when the graph is one cycle of equal weights, else None
     row_bound_holds : whether each node's own residuals satisfy the a posteriori row bound
+    cycle_sum_holds : for a cycle, whether the residuals share an axis and sign and add up to at
+        most pi; None when the graph is no cycle
     """
 
     spectral: float
+    fiedler: float
     alpha_max: float
     normalized_alpha_max: float
     cycle: float | None
     row_bound_holds: bool
+    cycle_sum_holds: bool | None
+
+
+def bounds(problem: RotationProblem, estimate: Estimate) -> Bounds:
+    """Every bound for a graph, the a posteriori ones at ``estimate``.
+
+    Raises
+    ------
+    NumericalError
+        An eigenvalue computation failed.
+    """
+    eigenvalues = spectral.smallest_eigenpairs(problem).values
+    fiedler = fiedler_value(problem)
+    nu = normalized_fiedler_value(problem)
+    weights = problem.node_weights
+    return Bounds(
+        spectral=spectral.spectral_bound(problem, eigenvalues),
+        fiedler=fiedler,
+        alpha_max=alpha_max(fiedler / float(weights.max())),
+        normalized_alpha_max=alpha_max(nu),
+        cycle=cycle_bound(problem.graph),
+        row_bound_holds=float(row_bound(problem, estimate).max()) < nu,
+        cycle_sum_holds=cycle_sum_holds(problem, estimate),
+    )
+
+
+def alpha_max(connectivity: float) -> float:
+    """The residual angle up to which stationary points are optimal, radians.
+
+    2 arcsin(sqrt(1/4 + connectivity/2) - 1/2), with connectivity lambda_2 / d_max for Theorem 4.1
+    of Eriksson et al. (eq. 22), or nu_2, the second eigenvalue of the normalized Laplacian
+    D^-1/2 L_G D^-1/2, for the stronger normalized bound.
+
+    Proof of the latter. In the gauge of R, S' = L_G x I + Delta with S' (1 x I) = 0. Scaled by
+    D^-1/2 on both sides, Delta becomes a symmetric matrix similar to D^-1 Delta, whose block rows
+    add up, in operator norm, to at most 2 s^2 + 2 s with s = sin(alpha / 2), whatever the degrees.
+    The null space D^1/2 1 x I splits off, and on its complement the form is at least
+    nu_2 - 2 s (1 + s). Since nu_2 >= lambda_2 / d_max it is never weaker.
+    """
+    s = np.sqrt(0.25 + max(connectivity, 0.0) / 2.0) - 0.5
+    return float(2.0 * np.arcsin(min(s, np.sin(np.pi / 4))))
+
+
+def fiedler_value(problem: RotationProblem) -> float:
+    """lambda_2 of the graph Laplacian weighted by kappa."""
+    return _second_eigenvalue(problem, problem.laplacian, np.ones(problem.n))
+
+
+def normalized_fiedler_value(problem: RotationProblem) -> float:
+    """nu_2, the second eigenvalue of D^-1/2 L_G D^-1/2; at most 2."""
+    L = problem.laplacian
+    root = np.sqrt(problem.node_weights)
+    column = np.repeat(np.arange(problem.n), np.diff(L.indptr))
+    scaled = CSC((L.data / (root[L.indices] * root[column]), L.indices, L.indptr), shape=L.shape)
+    return _second_eigenvalue(problem, scaled, root)
+
+
+def row_bound(problem: RotationProblem, estimate: Estimate) -> FloatArray:
+    """(|Delta_ii| + sum_j |Delta_ij|) / deg_i for each node, operator norms, (n,).
+
+    A stationary point is optimal when all of them are below `normalized_fiedler_value`: the proof
+    of `alpha_max` with each row's own residuals. Parallel edges are summed before norms are taken.
+    """
+    graph, d = problem.graph, problem.d
+    i, j = graph.edges.T
+    R = estimate.rotations
+    E = R[i] @ graph.rotations @ np.swapaxes(R[j], 1, 2)
+    delta = graph.kappa[:, None, None] * (np.eye(d) - E)
+    symmetric = 0.5 * (delta + np.swapaxes(delta, 1, 2))
+    diagonal = scatter_sum(i, symmetric, problem.n) + scatter_sum(j, symmetric, problem.n)
+    low, high = np.minimum(i, j), np.maximum(i, j)
+    flipped = np.where((i > j)[:, None, None], np.swapaxes(delta, 1, 2), delta)
+    pairs, which = np.unique(low * problem.n + high, return_inverse=True)
+    norms = np.linalg.norm(scatter_sum(which, flipped, len(pairs)), 2, axis=(1, 2))
+    first, second = np.divmod(pairs, problem.n)
+    rows = np.linalg.norm(diagonal, 2, axis=(1, 2))
+    rows += np.bincount(first, norms, problem.n) + np.bincount(second, norms, problem.n)
+    return np.asarray(rows / problem.node_weights)
+
+
+def is_cycle(graph: RotationGraph) -> bool:
+    """Whether the (connected) graph is one cycle of at least three nodes."""
+    degree = np.bincount(graph.edges.ravel(), minlength=graph.num_nodes)
+    return graph.num_nodes >= 3 and graph.num_edges == graph.num_nodes and bool((degree == 2).all())
+
+
+def cycle_bound(graph: RotationGraph) -> float | None:
+    """Pi / n for a cycle of equal weights (Eriksson et al., Theorem 4.2), else None."""
+    equal = np.ptp(graph.kappa) <= SAME * graph.kappa.max()
+    return float(np.pi / graph.num_nodes) if equal and is_cycle(graph) else None
+
+
+def cycle_sum_holds(problem: RotationProblem, estimate: Estimate) -> bool | None:
+    """Whether a cycle's residuals share one axis and sign and add up to at most pi.
+
+    A stationary point of a (weighted) cycle that does is optimal: in the gauge of R the condition
+    S' >= 0 reduces to the isoperimetric inequality for inscribed polygons. None for other graphs.
+    """
+    graph = problem.graph
+    if not is_cycle(graph):
+        return None
+    R, (i, j) = estimate.rotations, graph.edges.T
+    residual = so.log(R[i] @ graph.rotations @ np.swapaxes(R[j], 1, 2))
+    residual *= _orientation(graph)[:, None]
+    total = np.linalg.norm(residual, axis=1).sum()
+    aligned = np.linalg.norm(residual.sum(axis=0))
+    return bool(total <= np.pi and aligned >= (1.0 - SAME) * total)
+
+
+def _orientation(graph: RotationGraph) -> FloatArray:
+    """+1 for the edges of a cycle that run along it, -1 for the others."""
+    at: list[list[int]] = [[] for _ in range(graph.num_nodes)]
+    for e, (i, j) in enumerate(graph.edges):
+        at[i].append(e)
+        at[j].append(e)
+    signs = np.empty(graph.num_edges)
+    node, edge = int(graph.edges[0, 0]), 0
+    for _ in range(graph.num_edges):
+        i, j = graph.edges[edge]
+        signs[edge] = 1.0 if i == node else -1.0
+        node = int(j if i == node else i)
+        edge = at[node][0] if at[node][1] == edge else at[node][1]
+    return signs
+
+
+def _second_eigenvalue(problem: RotationProblem, A: CSC, null: FloatArray) -> float:
+    """Second smallest eigenvalue of a semidefinite n x n matrix with this null vector."""
+    mean = float(A.diagonal().mean())
+    for relative in spectral.SHIFTS:
+        shifted = add_to_diagonal(A, relative * mean)
+        factor = problem.symbolic(shifted).factor(shifted)
+        if factor is not None:
+            break
+    else:
+        raise NumericalError("a graph Laplacian could not be factorized")
+    unit = null[:, None] / np.linalg.norm(null)
+    solve = factor.solve
+
+    def deflated(B: FloatArray) -> FloatArray:
+        X = solve(B - unit @ (unit.T @ B))
+        return np.asarray(X - unit @ (unit.T @ X))
+
+    start = np.random.default_rng(0).standard_normal((problem.n, 2))
+    start -= unit @ (unit.T @ start)
+    if problem.n == 2:
+        start = start[:, :1]
+    return float(krylov_schur(A, deflated, 1, start=start, tol=1e-8).values[0])

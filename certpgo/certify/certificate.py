@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 
@@ -43,7 +44,7 @@ class Certificate:
     gap : ``cost - lower_bound``
     rtol, atol : CERTIFIED means gap <= rtol * cost + atol * scale
     scale : W, the problem's scale
-    stationarity : norm of the Riemannian gradient of the estimate as given over 2 sqrt(F W)
+    stationarity : largest gradient of a node over its weight at the estimate as given, radians
     max_residual_angle : largest angle between R_i R_ij and R_j, radians
     multipliers : (n, d, d) blocks Lam_i of the point that gave the lower bound; None without one
     shift : eta with S + eta I >= 0 on the rotations, part of the bound; 0 without one
@@ -52,7 +53,7 @@ class Certificate:
     basin_is_global : whether ``refined`` is itself certified
     better : a feasible estimate in another basin, better by more than the tolerance, or None
     better_cost : its F
-    bounds : a priori bounds that need no factorization
+    bounds : bounds that need no factorization, at ``refined``; None where they failed
     engine : factorization engine
     reason : why the verdict is what it is, one sentence that needs no paper
     """
@@ -74,11 +75,16 @@ class Certificate:
     basin_is_global: bool
     better: Estimate | None
     better_cost: float | None
-    bounds: Bounds
+    bounds: Bounds | None
     engine: str
     reason: str
 
     @property
     def relative_gap(self) -> float:
-        """``gap / cost``; 0 for 0 / 0."""
-        return self.gap / self.cost if self.cost > 0.0 else (0.0 if self.gap <= 0.0 else float("inf"))
+        """``gap / cost``."""
+        return self.gap / self.cost if self.cost > 0.0 else math.inf
+
+    @property
+    def tolerance(self) -> float:
+        """The gap up to which this estimate counts as optimal."""
+        return self.rtol * self.cost + self.atol * self.scale

@@ -72,7 +72,7 @@ class BlockPattern:
         return result
 
     def assemble(self, diagonal: FloatArray, upper: FloatArray) -> CSC:
-        """The symmetric matrix with these diagonal blocks and block ``upper[e]`` at edge e = (i, j).
+        """The symmetric matrix of diagonal blocks and blocks ``upper[e]`` at edges e = (i, j).
 
         Parameters
         ----------
@@ -107,6 +107,31 @@ def scatter_sum(index: IntArray, values: FloatArray, n: int) -> FloatArray:
     for k in range(flat.shape[1]):
         out[:, k] = np.bincount(index, weights=flat[:, k], minlength=n)
     return out.reshape(n, *values.shape[1:])
+
+
+def diagonal_places(A: CSC) -> IntArray:
+    """(N,) positions of the diagonal entries in ``A.data``; all must be stored."""
+    column = np.repeat(np.arange(A.shape[0]), np.diff(A.indptr))
+    return np.flatnonzero(A.indices == column)
+
+
+def add_to_diagonal(A: CSC, values: FloatArray | float) -> CSC:
+    """A + diag(values), with A's very pattern."""
+    data = A.data.copy()
+    data[diagonal_places(A)] += values
+    return CSC((data, A.indices, A.indptr), shape=A.shape)
+
+
+def pinned(A: CSC, rows: IntArray) -> CSC:
+    """A with ``rows`` and the columns of the same numbers cut off, with A's very pattern.
+
+    Only their diagonal entries stay, so that the rest is the principal submatrix.
+    """
+    cut = np.zeros(A.shape[0], dtype=bool)
+    cut[rows] = True
+    off = cut[A.indices] | np.repeat(cut, np.diff(A.indptr))
+    off[diagonal_places(A)] = False
+    return CSC((np.where(off, 0.0, A.data), A.indices, A.indptr), shape=A.shape)
 
 
 def expand(perm: IntArray, b: int) -> IntArray:

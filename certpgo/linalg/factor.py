@@ -97,12 +97,13 @@ def fill_reducing_order(
     if (engine or default_engine()) == "cholmod":
         from cvxopt import amd
 
-        return _array_of(amd.order(_cvxopt_lower(n, indptr, indices)[0]), np.intp)
+        order: IntArray = _array_of(amd.order(_cvxopt_lower(n, indptr, indices)[0]), np.intp)
+        return order
     degree = np.diff(indptr)
     column = np.repeat(np.arange(n), degree)
     values = np.where(indices == column, degree[column].astype(float), -0.5)
     lu = _splu_without_pivoting(CSC((values, indices, indptr), shape=(n, n)), "MMD_AT_PLUS_A")
-    return np.argsort(lu.perm_c)
+    return np.asarray(np.argsort(lu.perm_c))
 
 
 def _engine(name: str | None) -> Callable[[CSC, IntArray], Symbolic]:

@@ -10,9 +10,11 @@ import numpy as np
 
 from certpgo.linalg.arrays import FloatArray
 
-
 #: A matrix is taken for a rotation when no entry of R^T R - I is larger.
 DEFECT_TOLERANCE = 1e-6
+
+#: Entries of R^T R - I up to here are rounding of doubles and left alone.
+ROUNDING_DEFECT = 1e-14
 
 
 def tangent_dim(d: int) -> int:
@@ -178,8 +180,22 @@ def worst_defect(R: FloatArray) -> tuple[int, float]:
     return worst, float(defect[worst])
 
 
+def nearest_to_rounding(R: FloatArray) -> FloatArray:
+    """R (n, d, d) with the matrices that are off by more than rounding projected to SO(d).
+
+    What is already a rotation to the last digits stays bit for bit.
+    """
+    defect = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(R.shape[-1])).max(axis=(-2, -1))
+    off = defect > ROUNDING_DEFECT
+    if not off.any():
+        return R
+    out = R.copy()
+    out[off] = project(R[off])
+    return out
+
+
 def random(rng: np.random.Generator, n: int, d: int) -> FloatArray:
-    """n rotations (n, d, d), uniform in SO(d)."""
+    """Uniform rotations, (n, d, d)."""
     if d == 2:
         return exp(rng.uniform(-np.pi, np.pi, (n, 1)))
     q = rng.standard_normal((n, 4))

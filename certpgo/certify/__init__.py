@@ -1,0 +1,20 @@
+"""Certificates: multipliers, bounds, verdicts. Sees no solver."""
+
+from certpgo.certify.bounds import Bounds, bounds
+from certpgo.certify.certificate import Certificate, Tier, Verdict
+from certpgo.certify.dual import DualBound, certificate_matrix, dual_bound
+from certpgo.certify.judge import certify
+from certpgo.certify.rounding import cost_upper
+
+__all__ = [
+    "Bounds",
+    "Certificate",
+    "DualBound",
+    "Tier",
+    "Verdict",
+    "bounds",
+    "certificate_matrix",
+    "certify",
+    "cost_upper",
+    "dual_bound",
+]

@@ -1,0 +1,203 @@
+"""Proven lower bounds on F* from a point's multipliers, by one factorization.
+
+For S = M - blkdiag(0, Lam') positive semidefinite, F* >= tr(Lam'). Lam' is the point's Lam less a
+shift; how much shift rounding demands is read off the factor itself: a Cholesky factorization of
+A~ that ran to completion satisfies |A~ - L L^T| <= gamma |L| |L|^T entry by entry (Rump and
+Jeannerod 2014), hence A~ + diag(delta) >= 0 with delta = gamma (|L| |L|^T w) / w for any w > 0.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from certpgo.certify.rounding import U
+from certpgo.estimate import Estimate
+from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.blocks import add_to_diagonal, pinned, scatter_sum
+from certpgo.linalg.factor import Factor
+from certpgo.problem import PoseProblem, Problem
+
+#: First shift tried, in units of rounding of the mean diagonal; then this much more each time.
+FIRST_SHIFT, GROWTH = 16.0, 8.0
+#: In the same units, a shift that rounding may still explain; beyond, it is an eigenvalue of S.
+LARGEST_ROUNDING = 1e5
+#: Halvings (of the logarithm) that sharpen a shift that rounding does not explain.
+BISECTIONS = 6
+#: Factorizations at one shift: the translations' rounding is guessed, then confirmed.
+CONFIRMATIONS = 8
+#: How much more than measured the guess asks for.
+MARGIN = 1.25
+
+
+@dataclass(frozen=True, eq=False)
+class DualBound:
+    """A lower bound on F* and the multipliers that prove it.
+
+    Attributes
+    ----------
+    value : F* >= value
+    multipliers : (n, d, d) Lam' with S = M - blkdiag(0, Lam') positive semidefinite
+    shift : the largest amount taken off a diagonal entry of Lam
+    factorizations : numeric factorizations it took
+    """
+
+    value: float
+    multipliers: FloatArray
+    shift: float
+    factorizations: int
+
+
+def certificate_matrix(problem: Problem, multipliers: FloatArray) -> CSC:
+    """S = M - blkdiag(0, Lam), or L - blkdiag(Lam) for rotations, with the pattern of M."""
+    M = problem.matrix
+    b = M.shape[0] // problem.n
+    blocks = np.zeros((problem.n, b, b))
+    blocks[:, b - problem.d :, b - problem.d :] = multipliers
+    correction = problem.pattern.assemble(blocks, np.zeros((problem.graph.num_edges, b, b)))
+    return CSC((M.data - correction.data, M.indices, M.indptr), shape=M.shape)
+
+
+def dual_bound(problem: Problem, point: Estimate, *, rounding: bool = True) -> DualBound | None:
+    """The best lower bound that the multipliers of ``point`` prove; None when it is useless.
+
+    Parameters
+    ----------
+    point : near-stationary, with translations optimal for its rotations
+    rounding : bound the factorization's rounding (the standard tier), or trust it (screening)
+    """
+    return _Attempts(problem, point, rounding).best()
+
+
+class _Attempts:
+    """Factorizations of one certificate matrix under different shifts."""
+
+    def __init__(self, problem: Problem, point: Estimate, rounding: bool) -> None:
+        self.problem, self.rounding = problem, rounding
+        self.multipliers = problem.multipliers(point)
+        S = certificate_matrix(problem, self.multipliers)
+        self.b = S.shape[0] // problem.n
+        self.is_rotation = np.arange(S.shape[0]) % self.b >= self.b - problem.d
+        self.weights = np.ones(S.shape[0])
+        if isinstance(problem, PoseProblem) and point.translations is not None:
+            pin = _most_central(point.translations)
+            self.arms = np.linalg.norm(point.translations - point.translations[pin], axis=1)
+            rms = float(np.sqrt(np.mean(self.arms**2)))
+            self.weights[~self.is_rotation] = 2.0 ** round(math.log2(rms)) if rms > 0.0 else 1.0
+            S = pinned(S, np.array([pin * self.b]))
+            self.pin: int | None = pin * self.b
+        else:
+            self.arms, self.pin = np.zeros(problem.n), None
+        self.S = S
+        self.symbolic = problem.symbolic(S)
+        self.radii = _assembly_radii(problem, self.multipliers, self.weights, self.is_rotation)
+        self.cost = problem.cost(point)
+        self.factorizations = 0
+
+    def best(self) -> DualBound | None:
+        """The bound of the smallest shift that works, near enough."""
+        rows = int(self.is_rotation.sum())
+        unit = U * float(self.problem.matrix.diagonal()[self.is_rotation].mean())
+        explained = LARGEST_ROUNDING * unit
+        useless = max(explained, self.cost / rows)
+        failed, shift = None, FIRST_SHIFT * unit
+        bound = self.attempt(shift)
+        while bound is None and shift < useless:
+            failed = shift
+            shift *= GROWTH if shift < explained else GROWTH**2
+            bound = self.attempt(shift)
+        if bound is None or failed is None or shift <= explained:
+            return bound
+        for _ in range(BISECTIONS):
+            middle = math.sqrt(failed * shift)
+            sharper = self.attempt(middle)
+            if sharper is None:
+                failed = middle
+            else:
+                shift, bound = middle, sharper
+        return bound if bound.value > 0.0 else None
+
+    def attempt(self, shift: float) -> DualBound | None:
+        """The bound with ``shift`` on the rotations, enlarged by what rounding demands."""
+        demand = np.zeros(len(self.weights))  # taken off the translations' diagonal beforehand
+        for _ in range(CONFIRMATIONS):
+            factor = self.factor(shift, demand)
+            if factor is None:
+                if not demand.any():
+                    return None
+                shift *= 2.0
+                continue
+            rounding = self.rounding_of(factor) if self.rounding else demand
+            if np.all(rounding[~self.is_rotation] <= demand[~self.is_rotation]):
+                return self.bound(shift + np.where(self.is_rotation, rounding, 0.0))
+            demand = np.where(self.is_rotation, 0.0, MARGIN * rounding)
+            # The gauge's null vectors are (rotations, arms): they feel the demand on the arms.
+            gauge = float(np.sum(demand[~self.is_rotation] * self.arms**2))
+            shift = max(shift, MARGIN * gauge / int(self.is_rotation.sum()))
+        return None
+
+    def factor(self, shift: float, demand: FloatArray) -> Factor | None:
+        self.factorizations += 1
+        return self.symbolic.factor(
+            add_to_diagonal(self.S, np.where(self.is_rotation, shift, -demand))
+        )
+
+    def rounding_of(self, factor: Factor) -> FloatArray:
+        """Delta (N,) with the true S + shift + diag(delta) positive semidefinite."""
+        L, order = factor.lower()
+        L = abs(L)
+        w = self.weights
+        row_counts = np.bincount(L.indices, minlength=len(w))
+        product = L @ (L.T @ w[order])
+        delta = np.empty_like(w)
+        delta[order] = (row_counts + 4) * U * product
+        delta = 1.001 * (delta + self.radii) / w  # the products' own rounding
+        if self.pin is not None:
+            delta[self.pin] = 0.0  # cut off; its diagonal entry is as positive as one likes
+        return delta
+
+    def bound(self, reduction: FloatArray) -> DualBound:
+        d = self.problem.d
+        shifted = self.multipliers.copy()
+        rows = np.arange(d)
+        taken = reduction[self.is_rotation].reshape(-1, d)
+        # Rounded down: a smaller Lam' only adds to the diagonal of S.
+        diagonal = np.nextafter(shifted[:, rows, rows] - taken, -np.inf)
+        shifted[:, rows, rows] = diagonal
+        value = math.nextafter(math.fsum(diagonal.ravel()), -math.inf)
+        return DualBound(value, shifted, float(taken.max()), self.factorizations)
+
+
+def _most_central(t: FloatArray) -> int:
+    """The pose nearest the centroid: pinning it makes the gauge cheapest."""
+    return int(np.argmin(np.linalg.norm(t - t.mean(axis=0), axis=1)))
+
+
+def _assembly_radii(
+    problem: Problem, multipliers: FloatArray, w: FloatArray, is_rotation: BoolArray
+) -> FloatArray:
+    """(N,) row sums of the rounding in S's entries, weighted by w; 0 where S is a stored number.
+
+    An entry that sums k products is off by at most (k + a few) u times the sum of their sizes; the
+    measured matrices add DEFECT, which ``few`` covers. Row sums of d x d rotations are at most
+    sqrt(d), and the triangle inequality does the rest.
+    """
+    n, d = problem.n, problem.d
+    graph = problem.rotation.graph
+    i, j = graph.edges.T
+    terms = np.bincount(graph.edges.ravel(), minlength=n) + 200.0
+    root = math.sqrt(d)
+    diagonal = np.abs(multipliers).sum(axis=2).max(axis=1)
+    turn = problem.rotation.node_weights * (1.0 + root) + diagonal
+    if not isinstance(problem, PoseProblem):
+        return np.repeat(terms * U * turn, d)
+    w_t = float(w[~is_rotation][0])
+    lever = problem.graph.tau * np.abs(problem.graph.translations).sum(axis=1)
+    spread = lever * np.abs(problem.graph.translations).sum(axis=1)
+    out = scatter_sum(i, lever, n)
+    turn = turn + scatter_sum(i, spread, n) + 2.0 * out * w_t
+    move = 2.0 * problem.translation_weights * w_t + 2.0 * out + scatter_sum(j, lever, n)
+    rows = np.concatenate([move[:, None], np.repeat(turn[:, None], d, axis=1)], axis=1)
+    return np.asarray((terms[:, None] * U * rows).ravel())

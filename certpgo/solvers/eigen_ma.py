@@ -1,0 +1,90 @@
+"""EigenMA: rotations from eigenvectors, then translations from one linear system."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from certpgo.errors import InputError, SpecError
+from certpgo.estimate import Estimate
+from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.blocks import scatter_sum
+from certpgo.monitor import Monitor, Stopwatch, silent
+from certpgo.problem import PoseProblem, Problem
+from certpgo.solution import Solution, Status
+from certpgo.solvers.eigen_ra import Anchor, EigenRA, Eigensolver, Weights
+
+
+@dataclass(frozen=True)
+class EigenMA:
+    """The closed-form estimator of Moreira 2020, sections 4.3 and 4.6, d = 2 and 3.
+
+    Attributes
+    ----------
+    weights : ``"graph"`` uses kappa and tau; ``"unit"`` weighs every edge alike, as the thesis
+    translations : ``"ml"`` minimises F for the rotations found; ``"thesis"`` solves eq. 4.12,
+        which counts each edge in both directions and does not minimise F exactly
+    anchor, eigensolver, tol : as `EigenRA`
+    """
+
+    weights: Weights = "graph"
+    translations: Literal["ml", "thesis"] = "ml"
+    anchor: Anchor = "none"
+    eigensolver: Eigensolver = "krylov_schur"
+    tol: float = 1e-6
+
+    poses: ClassVar[bool] = True
+    rotations: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        if self.translations not in ("ml", "thesis"):
+            raise SpecError.unknown("translations", self.translations, ("ml", "thesis"))
+        self._eigen_ra()
+
+    def _eigen_ra(self) -> EigenRA:
+        return EigenRA(self.weights, self.anchor, self.eigensolver, self.tol)
+
+    def solve(
+        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+    ) -> Solution:
+        """Poses of the problem.
+
+        Raises
+        ------
+        InputError
+            The problem has no translations.
+        """
+        if not isinstance(problem, PoseProblem):
+            raise InputError("EigenMA needs translations; use eigen_ra for rotations alone")
+        watch = Stopwatch()
+        weighted = problem.with_unit_weights() if self.weights == "unit" else problem
+        rotations, _ = self._eigen_ra().rotations_of(weighted.rotation, watch)
+        with watch.phase("translations"):
+            if self.translations == "ml":
+                t = weighted.translations(rotations)
+            else:
+                t = symmetrized_translations(weighted, rotations)
+        estimate = Estimate(rotations, t)
+        return Solution(estimate, problem.cost(estimate), Status.CLOSED_FORM, seconds=watch.seconds)
+
+
+def symmetrized_translations(problem: PoseProblem, rotations: FloatArray) -> FloatArray:
+    """Translations (n, d) of the thesis' system, eq. 4.12, the first at zero.
+
+    It counts each edge in both directions, which amounts to t_j - t_i ~
+    (R_i t_ij + R_j R_ij^T t_ij) / 2. The sign of its displayed eq. 4.11 is wrong, 4.12 is right.
+    """
+    graph = problem.graph
+    i, j = graph.edges.T
+    t = graph.translations[:, :, None]
+    forward = rotations[i] @ t
+    backward = rotations[j] @ (np.swapaxes(graph.rotation.rotations, 1, 2) @ t)
+    step = graph.tau[:, None] * 0.5 * (forward + backward)[:, :, 0]
+    return problem.solve_translations(
+        scatter_sum(j, step, problem.n) - scatter_sum(i, step, problem.n)
+    )
+
+
+SOLVER = EigenMA

@@ -1,0 +1,89 @@
+"""EigenRA: rotation averaging by the smallest eigenvectors of the connection Laplacian."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from certpgo import spectral
+from certpgo.errors import SpecError
+from certpgo.estimate import Estimate
+from certpgo.linalg.arrays import FloatArray
+from certpgo.monitor import Monitor, Stopwatch, silent
+from certpgo.problem import Problem, RotationProblem
+from certpgo.solution import Solution, Status
+
+Anchor = Literal["none", "first", "chordal"]
+Weights = Literal["graph", "unit"]
+Eigensolver = Literal["krylov_schur", "arpack"]
+
+
+@dataclass(frozen=True)
+class EigenRA:
+    """The closed-form estimator of Moreira 2020, sections 4.2 and 4.6, d = 2 and 3.
+
+    Attributes
+    ----------
+    weights : ``"graph"`` uses kappa; ``"unit"`` weighs every edge alike, as the thesis does
+    anchor : how eigenvectors V become rotations (Appendix B.6): ``"none"`` projects the blocks of
+        V; ``"first"`` those of V V_1^-1; ``"chordal"`` solves a linear system with the first
+        rotation fixed instead, which is the chordal relaxation
+    eigensolver : ``"krylov_schur"`` (block, the default) or ``"arpack"``
+    tol : relative accuracy of the eigenpairs
+    """
+
+    weights: Weights = "graph"
+    anchor: Anchor = "none"
+    eigensolver: Eigensolver = "krylov_schur"
+    tol: float = 1e-6
+
+    poses: ClassVar[bool] = False
+    rotations: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        for what, value, known in (
+            ("weights", self.weights, ("graph", "unit")),
+            ("anchor", self.anchor, ("none", "first", "chordal")),
+            ("eigensolver", self.eigensolver, ("krylov_schur", "arpack")),
+        ):
+            if value not in known:
+                raise SpecError.unknown(what, value, known)
+        if not 0.0 < self.tol < 1.0:
+            raise SpecError(f"tol must lie between 0 and 1, not {self.tol}")
+
+    def solve(
+        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+    ) -> Solution:
+        """Rotations of the problem; translations, if it has any, are left aside."""
+        watch = Stopwatch()
+        rotations, bound = self.rotations_of(problem.rotation, watch)
+        estimate = Estimate(rotations)
+        return Solution(
+            estimate=estimate,
+            cost=problem.rotation.cost(estimate),
+            status=Status.CLOSED_FORM,
+            lower_bound=bound,
+            seconds=watch.seconds,
+        )
+
+    def rotations_of(
+        self, problem: RotationProblem, watch: Stopwatch
+    ) -> tuple[FloatArray, float | None]:
+        """Rotations (n, d, d), and the spectral bound on F* where the weights make it one."""
+        if self.weights == "unit":
+            problem = problem.with_unit_weights()
+        if self.anchor == "chordal":
+            with watch.phase("solve"):
+                return spectral.solve_anchored(problem), None
+        with watch.phase("eigen"):
+            pairs = spectral.smallest_eigenpairs(problem, tol=self.tol, method=self.eigensolver)
+        with watch.phase("round"):
+            if self.anchor == "first":
+                rotations = spectral.round_anchored(pairs.vectors, problem.d)
+            else:
+                rotations = spectral.round_to_rotations(pairs.vectors, problem.d)
+        bound = spectral.spectral_bound(problem, pairs.values) if self.weights == "graph" else None
+        return rotations, bound
+
+
+SOLVER = EigenRA

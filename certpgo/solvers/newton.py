@@ -1,0 +1,56 @@
+"""Newton's method from a given start, or from the eigenvectors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from certpgo import newton, spectral
+from certpgo.errors import SpecError
+from certpgo.estimate import Estimate
+from certpgo.monitor import Monitor, Stopwatch, silent
+from certpgo.problem import Problem
+from certpgo.solution import Solution
+
+
+@dataclass(frozen=True)
+class Newton:
+    """Damped Newton with the exact Hessian; local, see `certpgo.newton`.
+
+    Attributes
+    ----------
+    tolerance : stationarity at which to stop, radians
+    max_iterations : stop anyway
+    """
+
+    tolerance: float = 1e-12
+    max_iterations: int = 100
+
+    poses: ClassVar[bool] = True
+    rotations: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        if self.tolerance < 0.0 or self.max_iterations < 1:
+            raise SpecError("tolerance must not be negative and max_iterations at least 1")
+
+    def solve(
+        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+    ) -> Solution:
+        """The stationary point that descent from ``initial`` reaches."""
+        watch = Stopwatch()
+        if initial is None:
+            with watch.phase("start"):
+                pairs = spectral.smallest_eigenpairs(problem.rotation)
+                rotations = spectral.round_to_rotations(pairs.vectors, problem.d)
+                initial = problem.complete(rotations)
+        return newton.newton(
+            problem,
+            initial,
+            tolerance=self.tolerance,
+            max_iterations=self.max_iterations,
+            monitor=monitor,
+            watch=watch,
+        )
+
+
+SOLVER = Newton

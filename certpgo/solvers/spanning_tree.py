@@ -1,0 +1,62 @@
+"""Composing measurements along a spanning tree."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from certpgo.errors import SpecError
+from certpgo.estimate import Estimate
+from certpgo.graph import RotationGraph
+from certpgo.linalg.arrays import FloatArray
+from certpgo.monitor import Monitor, Stopwatch, silent
+from certpgo.problem import Problem
+from certpgo.solution import Solution, Status
+from certpgo.trees import compose, spanning_tree
+
+Tree = Literal["breadth_first", "odometry", "maximum_weight"]
+
+
+@dataclass(frozen=True)
+class SpanningTree:
+    """The start that every tool knows: exact on the tree's edges, blind to all others.
+
+    Attributes
+    ----------
+    tree : ``"breadth_first"`` from node 0; ``"odometry"`` prefers edges between nearby node
+        numbers, hence the chain of consecutive poses where there is one; ``"maximum_weight"``
+        prefers large kappa
+    """
+
+    tree: Tree = "breadth_first"
+
+    poses: ClassVar[bool] = True
+    rotations: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        known = ("breadth_first", "odometry", "maximum_weight")
+        if self.tree not in known:
+            raise SpecError.unknown("tree", self.tree, known)
+
+    def solve(
+        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+    ) -> Solution:
+        """Poses, or rotations, with the first node at the identity."""
+        watch = Stopwatch()
+        lengths = self._lengths(problem.rotation.graph)
+        with watch.phase("tree"):
+            estimate = compose(problem.graph, spanning_tree(problem.graph, lengths))
+        return Solution(estimate, problem.cost(estimate), Status.CLOSED_FORM, seconds=watch.seconds)
+
+    def _lengths(self, graph: RotationGraph) -> FloatArray | None:
+        if self.tree == "breadth_first":
+            return None
+        if self.tree == "odometry":
+            return np.abs(graph.edges[:, 0] - graph.edges[:, 1]).astype(np.float64)
+        # Positive and falling with kappa; only the order matters for a minimum spanning tree.
+        return np.asarray(2.0 - graph.kappa / graph.kappa.max())
+
+
+SOLVER = SpanningTree

@@ -1,0 +1,106 @@
+"""Rotations from eigenvectors: the relaxation behind EigenRA, its rounding and its bound."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from certpgo import operators
+from certpgo.errors import NumericalError
+from certpgo.linalg import so
+from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.blocks import pinned
+from certpgo.linalg.eigen import Eigenpairs, arpack, krylov_schur
+from certpgo.linalg.factor import Factor
+from certpgo.problem import RotationProblem
+
+#: Shifts of L, over its mean diagonal, tried until the factorization succeeds.
+SHIFTS = (1e-12, 1e-10, 1e-8)
+
+
+def smallest_eigenpairs(
+    problem: RotationProblem,
+    k: int | None = None,
+    *,
+    tol: float = 1e-6,
+    method: str = "krylov_schur",
+) -> Eigenpairs:
+    """The k (by default d) smallest eigenpairs of the connection Laplacian; thesis section 4.2.
+
+    Parameters
+    ----------
+    tol : relative accuracy asked of the pairs, as residual of the inverse
+    method : ``"krylov_schur"`` or ``"arpack"``
+
+    Raises
+    ------
+    NumericalError
+        No factorization, or no convergence.
+    """
+    k = min(k or problem.d, problem.d * problem.n)
+    shift, factor = _shifted_factor(problem)
+    L = problem.connection_laplacian
+    if method == "arpack":
+        return arpack(L, factor.solve, k, shift=shift, tol=tol)
+    return krylov_schur(L, factor.solve, k, tol=tol)
+
+
+def spectral_bound(problem: RotationProblem, eigenvalues: FloatArray) -> float:
+    """N (lambda_1 + ... + lambda_d) <= F*, from computed eigenvalues; thesis eq. 4.7."""
+    return float(problem.n * np.maximum(eigenvalues[: problem.d], 0.0).sum())
+
+
+def round_to_rotations(V: FloatArray, d: int) -> FloatArray:
+    """Rotations (n, d, d) nearest to the blocks of eigenvectors V (dn, d).
+
+    The columns of X^T = [R_1 ... R_n]^T lie near the span of V. A common reflection is a gauge of
+    V, and the one under which most blocks have positive determinant is taken.
+    """
+    blocks = np.swapaxes(V.reshape(-1, d, d), 1, 2)
+    if np.median(np.sign(np.linalg.det(blocks))) < 0:
+        blocks = blocks * np.r_[-np.ones(1), np.ones(d - 1)][:, None]
+    return so.project(blocks)
+
+
+def round_anchored(V: FloatArray, d: int) -> FloatArray:
+    """Rotations from V V_1^-1, so that the first is the identity; thesis Appendix B.6.
+
+    Where the eigenvalues differ, the columns of V V_1^-1 are no eigenvectors, and the result
+    depends on the anchor.
+    """
+    blocks = V.reshape(-1, d, d)
+    return so.project(np.swapaxes(blocks @ np.linalg.inv(blocks[0]), 1, 2))
+
+
+def solve_anchored(problem: RotationProblem) -> FloatArray:
+    """Rotations from L_2 X = -L_1 with the first fixed at the identity; thesis Appendix B.6.
+
+    The chordal relaxation of Martinec and Pajdla, solved by one factorization.
+
+    Raises
+    ------
+    NumericalError
+        The reduced matrix could not be factorized.
+    """
+    d, n = problem.d, problem.n
+    L = problem.connection_laplacian
+    first = np.arange(d)
+    reduced = pinned(L, first)
+    factor = problem.symbolic(reduced).factor(reduced)
+    if factor is None:
+        raise NumericalError("the anchored connection Laplacian is not positive definite")
+    right = -L[:, first].toarray()
+    right[first] = 0.0
+    X = factor.solve(right)
+    X[first] = np.eye(d)
+    return so.project(np.swapaxes(X.reshape(n, d, d), 1, 2))
+
+
+def _shifted_factor(problem: RotationProblem) -> tuple[float, Factor]:
+    mean = float(problem.node_weights.mean())
+    for relative in SHIFTS:
+        shift = relative * mean
+        A = operators.connection_laplacian(problem.pattern, problem.graph, shift)
+        factor = problem.symbolic(A).factor(A)
+        if factor is not None:
+            return shift, factor
+    raise NumericalError("the connection Laplacian could not be factorized")

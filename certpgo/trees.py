@@ -1,0 +1,78 @@
+"""Spanning trees of a graph, and poses composed along them."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from certpgo.estimate import Estimate
+from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.linalg import so
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+
+
+def spanning_tree(graph: RotationGraph | PoseGraph, lengths: FloatArray | None = None) -> IntArray:
+    """(n,) parent of each node, negative for the root 0, in a spanning tree of a connected graph.
+
+    Parameters
+    ----------
+    lengths : (m,) positive edge lengths whose sum the tree minimises; by default the tree is the
+        breadth-first one, whose paths are shortest
+    """
+    n, (i, j) = graph.num_nodes, graph.edges.T
+    low, high = np.minimum(i, j), np.maximum(i, j)
+    values = np.ones(graph.num_edges) if lengths is None else lengths
+    # Of parallel edges the shortest: csgraph would add them up.
+    order = np.lexsort((values, high, low))
+    low, high = low[order], high[order]
+    first = np.r_[True, (np.diff(low) != 0) | (np.diff(high) != 0)]
+    tree = sparse.csr_array((values[order][first], (low[first], high[first])), shape=(n, n))
+    if lengths is not None:
+        tree = csgraph.minimum_spanning_tree(tree)
+    return np.asarray(csgraph.breadth_first_order(tree, 0, directed=False)[1], dtype=np.intp)
+
+
+def compose(graph: RotationGraph | PoseGraph, parents: IntArray) -> Estimate:
+    """Absolute poses from the measurements on tree edges (child, parent).
+
+    Parameters
+    ----------
+    parents : (n,) parent of each node, negative for the root
+
+    Pointer jumping: each round composes every node's pose with its ancestor's and jumps to that
+    ancestor's ancestor, so that chains of any length take log2(n) rounds.
+    """
+    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    n, d = rotation.num_nodes, rotation.d
+    children = np.flatnonzero(parents >= 0)
+    edge, forward = _edges_between(rotation, parents[children], children)
+    R = np.tile(np.eye(d), (n, 1, 1))
+    t = np.zeros((n, d))
+    measured = rotation.rotations[edge]
+    R[children] = np.where(forward[:, None, None], measured, np.swapaxes(measured, 1, 2))
+    if isinstance(graph, PoseGraph):
+        step = graph.translations[edge]
+        back = -np.einsum("mba,mb->ma", measured, step)
+        t[children] = np.where(forward[:, None], step, back)
+    ancestor = np.where(parents >= 0, parents, np.arange(n))
+    while not np.array_equal(ancestor, ancestor[ancestor]):
+        t = t[ancestor] + np.einsum("nab,nb->na", R[ancestor], t)
+        R = R[ancestor] @ R
+        ancestor = ancestor[ancestor]
+    t = t[ancestor] + np.einsum("nab,nb->na", R[ancestor], t)
+    R = so.project(R[ancestor] @ R)
+    return Estimate(R, t if isinstance(graph, PoseGraph) else None)
+
+
+def _edges_between(
+    graph: RotationGraph, parents: IntArray, children: IntArray
+) -> tuple[IntArray, BoolArray]:
+    """For each parent and child an edge that joins them, and whether it points to the child."""
+    n, (i, j) = graph.num_nodes, graph.edges.T
+    key = np.minimum(i, j) * n + np.maximum(i, j)
+    # Among parallel edges the heaviest, the first of equals.
+    order = np.lexsort((-graph.kappa, key))
+    wanted = np.minimum(parents, children) * n + np.maximum(parents, children)
+    edge = order[np.searchsorted(key[order], wanted)]
+    return edge, i[edge] == parents
