@@ -1,0 +1,298 @@
+"""A problem as GTSAM holds it, and back; what the GTSAM baselines share.
+
+GTSAM minimises half the sum of r^T Omega r over logarithmic residuals r. With Omega_R = 2 kappa I
+and Omega_t = tau I that is F/2 to first order, in 2D and 3D alike. Its Pose3 tangent is (rotation,
+translation), its Pose2 tangent (x, y, theta). A prior on the first node stands in for the gauge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from certpgo.errors import CertPGOError, InputError, MissingDependency, NumericalError
+from certpgo.estimate import Estimate
+from certpgo.linalg import so
+from certpgo.linalg.arrays import FloatArray
+from certpgo.monitor import Monitor, Stopwatch, silent
+from certpgo.problem import PoseProblem, Problem
+from certpgo.solution import Solution, Status
+
+#: Information of the prior on the first node; its residual is zero at the optimum.
+PRIOR_PRECISION = 1e6
+
+ISOTROPIC = "GTSAM with isotropic information from kappa and tau"
+FILE = "GTSAM with the file's full information"
+
+
+def library() -> Any:
+    """The gtsam module, imported when first asked for.
+
+    Raises
+    ------
+    MissingDependency
+        It is not installed.
+    """
+    try:
+        import gtsam
+    except ImportError:
+        raise MissingDependency("GTSAM", "baselines") from None
+    return gtsam
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A problem as GTSAM holds it.
+
+    Attributes
+    ----------
+    kind : ``"Pose2"``, ``"Pose3"``, ``"Rot2"`` or ``"Rot3"``
+    graph : NonlinearFactorGraph of the measurements, without a prior
+    keys : GTSAM's key of each node, ascending
+    note : which information the factors carry
+    file_values : Values of the file's vertices, or None
+    """
+
+    kind: str
+    graph: Any
+    keys: list[int]
+    note: str
+    file_values: Any = None
+
+    def anchored(self, values: Any = None) -> Any:
+        """The graph with a prior on the first node: its place in ``values``, or the identity."""
+        gtsam = library()
+        element = getattr(gtsam, self.kind)
+        place = element() if values is None else self.element(values, self.keys[0])
+        noise = gtsam.noiseModel.Isotropic.Precision(_dimension(self.kind), PRIOR_PRECISION)
+        graph = self.graph.clone()
+        graph.add(getattr(gtsam, f"PriorFactor{self.kind}")(self.keys[0], place, noise))
+        return graph
+
+    def element(self, values: Any, key: int) -> Any:
+        """The pose or rotation of one node."""
+        return getattr(values, f"at{self.kind}")(key)
+
+    def values(self, estimate: Estimate) -> Any:
+        """The estimate as Values."""
+        values = library().Values()
+        for key, element in zip(self.keys, _elements(*_parts(self.kind, estimate)), strict=True):
+            values.insert(key, element)
+        return values
+
+    def estimate(self, values: Any) -> Estimate:
+        """Values as an estimate.
+
+        Raises
+        ------
+        NumericalError
+            They are not finite.
+        """
+        elements = [self.element(values, key) for key in self.keys]
+        poses = self.kind.startswith("Pose")
+        R = np.array([(e.rotation() if poses else e).matrix() for e in elements])
+        t = np.array([e.translation() for e in elements]) if poses else None
+        if not (np.isfinite(R).all() and (t is None or np.isfinite(t).all())):
+            raise NumericalError("GTSAM: the result is not finite")
+        return Estimate(so.project(R), t)
+
+
+def isotropic_model(problem: Problem, note: str = ISOTROPIC) -> Model:
+    """Factors with information diag(2 kappa I, tau I)."""
+    turn = 2.0 * problem.rotation.graph.kappa[:, None]
+    precisions = np.repeat(turn, so.tangent_dim(problem.d), axis=1)
+    if isinstance(problem, PoseProblem):
+        move = np.repeat(problem.graph.tau[:, None], problem.d, axis=1)
+        order = [precisions, move] if problem.d == 3 else [move, precisions]
+        precisions = np.concatenate(order, axis=1)
+    return _built_model(problem, precisions, note)
+
+
+def uniform_model(problem: Problem) -> Model:
+    """Factors whose every component has information 2 kappa, which is all FastSync takes."""
+    kind = _kind(problem)
+    precisions = np.repeat(2.0 * problem.rotation.graph.kappa[:, None], _dimension(kind), axis=1)
+    return _built_model(problem, precisions, "GTSAM with information 2 kappa I, tau unused")
+
+
+def model_of(problem: Problem, source: str | None) -> Model:
+    """The file's own factors where GTSAM reads them all, isotropic ones otherwise.
+
+    Keys are the file's node ids; in ascending order they are the problem's nodes.
+
+    Raises
+    ------
+    InputError
+        There is no such file.
+    """
+    if source is None:
+        return isotropic_model(problem)
+    if not Path(source).is_file():
+        raise InputError(f"{source}: no such file")
+    try:
+        graph, values = library().readG2o(str(source), problem.d == 3)
+    except RuntimeError as error:
+        return isotropic_model(problem, f"{ISOTROPIC} (of the file it says: {_sentence(error)})")
+    keys = sorted(graph.keyVector())
+    m, n = problem.graph.num_edges, problem.n
+    if (graph.nrFactors(), len(keys)) != (m, n):
+        seen = f"it sees {len(keys)} nodes and {graph.nrFactors()} edges in the file"
+        return isotropic_model(problem, f"{ISOTROPIC} ({seen}, the problem has {n} and {m})")
+    complete = all(values.exists(key) for key in keys)
+    return Model(_kind(problem), graph, keys, FILE, values if complete else None)
+
+
+def initialization(model: Model) -> Callable[[], Any]:
+    """GTSAM's chordal initialization as a call: InitializePose3, in 2D LAGO."""
+    gtsam, graph = library(), model.anchored()
+    if model.kind == "Pose3":
+        return lambda: gtsam.InitializePose3.initialize(graph)
+    # LAGO's default walks along the odometry; without one it needs a spanning tree.
+    odometry = _has_odometry(model)
+    return lambda: gtsam.lago.initialize(graph, odometry)
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a step of GTSAM gives: values, how it ended, and iterations."""
+
+    values: Any
+    status: Status = Status.CLOSED_FORM
+    iterations: int = 0
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """A method of GTSAM on a problem; subclasses say how it is made ready."""
+
+    poses: ClassVar[bool] = True
+    rotations: ClassVar[bool] = False
+
+    def ready(
+        self, problem: Problem, initial: Estimate | None, watch: Stopwatch
+    ) -> tuple[Model, Callable[[], Outcome]]:
+        """Build GTSAM's objects; the call returned runs the method on them."""
+        raise NotImplementedError
+
+    def prepared(self, problem: Problem, initial: Estimate | None = None) -> Callable[[], Any]:
+        """The method's step alone, for timing: graph and start are built before.
+
+        Returns
+        -------
+        A call without arguments that runs the step anew each time and returns GTSAM's Values; a
+        failure is a NumericalError as in `solve`.
+        """
+        self._check(problem)
+        with translated():
+            _, step = self.ready(problem, initial, Stopwatch())
+
+        def run() -> Any:
+            with translated():
+                return step().values
+
+        return run
+
+    def solve(
+        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+    ) -> Solution:
+        """Run the method; GTSAM cannot be watched, so the monitor is told nothing.
+
+        Returns
+        -------
+        Solution with seconds by phase: ``build`` (GTSAM's graph), ``start``, ``solve``; its note
+        says which information the factors carried.
+
+        Raises
+        ------
+        InputError
+            A kind of problem that the method does not take, or an initial estimate of another one.
+        MissingDependency
+            GTSAM is not installed.
+        NumericalError
+            GTSAM gave up; the text is its own.
+        """
+        self._check(problem)
+        if initial is not None:
+            problem.check(initial)
+        library()  # its import is nobody's phase
+        watch = Stopwatch()
+        with translated():
+            model, step = self.ready(problem, initial, watch)
+            with watch.phase("solve"):
+                outcome = step()
+            estimate = model.estimate(outcome.values)
+        return Solution(
+            estimate=estimate,
+            cost=problem.cost(estimate),
+            status=outcome.status,
+            iterations=outcome.iterations,
+            seconds=dict(watch.seconds),
+            note=model.note,
+        )
+
+    def _check(self, problem: Problem) -> None:
+        if not (self.poses if isinstance(problem, PoseProblem) else self.rotations):
+            raise InputError("this method of GTSAM takes pose graphs, not rotations alone")
+
+
+@contextmanager
+def translated() -> Iterator[None]:
+    """Turn GTSAM's exceptions into NumericalError with the first sentence of their text."""
+    try:
+        yield
+    except CertPGOError:
+        raise
+    except (RuntimeError, ValueError, IndexError) as error:
+        raise NumericalError(f"GTSAM: {_sentence(error)}") from error
+
+
+def _sentence(error: Exception) -> str:
+    paragraph = str(error).strip().partition("\n\n")[0]
+    return " ".join(paragraph.split()) or type(error).__name__
+
+
+def _built_model(problem: Problem, precisions: FloatArray, note: str) -> Model:
+    gtsam, kind = library(), _kind(problem)
+    factor = getattr(gtsam, f"BetweenFactor{kind}")
+    noise = gtsam.noiseModel.Diagonal.Precisions
+    t = problem.graph.translations if isinstance(problem, PoseProblem) else None
+    measured = _elements(problem.rotation.graph.rotations, t)
+    graph = gtsam.NonlinearFactorGraph()
+    for (i, j), element, p in zip(problem.graph.edges.tolist(), measured, precisions, strict=True):
+        graph.add(factor(i, j, element, noise(p)))
+    return Model(kind, graph, list(range(problem.n)), note)
+
+
+def _kind(problem: Problem) -> str:
+    return f"{'Pose' if isinstance(problem, PoseProblem) else 'Rot'}{problem.d}"
+
+
+def _dimension(kind: str) -> int:
+    d = int(kind[-1])
+    return so.tangent_dim(d) + (d if kind.startswith("Pose") else 0)
+
+
+def _parts(kind: str, estimate: Estimate) -> tuple[FloatArray, FloatArray | None]:
+    return estimate.rotations, estimate.translations if kind.startswith("Pose") else None
+
+
+def _elements(R: FloatArray, t: FloatArray | None) -> list[Any]:
+    gtsam = library()
+    if R.shape[-1] == 3:
+        rotations, pose = [gtsam.Rot3(r) for r in R], gtsam.Pose3
+    else:
+        rotations, pose = [gtsam.Rot2.fromCosSin(*r[:, 0]) for r in R], gtsam.Pose2
+    if t is None:
+        return rotations
+    return [pose(r, x) for r, x in zip(rotations, t, strict=True)]
+
+
+def _has_odometry(model: Model) -> bool:
+    pairs = {tuple(model.graph.at(k).keys()) for k in range(model.graph.nrFactors())}
+    first, n = model.keys[0], len(model.keys)
+    return all((k, k + 1) in pairs for k in range(first, first + n - 1))

@@ -1,0 +1,92 @@
+"""What GTSAM's iterative optimizers share: where they start and how their end is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from certpgo.errors import InputError, SpecError
+from certpgo.estimate import Estimate
+from certpgo.monitor import Stopwatch
+from certpgo.problem import Problem
+from certpgo.solution import Status
+
+from . import _gtsam
+
+STARTS = ("chordal", "file")
+
+
+@dataclass(frozen=True)
+class LocalSearch(_gtsam.Baseline):
+    """An optimizer of GTSAM with its default settings.
+
+    Attributes
+    ----------
+    source : path of the file that the problem was read from; its full information is then used
+        where GTSAM can read it
+    start : where to start when no initial estimate is given: GTSAM's own ``"chordal"``
+        initialization, or the vertices of the ``"file"``
+    max_iterations : GTSAM's default is 100
+
+    Raises
+    ------
+    SpecError
+        An unknown start, a start from the file without a source, no iterations.
+    """
+
+    optimizer: ClassVar[str]
+
+    source: str | None = None
+    start: str = "chordal"
+    max_iterations: int = 100
+
+    def __post_init__(self) -> None:
+        if self.start not in STARTS:
+            raise SpecError.unknown("start", self.start, STARTS)
+        if self.start == "file" and self.source is None:
+            raise SpecError("start='file' needs source, the path of the file")
+        if self.max_iterations < 1:
+            raise SpecError(f"max_iterations must be at least 1, not {self.max_iterations}")
+
+    def ready(
+        self, problem: Problem, initial: Estimate | None, watch: Stopwatch
+    ) -> tuple[_gtsam.Model, Callable[[], _gtsam.Outcome]]:
+        """Build graph and start; the call constructs the optimizer and runs it."""
+        gtsam = _gtsam.library()
+        with watch.phase("build"):
+            model = _gtsam.model_of(problem, self.source)
+        with watch.phase("start"):
+            values = self._start(model, problem, initial)
+            graph = model.anchored(values)
+        parameters = getattr(gtsam, f"{self.optimizer}Params")()
+        parameters.setMaxIterations(self.max_iterations)
+
+        def run() -> _gtsam.Outcome:
+            # The constructor orders the variables, which counts.
+            search = getattr(gtsam, f"{self.optimizer}Optimizer")(graph, values, parameters)
+            before = search.error()
+            result = search.optimize()
+            return _gtsam.Outcome(result, self._status(search, before), search.iterations())
+
+        return model, run
+
+    def _start(self, model: _gtsam.Model, problem: Problem, initial: Estimate | None) -> Any:
+        if initial is not None:
+            return model.values(initial)
+        if self.start == "file":
+            if model.file_values is None:
+                raise InputError(f"{self.source}: GTSAM finds no vertex for every node")
+            return model.file_values
+        if problem.d == 3:
+            return _gtsam.initialization(model)()
+        # LAGO refuses correlated information, so it starts from the isotropic factors.
+        simple = _gtsam.isotropic_model(problem)
+        return model.values(simple.estimate(_gtsam.initialization(simple)()))
+
+    def _status(self, search: Any, before: float) -> Status:
+        # GTSAM stops without a word when a step raises the error, and keeps the step.
+        if not search.error() <= before:
+            return Status.STALLED
+        limited = search.iterations() >= self.max_iterations
+        return Status.ITERATION_LIMIT if limited else Status.CONVERGED

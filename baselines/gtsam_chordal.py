@@ -1,0 +1,37 @@
+"""GTSAM's chordal initialization (Carlone et al., ICRA 2015); in 2D LAGO (RSS 2011)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from certpgo.estimate import Estimate
+from certpgo.monitor import Stopwatch
+from certpgo.problem import Problem
+
+from . import _gtsam
+
+
+@dataclass(frozen=True)
+class SOLVER(_gtsam.Baseline):
+    """InitializePose3 (rotations, then one Gauss-Newton step on the poses), in 2D LAGO.
+
+    An initial estimate plays no part. LAGO refuses information with correlations, so in 2D a
+    source that has them is an error.
+
+    Attributes
+    ----------
+    source : path of the file that the problem was read from; its full information is then used
+        where GTSAM can read it
+    """
+
+    source: str | None = None
+
+    def ready(
+        self, problem: Problem, initial: Estimate | None, watch: Stopwatch
+    ) -> tuple[_gtsam.Model, Callable[[], _gtsam.Outcome]]:
+        """Build the graph with its prior; the call initializes from it."""
+        with watch.phase("build"):
+            model = _gtsam.model_of(problem, self.source)
+            initialize = _gtsam.initialization(model)
+        return model, lambda: _gtsam.Outcome(initialize())

@@ -1,0 +1,33 @@
+"""GTSAM's FastSync: synchronization by one elimination."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar
+
+from certpgo.estimate import Estimate
+from certpgo.monitor import Stopwatch
+from certpgo.problem import Problem
+
+from . import _gtsam
+
+
+@dataclass(frozen=True)
+class SOLVER(_gtsam.Baseline):
+    """FastSync on poses or rotations, in 2D and 3D.
+
+    It takes one isotropic weight a measurement only, here the rotation's 2 kappa; tau is unused. An
+    initial estimate plays no part.
+    """
+
+    rotations: ClassVar[bool] = True
+
+    def ready(
+        self, problem: Problem, initial: Estimate | None, watch: Stopwatch
+    ) -> tuple[_gtsam.Model, Callable[[], _gtsam.Outcome]]:
+        """Build the graph; the call synchronizes it."""
+        with watch.phase("build"):
+            model = _gtsam.uniform_model(problem)
+        synchronize = getattr(_gtsam.library(), f"fastSync{model.kind}")
+        return model, lambda: _gtsam.Outcome(synchronize(model.graph))
