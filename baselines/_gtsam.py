@@ -1,4 +1,4 @@
-"""A problem as GTSAM holds it, and back; what the GTSAM baselines share.
+"""A problem as GTSAM holds it, and back.
 
 GTSAM minimises half the sum of r^T Omega r over logarithmic residuals r. With Omega_R = 2 kappa I
 and Omega_t = tau I that is F/2 to first order, in 2D and 3D alike. Its Pose3 tangent is (rotation,
@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -19,9 +19,7 @@ from certpgo.errors import CertPGOError, InputError, MissingDependency, Numerica
 from certpgo.estimate import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.monitor import Monitor, Stopwatch, silent
 from certpgo.problem import PoseProblem, Problem
-from certpgo.solution import Solution, Status
 
 #: Information of the prior on the first node; its residual is zero at the optimum.
 PRIOR_PRECISION = 1e6
@@ -137,7 +135,7 @@ def model_of(problem: Problem, source: str | None) -> Model:
     try:
         graph, values = library().readG2o(str(source), problem.d == 3)
     except RuntimeError as error:
-        return isotropic_model(problem, f"{ISOTROPIC} (of the file it says: {_sentence(error)})")
+        return isotropic_model(problem, f"{ISOTROPIC} (of the file it says: {sentence(error)})")
     keys = sorted(graph.keyVector())
     m, n = problem.graph.num_edges, problem.n
     if (graph.nrFactors(), len(keys)) != (m, n):
@@ -157,89 +155,6 @@ def initialization(model: Model) -> Callable[[], Any]:
     return lambda: gtsam.lago.initialize(graph, odometry)
 
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """What a step of GTSAM gives: values, how it ended, and iterations."""
-
-    values: Any
-    status: Status = Status.CLOSED_FORM
-    iterations: int = 0
-
-
-@dataclass(frozen=True)
-class Baseline:
-    """A method of GTSAM on a problem; subclasses say how it is made ready."""
-
-    poses: ClassVar[bool] = True
-    rotations: ClassVar[bool] = False
-
-    def ready(
-        self, problem: Problem, initial: Estimate | None, watch: Stopwatch
-    ) -> tuple[Model, Callable[[], Outcome]]:
-        """Build GTSAM's objects; the call returned runs the method on them."""
-        raise NotImplementedError
-
-    def prepared(self, problem: Problem, initial: Estimate | None = None) -> Callable[[], Any]:
-        """The method's step alone, for timing: graph and start are built before.
-
-        Returns
-        -------
-        A call without arguments that runs the step anew each time and returns GTSAM's Values; a
-        failure is a NumericalError as in `solve`.
-        """
-        self._check(problem)
-        with translated():
-            _, step = self.ready(problem, initial, Stopwatch())
-
-        def run() -> Any:
-            with translated():
-                return step().values
-
-        return run
-
-    def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
-    ) -> Solution:
-        """Run the method; GTSAM cannot be watched, so the monitor is told nothing.
-
-        Returns
-        -------
-        Solution with seconds by phase: ``build`` (GTSAM's graph), ``start``, ``solve``; its note
-        says which information the factors carried.
-
-        Raises
-        ------
-        InputError
-            A kind of problem that the method does not take, or an initial estimate of another one.
-        MissingDependency
-            GTSAM is not installed.
-        NumericalError
-            GTSAM gave up; the text is its own.
-        """
-        self._check(problem)
-        if initial is not None:
-            problem.check(initial)
-        library()  # its import is nobody's phase
-        watch = Stopwatch()
-        with translated():
-            model, step = self.ready(problem, initial, watch)
-            with watch.phase("solve"):
-                outcome = step()
-            estimate = model.estimate(outcome.values)
-        return Solution(
-            estimate=estimate,
-            cost=problem.cost(estimate),
-            status=outcome.status,
-            iterations=outcome.iterations,
-            seconds=dict(watch.seconds),
-            note=model.note,
-        )
-
-    def _check(self, problem: Problem) -> None:
-        if not (self.poses if isinstance(problem, PoseProblem) else self.rotations):
-            raise InputError("this method of GTSAM takes pose graphs, not rotations alone")
-
-
 @contextmanager
 def translated() -> Iterator[None]:
     """Turn GTSAM's exceptions into NumericalError with the first sentence of their text."""
@@ -248,10 +163,10 @@ def translated() -> Iterator[None]:
     except CertPGOError:
         raise
     except (RuntimeError, ValueError, IndexError) as error:
-        raise NumericalError(f"GTSAM: {_sentence(error)}") from error
+        raise NumericalError(f"GTSAM: {sentence(error)}") from error
 
 
-def _sentence(error: Exception) -> str:
+def sentence(error: Exception) -> str:
     paragraph = str(error).strip().partition("\n\n")[0]
     return " ".join(paragraph.split()) or type(error).__name__
 

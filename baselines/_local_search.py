@@ -12,13 +12,14 @@ from certpgo.monitor import Stopwatch
 from certpgo.problem import Problem
 from certpgo.solution import Status
 
-from . import _gtsam
+from ._baseline import Baseline, Outcome
+from ._gtsam import Model, initialization, isotropic_model, library, model_of
 
 STARTS = ("chordal", "file")
 
 
 @dataclass(frozen=True)
-class LocalSearch(_gtsam.Baseline):
+class LocalSearch(Baseline):
     """An optimizer of GTSAM with its default settings.
 
     Attributes
@@ -51,27 +52,27 @@ class LocalSearch(_gtsam.Baseline):
 
     def ready(
         self, problem: Problem, initial: Estimate | None, watch: Stopwatch
-    ) -> tuple[_gtsam.Model, Callable[[], _gtsam.Outcome]]:
+    ) -> tuple[Model, Callable[[], Outcome]]:
         """Build graph and start; the call constructs the optimizer and runs it."""
-        gtsam = _gtsam.library()
+        gtsam = library()
         with watch.phase("build"):
-            model = _gtsam.model_of(problem, self.source)
+            model = model_of(problem, self.source)
         with watch.phase("start"):
             values = self._start(model, problem, initial)
             graph = model.anchored(values)
         parameters = getattr(gtsam, f"{self.optimizer}Params")()
         parameters.setMaxIterations(self.max_iterations)
 
-        def run() -> _gtsam.Outcome:
+        def run() -> Outcome:
             # The constructor orders the variables, which counts.
             search = getattr(gtsam, f"{self.optimizer}Optimizer")(graph, values, parameters)
             before = search.error()
             result = search.optimize()
-            return _gtsam.Outcome(result, self._status(search, before), search.iterations())
+            return Outcome(result, self._status(search, before), search.iterations())
 
         return model, run
 
-    def _start(self, model: _gtsam.Model, problem: Problem, initial: Estimate | None) -> Any:
+    def _start(self, model: Model, problem: Problem, initial: Estimate | None) -> Any:
         if initial is not None:
             return model.values(initial)
         if self.start == "file":
@@ -79,10 +80,10 @@ class LocalSearch(_gtsam.Baseline):
                 raise InputError(f"{self.source}: GTSAM finds no vertex for every node")
             return model.file_values
         if problem.d == 3:
-            return _gtsam.initialization(model)()
+            return initialization(model)()
         # LAGO refuses correlated information, so it starts from the isotropic factors.
-        simple = _gtsam.isotropic_model(problem)
-        return model.values(simple.estimate(_gtsam.initialization(simple)()))
+        simple = isotropic_model(problem)
+        return model.values(simple.estimate(initialization(simple)()))
 
     def _status(self, search: Any, before: float) -> Status:
         # GTSAM stops without a word when a step raises the error, and keeps the step.

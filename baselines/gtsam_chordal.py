@@ -9,11 +9,12 @@ from certpgo.estimate import Estimate
 from certpgo.monitor import Stopwatch
 from certpgo.problem import Problem
 
-from . import _gtsam
+from ._baseline import Baseline, Outcome
+from ._gtsam import Model, initialization, model_of
 
 
 @dataclass(frozen=True)
-class SOLVER(_gtsam.Baseline):
+class Chordal(Baseline):
     """InitializePose3 (rotations, then one Gauss-Newton step on the poses), in 2D LAGO.
 
     An initial estimate plays no part. LAGO refuses information with correlations, so in 2D a
@@ -29,9 +30,12 @@ class SOLVER(_gtsam.Baseline):
 
     def ready(
         self, problem: Problem, initial: Estimate | None, watch: Stopwatch
-    ) -> tuple[_gtsam.Model, Callable[[], _gtsam.Outcome]]:
+    ) -> tuple[Model, Callable[[], Outcome]]:
         """Build the graph with its prior; the call initializes from it."""
         with watch.phase("build"):
-            model = _gtsam.model_of(problem, self.source)
-            initialize = _gtsam.initialization(model)
-        return model, lambda: _gtsam.Outcome(initialize())
+            model = model_of(problem, self.source)
+            initialize = initialization(model)
+        return model, lambda: Outcome(initialize())
+
+
+SOLVER = Chordal

@@ -10,11 +10,12 @@ from certpgo.estimate import Estimate
 from certpgo.monitor import Stopwatch
 from certpgo.problem import Problem
 
-from . import _gtsam
+from ._baseline import Baseline, Outcome
+from ._gtsam import Model, library, uniform_model
 
 
 @dataclass(frozen=True)
-class SOLVER(_gtsam.Baseline):
+class FastSync(Baseline):
     """FastSync on poses or rotations, in 2D and 3D.
 
     It takes one isotropic weight a measurement only, here the rotation's 2 kappa; tau is unused. An
@@ -25,9 +26,12 @@ class SOLVER(_gtsam.Baseline):
 
     def ready(
         self, problem: Problem, initial: Estimate | None, watch: Stopwatch
-    ) -> tuple[_gtsam.Model, Callable[[], _gtsam.Outcome]]:
+    ) -> tuple[Model, Callable[[], Outcome]]:
         """Build the graph; the call synchronizes it."""
         with watch.phase("build"):
-            model = _gtsam.uniform_model(problem)
-        synchronize = getattr(_gtsam.library(), f"fastSync{model.kind}")
-        return model, lambda: _gtsam.Outcome(synchronize(model.graph))
+            model = uniform_model(problem)
+        synchronize = getattr(library(), f"fastSync{model.kind}")
+        return model, lambda: Outcome(synchronize(model.graph))
+
+
+SOLVER = FastSync

@@ -9,7 +9,10 @@ from ._local_search import LocalSearch
 
 
 @dataclass(frozen=True)
-class SOLVER(LocalSearch):
+class GaussNewton(LocalSearch):
     """GTSAM's Gauss-Newton from its chordal initialization; see `LocalSearch` for the settings."""
 
     optimizer: ClassVar[str] = "GaussNewton"
+
+
+SOLVER = GaussNewton

@@ -9,7 +9,10 @@ from ._local_search import LocalSearch
 
 
 @dataclass(frozen=True)
-class SOLVER(LocalSearch):
+class LevenbergMarquardt(LocalSearch):
     """GTSAM's Levenberg-Marquardt from its chordal initialization; settings as `LocalSearch`."""
 
     optimizer: ClassVar[str] = "LevenbergMarquardt"
+
+
+SOLVER = LevenbergMarquardt
