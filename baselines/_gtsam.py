@@ -51,7 +51,7 @@ class Model:
     ----------
     kind : ``"Pose2"``, ``"Pose3"``, ``"Rot2"`` or ``"Rot3"``
     graph : NonlinearFactorGraph of the measurements, without a prior
-    keys : GTSAM's key of each node, ascending
+    keys : GTSAM's key of each node
     note : which information the factors carry
     file_values : Values of the file's vertices, or None
     """
@@ -121,7 +121,7 @@ def uniform_model(problem: Problem) -> Model:
 def model_of(problem: Problem, source: str | None) -> Model:
     """The file's own factors where GTSAM reads them all, isotropic ones otherwise.
 
-    Keys are the file's node ids; in ascending order they are the problem's nodes.
+    Keys are the file's node ids; those in ascending order are the problem's nodes.
 
     Raises
     ------
@@ -136,7 +136,8 @@ def model_of(problem: Problem, source: str | None) -> Model:
         graph, values = library().readG2o(str(source), problem.d == 3)
     except RuntimeError as error:
         return isotropic_model(problem, f"{ISOTROPIC} (of the file it says: {sentence(error)})")
-    keys = sorted(graph.keyVector())
+    # Keys are unsigned: negative ids wrap around, and their order with them.
+    keys = sorted(graph.keyVector(), key=lambda key: key - (key >> 63 << 64))
     m, n = problem.graph.num_edges, problem.n
     if (graph.nrFactors(), len(keys)) != (m, n):
         seen = f"it sees {len(keys)} nodes and {graph.nrFactors()} edges in the file"

@@ -197,6 +197,16 @@ def test_a_step_that_raises_the_error_is_a_stall(gtsam, dataset, dataset_path):
     assert solution.cost == pytest.approx(7262059.6, rel=1e-6)
 
 
+SE3_FILE = """\
+VERTEX_SE3:QUAT 40 0 0 0 0 0 0 1
+VERTEX_SE3:QUAT 7 1 0 0 0 0 0 1
+VERTEX_SE3:QUAT -3 1 1 0 0 0 0 1
+EDGE_SE3:QUAT 40 7 1 0 0 0 0 0 1 {information}
+EDGE_SE3:QUAT 7 -3 0 1 0 0 0 0 1 {information}
+EDGE_SE3:QUAT -3 40 -1 -1 0.1 0 0 0 1 {information}
+EDGE_SE3:QUAT -3 40 -1 -1 0.1 0 0 0 1 {information}
+"""
+
 SE2_FILE = """\
 VERTEX_SE2 40 0 0 0
 VERTEX_SE2 7 1 0 0.1
@@ -214,7 +224,7 @@ def triangle(information, tmp_path):
     t = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, -1.0]])
     graph = PoseGraph(RotationGraph(3, edges, R, np.full(3, 4.0)), t, np.full(3, 2.0))
     path = tmp_path / "triangle.g2o"
-    path.write_text(SE2_FILE.replace("-3", "3").format(information=information))
+    path.write_text(SE2_FILE.format(information=information))
     return PoseProblem(graph), str(path)
 
 
@@ -222,6 +232,21 @@ def test_arbitrary_ids_in_the_file_are_the_nodes_in_their_order(gtsam, tmp_path)
     problem, path = triangle("2 0 0 2 0 8", tmp_path)
     for name in ("gtsam_chordal", *ITERATIVE):
         of_file = solver(name, source=path).solve(problem)
+        isotropic = solver(name).solve(problem)
+        assert "full information" in of_file.note
+        assert of_file.cost == pytest.approx(isotropic.cost, rel=1e-4)
+
+
+def test_arbitrary_ids_in_space_with_parallel_edges(gtsam, tmp_path):
+    information = "2 0 0 0 0 0 2 0 0 0 0 2 0 0 0 8 0 0 8 0 8"
+    path = tmp_path / "triangle.g2o"
+    path.write_text(SE3_FILE.format(information=information))
+    edges = np.array([[2, 1], [1, 0], [0, 2], [0, 2]])
+    t = np.array([[1.0, 0, 0], [0, 1, 0], [-1, -1, 0.1], [-1, -1, 0.1]])
+    rotation = RotationGraph(3, edges, np.broadcast_to(np.eye(3), (4, 3, 3)), np.full(4, 4.0))
+    problem = PoseProblem(PoseGraph(rotation, t, np.full(4, 2.0)))
+    for name in ("gtsam_chordal", *ITERATIVE):
+        of_file = solver(name, source=str(path)).solve(problem)
         isotropic = solver(name).solve(problem)
         assert "full information" in of_file.note
         assert of_file.cost == pytest.approx(isotropic.cost, rel=1e-4)
