@@ -1,0 +1,101 @@
+"""The command line: one file a sub-command, found by scanning this folder.
+
+A command is a function ``command`` that returns an exit code or None. Its file imports nothing
+heavy at the top, so that ``certpgo --help`` is quick.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import typer
+
+from certpgo.errors import CertPGOError
+
+Command = Callable[..., int | None]
+
+_EPILOG = (
+    "Exit codes: 0 done or CERTIFIED, 1 unusable input, 2 usage, 3 BOUNDED, 4 REFUTED, "
+    "5 UNDECIDED, 130 interrupted."
+)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run ``certpgo``; returns the exit code.
+
+    Parameters
+    ----------
+    argv : arguments after the program's name; those of the process by default
+    """
+    try:
+        # Not list(...): the command of that name is an attribute of this module.
+        arguments = [*(sys.argv[1:] if argv is None else argv)]
+        application()(arguments, prog_name="certpgo")
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else int(end.code is not None)
+    return 0
+
+
+def application() -> typer.Typer:
+    """The application with every command of the folder."""
+    app = typer.Typer(
+        name="certpgo",
+        help="Pose-graph optimization and rotation averaging whose answers come with a proof.",
+        epilog=_EPILOG,
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+    )
+    app.callback()(_root)
+    for name in command_names():
+        function = importlib.import_module(f"{__name__}.{name}").command
+        app.command(name)(_guarded(function))
+    return app
+
+
+def command_names() -> tuple[str, ...]:
+    """Names of the commands: the files of this folder without a leading underscore."""
+    stems = (path.stem for path in Path(__file__).parent.glob("*.py"))
+    return tuple(sorted(stem for stem in stems if not stem.startswith("_")))
+
+
+def _root(version: bool = typer.Option(False, "--version", help="Print the version.")) -> None:
+    if version:
+        from certpgo import __version__
+
+        typer.echo(f"certpgo {__version__}")
+        raise typer.Exit(0)
+
+
+def _guarded(function: Command) -> Callable[..., None]:
+    """The command with known errors turned into one line and an exit code."""
+
+    @functools.wraps(function)
+    def guarded(*args: object, **kwargs: object) -> None:
+        try:
+            code = function(*args, **kwargs)
+            sys.stdout.flush()
+        except CertPGOError as error:
+            code = _fail(str(error))
+        except KeyboardInterrupt:
+            code = _fail("interrupted", 130)
+        except BrokenPipeError:
+            # The reader has gone (| head); what Python flushes at exit has nowhere to go either.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            code = 0
+        except OSError as error:
+            place = f"{error.filename}: " if error.filename else ""
+            code = _fail(f"{place}{error.strerror or error}")
+        raise typer.Exit(code or 0)
+
+    return guarded
+
+
+def _fail(message: str, code: int = 1) -> int:
+    typer.echo(f"certpgo: {' '.join(message.split())}", err=True)
+    return code

@@ -1,0 +1,200 @@
+"""The options that say how a graph is read, in one place, and reading with them."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+
+import typer
+
+from certpgo.cli._show import notice, progress_bar
+from certpgo.errors import GraphError
+
+if TYPE_CHECKING:
+    from certpgo.graph import Instance
+
+#: Seconds of reading after which a progress bar appears.
+PATIENCE = 1.0
+
+_PANEL = "Reading"
+
+
+class Keep(str, Enum):
+    """Which of several measurements between the same two nodes count."""
+
+    ALL = "all"
+    FIRST = "first"
+    LAST = "last"
+
+
+class About(str, Enum):
+    """What the rotational information of a file is about."""
+
+    TANGENT = "tangent"
+    QUATERNION = "quaternion"
+    RPY = "rpy"
+
+
+class Components(str, Enum):
+    """What to do with a graph of several components."""
+
+    REFUSE = "refuse"
+    EACH = "each"
+    LARGEST = "largest"
+
+
+def _option(name: str, help: str, metavar: str | None = None) -> Any:
+    return typer.Option(name, help=help, metavar=metavar, rich_help_panel=_PANEL)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How graphs are read; each field is an option of every command that reads one."""
+
+    keep: Annotated[
+        Keep, _option("--keep", help="Of parallel edges: all (they add), the first, or the last.")
+    ] = Keep.ALL
+    rotation_information: Annotated[
+        About | None,
+        _option("--rotation-information", help="What a file's rotational information is about."),
+    ] = None
+    kappa: Annotated[
+        float | None, _option("--kappa", help="Rotational concentration of every edge.")
+    ] = None
+    tau: Annotated[
+        float | None, _option("--tau", help="Translational concentration of every edge, 1/m^2.")
+    ] = None
+    unit_weights: Annotated[
+        bool, _option("--unit-weights", help="Weigh every edge 1, whatever the file says.")
+    ] = False
+    components: Annotated[
+        Components,
+        _option("--components", help="A graph that is not connected: refuse it, take each, ..."),
+    ] = Components.REFUSE
+    data: Annotated[
+        Path | None, _option("--data", metavar="DIR", help="Folder to look for datasets in first.")
+    ] = None
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The options of `certpgo.io.read`."""
+        about = self.rotation_information
+        return {
+            "keep": self.keep.value,
+            "rotation_information": None if about is None else about.value,
+            "kappa": self.kappa,
+            "tau": self.tau,
+            "unit_weights": self.unit_weights,
+        }
+
+    def open(self, name: str, *, notices: bool = True) -> Instance:
+        """Read the graph of a path or dataset name; its notices go to stderr if wanted."""
+        from certpgo.harness.instances import open_graph
+
+        with _reading_progress() as progress:
+            instance = open_graph(
+                name, data=self.data, progress=progress, quiet=True, **self.options
+            )
+        for sentence in instance.notices if notices else ():
+            notice(f"{instance.name}: {sentence}")
+        return instance
+
+    def parts(self, instance: Instance) -> list[Instance]:
+        """The connected graphs to work on.
+
+        Raises
+        ------
+        GraphError
+            The graph is not connected, and ``--components`` says to refuse that.
+        """
+        from certpgo.graph import require_connected
+
+        if instance.graph.is_connected:
+            return [instance]
+        if self.components is Components.REFUSE:
+            try:
+                require_connected(instance.graph)
+            except GraphError as error:
+                raise GraphError(
+                    f"{error}; --components largest takes the largest, --components each all",
+                    component_sizes=error.component_sizes,
+                ) from None
+        sizes = instance.graph.component_sizes
+        by_size = sorted(range(len(sizes)), key=lambda label: -sizes[label])
+        # A node without measurements poses no problem.
+        measured = [label for label in by_size if sizes[label] > 1]
+        if len(measured) < len(sizes):
+            notice(f"{len(sizes) - len(measured)} nodes without measurements are left out")
+        if self.components is Components.LARGEST:
+            measured = measured[:1]
+        return [component(instance, label) for label in measured]
+
+
+def component(instance: Instance, label: int) -> Instance:
+    """One connected component of an instance."""
+    import numpy as np
+
+    nodes = np.flatnonzero(instance.graph.components == label)
+    place = {int(node): k for k, node in enumerate(nodes)}
+    return replace(
+        instance,
+        name=f"{instance.name} [component of {len(nodes)} nodes]",
+        graph=instance.graph.subgraph(nodes),
+        ids=instance.ids[nodes],
+        truth=None if instance.truth is None else instance.truth.subset(nodes),
+        initial=None if instance.initial is None else instance.initial.subset(nodes),
+        fixed=tuple(place[node] for node in instance.fixed if node in place),
+    )
+
+
+def takes_reading(command: Callable[..., int | None]) -> Callable[..., int | None]:
+    """Give a command with a parameter ``reading`` the options of `Reading` in its place."""
+    hints = get_type_hints(command, include_extras=True)
+    own = [
+        parameter.replace(annotation=hints[name])
+        for name, parameter in inspect.signature(command).parameters.items()
+        if name != "reading"
+    ]
+    kinds = get_type_hints(Reading, include_extras=True)
+    shared = [
+        parameter.replace(annotation=kinds[name], kind=inspect.Parameter.KEYWORD_ONLY)
+        for name, parameter in inspect.signature(Reading).parameters.items()
+    ]
+
+    @functools.wraps(command)
+    def with_reading(**kwargs: Any) -> int | None:
+        reading = Reading(**{p.name: kwargs.pop(p.name) for p in shared})
+        return command(**kwargs, reading=reading)
+
+    keyword = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own]
+    with_reading.__signature__ = inspect.Signature([*keyword, *shared])  # type: ignore[attr-defined]
+    with_reading.__annotations__ = {p.name: p.annotation for p in [*keyword, *shared]}
+    return with_reading
+
+
+@contextmanager
+def _reading_progress() -> Iterator[Callable[[int, int], None]]:
+    """A callback that shows a bar on a terminal once reading takes longer than a moment."""
+    start = time.perf_counter()
+    bar = None
+
+    def advance(done: int, total: int) -> None:
+        nonlocal bar
+        if bar is None and sys.stderr.isatty() and time.perf_counter() - start > PATIENCE:
+            bar = progress_bar("reading")
+        if bar is not None:
+            bar.advance(done, total)
+
+    try:
+        yield advance
+    finally:
+        if bar is not None:
+            bar.close()

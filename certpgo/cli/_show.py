@@ -1,0 +1,100 @@
+"""What the commands print: answers on stdout, everything else on stderr."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import typer
+
+#: Columns of a table that is not shown on a terminal.
+WIDTH = 160
+
+
+def notice(sentence: str) -> None:
+    """Say something about the input, on stderr."""
+    typer.echo(f"note: {sentence}", err=True)
+
+
+def document(data: Any) -> None:
+    """One JSON document on stdout; numbers that are not finite become null."""
+    typer.echo(json.dumps(_plain(data), indent=2, allow_nan=False))
+
+
+def facts(pairs: Iterable[tuple[str, str]]) -> None:
+    """Names and values, one pair a line."""
+    listed = list(pairs)
+    width = max(len(name) for name, _ in listed)
+    for name, value in listed:
+        typer.echo(f"{name:<{width}}  {value}")
+
+
+def table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "") -> None:
+    """A table on stdout, as wide as the terminal allows."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    console = Console() if sys.stdout.isatty() else Console(width=WIDTH)
+    shown = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    for name in header:
+        shown.add_column(Text(name), overflow="fold")
+    for row in rows:
+        shown.add_row(*(Text(cell) for cell in row))
+    console.print(shown)
+    if caption:
+        console.print(Text(caption))
+        console.print()
+
+
+@contextmanager
+def working(message: str) -> Iterator[Any]:
+    """A spinner on stderr while the block runs; silent where stderr is no terminal."""
+    if not sys.stderr.isatty():
+        yield _Silent()
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(message) as status:
+        yield status
+
+
+class _Silent:
+    def update(self, message: str) -> None:
+        """Show nothing."""
+
+
+class progress_bar:  # noqa: N801 - used like a function
+    """A bar of bytes on stderr."""
+
+    def __init__(self, message: str) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn
+
+        columns = (TextColumn(message), BarColumn(), DownloadColumn())
+        self._progress = Progress(*columns, console=Console(stderr=True), transient=True)
+        self._task = self._progress.add_task(message, total=None)
+        self._progress.start()
+
+    def advance(self, done: int, total: int) -> None:
+        """Show ``done`` of ``total`` bytes."""
+        self._progress.update(self._task, completed=done, total=total)
+
+    def close(self) -> None:
+        """Take the bar away."""
+        self._progress.stop()
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value

@@ -1,0 +1,69 @@
+"""certpgo convert: a graph or an estimate from one format to another."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from certpgo.cli._reading import Reading, takes_reading
+from certpgo.errors import InputError
+
+
+class Anchor(str, Enum):
+    """Where an estimate is moved: poses have no frame of their own."""
+
+    FILE = "file"
+    IDENTITY = "identity"
+    PRIOR = "prior"
+    NONE = "none"
+
+
+@takes_reading
+def command(
+    source: Annotated[str, typer.Argument(metavar="IN", help="A file, or a dataset's name.")],
+    target: Annotated[Path, typer.Argument(metavar="OUT", help="The file to write.")],
+    format: Annotated[
+        str | None, typer.Option("--format", help="Format of OUT, by default by its suffix.")
+    ] = None,
+    estimate: Annotated[
+        bool, typer.Option("--estimate", help="Convert the poses, though IN has measurements too.")
+    ] = False,
+    graph: Annotated[
+        str | None,
+        typer.Option("--graph", help="For an estimate: its graph, for ids and initial values."),
+    ] = None,
+    anchor: Annotated[
+        Anchor | None, typer.Option("--anchor", help="Where an estimate is moved.")
+    ] = None,
+    timestamps: Annotated[
+        str, typer.Option("--timestamps", help="Of a TUM file: ids, index, or a file of seconds.")
+    ] = "ids",
+    *,
+    reading: Reading,
+) -> None:
+    """Convert a graph (to g2o, npz) or an estimate (to g2o, npz, TUM, KITTI, rots)."""
+    from certpgo.io import read_estimate, write
+    from certpgo.io.format import format_of, format_to_write
+
+    out = format_to_write(target, format)
+    given = format_of(Path(source)) if Path(source).exists() else None
+    if not estimate and out.write_graph is not None and (given is None or given.read_graph):
+        if anchor is not None:
+            raise InputError("--anchor moves estimates; add --estimate to convert the poses")
+        write(target, reading.open(source), format=format)
+        return
+    if given is None:
+        raise InputError(f"{source}: no such file")
+    instance = None if graph is None else reading.open(graph)
+    poses = read_estimate(source, instance, timestamps=timestamps)
+    write(
+        target,
+        poses,
+        instance=instance,
+        format=format,
+        anchor=None if anchor is None else anchor.value,
+        timestamps=timestamps,
+    )

@@ -1,0 +1,32 @@
+"""certpgo fetch: named datasets onto this machine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from certpgo.cli._show import document, working
+
+
+def command(
+    names: Annotated[list[str], typer.Argument(help="Names of datasets, see certpgo list.")],
+    data: Annotated[
+        Path | None, typer.Option("--data", metavar="DIR", help="Folder to look in first.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> None:
+    """Find or download datasets, check their checksums, and print where they are."""
+    from certpgo import datasets
+
+    for name in names:
+        datasets.entry(name)  # an unknown name is said before anything is downloaded
+    paths = {}
+    for name in names:
+        with working(f"fetching {name}"):
+            paths[name] = str(datasets.fetch(name, data))
+        if not json:
+            typer.echo(paths[name])
+    if json:
+        document(paths)

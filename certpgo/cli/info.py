@@ -1,0 +1,117 @@
+"""certpgo info: what is in a graph, before anything is solved."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from certpgo.cli._reading import Components, Reading, takes_reading
+from certpgo.cli._show import document, facts, working
+
+if TYPE_CHECKING:
+    from certpgo.graph import Instance
+    from certpgo.harness.doctor import Spectrum, Structure
+
+
+@takes_reading
+def command(
+    graph: Annotated[str, typer.Argument(help="A file, or the name of a dataset.")],
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    *,
+    reading: Reading,
+) -> None:
+    """Describe a graph: counts, connectivity, weights, eigenvalues, what is unusual."""
+    from certpgo.harness import doctor
+
+    instance = reading.open(graph, notices=False)
+    found = doctor.structure(instance)
+    spectra: dict[str, dict[str, Spectrum]] = {}
+    with working("eigenvalues"):
+        for part in _parts(reading, instance):
+            spectra[part.name] = dict(doctor.spectra(part.graph))
+    engine = doctor.engines_in_words()
+    if json:
+        document(_as_json(instance, found, spectra, engine))
+        return
+    facts(_lines(instance, found, engine))
+    for name, by_weights in spectra.items():
+        for weights, spectrum in by_weights.items():
+            typer.echo(f"\n{name}, {_WEIGHTS[weights]}")
+            facts(_spectrum_lines(spectrum))
+    if not spectra:
+        typer.echo("\neigenvalues belong to connected graphs: see --components largest or each")
+
+
+_WEIGHTS = {"unit": "every edge weighing 1", "weighted": "edges weighing kappa"}
+
+
+def _parts(reading: Reading, instance: Instance) -> list[Instance]:
+    if not instance.graph.is_connected and reading.components is Components.REFUSE:
+        return []
+    return reading.parts(instance)
+
+
+def _as_json(
+    instance: Instance,
+    found: Structure,
+    spectra: dict[str, dict[str, Spectrum]],
+    engine: str,
+) -> dict[str, Any]:
+    return {
+        "name": instance.name,
+        "source": instance.source,
+        **asdict(found),
+        "options": dict(instance.options),
+        "notices": list(instance.notices),
+        "initial": instance.initial is not None,
+        "truth": instance.truth is not None,
+        "fixed_ids": [int(instance.ids[node]) for node in instance.fixed],
+        "spectra": {
+            name: {weights: asdict(spectrum) for weights, spectrum in by_weights.items()}
+            for name, by_weights in spectra.items()
+        },
+        "engine": engine,
+    }
+
+
+def _lines(instance: Instance, found: Structure, engine: str) -> Iterable[tuple[str, str]]:
+    from certpgo.harness.render import reading_sentence
+
+    yield "name", instance.name
+    yield "source", instance.source
+    yield "problem", f"{found.kind} in {found.d}D"
+    yield "nodes", f"{found.nodes}, ids {found.first_id} to {found.last_id}{_gaps(found)}"
+    yield "edges", f"{found.edges}, of which {found.parallel_edges} parallel to an earlier one"
+    yield "bridges", f"{found.bridges} (edges that no other measurement checks)"
+    sizes = found.component_sizes
+    shown = ", ".join(map(str, sizes[:8])) + (", ..." if len(sizes) > 8 else "")
+    yield "components", f"{len(sizes)}" + ("" if len(sizes) == 1 else f" of {shown} nodes")
+    yield "kappa", f"{found.kappa[0]:.6g} to {found.kappa[1]:.6g} (rotational concentrations)"
+    if found.tau is not None:
+        yield "tau", f"{found.tau[0]:.6g} to {found.tau[1]:.6g} per m^2 (translational)"
+    yield "read as", reading_sentence(instance.options)
+    yield "initial values", "in the file" if instance.initial is not None else "none"
+    yield "ground truth", "here" if instance.truth is not None else "none"
+    for sentence in instance.notices:
+        yield "unusual", sentence
+    yield "engine", engine
+
+
+def _gaps(found: Structure) -> str:
+    return "" if found.consecutive else " with gaps"
+
+
+def _spectrum_lines(spectrum: Spectrum) -> Iterable[tuple[str, str]]:
+    values = "  ".join(f"{value:.6g}" for value in spectrum.smallest)
+    yield "smallest eigenvalues", f"{values}  (0 if the measurements were perfect)"
+    yield "connectivity", f"{spectrum.fiedler:.6g}  (second eigenvalue of the graph Laplacian)"
+    yield (
+        "safe angle",
+        f"{math.degrees(spectrum.alpha_max):.4g} degrees by the largest degree, "
+        f"{math.degrees(spectrum.normalized_alpha_max):.4g} by the normalized Laplacian",
+    )
+    yield "", "(stationary rotations whose residuals all stay below are the best possible)"

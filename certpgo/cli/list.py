@@ -1,0 +1,138 @@
+"""certpgo list: what there is, what is available here, and why not."""
+
+from __future__ import annotations
+
+import importlib.util
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from certpgo.cli._show import document, table
+
+Rows = list[dict[str, str]]
+
+
+class Kind(str, Enum):
+    """What can be listed."""
+
+    METHODS = "methods"
+    DATASETS = "datasets"
+    TABLES = "tables"
+    FORMATS = "formats"
+    ENGINES = "engines"
+
+
+def command(
+    kinds: Annotated[
+        list[Kind] | None, typer.Argument(help="What to list; everything by default.")
+    ] = None,
+    data: Annotated[
+        Path | None, typer.Option("--data", metavar="DIR", help="Folder to look in first.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> None:
+    """List methods, datasets, tables, formats and engines, and which are available here."""
+    listed = {kind.value: _rows(kind, data) for kind in kinds or list(Kind)}
+    if json:
+        document(listed)
+        return
+    for name, rows in listed.items():
+        header = list(rows[0]) if rows else ["none"]
+        table(name, header, [list(row.values()) for row in rows])
+
+
+def _rows(kind: Kind, data: Path | None) -> Rows:
+    if kind is Kind.METHODS:
+        return _methods()
+    if kind is Kind.DATASETS:
+        return _datasets(data)
+    if kind is Kind.TABLES:
+        return _tables()
+    return _formats() if kind is Kind.FORMATS else _engines()
+
+
+def _methods() -> Rows:
+    from certpgo import registry
+
+    rows = []
+    for name in registry.solver_names():
+        solver = registry.get_solver(name)
+        takes = [kind for kind in ("poses", "rotations") if getattr(solver, kind)]
+        rows.append(
+            {
+                "name": name,
+                "takes": ", ".join(takes),
+                "here": _missing_package(name) or "yes",
+                "what": (solver.__doc__ or "").strip().partition("\n")[0],
+            }
+        )
+    return rows
+
+
+def _missing_package(method: str) -> str:
+    # A baseline is named after the package it calls.
+    package = method.partition("_")[0]
+    if package != "gtsam" or importlib.util.find_spec(package) is not None:
+        return ""
+    return "no: pip install 'certpgo[baselines]'"
+
+
+def _datasets(data: Path | None) -> Rows:
+    from certpgo import datasets
+
+    rows = []
+    for name in datasets.names():
+        entry, path = datasets.entry(name), datasets.find(name, data)
+        missing = "no: certpgo fetch" if entry.url else "no, and without a download address"
+        rows.append(
+            {
+                "name": name,
+                "holds": entry.kind,
+                "d": str(entry.d),
+                "nodes": str(entry.nodes or ""),
+                "edges": str(entry.edges or ""),
+                "here": str(path) if path else missing,
+            }
+        )
+    return rows
+
+
+def _tables() -> Rows:
+    from certpgo import registry
+
+    return [{"name": name, "title": registry.get_table(name).title} for name in registry.table_names()]
+
+
+def _formats() -> Rows:
+    from certpgo.io import formats
+
+    return [
+        {
+            "name": form.name,
+            "suffixes": " ".join(form.suffixes),
+            "graphs": _ways(form.read_graph, form.write_graph),
+            "estimates": _ways(form.read_poses, form.write_poses),
+        }
+        for form in formats().values()
+    ]
+
+
+def _ways(read: object, write: object) -> str:
+    return ", ".join(name for name, way in (("read", read), ("write", write)) if way is not None)
+
+
+def _engines() -> Rows:
+    from certpgo.linalg.factor import default_engine, engines
+
+    licences = {"superlu": "BSD, in SciPy", "cholmod": "GPL-3, pip install 'certpgo[cholmod]'"}
+    return [
+        {
+            "name": name,
+            "licence": licence,
+            "here": "no" if name not in engines() else "yes",
+            "in use": "yes" if name == default_engine() else "",
+        }
+        for name, licence in licences.items()
+    ]

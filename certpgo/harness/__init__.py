@@ -1,0 +1,1 @@
+"""Tables: what to run (specification), what came out (records), and how it is shown (rendering)."""

@@ -1,0 +1,74 @@
+"""Bridges of a measurement graph: edges whose loss would disconnect it.
+
+Nothing checks the measurement of a bridge: its residual is zero at the optimum.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from certpgo.graph import Graph
+from certpgo.linalg.arrays import IntArray
+
+
+def bridges(graph: Graph) -> IntArray:
+    """(k, 2) node pairs, smaller first, of the bridges, in linear time (up to sorting).
+
+    A tree edge above v is a bridge when every other edge that leaves v's subtree ends in it.
+    Subtrees are intervals of the preorder numbers, whatever the spanning tree.
+    """
+    n = graph.num_nodes
+    low, high = np.sort(graph.edges, axis=1).T
+    pairs, copies = np.unique(low * n + high, return_counts=True)
+    low, high = np.divmod(pairs, n)
+    order, parent = _spanning_tree(n, graph.components, low, high)
+    is_tree = (parent[low] == high) | (parent[high] == low)
+    number, size = _preorder(order, parent)
+    other = ~is_tree | (copies > 1)  # a doubled tree edge is another edge of its own
+    least, most = number.copy(), number.copy()
+    for a, b in ((low[other], high[other]), (high[other], low[other])):
+        np.minimum.at(least, a, number[b])
+        np.maximum.at(most, a, number[b])
+    for v in order[::-1]:
+        p = parent[v]
+        if p >= 0:
+            least[p] = min(least[p], least[v])
+            most[p] = max(most[p], most[v])
+    inside = (least >= number) & (most < number + size) & (parent >= 0)
+    nodes = np.flatnonzero(inside)
+    return np.unique(np.sort(np.stack([nodes, parent[nodes]], axis=1), axis=1), axis=0)
+
+
+def _spanning_tree(
+    n: int, components: IntArray, low: IntArray, high: IntArray
+) -> tuple[IntArray, IntArray]:
+    """Breadth-first order of all nodes, and each one's parent (-1 for the roots)."""
+    _, roots = np.unique(components, return_index=True)
+    # One further node, tied to a node of each component, makes one tree of the forest.
+    i = np.concatenate([low, np.full(len(roots), n)])
+    j = np.concatenate([high, roots])
+    tied = sparse.coo_array((np.ones(len(i)), (i, j)), shape=(n + 1, n + 1)).tocsr()
+    order, parent = csgraph.breadth_first_order(tied, n, directed=False)
+    parent = np.where(parent[:n] == n, -1, parent[:n])
+    return np.asarray(order[1:], dtype=np.intp), np.asarray(parent, dtype=np.intp)
+
+
+def _preorder(order: IntArray, parent: IntArray) -> tuple[IntArray, IntArray]:
+    """Preorder number and subtree size of each node."""
+    n = len(order)
+    size, number, free = [1] * n, [0] * n, [0] * n
+    up = parent.tolist()
+    for v in order[::-1].tolist():
+        if up[v] >= 0:
+            size[up[v]] += size[v]
+    next_root = 0
+    for v in order.tolist():
+        p = up[v]
+        if p < 0:
+            number[v], next_root = next_root, next_root + size[v]
+        else:
+            number[v], free[p] = free[p], free[p] + size[v]
+        free[v] = number[v] + 1
+    return np.array(number, dtype=np.intp), np.array(size, dtype=np.intp)

@@ -1,0 +1,85 @@
+"""A graph from what a user calls it: a path, a dataset's name, or a synthetic family."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from certpgo import datasets
+from certpgo.errors import InputError, SpecError
+from certpgo.graph import Instance
+from certpgo.harness.spec import Row
+from certpgo.io import read
+
+
+def open_graph(
+    name: str, *, data: Path | None = None, download: bool = True, **reading: Any
+) -> Instance:
+    """The graph of a path or a dataset name; a path that exists goes first.
+
+    Raises
+    ------
+    InputError
+        Neither a file nor a dataset is called so, or it cannot be read.
+    """
+    if Path(name).exists():
+        return read(name, **reading)
+    try:
+        datasets.entry(name)
+    except SpecError as error:
+        if Path(name).suffix or len(Path(name).parts) > 1:
+            raise InputError(f"{name}: no such file") from None
+        raise InputError(f"{name} is no file; {error}") from None
+    # The catalogue's own name is the better one where files of the same name differ.
+    instance = datasets.load(name, data=data, download=download, **reading)
+    return replace(instance, name=datasets.entry(name).name)
+
+
+def is_here(row: Row, data: Path | None) -> bool:
+    """Whether the row needs no download."""
+    if row.generator or Path(row.dataset).exists():
+        return True
+    return datasets.find(row.dataset, data) is not None
+
+
+def load_row(row: Row, data: Path | None, seed: np.random.SeedSequence | None) -> Instance:
+    """The instance of a row; nothing is downloaded.
+
+    Raises
+    ------
+    InputError
+        The file is not here, or cannot be read.
+    SpecError
+        The generator is unknown.
+    """
+    if row.generator:
+        return _generate(row, seed or np.random.SeedSequence(0))
+    if not is_here(row, data):
+        raise InputError("not run: file not here")
+    return open_graph(row.dataset, data=data, download=False, quiet=True, **row.reading)
+
+
+def seed_of(base: int, row: int, repetition: int) -> np.random.SeedSequence:
+    """The seed of a synthetic row's instance: the table's, the row's place, the repetition."""
+    return np.random.SeedSequence(base, spawn_key=(row, repetition))
+
+
+def _generate(row: Row, seed: np.random.SeedSequence) -> Instance:
+    from certpgo.datasets import synthetic
+
+    families = {name: f for name, f in vars(synthetic).items() if _is_family(name, f)}
+    if row.generator not in families:
+        raise SpecError.unknown("generator", row.generator, families)
+    instance: Instance = families[row.generator](
+        **row.arguments, rng=np.random.default_rng(seed)
+    )
+    return instance
+
+
+def _is_family(name: str, value: Any) -> bool:
+    return callable(value) and not name.startswith("_") and "rng" in getattr(
+        value, "__annotations__", {}
+    )

@@ -1,0 +1,79 @@
+"""The papers' numbers, and whether ours agree with them to the digits they print."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+from functools import cache
+from pathlib import Path
+
+from certpgo import registry
+from certpgo.errors import FormatError, InputError, SpecError
+from certpgo.harness.spec import Method, Row, Table
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A number of ours beside a printed one.
+
+    Attributes
+    ----------
+    printed : as the paper prints it
+    agrees : whether ours rounds to the printed digits
+    """
+
+    printed: str
+    agrees: bool
+
+    def __str__(self) -> str:
+        return f"{self.printed} {'agrees' if self.agrees else 'differs'}"
+
+
+def compare(printed: str, ours: float) -> Comparison:
+    """Compare to the printed digits: within half a unit of the last one (and rounding's worth).
+
+    Raises
+    ------
+    InputError
+        The text is no number.
+    """
+    try:
+        number = Decimal(printed)
+        exponent = int(number.as_tuple().exponent)
+    except (InvalidOperation, ValueError):
+        raise InputError(f"{printed!r} is no printed number") from None
+    half = 0.5 * 10.0**exponent
+    return Comparison(printed, abs(ours - float(number)) <= half * (1.0 + 1e-9))
+
+
+def printed_number(table: Table, row: Row, method: Method, metric: str) -> str | None:
+    """What the paper prints for this metric, or None where it prints nothing."""
+    if not (table.published and row.published and metric in method.published):
+        return None
+    line = published(table.published, table.key).get(row.published, {})
+    return line.get(method.published[metric]) or None
+
+
+@cache
+def published(name: str, key: str) -> dict[str, dict[str, str]]:
+    """The lines of a file of published numbers, by their key column.
+
+    Raises
+    ------
+    SpecError
+        There is no such file, or no such column.
+    """
+    folder = registry.repository() / "reports" / "published"
+    path = folder / f"{name}.csv"
+    if not path.is_file():
+        raise SpecError.unknown("published table", name, (p.stem for p in folder.glob("*.csv")))
+    return _lines(path, key)
+
+
+def _lines(path: Path, key: str) -> dict[str, dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as stream:
+        reader = csv.DictReader(stream)
+        if key not in (reader.fieldnames or ()):
+            raise FormatError(path, 1, f"a column called {key}")
+        return {line[key]: line for line in reader}

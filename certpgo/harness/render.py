@@ -1,0 +1,142 @@
+"""Records to text: a pure function, so that a caption costs no re-run.
+
+A section holds the records of one instance under one reading of its weights: costs under two
+readings are of two objectives, and never stand in one column.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from certpgo.harness.published import compare, printed_number
+from certpgo.harness.records import Record
+from certpgo.harness.spec import FIELDS, Column, Method, Row, Table
+
+
+@dataclass(frozen=True)
+class Section:
+    """A table of text.
+
+    Attributes
+    ----------
+    title : the instance and its size
+    caption : which reading of the weights was used
+    header : column titles
+    rows : cells, one text a column
+    """
+
+    title: str
+    caption: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def sections(table: Table, records: Iterable[Record]) -> tuple[Section, ...]:
+    """The table's sections in the order of its records."""
+    groups: dict[tuple[str, str, str], list[Record]] = {}
+    for record in records:
+        key = (record.row, _reading(record), str(record.seed))
+        groups.setdefault(key, []).append(record)
+    return tuple(_section(table, group) for group in groups.values())
+
+
+def markdown(table: Table, records: Sequence[Record]) -> str:
+    """The table as Markdown, with where its numbers come from."""
+    lines = [f"# {table.title}", ""]
+    if table.source:
+        lines += [f"Published numbers: {table.source}.", ""]
+    for section in sections(table, records):
+        lines += [f"## {section.title}", "", section.caption, ""]
+        lines += [_bar(section.header), "|" + " --- |" * len(section.header)]
+        lines += [_bar(row) for row in section.rows] + [""]
+    for note in table.notes:
+        lines += [note, ""]
+    if records:
+        origin = records[0].provenance
+        lines += ["; ".join(f"{key}: {origin[key]}" for key in sorted(origin)), ""]
+    return "\n".join(lines)
+
+
+def reading_sentence(reading: Mapping[str, str]) -> str:
+    """Which problem a file was read as, in words."""
+    if not reading:
+        return "as generated"
+    weights = reading.get("weights", "file")
+    said = {
+        "file": "weights from the file's information matrices",
+        "unit": "all weights 1, whatever the file says",
+    }.get(weights, f"weights {weights}")
+    about = reading.get("rotation_information", "tangent")
+    if weights == "file" and about != "tangent":
+        said += f" (rotational part read as {about})"
+    keep = reading.get("keep", "all")
+    parallel = "parallel edges added" if keep == "all" else f"only the {keep} of parallel edges"
+    return f"{said}; {parallel}"
+
+
+def _section(table: Table, group: Sequence[Record]) -> Section:
+    first = group[0]
+    size = "" if first.n is None else f" ({first.n} nodes, {first.m} edges, {first.d}D)"
+    seed = "" if first.seed is None else f", seed {first.seed}"
+    caption = f"Read with {_reading(first)}." if first.n is not None else "Not read."
+    if first.judging is not None:
+        caption += f" f_ML and s are evaluated with {reading_sentence(first.judging)}."
+    lines = [_line(table, record) for record in group]
+    paper = any(cell for line in lines for cell in line[-1:])
+    header = ("method", *(c.title for c in table.columns), *(("published",) if paper else ()))
+    rows = tuple(line if paper else line[:-1] for line in lines)
+    return Section(f"{first.row}{size}{seed}", caption, header, rows)
+
+
+def _reading(record: Record) -> str:
+    return reading_sentence(record.reading)
+
+
+def _line(table: Table, record: Record) -> tuple[str, ...]:
+    """One record's cells; the last holds the printed numbers, or is empty."""
+    cells = [_cell(column, record) for column in table.columns]
+    if record.error and "remark" not in [column.key for column in table.columns]:
+        cells[-1] = record.error
+    return (record.method, *cells, "; ".join(_comparisons(table, record)))
+
+
+def _cell(column: Column, record: Record) -> str:
+    if column.key == "seconds":
+        return _seconds(record.seconds)
+    if column.key in FIELDS:
+        value = getattr(record, column.key)
+        return "" if value is None or (record.error and value == 0) else str(value)
+    value = record.metrics.get(column.key)
+    return "" if value is None else format(value, column.format)
+
+
+def _seconds(phases: Mapping[str, float]) -> str:
+    if not phases:
+        return ""
+    parts = ", ".join(f"{name} {value:.3f}" for name, value in phases.items())
+    return f"{sum(phases.values()):.3f}" + (f" ({parts})" if len(phases) > 1 else "")
+
+
+def _comparisons(table: Table, record: Record) -> Iterable[str]:
+    row, method = _found(table, record)
+    if row is None or method is None:
+        return
+    titles = {column.key: column.title for column in table.columns}
+    for metric in method.published:
+        printed = printed_number(table, row, method, metric)
+        if printed is None:
+            continue
+        ours = record.metrics.get(metric)
+        title = titles.get(metric, metric)
+        yield f"{title} {printed}" if ours is None else f"{title} {compare(printed, ours)}"
+
+
+def _found(table: Table, record: Record) -> tuple[Row | None, Method | None]:
+    rows = {row.label: row for row in table.rows + table.stand_ins}
+    methods = {method.label: method for method in table.methods}
+    return rows.get(record.row), methods.get(record.method)
+
+
+def _bar(cells: Iterable[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"

@@ -1,0 +1,195 @@
+"""Runs a table: instance by instance, method by method, one record each.
+
+A failure is a record with its reason. Records are yielded as they are made, so that an
+interruption leaves what is done.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from certpgo import registry
+from certpgo.certify import Certificate, certify
+from certpgo.errors import CertPGOError, SpecError
+from certpgo.graph import Graph, Instance, PoseGraph
+from certpgo.harness import evaluate
+from certpgo.harness.instances import is_here, load_row, seed_of
+from certpgo.harness.methods import build
+from certpgo.harness.records import Record, provenance
+from certpgo.harness.spec import Method, Row, Table
+from certpgo.linalg.factor import default_engine
+from certpgo.problem import Problem, problem_of
+from certpgo.solution import Solution, Solver
+
+Announce = Callable[[str], None]
+
+
+def _quiet(message: str) -> None:
+    """Announce nothing."""
+
+
+def run(
+    table: Table,
+    *,
+    data: Path | None = None,
+    seeds: int | None = None,
+    quick: bool = False,
+    announce: Announce = _quiet,
+) -> Iterator[Record]:
+    """Run every row and method of the table.
+
+    Parameters
+    ----------
+    data : folder to look for files in first
+    seeds : how many instances a synthetic row stands for, by default the table's
+    quick : run the quick profile's rows alone
+    announce : told what is about to run
+    """
+    origin = provenance(default_engine(), _root())
+    for place, row in enumerate(chosen_rows(table, data=data, quick=quick)):
+        for repetition in range((seeds or table.seeds) if row.generator else 1):
+            seed = seed_of(table.seed, place, repetition) if row.generator else None
+            for record in _run_row(table, row, data, seed, announce):
+                yield replace(
+                    record, seed=repetition if row.generator else None, provenance=origin
+                )
+
+
+def chosen_rows(table: Table, *, data: Path | None, quick: bool) -> tuple[Row, ...]:
+    """The rows to run: those of the profile, and the stand-ins when no file is here."""
+    rows = table.rows
+    if table.optional:
+        rows = tuple(row for row in rows if is_here(row, data)) or table.stand_ins
+    if quick and table.quick:
+        rows = tuple(row for row in rows if row.label in table.quick) or rows[:1]
+    return rows
+
+
+def _run_row(
+    table: Table,
+    row: Row,
+    data: Path | None,
+    seed: np.random.SeedSequence | None,
+    announce: Announce,
+) -> Iterator[Record]:
+    announce(f"{row.label}: reading")
+    try:
+        instance = load_row(row, data, seed)
+        judged = instance if row.judging is None else _rejudged(row, data, seed)
+    except CertPGOError as error:
+        for method in table.methods:
+            yield replace(_blank(table, row, method), error=str(error))
+        return
+    for method in table.methods:
+        announce(f"{row.label}: {method.label}")
+        yield _run_method(table, row, method, instance, judged)
+
+
+def _rejudged(row: Row, data: Path | None, seed: np.random.SeedSequence | None) -> Instance:
+    return load_row(replace(row, reading=row.judging or {}), data, seed)
+
+
+def _run_method(
+    table: Table, row: Row, method: Method, instance: Instance, judged: Instance
+) -> Record:
+    graph = instance.graph
+    record = replace(
+        _blank(table, row, method),
+        reading=dict(instance.options),
+        judging=None if judged is instance else dict(judged.options),
+        d=graph.d,
+        n=graph.num_nodes,
+        m=graph.num_edges,
+    )
+    try:
+        problem = problem_of(graph)
+        if not method.solver:
+            return replace(record, metrics=evaluate.of_graph(table.metrics, problem))
+        solution = solve(method, problem, row)
+        record = replace(record, **_answer(solution))
+        certificate, seconds = _certified(problem, solution) if table.certify else (None, 0.0)
+        judge = problem if judged is instance else problem_of(judged.graph)
+        metrics = evaluate.of_estimate(
+            table.metrics, problem, judge, solution.estimate, certificate, seconds
+        )
+        record = replace(record, metrics=metrics)
+        if certificate is None:
+            return record
+        return replace(
+            record,
+            verdict=certificate.verdict.value,
+            tier=certificate.tier.value,
+            reason=certificate.reason,
+        )
+    except CertPGOError as error:
+        return replace(record, error=str(error))
+    except Exception as error:  # a table survives whatever a method raises
+        first = str(error).partition("\n")[0]
+        return replace(record, error=f"{type(error).__name__}: {first}")
+
+
+def solve(method: Method, problem: Problem, row: Row | None = None) -> Solution:
+    """The method's answer, from its starting method's answer where it has one.
+
+    Raises
+    ------
+    SpecError
+        The method or a setting is unknown, or the method does not take such a problem.
+    """
+    own = dict(row.settings.get(method.label, {})) if row else {}
+    solver = build(method.solver, {**method.settings, **own})
+    refuse_other_problems(method.solver, solver, problem.graph)
+    if method.start is None:
+        return solver.solve(problem)
+    start = solve(method.start, problem, row)
+    solution = solver.solve(problem, initial=start.estimate)
+    seconds = {f"{method.start.label}: {k}": v for k, v in start.seconds.items()}
+    return replace(solution, seconds={**seconds, **solution.seconds})
+
+
+def refuse_other_problems(name: str, solver: Solver, graph: Graph) -> None:
+    """Refuse a graph that the method is not for.
+
+    Raises
+    ------
+    SpecError
+        The method takes poses only, or rotations only.
+    """
+    poses = isinstance(graph, PoseGraph)
+    if poses and not solver.poses:
+        raise SpecError(f"{name} takes rotation graphs only; this graph measures poses")
+    if not poses and not solver.rotations:
+        raise SpecError(f"{name} takes pose graphs only; this graph measures rotations")
+
+
+def _certified(problem: Problem, solution: Solution) -> tuple[Certificate, float]:
+    start = time.perf_counter()
+    certificate = certify(problem, solution.estimate)
+    return certificate, time.perf_counter() - start
+
+
+def _answer(solution: Solution) -> dict[str, Any]:
+    return {
+        "status": solution.status.value,
+        "iterations": solution.iterations,
+        "seconds": dict(solution.seconds),
+        "note": solution.note,
+    }
+
+
+def _blank(table: Table, row: Row, method: Method) -> Record:
+    settings = {**method.settings, **row.settings.get(method.label, {})}
+    return Record(table.name, row.label, method.label, method.solver, settings)
+
+
+def _root() -> Path | None:
+    try:
+        return registry.repository()
+    except SpecError:
+        return None

@@ -1,0 +1,173 @@
+"""What a table is: rows, methods, columns and the numbers a paper printed; validated, never run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+from certpgo.errors import SpecError
+
+#: Metrics that `evaluate` knows, besides a record's own fields.
+METRICS = (
+    "cost",
+    "f_ml",
+    "mean_symmetry",
+    "lower_bound",
+    "gap",
+    "relative_gap",
+    "certify_seconds",
+    "lambda1",
+    "lambda2",
+    "lambda3",
+    "fiedler",
+)
+#: Metrics of the graph itself, which need no estimate.
+GRAPH_METRICS = ("lambda1", "lambda2", "lambda3", "fiedler")
+FIELDS = ("verdict", "seconds", "status", "iterations", "remark")
+
+
+def _frozen(mapping: Mapping[str, Any]) -> Mapping[str, Any]:
+    return MappingProxyType(dict(mapping))
+
+
+@dataclass(frozen=True)
+class Row:
+    """An instance: a dataset or file, or a synthetic one with a seed.
+
+    Attributes
+    ----------
+    dataset : name in the catalogue, or path of a file; empty for a synthetic row
+    label : what the table calls it, by default the dataset
+    reading : options for `certpgo.io.read`
+    judging : options for reading the graph that metrics are evaluated on, where it is another
+    generator : function of `certpgo.datasets.synthetic`, called with ``arguments`` and ``rng``
+    arguments : its keyword arguments
+    published : the key of this row in the table's published numbers
+    settings : settings of single methods in this row alone, by the method's label
+    """
+
+    dataset: str = ""
+    label: str = ""
+    reading: Mapping[str, Any] = field(default_factory=dict)
+    judging: Mapping[str, Any] | None = None
+    generator: str = ""
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    published: str = ""
+    settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if bool(self.dataset) == bool(self.generator):
+            raise SpecError(f"row {self.label!r}: give either a dataset or a generator")
+        for name in ("reading", "arguments", "settings"):
+            object.__setattr__(self, name, _frozen(getattr(self, name)))
+        if not self.label:
+            object.__setattr__(self, "label", self.dataset or self.generator)
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method with its settings.
+
+    Attributes
+    ----------
+    solver : name in the registry; empty for the graph itself (eigenvalues and the like)
+    label : what the table calls it, by default the solver's name
+    settings : fields of the solver's dataclass
+    start : the method whose answer is the initial estimate, or None
+    published : metric to the column of the published numbers that holds it
+    """
+
+    solver: str = ""
+    label: str = ""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    start: Method | None = None
+    published: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "settings", _frozen(self.settings))
+        object.__setattr__(self, "published", _frozen(self.published))
+        if not self.label:
+            object.__setattr__(self, "label", self.solver or "graph")
+
+
+@dataclass(frozen=True)
+class Column:
+    """A metric with its title and number format.
+
+    Attributes
+    ----------
+    key : one of `METRICS`, or a field of the record: one of `FIELDS`
+    title : the header
+    format : a format specification such as ``".6g"``
+    """
+
+    key: str
+    title: str
+    format: str = ".6g"
+
+    def __post_init__(self) -> None:
+        if self.key not in METRICS + FIELDS:
+            raise SpecError.unknown("column", self.key, METRICS + FIELDS)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of a report.
+
+    Attributes
+    ----------
+    name : name of its file
+    title, source : caption, and the citation of the numbers it is compared with
+    rows, methods, columns : what is run, by what, and what is shown
+    stand_ins : rows that are run when no row's file is here (files in the gtsam wheel)
+    optional : leave rows out whose file is not here, instead of showing them as not run
+    published : file of ``reports/published``, without suffix; empty for none
+    key : its column that holds a row's ``published`` key
+    certify : judge every estimate with a certificate
+    seed, seeds : base seed, and how many instances a synthetic row stands for
+    quick : labels of the rows that the quick profile keeps
+    notes : sentences printed below the table
+    """
+
+    name: str
+    title: str
+    rows: tuple[Row, ...]
+    methods: tuple[Method, ...]
+    columns: tuple[Column, ...]
+    source: str = ""
+    stand_ins: tuple[Row, ...] = ()
+    optional: bool = False
+    published: str = ""
+    key: str = "dataset"
+    certify: bool = True
+    seed: int = 0
+    seeds: int = 1
+    quick: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not (self.rows and self.methods and self.columns):
+            raise SpecError(f"table {self.name}: rows, methods and columns must not be empty")
+        labels = [row.label for row in self.rows + self.stand_ins]
+        for kind, names in (("row", labels), ("method", [m.label for m in self.methods])):
+            _refuse_repetition(self.name, kind, names)
+        for label in self.quick:
+            if label not in labels:
+                raise SpecError.unknown(f"row of table {self.name}", label, labels)
+        if self.seeds < 1:
+            raise SpecError(f"table {self.name}: seeds must be at least 1, not {self.seeds}")
+
+    @property
+    def metrics(self) -> tuple[str, ...]:
+        """Keys of the columns that are evaluated."""
+        return tuple(column.key for column in self.columns if column.key in METRICS)
+
+
+def _refuse_repetition(table: str, kind: str, names: Iterable[str]) -> None:
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise SpecError(f"table {table}: two {kind}s are called {name!r}")
+        seen.add(name)
