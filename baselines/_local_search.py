@@ -66,9 +66,9 @@ class LocalSearch(Baseline):
         def run() -> Outcome:
             # The constructor orders the variables, which counts.
             search = getattr(gtsam, f"{self.optimizer}Optimizer")(graph, values, parameters)
-            before = search.error()
+            allowed = search.error() + parameters.getAbsoluteErrorTol()
             result = search.optimize()
-            return Outcome(result, self._status(search, before), search.iterations())
+            return Outcome(result, self._status(search, allowed), search.iterations())
 
         return model, run
 
@@ -85,9 +85,9 @@ class LocalSearch(Baseline):
         simple = isotropic_model(problem)
         return model.values(simple.estimate(initialization(simple)()))
 
-    def _status(self, search: Any, before: float) -> Status:
+    def _status(self, search: Any, allowed: float) -> Status:
         # GTSAM stops without a word when a step raises the error, and keeps the step.
-        if not search.error() <= before:
+        if not search.error() <= allowed:
             return Status.STALLED
         limited = search.iterations() >= self.max_iterations
         return Status.ITERATION_LIMIT if limited else Status.CONVERGED

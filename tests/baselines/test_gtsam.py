@@ -197,6 +197,18 @@ def test_a_step_that_raises_the_error_is_a_stall(gtsam, dataset, dataset_path):
     assert solution.cost == pytest.approx(7262059.6, rel=1e-6)
 
 
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("edges", [[[1, 0]], [[0, 1], [0, 1]], [[2, 1], [0, 2]]])
+def test_the_smallest_graphs(gtsam, name, d, edges):
+    edges = np.array(edges)
+    m, n = len(edges), edges.max() + 1
+    rotation = RotationGraph(n, edges, np.broadcast_to(np.eye(d), (m, d, d)), np.ones(m))
+    solution = solver(name).solve(PoseProblem(PoseGraph(rotation, np.ones((m, d)), np.ones(m))))
+    assert solution.cost < 1e-9
+    assert solution.status in {Status.CLOSED_FORM, Status.CONVERGED}
+
+
 SE3_FILE = """\
 VERTEX_SE3:QUAT 40 0 0 0 0 0 0 1
 VERTEX_SE3:QUAT 7 1 0 0 0 0 0 1
