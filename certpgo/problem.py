@@ -119,7 +119,7 @@ class RotationProblem(_Problem):
     def cost(self, estimate: Estimate) -> float:
         """F of the estimate's rotations."""
         E = self.residuals(estimate.rotations)
-        return float(np.einsum("m,mab,mab->", self.graph.kappa, E, E))
+        return float(self.graph.kappa @ np.einsum("mab,mab->m", E, E))
 
     def gradient(self, estimate: Estimate) -> FloatArray:
         """Half the Euclidean gradient of F, (n, d, d); in the papers' notation X M by blocks."""
@@ -247,7 +247,7 @@ class PoseProblem(_Problem):
     def cost(self, estimate: Estimate) -> float:
         """F of the estimate."""
         r = self.translation_residuals(estimate)
-        return self.rotation.cost(estimate) + float(np.einsum("m,ma,ma->", self.graph.tau, r, r))
+        return self.rotation.cost(estimate) + float(self.graph.tau @ np.einsum("ma,ma->m", r, r))
 
     def gradient(self, estimate: Estimate) -> FloatArray:
         """Half the Euclidean gradient of F, (n, d, d + 1): translation column, then rotation."""
@@ -326,4 +326,4 @@ def _translations(estimate: Estimate) -> FloatArray:
 
 
 def _rotated(R: FloatArray, t: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("mab,mb->ma", R, t))
+    return np.asarray((R @ t[:, :, None])[:, :, 0])

@@ -7,7 +7,7 @@ import numpy as np
 from certpgo import operators
 from certpgo.errors import NumericalError
 from certpgo.linalg import so
-from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import pinned
 from certpgo.linalg.eigen import Eigenpairs, arpack, krylov_schur
 from certpgo.linalg.factor import Factor
@@ -21,7 +21,7 @@ def smallest_eigenpairs(
     problem: RotationProblem,
     k: int | None = None,
     *,
-    tol: float = 1e-6,
+    tol: float = 1e-5,
     method: str = "krylov_schur",
 ) -> Eigenpairs:
     """The k (by default d) smallest eigenpairs of the connection Laplacian; thesis section 4.2.
@@ -37,11 +37,9 @@ def smallest_eigenpairs(
         No factorization, or no convergence.
     """
     k = min(k or problem.d, problem.d * problem.n)
-    shift, factor = _shifted_factor(problem)
-    L = problem.connection_laplacian
-    if method == "arpack":
-        return arpack(L, factor.solve, k, shift=shift, tol=tol)
-    return krylov_schur(L, factor.solve, k, tol=tol)
+    A, shift, factor = _shifted_factor(problem)
+    solver = {"krylov_schur": krylov_schur, "arpack": arpack}[method]
+    return solver(A, factor.solve, k, shift=shift, tol=tol)
 
 
 def spectral_bound(problem: RotationProblem, eigenvalues: FloatArray) -> float:
@@ -56,7 +54,7 @@ def round_to_rotations(V: FloatArray, d: int) -> FloatArray:
     V, and the one under which most blocks have positive determinant is taken.
     """
     blocks = np.swapaxes(V.reshape(-1, d, d), 1, 2)
-    if np.median(np.sign(np.linalg.det(blocks))) < 0:
+    if np.median(np.sign(so.determinants(blocks))) < 0:
         blocks = blocks * np.r_[-np.ones(1), np.ones(d - 1)][:, None]
     return so.project(blocks)
 
@@ -95,12 +93,13 @@ def solve_anchored(problem: RotationProblem) -> FloatArray:
     return so.project(np.swapaxes(X.reshape(n, d, d), 1, 2))
 
 
-def _shifted_factor(problem: RotationProblem) -> tuple[float, Factor]:
+def _shifted_factor(problem: RotationProblem) -> tuple[CSC, float, Factor]:
+    """L + shift I, the shift, and the factor."""
     mean = float(problem.node_weights.mean())
     for relative in SHIFTS:
         shift = relative * mean
         A = operators.connection_laplacian(problem.pattern, problem.graph, shift)
         factor = problem.symbolic(A).factor(A)
         if factor is not None:
-            return shift, factor
+            return A, shift, factor
     raise NumericalError("the connection Laplacian could not be factorized")

@@ -197,4 +197,6 @@ def _second_eigenvalue(problem: RotationProblem, A: CSC, null: FloatArray) -> fl
     start -= unit @ (unit.T @ start)
     if problem.n == 2:
         start = start[:, :1]
-    return float(krylov_schur(A, deflated, 1, start=start, tol=1e-8).values[0])
+    shift = relative * mean
+    pairs = krylov_schur(shifted, deflated, 1, shift=shift, start=start, tol=1e-8)
+    return float(pairs.values[0])

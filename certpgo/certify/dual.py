@@ -15,7 +15,7 @@ import numpy as np
 
 from certpgo.certify.rounding import U
 from certpgo.estimate import Estimate
-from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.arrays import CSC, BoolArray, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal, pinned, scatter_sum
 from certpgo.linalg.factor import Factor
 from certpgo.problem import PoseProblem, Problem

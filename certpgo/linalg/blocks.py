@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy import sparse
 
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 
@@ -28,10 +29,15 @@ class BlockPattern:
         n, (i, j) = self.num_nodes, self.edges.T
         nodes = np.arange(n)
         keys = np.concatenate([nodes * (n + 1), i * n + j, j * n + i])
-        occupied, slot = np.unique(keys, return_inverse=True)
-        rows, columns = np.divmod(occupied, n)
-        indptr = np.searchsorted(rows, np.arange(n + 1))
-        return indptr, columns, slot[:n], slot[n:]
+        order = np.argsort(keys, kind="stable")
+        first = np.diff(keys[order], prepend=-1) > 0
+        slot = np.empty_like(order)
+        slot[order] = np.cumsum(first) - 1
+        rows, columns = np.divmod(keys[order][first], n)
+        # 32 bits where they suffice, as SciPy would choose.
+        small = np.int32 if len(columns) < 2**31 else np.int64
+        indptr = np.searchsorted(rows, np.arange(n + 1)).astype(small)
+        return indptr, columns.astype(small), slot[:n], slot[n:]
 
     @property
     def indptr(self) -> IntArray:
@@ -51,26 +57,6 @@ class BlockPattern:
         target, starts = np.unique(slot[order], return_index=True)
         return None if len(target) == len(slot) else (order, starts, target)
 
-    def _expanded(self, b: int) -> tuple[IntArray, IntArray, IntArray]:
-        """Column pointers, row indices and the place of each block entry, for b x b blocks."""
-        cache = self.__dict__.setdefault("_expansions", {})
-        if b not in cache:
-            indptr, columns = self.indptr, self.indices
-            blocks_in_row = np.diff(indptr)
-            row = np.repeat(np.arange(self.num_nodes), blocks_in_row)
-            stride = blocks_in_row[row] * b
-            base = indptr[row] * b * b + (np.arange(len(columns)) - indptr[row]) * b
-            a = np.arange(b)
-            place = base[:, None, None] + stride[:, None, None] * a[:, None] + a
-            pointers = np.concatenate(
-                [[0], np.cumsum(np.repeat(blocks_in_row * b, b))], dtype=np.int32
-            )
-            indices = np.empty(place.size, dtype=np.int32)
-            indices[place] = columns[:, None, None] * b + a
-            cache[b] = pointers, indices, place
-        result: tuple[IntArray, IntArray, IntArray] = cache[b]
-        return result
-
     def assemble(self, diagonal: FloatArray, upper: FloatArray) -> CSC:
         """The symmetric matrix of diagonal blocks and blocks ``upper[e]`` at edges e = (i, j).
 
@@ -81,12 +67,9 @@ class BlockPattern:
 
         Returns
         -------
-        (n b, n b) matrix in CSC form with sorted indices; all matrices of one block size share
-        their index arrays.
+        (n b, n b) matrix in CSC form with sorted indices
         """
-        b = diagonal.shape[-1]
-        pointers, indices, place = self._expanded(b)
-        blocks = np.empty((len(self.indices), b, b))
+        blocks = np.empty((len(self.indices), *diagonal.shape[1:]))
         blocks[self._slots[2]] = diagonal
         pairs = np.concatenate([upper, np.swapaxes(upper, 1, 2)])
         if self._summation is None:
@@ -94,10 +77,9 @@ class BlockPattern:
         else:
             order, starts, target = self._summation
             blocks[target] = np.add.reduceat(pairs[order], starts, axis=0)
-        data = np.empty(blocks.size)
-        data[place] = blocks
+        rows = sparse.bsr_array((blocks, self.indices, self.indptr)).tocsr()
         # Rows of the symmetric matrix are its columns.
-        return CSC((data, indices, pointers), shape=(self.num_nodes * b,) * 2)
+        return CSC((rows.data, rows.indices, rows.indptr), shape=rows.shape)
 
 
 def scatter_sum(index: IntArray, values: FloatArray, n: int) -> FloatArray:

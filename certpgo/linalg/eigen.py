@@ -42,9 +42,10 @@ def krylov_schur(
     solve: Solve,
     k: int,
     *,
+    shift: float = 0.0,
     start: FloatArray | None = None,
     tol: float = 1e-9,
-    max_basis: int | None = None,
+    max_basis: int = 30,
     max_solves: int = 3000,
 ) -> Eigenpairs:
     """Smallest eigenpairs by the block Krylov-Schur method with thick restart.
@@ -54,12 +55,13 @@ def krylov_schur(
 
     Parameters
     ----------
-    A : (N, N) symmetric positive semidefinite
-    solve : B -> (A + shift I)^-1 B for blocks (N, b) and some small shift >= 0
+    A : (N, N) symmetric positive definite
+    solve : B -> A^-1 B for blocks (N, b)
     k : how many pairs
+    shift : what was added to the diagonal to make A definite; subtracted from the values
     start : (N, b) starting block, b >= 1; random (fixed seed) with b = k by default
     tol : a pair has converged when its residual for the inverse is below tol times its eigenvalue
-    max_basis : columns of the basis before a restart, at least 4 b by default
+    max_basis : columns of the basis at which to restart, at the least 2 k + 3 b
 
     Raises
     ------
@@ -68,46 +70,44 @@ def krylov_schur(
     """
     N = A.shape[0]
     if start is None:
-        start = np.random.default_rng(0).standard_normal((N, k))
+        start = np.random.default_rng(0).random((N, k)) - 0.5
     b = min(start.shape[1], N)
-    width = min(N, max(max_basis or 0, 6 * b + k, 20))
-    V = np.empty((N, width))
+    width = min(N, max(max_basis, 2 * k + 3 * b))
+    V = np.empty((width, N))  # the basis, a vector a row: products with it run along memory
     H = np.zeros((width, width))
-    block = np.linalg.qr(start[:, :b])[0]
+    block = np.linalg.qr(start[:, :b])[0].T
     size, solves = 0, 0
     while True:
-        new = slice(size, size + block.shape[1])
-        V[:, new] = block
+        new = slice(size, size + len(block))
+        V[new] = block
         size = new.stop
-        W = solve(block)
-        solves += block.shape[1]
-        H[:size, new], W = _orthogonalize(W, V[:, :size])
+        W = solve(block.T).T
+        solves += len(block)
+        H[:size, new], W = _orthogonalize(W, V[:size])
         H[new, :size] = H[:size, new].T
         theta, Y = np.linalg.eigh(H[:size, :size])
         theta, Y = theta[::-1], Y[:, ::-1]
-        block, coupling = np.linalg.qr(W)
+        basis, coupling = np.linalg.qr(W.T)
         residual = np.linalg.norm(coupling @ Y[new, :k], axis=0)
-        wanted = min(k, size)
-        if wanted == k and np.all(residual <= tol * theta[:k]):
-            break
-        if size == N:
+        if size == N or (size >= k and np.all(residual <= tol * theta[:k])):
             break
         if solves >= max_solves:
             raise NumericalError(f"no {k} smallest eigenpairs within {solves} solves")
-        block = block[:, : N - size]
-        if size + block.shape[1] > width:
+        block = basis[:, : N - size].T
+        if size + len(block) > width:
             kept = min(k + b, size - 1)
-            V[:, :kept] = V[:, :size] @ Y[:, :kept]
+            V[:kept] = Y[:, :kept].T @ V[:size]
             H[:] = 0.0
             H[np.arange(kept), np.arange(kept)] = theta[:kept]
             size = kept
-    return _pairs(A, V[:, :size] @ Y[:, :k], solves)
+    return _pairs(A, (Y[:, :k].T @ V[:size]).T, shift, solves)
 
 
-def arpack(A: CSC, solve: Solve, k: int, *, shift: float, tol: float = 1e-9) -> Eigenpairs:
-    """Smallest eigenpairs by ARPACK in shift-and-invert mode, one vector a time.
+def arpack(A: CSC, solve: Solve, k: int, *, shift: float = 0.0, tol: float = 1e-9) -> Eigenpairs:
+    """Smallest eigenpairs by ARPACK in shift-and-invert mode, one vector at a time.
 
-    ``solve`` inverts A + shift I. Beside `krylov_schur` for comparison, and slower than it.
+    Parameters as `krylov_schur`. Not a block method: it may miss copies of a multiple eigenvalue,
+    which the connection Laplacian has whenever d = 2 or all rotations share an axis.
     """
     N = A.shape[0]
     solves = 0
@@ -119,22 +119,22 @@ def arpack(A: CSC, solve: Solve, k: int, *, shift: float, tol: float = 1e-9) -> 
 
     inverse = LinearOperator((N, N), matvec=counted, dtype=np.float64)
     v0 = np.random.default_rng(0).standard_normal(N)
-    _, vectors = eigsh(A, k, sigma=-shift, OPinv=inverse, v0=v0, tol=tol)
-    return _pairs(A, vectors, solves)
+    _, vectors = eigsh(A, k, sigma=0.0, OPinv=inverse, v0=v0, tol=tol)
+    return _pairs(A, vectors, shift, solves)
 
 
 def _orthogonalize(W: FloatArray, V: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Coefficients of W along the columns of V, and what is left; twice is enough."""
-    first = V.T @ W
-    W = W - V @ first
-    second = V.T @ W
-    return first + second, W - V @ second
+    """Coefficients of the rows of W along those of V, and what is left; twice is enough."""
+    first = V @ W.T
+    W = W - first.T @ V
+    second = V @ W.T
+    W -= second.T @ V
+    return first + second, W
 
 
-def _pairs(A: CSC, X: FloatArray, solves: int) -> Eigenpairs:
-    """Rayleigh-Ritz on the columns of X, so that the values are accurate for A itself."""
-    X = np.linalg.qr(X)[0]
+def _pairs(A: CSC, X: FloatArray, shift: float, solves: int) -> Eigenpairs:
+    """Rayleigh-Ritz on the orthonormal columns of X, so that the values are accurate for A."""
     AX = A @ X
     values, Y = np.linalg.eigh(X.T @ AX)
     X, AX = X @ Y, AX @ Y
-    return Eigenpairs(values, X, np.linalg.norm(AX - X * values, axis=0), solves)
+    return Eigenpairs(values - shift, X, np.linalg.norm(AX - X * values, axis=0), solves)

@@ -121,7 +121,7 @@ def project(A: FloatArray) -> FloatArray:
     flat = A.reshape(-1, 3, 3)
     X = np.ascontiguousarray(np.moveaxis(flat, 0, -1))
     scale = np.sqrt(np.einsum("ijn,ijn->n", X, X))
-    determinant = _cofactors(X)[1]
+    determinant = determinants(flat)
     regular = determinant > 1e-3 * scale**3
     out = np.empty_like(flat)
     if np.any(regular):
@@ -133,20 +133,32 @@ def project(A: FloatArray) -> FloatArray:
     return out.reshape(A.shape)
 
 
+def determinants(A: FloatArray) -> FloatArray:
+    """Determinants (n,) of matrices (n, d, d)."""
+    if A.shape[-1] == 2:
+        return np.asarray(A[:, 0, 0] * A[:, 1, 1] - A[:, 0, 1] * A[:, 1, 0])
+    a, b, c = np.moveaxis(A, 0, -1)
+    return np.asarray(
+        a[0] * (b[1] * c[2] - b[2] * c[1])
+        + a[1] * (b[2] * c[0] - b[0] * c[2])
+        + a[2] * (b[0] * c[1] - b[1] * c[0])
+    )
+
+
 def _polar(X: FloatArray) -> FloatArray:
     """Orthogonal polar factors of matrices (3, 3, n) with positive determinant."""
-    for _ in range(20):
+    X = X * np.sqrt(3.0 / np.einsum("ijn,ijn->n", X, X))
+    for _ in range(30):
         C, determinant = _cofactors(X)
         Y = C / determinant
-        gamma = np.sqrt(np.sqrt(np.einsum("ijn,ijn->n", Y, Y) / np.einsum("ijn,ijn->n", X, X)))
-        X_next = 0.5 * (gamma * X + Y / gamma)
-        converged = np.abs(X_next - X).max() < 1e-9
-        X = X_next
-        if converged:
+        change = np.abs(Y - X).max()
+        if change > 0.5:  # far away: balance the norms of X and its inverse
+            gamma = (np.einsum("ijn,ijn->n", Y, Y) / np.einsum("ijn,ijn->n", X, X)) ** 0.25
+            X, Y = gamma * X, Y / gamma
+        X = 0.5 * (X + Y)
+        if change < 1e-9:  # the step taken has squared what was left
             break
-    # One unscaled step squares the last error.
-    C, determinant = _cofactors(X)
-    return np.asarray(0.5 * (X + C / determinant))
+    return X
 
 
 def _cofactors(X: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -171,10 +183,7 @@ def worst_defect(R: FloatArray) -> tuple[int, float]:
     d = R.shape[-1]
     with np.errstate(invalid="ignore", over="ignore"):
         defect = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(d)).max(axis=(-2, -1))
-        if d == 2:
-            determinant = R[:, 0, 0] * R[:, 1, 1] - R[:, 0, 1] * R[:, 1, 0]
-        else:
-            determinant = np.einsum("ni,ni->n", np.cross(R[:, 0], R[:, 1]), R[:, 2])
+        determinant = determinants(R)
     defect = np.where(np.isfinite(defect) & (determinant > 0.0), defect, np.inf)
     worst = int(np.argmax(defect))
     return worst, float(defect[worst])

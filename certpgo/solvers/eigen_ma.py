@@ -33,7 +33,7 @@ class EigenMA:
     translations: Literal["ml", "thesis"] = "ml"
     anchor: Anchor = "none"
     eigensolver: Eigensolver = "krylov_schur"
-    tol: float = 1e-6
+    tol: float = 1e-5
 
     poses: ClassVar[bool] = True
     rotations: ClassVar[bool] = False

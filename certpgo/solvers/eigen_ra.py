@@ -35,7 +35,7 @@ class EigenRA:
     weights: Weights = "graph"
     anchor: Anchor = "none"
     eigensolver: Eigensolver = "krylov_schur"
-    tol: float = 1e-6
+    tol: float = 1e-5
 
     poses: ClassVar[bool] = False
     rotations: ClassVar[bool] = True
