@@ -7,15 +7,18 @@ address. Folders are searched recursively by file name; the checksum decides.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from certpgo.datasets import lookup
 from certpgo.datasets.catalogue import KINDS, Entry, entries, entry
 from certpgo.errors import InputError, SpecError
+from certpgo.estimate import Estimate
 from certpgo.graph import Instance
+from certpgo.linalg.arrays import IntArray
 
-__all__ = ["Entry", "entry", "fetch", "find", "load", "names"]
+__all__ = ["Entry", "entry", "fetch", "find", "load", "names", "truth"]
 
 
 def names(kind: str | None = None) -> tuple[str, ...]:
@@ -72,7 +75,7 @@ def fetch(name: str, data: str | Path | None = None, *, download: bool = True) -
 def load(
     name: str, data: str | Path | None = None, *, download: bool = True, **options: Any
 ) -> Instance:
-    """Read the dataset, with its ground truth where that is here too.
+    """Read the dataset, with its ground truth where that is here too and covers every node.
 
     Parameters
     ----------
@@ -93,4 +96,31 @@ def load(
     path = fetch(name, data, download=download)
     from certpgo import io
 
-    return io.read(path, **options)
+    instance = replace(io.read(path, **options), name=wanted.name)
+    known = None if instance.truth is not None else truth(name, instance, data)
+    if known is None or len(known[0]) < instance.graph.num_nodes:
+        return instance
+    return replace(instance, truth=known[1])
+
+
+def truth(
+    name: str, instance: Instance, data: str | Path | None = None
+) -> tuple[IntArray, Estimate] | None:
+    """The dataset's ground truth from a local file: the nodes covered, and their poses.
+
+    None when there is none, or its file is not here. See `certpgo.io.read_truth`.
+
+    Raises
+    ------
+    SpecError
+        The name is unknown.
+    InputError
+        The file cannot be read, or is another graph's.
+    """
+    wanted = entry(name)
+    path = find(wanted.truth, data) if wanted.truth else None
+    if path is None:
+        return None
+    from certpgo import io
+
+    return io.read_truth(path, instance)

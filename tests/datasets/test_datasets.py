@@ -3,11 +3,13 @@ import re
 import warnings
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from certpgo import datasets, io
 from certpgo.datasets import catalogue, lookup
 from certpgo.errors import InputError, InputNotice, SpecError
+from certpgo.problem import problem_of
 
 TRIANGLE = b"EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\nEDGE_SE2 1 2 1 0 0 1 0 0 1 0 1\n"
 
@@ -206,3 +208,25 @@ def test_loading_reads_with_the_options_given(nowhere, little, tmp_path):
         again = io.read(datasets.find("little", tmp_path / "data"), unit_weights=True)
     assert instance.options == again.options
     assert instance.graph.num_edges == 2
+
+
+@pytest.mark.parametrize("name", ["ring", "sphere2500", "city10000", "sphinx_SO3"])
+def test_truth_that_covers_the_graph_comes_with_it(name, dataset, dataset_path):
+    dataset_path(datasets.entry(name).truth)
+    instance = dataset(name)
+    assert instance.name == name
+    angles = problem_of(instance.graph).residual_angles(instance.truth)
+    # Truth of another graph, or in another frame, would leave right angles.
+    assert np.median(angles) < np.deg2rad(10)
+
+
+def test_truth_in_part_is_asked_for(dataset, dataset_path):
+    dataset_path("Ellis_Island_truth")
+    instance = dataset("Ellis_Island")
+    nodes, estimate = datasets.truth("Ellis_Island", instance)
+    assert instance.truth is None
+    assert (len(nodes), estimate.num_nodes) == (227, 227)
+
+
+def test_most_datasets_have_no_truth(dataset):
+    assert datasets.truth("tinyGrid3D", dataset("tinyGrid3D")) is None
