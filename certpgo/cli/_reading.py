@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
@@ -27,7 +27,7 @@ PATIENCE = 1.0
 _PANEL = "Reading"
 
 
-class Keep(str, Enum):
+class Keep(StrEnum):
     """Which of several measurements between the same two nodes count."""
 
     ALL = "all"
@@ -35,7 +35,7 @@ class Keep(str, Enum):
     LAST = "last"
 
 
-class About(str, Enum):
+class About(StrEnum):
     """What the rotational information of a file is about."""
 
     TANGENT = "tangent"
@@ -43,7 +43,7 @@ class About(str, Enum):
     RPY = "rpy"
 
 
-class Components(str, Enum):
+class Components(StrEnum):
     """What to do with a graph of several components."""
 
     REFUSE = "refuse"

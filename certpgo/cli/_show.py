@@ -33,7 +33,9 @@ def facts(pairs: Iterable[tuple[str, str]]) -> None:
         typer.echo(f"{name:<{width}}  {value}")
 
 
-def table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "") -> None:
+def table(
+    title: str, header: Sequence[str], rows: Iterable[Sequence[str]], caption: str = ""
+) -> None:
     """A table on stdout, as wide as the terminal allows."""
     from rich import box
     from rich.console import Console
@@ -49,7 +51,6 @@ def table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]], capt
     console.print(shown)
     if caption:
         console.print(Text(caption))
-        console.print()
 
 
 @contextmanager

@@ -16,7 +16,7 @@ EXIT_CODES = {"CERTIFIED": 0, "BOUNDED": 3, "REFUTED": 4, "UNDECIDED": 5}
 
 _MEANINGS = {
     "CERTIFIED": "no other answer can be better by more than the tolerance, and this is proven",
-    "BOUNDED": "how far this answer can be from the best is proven, and it is more than the tolerance",
+    "BOUNDED": "how far this answer can be from the best is proven, but exceeds the tolerance",
     "REFUTED": "a better answer exists, which improving this one step by step does not reach",
     "UNDECIDED": "nothing useful could be proven, for or against",
 }

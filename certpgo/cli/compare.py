@@ -28,7 +28,7 @@ def command(
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Folder for the results.")
     ] = Path("compare-results"),
-    quick: Annotated[bool, typer.Option("--quick", help="The smaller default graphs only.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="The small graphs alone.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
     *,
     reading: Reading,
@@ -55,12 +55,11 @@ def _read_with(row: Row, options: dict[str, object]) -> Row:
 
 
 def _rows(graphs: list[str]) -> tuple[Row, ...]:
-    from certpgo import datasets
+    from certpgo.harness.instances import require_known
     from certpgo.harness.spec import Row
 
     for name in graphs:
-        if not Path(name).exists():
-            datasets.entry(name)  # an unknown name is said before the work, not after
+        require_known(name)  # said before the work, not after
     return tuple(Row(dataset=name) for name in dict.fromkeys(graphs))
 
 

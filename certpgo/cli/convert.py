@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +12,7 @@ from certpgo.cli._reading import Reading, takes_reading
 from certpgo.errors import InputError
 
 
-class Anchor(str, Enum):
+class Anchor(StrEnum):
     """Where an estimate is moved: poses have no frame of their own."""
 
     FILE = "file"

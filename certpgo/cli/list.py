@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -14,7 +14,7 @@ from certpgo.cli._show import document, table
 Rows = list[dict[str, str]]
 
 
-class Kind(str, Enum):
+class Kind(StrEnum):
     """What can be listed."""
 
     METHODS = "methods"
@@ -102,7 +102,9 @@ def _datasets(data: Path | None) -> Rows:
 def _tables() -> Rows:
     from certpgo import registry
 
-    return [{"name": name, "title": registry.get_table(name).title} for name in registry.table_names()]
+    return [
+        {"name": name, "title": registry.get_table(name).title} for name in registry.table_names()
+    ]
 
 
 def _formats() -> Rows:

@@ -78,9 +78,7 @@ def command(
     return _verdict.exit_code(certificates)
 
 
-def _restricted(
-    estimate: Estimate | None, instance: Instance, part: Instance
-) -> Estimate | None:
+def _restricted(estimate: Estimate | None, instance: Instance, part: Instance) -> Estimate | None:
     import numpy as np
 
     if estimate is None or part is instance:

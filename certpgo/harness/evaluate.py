@@ -44,9 +44,9 @@ def of_estimate(
     """
     values = {"cost": problem.cost(estimate)}
     for key in keys:
-        if key == "f_ml" and isinstance(judge, PoseProblem):
+        if key == "f_ml":
             values[key] = metrics.f_ml(judge.graph, estimate)
-        elif key == "mean_symmetry":
+        elif key == "mean_symmetry" and isinstance(judge, PoseProblem):
             values[key] = metrics.mean_symmetry(judge.graph, estimate)
         elif key in GRAPH_METRICS:
             raise SpecError(f"{key} belongs to a graph, not to an estimate")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,15 +28,28 @@ def open_graph(
     """
     if Path(name).exists():
         return read(name, **reading)
-    try:
-        datasets.entry(name)
-    except SpecError as error:
-        if Path(name).suffix or len(Path(name).parts) > 1:
-            raise InputError(f"{name}: no such file") from None
-        raise InputError(f"{name} is no file; {error}") from None
+    require_known(name)
     # The catalogue's own name is the better one where files of the same name differ.
     instance = datasets.load(name, data=data, download=download, **reading)
     return replace(instance, name=datasets.entry(name).name)
+
+
+def require_known(name: str) -> None:
+    """Refuse what is neither a file nor a dataset's name.
+
+    Raises
+    ------
+    InputError
+        With the nearest names of datasets, if there are any.
+    """
+    if Path(name).exists():
+        return
+    try:
+        datasets.entry(name)
+    except SpecError:
+        near = difflib.get_close_matches(name, datasets.names("graph"), n=3, cutoff=0.6)
+        hint = f"did you mean {' or '.join(near)}?" if near else "see certpgo list datasets"
+        raise InputError(f"{name}: no such file or dataset; {hint}") from None
 
 
 def is_here(row: Row, data: Path | None) -> bool:
@@ -73,13 +87,13 @@ def _generate(row: Row, seed: np.random.SeedSequence) -> Instance:
     families = {name: f for name, f in vars(synthetic).items() if _is_family(name, f)}
     if row.generator not in families:
         raise SpecError.unknown("generator", row.generator, families)
-    instance: Instance = families[row.generator](
-        **row.arguments, rng=np.random.default_rng(seed)
-    )
+    instance: Instance = families[row.generator](**row.arguments, rng=np.random.default_rng(seed))
     return instance
 
 
 def _is_family(name: str, value: Any) -> bool:
-    return callable(value) and not name.startswith("_") and "rng" in getattr(
-        value, "__annotations__", {}
+    return (
+        callable(value)
+        and not name.startswith("_")
+        and "rng" in getattr(value, "__annotations__", {})
     )

@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any, TextIO
@@ -64,11 +65,6 @@ class Record:
     note: str = ""
     error: str = ""
     provenance: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def remark(self) -> str:
-        """What a reader should know: why there is no answer, or the method's note."""
-        return self.error or self.note
 
 
 def as_data(record: Record) -> dict[str, Any]:
@@ -160,6 +156,7 @@ def _versions() -> Iterator[str]:
             continue
 
 
+@cache
 def _commit(root: Path | None) -> str:
     if root is None or not (root / ".git").exists():
         return "unknown"

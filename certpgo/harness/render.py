@@ -79,14 +79,30 @@ def _section(table: Table, group: Sequence[Record]) -> Section:
     first = group[0]
     size = "" if first.n is None else f" ({first.n} nodes, {first.m} edges, {first.d}D)"
     seed = "" if first.seed is None else f", seed {first.seed}"
-    caption = f"Read with {_reading(first)}." if first.n is not None else "Not read."
-    if first.judging is not None:
-        caption += f" f_ML and s are evaluated with {reading_sentence(first.judging)}."
     lines = [_line(table, record) for record in group]
-    paper = any(cell for line in lines for cell in line[-1:])
-    header = ("method", *(c.title for c in table.columns), *(("published",) if paper else ()))
-    rows = tuple(line if paper else line[:-1] for line in lines)
-    return Section(f"{first.row}{size}{seed}", caption, header, rows)
+    header = ("method", *(c.title for c in table.columns), "published", "not run or failed")
+    # The last two columns are shown where they say something.
+    shown = [k for k in range(len(header)) if k < len(header) - 2 or any(line[k] for line in lines)]
+    return Section(
+        title=f"{first.row}{size}{seed}",
+        caption=" ".join(_captions(group)),
+        header=tuple(header[k] for k in shown),
+        rows=tuple(tuple(line[k] for k in shown) for line in lines),
+    )
+
+
+def _captions(group: Sequence[Record]) -> Iterable[str]:
+    first = group[0]
+    if first.n is not None:
+        yield f"Read with {_reading(first)}."
+    if first.judging is not None:
+        yield f"f_ML and s are evaluated with {reading_sentence(first.judging)}."
+    methods: dict[str, list[str]] = {}
+    for record in group:
+        if record.note:
+            methods.setdefault(record.note, []).append(record.method)
+    for note, names in methods.items():
+        yield f"{', '.join(names)}: {note}."
 
 
 def _reading(record: Record) -> str:
@@ -94,11 +110,9 @@ def _reading(record: Record) -> str:
 
 
 def _line(table: Table, record: Record) -> tuple[str, ...]:
-    """One record's cells; the last holds the printed numbers, or is empty."""
+    """One record's cells; the last two are the printed numbers and the error, or empty."""
     cells = [_cell(column, record) for column in table.columns]
-    if record.error and "remark" not in [column.key for column in table.columns]:
-        cells[-1] = record.error
-    return (record.method, *cells, "; ".join(_comparisons(table, record)))
+    return (record.method, *cells, "; ".join(_comparisons(table, record)), record.error)
 
 
 def _cell(column: Column, record: Record) -> str:
@@ -106,9 +120,9 @@ def _cell(column: Column, record: Record) -> str:
         return _seconds(record.seconds)
     if column.key in FIELDS:
         value = getattr(record, column.key)
-        return "" if value is None or (record.error and value == 0) else str(value)
-    value = record.metrics.get(column.key)
-    return "" if value is None else format(value, column.format)
+        return "" if value is None else str(value)
+    number = record.metrics.get(column.key)
+    return "" if number is None else format(number, column.format)
 
 
 def _seconds(phases: Mapping[str, float]) -> str:

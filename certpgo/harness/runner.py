@@ -6,8 +6,10 @@ interruption leaves what is done.
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +20,7 @@ from certpgo import registry
 from certpgo.certify import Certificate, certify
 from certpgo.errors import CertPGOError, SpecError
 from certpgo.graph import Graph, Instance, PoseGraph
-from certpgo.harness import evaluate
+from certpgo.harness import bench, evaluate
 from certpgo.harness.instances import is_here, load_row, seed_of
 from certpgo.harness.methods import build
 from certpgo.harness.records import Record, provenance
@@ -26,6 +28,9 @@ from certpgo.harness.spec import Method, Row, Table
 from certpgo.linalg.factor import default_engine
 from certpgo.problem import Problem, problem_of
 from certpgo.solution import Solution, Solver
+
+#: Environment variable that `certpgo.linalg.factor.default_engine` obeys.
+ENGINE_VARIABLE = "CERTPGO_ENGINE"
 
 Announce = Callable[[str], None]
 
@@ -51,14 +56,11 @@ def run(
     quick : run the quick profile's rows alone
     announce : told what is about to run
     """
-    origin = provenance(default_engine(), _root())
     for place, row in enumerate(chosen_rows(table, data=data, quick=quick)):
         for repetition in range((seeds or table.seeds) if row.generator else 1):
             seed = seed_of(table.seed, place, repetition) if row.generator else None
             for record in _run_row(table, row, data, seed, announce):
-                yield replace(
-                    record, seed=repetition if row.generator else None, provenance=origin
-                )
+                yield replace(record, seed=repetition if row.generator else None)
 
 
 def chosen_rows(table: Table, *, data: Path | None, quick: bool) -> tuple[Row, ...]:
@@ -88,7 +90,26 @@ def _run_row(
         return
     for method in table.methods:
         announce(f"{row.label}: {method.label}")
-        yield _run_method(table, row, method, instance, judged)
+        with _engine(method.engine):
+            yield replace(
+                _run_method(table, row, method, instance, judged),
+                provenance=provenance(default_engine(), _root()),
+            )
+
+
+@contextmanager
+def _engine(name: str) -> Iterator[None]:
+    """Prefer an engine for a while."""
+    before = os.environ.get(ENGINE_VARIABLE)
+    if name:
+        os.environ[ENGINE_VARIABLE] = name
+    try:
+        yield
+    finally:
+        if before is not None:
+            os.environ[ENGINE_VARIABLE] = before
+        elif name:
+            del os.environ[ENGINE_VARIABLE]
 
 
 def _rejudged(row: Row, data: Path | None, seed: np.random.SeedSequence | None) -> Instance:
@@ -111,6 +132,9 @@ def _run_method(
         problem = problem_of(graph)
         if not method.solver:
             return replace(record, metrics=evaluate.of_graph(table.metrics, problem))
+        if table.reference is not None:
+            times, kept = bench.against(table.reference, method, graph)
+            return replace(record, metrics=times, note=kept)
         solution = solve(method, problem, row)
         record = replace(record, **_answer(solution))
         certificate, seconds = _certified(problem, solution) if table.certify else (None, 0.0)
@@ -149,8 +173,8 @@ def solve(method: Method, problem: Problem, row: Row | None = None) -> Solution:
         return solver.solve(problem)
     start = solve(method.start, problem, row)
     solution = solver.solve(problem, initial=start.estimate)
-    seconds = {f"{method.start.label}: {k}": v for k, v in start.seconds.items()}
-    return replace(solution, seconds={**seconds, **solution.seconds})
+    before = {method.start.label: sum(start.seconds.values())}
+    return replace(solution, seconds={**before, **solution.seconds})
 
 
 def refuse_other_problems(name: str, solver: Solver, graph: Graph) -> None:

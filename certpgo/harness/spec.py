@@ -22,10 +22,15 @@ METRICS = (
     "lambda2",
     "lambda3",
     "fiedler",
+    "speedup",
+    "median_seconds",
+    "reference_seconds",
 )
 #: Metrics of the graph itself, which need no estimate.
 GRAPH_METRICS = ("lambda1", "lambda2", "lambda3", "fiedler")
-FIELDS = ("verdict", "seconds", "status", "iterations", "remark")
+#: Metrics measured under the timing protocol, against the table's reference.
+TIMING_METRICS = ("speedup", "median_seconds", "reference_seconds")
+FIELDS = ("verdict", "seconds", "status", "iterations")
 
 
 def _frozen(mapping: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -76,6 +81,7 @@ class Method:
     label : what the table calls it, by default the solver's name
     settings : fields of the solver's dataclass
     start : the method whose answer is the initial estimate, or None
+    engine : factorization engine, by default the preferred one installed
     published : metric to the column of the published numbers that holds it
     """
 
@@ -83,6 +89,7 @@ class Method:
     label: str = ""
     settings: Mapping[str, Any] = field(default_factory=dict)
     start: Method | None = None
+    engine: str = ""
     published: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -126,6 +133,7 @@ class Table:
     published : file of ``reports/published``, without suffix; empty for none
     key : its column that holds a row's ``published`` key
     certify : judge every estimate with a certificate
+    reference : the method that the others are timed against, or None
     seed, seeds : base seed, and how many instances a synthetic row stands for
     quick : labels of the rows that the quick profile keeps
     notes : sentences printed below the table
@@ -142,6 +150,7 @@ class Table:
     published: str = ""
     key: str = "dataset"
     certify: bool = True
+    reference: Method | None = None
     seed: int = 0
     seeds: int = 1
     quick: tuple[str, ...] = ()
@@ -156,6 +165,8 @@ class Table:
         for label in self.quick:
             if label not in labels:
                 raise SpecError.unknown(f"row of table {self.name}", label, labels)
+        if self.reference is None and set(self.metrics) & set(TIMING_METRICS):
+            raise SpecError(f"table {self.name}: times are relative to a reference; give one")
         if self.seeds < 1:
             raise SpecError(f"table {self.name}: seeds must be at least 1, not {self.seeds}")
 

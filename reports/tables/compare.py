@@ -24,9 +24,9 @@ TABLE = Table(
     methods=(
         Method("spanning_tree"),
         EIGEN_MA,
-        Method("eigen_ma", "eigen_ma, unit weights", {"weights": "unit"}),
-        Method("fixed_point", "eigen_ma, fixed_point", start=EIGEN_MA),
-        Method("newton", "eigen_ma, newton", start=EIGEN_MA),
+        Method("eigen_ma", "eigen_ma (unit weights)", {"weights": "unit"}),
+        Method("fixed_point", "eigen_ma + fixed_point", start=EIGEN_MA),
+        Method("newton", "eigen_ma + newton", start=EIGEN_MA),
         Method("gtsam_chordal"),
         Method("gtsam_gauss_newton"),
         Method("gtsam_levenberg_marquardt"),
@@ -39,7 +39,6 @@ TABLE = Table(
         Column("relative_gap", "gap / F", ".1e"),
         Column("verdict", "verdict"),
         Column("seconds", "seconds (by phase)"),
-        Column("remark", "remark"),
     ),
     quick=("smallGrid3D", "MIT", "w100"),
     notes=(

@@ -32,7 +32,6 @@ TABLE = Table(
         Column("lambda2", "lambda_2", ".3e"),
         Column("lambda3", "lambda_3", ".3e"),
         Column("fiedler", "Fiedler value", ".3e"),
-        Column("remark", "remark"),
     ),
     published="moreira2020_table5_6",
     certify=False,
