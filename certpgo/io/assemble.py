@@ -18,7 +18,13 @@ from certpgo.linalg.arrays import FloatArray, IntArray
 def numbered(ids: IntArray, wanted: IntArray) -> IntArray:
     """Position in ``ids`` (ascending) of each of ``wanted``; -1 where it is not there."""
     place = np.minimum(np.searchsorted(ids, wanted), len(ids) - 1)
-    return np.where(ids[place] == wanted, place, -1)
+    return np.asarray(np.where(ids[place] == wanted, place, -1), dtype=np.intp)
+
+
+def distinct(ids: IntArray) -> IntArray:
+    """The distinct ids, ascending (sorting is several times faster than np.unique's hashing)."""
+    ordered = np.sort(ids)
+    return ordered[np.diff(ordered, prepend=ordered[0] - 1) != 0]
 
 
 def instance_from_lines(path: Path, said: Lines, options: Mapping[str, str]) -> Instance:
@@ -38,7 +44,7 @@ def instance_from_lines(path: Path, said: Lines, options: Mapping[str, str]) -> 
     said.measured.clear()
     vertices = np.concatenate([*said.vertices, np.empty(0, dtype=np.intp)])
     refuse_duplicates(path, vertices)
-    ids = np.unique(np.concatenate([vertices, pairs.ravel()]))
+    ids = distinct(np.concatenate([vertices, pairs.ravel()]))
     notices = [f"{count} {what}" for what, count in said.counts.items() if count]
     rotation = RotationGraph(len(ids), numbered(ids, pairs), R, kappa)
     graph: Graph = PoseGraph(rotation, t, tau) if t.any() else rotation
@@ -129,7 +135,7 @@ def estimate_for(ids: IntArray, poses: LabelledPoses, with_translations: bool) -
     if poses.ids is None:
         if len(poses.rotations) != len(ids):
             raise InputError(f"{len(poses.rotations)} poses for the graph's {len(ids)} nodes")
-        order = np.arange(len(ids))
+        order: IntArray = np.arange(len(ids))
     else:
         order = _matched(ids, poses.ids)
     if not with_translations:

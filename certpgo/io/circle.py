@@ -15,6 +15,7 @@ from math import frexp
 import numpy as np
 
 from certpgo.errors import InputError
+from certpgo.io.doubledouble import DD, add, multiply, rounds_alike, two_sum
 from certpgo.linalg.arrays import FloatArray
 
 #: Larger angles are refused: they are mistakes, and reduction modulo pi would need more bits.
@@ -101,51 +102,13 @@ def half_angles(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
     theta = np.asarray(theta, dtype=np.float64)
     _check_range(theta)
     cosine, sine = _double_double_pairs(0.5 * theta)
-    # Ziv's test: the rounding is certain when both ends of the error interval round alike.
-    # Below 2^-400 the double-double products may underflow.
+    # Below 2^-400 the products may underflow.
     certain = np.abs(theta) > 2.0**-400
-    for high, low in (cosine, sine):
-        error = _MARGIN * np.abs(high)
-        certain &= high + (low - error) == high + (low + error)
+    certain &= rounds_alike(cosine, _MARGIN) & rounds_alike(sine, _MARGIN)
     c, s = np.asarray(cosine[0] + cosine[1]), np.asarray(sine[0] + sine[1])
     for k in zip(*np.nonzero(~certain), strict=True):
         c[k], s[k] = half_angle_pair(float(theta[k]))
     return c, s
-
-
-# Double-double arithmetic (Dekker 1971): a number is the unevaluated sum of two doubles.
-_DD = tuple[FloatArray, FloatArray]
-
-
-def _two_sum(a: FloatArray, b: FloatArray) -> _DD:
-    s = a + b
-    t = s - a
-    return s, (a - (s - t)) + (b - t)
-
-
-def _fast_two_sum(a: FloatArray, b: FloatArray) -> _DD:
-    s = a + b
-    return s, b - (s - a)
-
-
-def _split(a: FloatArray) -> _DD:
-    t = 134217729.0 * a
-    high = t - (t - a)
-    return high, a - high
-
-
-def _product(x: _DD, y: _DD) -> _DD:
-    p = x[0] * y[0]
-    (a, b), (c, d) = _split(x[0]), _split(y[0])
-    error = ((a * c - p) + a * d + b * c) + b * d
-    return _fast_two_sum(p, error + (x[0] * y[1] + x[1] * y[0]))
-
-
-def _sum(x: _DD, y: _DD) -> _DD:
-    s, e = _two_sum(x[0], y[0])
-    t, f = _two_sum(x[1], y[1])
-    s, e = _fast_two_sum(s, e + t)
-    return _fast_two_sum(s, e + f)
 
 
 def _nearest_pair(value: Fraction) -> tuple[float, float]:
@@ -175,17 +138,17 @@ _COEFFICIENTS = np.array(
 ).swapaxes(1, 2)
 
 
-def _double_double_pairs(x: FloatArray) -> tuple[_DD, _DD]:
+def _double_double_pairs(x: FloatArray) -> tuple[DD, DD]:
     """cos(x) and sin(x) as double-doubles."""
     quadrant = np.rint(x * (2.0 / np.pi))
     # The first subtraction is exact (both are multiples of the finer unit, the result is below 1).
-    r: _DD = _two_sum(x - quadrant * _HALF_PI[0], -quadrant * _HALF_PI[1])
+    r: DD = two_sum(x - quadrant * _HALF_PI[0], -quadrant * _HALF_PI[1])
     for part in _HALF_PI[2:]:
-        r = _sum(r, (-quadrant * part, np.zeros_like(x)))
-    square = _product(r, r)
+        r = add(r, (-quadrant * part, np.zeros_like(x)))
+    square = multiply(r, r)
     z = (-square[0], -square[1])
     cosine, sine = (_horner(_COEFFICIENTS[:, :, odd], z) for odd in (0, 1))
-    sine = _product(sine, r)
+    sine = multiply(sine, r)
     swap, turn = (quadrant % 2.0 == 1.0), quadrant % 4.0
     cosine_sign = np.where((turn == 1.0) | (turn == 2.0), -1.0, 1.0)
     sine_sign = np.where(turn >= 2.0, -1.0, 1.0)
@@ -195,12 +158,12 @@ def _double_double_pairs(x: FloatArray) -> tuple[_DD, _DD]:
     )
 
 
-def _signed(sign: FloatArray, x: FloatArray) -> _DD:
+def _signed(sign: FloatArray, x: FloatArray) -> DD:
     return sign * x[0], sign * x[1]
 
 
-def _horner(coefficients: FloatArray, z: _DD) -> _DD:
-    total: _DD = (np.full_like(z[0], coefficients[-1, 0]), np.full_like(z[0], coefficients[-1, 1]))
+def _horner(coefficients: FloatArray, z: DD) -> DD:
+    total: DD = (np.full_like(z[0], coefficients[-1, 0]), np.full_like(z[0], coefficients[-1, 1]))
     for high, low in coefficients[-2::-1]:
-        total = _sum(_product(total, z), (np.asarray(high), np.asarray(low)))
+        total = add(multiply(total, z), (np.asarray(high), np.asarray(low)))
     return total

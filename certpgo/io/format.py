@@ -115,15 +115,19 @@ def get_format(name: str) -> Format:
     return formats()[name]
 
 
-def format_of(path: Path) -> Format:
-    """The format of an existing file or folder, by its content, then by its suffix.
+def format_of(path: Path, name: str | None = None) -> Format:
+    """The format of an existing file or folder: the one named, or by content, then by suffix.
 
     Raises
     ------
     FormatError
         The path does not exist, is empty, or is of no known format.
+    SpecError
+        No format is called ``name``.
     """
     head = _head(path)
+    if name is not None:
+        return get_format(name)
     for form in formats().values():
         if form.recognises(path, head):
             return form

@@ -18,13 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.errors import InputError
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.linalg.arrays import BoolArray, FloatArray
 
 #: Decimal exponents and digit counts beyond a double's range are refused before they cost memory.
 _MAX_EXPONENT = 400
-
-#: Information texts remembered; a file whose every line differs must not fill the memory.
-_MEMORY = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -153,46 +150,19 @@ def _rounded(numerator: int, denominator: int, exponent: int) -> float:
     return value
 
 
-class WeightReader:
-    """Weights of many information texts; equal texts are computed once."""
+def indefinite(values: FloatArray, layout: Layout) -> BoolArray:
+    """Which full matrices, given as numbers (k, size), are not positive definite.
 
-    def __init__(self, layout: Layout) -> None:
-        self._layout = layout
-        self._known: dict[bytes, tuple[float, float, bool]] = {}
-
-    def __call__(self, texts: list[bytes]) -> tuple[FloatArray, FloatArray, int]:
-        """Weights kappa (k,) and tau (k,), and how many matrices are indefinite as a whole.
-
-        Raises
-        ------
-        InputError
-            As `weights`.
-        """
-        if len(self._known) > _MEMORY:
-            self._known.clear()
-        new = [text for text in dict.fromkeys(texts) if text not in self._known]
-        decoded = [text.decode("ascii", "replace") for text in new]
-        pairs = [weights(text, self._layout) for text in decoded]
-        flags = indefinite(decoded, self._layout).tolist()
-        self._known.update(
-            (text, (*pair, flag)) for text, pair, flag in zip(new, pairs, flags, strict=True)
-        )
-        table = np.array([self._known[text] for text in texts]).reshape(-1, 3)
-        return table[:, 0], table[:, 1], int(table[:, 2].sum())
-
-
-def indefinite(texts: list[str], layout: Layout) -> BoolArray:
-    """Which full matrices (k,) are not positive definite, by elimination in doubles."""
-    positions: IntArray = np.array(layout.positions)
-    values = np.array(" ".join(texts).split(), dtype=np.float64).reshape(-1, layout.size)
+    By elimination in doubles: it serves a notice, no weight depends on it.
+    """
+    positions = np.array(layout.positions)
     coupled = np.flatnonzero(values[:, positions[: layout.d, layout.d :].ravel()].any(axis=1))
     A = values[coupled][:, positions]
     positive = np.ones(len(A), dtype=np.bool_)
     with np.errstate(all="ignore"):
         for k in range(A.shape[-1]):
             positive &= A[:, k, k] > 0.0
-            A -= A[:, :, k, None] * (A[:, None, k, :] / A[:, k, None, k, None])
-            # The pivot's own row and column vanish; what is left is the Schur complement.
+            A -= A[:, :, k, None] * (A[:, None, k, :] / A[:, k, k, None, None])
     out = np.zeros(len(values), dtype=np.bool_)
     out[coupled] = ~positive
     return out

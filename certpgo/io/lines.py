@@ -7,22 +7,21 @@ same code, to name the line.
 
 from __future__ import annotations
 
-import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from certpgo.errors import FormatError, InputError
-from certpgo.io.format import Progress, ReadOptions, RotationInformation
-from certpgo.io.information import Layout, WeightReader
+from certpgo.errors import InputError
+from certpgo.io import quaternion
+from certpgo.io.chunks import parsed, refuse_loops, without_comments
+from certpgo.io.format import ReadOptions, RotationInformation
+from certpgo.io.information import Layout
+from certpgo.io.weighing import weigh
 from certpgo.linalg.arrays import FloatArray, IntArray
-
-_CHUNK_BYTES = 8 << 20
-_COMMENT = re.compile(rb"#[^\n]*")
 
 #: Rotations (k, d, d), translations (k, d), and how many quaternions are off norm 1.
 Poses = tuple[FloatArray, FloatArray, int]
@@ -77,7 +76,7 @@ class Dialect:
 class Lines:
     """What the lines of a file said; lists hold one array a chunk."""
 
-    d: int = 0
+    d: int
     edges: list[IntArray] = field(default_factory=list)
     measured: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
     weights: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
@@ -88,10 +87,23 @@ class Lines:
 
     def extend(self, other: Lines) -> None:
         """Append what the next chunk said."""
-        self.d = other.d or self.d
         self.counts.update(other.counts)
         for name in ("edges", "measured", "weights", "vertices", "values", "fixed"):
             getattr(self, name).extend(getattr(other, name))
+
+
+def rpy_poses(d: int, numbers: FloatArray) -> Poses:
+    """Poses of x y theta (d = 2) or x y z roll pitch yaw (d = 3)."""
+    t, angles = numbers[:, :d], numbers[:, d:]
+    if d == 2:
+        return quaternion.planar_rotations(angles[:, 0]), t, 0
+    return quaternion.rotations(quaternion.from_roll_pitch_yaw(angles)), t, 0
+
+
+def first_tags(head: bytes) -> set[bytes]:
+    """The first words of the lines in the first bytes of a file, comments aside."""
+    lines = (line.split(None, 1) for line in without_comments(head).splitlines())
+    return {words[0] for words in lines if words}
 
 
 def read_lines(path: Path, dialect: Dialect, options: ReadOptions) -> Lines:
@@ -103,57 +115,27 @@ def read_lines(path: Path, dialect: Dialect, options: ReadOptions) -> Lines:
         With the line and what was expected there.
     """
     parser = _Parser(dialect, options)
-    said = Lines()
-    for first, lines in chunks(path, options.progress):
-        try:
-            said.extend(parser.parse(lines, said.d))
-        except InputError as error:
-            _name_the_line(path, first, lines, parser, said.d)
-            raise FormatError(path, None, str(error)) from None
+    said = Lines(0)
+    for part in parsed(path, parser.parse, options.progress):
+        said.extend(part)
     return said
 
 
-def _name_the_line(path: Path, first: int, lines: list[bytes], parser: _Parser, d: int) -> None:
-    for number, line in enumerate(lines, first):
-        try:
-            d = parser.parse([line], d).d or d
-        except InputError as error:
-            raise FormatError(path, number, str(error)) from None
-
-
-def chunks(path: Path, progress: Progress | None = None) -> Iterator[tuple[int, list[bytes]]]:
-    """Pieces of a file as (number of the first line, lines), comments removed."""
-    total, done, number, rest = path.stat().st_size, 0, 1, b""
-    with path.open("rb") as file:
-        while chunk := file.read(_CHUNK_BYTES):
-            done += len(chunk)
-            whole, newline, tail = (rest + chunk).rpartition(b"\n")
-            rest = tail
-            if newline:
-                lines = _COMMENT.sub(b"", whole).split(b"\n")
-                yield number, lines
-                number += len(lines)
-            if progress is not None:
-                progress(done, total)
-    if rest:
-        yield number, [_COMMENT.sub(b"", rest)]
-
-
 class _Parser:
-    """Parses lists of lines; keeps nothing between them but weights already computed."""
+    """Parses lists of lines; remembers between them the dimension alone."""
 
     def __init__(self, dialect: Dialect, options: ReadOptions) -> None:
         self._dialect = dialect
         self._options = options
-        self._weights = {d: WeightReader(layout) for d, layout in dialect.layouts.items()}
+        self._d = 0
 
-    def parse(self, lines: Iterable[bytes], d: int) -> Lines:
-        """What the lines say, in a file that so far is d-dimensional (0: not known yet)."""
-        said = Lines(d=d)
+    def parse(self, lines: list[bytes]) -> Lines:
+        """What the lines say."""
+        said = Lines(self._d)
         for name, bodies in self._by_tag(lines).items():
             tag = self._tag(name)
             if tag.kind == "skip":
-                said.counts[f"skipped {name.decode()} ({tag.what})"] += len(bodies)
+                said.counts[f"{name.decode()} lines skipped: {tag.what}"] += len(bodies)
             elif tag.kind == "fix":
                 said.fixed.extend(_integers([x for body in bodies for x in body.split()]))
             else:
@@ -161,6 +143,7 @@ class _Parser:
                     raise InputError(f"{name.decode()} in a file of {said.d}D poses")
                 said.d = tag.d
                 self._poses(name.decode(), tag, bodies, said)
+        self._d = said.d
         return said
 
     @staticmethod
@@ -191,9 +174,7 @@ class _Parser:
             said.vertices.append(ids[:, 0])
             said.values.append((rotations, translations))
             return
-        loop = ids[:, 0] == ids[:, 1]
-        if loop.any():
-            raise InputError(f"{name} measures node {ids[np.argmax(loop), 0]} from itself")
+        refuse_loops(ids)
         said.edges.append(ids)
         said.measured.append((rotations, translations))
         said.weights.append(self._weigh(tag.d, texts, said.counts))
@@ -209,7 +190,8 @@ class _Parser:
             return kappa, tau
         stated = np.array([bool(text) for text in texts])
         counts["edges without information: kappa = tau = 1"] += int(np.sum(~stated))
-        kappa[stated], tau[stated], indefinite = self._weights[d]([t for t in texts if t])
+        layout = self._dialect.layouts[d]
+        kappa[stated], tau[stated], indefinite = weigh([t for t in texts if t], layout)
         counts["information matrices indefinite as a whole, diagonal blocks used"] += indefinite
         if self._options.rotation_information == "quaternion":
             kappa[stated] *= 0.25  # half the angle, a quarter of the information; exact
@@ -221,28 +203,27 @@ def _fields(
 ) -> tuple[IntArray, FloatArray, list[bytes]]:
     """Ids (k, 1 or 2), pose numbers (k, p), information texts (k), empty where there is none."""
     width = tag.ids + tag.numbers
-    ids: list[bytes] = []
-    numbers: list[bytes] = []
-    texts: list[bytes] = []
+    fields: list[bytes] = []
     for body in bodies:
         values = body.split(None, width)
-        if len(values) < width:
+        if len(values) == width:
+            values.append(b"")
+        elif len(values) < width:
             raise InputError(_count_message(name, tag, information, len(values)))
-        ids += values[: tag.ids]
-        numbers += values[tag.ids : width]
-        texts.append(values[width].strip() if len(values) > width else b"")
-    if any(texts) and not information:
+        fields += values
+    texts = fields[width :: width + 1]
+    if any(texts) and not (information and _complete(bodies, width + information)):
         found = max(len(body.split()) for body in bodies)
         raise InputError(_count_message(name, tag, information, found))
-    if len(bodies) == 1 and texts[0]:
-        found = len(bodies[0].split())
-        if found != width + information:
-            raise InputError(_count_message(name, tag, information, found))
-    return (
-        np.array(_integers(ids), dtype=np.intp).reshape(-1, tag.ids),
-        _floats(numbers).reshape(-1, tag.numbers),
-        texts,
-    )
+    columns = [fields[k :: width + 1] for k in range(width)]
+    ids = [_integers(column) for column in columns[: tag.ids]]
+    numbers = [_floats(column) for column in columns[tag.ids :]]
+    return np.array(ids, dtype=np.intp).T, np.stack(numbers, axis=-1), texts
+
+
+def _complete(bodies: list[bytes], size: int) -> bool:
+    # Of many lines the weights' reader counts the numbers; a single one is counted for its message.
+    return len(bodies) > 1 or len(bodies[0].split()) == size
 
 
 def _count_message(name: str, tag: Tag, information: int, found: int) -> str:
@@ -258,7 +239,7 @@ def _integers(fields: list[bytes]) -> list[int]:
         raise InputError("ids must be integers") from None
     if values and not -(2**63) <= min(values) <= max(values) < 2**63:
         raise InputError("ids must fit 64-bit signed integers (GTSAM symbols do not; renumber)")
-    if any(b"_" in field for field in fields):
+    if b"_" in b"".join(fields):
         raise InputError("ids must be integers")
     return values
 

@@ -137,6 +137,13 @@ def to_write(R: FloatArray) -> FloatArray:
     return np.where(q[:, 3:] < 0.0, -q, q) + 0.0
 
 
+def embedded_translations(t: FloatArray | None) -> FloatArray | None:
+    """Translations (k, 3); planar ones (k, 2) are taken at z = 0, None stays None."""
+    if t is None or t.shape[-1] == 3:
+        return t
+    return np.pad(t, ((0, 0), (0, 1)))
+
+
 def embedded(R: FloatArray) -> FloatArray:
     """Rotations (k, 3, 3); planar ones (k, 2, 2) are taken about the z axis."""
     if R.shape[-1] == 3:

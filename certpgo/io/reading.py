@@ -13,13 +13,11 @@ from certpgo.estimate import Estimate
 from certpgo.graph import Graph, Instance, Keep, PoseGraph
 from certpgo.io.assemble import estimate_for, truth_for
 from certpgo.io.format import (
-    Format,
     LabelledPoses,
     Progress,
     ReadOptions,
     RotationInformation,
     format_of,
-    get_format,
 )
 from certpgo.io.timestamps import node_ids
 from certpgo.io.trees import integrated
@@ -67,7 +65,7 @@ def read(
         ``format`` is unknown.
     """
     path = Path(path)
-    form = _format(path, format)
+    form = format_of(path, format)
     if form.read_graph is None:
         raise FormatError(path, None, f"a {form.name} file holds {form.holds}, no measurements")
     weights = _Weights(kappa, tau, unit_weights)
@@ -150,7 +148,7 @@ def read_truth(
         With path, line and what was expected there.
     """
     path = Path(path)
-    form = _format(path, format)
+    form = format_of(path, format)
     if form.read_poses is not None:
         poses = form.read_poses(path)
     elif form.read_graph is not None:
@@ -203,13 +201,8 @@ def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
         raise InputError(f"{name} must be one of {', '.join(choices)}, not {value!r}")
 
 
-def _format(path: Path, name: str | None) -> Format:
-    found = format_of(path)  # also says that there is no such file
-    return found if name is None else get_format(name)
-
-
 def _poses(path: Path, name: str | None) -> LabelledPoses:
-    form = _format(path, name)
+    form = format_of(path, name)
     if form.read_poses is None:
         raise FormatError(path, None, f"a {form.name} file holds {form.holds}, no estimate")
     return form.read_poses(path)

@@ -26,11 +26,12 @@ def node_ids(poses: LabelledPoses, ids: IntArray | None, timestamps: str | Path)
     Raises
     ------
     InputError
-        A timestamp is no id, or is not in the file.
+        A timestamp is no id, is not in the file, or occurs twice.
     """
     times = poses.times
     if poses.ids is not None or times is None or timestamps == "index":
         return poses.ids
+    _refuse_repeats(times)
     if timestamps == "ids":
         if (times == np.rint(times)).all() and np.abs(times).max() < _EXACT:
             return times.astype(np.intp)
@@ -40,11 +41,12 @@ def node_ids(poses: LabelledPoses, ids: IntArray | None, timestamps: str | Path)
     known = _from_file(Path(timestamps))
     nodes = np.arange(len(known)) if ids is None else ids
     _check_length(known, len(nodes), Path(timestamps))
+    _refuse_repeats(known)
     order = np.argsort(known)
     place = np.minimum(np.searchsorted(known[order], times), len(known) - 1)
     absent = known[order][place] != times
     if absent.any():
-        raise InputError(f"timestamp {times[np.argmax(absent)]!r} is not in {timestamps}")
+        raise InputError(f"timestamp {float(times[np.argmax(absent)])!r} is not in {timestamps}")
     return np.asarray(nodes[order][place], dtype=np.intp)
 
 
@@ -65,6 +67,13 @@ def node_times(ids: IntArray, timestamps: str | Path) -> FloatArray:
     times = _from_file(Path(timestamps))
     _check_length(times, len(ids), Path(timestamps))
     return times
+
+
+def _refuse_repeats(times: FloatArray) -> None:
+    ordered = np.sort(times)
+    repeats = ordered[1:][ordered[1:] == ordered[:-1]]
+    if len(repeats):
+        raise InputError(f"timestamp {float(repeats[0])!r} appears twice")
 
 
 def _check_length(times: FloatArray, n: int, path: Path) -> None:

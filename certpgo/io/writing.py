@@ -62,6 +62,8 @@ def write(
         if form.write_poses is None:
             raise InputError(f"{path}: {form.name} cannot be written for an estimate")
         writer = form.write_poses
+        if instance is not None and instance.graph.d != what.d:
+            raise InputError(f"another graph's estimate: {what.d}D, not {instance.graph.d}D")
         labels = _ids(ids, what.num_nodes, instance)
         anchored = _anchored(what, labels, instance, anchor)
         times = node_times(labels, timestamps) if form.name == "tum" else labels.astype(float)

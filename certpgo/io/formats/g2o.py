@@ -24,7 +24,7 @@ from certpgo.io import quaternion
 from certpgo.io.assemble import instance_from_lines, poses_from_lines
 from certpgo.io.format import Format, LabelledPoses, ReadOptions
 from certpgo.io.information import ROW_MAJOR_2D, ROW_MAJOR_3D
-from certpgo.io.lines import Dialect, Poses, Tag, read_lines
+from certpgo.io.lines import Dialect, Poses, Tag, first_tags, read_lines, rpy_poses
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 _LANDMARKS = (
@@ -43,10 +43,9 @@ _PARAMETERS = ("PARAMS_SE2OFFSET", "PARAMS_SE3OFFSET", "PARAMS_CAMERACALIB")
 
 
 def _poses(d: int, numbers: FloatArray) -> Poses:
-    t = numbers[:, :d]
     if d == 2:
-        return quaternion.planar_rotations(numbers[:, 2]), t, 0
-    q = numbers[:, 3:]
+        return rpy_poses(d, numbers)
+    t, q = numbers[:, :3], numbers[:, 3:]
     return quaternion.rotations(q), t, quaternion.off_norm(q)
 
 
@@ -58,9 +57,9 @@ DIALECT = Dialect(
         b"VERTEX_SE2": Tag("vertex", 2, 3),
         b"EDGE_SE2": Tag("edge", 2, 3),
         b"FIX": Tag("fix"),
-        **{name.encode(): Tag("skip", what="a landmark") for name in _LANDMARKS},
-        **{name.encode(): Tag("skip", what="a prior") for name in _PRIORS},
-        **{name.encode(): Tag("skip", what="a sensor parameter") for name in _PARAMETERS},
+        **{name.encode(): Tag("skip", what="landmarks") for name in _LANDMARKS},
+        **{name.encode(): Tag("skip", what="priors") for name in _PRIORS},
+        **{name.encode(): Tag("skip", what="sensor parameters") for name in _PARAMETERS},
     },
     layouts={2: ROW_MAJOR_2D, 3: ROW_MAJOR_3D},
     poses=_poses,
@@ -68,11 +67,7 @@ DIALECT = Dialect(
 
 
 def _recognises(path: Path, head: bytes) -> bool:
-    return any(
-        line.split(None, 1)[0] in DIALECT.tags
-        for line in head.splitlines()[:50]
-        if line.strip() and not line.lstrip().startswith(b"#")
-    )
+    return bool(first_tags(head) & DIALECT.tags.keys())
 
 
 def _read_graph(path: Path, options: ReadOptions) -> Instance:

@@ -86,6 +86,8 @@ def _read_poses(path: Path) -> LabelledPoses:
         raise FormatError(path, None, f"the array {error} is missing") from None
     except CertPGOError as error:
         raise FormatError(path, None, str(error)) from None
+    if ids.dtype.kind != "i" or len(np.unique(ids)) != estimate.num_nodes or ids.ndim != 1:
+        raise FormatError(path, None, f"{estimate.num_nodes} distinct integer ids expected")
     return LabelledPoses(estimate.rotations, estimate.translations, ids=ids)
 
 

@@ -1,0 +1,140 @@
+"""Text files in chunks, whose errors name a line."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from certpgo.errors import FormatError, InputError
+from certpgo.io.format import Progress
+from certpgo.linalg.arrays import FloatArray, IntArray
+
+T = TypeVar("T")
+
+_CHUNK_BYTES = 8 << 20
+_COMMENT = re.compile(rb"#[^\n]*")
+
+
+def without_comments(text: bytes) -> bytes:
+    """The text with ``#`` and what follows it on a line removed."""
+    return _COMMENT.sub(b"", text)
+
+
+def parsed(
+    path: Path, parse: Callable[[list[bytes]], T], progress: Progress | None = None
+) -> Iterator[T]:
+    """What ``parse`` makes of each chunk of lines, comments removed.
+
+    A chunk that fails is parsed again line by line, by the same code, to name the line.
+
+    Raises
+    ------
+    FormatError
+        With the line, for an InputError of ``parse``.
+    """
+    for first, lines in _chunks(path, progress):
+        try:
+            result = parse(lines)
+        except InputError as error:
+            for number, line in enumerate(lines, first):
+                try:
+                    parse([line])
+                except InputError as at_line:
+                    raise FormatError(path, number, str(at_line)) from None
+            raise FormatError(path, None, str(error)) from None
+        yield result
+
+
+def _chunks(path: Path, progress: Progress | None) -> Iterator[tuple[int, list[bytes]]]:
+    """Pieces of a file as (number of the first line, lines)."""
+    total, done, number, rest = path.stat().st_size, 0, 1, b""
+    with path.open("rb") as file:
+        while chunk := file.read(_CHUNK_BYTES):
+            done += len(chunk)
+            whole, newline, rest = (rest + chunk).rpartition(b"\n")
+            if newline:
+                lines = without_comments(whole).split(b"\n")
+                yield number, lines
+                number += len(lines)
+            if progress is not None:
+                progress(done, total)
+    if rest:
+        yield number, [without_comments(rest)]
+
+
+def read_rows(
+    path: Path,
+    columns: int,
+    expected: str,
+    convert: Callable[[FloatArray], tuple[FloatArray, ...]],
+    progress: Progress | None = None,
+) -> tuple[FloatArray, ...]:
+    """A table of numbers, converted a chunk of rows at a time.
+
+    Parameters
+    ----------
+    columns : numbers a line
+    expected : what a line holds, for the message
+    convert : from rows (k, columns) to arrays (k, ...); its InputErrors name the line
+
+    Raises
+    ------
+    FormatError
+        With the line; or there are no rows.
+    """
+
+    def parse(lines: list[bytes]) -> tuple[FloatArray, ...]:
+        rows = [words for line in lines if (words := line.split())]
+        try:
+            table = np.array([float(word) for words in rows for word in words])
+        except ValueError:
+            raise InputError(f"{expected} expected") from None
+        if not {len(words) for words in rows} <= {columns} or not np.isfinite(table).all():
+            raise InputError(f"{expected} expected")
+        return convert(table.reshape(-1, columns))
+
+    parts = list(parsed(path, parse, progress))
+    if not sum(len(part[0]) for part in parts):
+        raise FormatError(path, None, f"no lines of {expected}")
+    return tuple(np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+
+
+def first_row(head: bytes) -> list[float]:
+    """The numbers on the first line that is not blank, empty if anything else stands there."""
+    for line in without_comments(head).splitlines():
+        if words := line.split():
+            try:
+                return [float(word) for word in words]
+            except ValueError:
+                return []
+    return []
+
+
+def whole(numbers: FloatArray) -> FloatArray:
+    """The numbers, if all are integers that doubles hold exactly.
+
+    Raises
+    ------
+    InputError
+        One is not.
+    """
+    if not ((numbers == np.rint(numbers)) & (np.abs(numbers) < 2.0**53)).all():
+        raise InputError("ids must be integers")
+    return numbers
+
+
+def refuse_loops(pairs: FloatArray | IntArray) -> None:
+    """Refuse an edge (i, i) among (k, 2) pairs of ids.
+
+    Raises
+    ------
+    InputError
+        There is one.
+    """
+    loop = pairs[:, 0] == pairs[:, 1]
+    if loop.any():
+        raise InputError(f"node {int(pairs[np.argmax(loop), 0])} is measured from itself")

@@ -1,0 +1,56 @@
+"""iSAM text files.
+
+    EDGE2 i j x y theta [6 numbers]
+    EDGE3 i j x y z roll pitch yaw [21 numbers]
+
+R = Rz(yaw) Ry(pitch) Rx(roll). The information is the upper triangle, row by row, in the order of
+the pose's numbers; its rotational part is on roll, pitch and yaw (``rotation_information="rpy"``),
+taken at small angles, where it is information on the tangent space. In 2D g2o's order.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from certpgo.graph import Instance
+from certpgo.io.assemble import instance_from_lines
+from certpgo.io.format import Format, ReadOptions
+from certpgo.io.information import ROW_MAJOR_2D, ROW_MAJOR_3D
+from certpgo.io.lines import Dialect, Tag, first_tags, read_lines, rpy_poses
+
+_VARIANT = "EDGE2 or EDGE3 expected; iSAM's older {} lines are not read"
+
+DIALECT = Dialect(
+    name="iSAM",
+    tags={
+        b"EDGE2": Tag("edge", 2, 3),
+        b"EDGE3": Tag("edge", 3, 6),
+        b"LANDMARK": Tag("skip", what="landmarks"),
+    },
+    layouts={2: ROW_MAJOR_2D, 3: ROW_MAJOR_3D},
+    poses=rpy_poses,
+    refused={tag: _VARIANT.format(tag.decode()) for tag in (b"EDGE", b"ODOMETRY")},
+    rotation_information="rpy",
+)
+
+
+def _recognises(path: Path, head: bytes) -> bool:
+    tags = first_tags(head)
+    known = bool(tags & (DIALECT.tags.keys() | DIALECT.refused.keys()))
+    # TORO's edges have the same tags, but its files have vertices or the suffix .graph.
+    return known and path.suffix != ".graph" and not tags & {b"VERTEX2", b"VERTEX3"}
+
+
+def _read_graph(path: Path, options: ReadOptions) -> Instance:
+    about = options.rotation_information or DIALECT.rotation_information
+    said = read_lines(path, DIALECT, options)
+    return instance_from_lines(path, said, {"rotation_information": about})
+
+
+FORMAT = Format(
+    name="isam",
+    suffixes=(),
+    recognises=_recognises,
+    holds="measurements",
+    read_graph=_read_graph,
+)

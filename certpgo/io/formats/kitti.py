@@ -1,0 +1,47 @@
+"""KITTI poses: the 3x4 matrix [R t] row by row, 12 numbers a line, one line a node in order."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from certpgo.errors import InputError
+from certpgo.estimate import Estimate
+from certpgo.io import quaternion
+from certpgo.io.chunks import first_row, read_rows
+from certpgo.io.format import Format, LabelledPoses
+from certpgo.linalg.arrays import FloatArray, IntArray
+
+
+def _recognises(path: Path, head: bytes) -> bool:
+    return len(first_row(head)) == 12
+
+
+def _read_poses(path: Path) -> LabelledPoses:
+    R, t = read_rows(path, 12, "12 numbers [R t] row by row", _convert)
+    return LabelledPoses(R, t)
+
+
+def _convert(rows: FloatArray) -> tuple[FloatArray, ...]:
+    M = rows.reshape(-1, 3, 4)
+    return quaternion.rotations(quaternion.from_matrices(M[:, :, :3])), M[:, :, 3]
+
+
+def _write_poses(path: Path, estimate: Estimate, ids: IntArray, times: FloatArray) -> None:
+    t = quaternion.embedded_translations(estimate.translations)
+    if t is None:
+        raise InputError("KITTI needs translations; the estimate has rotations only")
+    M = np.concatenate([quaternion.embedded(estimate.rotations), t[:, :, None]], axis=2)
+    with path.open("w", encoding="ascii") as file:
+        file.writelines(" ".join(map(repr, row)) + "\n" for row in M.reshape(-1, 12).tolist())
+
+
+FORMAT = Format(
+    name="kitti",
+    suffixes=(".kitti",),
+    recognises=_recognises,
+    holds="a trajectory",
+    read_poses=_read_poses,
+    write_poses=_write_poses,
+)

@@ -1,0 +1,48 @@
+"""1DSfM's rots.txt: an id and R row by row, world to camera, 10 numbers a line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from certpgo.estimate import Estimate
+from certpgo.io import quaternion
+from certpgo.io.assemble import refuse_duplicates
+from certpgo.io.chunks import first_row, read_rows, whole
+from certpgo.io.format import Format, LabelledPoses
+from certpgo.linalg.arrays import FloatArray, IntArray
+
+
+def _recognises(path: Path, head: bytes) -> bool:
+    row = first_row(head)
+    return len(row) == 10 and row[0].is_integer()
+
+
+def _read_poses(path: Path) -> LabelledPoses:
+    numbers, R = read_rows(path, 10, "an id and 9 numbers of R row by row", _convert)
+    ids = numbers.astype(np.intp)
+    refuse_duplicates(path, ids)
+    return LabelledPoses(R, None, ids=ids)
+
+
+def _convert(rows: FloatArray) -> tuple[FloatArray, ...]:
+    q = quaternion.from_matrices(rows[:, 1:].reshape(-1, 3, 3))
+    return whole(rows[:, 0]), np.swapaxes(quaternion.rotations(q), -1, -2)
+
+
+def _write_poses(path: Path, estimate: Estimate, ids: IntArray, times: FloatArray) -> None:
+    M = np.swapaxes(quaternion.embedded(estimate.rotations), -1, -2).reshape(-1, 9)
+    with path.open("w", encoding="ascii") as file:
+        for node, row in zip(ids.tolist(), M.tolist(), strict=True):
+            file.write(f"{node} {' '.join(map(repr, row))}\n")
+
+
+FORMAT = Format(
+    name="rots",
+    suffixes=(".rots",),
+    recognises=_recognises,
+    holds="absolute rotations",
+    read_poses=_read_poses,
+    write_poses=_write_poses,
+)

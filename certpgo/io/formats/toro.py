@@ -1,0 +1,63 @@
+"""TORO and hog-man ``.graph`` files.
+
+    VERTEX2 id x y theta                    VERTEX3 id x y z roll pitch yaw
+    EDGE2 i j x y theta [Ixx Ixy Iyy Itt Ixt Iyt]
+    EDGE3 i j x y z roll pitch yaw [21 numbers, upper triangle row by row]
+
+R = Rz(yaw) Ry(pitch) Rx(roll). EQUIV (known correspondences) and BR (laser) lines are skipped.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from certpgo.graph import Instance
+from certpgo.io.assemble import instance_from_lines, poses_from_lines
+from certpgo.io.format import Format, LabelledPoses, ReadOptions
+from certpgo.io.information import ROW_MAJOR_3D, TORO_2D
+from certpgo.io.lines import Dialect, Tag, first_tags, read_lines, rpy_poses
+
+DIALECT = Dialect(
+    name="TORO",
+    tags={
+        b"VERTEX2": Tag("vertex", 2, 3),
+        b"EDGE2": Tag("edge", 2, 3),
+        b"VERTEX3": Tag("vertex", 3, 6),
+        b"EDGE3": Tag("edge", 3, 6),
+        b"EQUIV": Tag("skip", what="equivalences of nodes"),
+        b"EQUIV2": Tag("skip", what="equivalences of nodes"),
+        b"EQUIV3": Tag("skip", what="equivalences of nodes"),
+        b"BR": Tag("skip", what="laser observations"),
+    },
+    layouts={2: TORO_2D, 3: ROW_MAJOR_3D},
+    poses=rpy_poses,
+)
+
+
+def _recognises(path: Path, head: bytes) -> bool:
+    tags = first_tags(head)
+    # EDGE2 and EDGE3 alone are iSAM's too; vertices, or else the suffix, tell.
+    shared = {b"EDGE2", b"EDGE3"}
+    return bool(tags & (DIALECT.tags.keys() - shared)) or (
+        path.suffix == ".graph" and bool(tags & shared)
+    )
+
+
+def _read_graph(path: Path, options: ReadOptions) -> Instance:
+    about = options.rotation_information or DIALECT.rotation_information
+    said = read_lines(path, DIALECT, options)
+    return instance_from_lines(path, said, {"rotation_information": about})
+
+
+def _read_poses(path: Path) -> LabelledPoses:
+    return poses_from_lines(path, read_lines(path, DIALECT, ReadOptions(ignore_information=True)))
+
+
+FORMAT = Format(
+    name="toro",
+    suffixes=(".graph",),
+    recognises=_recognises,
+    holds="poses and measurements",
+    read_graph=_read_graph,
+    read_poses=_read_poses,
+)

@@ -1,0 +1,48 @@
+"""TUM trajectories: ``timestamp tx ty tz qx qy qz qw`` a line, seconds and metres."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from certpgo.errors import InputError
+from certpgo.estimate import Estimate
+from certpgo.io import quaternion
+from certpgo.io.chunks import first_row, read_rows
+from certpgo.io.format import Format, LabelledPoses
+from certpgo.linalg.arrays import FloatArray, IntArray
+
+
+def _recognises(path: Path, head: bytes) -> bool:
+    return len(first_row(head)) == 8
+
+
+def _read_poses(path: Path) -> LabelledPoses:
+    times, t, R = read_rows(path, 8, "timestamp tx ty tz qx qy qz qw", _convert)
+    return LabelledPoses(R, t, times=times)
+
+
+def _convert(rows: FloatArray) -> tuple[FloatArray, ...]:
+    return rows[:, 0], rows[:, 1:4], quaternion.rotations(rows[:, 4:])
+
+
+def _write_poses(path: Path, estimate: Estimate, ids: IntArray, times: FloatArray) -> None:
+    t = quaternion.embedded_translations(estimate.translations)
+    if t is None:
+        raise InputError("TUM needs translations; the estimate has rotations only")
+    numbers = np.hstack([t, quaternion.to_write(estimate.rotations)])
+    with path.open("w", encoding="ascii") as file:
+        for time, row in zip(times.tolist(), numbers.tolist(), strict=True):
+            stamp = f"{time:.0f}" if time.is_integer() else repr(time)
+            file.write(f"{stamp} {' '.join(map(repr, row))}\n")
+
+
+FORMAT = Format(
+    name="tum",
+    suffixes=(".tum",),
+    recognises=_recognises,
+    holds="a trajectory",
+    read_poses=_read_poses,
+    write_poses=_write_poses,
+)
