@@ -52,8 +52,8 @@ TABLE = Table(
         "f_ML weighs every edge 1. EigenMA's translations are the thesis' own (eq. 4.12, which "
         "counts each edge in both directions); the second row minimises F exactly. cubicle: "
         "estimated from the last of parallel edges, evaluated on all. sphere_bignoise_vertex3: "
-        "projected after anchoring the first camera (Appendix B.6). The thesis' chordal and Gauss-Newton "
-        "are other implementations (its own and g2o, at most 10 iterations), so that their "
-        "numbers need not agree.",
+        "projected after anchoring the first camera (Appendix B.6).",
+        "The thesis' chordal and Gauss-Newton are other implementations (its own, and g2o with at "
+        "most 10 iterations), so that their numbers need not agree.",
     ),
 )

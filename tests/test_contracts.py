@@ -1,0 +1,121 @@
+"""What every method promises, run for each one that is registered, without naming any."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from certpgo import registry
+from certpgo.certify import certify
+from certpgo.datasets import synthetic
+from certpgo.errors import CertPGOError, MissingDependency, SpecError
+from certpgo.harness.methods import build, defaults
+from certpgo.problem import PoseProblem, problem_of
+from certpgo.solution import Solution, Status
+
+NAMES = registry.solver_names()
+SAME_COST = 1e-12  # relative: one formula, evaluated twice
+
+
+def planar_poses():
+    rng = np.random.default_rng(3)
+    space = synthetic.helix(3, rng).graph
+    graph = space.rotation
+    angles = rng.normal(0.0, 0.02, graph.num_edges)
+    turns = np.moveaxis(
+        np.array([[np.cos(angles), -np.sin(angles)], [np.sin(angles), np.cos(angles)]]), 2, 0
+    )
+    flat = type(graph)(graph.num_nodes, graph.edges, turns, graph.kappa)
+    return type(space)(flat, space.translations[:, :2], space.tau)
+
+
+MICRO = {
+    "poses in 3D": lambda: synthetic.grid3d(2, np.random.default_rng(1)).graph,
+    "poses in 2D": planar_poses,
+    "rotations in 3D": lambda: synthetic.random_graph(8, 3.0, 0.1, np.random.default_rng(2)).graph,
+}
+
+
+def arrays(graph):
+    rotation = getattr(graph, "rotation", graph)
+    yield from (rotation.edges, rotation.rotations, rotation.kappa)
+    if rotation is not graph:
+        yield from (graph.translations, graph.tau)
+
+
+def applicable(name, problem):
+    solver = registry.get_solver(name)
+    if not (solver.poses if isinstance(problem, PoseProblem) else solver.rotations):
+        pytest.skip(f"{name} is not for such problems")
+    return solver()
+
+
+@pytest.mark.parametrize("graph", MICRO.values(), ids=MICRO.keys())
+@pytest.mark.parametrize("name", NAMES)
+def test_solve_keeps_the_contract(name, graph):
+    problem = problem_of(graph())
+    solver = applicable(name, problem)
+    before = [array.copy() for array in arrays(problem.graph)]
+    try:
+        solution = solver.solve(problem)
+    except MissingDependency as error:
+        pytest.skip(str(error))
+
+    assert isinstance(solution, Solution)
+    assert isinstance(solution.status, Status)
+    n, d = problem.n, problem.d
+    R = solution.estimate.rotations
+    assert R.shape == (n, d, d)
+    assert np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(d)).max() <= 1e-10
+    assert np.linalg.det(R).min() > 0.0
+    t = solution.estimate.translations
+    assert (t is not None and t.shape == (n, d)) == isinstance(problem, PoseProblem)
+    cost = problem.cost(solution.estimate)
+    assert abs(solution.cost - cost) <= SAME_COST * max(cost, problem.scale)
+    assert all(seconds >= 0.0 for seconds in solution.seconds.values())
+    for array, original in zip(arrays(problem.graph), before, strict=True):
+        np.testing.assert_array_equal(array, original)
+
+
+@pytest.mark.parametrize("graph", MICRO.values(), ids=MICRO.keys())
+@pytest.mark.parametrize("name", NAMES)
+def test_no_answer_is_below_the_proven_bound(name, graph):
+    problem = problem_of(graph())
+    solver = applicable(name, problem)
+    try:
+        solution = solver.solve(problem)
+    except MissingDependency as error:
+        pytest.skip(str(error))
+    certificate = certify(problem, solution.estimate)
+    assert np.isfinite(certificate.lower_bound)
+    assert certificate.lower_bound <= solution.cost * (1.0 + SAME_COST)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_settings_are_a_frozen_documented_dataclass(name):
+    solver = registry.get_solver(name)
+    settings = solver()
+    assert solver.__doc__
+    assert solver.poses or solver.rotations
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        settings.anything = 1
+    for key in defaults(solver):
+        assert key in solver.__doc__ or "settings" in solver.__doc__, key
+
+
+@pytest.mark.parametrize(
+    ("name", "key"), [(name, key) for name in NAMES for key in defaults(registry.get_solver(name))]
+)
+def test_settings_are_validated_at_construction(name, key):
+    default = defaults(registry.get_solver(name))[key]
+    if isinstance(default, bool) or default is None:
+        pytest.skip(f"{key}: any value of its type is allowed")
+    wrong = "no such choice" if isinstance(default, str) else -1
+    with pytest.raises(CertPGOError):
+        build(name, {key: wrong})
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_unknown_setting_is_refused(name):
+    with pytest.raises(SpecError, match=f"unknown setting of {name} 'no_such'"):
+        build(name, {"no_such": 1})
