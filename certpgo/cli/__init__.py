@@ -12,6 +12,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
@@ -64,12 +65,21 @@ def command_names() -> tuple[str, ...]:
     return tuple(sorted(stem for stem in stems if not stem.startswith("_")))
 
 
-def _root(version: bool = typer.Option(False, "--version", help="Print the version.")) -> None:
-    if version:
+def _print_version(wanted: bool) -> None:
+    if wanted:
         from certpgo import __version__
 
         typer.echo(f"certpgo {__version__}")
         raise typer.Exit(0)
+
+
+_VERSION = typer.Option(
+    "--version", help="Print the version.", callback=_print_version, is_eager=True
+)
+
+
+def _root(version: Annotated[bool, _VERSION] = False) -> None:
+    """Options before the command."""
 
 
 def _guarded(function: Command) -> Callable[..., None]:

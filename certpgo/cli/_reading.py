@@ -146,7 +146,7 @@ def component(instance: Instance, label: int) -> Instance:
     place = {int(node): k for k, node in enumerate(nodes)}
     return replace(
         instance,
-        name=f"{instance.name} [component of {len(nodes)} nodes]",
+        name=f"{instance.name} [{len(nodes)} nodes from id {int(instance.ids[nodes].min())}]",
         graph=instance.graph.subgraph(nodes),
         ids=instance.ids[nodes],
         truth=None if instance.truth is None else instance.truth.subset(nodes),

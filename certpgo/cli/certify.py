@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 @takes_reading
 def command(
-    graph: Annotated[str, typer.Argument(help="A file, or the name of a dataset.")],
-    estimate: Annotated[Path, typer.Argument(help="Poses: g2o, TUM, KITTI, npz, ...")],
+    graph: Annotated[str, typer.Argument(metavar="GRAPH", help="A file or dataset.")],
+    estimate: Annotated[Path, typer.Argument(metavar="ESTIMATE", help="A file of poses.")],
     tier: Annotated[
         str, typer.Option("--tier", help="What may be trusted: standard, or screen (a hint only).")
     ] = "standard",

@@ -11,7 +11,7 @@ from certpgo.cli._show import document, working
 
 
 def command(
-    names: Annotated[list[str], typer.Argument(help="Names of datasets, see certpgo list.")],
+    names: Annotated[list[str], typer.Argument(metavar="NAME...", help="See list datasets.")],
     data: Annotated[
         Path | None, typer.Option("--data", metavar="DIR", help="Folder to look in first.")
     ] = None,

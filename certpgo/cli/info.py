@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @takes_reading
 def command(
-    graph: Annotated[str, typer.Argument(help="A file, or the name of a dataset.")],
+    graph: Annotated[str, typer.Argument(metavar="GRAPH", help="A file or dataset.")],
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
     *,
     reading: Reading,

@@ -108,7 +108,7 @@ def _tables() -> Rows:
 
 
 def _formats() -> Rows:
-    from certpgo.io import formats
+    from certpgo.io.format import formats
 
     return [
         {

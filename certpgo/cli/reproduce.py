@@ -11,7 +11,7 @@ from certpgo.cli._tables import run_table
 
 
 def command(
-    name: Annotated[str, typer.Argument(help="A table, see certpgo list tables.")],
+    name: Annotated[str, typer.Argument(metavar="TABLE", help="See list tables.")],
     seeds: Annotated[
         int | None, typer.Option("--seeds", min=1, help="Instances a synthetic row stands for.")
     ] = None,

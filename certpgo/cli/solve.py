@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @takes_reading
 def command(
-    graph: Annotated[str, typer.Argument(help="A file, or the name of a dataset.")],
+    graph: Annotated[str, typer.Argument(metavar="GRAPH", help="A file or dataset.")],
     method: Annotated[
         str | None,
         typer.Option("--method", help="See certpgo list methods. [default: eigen_ma, eigen_ra]"),

@@ -74,7 +74,7 @@ def as_data(record: Record) -> dict[str, Any]:
 
 def to_line(record: Record) -> str:
     """The record as one line of JSON."""
-    return json.dumps(as_data(record), sort_keys=True, allow_nan=False)
+    return json.dumps(as_data(record), allow_nan=False)
 
 
 def from_line(line: str) -> Record:

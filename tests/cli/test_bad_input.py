@@ -1,0 +1,143 @@
+"""Every bad input is one line on stderr and exit code 1; nothing half-written stays behind."""
+
+import pytest
+
+EDGE = "EDGE_SE2 0 1 1 0 0.1 1 0 0 1 0 1"
+EDGE3 = "EDGE_SE3:QUAT 0 1 1 0 0 {q} " + "1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 1 0 0 1 0 1"
+
+BAD = {
+    "empty file": ("", "empty"),
+    "too few numbers": ("EDGE_SE2 0 1 1 0\n", ":1:"),
+    "letters": (f"{EDGE}\nEDGE_SE2 1 2 one 0 0 1 0 0 1 0 1\n", ":2:"),
+    "nan": ("EDGE_SE2 0 1 nan 0 0 1 0 0 1 0 1\n", ":1:"),
+    "zero quaternion": (EDGE3.format(q="0 0 0 0") + "\n", ":1:"),
+    "self-loop": (f"{EDGE}\nEDGE_SE2 1 1 1 0 0 1 0 0 1 0 1\n", ""),
+    "negative weight": ("EDGE_SE2 0 1 1 0 0 -1 0 0 1 0 1\n", ":1:"),
+    "wrong format": ("<?xml version='1.0'?>\n<poses/>\n", ""),
+}
+
+
+def fails_in_one_line(done, said=""):
+    assert done.code == 1, done.err
+    assert done.out == ""
+    assert done.err.count("\n") == 1, done.err
+    assert done.err.startswith("certpgo: ")
+    assert said in done.err
+    assert "Traceback" not in done.err
+
+
+@pytest.mark.parametrize("what", BAD)
+@pytest.mark.parametrize("command", ["info", "solve", "convert"])
+def test_an_unusable_graph(certpgo, tmp_path, command, what):
+    text, said = BAD[what]
+    graph = tmp_path / "bad.g2o"
+    graph.write_text(text)
+    out = {"info": (), "solve": ("-o", tmp_path / "o.g2o"), "convert": (tmp_path / "o.npz",)}
+    done = certpgo(command, graph, *out[command])
+    fails_in_one_line(done, said)
+    assert "bad.g2o" in done.err
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.g2o"]
+
+
+@pytest.mark.parametrize("command", ["info", "solve"])
+def test_a_missing_file(certpgo, command):
+    fails_in_one_line(certpgo(command, "folder/nowhere.g2o"), "folder/nowhere.g2o")
+
+
+def test_a_name_that_nearly_is_a_dataset(certpgo):
+    fails_in_one_line(certpgo("info", "sphere250"), "did you mean sphere2500")
+
+
+def test_a_disconnected_graph(certpgo, tmp_path):
+    graph = tmp_path / "two.g2o"
+    graph.write_text(f"{EDGE}\n{EDGE.replace('0 1 1', '5 6 1', 1)}\n")
+    fails_in_one_line(certpgo("solve", graph), "2 components of 2, 2 nodes")
+
+
+@pytest.mark.parametrize(
+    ("estimate", "said"),
+    [
+        ("VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0\n", "2"),
+        ("VERTEX_SE2 10 0 0 0\n", "0"),
+        ("VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\n", ""),
+        ("", "empty"),
+    ],
+)
+def test_an_estimate_for_another_graph(certpgo, square, tmp_path, estimate, said):
+    path = tmp_path / "other.g2o"
+    path.write_text(estimate)
+    fails_in_one_line(certpgo("certify", square, path), said)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--method", "eigenma"), "did you mean eigen_ma"),
+        (("--method", "eigen_ra"), "takes rotation graphs only"),
+        (("--set", "tol"), "key=value"),
+        (("--set", "translation=ml"), "did you mean translations"),
+        (("--set", "translations=best"), "translations"),
+        (("--kappa", "-1"), "kappa"),
+        (("--unit-weights", "--tau", "2"), "unit_weights"),
+        (("-o", "out.docx"), "out.docx"),
+        (("-o", "no/such/folder/out.g2o"), "no/such/folder"),
+        (("--initial", "nowhere.g2o"), "nowhere.g2o"),
+        (("--data", "no/such/folder"), ""),
+    ],
+)
+def test_an_unusable_argument(certpgo, square, arguments, said):
+    graph = "MIT" if "--data" in arguments else square
+    fails_in_one_line(certpgo("solve", graph, *arguments), said)
+
+
+@pytest.mark.parametrize(("option", "value"), [("--tier", "gold"), ("--rtol", "-1")])
+def test_an_unusable_tolerance_or_tier(certpgo, square, option, value):
+    fails_in_one_line(certpgo("certify", square, square, option, value))
+
+
+def test_a_table_or_method_that_is_unknown(certpgo, square, tmp_path):
+    fails_in_one_line(certpgo("reproduce", "moreira2020_table5"), "did you mean")
+    done = certpgo("compare", square, "--methods", "eigenma", "--out", tmp_path / "r")
+    fails_in_one_line(done, "did you mean eigen_ma")
+    assert not (tmp_path / "r").exists()
+
+
+def test_without_a_checkout_compare_says_so(certpgo, square, tmp_path, monkeypatch):
+    monkeypatch.setenv("CERTPGO_REPOSITORY", str(tmp_path))
+    fails_in_one_line(certpgo("compare", square), "need the repository")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("inof",), "info"),
+        (("solve",), "graph"),
+        (("solve", "x.g2o", "--keep", "most"), "most"),
+        (("info", "x.g2o", "--no-such-option"), "--no-such-option"),
+        (("reproduce", "speed", "--seeds", "0"), "--seeds"),
+    ],
+)
+def test_usage_is_exit_code_2(certpgo, arguments, said):
+    done = certpgo(*arguments)
+    assert done.code == 2
+    assert done.out == ""
+    assert said in done.err.lower()
+
+
+def test_an_interrupt_is_exit_code_130(certpgo, square, monkeypatch):
+    def interrupted(*args, **kwargs):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("certpgo.harness.doctor.structure", interrupted)
+    done = certpgo("info", square)
+    assert done.code == 130
+    assert done.err == "certpgo: interrupted\n"
+
+
+def test_notices_are_on_stderr_and_stdout_stays_clean(certpgo, tmp_path):
+    graph = tmp_path / "bare.g2o"
+    graph.write_text("EDGE_SE2 0 1 1 0 0.1\nEDGE_SE2 1 2 1 0 0.1\n")
+    done = certpgo("solve", graph, "--json")
+    assert done.code == 0
+    assert "note: " in done.err
+    assert done.json["status"] == "closed form"

@@ -1,0 +1,224 @@
+import json
+
+import numpy as np
+import pytest
+
+import certpgo as package
+from certpgo.cli import command_names
+from certpgo.harness.records import read_records
+
+
+def test_help_lists_every_command(certpgo):
+    done = certpgo("--help")
+    assert done.code == 0
+    assert all(name in done.out for name in command_names())
+    assert "BOUNDED" in done.out
+
+
+def test_version(certpgo):
+    assert certpgo("--version").out == f"certpgo {package.__version__}\n"
+
+
+@pytest.mark.parametrize("name", command_names())
+def test_every_command_explains_itself(certpgo, name):
+    done = certpgo(name, "--help")
+    assert done.code == 0
+    assert "Usage" in done.out
+
+
+def test_info_in_words(certpgo, square):
+    done = certpgo("info", square)
+    assert done.code == 0
+    assert "poses in 2D" in done.out
+    assert "4, ids 0 to 3" in done.out
+
+
+def test_info_is_one_json_document(certpgo, square):
+    found = certpgo("info", square, "--json").json
+    assert (found["nodes"], found["edges"], found["d"], found["bridges"]) == (4, 4, 2, 0)
+    spectrum = found["spectra"]["square"]["unit"]
+    assert spectrum["fiedler"] == pytest.approx(2.0, rel=1e-9)  # lambda_2 of a 4-cycle
+    assert len(spectrum["smallest"]) == 2
+
+
+def test_list_is_one_json_document(certpgo):
+    listed = certpgo("list", "methods", "engines", "formats", "--json").json
+    assert {"eigen_ma", "newton"} <= {row["name"] for row in listed["methods"]}
+    assert {"g2o", "npz"} <= {row["name"] for row in listed["formats"]}
+    assert [row["name"] for row in listed["engines"] if row["in use"]]
+
+
+def test_list_in_words(certpgo):
+    done = certpgo("list")
+    assert done.code == 0
+    for word in ("methods", "datasets", "tables", "formats", "engines", "eigen_ma", "sphere2500"):
+        assert word in done.out
+
+
+def test_list_says_why_a_method_is_not_here(certpgo, monkeypatch):
+    from importlib import util
+
+    find = util.find_spec
+    monkeypatch.setattr(
+        "importlib.util.find_spec", lambda name: None if name == "gtsam" else find(name)
+    )
+    rows = certpgo("list", "methods", "--json").json["methods"]
+    [row] = [row for row in rows if row["name"] == "gtsam_chordal"]
+    assert row["here"] == "no: pip install 'certpgo[baselines]'"
+
+
+def test_fetch_prints_the_path(certpgo, dataset_path):
+    path = dataset_path("tinyGrid3D")
+    assert certpgo("fetch", "tinyGrid3D").out == f"{path}\n"
+    assert certpgo("fetch", "tinyGrid3D", "--json").json == {"tinyGrid3D": str(path)}
+
+
+def test_a_dataset_is_a_graph_by_name(certpgo, dataset_path):
+    dataset_path("tinyGrid3D")
+    assert certpgo("info", "tinyGrid3D", "--json").json["nodes"] == 9
+
+
+def test_solve_writes_and_certifies(certpgo, square, tmp_path):
+    out = tmp_path / "out.g2o"
+    done = certpgo("solve", square, "--method", "newton", "-o", out, "--certify", "--json")
+    assert done.code == 0
+    assert done.json["certificate"]["verdict"] == "CERTIFIED"
+    assert done.json["written"] == str(out)
+    judged = certpgo("certify", square, out, "--json")
+    assert judged.code == 0
+    assert judged.json["cost"] == pytest.approx(done.json["cost"], rel=1e-9)
+
+
+def test_solve_without_a_judge_says_so(certpgo, square):
+    done = certpgo("solve", square)
+    assert done.code == 0
+    assert "eigen_ma" in done.out
+    assert "--certify" in done.err
+
+
+def test_solve_starts_where_it_is_told_and_obeys_settings(certpgo, square):
+    settings = ("--method", "newton", "--set", "max_iterations=1", "--initial", square)
+    done = certpgo("solve", square, *settings, "--json")
+    assert done.json["iterations"] == 1
+    assert done.json["status"] == "iteration limit"
+
+
+def test_certify_polishes(certpgo, square, tmp_path):
+    best = tmp_path / "best.g2o"
+    poor = certpgo("certify", square, square, "--polish", best, "--json")
+    assert poor.code == 3
+    assert poor.json["verdict"] == "BOUNDED"
+    assert poor.json["basin_is_global"]
+    assert certpgo("certify", square, best).code == 0
+
+
+def test_a_wrong_winding_is_refuted(certpgo, tmp_path):
+    from certpgo.datasets.synthetic import winding_cycle
+
+    instance, wound = winding_cycle(60, 0.0, 1)
+    graph, estimate = tmp_path / "cycle.npz", tmp_path / "wound.npz"
+    package.write(graph, instance)
+    package.write(estimate, wound)
+    done = certpgo("certify", graph, estimate)
+    assert done.code == 4
+    assert done.out.startswith("REFUTED")
+    assert "better answer" in done.out
+
+
+def test_the_screening_tier_never_certifies(certpgo, square, tmp_path):
+    out = tmp_path / "out.g2o"
+    certpgo("solve", square, "--method", "newton", "-o", out)
+    done = certpgo("certify", square, out, "--tier", "screen")
+    assert done.code == 3
+    assert "no proof" in done.out
+
+
+def test_convert_a_graph_there_and_back(certpgo, square, tmp_path):
+    there, back = tmp_path / "a.npz", tmp_path / "b.g2o"
+    assert certpgo("convert", square, there).code == 0
+    assert certpgo("convert", there, back).code == 0
+    first, second = (package.read(path, quiet=True).graph for path in (square, back))
+    np.testing.assert_array_equal(first.rotation.kappa, second.rotation.kappa)
+    np.testing.assert_array_equal(first.translations, second.translations)
+
+
+def test_convert_the_poses_alone(certpgo, square, tmp_path):
+    poses = tmp_path / "poses.npz"
+    done = certpgo(
+        "convert", square, poses, "--estimate", "--graph", square, "--anchor", "identity"
+    )
+    assert done.code == 0
+    np.testing.assert_allclose(
+        package.read_estimate(poses).translations[2], [1.0, 1.0], atol=1e-12, rtol=0
+    )
+
+
+@pytest.mark.parametrize("choice", ["refuse", "largest", "each"])
+def test_components_are_refused_or_chosen(certpgo, tmp_path, choice):
+    path = tmp_path / "two.g2o"
+    lines = [f"EDGE_SE2 {i} {i + 1} 1 0 0.1 1 0 0 1 0 1" for i in (0, 1, 5)]
+    path.write_text("\n".join(lines) + "\n")
+    out = tmp_path / "out.g2o"
+    done = certpgo("solve", path, "--components", choice, "-o", out, "--json")
+    written = sorted(p.name for p in tmp_path.glob("out*"))
+    if choice == "refuse":
+        assert done.code == 1
+        assert "2 components of 3, 2 nodes" in done.err
+        assert written == []
+    elif choice == "largest":
+        assert done.json["graph"].endswith("[3 nodes from id 0]")
+        assert written == ["out-0.g2o"]
+    else:
+        assert len(done.json) == 2
+        assert written == ["out-0.g2o", "out-5.g2o"]
+
+
+def test_info_of_a_disconnected_graph_is_no_error(certpgo, tmp_path):
+    path = tmp_path / "two.g2o"
+    path.write_text("EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\nEDGE_SE2 5 6 1 0 0 1 0 0 1 0 1\n")
+    found = certpgo("info", path, "--json").json
+    assert found["component_sizes"] == [2, 2]
+    assert found["spectra"] == {}
+    assert len(certpgo("info", path, "--components", "each", "--json").json["spectra"]) == 2
+
+
+def test_compare_prints_and_writes(certpgo, square, tmp_path):
+    out = tmp_path / "results"
+    methods = ("--methods", "spanning_tree,eigen_ma + newton")
+    done = certpgo("compare", square, *methods, "--out", out)
+    assert done.code == 0
+    assert "CERTIFIED" in done.out
+    assert sorted(path.name for path in out.iterdir()) == ["compare.jsonl", "compare.md"]
+    records = read_records(out / "compare.jsonl")
+    assert [record.method for record in records] == ["spanning_tree", "eigen_ma + newton"]
+    assert "| spanning_tree |" in (out / "compare.md").read_text()
+
+
+def test_compare_reads_as_it_is_told(certpgo, square, tmp_path):
+    common = ("compare", square, "--methods", "newton", "--out", tmp_path / "r", "--json")
+    [file], [unit] = certpgo(*common).json, certpgo(*common, "--unit-weights").json
+    assert (file["reading"]["weights"], unit["reading"]["weights"]) == ("file", "unit")
+    assert file["metrics"]["cost"] != unit["metrics"]["cost"]
+
+
+def test_an_interrupted_comparison_keeps_what_is_done(certpgo, square, tmp_path, monkeypatch):
+    import certpgo.harness.runner as runner
+
+    whole = runner.run
+
+    def interrupted(*args, **kwargs):
+        yield next(whole(*args, **kwargs))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(runner, "run", interrupted)
+    done = certpgo("compare", square, "--out", tmp_path / "r")
+    assert done.code == 130
+    assert len(read_records(tmp_path / "r" / "compare.jsonl")) == 1
+
+
+def test_reproduce_quick_writes_elsewhere(certpgo, tmp_path):
+    name = "moreira2020_table5_6"
+    done = certpgo("reproduce", name, "--quick", "--out", tmp_path, "--json")
+    assert done.code == 0
+    assert [record["table"] for record in json.loads(done.out)] == [name]
+    assert [path.name for path in tmp_path.iterdir()] == ["quick"]

@@ -1,0 +1,72 @@
+import pytest
+
+from certpgo.errors import InputError
+from certpgo.harness.published import compare
+from certpgo.harness.records import Record
+from certpgo.harness.render import markdown, sections
+from certpgo.harness.spec import Column, Method, Row, Table
+
+TABLE = Table(
+    "t",
+    "A title",
+    (Row("a"),),
+    (Method("m"), Method("other")),
+    (Column("cost", "F", ".3f"), Column("verdict", "verdict"), Column("seconds", "s")),
+    notes=("A note.",),
+)
+
+
+def record(method="m", **more):
+    parts = {"d": 3, "n": 4, "m": 5, "reading": {"weights": "file"}, "metrics": {"cost": 1.5}}
+    return Record("t", "a", method, **{**parts, **more})
+
+
+def test_costs_of_two_readings_never_share_a_section():
+    records = [record(), record("other", reading={"weights": "unit"})]
+    first, second = sections(TABLE, records)
+    assert "information matrices" in first.caption
+    assert "all weights 1" in second.caption
+
+
+def test_markdown_to_the_byte():
+    good = record(verdict="CERTIFIED", seconds={"x": 0.25, "y": 0.5}, note="a | b")
+    bad = record("other", metrics={}, error="it failed")
+    good = Record(**{**vars(good), "provenance": {"engine": "superlu"}})
+    assert markdown(TABLE, [good, bad]).split("\n") == [
+        "# A title",
+        "",
+        "## a (4 nodes, 5 edges, 3D)",
+        "",
+        "Read with weights from the file's information matrices; parallel edges added. m: a | b.",
+        "",
+        "| method | F | verdict | s | not run or failed |",
+        "| --- | --- | --- | --- | --- |",
+        "| m | 1.500 | CERTIFIED | 0.750 (x 0.250, y 0.500) |  |",
+        "| other |  |  |  | it failed |",
+        "",
+        "A note.",
+        "",
+        "engine: superlu",
+        "",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("printed", "ours", "agrees"),
+    [
+        ("18824.3", 18824.34, True),
+        ("18824.3", 18824.36, False),
+        ("4.2e-07", 4.15e-07, True),
+        ("4.2e-07", 4.26e-07, False),
+        ("1.0", 0.96, True),
+        ("1.0", 0.94, False),
+        ("27", 27.5, True),
+    ],
+)
+def test_agreement_is_to_the_printed_digits(printed, ours, agrees):
+    assert compare(printed, ours).agrees == agrees
+
+
+def test_what_is_no_number_cannot_be_compared():
+    with pytest.raises(InputError, match="no printed number"):
+        compare("n/a", 1.0)

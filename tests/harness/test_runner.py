@@ -1,0 +1,91 @@
+import sys
+
+import pytest
+
+from certpgo.errors import SpecError
+from certpgo.harness.instances import seed_of
+from certpgo.harness.methods import parse_settings
+from certpgo.harness.runner import run
+from certpgo.harness.spec import Column, Method, Row, Table
+
+CYCLE = Row(generator="cycle", arguments={"n": 5, "sigma": 0.1})
+POSES = Row(generator="grid3d", arguments={"side": 2})
+RA = Method("eigen_ra")
+
+
+def table(rows, methods, **more):
+    return Table("t", "title", rows, methods, (Column("cost", "F"),), **more)
+
+
+def test_an_instance_is_solved_judged_and_recorded():
+    [record] = run(table((CYCLE,), (Method("newton", "ours", start=RA),)))
+    assert (record.n, record.m, record.d, record.seed) == (5, 5, 3, 0)
+    assert record.verdict == "CERTIFIED"
+    assert record.metrics["lower_bound"] <= record.metrics["cost"] + 1e-12
+    assert set(record.seconds) == {"eigen_ra", "newton"}
+    assert record.error == ""
+
+
+def test_seeds_are_distinct_and_repeatable():
+    twice = [list(run(table((CYCLE,), (RA,)), seeds=3)) for _ in range(2)]
+    costs = [[record.metrics["cost"] for record in records] for records in twice]
+    assert costs[0] == costs[1]
+    assert len(set(costs[0])) == 3
+    assert [record.seed for record in twice[0]] == [0, 1, 2]
+
+
+def test_seeds_come_from_the_table_the_row_and_the_repetition():
+    words = {
+        tuple(seed_of(*key).generate_state(2))
+        for key in [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+    }
+    assert len(words) == 4
+
+
+@pytest.mark.parametrize(
+    ("row", "method", "reason"),
+    [
+        (Row("no-such-file.g2o"), RA, "no-such-file.g2o"),
+        (Row("rim"), RA, "not run: file not here"),
+        (Row(generator="cyle"), RA, "did you mean cycle"),
+        (CYCLE, Method("eigen_ma"), "eigen_ma takes pose graphs only"),
+        (POSES, RA, "eigen_ra takes rotation graphs only"),
+        (CYCLE, Method("eigen_ra", settings={"tolerance": 1}), "unknown setting of eigen_ra"),
+        (CYCLE, Method("eigenra"), "did you mean eigen_ra"),
+        (Row(generator="cycle", arguments={"n": 1, "sigma": 0.1}), RA, "3"),
+    ],
+)
+def test_a_failure_is_a_record_with_its_reason_and_the_next_one_runs(
+    row, method, reason, monkeypatch, tmp_path
+):
+    monkeypatch.setenv("CERTPGO_DATA", str(tmp_path))
+    rows = (row, Row(label="good", generator="cycle", arguments={"n": 5, "sigma": 0.1}))
+    bad, *_, good = run(table(rows, (method, Method("eigen_ra", "good"))))
+    assert reason in bad.error
+    assert bad.metrics == {}
+    assert good.error == ""
+
+
+def test_gtsam_missing_is_a_record_with_the_install_line(monkeypatch):
+    monkeypatch.setitem(sys.modules, "gtsam", None)
+    [record] = run(table((POSES,), (Method("gtsam_chordal"),)))
+    assert record.error == "GTSAM is not installed: pip install 'certpgo[baselines]'"
+
+
+def test_the_stand_ins_run_when_no_file_is_here(monkeypatch, tmp_path):
+    monkeypatch.setenv("CERTPGO_DATA", str(tmp_path))
+    spec = table((Row("rim"),), (RA,), stand_ins=(CYCLE,), optional=True)
+    assert [record.row for record in run(spec)] == ["cycle"]
+
+
+def test_settings_are_read_by_their_type():
+    given = ["tolerance=1e-3", "max_iterations=7"]
+    assert parse_settings("newton", given) == {"tolerance": 1e-3, "max_iterations": 7}
+    assert parse_settings("eigen_ma", ["translations=thesis"]) == {"translations": "thesis"}
+    for wrong, said in [
+        ("tolerance", "key=value"),
+        ("max_iterations=x", "an integer"),
+        ("tol=1", "did you mean tolerance"),
+    ]:
+        with pytest.raises(SpecError, match=said):
+            parse_settings("newton", [wrong])
