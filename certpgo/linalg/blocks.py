@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -35,7 +36,7 @@ class BlockPattern:
         slot[order] = np.cumsum(first) - 1
         rows, columns = np.divmod(keys[order][first], n)
         # 32 bits where they suffice, as SciPy would choose.
-        small = np.int32 if len(columns) < 2**31 else np.int64
+        small: type[np.integer[Any]] = np.int32 if len(columns) < 2**31 else np.int64
         indptr = np.searchsorted(rows, np.arange(n + 1)).astype(small)
         return indptr, columns.astype(small), slot[:n], slot[n:]
 

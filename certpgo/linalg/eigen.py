@@ -83,11 +83,10 @@ def krylov_schur(
         size = new.stop
         W = solve(block.T).T
         solves += len(block)
-        H[:size, new], W = _orthogonalize(W, V[:size])
+        H[:size, new], basis, coupling = _next_block(W, V[:size])
         H[new, :size] = H[:size, new].T
         theta, Y = np.linalg.eigh(H[:size, :size])
         theta, Y = theta[::-1], Y[:, ::-1]
-        basis, coupling = np.linalg.qr(W.T)
         residual = np.linalg.norm(coupling @ Y[new, :k], axis=0)
         if size == N or (size >= k and np.all(residual <= tol * theta[:k])):
             break
@@ -123,13 +122,24 @@ def arpack(A: CSC, solve: Solve, k: int, *, shift: float = 0.0, tol: float = 1e-
     return _pairs(A, vectors, shift, solves)
 
 
-def _orthogonalize(W: FloatArray, V: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Coefficients of the rows of W along those of V, and what is left; twice is enough."""
-    first = V @ W.T
-    W = W - first.T @ V
-    second = V @ W.T
-    W -= second.T @ V
-    return first + second, W
+def _next_block(W: FloatArray, V: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Coefficients h, orthonormal Q and R with W^T = V^T h + Q R and V Q = 0.
+
+    Rows of W may differ in size by the condition number, so that what is left of a small one after
+    the projection is not orthogonal to V; the projection is repeated on Q until it changes little.
+    """
+    h = V @ W.T
+    Q, R = np.linalg.qr((W - h.T @ V).T)
+    for _ in range(4):
+        c = V @ Q
+        if np.abs(c).max() < 1e-12:
+            break
+        h += c @ R
+        Q, S = np.linalg.qr(Q - V.T @ c)
+        R = S @ R
+        if np.all(np.abs(np.diag(S)) > 0.7):
+            break
+    return h, Q, R
 
 
 def _pairs(A: CSC, X: FloatArray, shift: float, solves: int) -> Eigenpairs:

@@ -182,7 +182,8 @@ def worst_defect(R: FloatArray) -> tuple[int, float]:
         return 0, 0.0
     d = R.shape[-1]
     with np.errstate(invalid="ignore", over="ignore"):
-        defect = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(d)).max(axis=(-2, -1))
+        gram = np.einsum("nij,nik->jkn", R, R)
+        defect = np.abs(gram - np.eye(d)[:, :, None]).reshape(d * d, -1).max(axis=0)
         determinant = determinants(R)
     defect = np.where(np.isfinite(defect) & (determinant > 0.0), defect, np.inf)
     worst = int(np.argmax(defect))

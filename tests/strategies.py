@@ -1,0 +1,58 @@
+"""Hypothesis strategies and reference implementations shared by the tests."""
+
+import numpy as np
+from hypothesis import strategies as st
+
+from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.linalg import so
+
+dimensions = st.sampled_from([2, 3])
+seeds = st.integers(0, 2**32 - 1)
+
+
+def rng_of(seed):
+    return np.random.default_rng(seed)
+
+
+def random_edges(rng, n, extra):
+    """A random tree on n nodes plus ``extra`` random edges (parallel ones possible), directions mixed."""
+    tree = [(int(rng.integers(0, k)), k) for k in range(1, n)]
+    more = [tuple(rng.choice(n, 2, replace=False)) for _ in range(extra)]
+    edges = np.array(tree + more, dtype=np.intp)
+    flip = rng.random(len(edges)) < 0.5
+    edges[flip] = edges[flip][:, ::-1]
+    return edges
+
+
+def rotation_graph(rng, n, d, *, extra=None, noise=0.3, weights=True):
+    edges = random_edges(rng, n, 2 * n if extra is None else extra)
+    truth = so.random(rng, n, d)
+    i, j = edges.T
+    m = len(edges)
+    noise_R = so.exp(noise * rng.standard_normal((m, so.tangent_dim(d))))
+    R = np.swapaxes(truth[i], 1, 2) @ truth[j] @ noise_R
+    kappa = rng.uniform(0.5, 4.0, m) if weights else np.ones(m)
+    return RotationGraph(n, edges, R, kappa), truth
+
+
+def pose_graph(rng, n, d, *, extra=None, noise=0.1, weights=True):
+    rotation, R = rotation_graph(rng, n, d, extra=extra, noise=noise, weights=weights)
+    t = 3.0 * rng.standard_normal((n, d))
+    i, j = rotation.edges.T
+    step = np.einsum("mba,mb->ma", R[i], t[j] - t[i])
+    m = len(rotation.edges)
+    tau = rng.uniform(0.5, 4.0, m) if weights else np.ones(m)
+    graph = PoseGraph(rotation, step + noise * rng.standard_normal((m, d)), tau)
+    return graph, R, t
+
+
+def dense_cost(graph, R, t=None):
+    """F by a loop over the edges, as DESIGN's formula reads."""
+    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    total = 0.0
+    for e, (i, j) in enumerate(rotation.edges):
+        total += rotation.kappa[e] * np.linalg.norm(R[j] - R[i] @ rotation.rotations[e]) ** 2
+        if t is not None:
+            r = t[j] - t[i] - R[i] @ graph.translations[e]
+            total += graph.tau[e] * float(r @ r)
+    return total

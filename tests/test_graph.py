@@ -1,0 +1,156 @@
+"""Graphs and estimates: validation, components, parallel edges, frames."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
+
+from certpgo.errors import GraphError
+from certpgo.estimate import Estimate
+from certpgo.graph import Instance, PoseGraph, RotationGraph, require_connected
+from certpgo.linalg import so
+
+EDGES = np.array([[0, 1], [1, 2], [2, 0]])
+EYES = np.tile(np.eye(3), (3, 1, 1))
+
+
+def test_arrays_are_read_only_and_the_caller_keeps_his():
+    kappa = np.ones(3)
+    graph = RotationGraph(3, EDGES, EYES, kappa)
+    with pytest.raises(ValueError, match="read-only"):
+        graph.kappa[0] = 2.0
+    kappa[0] = 5.0
+    assert graph.kappa[0] == 1.0
+    assert (graph.d, graph.num_edges) == (3, 3)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"num_nodes": 0}, "at least one node"),
+        ({"edges": np.array([[0, 3], [1, 2], [2, 0]])}, r"edge \(0, 3\): nodes are numbered 0 to 2"),
+        ({"edges": np.array([[0, 1], [1, 1], [2, 0]])}, r"edge \(1, 1\): .* from itself"),
+        ({"edges": np.zeros((0, 2)), "rotations": np.zeros((0, 3, 3)), "kappa": []}, "non-empty"),
+        ({"rotations": np.zeros((3, 4, 4))}, "d = 2 or 3"),
+        ({"rotations": 1.1 * EYES}, r"edge \(0, 1\): not a rotation, off by 2.1e-01"),
+        ({"rotations": -EYES}, r"not a rotation"),
+        ({"kappa": np.array([1.0, -1.0, 1.0])}, r"edge \(1, 2\): kappa is -1.0; it must be positive"),
+        ({"kappa": np.array([1.0, np.nan, 1.0])}, "kappa is nan"),
+        ({"kappa": np.ones(2)}, "kappa must have 3 entries"),
+    ],
+)
+def test_rotation_graph_refuses(change, message):
+    good = {"num_nodes": 3, "edges": EDGES, "rotations": EYES, "kappa": np.ones(3)}
+    with pytest.raises(GraphError, match=message):
+        RotationGraph(**(good | change))
+
+
+@pytest.mark.parametrize(
+    ("translations", "tau", "message"),
+    [
+        (np.zeros((3, 2)), np.ones(3), r"translations must be \(3, 3\)"),
+        (np.full((3, 3), np.inf), np.ones(3), r"edge \(0, 1\): translation is not finite"),
+        (np.zeros((3, 3)), np.zeros(3), "tau is 0.0"),
+    ],
+)
+def test_pose_graph_refuses(translations, tau, message):
+    with pytest.raises(GraphError, match=message):
+        PoseGraph(RotationGraph(3, EDGES, EYES, np.ones(3)), translations, tau)
+
+
+def test_few_digits_are_cleaned_and_exact_ones_left_alone():
+    R = so.random(np.random.default_rng(0), 3, 3)
+    rounded = np.round(R, 8)
+    graph = RotationGraph(3, EDGES, rounded, np.ones(3))
+    assert so.worst_defect(graph.rotations)[1] < 1e-14
+    np.testing.assert_allclose(graph.rotations, R, rtol=0, atol=1e-7)
+    np.testing.assert_array_equal(RotationGraph(3, EDGES, R, np.ones(3)).rotations, R)
+    np.testing.assert_array_equal(Estimate(R).rotations, R)
+    assert so.worst_defect(Estimate(rounded).rotations)[1] < 1e-14
+
+
+def test_components_and_the_refusal_that_names_them():
+    edges = np.array([[0, 1], [2, 3], [3, 4]])
+    graph = RotationGraph(6, edges, EYES, np.ones(3))
+    np.testing.assert_array_equal(graph.components, [0, 0, 1, 1, 1, 2])
+    assert graph.component_sizes == (2, 3, 1)
+    with pytest.raises(GraphError, match="3 components of 3, 2, 1 nodes") as refusal:
+        require_connected(graph)
+    assert refusal.value.component_sizes == (3, 2, 1)
+    part = graph.subgraph(np.flatnonzero(graph.components == 1))
+    np.testing.assert_array_equal(part.edges, [[0, 1], [1, 2]])
+    require_connected(part)
+
+
+@pytest.mark.parametrize(
+    ("keep", "kappa"), [("all", [1, 2, 3, 4]), ("first", [1, 3]), ("last", [2, 4])]
+)
+def test_parallel_edges(keep, kappa):
+    edges = np.array([[0, 1], [1, 0], [1, 2], [1, 2]])
+    rotation = RotationGraph(3, edges, np.tile(np.eye(2), (4, 1, 1)), np.arange(1.0, 5.0))
+    graph = PoseGraph(rotation, np.arange(8.0).reshape(4, 2), np.arange(1.0, 5.0))
+    np.testing.assert_array_equal(graph.without_parallel_edges(keep).tau, kappa)
+    np.testing.assert_array_equal(rotation.without_parallel_edges(keep).kappa, kappa)
+    with pytest.raises(GraphError, match="keep must be"):
+        graph.without_parallel_edges("some")
+
+
+def test_weights_are_replaced_together_or_apart():
+    graph, _, _ = pose_graph(np.random.default_rng(0), 5, 3)
+    both = graph.with_weights(2.0, 3.0)
+    assert set(both.rotation.kappa) == {2.0}
+    assert set(both.tau) == {3.0}
+    np.testing.assert_array_equal(graph.with_weights(tau=1.0).rotation.kappa, graph.rotation.kappa)
+    assert set(graph.rotation.with_weights(7.0).kappa) == {7.0}
+
+
+@given(seeds, dimensions)
+def test_subgraph_keeps_the_measurements(seed, d):
+    graph, _, _ = pose_graph(rng_of(seed), 8, d)
+    nodes = np.array([5, 1, 7, 2])
+    part = graph.subgraph(nodes)
+    assert part.num_nodes == 4
+    inside = np.isin(graph.edges, nodes).all(axis=1)
+    np.testing.assert_array_equal(nodes[part.edges], graph.edges[inside])
+    np.testing.assert_array_equal(part.translations, graph.translations[inside])
+
+
+@pytest.mark.parametrize(
+    ("R", "t", "message"),
+    [
+        (np.zeros((2, 3)), None, r"\(n, d, d\)"),
+        (np.stack([np.eye(3), 2 * np.eye(3)]), None, "node 1: not a rotation"),
+        (np.stack([np.eye(3)] * 2), np.zeros((2, 2)), r"translations must be \(2, 3\)"),
+        (np.stack([np.eye(3)] * 2), np.array([[0, 0, 0], [0, np.nan, 0]]), "node 1: translation"),
+    ],
+)
+def test_estimate_refuses(R, t, message):
+    with pytest.raises(GraphError, match=message):
+        Estimate(R, t)
+
+
+@given(seeds, dimensions)
+def test_moving_and_anchoring(seed, d):
+    rng = rng_of(seed)
+    estimate = Estimate(so.random(rng, 5, d), rng.standard_normal((5, d)))
+    anchored = estimate.anchored(3)
+    np.testing.assert_allclose(anchored.rotations[3], np.eye(d), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(anchored.translations[3], 0.0, rtol=0, atol=1e-14)
+    back = anchored.anchored(3, estimate)
+    np.testing.assert_allclose(back.rotations, estimate.rotations, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(back.translations, estimate.translations, rtol=0, atol=1e-13)
+    bare = Estimate(estimate.rotations)
+    np.testing.assert_allclose(bare.anchored(3).rotations, anchored.rotations, rtol=0, atol=1e-14)
+    np.testing.assert_array_equal(estimate.subset(np.array([4, 0])).translations[0], estimate.translations[4])
+    assert bare.subset(np.array([1])).translations is None
+
+
+def test_instance_checks_what_belongs_together():
+    graph, _ = rotation_graph(np.random.default_rng(0), 4, 3)
+    good = Instance("x", graph, np.array([10, 20, 30, 7]), options={"keep": "all"})
+    with pytest.raises(TypeError):
+        good.options["keep"] = "last"
+    with pytest.raises(GraphError, match="4 distinct"):
+        Instance("x", graph, np.array([1, 1, 2, 3]))
+    with pytest.raises(GraphError, match="truth is for another graph"):
+        Instance("x", graph, np.arange(4), truth=Estimate(EYES))

@@ -1,0 +1,107 @@
+"""Newton's method: golden optima, quadratic convergence, monitors."""
+
+import io
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from strategies import dimensions, pose_graph, rng_of, seeds
+
+from certpgo import spectral
+from certpgo.estimate import Estimate
+from certpgo.linalg import so
+from certpgo.monitor import Iteration, Stopwatch, TableMonitor, silent
+from certpgo.newton import newton
+from certpgo.problem import PoseProblem, RotationProblem
+from certpgo.solution import Status
+
+#: DESIGN section 5: SE-Sync's weights, poses and rotations alone.
+OPTIMA = {
+    "smallGrid3D": (1025.398056, None),
+    "sphere2500": (1687.005814, 885.362701),
+    "torus3D": (24227.045558, 12188.386283),
+    "parking-garage": (1.262524428, 0.001732578),
+    "sphere_bignoise_vertex3": (2961756.490288, 2951513.234140),
+    "cubicle": (717.125990742, 108.439655767),
+    "intel": (52.3482, None),
+    "MIT": (61.1541, None),
+    "kitti_05": (276.5144, None),
+    "manhattan": (6431.391387, None),
+}
+
+
+@pytest.mark.parametrize("name", OPTIMA)
+def test_the_published_optima(name, dataset):
+    problem = PoseProblem(dataset(name).graph)
+    poses, rotations = OPTIMA[name]
+    V = spectral.smallest_eigenpairs(problem.rotation).vectors
+    start = problem.complete(spectral.round_to_rotations(V, problem.d))
+    solution = newton(problem, start)
+    assert solution.cost == pytest.approx(poses, rel=1e-6)
+    assert problem.stationarity(solution.estimate) < 1e-10
+    if rotations is not None:
+        solution = newton(problem.rotation, Estimate(start.rotations))
+        assert solution.cost == pytest.approx(rotations, rel=2e-7)
+        assert solution.status is Status.CONVERGED
+
+
+@settings(max_examples=30)
+@given(seeds, dimensions)
+def test_descends_to_a_stationary_point_and_never_up(seed, d):
+    rng = rng_of(seed)
+    graph, R, _ = pose_graph(rng, 8, d)
+    problem = PoseProblem(graph)
+    off = R @ so.exp(0.3 * rng.standard_normal((8, so.tangent_dim(d))))
+    solution = newton(problem, Estimate(off, 5.0 * rng.standard_normal((8, d))))
+    assert solution.status in (Status.CONVERGED, Status.STALLED)
+    assert problem.stationarity(solution.estimate) < 1e-10
+    costs = [step.cost for step in solution.trace]
+    assert all(b <= a * (1 + 1e-13) for a, b in zip(costs, costs[1:], strict=False))
+    assert solution.cost == problem.cost(solution.estimate)
+
+
+def test_starts_far_away_are_damped_into_a_minimum():
+    rng = np.random.default_rng(3)
+    graph, _, _ = pose_graph(rng, 20, 3)
+    problem = RotationProblem(graph.rotation)
+    for _ in range(5):
+        solution = newton(problem, Estimate(so.random(rng, 20, 3)), max_iterations=300)
+        assert problem.stationarity(solution.estimate) < 1e-10
+
+
+def test_noise_free_graph_reaches_zero():
+    graph, R, t = pose_graph(np.random.default_rng(0), 10, 3, noise=0.0)
+    problem = PoseProblem(graph)
+    turned = R @ so.exp(np.random.default_rng(1).normal(0, 0.2, (10, 3)))
+    solution = newton(problem, Estimate(turned, t))
+    assert solution.cost < 1e-20 * problem.scale
+
+
+def test_iteration_limit_and_interruption():
+    graph, R, t = pose_graph(np.random.default_rng(0), 10, 3)
+    problem = PoseProblem(graph)
+    limited = newton(problem, Estimate(R, t), max_iterations=1)
+    assert (limited.status, limited.iterations) == (Status.ITERATION_LIMIT, 1)
+    stopped = newton(problem, Estimate(R, t), monitor=lambda step: step.number == 1)
+    assert (stopped.status, stopped.iterations) == (Status.INTERRUPTED, 1)
+    assert stopped.cost < problem.cost(Estimate(R, t))
+
+
+def test_table_monitor_prints_one_line_an_iteration():
+    graph, R, t = pose_graph(np.random.default_rng(0), 10, 3)
+    stream = io.StringIO()
+    solution = newton(PoseProblem(graph), Estimate(R, t), monitor=TableMonitor(stream))
+    lines = stream.getvalue().splitlines()
+    assert len(lines) == solution.iterations + 2
+    assert "gradient" in lines[0]
+    assert silent(Iteration(0, 1.0, 1.0, 0.0, 0.0)) is False
+
+
+def test_stopwatch_counts_nested_phases_once():
+    watch = Stopwatch()
+    with watch.phase("outer"):
+        with watch.phase("inner"):
+            sum(range(100_000))
+    assert set(watch.seconds) == {"outer", "inner"}
+    assert watch.seconds["outer"] < watch.seconds["inner"]
+    assert watch.total == pytest.approx(sum(watch.seconds.values()))
