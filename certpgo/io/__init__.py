@@ -1,7 +1,6 @@
 """Reading and writing graphs and estimates; conventions are converted here and nowhere else."""
 
-from certpgo.io.format import formats
 from certpgo.io.reading import read, read_estimate, read_truth
 from certpgo.io.writing import write
 
-__all__ = ["formats", "read", "read_estimate", "read_truth", "write"]
+__all__ = ["read", "read_estimate", "read_truth", "write"]

@@ -24,7 +24,7 @@ def numbered(ids: IntArray, wanted: IntArray) -> IntArray:
 def distinct(ids: IntArray) -> IntArray:
     """The distinct ids, ascending (sorting is several times faster than np.unique's hashing)."""
     ordered = np.sort(ids)
-    return ordered[np.diff(ordered, prepend=ordered[0] - 1) != 0]
+    return np.asarray(ordered[np.diff(ordered, prepend=ordered[0] - 1) != 0], dtype=np.intp)
 
 
 def instance_from_lines(path: Path, said: Lines, options: Mapping[str, str]) -> Instance:

@@ -7,7 +7,6 @@ reading options. An estimate: rotations, translations, ids.
 from __future__ import annotations
 
 import json
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -31,13 +30,13 @@ def _recognises(path: Path, head: bytes) -> bool:
 
 def _load(path: Path, kind: str) -> _Arrays:
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+    except Exception:  # zipfile, zlib and NumPy each have their own errors for broken archives
         raise FormatError(path, None, "an archive of plain NumPy arrays expected") from None
     found = str(arrays.get("kind", "something else"))
     if found != kind or int(arrays.get("version", 0)) != _VERSION:
-        raise FormatError(path, None, f"holds {found}; a {kind} (version {_VERSION}) expected")
+        raise FormatError(path, None, f"one {kind} (version {_VERSION}) expected, not {found}")
     return arrays
 
 

@@ -1,0 +1,309 @@
+"""What is written is read back: to the last bit from npz, to the format's digits from the rest."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from certpgo import io
+from certpgo.errors import FormatError, InputError, SpecError
+from certpgo.estimate import Estimate
+from certpgo.graph import Instance, PoseGraph, RotationGraph
+from certpgo.linalg import so
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def make_instance(seed, d, poses=True):
+    rng = np.random.default_rng(seed)
+    n, m = 5, 9
+    edges = np.array([(k, k + 1) for k in range(4)] + [(0, 2), (4, 1), (2, 4), (3, 0), (1, 0)])
+    rotation = RotationGraph(n, edges, so.random(rng, m, d), rng.uniform(1e-3, 1e6, m))
+    graph = rotation
+    if poses:
+        graph = PoseGraph(rotation, rng.standard_normal((m, d)), rng.uniform(1e-3, 1e6, m))
+    ids = np.sort(rng.choice(1000, n, replace=False)) - 500
+    return Instance(
+        "instance",
+        graph,
+        ids,
+        truth=make_estimate(rng, n, d, poses),
+        initial=make_estimate(rng, n, d, poses),
+        fixed=(2,),
+        options={"keep": "all", "rotation_information": "tangent", "weights": "file"},
+        notices=("made up",),
+    )
+
+
+def make_estimate(rng, n, d, poses=True):
+    t = rng.standard_normal((n, d)) if poses else None
+    return Estimate(so.random(rng, n, d), t)
+
+
+def assert_estimates_agree(a, b, atol):
+    np.testing.assert_allclose(a.rotations, b.rotations, rtol=0, atol=atol)
+    assert (a.translations is None) == (b.translations is None)
+    if a.translations is not None:
+        np.testing.assert_allclose(a.translations, b.translations, rtol=0, atol=atol)
+
+
+def assert_graphs_agree(a, b, atol):
+    assert type(a) is type(b)
+    p, q = (getattr(graph, "rotation", graph) for graph in (a, b))
+    np.testing.assert_array_equal(a.edges, b.edges)
+    np.testing.assert_array_equal(p.kappa, q.kappa)
+    np.testing.assert_allclose(p.rotations, q.rotations, rtol=0, atol=atol)
+    if isinstance(a, PoseGraph):
+        np.testing.assert_array_equal(a.tau, b.tau)
+        np.testing.assert_array_equal(a.translations, b.translations)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".g2o"])
+@given(seed=seeds, d=st.sampled_from([2, 3]), poses=st.booleans())
+def test_graphs_survive(tmp_path_factory, suffix, seed, d, poses):
+    instance = make_instance(seed, d, poses)
+    path = tmp_path_factory.mktemp("graph") / f"graph{suffix}"
+    io.write(path, instance)
+    found = io.read(path, quiet=True)
+    atol = 0.0 if suffix == ".npz" else 2e-15
+    assert_graphs_agree(found.graph, instance.graph, atol)
+    np.testing.assert_array_equal(found.ids, instance.ids)
+    assert_estimates_agree(found.initial, instance.initial, atol)
+    assert found.fixed == instance.fixed
+    assert found.options == instance.options
+    if suffix == ".npz":
+        assert_estimates_agree(found.truth, instance.truth, 0.0)
+        assert (found.name, found.notices) == (instance.name, instance.notices)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".g2o", ".tum", ".kitti", ".rots"])
+@given(seed=seeds, d=st.sampled_from([2, 3]))
+def test_estimates_survive(tmp_path_factory, suffix, seed, d):
+    instance = make_instance(seed, d, poses=suffix != ".rots")
+    path = tmp_path_factory.mktemp("estimate") / f"estimate{suffix}"
+    io.write(path, instance.truth, instance=instance, anchor="none")
+    found = io.read_estimate(path, instance)
+    assert_estimates_agree(found, instance.truth, 0.0 if suffix == ".npz" else 3e-15)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".g2o", ".tum", ".rots"])
+def test_ids_decide_the_order(tmp_path, suffix):
+    instance = make_instance(0, 3)
+    shuffled = [3, 0, 4, 1, 2]
+    path = tmp_path / f"estimate{suffix}"
+    io.write(path, instance.truth.subset(shuffled), ids=instance.ids[shuffled])
+    wanted = replace(instance, graph=instance.graph.rotation) if suffix == ".rots" else instance
+    truth = instance.truth if suffix != ".rots" else Estimate(instance.truth.rotations)
+    assert_estimates_agree(
+        io.read_estimate(path, replace(wanted, truth=None, initial=None)), truth, 3e-15
+    )
+    assert_estimates_agree(io.read_estimate(path), truth, 3e-15)
+
+
+def test_read_options_apply_to_npz_too(tmp_path):
+    path = tmp_path / "graph.npz"
+    io.write(path, make_instance(0, 2))
+    once = io.read(path, keep="first", kappa=3.0, quiet=True)
+    assert once.graph.num_edges == 8
+    io.write(path, once)
+    again = io.read(path, quiet=True)
+    assert again.options == once.options
+    assert again.options["keep"] == "first"
+    assert again.options["weights"] == "kappa=3.0,tau=file"
+
+
+def test_npz_kinds_are_not_confused(tmp_path):
+    instance = make_instance(0, 3)
+    graph, estimate = tmp_path / "graph.npz", tmp_path / "estimate.npz"
+    io.write(graph, instance)
+    io.write(estimate, instance.truth)
+    with pytest.raises(FormatError, match=r"one graph \(version 1\) expected, not estimate"):
+        io.read(estimate)
+    with pytest.raises(FormatError, match="one estimate .* expected, not graph"):
+        io.read_estimate(graph)
+    foreign = tmp_path / "foreign.npz"
+    np.savez(foreign, a=1)
+    with pytest.raises(FormatError, match="not something else"):
+        io.read(foreign)
+    pickled = tmp_path / "pickled.npz"
+    np.savez(pickled, kind=np.array([{}], dtype=object))
+    with pytest.raises(FormatError, match="plain NumPy arrays"):
+        io.read(pickled)
+
+
+def test_npz_arrays_are_checked(tmp_path):
+    instance = make_instance(0, 3)
+    path = tmp_path / "graph.npz"
+    io.write(path, instance)
+    arrays = dict(np.load(path))
+    np.savez(path, **{**arrays, "kappa": -arrays["kappa"]})
+    with pytest.raises(FormatError, match="kappa is"):
+        io.read(path)
+    del arrays["ids"]
+    np.savez(path, **arrays)
+    with pytest.raises(FormatError, match="'ids' is missing"):
+        io.read(path)
+
+
+def test_a_bare_graph_takes_its_numbers_for_ids(tmp_path):
+    graph = make_instance(0, 3).graph
+    path = tmp_path / "graph.g2o"
+    io.write(path, graph)
+    assert io.read(path).ids.tolist() == [0, 1, 2, 3, 4]
+    io.write(path, graph, ids=[9, 7, 5, 3, 1])
+    found = io.read(path)
+    assert found.ids.tolist() == [1, 3, 5, 7, 9]
+    np.testing.assert_array_equal(found.graph.edges, 4 - graph.edges)
+
+
+@pytest.mark.parametrize("ids", [[1, 2, 3], [1, 1, 2, 3, 4], [0.5, 1, 2, 3, 4]])
+def test_bad_ids(tmp_path, ids):
+    with pytest.raises(InputError, match="5 distinct integers"):
+        io.write(tmp_path / "graph.g2o", make_instance(0, 3).graph, ids=ids)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_anchors(tmp_path, d):
+    instance = make_instance(0, d)
+    path = tmp_path / "estimate.npz"
+
+    def written(**options):
+        io.write(path, instance.truth, instance=instance, **options)
+        return io.read_estimate(path, instance)
+
+    def assert_at(found, node, like):
+        np.testing.assert_allclose(found.rotations[node], like.rotations[node], rtol=0, atol=1e-14)
+        where = like.translations[node]
+        np.testing.assert_allclose(found.translations[node], where, rtol=0, atol=1e-14)
+
+    origin = Estimate(np.tile(np.eye(d), (5, 1, 1)), np.zeros((5, d)))
+    assert_at(written(), 0, instance.initial)
+    assert_at(written(anchor="file"), 0, instance.initial)
+    assert_at(written(anchor="prior"), 2, instance.initial)
+    assert_at(written(anchor="identity"), 0, origin)
+    assert_estimates_agree(written(anchor="none"), instance.truth, 0.0)
+    # Anchoring is one motion of the world: relative poses stay.
+    moved, truth = written(), instance.truth
+    relative = [np.swapaxes(e.rotations[:1], 1, 2) @ e.rotations for e in (moved, truth)]
+    np.testing.assert_allclose(*relative, rtol=0, atol=1e-14)
+    io.write(path, truth, instance=replace(instance, initial=None))
+    assert_at(io.read_estimate(path, instance), 0, origin)
+
+
+def test_an_estimate_in_place_is_not_moved(tmp_path):
+    instance = make_instance(0, 3)
+    path = tmp_path / "estimate.npz"
+    io.write(path, instance.initial, instance=instance)
+    assert_estimates_agree(io.read_estimate(path, instance), instance.initial, 0.0)
+    io.write(path, instance.truth, ids=instance.ids)
+    assert_estimates_agree(io.read_estimate(path, instance), instance.truth, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"anchor": "prior"}, "needs an instance with a fixed node"),
+        ({"anchor": "origin"}, "anchor must be"),
+        ({"ids": [1, 2]}, "5 distinct integers"),
+        ({"instance": make_instance(0, 2)}, "3D, not 2D"),
+    ],
+)
+def test_bad_options(tmp_path, options, message):
+    estimate = make_estimate(np.random.default_rng(0), 5, 3)
+    with pytest.raises(InputError, match=message):
+        io.write(tmp_path / "estimate.g2o", estimate, **options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_a_format_cannot_hold_is_refused_and_leaves_nothing(tmp_path):
+    instance = make_instance(0, 3)
+    rotations = Estimate(instance.truth.rotations)
+    for suffix in (".tum", ".kitti"):
+        with pytest.raises(InputError, match="needs translations"):
+            io.write(tmp_path / f"a{suffix}", rotations)
+        with pytest.raises(InputError, match="cannot be written for a graph"):
+            io.write(tmp_path / f"a{suffix}", instance)
+    with pytest.raises(InputError, match="say format="):
+        io.write(tmp_path / "a.txt", rotations)
+    with pytest.raises(InputError, match="cannot be written for an estimate"):
+        io.write(tmp_path / "a.txt", rotations, format="isam")
+    with pytest.raises(SpecError, match="kitti"):
+        io.write(tmp_path / "a.txt", rotations, format="kiti")
+    with pytest.raises(InputError, match="cannot be written: No such file"):
+        io.write(tmp_path / "absent" / "a.g2o", rotations)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_failure_leaves_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "graph.g2o"
+    path.write_text("precious")
+
+    def interrupted(graph_numbers):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("certpgo.io.quaternion.to_write", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        io.write(path, make_instance(0, 3))
+    assert path.read_text() == "precious"
+    assert [p.name for p in tmp_path.iterdir()] == ["graph.g2o"]
+
+
+def test_planar_estimates_are_embedded_at_height_zero(tmp_path):
+    half_turn = Estimate(so.exp(np.array([[np.pi / 2]])), np.array([[3.0, 4.0]]))
+    io.write(tmp_path / "a.tum", half_turn, ids=[7])
+    stamp, x, y, z, qx, qy, qz, qw = (tmp_path / "a.tum").read_text().split()
+    assert (stamp, x, y, z, qx, qy) == ("7", "3.0", "4.0", "0.0", "0.0", "0.0")
+    np.testing.assert_allclose([float(qz), float(qw)], np.sqrt(0.5), rtol=1e-15)
+    io.write(tmp_path / "a.kitti", half_turn)
+    row = np.array((tmp_path / "a.kitti").read_text().split(), dtype=float)
+    expected = [0, -1, 0, 3, 1, 0, 0, 4, 0, 0, 1, 0]
+    np.testing.assert_allclose(row, expected, rtol=0, atol=1e-15)
+
+
+def test_timestamps(tmp_path):
+    instance = make_instance(0, 3)
+    path, stamps = tmp_path / "a.tum", tmp_path / "times.txt"
+    seconds = [1.5e9 + 0.1 * k for k in range(5)]
+    stamps.write_text("# seconds\n" + "".join(f"{s!r} rgb/{s}.png\n" for s in seconds))
+
+    def first_column(**options):
+        io.write(path, instance.truth, instance=instance, anchor="none", **options)
+        return [float(line.split()[0]) for line in path.read_text().splitlines()]
+
+    assert first_column() == instance.ids.tolist()
+    assert first_column(timestamps="index") == [0, 1, 2, 3, 4]
+    assert_estimates_agree(
+        io.read_estimate(path, instance, timestamps="index"), instance.truth, 3e-15
+    )
+    assert first_column(timestamps=stamps) == seconds
+    path.write_text("".join(reversed(path.read_text().splitlines(keepends=True))))
+    assert_estimates_agree(
+        io.read_estimate(path, instance, timestamps=stamps), instance.truth, 3e-15
+    )
+    with pytest.raises(FormatError, match="no node ids"):
+        io.read_estimate(path, instance)
+    stamps.write_text("1.0\n2.0\n")
+    with pytest.raises(InputError, match="2 timestamps for 5 nodes"):
+        io.write(path, instance.truth, timestamps=stamps)
+    with pytest.raises(FormatError, match="2 timestamps for 5 nodes"):
+        io.read_estimate(path, instance, timestamps=stamps)
+    stamps.write_text("1.0\nsoon\n")
+    with pytest.raises(FormatError, match=r"times.txt:2: a timestamp"):
+        io.write(path, instance.truth, timestamps=stamps)
+
+
+def test_written_g2o_is_isotropic_text(tmp_path):
+    graph = make_instance(0, 3).graph.with_weights(0.1, 0.3)
+    io.write(tmp_path / "a.g2o", graph)
+    line = (tmp_path / "a.g2o").read_text().splitlines()[0].split()
+    information = "0.3 0 0 0 0 0 0.3 0 0 0 0 0.3 0 0 0 0.2 0 0 0.2 0 0.2"
+    assert " ".join(line[10:]) == information
+
+
+def test_real_graphs_survive_g2o(data, tmp_path):
+    for name in ("slam3d/parking-garage.g2o", "slam2d/intel.g2o", "slam3d/sphere400.txt"):
+        instance = io.read(data(name))
+        io.write(tmp_path / "a.g2o", instance)
+        assert_graphs_agree(io.read(tmp_path / "a.g2o").graph, instance.graph, 2e-15)
