@@ -12,9 +12,15 @@ from certpgo.harness.runner import chosen_rows, run
 NAMES = registry.table_names()
 
 
-@pytest.fixture(params=NAMES)
+@pytest.fixture(params=NAMES, scope="module")
 def table(request):
     return registry.get_table(request.param)
+
+
+@pytest.fixture(scope="module")
+def records(table):
+    """What the table's quick profile gives."""
+    return list(run(table, quick=True))
 
 
 def test_a_table_is_called_as_its_file(table):
@@ -45,8 +51,7 @@ def test_published_keys_and_columns_exist(table):
                 assert printed_number(table, row, method, metric)
 
 
-def test_quick_profile_runs_and_renders(table):
-    records = list(run(table, quick=True))
+def test_quick_profile_runs_and_renders(table, records):
     rows = chosen_rows(table, data=None, quick=True)
     assert len(records) == len(rows) * len(table.methods)
     assert {record.row for record in records} == {row.label for row in rows}
@@ -58,8 +63,7 @@ def test_quick_profile_runs_and_renders(table):
         assert all(len(row) == len(section.header) for row in section.rows)
 
 
-def test_rendering_is_a_function_of_the_records_alone(table):
-    records = list(run(table, quick=True))
+def test_rendering_is_a_function_of_the_records_alone(table, records):
     again = [from_line(to_line(record)) for record in records]
     assert markdown(table, again) == markdown(table, records)
 
