@@ -121,7 +121,7 @@ def test_npz_kinds_are_not_confused(tmp_path):
     io.write(estimate, instance.truth)
     with pytest.raises(FormatError, match=r"one graph \(version 1\) expected, not estimate"):
         io.read(estimate)
-    with pytest.raises(FormatError, match="one estimate .* expected, not graph"):
+    with pytest.raises(FormatError, match=r"one estimate .* expected, not graph"):
         io.read_estimate(graph)
     foreign = tmp_path / "foreign.npz"
     np.savez(foreign, a=1)
