@@ -28,13 +28,19 @@ def test_arrays_are_read_only_and_the_caller_keeps_his():
     ("change", "message"),
     [
         ({"num_nodes": 0}, "at least one node"),
-        ({"edges": np.array([[0, 3], [1, 2], [2, 0]])}, r"edge \(0, 3\): nodes are numbered 0 to 2"),
+        (
+            {"edges": np.array([[0, 3], [1, 2], [2, 0]])},
+            r"edge \(0, 3\): nodes are numbered 0 to 2",
+        ),
         ({"edges": np.array([[0, 1], [1, 1], [2, 0]])}, r"edge \(1, 1\): .* from itself"),
         ({"edges": np.zeros((0, 2)), "rotations": np.zeros((0, 3, 3)), "kappa": []}, "non-empty"),
         ({"rotations": np.zeros((3, 4, 4))}, "d = 2 or 3"),
         ({"rotations": 1.1 * EYES}, r"edge \(0, 1\): not a rotation, off by 2.1e-01"),
         ({"rotations": -EYES}, r"not a rotation"),
-        ({"kappa": np.array([1.0, -1.0, 1.0])}, r"edge \(1, 2\): kappa is -1.0; it must be positive"),
+        (
+            {"kappa": np.array([1.0, -1.0, 1.0])},
+            r"edge \(1, 2\): kappa is -1.0; it must be positive",
+        ),
         ({"kappa": np.array([1.0, np.nan, 1.0])}, "kappa is nan"),
         ({"kappa": np.ones(2)}, "kappa must have 3 entries"),
     ],
@@ -141,7 +147,9 @@ def test_moving_and_anchoring(seed, d):
     np.testing.assert_allclose(back.translations, estimate.translations, rtol=0, atol=1e-13)
     bare = Estimate(estimate.rotations)
     np.testing.assert_allclose(bare.anchored(3).rotations, anchored.rotations, rtol=0, atol=1e-14)
-    np.testing.assert_array_equal(estimate.subset(np.array([4, 0])).translations[0], estimate.translations[4])
+    np.testing.assert_array_equal(
+        estimate.subset(np.array([4, 0])).translations[0], estimate.translations[4]
+    )
     assert bare.subset(np.array([1])).translations is None
 
 

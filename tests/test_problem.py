@@ -36,7 +36,9 @@ def test_cost_is_the_loop_and_the_quadratic_form(seed, d):
     assert np.trace(X @ problem.data_matrix.toarray() @ X.T) == pytest.approx(expected, rel=1e-11)
     R = np.concatenate(list(x.rotations), axis=1)
     L = problem.rotation.connection_laplacian.toarray()
-    assert np.trace(R @ L @ R.T) == pytest.approx(dense_cost(graph.rotation, x.rotations), rel=1e-11)
+    assert np.trace(R @ L @ R.T) == pytest.approx(
+        dense_cost(graph.rotation, x.rotations), rel=1e-11
+    )
 
 
 @given(seeds, dimensions)
@@ -61,7 +63,9 @@ def test_laplacians_of_complete_and_cycle_graphs():
     np.testing.assert_allclose(np.linalg.eigvalsh(L.toarray())[1:], n, rtol=1e-12, atol=0)
     ring = np.c_[np.arange(n), (np.arange(n) + 1) % n]
     cycle = RotationGraph(n, ring, np.tile(np.eye(2), (n, 1, 1)), np.ones(n))
-    values = np.linalg.eigvalsh(operators.laplacian(operators.pattern(cycle), cycle.kappa).toarray())
+    values = np.linalg.eigvalsh(
+        operators.laplacian(operators.pattern(cycle), cycle.kappa).toarray()
+    )
     assert values[1] == pytest.approx(2 * (1 - np.cos(2 * np.pi / n)), rel=1e-12)
     np.testing.assert_array_equal(operators.degrees(ring, np.ones(n), n), 2.0)
 
@@ -161,7 +165,9 @@ def test_reversing_a_rotation_edge_changes_nothing(seed, d):
         6, graph.edges[:, ::-1], np.swapaxes(graph.rotations, 1, 2), graph.kappa
     )
     x = Estimate(so.random(rng, 6, d))
-    assert RotationProblem(reversed_).cost(x) == pytest.approx(RotationProblem(graph).cost(x), rel=1e-12)
+    assert RotationProblem(reversed_).cost(x) == pytest.approx(
+        RotationProblem(graph).cost(x), rel=1e-12
+    )
     A = RotationProblem(graph).matrix - RotationProblem(reversed_).matrix
     assert abs(A).max() < 1e-12
 

@@ -59,9 +59,7 @@ def test_noise_free_rotations_are_recovered_up_to_gauge(seed, d):
         spectral.solve_anchored(problem),
     ):
         assert problem.cost(Estimate(estimate)) < 1e-15 * problem.scale
-    np.testing.assert_allclose(
-        spectral.round_anchored(V, d), R[0].T @ R, rtol=0, atol=1e-7
-    )
+    np.testing.assert_allclose(spectral.round_anchored(V, d), R[0].T @ R, rtol=0, atol=1e-7)
 
 
 def test_a_reflected_basis_rounds_to_the_same_cost():

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from certpgo.certify.rounding import U
+from certpgo.certify.rounding import U, rotation_defect
 from certpgo.estimate import Estimate
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal, pinned, scatter_sum
@@ -127,7 +127,7 @@ class _Attempts:
             if factor is None:
                 if not demand.any():
                     return None
-                shift *= 2.0
+                shift *= 1.5
                 continue
             rounding = self.rounding_of(factor) if self.rounding else demand
             if np.all(rounding[~self.is_rotation] <= demand[~self.is_rotation]):
@@ -180,24 +180,26 @@ def _assembly_radii(
 ) -> FloatArray:
     """(N,) row sums of the rounding in S's entries, weighted by w; 0 where S is a stored number.
 
-    An entry that sums k products is off by at most (k + a few) u times the sum of their sizes; the
-    measured matrices add DEFECT, which ``few`` covers. Row sums of d x d rotations are at most
-    sqrt(d), and the triangle inequality does the rest.
+    An entry that sums k products is off by at most k + 4 units of rounding of the sum of their
+    sizes. Where a measured rotation enters, its distance from SO(d) adds to that. Row sums of
+    d x d rotations are at most sqrt(d), and the triangle inequality does the rest.
     """
     n, d = problem.n, problem.d
     graph = problem.rotation.graph
     i, j = graph.edges.T
-    terms = np.bincount(graph.edges.ravel(), minlength=n) + 200.0
+    sums = (np.bincount(graph.edges.ravel(), minlength=n) + 4.0) * U
     root = math.sqrt(d)
-    diagonal = np.abs(multipliers).sum(axis=2).max(axis=1)
-    turn = problem.rotation.node_weights * (1.0 + root) + diagonal
+    measured = (
+        (sums + rotation_defect(graph.rotations)) * problem.rotation.node_weights * (1.0 + root)
+    )
+    turn = measured + sums * np.abs(multipliers).sum(axis=2).max(axis=1)
     if not isinstance(problem, PoseProblem):
-        return np.repeat(terms * U * turn, d)
+        return np.repeat(turn, d)
     w_t = float(w[~is_rotation][0])
-    lever = problem.graph.tau * np.abs(problem.graph.translations).sum(axis=1)
-    spread = lever * np.abs(problem.graph.translations).sum(axis=1)
+    length = np.abs(problem.graph.translations).sum(axis=1)
+    lever = problem.graph.tau * length
     out = scatter_sum(i, lever, n)
-    turn = turn + scatter_sum(i, spread, n) + 2.0 * out * w_t
+    turn = turn + sums * (scatter_sum(i, lever * length, n) + 2.0 * out * w_t)
     move = 2.0 * problem.translation_weights * w_t + 2.0 * out + scatter_sum(j, lever, n)
-    rows = np.concatenate([move[:, None], np.repeat(turn[:, None], d, axis=1)], axis=1)
-    return np.asarray((terms[:, None] * U * rows).ravel())
+    rows = np.concatenate([(sums * move)[:, None], np.repeat(turn[:, None], d, axis=1)], axis=1)
+    return np.asarray(rows.ravel())

@@ -1,7 +1,7 @@
 """Costs rounded upwards: what F of the stored estimate is at most, whatever rounding did.
 
-The data are the rotations nearest to the stored matrices (off by at most ``DEFECT`` each) and the
-stored translations and weights. Valid for round-to-nearest IEEE 754 doubles.
+The data are the rotations nearest to the stored matrices, and the stored translations and weights.
+Valid for round-to-nearest IEEE 754 doubles.
 """
 
 from __future__ import annotations
@@ -9,28 +9,37 @@ from __future__ import annotations
 import numpy as np
 
 from certpgo.estimate import Estimate
+from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.problem import PoseProblem, Problem
 
 U = float(np.finfo(float).eps) / 2
-#: Frobenius distance of a stored matrix from the rotation it stands for; `so.ROUNDING_DEFECT` is
-#: 1e-14 an entry of R^T R - I, hence at most 3e-14 in norm, and half of that for the polar factor.
-DEFECT = 2e-14
+
+
+def rotation_defect(R: FloatArray) -> float:
+    """An upper bound on the Frobenius distance of stored matrices (n, d, d) from SO(d).
+
+    The polar factor Q of A satisfies |A - Q| <= |A^T A - I| / (1 + sigma_min(A)).
+    """
+    d = R.shape[-1]
+    return 0.51 * d * (so.worst_defect(R)[1] + 16.0 * U)
 
 
 def cost_upper(problem: Problem, estimate: Estimate) -> float:
     """An upper bound on F of the estimate, whose translations are taken as stored."""
+    graph = problem.rotation.graph
     E = problem.rotation.residuals(estimate.rotations)
     norm = np.sqrt(np.einsum("mab,mab->m", E, E))
-    # R_j - R_i R_ij: three matrices off by DEFECT, and a product of d terms.
-    error = 3.0 * DEFECT + 32.0 * U
-    terms = problem.rotation.graph.kappa * (norm * (1.0 + 32.0 * U) + error) ** 2
+    # R_j - R_i R_ij: three matrices near rotations, and a product of d terms.
+    own, measured = rotation_defect(estimate.rotations), rotation_defect(graph.rotations)
+    error = 2.0 * own + measured + 32.0 * U
+    terms = graph.kappa * (norm * (1.0 + 32.0 * U) + error) ** 2
     if isinstance(problem, PoseProblem) and estimate.translations is not None:
         r = np.linalg.norm(problem.translation_residuals(estimate), axis=1)
         i, j = problem.graph.edges.T
         size = np.linalg.norm(estimate.translations, axis=1)
         lever = np.linalg.norm(problem.graph.translations, axis=1)
-        slack = (DEFECT + 32.0 * U) * lever + 8.0 * U * (size[i] + size[j])
+        slack = (own + 32.0 * U) * lever + 8.0 * U * (size[i] + size[j])
         terms = np.concatenate([terms, problem.graph.tau * (r * (1.0 + 32.0 * U) + slack) ** 2])
     return _sum_upper(terms)
 

@@ -172,6 +172,9 @@ def test_bounds_need_stationarity():
     found = False
     for _ in range(200):
         x = Estimate(so.exp(0.4 * rng.standard_normal((4, 3))))
-        if problem.residual_angles(x).max() < published_alpha(problem.graph) and problem.cost(x) > 1:
+        if (
+            problem.residual_angles(x).max() < published_alpha(problem.graph)
+            and problem.cost(x) > 1
+        ):
             found = True
     assert found

@@ -92,7 +92,9 @@ def test_public_optima_are_certified(name, dataset):
     assert second.lower_bound <= GOLDEN[name] * (1 + 1e-6)
     assert second.cost == pytest.approx(GOLDEN[name], rel=1e-6)
     assert second.relative_gap < 1e-5
-    rotations = certify(problem.rotation, newton(problem.rotation, Estimate(start.rotations)).estimate)
+    rotations = certify(
+        problem.rotation, newton(problem.rotation, Estimate(start.rotations)).estimate
+    )
     assert rotations.verdict is Verdict.CERTIFIED
 
 
@@ -185,8 +187,12 @@ def test_noise_beyond_tightness_is_bounded_with_a_proven_gap():
         graph, R = rotation_graph(np.random.default_rng(seed), 8, 3, noise=1.5)
         problem = RotationProblem(graph)
         best = min(
-            (newton(problem, Estimate(so.random(np.random.default_rng(k), 8, 3)), max_iterations=300)
-             for k in range(8)),
+            (
+                newton(
+                    problem, Estimate(so.random(np.random.default_rng(k), 8, 3)), max_iterations=300
+                )
+                for k in range(8)
+            ),
             key=lambda s: s.cost,
         )
         certificate = certify(problem, best.estimate)
@@ -220,7 +226,9 @@ def test_tolerances_decide_and_are_kept():
     graph, R, t = pose_graph(np.random.default_rng(0), 10, 3)
     problem = PoseProblem(graph)
     optimum = newton(problem, Estimate(R, t)).estimate
-    turned = problem.complete(optimum.rotations @ so.exp(np.full((10, 3), 1e-3) * np.arange(10)[:, None]))
+    turned = problem.complete(
+        optimum.rotations @ so.exp(np.full((10, 3), 1e-3) * np.arange(10)[:, None])
+    )
     strict = certify(problem, turned)
     assert strict.verdict is Verdict.BOUNDED
     assert "right basin" in strict.reason

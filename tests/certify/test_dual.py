@@ -1,16 +1,17 @@
 """The factorization bound against exact eigenvalues and interval arithmetic."""
 
-import math
 from fractions import Fraction
 
 import flint
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from scipy.spatial.transform import Rotation
 from strategies import dimensions, pose_graph, rng_of, seeds
 
 from certpgo.certify import certificate_matrix, cost_upper, dual_bound
 from certpgo.estimate import Estimate
+from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.linalg import factor, so
 from certpgo.newton import newton
 from certpgo.problem import PoseProblem, RotationProblem, problem_of
@@ -23,39 +24,115 @@ def optimum(seed, d, poses, n=7, noise=0.15):
     return problem, problem.complete(point.rotations)
 
 
-@pytest.mark.parametrize("engine", factor.engines())
-@pytest.mark.parametrize("poses", [True, False])
-@settings(max_examples=25)
-@given(seed=seeds, d=dimensions)
-def test_the_shifted_matrix_is_positive_definite_in_ball_arithmetic(engine, poses, seed, d):
-    """S(Lam') less its gauge, by a Cholesky factorization in 200-bit balls: an independent oracle."""
-    problem, point = optimum(seed, d, poses)
-    bound = dual_bound(problem, point)
-    if bound is None:
-        return
-    S = certificate_matrix(problem, bound.multipliers).toarray()
-    if poses:
-        S = np.delete(np.delete(S, 0, 0), 0, 1)  # one translation pinned
-    flint.ctx.prec = 200
-    ball = flint.arb_mat(len(S), len(S), [flint.arb(float(x)) for x in S.ravel()])
-    # Raises when some pivot cannot be shown positive: a failure of the bound.
-    assert ball.cho() if hasattr(ball, "cho") else _cholesky_succeeds(S)
-    assert bound.value <= math.fsum(np.trace(bound.multipliers, axis1=1, axis2=2))
+def exact_rotation(q):
+    """R(q)/|q|^2 in rationals, of a quaternion x y z w or a half-angle pair c s of doubles."""
+    q = [Fraction(float(v)) for v in q]
+    square = sum(v * v for v in q)
+    if len(q) == 2:
+        c, s = q
+        rows = [[c * c - s * s, -2 * c * s], [2 * c * s, c * c - s * s]]
+    else:
+        x, y, z, w = q
+        rows = [
+            [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
+        ]
+    return [[v / square for v in row] for row in rows]
 
 
-def _cholesky_succeeds(S):
-    """LDL^T in exact rational arithmetic."""
-    A = [[Fraction(float(x)) for x in row] for row in S]
+def with_exact_rotations(graph):
+    """The graph with rotations rounded from rationals, and those rationals."""
+    R = graph.rotation.rotations
+    if graph.d == 2:
+        half = np.arctan2(R[:, 1, 0], R[:, 0, 0]) / 2
+        q = np.c_[np.cos(half), np.sin(half)]
+    else:
+        q = Rotation.from_matrix(R).as_quat()
+    exact = [exact_rotation(row) for row in q]
+    rounded = np.array([[[float(v) for v in row] for row in block] for block in exact])
+    rotation = RotationGraph(graph.num_nodes, graph.edges, rounded, graph.rotation.kappa)
+    return PoseGraph(rotation, graph.translations, graph.tau), exact
+
+
+def exact_certificate(graph, exact, multipliers, poses):
+    """M - blkdiag(0, Lam') or L - blkdiag(Lam') in rationals, the first translation pinned."""
+    n, d = graph.num_nodes, graph.d
+    b = d + 1 if poses else d
+    S = [[Fraction(0)] * (n * b) for _ in range(n * b)]
+
+    def add(rows, vector):  # weight times the outer product of a sparse vector with itself
+        for a, x in vector:
+            for c, y in vector:
+                S[a][c] += rows * x * y
+
+    at = b - d
+    for e, (i, j) in enumerate(graph.edges):
+        kappa, tau = Fraction(graph.rotation.kappa[e]), Fraction(graph.tau[e])
+        for c in range(d):  # column c of R_j - R_i R_ij
+            column = [(int(i) * b + at + a, -exact[e][a][c]) for a in range(d)]
+            add(kappa, [*column, (int(j) * b + at + c, Fraction(1))])
+        if poses:
+            lever = [(int(i) * b + 1 + a, -Fraction(graph.translations[e, a])) for a in range(d)]
+            add(tau, [(int(j) * b, Fraction(1)), (int(i) * b, Fraction(-1)), *lever])
+    for k in range(n):
+        for a in range(d):
+            for c in range(d):
+                S[k * b + at + a][k * b + at + c] -= Fraction(multipliers[k, a, c])
+    return [row[1:] for row in S[1:]] if poses else S
+
+
+def positive_definite_in_balls(S, precision=400):
+    """LDL^T in ball arithmetic: True only when every pivot is certainly positive."""
+    flint.ctx.prec = precision
+    A = [[flint.arb(flint.fmpq(v.numerator, v.denominator)) for v in row] for row in S]
     n = len(A)
     for k in range(n):
-        if A[k][k] <= 0:
+        if not A[k][k] > 0:
             return False
         for i in range(k + 1, n):
-            factor_ = A[i][k] / A[k][k]
-            if factor_:
-                for j in range(k, n):
-                    A[i][j] -= factor_ * A[k][j]
+            if A[i][k] == 0:
+                continue
+            ratio = A[i][k] / A[k][k]
+            for j in range(k + 1, n):
+                A[i][j] -= ratio * A[k][j]
     return True
+
+
+@pytest.mark.parametrize("engine", factor.engines())
+@pytest.mark.parametrize("poses", [True, False])
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.8])
+def test_the_certified_matrix_is_positive_definite_in_ball_arithmetic(
+    engine, poses, noise, monkeypatch
+):
+    """An independent oracle, on the exact data."""
+    monkeypatch.setenv("CERTPGO_ENGINE", engine)
+    proved = 0
+    for seed in range(8):
+        d = 2 + seed % 2
+        graph, R, t = pose_graph(rng_of(seed), 5, d, noise=noise)
+        graph, exact = with_exact_rotations(graph)
+        problem = problem_of(graph if poses else graph.rotation)
+        point = newton(problem, Estimate(R, t if poses else None)).estimate
+        bound = dual_bound(problem, problem.complete(point.rotations))
+        if bound is None:
+            continue
+        proved += 1
+        S = exact_certificate(graph, exact, bound.multipliers, poses)
+        assert positive_definite_in_balls(S)
+        diagonal = bound.multipliers[:, range(d), range(d)].ravel()
+        assert Fraction(bound.value) <= sum(map(Fraction, diagonal))
+    assert proved >= 1
+
+
+def test_the_oracle_refuses_a_multiplier_that_is_too_large():
+    graph, R, _ = pose_graph(rng_of(0), 5, 3)
+    graph, exact = with_exact_rotations(graph)
+    problem = RotationProblem(graph.rotation)
+    point = newton(problem, Estimate(R)).estimate
+    bound = dual_bound(problem, point)
+    raised = bound.multipliers + 2.0 * bound.shift * np.eye(3)
+    assert not positive_definite_in_balls(exact_certificate(graph, exact, raised, poses=False))
 
 
 @settings(max_examples=25)

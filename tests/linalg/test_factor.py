@@ -52,9 +52,7 @@ def test_refactoring_with_the_same_pattern(engine):
     second = symbolic.factor(add_to_diagonal(A, 5.0))
     b = np.ones(A.shape[0])
     np.testing.assert_allclose(A @ first.solve(b), b, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(
-        add_to_diagonal(A, 5.0) @ second.solve(b), b, rtol=0, atol=1e-11
-    )
+    np.testing.assert_allclose(add_to_diagonal(A, 5.0) @ second.solve(b), b, rtol=0, atol=1e-11)
     assert symbolic.engine == engine
 
 
@@ -85,7 +83,9 @@ def test_inertia_counts_signs(seed):
 def test_factorize_orders_by_itself(engine):
     _, A = definite(3)
     b = np.ones(A.shape[0])
-    np.testing.assert_allclose(A @ factor.factorize(A, engine=engine).solve(b), b, atol=1e-11, rtol=0)
+    np.testing.assert_allclose(
+        A @ factor.factorize(A, engine=engine).solve(b), b, atol=1e-11, rtol=0
+    )
 
 
 def test_engine_choice(monkeypatch):
