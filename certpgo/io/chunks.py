@@ -29,7 +29,7 @@ def parsed(
 ) -> Iterator[T]:
     """What ``parse`` makes of each chunk of lines, comments removed.
 
-    A chunk that fails is parsed again line by line, by the same code, to name the line.
+    A chunk that fails is parsed again in ever smaller parts, by the same code, to name the line.
 
     Raises
     ------
@@ -40,13 +40,30 @@ def parsed(
         try:
             result = parse(lines)
         except InputError as error:
-            for number, line in enumerate(lines, first):
-                try:
-                    parse([line])
-                except InputError as at_line:
-                    raise FormatError(path, number, str(at_line)) from None
-            raise FormatError(path, None, str(error)) from None
+            raise _at_line(path, first, lines, parse, error) from None
         yield result
+
+
+def _at_line(
+    path: Path,
+    first: int,
+    lines: list[bytes],
+    parse: Callable[[list[bytes]], T],
+    error: InputError,
+) -> FormatError:
+    """The error of the first line that fails, found by halving."""
+    while len(lines) > 1:
+        half = len(lines) // 2
+        try:
+            parse(lines[:half])
+            first, lines = first + half, lines[half:]
+        except InputError as nearer:
+            lines, error = lines[:half], nearer
+    try:
+        parse(lines)
+    except InputError as at_line:
+        error = at_line
+    return FormatError(path, first, str(error))
 
 
 def _chunks(path: Path, progress: Progress | None) -> Iterator[tuple[int, list[bytes]]]:

@@ -1,8 +1,7 @@
 """Files of tagged lines (g2o, TORO, iSAM), read in chunks.
 
 Every line is a tag, integer ids, the numbers of a pose, and perhaps those of an information
-matrix. A chunk of lines is parsed at once; when it fails it is parsed again line by line, by the
-same code, to name the line.
+matrix. A chunk of lines is parsed at once, grouped by tag.
 """
 
 from __future__ import annotations

@@ -173,3 +173,11 @@ def test_partial_truth_is_refused_by_read_and_returned_by_read_truth(file):
 
 def test_known_errors_share_one_base():
     assert issubclass(FormatError, CertPGOError)
+
+
+def test_the_first_of_several_bad_lines_is_named(file):
+    lines = [f"EDGE_SE2 {k} {k + 1} 1 0 0 1 0 0 1 0 1\n" for k in range(40)]
+    lines[17] = "EDGE_SE2 17 17 1 0 0 1 0 0 1 0 1\n"
+    lines[18] = lines[33] = "EDGE_SE2 1 2 x 0 0 1 0 0 1 0 1\n"
+    with pytest.raises(FormatError, match="18: node 17 is measured from itself"):
+        io.read(file("".join(lines)))
