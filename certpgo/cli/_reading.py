@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
@@ -115,44 +115,19 @@ class Reading:
         GraphError
             The graph is not connected, and ``--components`` says to refuse that.
         """
-        from certpgo.graph import require_connected
+        from certpgo.harness.instances import connected_parts
 
-        if instance.graph.is_connected:
-            return [instance]
-        if self.components is Components.REFUSE:
-            try:
-                require_connected(instance.graph)
-            except GraphError as error:
-                raise GraphError(
-                    f"{error}; --components largest takes the largest, --components each all",
-                    component_sizes=error.component_sizes,
-                ) from None
-        sizes = instance.graph.component_sizes
-        by_size = sorted(range(len(sizes)), key=lambda label: -sizes[label])
-        # A node without measurements poses no problem.
-        measured = [label for label in by_size if sizes[label] > 1]
-        if len(measured) < len(sizes):
-            notice(f"{len(sizes) - len(measured)} nodes without measurements are left out")
-        if self.components is Components.LARGEST:
-            measured = measured[:1]
-        return [component(instance, label) for label in measured]
-
-
-def component(instance: Instance, label: int) -> Instance:
-    """One connected component of an instance."""
-    import numpy as np
-
-    nodes = np.flatnonzero(instance.graph.components == label)
-    place = {int(node): k for k, node in enumerate(nodes)}
-    return replace(
-        instance,
-        name=f"{instance.name} [{len(nodes)} nodes from id {int(instance.ids[nodes].min())}]",
-        graph=instance.graph.subgraph(nodes),
-        ids=instance.ids[nodes],
-        truth=None if instance.truth is None else instance.truth.subset(nodes),
-        initial=None if instance.initial is None else instance.initial.subset(nodes),
-        fixed=tuple(place[node] for node in instance.fixed if node in place),
-    )
+        try:
+            parts = connected_parts(instance, self.components.value)
+        except GraphError as error:
+            raise GraphError(
+                f"{error}; --components largest takes the largest, --components each all",
+                component_sizes=error.component_sizes,
+            ) from None
+        alone = sum(size == 1 for size in instance.graph.component_sizes)
+        if alone and not instance.graph.is_connected:
+            notice(f"{alone} nodes without measurements are left out")
+        return parts
 
 
 def takes_reading(command: Callable[..., int | None]) -> Callable[..., int | None]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from certpgo.cli._reading import Reading, takes_reading
+from certpgo.cli._reading import Components, Reading, takes_reading
 from certpgo.cli._tables import run_table
 from certpgo.errors import SpecError
 
@@ -23,7 +23,7 @@ def command(
         typer.Argument(metavar="[DATASET|FILE]...", help="By default the data sets found here."),
     ] = None,
     methods: Annotated[
-        str | None, typer.Option("--methods", help="Names, separated by commas.")
+        str | None, typer.Option("--methods", help="Names or labels, separated by commas.")
     ] = None,
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Folder for the results.")
@@ -39,27 +39,38 @@ def command(
     table: Table = registry.get_table("compare")
     options = {key: value for key, value in reading.options.items() if value not in (None, False)}
     if graphs:
-        table = replace(table, rows=_rows(graphs), stand_ins=(), optional=False, quick=())
+        table = replace(
+            table, rows=_rows(graphs, reading.data), stand_ins=(), optional=False, quick=()
+        )
     if methods is not None:
         table = replace(table, methods=_methods(table, methods.split(",")))
     table = replace(
         table,
-        rows=tuple(_read_with(row, options) for row in table.rows),
-        stand_ins=tuple(_read_with(row, options) for row in table.stand_ins),
+        rows=_read_with(table.rows, options, reading.components),
+        stand_ins=_read_with(table.stand_ins, options, reading.components),
     )
     return run_table(table, out, data=reading.data, quick=quick, json=json)
 
 
-def _read_with(row: Row, options: dict[str, object]) -> Row:
-    return replace(row, reading={**row.reading, **options})
+def _read_with(
+    rows: tuple[Row, ...], options: dict[str, object], components: Components
+) -> tuple[Row, ...]:
+    return tuple(
+        replace(row, reading={**row.reading, **options}, components=components.value)
+        for row in rows
+    )
 
 
-def _rows(graphs: list[str]) -> tuple[Row, ...]:
+def _rows(graphs: list[str], data: Path | None) -> tuple[Row, ...]:
+    from certpgo import datasets
     from certpgo.harness.instances import require_known
     from certpgo.harness.spec import Row
 
     for name in graphs:
         require_known(name)  # said before the work, not after
+    for name in graphs:
+        if not Path(name).exists():
+            datasets.fetch(name, data)  # asked for by name, it may be downloaded
     return tuple(Row(dataset=name) for name in dict.fromkeys(graphs))
 
 
@@ -73,4 +84,7 @@ def _methods(table: Table, names: list[str]) -> tuple[Method, ...]:
     for name in names:
         if name not in known:
             raise SpecError.unknown("method", name, known)
-    return tuple(labelled.get(name) or Method(name) for name in dict.fromkeys(names))
+    # Asked for by name, a method that does not take the graph says so.
+    return tuple(
+        replace(labelled.get(name) or Method(name), takes="") for name in dict.fromkeys(names)
+    )

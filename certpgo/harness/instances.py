@@ -11,8 +11,8 @@ import numpy as np
 
 from certpgo import datasets
 from certpgo.errors import InputError, SpecError
-from certpgo.graph import Instance
-from certpgo.harness.spec import Row
+from certpgo.graph import Instance, require_connected
+from certpgo.harness.spec import Components, Row
 from certpgo.io import read
 
 
@@ -74,6 +74,42 @@ def load_row(row: Row, data: Path | None, seed: np.random.SeedSequence | None) -
     if not is_here(row, data):
         raise InputError("not run: file not here")
     return open_graph(row.dataset, data=data, download=False, quiet=True, **row.reading)
+
+
+def connected_parts(instance: Instance, components: Components) -> list[Instance]:
+    """The connected graphs to work on, largest first; nodes without measurements pose no problem.
+
+    Raises
+    ------
+    GraphError
+        The graph is not connected, and that is to be refused.
+    """
+    graph = instance.graph
+    if graph.is_connected:
+        return [instance]
+    if components == "refuse":
+        require_connected(graph)
+    sizes = np.array(graph.component_sizes)
+    by_size = [int(label) for label in np.argsort(-sizes, kind="stable") if sizes[label] > 1]
+    return [
+        component(instance, label) for label in by_size[: 1 if components == "largest" else None]
+    ]
+
+
+def component(instance: Instance, label: int) -> Instance:
+    """One connected component of an instance."""
+    nodes = np.flatnonzero(instance.graph.components == label)
+    place = {int(node): k for k, node in enumerate(nodes)}
+    ids = instance.ids[nodes]
+    return replace(
+        instance,
+        name=f"{instance.name} [{len(nodes)} nodes from id {int(ids.min())}]",
+        graph=instance.graph.subgraph(nodes),
+        ids=ids,
+        truth=None if instance.truth is None else instance.truth.subset(nodes),
+        initial=None if instance.initial is None else instance.initial.subset(nodes),
+        fixed=tuple(place[node] for node in instance.fixed if node in place),
+    )
 
 
 def seed_of(base: int, row: int, repetition: int) -> np.random.SeedSequence:

@@ -32,6 +32,7 @@ class Record:
     Attributes
     ----------
     table, row, method : labels, as in the specification
+    part : which component of a graph that is not connected, or empty
     solver, settings : what was run
     reading : reading options of the instance, as text
     judging : reading options of the graph that metrics were evaluated on, when another
@@ -47,6 +48,7 @@ class Record:
     table: str
     row: str
     method: str
+    part: str = ""
     solver: str = ""
     settings: Mapping[str, Any] = field(default_factory=dict)
     reading: Mapping[str, str] = field(default_factory=dict)

@@ -34,9 +34,9 @@ class Section:
 
 def sections(table: Table, records: Iterable[Record]) -> tuple[Section, ...]:
     """The table's sections in the order of its records."""
-    groups: dict[tuple[str, str, str], list[Record]] = {}
+    groups: dict[tuple[str, ...], list[Record]] = {}
     for record in records:
-        key = (record.row, _reading(record), str(record.seed))
+        key = (record.row, record.part, _reading(record), str(record.seed))
         groups.setdefault(key, []).append(record)
     return tuple(_section(table, group) for group in groups.values())
 
@@ -84,7 +84,7 @@ def _section(table: Table, group: Sequence[Record]) -> Section:
     # The last two columns are shown where they say something.
     shown = [k for k in range(len(header)) if k < len(header) - 2 or any(line[k] for line in lines)]
     return Section(
-        title=f"{first.row}{size}{seed}",
+        title=f"{first.part or first.row}{size}{seed}",
         caption=" ".join(_captions(group)),
         header=tuple(header[k] for k in shown),
         rows=tuple(tuple(line[k] for k in shown) for line in lines),

@@ -21,7 +21,7 @@ from certpgo.certify import Certificate, certify
 from certpgo.errors import CertPGOError, SpecError
 from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.harness import bench, evaluate
-from certpgo.harness.instances import is_here, load_row, seed_of
+from certpgo.harness.instances import connected_parts, is_here, load_row, seed_of
 from certpgo.harness.methods import build
 from certpgo.harness.records import Record, provenance
 from certpgo.harness.spec import Method, Row, Table
@@ -88,13 +88,27 @@ def _run_row(
         for method in table.methods:
             yield replace(_blank(table, row, method), error=str(error))
         return
-    for method in table.methods:
-        announce(f"{row.label}: {method.label}")
-        with _engine(method.engine):
-            yield replace(
-                _run_method(table, row, method, instance, judged),
-                provenance=provenance(default_engine(), _root()),
-            )
+    for part in _parts(row, instance):
+        whole = part is instance
+        for method in table.methods:
+            if method.takes not in ("", _kind(part.graph)):
+                continue
+            announce(f"{part.name}: {method.label}")
+            with _engine(method.engine):
+                yield replace(
+                    _run_method(table, row, method, part, judged if whole else part),
+                    part="" if whole else part.name,
+                    provenance=provenance(default_engine(), _root()),
+                )
+
+
+def _parts(row: Row, instance: Instance) -> list[Instance]:
+    # Refused: every method then says why.
+    return [instance] if row.components == "refuse" else connected_parts(instance, row.components)
+
+
+def _kind(graph: Graph) -> str:
+    return "poses" if isinstance(graph, PoseGraph) else "rotations"
 
 
 @contextmanager
@@ -185,10 +199,10 @@ def refuse_other_problems(name: str, solver: Solver, graph: Graph) -> None:
     SpecError
         The method takes poses only, or rotations only.
     """
-    poses = isinstance(graph, PoseGraph)
-    if poses and not solver.poses:
+    kind = _kind(graph)
+    if kind == "poses" and not solver.poses:
         raise SpecError(f"{name} takes rotation graphs only; this graph measures poses")
-    if not poses and not solver.rotations:
+    if kind == "rotations" and not solver.rotations:
         raise SpecError(f"{name} takes pose graphs only; this graph measures rotations")
 
 
@@ -209,7 +223,7 @@ def _answer(solution: Solution) -> dict[str, Any]:
 
 def _blank(table: Table, row: Row, method: Method) -> Record:
     settings = {**method.settings, **row.settings.get(method.label, {})}
-    return Record(table.name, row.label, method.label, method.solver, settings)
+    return Record(table.name, row.label, method.label, solver=method.solver, settings=settings)
 
 
 def _root() -> Path | None:

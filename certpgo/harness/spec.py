@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
 from certpgo.errors import SpecError
+
+Components = Literal["refuse", "each", "largest"]
 
 #: Metrics that `evaluate` knows, besides a record's own fields.
 METRICS = (
@@ -50,6 +52,8 @@ class Row:
     generator : function of `certpgo.datasets.synthetic`, called with ``arguments`` and ``rng``
     arguments : its keyword arguments
     published : the key of this row in the table's published numbers
+    components : of a graph that is not connected: ``"refuse"`` it, run ``"each"`` or the
+        ``"largest"``
     settings : settings of single methods in this row alone, by the method's label
     """
 
@@ -60,6 +64,7 @@ class Row:
     generator: str = ""
     arguments: Mapping[str, Any] = field(default_factory=dict)
     published: str = ""
+    components: Components = "refuse"
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -82,6 +87,7 @@ class Method:
     settings : fields of the solver's dataclass
     start : the method whose answer is the initial estimate, or None
     engine : factorization engine, by default the preferred one installed
+    takes : ``"poses"`` or ``"rotations"``: run on such graphs alone
     published : metric to the column of the published numbers that holds it
     """
 
@@ -90,6 +96,7 @@ class Method:
     settings: Mapping[str, Any] = field(default_factory=dict)
     start: Method | None = None
     engine: str = ""
+    takes: Literal["", "poses", "rotations"] = ""
     published: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

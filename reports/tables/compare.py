@@ -2,7 +2,8 @@
 
 from certpgo.harness.spec import Column, Method, Row, Table
 
-EIGEN_MA = Method("eigen_ma")
+EIGEN_MA = Method("eigen_ma", takes="poses")
+EIGEN_RA = Method("eigen_ra", takes="rotations")
 
 TABLE = Table(
     name="compare",
@@ -24,12 +25,15 @@ TABLE = Table(
     methods=(
         Method("spanning_tree"),
         EIGEN_MA,
-        Method("eigen_ma", "eigen_ma (unit weights)", {"weights": "unit"}),
-        Method("fixed_point", "eigen_ma + fixed_point", start=EIGEN_MA),
-        Method("newton", "eigen_ma + newton", start=EIGEN_MA),
-        Method("gtsam_chordal"),
-        Method("gtsam_gauss_newton"),
-        Method("gtsam_levenberg_marquardt"),
+        Method("eigen_ma", "eigen_ma (unit weights)", {"weights": "unit"}, takes="poses"),
+        Method("fixed_point", "eigen_ma + fixed_point", start=EIGEN_MA, takes="poses"),
+        Method("newton", "eigen_ma + newton", start=EIGEN_MA, takes="poses"),
+        EIGEN_RA,
+        Method("fixed_point", "eigen_ra + fixed_point", start=EIGEN_RA, takes="rotations"),
+        Method("newton", "eigen_ra + newton", start=EIGEN_RA, takes="rotations"),
+        Method("gtsam_chordal", takes="poses"),
+        Method("gtsam_gauss_newton", takes="poses"),
+        Method("gtsam_levenberg_marquardt", takes="poses"),
         Method("gtsam_fastsync"),
     ),
     columns=(

@@ -201,6 +201,32 @@ def test_compare_reads_as_it_is_told(certpgo, square, tmp_path):
     assert file["metrics"]["cost"] != unit["metrics"]["cost"]
 
 
+def test_compare_takes_components_one_by_one(certpgo, tmp_path):
+    path = tmp_path / "two.g2o"
+    lines = [f"EDGE_SE2 {i} {i + 1} 1 0 0.1 1 0 0 1 0 1" for i in (0, 1, 5)]
+    path.write_text("\n".join(lines) + "\n")
+    common = ("compare", path, "--methods", "newton", "--out", tmp_path / "r", "--json")
+    [refused] = certpgo(*common).json
+    assert "2 components of 3, 2 nodes" in refused["error"]
+    parts = certpgo(*common, "--components", "each").json
+    assert [record["n"] for record in parts] == [3, 2]
+    assert len({record["part"] for record in parts}) == 2
+    assert all(record["verdict"] == "CERTIFIED" for record in parts)
+
+
+def test_compare_leaves_out_methods_for_other_graphs_unless_asked(certpgo, tmp_path):
+    from certpgo.datasets.synthetic import winding_cycle
+
+    path = tmp_path / "cycle.npz"
+    package.write(path, winding_cycle(5, 0.1, 0)[0])
+    common = ("compare", path, "--out", tmp_path / "r", "--json")
+    methods = [record["method"] for record in certpgo(*common).json]
+    assert "eigen_ra" in methods
+    assert "eigen_ma" not in methods
+    [asked] = certpgo(*common, "--methods", "eigen_ma").json
+    assert "takes pose graphs only" in asked["error"]
+
+
 def test_an_interrupted_comparison_keeps_what_is_done(certpgo, square, tmp_path, monkeypatch):
     import certpgo.harness.runner as runner
 
