@@ -15,7 +15,7 @@ def rng_of(seed):
 
 
 def random_edges(rng, n, extra):
-    """A random tree on n nodes plus ``extra`` random edges (parallel ones possible), directions mixed."""
+    """A random tree on n nodes plus ``extra`` random, possibly parallel edges, in any direction."""
     tree = [(int(rng.integers(0, k)), k) for k in range(1, n)]
     more = [tuple(rng.choice(n, 2, replace=False)) for _ in range(extra)]
     edges = np.array(tree + more, dtype=np.intp)

@@ -1,6 +1,7 @@
 """Newton's method: golden optima, quadratic convergence, monitors."""
 
 import io
+import itertools
 
 import numpy as np
 import pytest
@@ -56,7 +57,7 @@ def test_descends_to_a_stationary_point_and_never_up(seed, d):
     assert solution.status in (Status.CONVERGED, Status.STALLED)
     assert problem.stationarity(solution.estimate) < 1e-10
     costs = [step.cost for step in solution.trace]
-    assert all(b <= a * (1 + 1e-13) for a, b in zip(costs, costs[1:], strict=False))
+    assert all(b <= a * (1 + 1e-13) for a, b in itertools.pairwise(costs))
     assert solution.cost == problem.cost(solution.estimate)
 
 
@@ -99,9 +100,8 @@ def test_table_monitor_prints_one_line_an_iteration():
 
 def test_stopwatch_counts_nested_phases_once():
     watch = Stopwatch()
-    with watch.phase("outer"):
-        with watch.phase("inner"):
-            sum(range(100_000))
+    with watch.phase("outer"), watch.phase("inner"):
+        sum(range(100_000))
     assert set(watch.seconds) == {"outer", "inner"}
     assert watch.seconds["outer"] < watch.seconds["inner"]
     assert watch.total == pytest.approx(sum(watch.seconds.values()))

@@ -174,7 +174,7 @@ def test_reversing_a_rotation_edge_changes_nothing(seed, d):
 
 def test_problems_refuse_what_is_not_theirs():
     rng = np.random.default_rng(0)
-    graph, R, t = pose_graph(rng, 5, 3)
+    graph, R, _t = pose_graph(rng, 5, 3)
     with pytest.raises(InputError, match="5 nodes in 3D, the graph 6 in 3D"):
         problem_of(rotation_graph(rng, 6, 3)[0]).check(Estimate(R))
     with pytest.raises(InputError, match="no translations"):

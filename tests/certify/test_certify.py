@@ -163,7 +163,7 @@ def test_noise_free_graphs_are_certified_at_zero(poses, scale):
 @pytest.mark.parametrize("n", [2, 3, 10])
 def test_trees_and_single_edges(n):
     rng = np.random.default_rng(1)
-    graph, R, t = pose_graph(rng, n, 3, extra=0, noise=0.5)
+    graph, R, _t = pose_graph(rng, n, 3, extra=0, noise=0.5)
     for problem in (PoseProblem(graph), RotationProblem(graph.rotation)):
         solution = newton(problem, problem.complete(R))
         certificate = certify(problem, solution.estimate)
@@ -184,7 +184,7 @@ def test_screen_never_certifies_and_needs_no_more_than_the_standard_tier():
 def test_noise_beyond_tightness_is_bounded_with_a_proven_gap():
     verdicts = set()
     for seed in range(20):
-        graph, R = rotation_graph(np.random.default_rng(seed), 8, 3, noise=1.5)
+        graph, _R = rotation_graph(np.random.default_rng(seed), 8, 3, noise=1.5)
         problem = RotationProblem(graph)
         best = min(
             (
