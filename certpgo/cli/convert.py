@@ -49,16 +49,14 @@ def command(
     from certpgo.io.format import format_of, format_to_write
 
     out = format_to_write(target, format)
-    given = format_of(Path(source)) if Path(source).exists() else None
-    if not estimate and out.write_graph is not None and (given is None or given.read_graph):
+    given = _file(source, reading)
+    if not estimate and out.write_graph is not None and format_of(given).read_graph is not None:
         if anchor is not None:
             raise InputError("--anchor moves estimates; add --estimate to convert the poses")
         write(target, reading.open(source), format=format)
         return
-    if given is None:
-        raise InputError(f"{source}: no such file")
     instance = None if graph is None else reading.open(graph)
-    poses = read_estimate(source, instance, timestamps=timestamps)
+    poses = read_estimate(given, instance, timestamps=timestamps)
     write(
         target,
         poses,
@@ -67,3 +65,11 @@ def command(
         anchor=None if anchor is None else anchor.value,
         timestamps=timestamps,
     )
+
+
+def _file(source: str, reading: Reading) -> Path:
+    from certpgo import datasets
+    from certpgo.harness.instances import require_known
+
+    require_known(source)
+    return Path(source) if Path(source).exists() else datasets.fetch(source, reading.data)

@@ -153,6 +153,13 @@ def test_convert_the_poses_alone(certpgo, square, tmp_path):
     )
 
 
+def test_convert_a_dataset_by_name(certpgo, tmp_path, dataset_path):
+    dataset_path("tinyGrid3D")
+    assert certpgo("convert", "tinyGrid3D", tmp_path / "graph.npz").code == 0
+    assert certpgo("convert", "tinyGrid3D", tmp_path / "poses.g2o", "--estimate").code == 0
+    assert package.read_estimate(tmp_path / "poses.g2o").num_nodes == 9
+
+
 @pytest.mark.parametrize("choice", ["refuse", "largest", "each"])
 def test_components_are_refused_or_chosen(certpgo, tmp_path, choice):
     path = tmp_path / "two.g2o"
