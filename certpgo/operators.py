@@ -148,7 +148,7 @@ def _generators(d: int) -> FloatArray:
 
 def _generator_columns(t: FloatArray) -> FloatArray:
     """(m, d, p) matrices whose k-th column is hat(e_k) t."""
-    return np.einsum("kab,mb->mak", _generators(t.shape[-1]), t)
+    return np.asarray(np.einsum("kab,mb->mak", _generators(t.shape[-1]), t))
 
 
 def _tangent_form(A: FloatArray, B: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from certpgo.linalg.factor import Factor
 from certpgo.problem import RotationProblem
 
 #: Shifts of L, over its mean diagonal, tried until the factorization succeeds.
-SHIFTS = (1e-12, 1e-10, 1e-8)
+SHIFTS = (1e-11, 1e-9, 1e-7)
 
 
 def smallest_eigenpairs(

@@ -54,7 +54,7 @@ class SpanningTree:
         if self.tree == "breadth_first":
             return None
         if self.tree == "odometry":
-            return np.abs(graph.edges[:, 0] - graph.edges[:, 1]).astype(np.float64)
+            return np.abs(np.diff(graph.edges, axis=1)[:, 0]).astype(np.float64)
         # Positive and falling with kappa; only the order matters for a minimum spanning tree.
         return np.asarray(2.0 - graph.kappa / graph.kappa.max())
 

@@ -1,9 +1,6 @@
 """Block assembly against a loop over the edges."""
 
-import time
-
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from strategies import random_edges, rng_of, seeds
@@ -79,32 +76,3 @@ def test_scatter_sum_and_expand():
     np.testing.assert_array_equal(out[2], values[0] + values[2])
     np.testing.assert_array_equal(out[1], 0.0)
     np.testing.assert_array_equal(expand(np.array([1, 0]), 3), [3, 4, 5, 0, 1, 2])
-
-
-@pytest.mark.slow
-def test_assembly_is_ten_times_faster_than_the_loop():
-    rng = np.random.default_rng(0)
-    n, m, b = 20_000, 100_000, 3
-    edges = rng.integers(0, n, (m, 2))
-    edges = edges[edges[:, 0] != edges[:, 1]]
-    diagonal, upper = symmetric(rng, n, b), rng.standard_normal((len(edges), b, b))
-
-    def vectorized():
-        start = time.perf_counter()
-        BlockPattern(n, edges).assemble(diagonal, upper)
-        return time.perf_counter() - start
-
-    def loop():
-        start = time.perf_counter()
-        rows, columns, values = [], [], []
-        for e in range(len(edges)):
-            i, j = edges[e]
-            for a in range(b):
-                for c in range(b):
-                    rows += [i * b + a, j * b + c]
-                    columns += [j * b + c, i * b + a]
-                    values += [upper[e, a, c]] * 2
-        np.array(rows), np.array(columns), np.array(values)
-        return time.perf_counter() - start
-
-    assert loop() / min(vectorized() for _ in range(3)) >= 10.0

@@ -1,0 +1,99 @@
+"""Ratios that are claims of the package but no row of a table: ``python reports/bench.py [NAME ...]``.
+
+Measured under the harness' timing protocol, side by side in one process; whole processes in turn
+where start-up is the subject. Prints one line each and judges nothing.
+"""
+
+import argparse
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from certpgo import operators
+from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.harness.timing import one_core, paired
+from certpgo.io import read, write
+from certpgo.linalg import so
+
+
+def random_graph(n: int, m: int, d: int = 3) -> PoseGraph:
+    """A chain with random further edges."""
+    rng = np.random.default_rng(0)
+    i = np.r_[np.arange(n - 1), rng.integers(0, n, m - n + 1)]
+    j = np.r_[np.arange(1, n), (i[n - 1 :] + rng.integers(1, n, m - n + 1)) % n]
+    rotation = RotationGraph(n, np.c_[i, j], so.random(rng, m, d), np.ones(m))
+    return PoseGraph(rotation, rng.standard_normal((m, d)), np.ones(m))
+
+
+def assembly() -> None:
+    """The connection Laplacian at 100,000 edges, against a loop over the edges."""
+    graph = random_graph(40_000, 100_000).rotation
+
+    def loop() -> None:
+        blocks: dict[tuple[int, int], np.ndarray] = {}
+        for (i, j), R, kappa in zip(
+            graph.edges.tolist(), graph.rotations, graph.kappa, strict=True
+        ):
+            for key, block in (
+                ((i, i), kappa * np.eye(3)),
+                ((j, j), kappa * np.eye(3)),
+                ((i, j), -kappa * R),
+                ((j, i), -kappa * R.T),
+            ):
+                blocks[key] = blocks[key] + block if key in blocks else block
+
+    ratio = paired(
+        loop, lambda: operators.connection_laplacian(operators.pattern(graph), graph), rounds=3
+    )
+    print(f"assembly     loop over edges / vectorized           {ratio.ratio:7.1f}")
+
+
+def reading() -> None:
+    """A g2o file of a million edges, against numpy.loadtxt of the same columns."""
+    for d, columns in ((3, 30), (2, 11)):
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "big.g2o"
+            write(path, random_graph(400_000, 1_000_000, d))
+            plain = Path(folder) / "edges.txt"
+            lines = [s for s in path.read_text().splitlines(True) if s.startswith("EDGE")]
+            plain.write_text("".join(lines))
+            ratio = paired(
+                lambda path=path: read(path, quiet=True),
+                lambda plain=plain, columns=columns: np.loadtxt(
+                    plain, usecols=range(1, columns + 1)
+                ),
+                rounds=3,
+            )
+        print(f"reading      g2o {d}D, 1e6 edges / numpy.loadtxt      {ratio.ratio:7.2f}")
+
+
+def start() -> None:
+    """``import certpgo`` against its dependencies, and the seconds of ``certpgo --help``."""
+
+    def process(*arguments: str) -> None:
+        subprocess.run([sys.executable, *arguments], check=True, stdout=subprocess.DEVNULL)
+
+    ours = "import numpy, scipy.sparse.linalg, certpgo"
+    ratio = paired(
+        lambda: process("-c", ours),
+        lambda: process("-c", "import numpy, scipy.sparse.linalg"),
+        rounds=15,
+    )
+    print(f"start        import certpgo / numpy, scipy.sparse.linalg {ratio.ratio:4.2f}")
+    program = "from certpgo.cli import main; main(['--help'])"
+    help_ = paired(lambda: process("-c", program), lambda: process("-c", "pass"))
+    print(f"start        certpgo --help                        {help_.first:8.2f} s")
+
+
+BENCHMARKS = {"assembly": assembly, "reading": reading, "start": start}
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", choices=[[], *BENCHMARKS], metavar="NAME")
+    with one_core() as how:
+        print(how)
+        for name in parser.parse_args().names or BENCHMARKS:
+            BENCHMARKS[name]()
