@@ -52,7 +52,7 @@ def table_names() -> tuple[str, ...]:
 
 
 def get_table(name: str) -> Any:
-    """The specification of the table called ``name``.
+    """The specification of the table called ``name``, as ``moreira2020-table5.7`` or with ``_``.
 
     Raises
     ------
@@ -60,6 +60,7 @@ def get_table(name: str) -> Any:
         No checkout, no such table (with the nearest names), or a file that exposes no ``TABLE``.
     """
     folder = repository() / "reports" / "tables"
+    name = name.replace("-", "_").replace(".", "_")
     if name not in _stems(folder):
         raise SpecError.unknown("table", name, _stems(folder))
     return _exposed(_load(folder, name), "TABLE")

@@ -1,10 +1,11 @@
-"""Ratios that are claims of the package but no row of a table: ``python reports/bench.py [NAME ...]``.
+"""Ratios that are claims of the package but no table: ``python reports/bench.py [NAME ...]``.
 
 Measured under the harness' timing protocol, side by side in one process; whole processes in turn
 where start-up is the subject. Prints one line each and judges nothing.
 """
 
 import argparse
+import functools
 import subprocess
 import sys
 import tempfile
@@ -61,10 +62,8 @@ def reading() -> None:
             lines = [s for s in path.read_text().splitlines(True) if s.startswith("EDGE")]
             plain.write_text("".join(lines))
             ratio = paired(
-                lambda path=path: read(path, quiet=True),
-                lambda plain=plain, columns=columns: np.loadtxt(
-                    plain, usecols=range(1, columns + 1)
-                ),
+                functools.partial(read, path, quiet=True),
+                functools.partial(np.loadtxt, plain, usecols=range(1, columns + 1)),
                 rounds=3,
             )
         print(f"reading      g2o {d}D, 1e6 edges / numpy.loadtxt      {ratio.ratio:7.2f}")
