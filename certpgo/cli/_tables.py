@@ -27,8 +27,9 @@ def run_table(
 ) -> int:
     """Run a table; print it, and write its records and Markdown into ``out``."""
     from certpgo.harness.records import new_file, to_line
-    from certpgo.harness.runner import run
+    from certpgo.harness.runner import chosen_rows, run
 
+    chosen_rows(spec, data=data, quick=quick)  # that there are any is said before files are opened
     records: list[Record] = []
     code = 0
     with working(spec.title) as status, new_file(out / f"{spec.name}.jsonl") as stream:

@@ -80,6 +80,8 @@ def _section(table: Table, group: Sequence[Record]) -> Section:
     size = "" if first.n is None else f" ({first.n} nodes, {first.m} edges, {first.d}D)"
     seed = "" if first.seed is None else f", seed {first.seed}"
     lines = [_line(table, record) for record in group]
+    if len({line[1:] for line in lines}) == 1 and first.error:
+        lines = [("every method", *lines[0][1:])]
     header = ("method", *(c.title for c in table.columns), "published", "not run or failed")
     # The last two columns are shown where they say something.
     shown = [k for k in range(len(header)) if k < len(header) - 2 or any(line[k] for line in lines)]
@@ -93,7 +95,9 @@ def _section(table: Table, group: Sequence[Record]) -> Section:
 
 def _captions(group: Sequence[Record]) -> Iterable[str]:
     first = group[0]
-    if first.n is not None:
+    if first.n is None:
+        yield "Not read."
+    else:
         yield f"Read with {_reading(first)}."
     if first.judging is not None:
         yield f"f_ML and s are evaluated with {reading_sentence(first.judging)}."

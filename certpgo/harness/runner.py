@@ -18,7 +18,7 @@ import numpy as np
 
 from certpgo import registry
 from certpgo.certify import Certificate, certify
-from certpgo.errors import CertPGOError, SpecError
+from certpgo.errors import CertPGOError, InputError, SpecError
 from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.harness import bench, evaluate
 from certpgo.harness.instances import connected_parts, is_here, load_row, seed_of
@@ -64,10 +64,25 @@ def run(
 
 
 def chosen_rows(table: Table, *, data: Path | None, quick: bool) -> tuple[Row, ...]:
-    """The rows to run: those of the profile, and the stand-ins when no file is here."""
+    """The rows to run: those of the profile, and the stand-ins when no file is here.
+
+    Raises
+    ------
+    InputError
+        Rows are optional, and the files of none of them are here.
+    """
     rows = table.rows
     if table.optional:
-        rows = tuple(row for row in rows if is_here(row, data)) or table.stand_ins
+        here = [
+            tuple(row for row in group if is_here(row, data))
+            for group in (table.rows, table.stand_ins)
+        ]
+        rows = here[0] or here[1]
+    if not rows:
+        raise InputError(
+            f"none of the files of table {table.name} is here: pip install 'certpgo[baselines]' "
+            "brings some, certpgo fetch others; --data names a folder of your own"
+        )
     if quick and table.quick:
         rows = tuple(row for row in rows if row.label in table.quick) or rows[:1]
     return rows

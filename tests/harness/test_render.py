@@ -51,6 +51,13 @@ def test_markdown_to_the_byte():
     ]
 
 
+def test_a_graph_that_is_not_here_is_said_once():
+    gone = [Record("t", "a", method, error="not run: file not here") for method in ("m", "other")]
+    [section] = sections(TABLE, gone)
+    assert section.rows == (("every method", "", "", "", "not run: file not here"),)
+    assert section.caption == "Not read."
+
+
 @pytest.mark.parametrize(
     ("printed", "ours", "agrees"),
     [

@@ -2,7 +2,7 @@ import sys
 
 import pytest
 
-from certpgo.errors import SpecError
+from certpgo.errors import InputError, SpecError
 from certpgo.harness.instances import seed_of
 from certpgo.harness.methods import parse_settings
 from certpgo.harness.runner import run
@@ -76,6 +76,12 @@ def test_the_stand_ins_run_when_no_file_is_here(monkeypatch, tmp_path):
     monkeypatch.setenv("CERTPGO_DATA", str(tmp_path))
     spec = table((Row("rim"),), (RA,), stand_ins=(CYCLE,), optional=True)
     assert [record.row for record in run(spec)] == ["cycle"]
+
+
+def test_an_optional_table_without_any_file_says_what_to_do(monkeypatch, tmp_path):
+    monkeypatch.setenv("CERTPGO_DATA", str(tmp_path))
+    with pytest.raises(InputError, match=r"none of the files of table t is here: pip install"):
+        list(run(table((Row("rim"),), (RA,), stand_ins=(Row("grid3D"),), optional=True)))
 
 
 def test_settings_are_read_by_their_type():
