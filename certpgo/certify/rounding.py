@@ -22,7 +22,7 @@ def rotation_defect(R: FloatArray) -> float:
     The polar factor Q of A satisfies |A - Q| <= |A^T A - I| / (1 + sigma_min(A)).
     """
     d = R.shape[-1]
-    return 0.51 * d * (so.worst_defect(R)[1] + 16.0 * U)
+    return 0.51 * float(d) * (so.worst_defect(R)[1] + 16.0 * U)
 
 
 def cost_upper(problem: Problem, estimate: Estimate) -> float:

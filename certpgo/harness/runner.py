@@ -164,7 +164,7 @@ def _run_method(
         if table.reference is not None:
             times, kept = bench.against(table.reference, method, graph)
             return replace(record, metrics=times, note=kept)
-        solution = solve(method, problem, row)
+        solution = solve(method, problem, row, instance.source)
         record = replace(record, **_answer(solution))
         certificate, seconds = _certified(problem, solution) if table.certify else (None, 0.0)
         judge = problem if judged is instance else problem_of(judged.graph)
@@ -187,8 +187,13 @@ def _run_method(
         return replace(record, error=f"{type(error).__name__}: {first}")
 
 
-def solve(method: Method, problem: Problem, row: Row | None = None) -> Solution:
+def solve(method: Method, problem: Problem, row: Row | None = None, source: str = "") -> Solution:
     """The method's answer, from its starting method's answer where it has one.
+
+    Parameters
+    ----------
+    row : the row whose own settings apply
+    source : where the problem was read from, for methods that read it themselves
 
     Raises
     ------
@@ -196,11 +201,13 @@ def solve(method: Method, problem: Problem, row: Row | None = None) -> Solution:
         The method or a setting is unknown, or the method does not take such a problem.
     """
     own = dict(row.settings.get(method.label, {})) if row else {}
+    if method.reads_source:
+        own["source"] = source
     solver = build(method.solver, {**method.settings, **own})
     refuse_other_problems(method.solver, solver, problem.graph)
     if method.start is None:
         return solver.solve(problem)
-    start = solve(method.start, problem, row)
+    start = solve(method.start, problem, row, source)
     solution = solver.solve(problem, initial=start.estimate)
     before = {method.start.label: sum(start.seconds.values())}
     return replace(solution, seconds={**before, **solution.seconds})

@@ -24,14 +24,14 @@ METRICS = (
     "lambda2",
     "lambda3",
     "fiedler",
-    "speedup",
+    "ratio",
     "median_seconds",
     "reference_seconds",
 )
 #: Metrics of the graph itself, which need no estimate.
 GRAPH_METRICS = ("lambda1", "lambda2", "lambda3", "fiedler")
 #: Metrics measured under the timing protocol, against the table's reference.
-TIMING_METRICS = ("speedup", "median_seconds", "reference_seconds")
+TIMING_METRICS = ("ratio", "median_seconds", "reference_seconds")
 FIELDS = ("verdict", "seconds", "status", "iterations")
 
 
@@ -88,6 +88,8 @@ class Method:
     start : the method whose answer is the initial estimate, or None
     engine : factorization engine, by default the preferred one installed
     takes : ``"poses"`` or ``"rotations"``: run on such graphs alone
+    reads_source : the method reads the row's file itself, for what our graphs do not keep (the full
+        information matrices); it is told the path as its setting ``source``
     published : metric to the column of the published numbers that holds it
     """
 
@@ -97,6 +99,7 @@ class Method:
     start: Method | None = None
     engine: str = ""
     takes: Literal["", "poses", "rotations"] = ""
+    reads_source: bool = False
     published: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

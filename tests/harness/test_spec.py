@@ -19,7 +19,7 @@ def table(**changes):
         ({"rows": (ROW,), "stand_ins": (ROW,)}, "two rows are called 'MIT'"),
         ({"quick": ("MTI",)}, "did you mean MIT"),
         ({"seeds": 0}, "seeds must be at least 1"),
-        ({"columns": (Column("speedup", "x"),)}, "relative to a reference"),
+        ({"columns": (Column("ratio", "x"),)}, "relative to a reference"),
     ],
 )
 def test_a_wrong_table_is_refused_at_construction(changes, said):
