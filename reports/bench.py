@@ -13,11 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import operators
+from certpgo import datasets, operators, spectral
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.harness.timing import one_core, paired
 from certpgo.io import read, write
 from certpgo.linalg import so
+from certpgo.problem import problem_of
 
 
 def random_graph(n: int, m: int, d: int = 3) -> PoseGraph:
@@ -87,7 +88,21 @@ def start() -> None:
     print(f"start        certpgo --help                        {help_.first:8.2f} s")
 
 
-BENCHMARKS = {"assembly": assembly, "reading": reading, "start": start}
+def eigensolver() -> None:
+    """The block Krylov-Schur method against ARPACK, on one factor and to one tolerance."""
+    for name in ("intel", "manhattan", "parking-garage", "sphere2500", "torus3D", "cubicle"):
+        if datasets.find(name) is None:
+            print(f"eigensolver  {name}: file not here")
+            continue
+        problem = problem_of(datasets.load(name, download=False, quiet=True).graph).rotation
+        ratio = paired(
+            functools.partial(spectral.smallest_eigenpairs, problem),
+            functools.partial(spectral.smallest_eigenpairs, problem, method="arpack"),
+        )
+        print(f"eigensolver  {name + ': krylov_schur / arpack':<40} {ratio.ratio:5.2f}")
+
+
+BENCHMARKS = {"assembly": assembly, "eigensolver": eigensolver, "reading": reading, "start": start}
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
