@@ -83,13 +83,13 @@ class _Attempts:
         self.weights = np.ones(S.shape[0])
         if isinstance(problem, PoseProblem) and point.translations is not None:
             pin = _most_central(point.translations)
-            self.arms = np.linalg.norm(point.translations - point.translations[pin], axis=1)
-            rms = float(np.sqrt(np.mean(self.arms**2)))
+            self.arms = point.translations - point.translations[pin]
+            rms = float(np.sqrt(np.mean(np.sum(self.arms**2, axis=1))))
             self.weights[~self.is_rotation] = 2.0 ** round(math.log2(rms)) if rms > 0.0 else 1.0
             S = pinned(S, np.array([pin * self.b]))
             self.pin: int | None = pin * self.b
         else:
-            self.arms, self.pin = np.zeros(problem.n), None
+            self.arms, self.pin = np.zeros((problem.n, problem.d)), None
         self.S = S
         self.symbolic = problem.symbolic(S)
         self.radii = _assembly_radii(problem, self.multipliers, self.weights, self.is_rotation)
@@ -102,7 +102,8 @@ class _Attempts:
         unit = U * float(self.problem.matrix.diagonal()[self.is_rotation].mean())
         explained = LARGEST_ROUNDING * unit
         useless = max(explained, self.cost / rows)
-        failed, shift = None, FIRST_SHIFT * unit
+        # Poses need a second factorization in any case: the first may as well be sure to succeed.
+        failed, shift = None, FIRST_SHIFT * unit * (1.0 if self.pin is None else GROWTH**2)
         bound = self.attempt(shift)
         while bound is None and shift < useless:
             failed = shift
@@ -133,10 +134,15 @@ class _Attempts:
             if np.all(rounding[~self.is_rotation] <= demand[~self.is_rotation]):
                 return self.bound(shift + np.where(self.is_rotation, rounding, 0.0))
             demand = np.where(self.is_rotation, 0.0, MARGIN * rounding)
-            # The gauge's null vectors are (rotations, arms): they feel the demand on the arms.
-            gauge = float(np.sum(demand[~self.is_rotation] * self.arms**2))
-            shift = max(shift, MARGIN * gauge / int(self.is_rotation.sum()))
+            shift = max(shift, MARGIN * self.gauge_cost(demand))
         return None
+
+    def gauge_cost(self, demand: FloatArray) -> float:
+        """The shift that the null vectors (rotations, arms) need to bear ``demand`` on the arms."""
+        if self.pin is None:
+            return 0.0
+        weighted = demand[~self.is_rotation, None] * self.arms
+        return float(np.linalg.eigvalsh(self.arms.T @ weighted)[-1]) / self.problem.n
 
     def factor(self, shift: float, demand: FloatArray) -> Factor | None:
         self.factorizations += 1
