@@ -25,12 +25,9 @@ def test_solves_and_returns_the_residual(seed):
 
 def test_an_exact_preconditioner_takes_one_product():
     A = spd(1)
+    b = np.ones(30)
     x, _ = conjugate_gradients(
-        sparse.csc_array(A),
-        np.ones(30),
-        lambda v: np.linalg.solve(A, v),
-        tol=1e-8,
-        max_iterations=1,
+        sparse.csc_array(A), b, lambda v: np.linalg.solve(A, v), tol=1e-8, max_iterations=1
     )
     np.testing.assert_allclose(A @ x, 1.0, rtol=0, atol=1e-9)
 
