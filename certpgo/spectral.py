@@ -8,13 +8,15 @@ from certpgo import operators
 from certpgo.errors import NumericalError
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
-from certpgo.linalg.blocks import pinned
+from certpgo.linalg.blocks import add_to_diagonal, pinned
 from certpgo.linalg.eigen import Eigenpairs, arpack, krylov_schur
 from certpgo.linalg.factor import Factor
-from certpgo.problem import RotationProblem
+from certpgo.problem import PoseProblem, Problem, RotationProblem
 
 #: Shifts of L, over its mean diagonal, tried until the factorization succeeds.
 SHIFTS = (1e-11, 1e-9, 1e-7)
+#: The same for M, whose rounding grows with the translations.
+ELIMINATED_SHIFTS = (1e-9, 1e-7, 1e-5)
 
 
 def smallest_eigenpairs(
@@ -42,8 +44,66 @@ def smallest_eigenpairs(
     return solver(A, factor.solve, k, shift=shift, tol=tol)
 
 
-def spectral_bound(problem: RotationProblem, eigenvalues: FloatArray) -> float:
-    """N (lambda_1 + ... + lambda_d) <= F*, from computed eigenvalues; thesis eq. 4.7."""
+def eliminated_eigenpairs(problem: PoseProblem, *, tol: float = 1e-3) -> Eigenpairs:
+    """The d smallest eigenpairs of the data matrix Q with the translations eliminated.
+
+    Q is the Schur complement of M on the rotations, so that F(R, t*(R)) = tr(R Q R^T): what
+    spectral initialization uses (Doherty, Rosen, Leonard, ICRA 2022). It is never formed; its
+    inverse is a block of M's.
+
+    Raises
+    ------
+    NumericalError
+        No factorization, or no convergence.
+    """
+    Q = _Eliminated(problem)
+    return krylov_schur(Q, Q.solve, problem.d, shift=Q.shift, tol=tol)
+
+
+class _Eliminated:
+    """Q + shift I, by products and solves with the sparse matrix that has the translations."""
+
+    def __init__(self, problem: PoseProblem) -> None:
+        self.problem = problem
+        M = problem.data_matrix
+        self._is_rotation = np.arange(M.shape[0]) % (problem.d + 1) > 0
+        rotations = int(self._is_rotation.sum())
+        self.shape = (rotations, rotations)
+        grounded = pinned(M, np.array([0]))
+        mean = float(problem.rotation.node_weights.mean())
+        for relative in ELIMINATED_SHIFTS:
+            self.shift = relative * mean
+            A = add_to_diagonal(grounded, np.where(self._is_rotation, self.shift, 0.0))
+            factor = problem.symbolic(A).factor(A)
+            if factor is not None:
+                self._factor = factor
+                return
+        raise NumericalError("the data matrix could not be factorized")
+
+    def solve(self, B: FloatArray) -> FloatArray:
+        """(Q + shift I)^-1 B."""
+        return self._factor.solve(self._padded(B))[self._is_rotation]
+
+    def __matmul__(self, B: FloatArray) -> FloatArray:
+        product = self.problem.data_matrix @ self._padded(B)
+        translations = np.zeros((len(self._is_rotation), B.shape[1]))
+        translations[~self._is_rotation] = -self.problem.solve_translations(
+            product[~self._is_rotation]
+        )
+        product += self.problem.data_matrix @ translations
+        return np.asarray(product[self._is_rotation] + self.shift * B)
+
+    def _padded(self, B: FloatArray) -> FloatArray:
+        full = np.zeros((len(self._is_rotation), B.shape[1]))
+        full[self._is_rotation] = B
+        return full
+
+
+def spectral_bound(problem: Problem, eigenvalues: FloatArray) -> float:
+    """A bound n (lambda_1 + ... + lambda_d) <= F*, from computed eigenvalues; thesis eq. 4.7.
+
+    The eigenvalues are the connection Laplacian's, or for poses those of Q, which bound better.
+    """
     return float(problem.n * np.maximum(eigenvalues[: problem.d], 0.0).sum())
 
 

@@ -16,6 +16,7 @@ from certpgo.linalg import factor, so
 from certpgo.problem import PoseProblem, RotationProblem
 from certpgo.solution import Status
 from certpgo.solvers.eigen_ma import EigenMA, symmetrized_translations
+from certpgo.solvers.eigen_q import EigenQ
 from certpgo.solvers.eigen_ra import EigenRA
 from certpgo.solvers.fixed_point import FixedPoint
 from certpgo.solvers.newton import Newton
@@ -65,6 +66,7 @@ def test_every_closed_form_is_exact_without_noise(seed, d):
         SpanningTree("odometry"),
         SpanningTree("maximum_weight"),
         EigenMA(),
+        EigenQ(),
         EigenMA(weights="unit", translations="thesis"),
         EigenMA(anchor="first"),
         EigenMA(anchor="chordal"),
@@ -151,6 +153,7 @@ def test_newton_starts_from_the_eigenvectors_or_where_told():
         (EigenRA, {"tol": 0.0}, "tol must lie"),
         (EigenMA, {"translations": "mle"}, "did you mean ml"),
         (EigenMA, {"anchor": "x"}, "unknown anchor"),
+        (EigenQ, {"tol": 1.0}, "tol must lie"),
         (SpanningTree, {"tree": "breadth"}, "did you mean breadth_first"),
         (FixedPoint, {"max_iterations": 0}, "at least 1"),
         (Newton, {"tolerance": -1.0}, "not be negative"),
@@ -165,6 +168,8 @@ def test_eigen_ma_wants_translations():
     graph, _, _ = pose_graph(np.random.default_rng(0), 5, 3)
     with pytest.raises(InputError, match="use eigen_ra"):
         EigenMA().solve(RotationProblem(graph.rotation))
+    with pytest.raises(InputError, match="use eigen_ra"):
+        EigenQ().solve(RotationProblem(graph.rotation))
 
 
 def test_long_chains_are_composed():

@@ -9,7 +9,8 @@ from certpgo import spectral
 from certpgo.estimate import Estimate
 from certpgo.graph import RotationGraph
 from certpgo.linalg import factor, so
-from certpgo.problem import RotationProblem
+from certpgo.problem import PoseProblem, RotationProblem
+from certpgo.solvers.eigen_q import EigenQ
 
 #: Thesis Table 5.6, unit weights; the printed digits.
 TABLE_5_6 = {
@@ -110,3 +111,37 @@ def test_project_gives_rotations_of_two_nodes():
     V = spectral.smallest_eigenpairs(RotationProblem(graph)).vectors
     R = spectral.round_to_rotations(V, 3)
     assert so.angle(R[0].T @ R[1]) == pytest.approx(0.5, abs=1e-9)
+
+
+@settings(max_examples=20)
+@given(seeds, dimensions)
+def test_eliminated_pairs_against_dense_algebra(seed, d):
+    graph, _, _ = pose_graph(rng_of(seed), 7, d)
+    problem = PoseProblem(graph)
+    M = problem.data_matrix.toarray()
+    turns = np.arange(len(M)) % (d + 1) > 0
+    inner = M[np.ix_(~turns, ~turns)]
+    Q = (
+        M[np.ix_(turns, turns)]
+        - M[np.ix_(turns, ~turns)] @ np.linalg.pinv(inner) @ M[np.ix_(~turns, turns)]
+    )
+    pairs = spectral.eliminated_eigenpairs(problem, tol=1e-8)
+    dense = np.linalg.eigvalsh(Q)[:d]
+    np.testing.assert_allclose(pairs.values, dense, rtol=1e-6, atol=1e-8)
+    estimate = problem.complete(spectral.round_to_rotations(pairs.vectors, d))
+    assert spectral.spectral_bound(problem, pairs.values) <= problem.cost(estimate) * (1 + 1e-9)
+    R = np.concatenate(list(estimate.rotations), axis=1)
+    assert np.trace(R @ Q @ R.T) == pytest.approx(problem.cost(estimate), rel=1e-9)
+
+
+#: F of the start, and the bound where it is known, from a prototype with other code.
+SPECTRAL_STARTS = {"sphere2500": (1743, 1504), "torus3D": (24273, None), "cubicle": (808, None)}
+
+
+@pytest.mark.parametrize("name", SPECTRAL_STARTS)
+def test_eigen_q_on_public_sets(name, dataset):
+    cost, bound = SPECTRAL_STARTS[name]
+    solution = EigenQ().solve(PoseProblem(dataset(name).graph))
+    assert solution.cost == pytest.approx(cost, rel=1e-3)
+    if bound is not None:
+        assert solution.lower_bound == pytest.approx(bound, rel=1e-3)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
@@ -37,8 +38,21 @@ class Eigenpairs:
 Solve = Callable[[FloatArray], FloatArray]
 
 
+class Symmetric(Protocol):
+    """A symmetric matrix, known by its shape and its products with blocks (N, b)."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(N, N)."""
+        ...
+
+    def __matmul__(self, B: FloatArray, /) -> FloatArray:
+        """The product with B."""
+        ...
+
+
 def krylov_schur(
-    A: CSC,
+    A: CSC | Symmetric,
     solve: Solve,
     k: int,
     *,
@@ -142,7 +156,7 @@ def _next_block(W: FloatArray, V: FloatArray) -> tuple[FloatArray, FloatArray, F
     return h, Q, R
 
 
-def _pairs(A: CSC, X: FloatArray, shift: float, solves: int) -> Eigenpairs:
+def _pairs(A: CSC | Symmetric, X: FloatArray, shift: float, solves: int) -> Eigenpairs:
     """Rayleigh-Ritz on the orthonormal columns of X, so that the values are accurate for A."""
     AX = A @ X
     values, Y = np.linalg.eigh(X.T @ AX)

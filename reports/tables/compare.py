@@ -26,6 +26,7 @@ TABLE = Table(
         Method("spanning_tree"),
         EIGEN_MA,
         Method("eigen_ma", "eigen_ma (unit weights)", {"weights": "unit"}, takes="poses"),
+        Method("eigen_q", takes="poses"),
         Method("fixed_point", "eigen_ma + fixed_point", start=EIGEN_MA, takes="poses"),
         Method("newton", "eigen_ma + newton", start=EIGEN_MA, takes="poses"),
         EIGEN_RA,
