@@ -118,6 +118,8 @@ def _advance(problem: Problem, state: _State) -> _State | None:
     """The next point; None when no step improves on this one."""
     model = _model(problem, state.point)
     for proposal in _proposals(problem, model, state):
+        if not np.isfinite(proposal.step).all():
+            continue
         candidate = _retract(problem, state.point, proposal.step)
         cost = problem.cost(candidate)
         norm = float(np.linalg.norm(proposal.step))

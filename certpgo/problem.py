@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from certpgo.linalg import factor, so
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.blocks import BlockPattern, expand, pinned, scatter_sum
 from certpgo.linalg.factor import Factor, Symbolic
+
+AnyProblem = TypeVar("AnyProblem", bound="_Problem")
 
 
 class _Problem:
@@ -53,6 +56,11 @@ class _Problem:
         if (b, engine) not in cache:
             cache[b, engine] = factor.analyze(A, order=expand(self.order, b), engine=engine)
         return cache[b, engine]
+
+    def _shared(self, other: AnyProblem) -> AnyProblem:
+        """A problem with the same edges, given the pattern and order of this one."""
+        other.__dict__.update(pattern=self.pattern, order=self.order)
+        return other
 
     def check(self, estimate: Estimate) -> None:
         """Refuse an estimate of another graph.
@@ -163,6 +171,10 @@ class RotationProblem(_Problem):
         g = np.linalg.norm(self.tangent_gradient(estimate), axis=1)
         return float((g / self.node_weights).max())
 
+    def scaled(self, factor: float) -> RotationProblem:
+        """The same measurements with all weights times ``factor``; pattern and order are shared."""
+        return self._shared(RotationProblem(self.graph.with_weights(factor * self.graph.kappa)))
+
     def with_unit_weights(self) -> RotationProblem:
         """The same measurements with kappa = 1, as the thesis weighs them."""
         return RotationProblem(self.graph.with_weights(1.0))
@@ -188,10 +200,7 @@ class PoseProblem(_Problem):
     @cached_property
     def rotation(self) -> RotationProblem:
         """The problem of the rotations alone; shares pattern and ordering."""
-        problem = RotationProblem(self.graph.rotation)
-        problem.__dict__["pattern"] = self.pattern
-        problem.__dict__["order"] = self.order
-        return problem
+        return self._shared(RotationProblem(self.graph.rotation))
 
     @cached_property
     def scale(self) -> float:
@@ -305,6 +314,11 @@ class PoseProblem(_Problem):
         t = self.graph.translations
         lever = self.graph.tau * np.einsum("ma,ma->m", t, t)
         return scatter_sum(self.graph.edges[:, 0], lever, self.n)
+
+    def scaled(self, factor: float) -> PoseProblem:
+        """The same measurements with all weights times ``factor``; pattern and order are shared."""
+        kappa, tau = self.graph.rotation.kappa, self.graph.tau
+        return self._shared(PoseProblem(self.graph.with_weights(factor * kappa, factor * tau)))
 
     def with_unit_weights(self) -> PoseProblem:
         """The same measurements with kappa = tau = 1, as the thesis weighs them."""

@@ -99,12 +99,15 @@ class _Eliminated:
         return full
 
 
-def spectral_bound(problem: Problem, eigenvalues: FloatArray) -> float:
+def spectral_bound(problem: Problem, pairs: Eigenpairs) -> float:
     """A bound n (lambda_1 + ... + lambda_d) <= F*, from computed eigenvalues; thesis eq. 4.7.
 
-    The eigenvalues are the connection Laplacian's, or for poses those of Q, which bound better.
+    The pairs are the connection Laplacian's, or for poses those of Q, which bound better. Computed
+    eigenvalues lie above the true ones: their accuracy is taken off, and rounding.
     """
-    return float(problem.n * np.maximum(eigenvalues[: problem.d], 0.0).sum())
+    rounding = 64.0 * np.finfo(float).eps * float(problem.matrix.diagonal().max())
+    d = problem.d
+    return float(problem.n * np.maximum(pairs.lower[:d] - rounding, 0.0).sum())
 
 
 def round_to_rotations(V: FloatArray, d: int) -> FloatArray:

@@ -42,11 +42,10 @@ def test_values_and_bound_against_dense_algebra(seed, d):
     dense = np.linalg.eigvalsh(problem.connection_laplacian.toarray())[:d]
     pairs = spectral.smallest_eigenpairs(problem)
     np.testing.assert_allclose(pairs.values, dense, rtol=1e-7, atol=1e-10)
-    bound = spectral.spectral_bound(problem, pairs.values)
-    assert bound == pytest.approx(9 * dense.sum(), rel=1e-7)
-    assert bound <= problem.cost(Estimate(R)) * (1 + 1e-9)
-    rounded = spectral.round_to_rotations(pairs.vectors, d)
-    assert bound <= problem.cost(Estimate(rounded)) * (1 + 1e-9)
+    bound = spectral.spectral_bound(problem, pairs)
+    assert bound == pytest.approx(9 * dense.sum(), rel=1e-2)
+    assert bound <= 9 * dense.sum()
+    assert bound <= problem.cost(Estimate(R))
 
 
 @given(seeds, dimensions)
@@ -129,7 +128,7 @@ def test_eliminated_pairs_against_dense_algebra(seed, d):
     dense = np.linalg.eigvalsh(Q)[:d]
     np.testing.assert_allclose(pairs.values, dense, rtol=1e-6, atol=1e-8)
     estimate = problem.complete(spectral.round_to_rotations(pairs.vectors, d))
-    assert spectral.spectral_bound(problem, pairs.values) <= problem.cost(estimate) * (1 + 1e-9)
+    assert spectral.spectral_bound(problem, pairs) <= problem.cost(estimate)
     R = np.concatenate(list(estimate.rotations), axis=1)
     assert np.trace(R @ Q @ R.T) == pytest.approx(problem.cost(estimate), rel=1e-9)
 

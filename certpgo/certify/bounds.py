@@ -62,12 +62,12 @@ def bounds(problem: RotationProblem, estimate: Estimate) -> Bounds:
     NumericalError
         An eigenvalue computation failed.
     """
-    eigenvalues = spectral.smallest_eigenpairs(problem).values
+    pairs = spectral.smallest_eigenpairs(problem)
     fiedler = fiedler_value(problem)
     nu = normalized_fiedler_value(problem)
     weights = problem.node_weights
     return Bounds(
-        spectral=spectral.spectral_bound(problem, eigenvalues),
+        spectral=spectral.spectral_bound(problem, pairs),
         fiedler=fiedler,
         alpha_max=alpha_max(fiedler / float(weights.max())),
         normalized_alpha_max=alpha_max(nu),

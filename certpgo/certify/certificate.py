@@ -40,7 +40,7 @@ class Certificate:
     verdict : see `Verdict`
     tier : what was trusted
     cost : F of the estimate as given, rounded up
-    lower_bound : no estimate of this graph has a smaller F; -inf when nothing was proven
+    lower_bound : no estimate of this graph has a smaller F; 0 when nothing more was proven
     gap : ``cost - lower_bound``
     rtol, atol : CERTIFIED means gap <= rtol * cost + atol * scale
     scale : W, the problem's scale
@@ -48,9 +48,10 @@ class Certificate:
     max_residual_angle : largest angle between R_i R_ij and R_j, radians
     multipliers : (n, d, d) blocks Lam_i of the point that gave the lower bound; None without one
     shift : eta with S + eta I >= 0 on the rotations, part of the bound; 0 without one
-    refined : the stationary point that descent from the estimate reaches, or the estimate itself
+    refined : the point that descent from the estimate reaches; unrefined, the estimate with its
+        best translations
     refined_cost : F of ``refined``
-    basin_is_global : whether ``refined`` is itself certified
+    basin_is_global : whether ``refined`` is itself within the tolerance of the lower bound
     better : a feasible estimate in another basin, better by more than the tolerance, or None
     better_cost : its F
     bounds : bounds that need no factorization, at ``refined``; None where they failed

@@ -4,6 +4,7 @@ For S = M - blkdiag(0, Lam') positive semidefinite, F* >= tr(Lam'). Lam' is the 
 shift; how much shift rounding demands is read off the factor itself: a Cholesky factorization of
 A~ that ran to completion satisfies |A~ - L L^T| <= gamma |L| |L|^T entry by entry (Rump and
 Jeannerod 2014), hence A~ + diag(delta) >= 0 with delta = gamma (|L| |L|^T w) / w for any w > 0.
+What an engine that is not Cholesky's adds to that is its `Factor.excess`.
 """
 
 from __future__ import annotations
@@ -146,9 +147,11 @@ class _Attempts:
 
     def factor(self, shift: float, demand: FloatArray) -> Factor | None:
         self.factorizations += 1
-        return self.symbolic.factor(
-            add_to_diagonal(self.S, np.where(self.is_rotation, shift, -demand))
-        )
+        A = add_to_diagonal(self.S, np.where(self.is_rotation, shift, -demand))
+        factor = self.symbolic.factor(A)
+        if factor is None or not self.rounding or _is_cholesky(factor, A):
+            return factor
+        return None
 
     def rounding_of(self, factor: Factor) -> FloatArray:
         """Delta (N,) with the true S + shift + diag(delta) positive semidefinite."""
@@ -158,7 +161,7 @@ class _Attempts:
         row_counts = np.bincount(L.indices, minlength=len(w))
         product = L @ (L.T @ w[order])
         delta = np.empty_like(w)
-        delta[order] = (row_counts + 4) * U * product
+        delta[order] = (row_counts + 8) * U * product + factor.excess(w[order])
         delta = 1.001 * (delta + self.radii) / w  # the products' own rounding
         if self.pin is not None:
             delta[self.pin] = 0.0  # cut off; its diagonal entry is as positive as one likes
@@ -174,6 +177,14 @@ class _Attempts:
         shifted[:, rows, rows] = diagonal
         value = math.nextafter(math.fsum(diagonal.ravel()), -math.inf)
         return DualBound(value, shifted, float(taken.max()), self.factorizations)
+
+
+def _is_cholesky(factor: Factor, A: CSC) -> bool:
+    """Whether the rows of L have the norms that L L^T = A asks for: no other factor passes."""
+    L, order = factor.lower()
+    squares = np.bincount(L.indices, weights=L.data**2, minlength=A.shape[0])
+    wanted = A.diagonal()[order]
+    return bool(np.all(np.abs(squares - wanted) <= 1e-6 * wanted))
 
 
 def _most_central(t: FloatArray) -> int:

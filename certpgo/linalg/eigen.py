@@ -7,7 +7,7 @@ finds the cluster at once, and a solve with d right-hand sides costs little more
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -26,12 +26,14 @@ class Eigenpairs:
     values : (k,) ascending Rayleigh quotients
     vectors : (N, k) orthonormal columns
     residuals : (k,) norms of A v - lambda v
+    lower : (k,) the values less what the accuracy reached allows for
     solves : right-hand sides solved for
     """
 
     values: FloatArray
     vectors: FloatArray
     residuals: FloatArray
+    lower: FloatArray
     solves: int
 
 
@@ -113,7 +115,9 @@ def krylov_schur(
             H[:] = 0.0
             H[np.arange(kept), np.arange(kept)] = theta[:kept]
             size = kept
-    return _pairs(A, (Y[:, :k].T @ V[:size]).T, shift, solves)
+    pairs = _pairs(A, (Y[:, :k].T @ V[:size]).T, shift, solves)
+    # An eigenvalue of the inverse lies within the residual of theta.
+    return replace(pairs, lower=1.0 / (theta[:k] + residual) - shift)
 
 
 def arpack(A: CSC, solve: Solve, k: int, *, shift: float = 0.0, tol: float = 1e-9) -> Eigenpairs:
@@ -161,4 +165,5 @@ def _pairs(A: CSC | Symmetric, X: FloatArray, shift: float, solves: int) -> Eige
     AX = A @ X
     values, Y = np.linalg.eigh(X.T @ AX)
     X, AX = X @ Y, AX @ Y
-    return Eigenpairs(values - shift, X, np.linalg.norm(AX - X * values, axis=0), solves)
+    residuals = np.linalg.norm(AX - X * values, axis=0)
+    return Eigenpairs(values - shift, X, residuals, values - shift - residuals, solves)

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import importlib.util
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, Protocol
 
 import numpy as np
+from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from certpgo.errors import MissingDependency, SpecError
@@ -32,6 +34,14 @@ class Factor(Protocol):
 
     def lower(self) -> tuple[CSC, IntArray]:
         """L with positive diagonal, and the permutation p."""
+        ...
+
+    def excess(self, w: FloatArray) -> FloatArray:
+        """What the engine adds to the rounding error of a Cholesky factorization.
+
+        (N,) row sums, weighted by ``w`` (N,) and both in the order p, that bound how far
+        |A[p][:, p] - L L^T| may exceed (k + 8) u |L| |L|^T, k the row counts of L.
+        """
         ...
 
 
@@ -167,6 +177,15 @@ class _SuperLUFactor:
         X[self._order] = self._lu.solve(np.asarray(B, dtype=np.float64)[self._order])
         return X
 
+    def excess(self, w: FloatArray) -> FloatArray:
+        # |A - L U| <= k u |L| |U|, but U is D L^T only up to what rounding made of the symmetry.
+        L, U = self._lu.L.tocsc(), self._lu.U.tocsc()
+        scaled = sparse.diags_array(self._pivots) @ L.T
+        eps = float(np.finfo(float).eps)
+        difference = abs(U - scaled) + 2.0 * eps * (abs(U) + abs(scaled))
+        counts = np.bincount(L.indices, minlength=len(w))
+        return np.asarray((1.0 + (counts + 4) * eps) * (abs(L) @ (difference @ w)))
+
     def lower(self) -> tuple[CSC, IntArray]:
         L = self._lu.L.tocsc(copy=True)
         L.data *= np.repeat(np.sqrt(self._pivots), np.diff(L.indptr))
@@ -180,9 +199,8 @@ class Cholmod:
     engine = "cholmod"
 
     def __init__(self, A: CSC, order: IntArray) -> None:
-        from cvxopt import cholmod, matrix
+        from cvxopt import matrix
 
-        cholmod.options["supernodal"] = 2
         self._matrix, self._lower = _cvxopt_lower(A.shape[0], A.indptr, A.indices)
         self._symbolic = (self._matrix, matrix(np.asarray(order, dtype=np.int64), tc="i"))
         self._analysis: Any = self._analyze()
@@ -198,17 +216,34 @@ class Cholmod:
     def _analyze(self) -> Any:
         from cvxopt import cholmod
 
-        return cholmod.symbolic(*self._symbolic)
+        with _own_options():
+            return cholmod.symbolic(*self._symbolic)
 
     def _numeric(self, analysis: Any, values: FloatArray) -> bool:
         from cvxopt import cholmod, matrix
 
         self._matrix.V = matrix(values)
         try:
-            cholmod.numeric(self._matrix, analysis)
+            with _own_options():
+                cholmod.numeric(self._matrix, analysis)
         except ArithmeticError:
             return False
         return True
+
+
+@contextmanager
+def _own_options() -> Iterator[None]:
+    """CHOLMOD's options are the process's: supernodal L L^T for us, whatever others have set."""
+    from cvxopt import cholmod
+
+    others = dict(cholmod.options)
+    cholmod.options.clear()
+    cholmod.options["supernodal"] = 2
+    try:
+        yield
+    finally:
+        cholmod.options.clear()
+        cholmod.options.update(others)
 
 
 class _CholmodFactor:
@@ -220,6 +255,9 @@ class _CholmodFactor:
     @property
     def nnz(self) -> int:
         return int(self.lower()[0].nnz)
+
+    def excess(self, w: FloatArray) -> FloatArray:
+        return np.zeros_like(w)
 
     def solve(self, B: FloatArray) -> FloatArray:
         if not self._numeric:

@@ -10,8 +10,8 @@ import numpy as np
 
 from certpgo.linalg.arrays import FloatArray
 
-#: A matrix is taken for a rotation when no entry of R^T R - I is larger.
-DEFECT_TOLERANCE = 1e-6
+#: A matrix is taken for a rotation when no entry of R^T R - I is larger: six decimals are enough.
+DEFECT_TOLERANCE = 1e-5
 
 #: Entries of R^T R - I up to here are rounding of doubles and left alone.
 ROUNDING_DEFECT = 1e-14

@@ -57,7 +57,7 @@ class EigenQ:
             estimate=estimate,
             cost=problem.cost(estimate),
             status=Status.CLOSED_FORM,
-            lower_bound=spectral.spectral_bound(problem, pairs.values),
+            lower_bound=spectral.spectral_bound(problem, pairs),
             seconds=watch.seconds,
         )
 

@@ -82,7 +82,7 @@ class EigenRA:
                 rotations = spectral.round_anchored(pairs.vectors, problem.d)
             else:
                 rotations = spectral.round_to_rotations(pairs.vectors, problem.d)
-        bound = spectral.spectral_bound(problem, pairs.values) if self.weights == "graph" else None
+        bound = spectral.spectral_bound(problem, pairs) if self.weights == "graph" else None
         return rotations, bound
 
 

@@ -55,8 +55,8 @@ class SpanningTree:
             return None
         if self.tree == "odometry":
             return np.abs(np.diff(graph.edges, axis=1)[:, 0]).astype(np.float64)
-        # Positive and falling with kappa; only the order matters for a minimum spanning tree.
-        return np.asarray(2.0 - graph.kappa / graph.kappa.max())
+        # Only the order of lengths matters to a minimum spanning tree.
+        return np.asarray(np.unique(-graph.kappa, return_inverse=True)[1] + 1, dtype=np.float64)
 
 
 SOLVER = SpanningTree
