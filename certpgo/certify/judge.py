@@ -56,9 +56,10 @@ def certify(
     if not (0.0 <= rtol < math.inf and 0.0 <= atol < math.inf):
         raise InputError(f"tolerances must be finite and not negative: rtol={rtol}, atol={atol}")
     problem.check(estimate)
-    unit = _unit(problem)
-    case = _Case(problem.scaled(1.0 / unit), tier is not Tier.SCREEN, rtol, atol)
-    return _in_units(unit, _judge(case, estimate, tier, refine))
+    with np.errstate(over="ignore", invalid="ignore"):  # infinite costs are judged, not warned of
+        unit = _unit(problem)
+        case = _Case(problem.scaled(1.0 / unit), tier is not Tier.SCREEN, rtol, atol)
+        return _in_units(unit, _judge(case, estimate, tier, refine))
 
 
 @dataclass(frozen=True)

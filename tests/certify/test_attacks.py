@@ -1,0 +1,199 @@
+"""Attempts to get a false verdict, kept after they were found."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from certpgo.certify import Verdict, certify, dual_bound
+from certpgo.datasets.synthetic import helix, winding_cycle
+from certpgo.errors import InputError
+from certpgo.estimate import Estimate
+from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.linalg import factor, so
+from certpgo.linalg.arrays import CSC
+from certpgo.newton import newton
+from certpgo.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.solution import Status
+from certpgo.solvers.eigen_ra import EigenRA
+
+
+def wound_poses(n, winding, tau=1.0, theta=0.0):
+    """A wound-up cycle of poses that all stand at the origin."""
+    instance, estimate = winding_cycle(n, theta, winding)
+    graph = PoseGraph(instance.graph, np.zeros((n, 3)), np.full(n, tau))
+    return PoseProblem(graph), estimate
+
+
+@pytest.mark.parametrize("refine", [True, False])
+def test_overflow_certifies_nothing(refine):
+    problem, wound = wound_poses(20, 1)
+    far = Estimate(wound.rotations, 1e170 * np.eye(20, 3))
+    certificate = certify(problem, far, refine=refine)
+    assert math.isinf(certificate.cost)
+    assert certificate.verdict is not Verdict.CERTIFIED
+    assert "range of doubles" in certificate.reason
+
+
+def test_weights_beyond_doubles_are_refused():
+    instance, wound = winding_cycle(20, 0.0, 1)
+    with pytest.raises(InputError, match="beyond the range of doubles"):
+        certify(RotationProblem(instance.graph.with_weights(1e308)), wound)
+
+
+@pytest.mark.parametrize("power", [-1000, -600, -300, 0, 300, 600, 1000])
+def test_verdicts_know_no_scale(power):
+    instance, wound = winding_cycle(20, 0.3, 1)
+    _, right = winding_cycle(20, 0.3, 0)
+    reference = certify(RotationProblem(instance.graph), right)
+    problem = RotationProblem(instance.graph.with_weights(2.0**power))
+    assert certify(problem, wound).verdict is Verdict.REFUTED
+    certificate = certify(problem, right)
+    assert certificate.verdict is Verdict.CERTIFIED
+    assert certificate.relative_gap == reference.relative_gap  # to the bit
+    assert certificate.lower_bound == 2.0**power * reference.lower_bound
+
+
+@pytest.mark.skipif("cholmod" not in factor.engines(), reason="the cvxopt wheel is not installed")
+@pytest.mark.parametrize("kappa", [1.0, 1e-3, 1e-6])
+def test_foreign_cholmod_options_change_nothing(kappa):
+    """supernodal = 0 makes CHOLMOD an L D L^T, which takes indefinite matrices without a word."""
+    from cvxopt import cholmod
+
+    instance, wound = winding_cycle(20, 0.5, 1)
+    problem = RotationProblem(instance.graph.with_weights(kappa))
+    before = dict(cholmod.options)
+    try:
+        assert certify(problem, wound, refine=False).verdict is Verdict.UNDECIDED
+        cholmod.options["supernodal"] = 0
+        assert certify(problem, wound).verdict is Verdict.REFUTED
+        assert cholmod.options == {**before, "supernodal": 0}
+    finally:
+        cholmod.options.clear()
+        cholmod.options.update(before)
+
+
+class _Rigged:
+    """A factorization that always completes: of the matrix made definite by force."""
+
+    engine = "rigged"
+
+    def __init__(self, A):
+        self._A = A
+
+    def factor(self, A):
+        dense = A.toarray()
+        values, vectors = np.linalg.eigh(dense)
+        forced = (vectors * np.maximum(values, 1e-3)) @ vectors.T
+        return _RiggedFactor(np.linalg.cholesky(forced))
+
+
+class _RiggedFactor:
+    def __init__(self, L):
+        self._L = L
+        self.nnz = L.size
+
+    def solve(self, B):
+        return np.linalg.solve(self._L @ self._L.T, B)
+
+    def lower(self):
+        return CSC(sparse.csc_array(self._L)), np.arange(len(self._L))
+
+    def excess(self, w):
+        return np.zeros_like(w)
+
+
+def test_a_rigged_factorization_is_noticed(monkeypatch):
+    instance, wound = winding_cycle(12, 0.5, 1)
+    problem = RotationProblem(instance.graph)
+    monkeypatch.setattr(RotationProblem, "symbolic", lambda self, A: _Rigged(A))
+    bound = dual_bound(problem, wound)
+    optimum = 8 * 12 * math.sin(0.5 / 24) ** 2
+    assert bound is None or bound.value <= optimum
+
+
+@pytest.mark.parametrize("engine", factor.engines())
+def test_the_factor_residual_stays_within_its_bound_on_a_graded_matrix(engine):
+    """SuperLU's U is not D L^T: without its excess the bound fails by a factor of a million."""
+    x = np.logspace(-8, 8, 200)
+    G = np.exp(-(np.subtract.outer(x, x) ** 2)) * np.sqrt(np.outer(x, x)) + np.diag(x) * 1e-9
+    A = CSC(sparse.csc_array(G))
+    A.sort_indices()
+    F = factor.analyze(A, engine=engine).factor(A)
+    L, p = F.lower()
+    dense = L.toarray().astype(np.longdouble)
+    residual = np.abs(G[np.ix_(p, p)].astype(np.longdouble) - dense @ dense.T).sum(axis=1)
+    counts = np.bincount(L.indices, minlength=200)
+    product = (np.abs(dense) @ np.abs(dense).T).sum(axis=1)
+    bound = (counts + 8) * 2.0**-53 * product + F.excess(np.ones(200))
+    assert np.all(residual <= bound)
+
+
+@pytest.mark.parametrize("offset", [1.0, 100.0, 1e5])
+def test_a_costly_estimate_does_not_loosen_the_judgement_of_its_basin(offset):
+    problem, wound = wound_poses(20, -1, theta=math.pi - 0.05)
+    certificate = certify(problem, Estimate(wound.rotations, offset * np.eye(20, 3)))
+    assert not certificate.basin_is_global
+    assert certificate.verdict is Verdict.REFUTED
+    assert certify(problem, certificate.refined).verdict is Verdict.REFUTED
+
+
+@pytest.mark.parametrize("n", [10, 100, 1000])
+@pytest.mark.parametrize("noise", [0.0, 1e-7, 1e-5, 1e-3])
+def test_near_the_truth_of_exact_data(n, noise):
+    rng = np.random.default_rng(0)
+    instance, right = winding_cycle(n, 0.0, 0)
+    graph = PoseGraph(instance.graph, np.zeros((n, 3)), np.ones(n))
+    turned = right.rotations @ so.exp(noise * rng.standard_normal((n, 3)))
+    certificate = certify(PoseProblem(graph), Estimate(turned, np.zeros((n, 3))))
+    assert certificate.lower_bound == 0.0
+    assert certificate.basin_is_global
+    expected = Verdict.CERTIFIED if noise < 1e-6 else Verdict.BOUNDED
+    assert certificate.verdict is expected
+
+
+def test_descent_that_has_not_settled_refutes_nothing():
+    """Newton's usual steps do not suffice here; more of them end in the optimum's own basin."""
+    rng = np.random.default_rng(0)
+    instance = helix(18, rng)
+    problem = problem_of(instance.graph)
+    n = problem.n
+    for _ in range(5):
+        start = Estimate(
+            instance.truth.rotations @ so.exp(0.8 * rng.standard_normal((n, 3))),
+            instance.truth.translations + 50.0 * rng.standard_normal((n, 3)),
+        )
+        if newton(problem, start).status is Status.ITERATION_LIMIT:
+            break
+    else:
+        pytest.fail("no start among these exhausts the usual steps")
+    certificate = certify(problem, start)
+    if certificate.verdict is Verdict.REFUTED:
+        assert certify(problem, certificate.refined).verdict is Verdict.REFUTED
+    else:
+        assert certificate.basin_is_global
+
+
+def test_weights_of_absurdly_different_size_end_in_a_verdict():
+    n = 6
+    for signs in ([-1, 1, 1, 1, 1, -1], [1, -1, 1, -1, 1, -1]):
+        for power in (6, 8, 12):
+            problem, wound = wound_poses(n, 1)
+            tau = 10.0 ** (power * np.array(signs, dtype=float))
+            problem = PoseProblem(problem.graph.with_weights(tau=tau))
+            certificate = certify(problem, Estimate(wound.rotations, np.eye(n, 3)))
+            assert certificate.verdict is not Verdict.CERTIFIED
+            assert certificate.lower_bound <= 1e-6  # F* = 0
+
+
+def test_the_spectral_bound_is_below_the_optimum_even_so():
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        d = 2 + seed % 2
+        angles = 0.01 * rng.standard_normal((12, so.tangent_dim(d)))
+        instance, right = winding_cycle(12, 0.0, 0, d)
+        graph = RotationGraph(12, instance.graph.edges, so.exp(angles), np.ones(12))
+        problem = RotationProblem(graph)
+        best = newton(problem, right).cost
+        assert EigenRA().solve(problem).lower_bound <= best
