@@ -10,6 +10,7 @@ import typer
 from certpgo.cli import _verdict
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, notice, working
+from certpgo.cli._writing import refuse_overwriting
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
@@ -47,8 +48,12 @@ def command(
 
     from certpgo.certify import certify as judge
     from certpgo.io import read_estimate, write
+    from certpgo.io.format import format_to_write
     from certpgo.problem import problem_of
 
+    if polish is not None:
+        format_to_write(polish, None)  # a wrong suffix is said before the work, not after
+    refuse_overwriting([polish], [graph, estimate, timestamps], reading.data)
     instance = reading.open(graph)
     parts = reading.parts(instance)
     if polish is not None and len(parts) > 1:

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from certpgo.cli._reading import Reading, takes_reading
+from certpgo.cli._writing import refuse_overwriting
 from certpgo.errors import InputError
 
 
@@ -49,6 +50,7 @@ def command(
     from certpgo.io.format import format_of, format_to_write
 
     out = format_to_write(target, format)
+    refuse_overwriting([target], [source, graph, timestamps], reading.data)
     given = _file(source, reading)
     if not estimate and out.write_graph is not None and format_of(given).read_graph is not None:
         if anchor is not None:

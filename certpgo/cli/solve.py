@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,6 +11,7 @@ import typer
 from certpgo.cli import _verdict
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, facts, notice, working
+from certpgo.cli._writing import refuse_overwriting
 
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
@@ -34,6 +36,9 @@ def command(
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="File for the estimate, see convert.")
     ] = None,
+    format: Annotated[
+        str | None, typer.Option("--format", help="Format of it, by default by its suffix.")
+    ] = None,
     certify: Annotated[
         bool, typer.Option("--certify/--no-certify", help="Judge the answer as well.")
     ] = False,
@@ -44,18 +49,21 @@ def command(
     """Solve a graph, and judge the answer with --certify."""
     from certpgo.harness.methods import build, parse_settings
     from certpgo.harness.runner import refuse_other_problems
-    from certpgo.io import read_estimate
+    from certpgo.io import read_estimate, write
     from certpgo.io.format import format_to_write
     from certpgo.problem import PoseProblem, problem_of
 
     if out is not None:
-        format_to_write(out, None)  # a wrong suffix is said before the work, not after
+        format_to_write(out, format)  # a wrong suffix is said before the work, not after
+    refuse_overwriting([out], [graph, initial], reading.data)
     instance = reading.open(graph)
     parts = reading.parts(instance)
+    targets = _targets(out, parts)
+    refuse_overwriting(targets, [graph, initial], reading.data)
     start = None if initial is None else read_estimate(initial, instance)
     reports: list[dict[str, Any]] = []
     certificates: list[Certificate] = []
-    for part in parts:
+    for part, target in zip(parts, targets, strict=True):
         problem = problem_of(part.graph)
         name = method or ("eigen_ma" if isinstance(problem, PoseProblem) else "eigen_ra")
         solver = build(name, parse_settings(name, settings or ()))
@@ -69,10 +77,11 @@ def command(
                 status.update(f"certifying the answer for {part.name}")
                 certificate = judge(problem, solution.estimate)
                 certificates.append(certificate)
-        written = _write(out, solution, part, instance)
-        reports.append(_report(part, name, solution, certificate, written))
+        if target is not None:
+            write(target, solution.estimate, instance=part, format=format)
+        reports.append(_report(part, name, solution, certificate, target))
         if not json:
-            _show(part, name, solution, certificate, written)
+            _show(part, name, solution, certificate, target)
     if json:
         document(reports[0] if len(reports) == 1 else reports)
     return _verdict.exit_code(certificates)
@@ -86,15 +95,11 @@ def _restricted(estimate: Estimate | None, instance: Instance, part: Instance) -
     return estimate.subset(np.searchsorted(instance.ids, part.ids))
 
 
-def _write(out: Path | None, solution: Solution, part: Instance, whole: Instance) -> Path | None:
-    from certpgo.io import write
-
-    if out is None:
-        return None
-    # Components share no frame: each goes into a file of its own, named by its smallest id.
-    path = out if part is whole else out.with_stem(f"{out.stem}-{int(part.ids.min())}")
-    write(path, solution.estimate, instance=part)
-    return path
+def _targets(out: Path | None, parts: Sequence[Instance]) -> list[Path | None]:
+    """The file of each part; several share no frame, and are named by their smallest ids."""
+    if out is None or len(parts) == 1:
+        return [out] * len(parts)
+    return [out.with_stem(f"{out.stem}-{int(part.ids.min())}") for part in parts]
 
 
 def _report(

@@ -168,8 +168,11 @@ def format_to_write(path: Path, name: str | None) -> Format:
     """
     if name is not None:
         return get_format(name)
-    for form in formats().values():
-        writes = form.write_graph is not None or form.write_poses is not None
-        if writes and path.suffix in form.suffixes:
+    writable = [f for f in formats().values() if f.write_graph or f.write_poses]
+    for form in writable:
+        if path.suffix in form.suffixes:
             return form
-    raise InputError(f"{path}: the suffix does not tell the format; say format=...")
+    known = ", ".join(sorted(suffix for form in writable for suffix in form.suffixes))
+    raise InputError(
+        f"{path}: the suffix does not tell the format; give one of {known}, or name the format"
+    )

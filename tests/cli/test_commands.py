@@ -174,7 +174,7 @@ def test_components_are_refused_or_chosen(certpgo, tmp_path, choice):
         assert written == []
     elif choice == "largest":
         assert done.json["graph"].endswith("[3 nodes from id 0]")
-        assert written == ["out-0.g2o"]
+        assert written == ["out.g2o"]
     else:
         assert len(done.json) == 2
         assert written == ["out-0.g2o", "out-5.g2o"]

@@ -141,3 +141,38 @@ def test_notices_are_on_stderr_and_stdout_stays_clean(certpgo, tmp_path):
     assert done.code == 0
     assert "note: " in done.err
     assert done.json["status"] == "closed form"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("solve", "g.g2o", "-o", "g.g2o"),
+        ("solve", "g.g2o", "-o", "link.g2o"),
+        ("solve", "g.g2o", "-o", "e.g2o", "--initial", "e.g2o"),
+        ("solve", "g.g2o", "-o", "folder/../g.g2o", "--components", "each"),
+        ("convert", "g.g2o", "g.g2o"),
+        ("convert", "g.g2o", "g.g2o", "--estimate"),
+        ("convert", "e.g2o", "g.g2o", "--graph", "g.g2o", "--estimate"),
+        ("certify", "g.g2o", "e.g2o", "--polish", "g.g2o"),
+        ("certify", "g.g2o", "e.g2o", "--polish", "e.g2o"),
+    ],
+)
+def test_an_input_is_never_overwritten(certpgo, square, tmp_path, monkeypatch, arguments):
+    monkeypatch.chdir(tmp_path)
+    text = square.read_text()
+    for name in ("g.g2o", "e.g2o"):
+        (tmp_path / name).write_text(text)
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "link.g2o").symlink_to("g.g2o")
+    fails_in_one_line(certpgo(*arguments), "is read as well")
+    assert all((tmp_path / name).read_text() == text for name in ("g.g2o", "e.g2o", "link.g2o"))
+
+
+def test_the_file_of_a_component_is_no_input_either(certpgo, tmp_path):
+    text = f"{EDGE}\n{EDGE.replace('0 1 1', '5 6 1', 1)}\n"
+    graph = tmp_path / "two-5.g2o"
+    graph.write_text(text)
+    out = tmp_path / "two.g2o"
+    fails_in_one_line(certpgo("solve", graph, "--components", "each", "-o", out), "two-5.g2o")
+    assert graph.read_text() == text
+    assert not out.exists()

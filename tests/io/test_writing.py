@@ -225,7 +225,7 @@ def test_what_a_format_cannot_hold_is_refused_and_leaves_nothing(tmp_path):
             io.write(tmp_path / f"a{suffix}", rotations)
         with pytest.raises(InputError, match="cannot be written for a graph"):
             io.write(tmp_path / f"a{suffix}", instance)
-    with pytest.raises(InputError, match="say format="):
+    with pytest.raises(InputError, match="or name the format"):
         io.write(tmp_path / "a.txt", rotations)
     with pytest.raises(InputError, match="cannot be written for an estimate"):
         io.write(tmp_path / "a.txt", rotations, format="isam")

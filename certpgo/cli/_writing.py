@@ -1,0 +1,49 @@
+"""Outputs that would replace an input, refused before any work."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from certpgo.errors import InputError, SpecError
+
+
+def refuse_overwriting(
+    outputs: Iterable[Path | None], inputs: Iterable[str | Path | None], data: Path | None = None
+) -> None:
+    """Refuse to write to a file that is read.
+
+    Parameters
+    ----------
+    outputs : files to be written; None for one that is not
+    inputs : files, folders or names of datasets to be read, likewise
+    data : folder to look for datasets in first
+
+    Raises
+    ------
+    InputError
+        An output is an input, under this or another path.
+    """
+    wanted = [out for out in outputs if out is not None]
+    read = [path for source in inputs if wanted and source for path in _files(source, data)]
+    for out in wanted:
+        for path in read:
+            if _is_same(out, path):
+                raise InputError(f"{out}: is read as well, and would be lost; write elsewhere")
+
+
+def _files(source: str | Path, data: Path | None) -> Iterator[Path]:
+    from certpgo import datasets
+
+    path: Path | None = Path(source)
+    if not Path(source).exists():
+        try:
+            path = datasets.find(str(source), data)
+        except SpecError:
+            return  # neither a file nor a dataset; said when it is read
+    if path is not None:
+        yield from path.iterdir() if path.is_dir() else (path,)
+
+
+def _is_same(a: Path, b: Path) -> bool:
+    return a.resolve() == b.resolve() or (a.exists() and b.exists() and a.samefile(b))
