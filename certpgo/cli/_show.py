@@ -20,6 +20,11 @@ def notice(sentence: str) -> None:
     typer.echo(f"note: {sentence}", err=True)
 
 
+def counted(count: int, noun: str) -> str:
+    """The count with its noun: 1 node, 2 nodes."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
 def document(data: Any) -> None:
     """One JSON document on stdout; numbers that are not finite become null."""
     typer.echo(json.dumps(_plain(data), indent=2, allow_nan=False))

@@ -49,7 +49,7 @@ def command(
         rows=_read_with(table.rows, options, reading.components),
         stand_ins=_read_with(table.stand_ins, options, reading.components),
     )
-    return run_table(table, out, data=reading.data, quick=quick, json=json)
+    return run_table(table, out, data=reading.data, quick=quick, json=json, named=bool(graphs))
 
 
 def _read_with(

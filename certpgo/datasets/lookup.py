@@ -20,7 +20,7 @@ def places(data: str | Path | None) -> dict[str, Path]:
     Raises
     ------
     InputError
-        ``data`` is no folder.
+        ``data``, or what the environment variable names, is no folder.
     """
     found: dict[str, Path] = {}
     if data is not None:
@@ -29,6 +29,8 @@ def places(data: str | Path | None) -> dict[str, Path]:
             raise InputError(f"{data}: no such folder")
     if variable := os.environ.get(DATA_VARIABLE):
         found[DATA_VARIABLE] = Path(variable)
+        if not found[DATA_VARIABLE].is_dir():
+            raise InputError(f"{variable}: no such folder ({DATA_VARIABLE})")
     found["the cache"] = cache_folder()
     wheel = importlib.util.find_spec("gtsam")
     if wheel is not None and wheel.origin is not None:

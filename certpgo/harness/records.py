@@ -11,15 +11,15 @@ import os
 import platform
 import subprocess
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
-from certpgo.errors import FormatError
+from certpgo.errors import FormatError, InputError
 
 #: Distributions whose versions a record names.
 DISTRIBUTIONS = ("certpgo", "numpy", "scipy", "gtsam", "cvxopt")
@@ -116,19 +116,56 @@ def read_records(path: Path) -> tuple[Record, ...]:
     return tuple(records)
 
 
-@contextmanager
-def new_file(path: Path) -> Iterator[TextIO]:
-    """A file that appears under its name when the block ends, however it ends.
+class Journal:
+    """Records on their way to a file: kept line by line, named when the run is over.
 
-    Records are flushed line by line by the caller; an interrupted run keeps what is done.
+    Until then they stand in ``NAME.jsonl.part``, so that a crash loses none and earlier results
+    of that name stay as they are.
+
+    Parameters
+    ----------
+    folder, name : where the results go, and what they are called
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written to.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f"{path.name}.part")
-    try:
-        with part.open("w", encoding="utf-8") as stream:
-            yield stream
-    finally:
-        os.replace(part, path)
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self._folder, self._name = folder, name
+        self._made = not folder.exists()
+        self._part = folder / f"{name}.jsonl.part"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            self._stream = self._part.open("w", encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"{folder}: cannot write there: {error.strerror}") from None
+
+    def add(self, record: Record) -> None:
+        """Keep a record."""
+        self._stream.write(to_line(record) + "\n")
+        self._stream.flush()
+
+    def publish(self, markdown: str, *, partial: bool = False) -> Path:
+        """Replace the results of that name, or of ``NAME.partial``; returns the records' path."""
+        self._stream.close()
+        name = f"{self._name}.partial" if partial else self._name
+        text = self._folder / f"{name}.md"
+        beside = text.with_name(f"{text.name}.part")
+        beside.write_text(markdown, encoding="utf-8")
+        os.replace(beside, text)
+        records = self._folder / f"{name}.jsonl"
+        os.replace(self._part, records)
+        return records
+
+    def discard(self) -> None:
+        """Leave nothing behind."""
+        self._stream.close()
+        self._part.unlink(missing_ok=True)
+        if self._made:
+            with suppress(OSError):
+                self._folder.rmdir()
 
 
 def provenance(engine: str, root: Path | None) -> dict[str, str]:

@@ -41,9 +41,11 @@ def sections(table: Table, records: Iterable[Record]) -> tuple[Section, ...]:
     return tuple(_section(table, group) for group in groups.values())
 
 
-def markdown(table: Table, records: Sequence[Record]) -> str:
-    """The table as Markdown, with where its numbers come from."""
+def markdown(table: Table, records: Sequence[Record], *, interrupted: bool = False) -> str:
+    """The table as Markdown, with where its numbers come from; it says if the run did not end."""
     lines = [f"# {table.title}", ""]
+    if interrupted:
+        lines += ["**Interrupted: the results of a run that did not end.**", ""]
     if table.source:
         lines += [f"Published numbers: {table.source}.", ""]
     for section in sections(table, records):

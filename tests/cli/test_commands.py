@@ -1,4 +1,5 @@
 import json
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -234,19 +235,46 @@ def test_compare_leaves_out_methods_for_other_graphs_unless_asked(certpgo, tmp_p
     assert "takes pose graphs only" in asked["error"]
 
 
-def test_an_interrupted_comparison_keeps_what_is_done(certpgo, square, tmp_path, monkeypatch):
+@pytest.mark.parametrize("count", [0, 1])
+def test_an_interrupted_comparison_keeps_what_is_done(
+    certpgo, square, tmp_path, monkeypatch, count
+):
     import certpgo.harness.runner as runner
 
+    common = ("compare", square, "--methods", "newton,eigen_ma", "--out", tmp_path / "r")
+    certpgo(*common)
+    before = {path.name: path.read_bytes() for path in (tmp_path / "r").iterdir()}
     whole = runner.run
 
     def interrupted(*args, **kwargs):
-        yield next(whole(*args, **kwargs))
+        yield from islice(whole(*args, **kwargs), count)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(runner, "run", interrupted)
-    done = certpgo("compare", square, "--out", tmp_path / "r")
+    done = certpgo(*common)
     assert done.code == 130
-    assert len(read_records(tmp_path / "r" / "compare.jsonl")) == 1
+    assert "interrupted" in done.err
+    after = {path.name: path.read_bytes() for path in (tmp_path / "r").iterdir()}
+    assert {name: after[name] for name in before} == before
+    partial = {"compare.partial.jsonl", "compare.partial.md"}
+    assert after.keys() - before.keys() == (partial if count else set())
+    if count:
+        assert len(read_records(tmp_path / "r" / "compare.partial.jsonl")) == 1
+        assert b"Interrupted" in after["compare.partial.md"]
+
+
+def test_a_named_graph_that_cannot_be_read_fails_the_comparison(certpgo, square, tmp_path):
+    bad = tmp_path / "bad.g2o"
+    bad.write_text("EDGE_SE2 0 1 1 0\n")
+    common = ("--methods", "newton", "--out", tmp_path / "r")
+    done = certpgo("compare", bad, *common)
+    assert (done.code, done.out, done.err.count("\n")) == (1, "", 1)
+    assert "bad.g2o:1" in done.err
+    assert not (tmp_path / "r").exists()
+    mixed = certpgo("compare", square, bad, *common)
+    assert mixed.code == 1
+    assert "bad.g2o:1" in mixed.err
+    assert len(read_records(tmp_path / "r" / "compare.jsonl")) == 2
 
 
 def test_reproduce_quick_writes_elsewhere(certpgo, tmp_path):

@@ -176,3 +176,8 @@ def test_the_file_of_a_component_is_no_input_either(certpgo, tmp_path):
     fails_in_one_line(certpgo("solve", graph, "--components", "each", "-o", out), "two-5.g2o")
     assert graph.read_text() == text
     assert not out.exists()
+
+
+def test_a_data_folder_that_is_not_there(certpgo, monkeypatch):
+    monkeypatch.setenv("CERTPGO_DATA", "no/such/folder")
+    fails_in_one_line(certpgo("info", "MIT"), "no/such/folder: no such folder (CERTPGO_DATA)")

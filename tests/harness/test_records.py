@@ -1,7 +1,9 @@
+import os
+
 import pytest
 
-from certpgo.errors import FormatError
-from certpgo.harness.records import Record, from_line, new_file, provenance, read_records, to_line
+from certpgo.errors import FormatError, InputError
+from certpgo.harness.records import Journal, Record, from_line, provenance, read_records, to_line
 
 RECORD = Record(
     "t",
@@ -41,16 +43,41 @@ def test_numbers_that_are_not_finite_are_null():
     assert '"cost": null' in to_line(Record("t", "r", "m", metrics={"cost": float("inf")}))
 
 
-def test_an_interrupted_file_keeps_what_is_done(tmp_path):
-    def interrupted():
-        with new_file(tmp_path / "new" / "r.jsonl") as stream:
-            stream.write(to_line(RECORD) + "\n")
-            raise KeyboardInterrupt
+def test_results_appear_when_the_run_is_over(tmp_path):
+    journal = Journal(tmp_path / "new", "r")
+    journal.add(RECORD)
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["r.jsonl.part"]
+    path = journal.publish("text")
+    assert read_records(path) == (RECORD,)
+    assert {p.name for p in (tmp_path / "new").iterdir()} == {"r.jsonl", "r.md"}
 
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
-    assert read_records(tmp_path / "new" / "r.jsonl") == (RECORD,)
-    assert [path.name for path in (tmp_path / "new").iterdir()] == ["r.jsonl"]
+
+def test_an_interrupted_run_leaves_the_results_before_it(tmp_path):
+    for text, partial in (("whole", False), ("less", True)):
+        journal = Journal(tmp_path, "r")
+        journal.add(RECORD)
+        journal.publish(text, partial=partial)
+    assert (tmp_path / "r.md").read_text() == "whole"
+    assert (tmp_path / "r.partial.md").read_text() == "less"
+    assert read_records(tmp_path / "r.partial.jsonl") == (RECORD,)
+
+
+def test_a_discarded_run_leaves_nothing(tmp_path):
+    Journal(tmp_path / "new", "r").discard()
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=r"file: cannot write there: File exists"):
+        Journal(tmp_path / "file", "r")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_read_only_folder_is_named(tmp_path):
+    (tmp_path / "ro").mkdir(mode=0o500)
+    with pytest.raises(InputError, match=r"ro: cannot write there: Permission denied"):
+        Journal(tmp_path / "ro", "r")
 
 
 def test_provenance_names_versions_engine_and_date():
