@@ -116,17 +116,19 @@ class Reading:
             The graph is not connected, and ``--components`` says to refuse that.
         """
         from certpgo.harness.instances import connected_parts
+        from certpgo.io.wording import counted
 
         try:
             parts = connected_parts(instance, self.components.value)
         except GraphError as error:
             raise GraphError(
-                f"{error}; --components largest takes the largest, --components each all",
+                f"{instance.source or instance.name}: {error}; "
+                "--components largest takes the largest, --components each all",
                 component_sizes=error.component_sizes,
             ) from None
         alone = sum(size == 1 for size in instance.graph.component_sizes)
         if alone and not instance.graph.is_connected:
-            notice(f"{alone} nodes without measurements are left out")
+            notice(f"left out: {counted(alone, 'node{s}')} without measurements")
         return parts
 
 

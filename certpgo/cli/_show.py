@@ -20,11 +20,6 @@ def notice(sentence: str) -> None:
     typer.echo(f"note: {sentence}", err=True)
 
 
-def counted(count: int, noun: str) -> str:
-    """The count with its noun: 1 node, 2 nodes."""
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
-
-
 def document(data: Any) -> None:
     """One JSON document on stdout; numbers that are not finite become null."""
     typer.echo(json.dumps(_plain(data), indent=2, allow_nan=False))
@@ -47,7 +42,12 @@ def table(
     from rich.table import Table
     from rich.text import Text
 
-    console = Console() if sys.stdout.isatty() else Console(width=WIDTH)
+    class Piped(Console):
+        def on_broken_pipe(self) -> None:
+            """Leave it to the caller, which ends quietly; Rich would exit with an error."""
+            raise BrokenPipeError
+
+    console = Piped() if sys.stdout.isatty() else Piped(width=WIDTH)
     shown = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     for name in header:
         shown.add_column(Text(name), overflow="fold")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from certpgo.cli._show import counted, document, notice, table, working
+from certpgo.cli._show import document, notice, table, working
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
@@ -67,6 +67,7 @@ def _publish(
 ) -> None:
     from certpgo.harness.records import as_data
     from certpgo.harness.render import markdown, sections
+    from certpgo.io.wording import counted
 
     path = journal.publish(markdown(spec, records, interrupted=interrupted), partial=interrupted)
     if json:
@@ -79,6 +80,8 @@ def _publish(
         for sentence in spec.notes:
             typer.echo(sentence)
     if interrupted:
-        notice(f"interrupted with {counted(len(records), 'result')}; earlier files are as before")
+        notice(
+            f"interrupted with {counted(len(records), 'result{s}')}; earlier files are as before"
+        )
     if interrupted or not json:
         notice(f"written to {path} and {path.stem}.md beside it")

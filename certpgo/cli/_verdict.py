@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from certpgo.cli._show import facts
@@ -34,10 +34,20 @@ def exit_code(certificates: Iterable[Certificate]) -> int:
     return max((EXIT_CODES[c.verdict.value] for c in certificates), default=0)
 
 
-def show(certificate: Certificate) -> None:
-    """Print the verdict, its reason and the numbers behind it."""
+def show(certificate: Certificate, reading: Mapping[str, str]) -> None:
+    """Print the verdict, its reason, the numbers behind it, and by which reading it is judged."""
+    from certpgo.harness.render import reading_sentence
+
     verdict = certificate.verdict.value
-    facts([(verdict, _MEANINGS[verdict]), ("because", certificate.reason), *_numbers(certificate)])
+    judged_by = f"F with {reading_sentence(reading)} (other tools minimise other errors)"
+    facts(
+        [
+            (verdict, _MEANINGS[verdict]),
+            ("because", certificate.reason),
+            *_numbers(certificate),
+            ("judged by", judged_by),
+        ]
+    )
 
 
 def _numbers(certificate: Certificate) -> Iterable[tuple[str, str]]:

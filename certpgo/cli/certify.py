@@ -76,7 +76,7 @@ def command(
         if not json:
             if len(parts) > 1:
                 typer.echo(part.name)
-            _verdict.show(certificates[-1])
+            _verdict.show(certificates[-1], part.options)
     if polish is not None:
         best = certificates[0].better or certificates[0].refined
         write(polish, best, instance=parts[0])

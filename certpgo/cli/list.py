@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from certpgo.cli._show import document, table
+
+if TYPE_CHECKING:
+    from certpgo.solution import Solver
 
 Rows = list[dict[str, str]]
 
@@ -40,7 +44,10 @@ def command(
         return
     for name, rows in listed.items():
         header = list(rows[0]) if rows else ["none"]
-        table(name, header, [list(row.values()) for row in rows])
+        table(name, header, [list(row.values()) for row in rows], _CAPTIONS.get(name, ""))
+
+
+_CAPTIONS = {"methods": "settings with their defaults; others by --set KEY=VALUE\n"}
 
 
 def _rows(kind: Kind, data: Path | None) -> Rows:
@@ -65,10 +72,28 @@ def _methods() -> Rows:
                 "name": name,
                 "takes": ", ".join(takes),
                 "here": _missing_package(name) or "yes",
-                "what": (solver.__doc__ or "").strip().partition("\n")[0],
+                "what": _summary(solver),
+                "settings": _settings(solver),
             }
         )
     return rows
+
+
+def _summary(solver: type) -> str:
+    # A clause with backquotes sends to Python, where the settings are described.
+    first = (solver.__doc__ or "").strip().partition("\n")[0]
+    return re.sub(r"[;,] [^;,]*`.*", "", first).rstrip(".")
+
+
+def _settings(solver: type[Solver]) -> str:
+    from certpgo.harness.methods import defaults
+
+    return ", ".join(f"{key}={_text(value)}" for key, value in defaults(solver).items())
+
+
+def _text(value: object) -> str:
+    # As --set takes it: true, false, none.
+    return str(value).lower() if value is None or isinstance(value, bool) else str(value)
 
 
 def _missing_package(method: str) -> str:

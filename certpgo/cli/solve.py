@@ -144,4 +144,7 @@ def _show(
         notice("how far this is from the best possible is not known; --certify judges it")
         return
     typer.echo()
-    _verdict.show(certificate)
+    _verdict.show(certificate, part.options)
+    if certificate.verdict.value != "CERTIFIED":
+        other = "" if name == "newton" else "--method newton, or "
+        notice(f"try {other}certpgo certify --polish, which writes the best answer found")

@@ -6,6 +6,7 @@ The list itself is ``catalogue.csv`` beside this module. The package ships none 
 from __future__ import annotations
 
 import csv
+import difflib
 import hashlib
 from dataclasses import dataclass
 from functools import cache
@@ -98,7 +99,9 @@ def entry(name: str) -> Entry:
         return known[name]
     same = [e for e in known.values() if e.filename == name]
     if len(same) != 1:
-        raise SpecError.unknown("dataset", name, known)
+        near = difflib.get_close_matches(name, sorted(known), n=3, cutoff=0.5)
+        hint = f"did you mean {' or '.join(near)}?" if near else "see certpgo list datasets"
+        raise SpecError(f"unknown dataset {name!r}; {hint}")
     return same[0]
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from certpgo.harness.published import compare, printed_number
 from certpgo.harness.records import Record
 from certpgo.harness.spec import FIELDS, Column, Method, Row, Table
+from certpgo.io.wording import counted
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ def reading_sentence(reading: Mapping[str, str]) -> str:
 
 def _section(table: Table, group: Sequence[Record]) -> Section:
     first = group[0]
-    size = "" if first.n is None else f" ({first.n} nodes, {first.m} edges, {first.d}D)"
+    size = "" if first.n is None else _size(first)
     seed = "" if first.seed is None else f", seed {first.seed}"
     lines = [_line(table, record) for record in group]
     if len({line[1:] for line in lines}) == 1 and first.error:
@@ -93,6 +94,11 @@ def _section(table: Table, group: Sequence[Record]) -> Section:
         header=tuple(header[k] for k in shown),
         rows=tuple(tuple(line[k] for k in shown) for line in lines),
     )
+
+
+def _size(record: Record) -> str:
+    nodes, edges = counted(record.n or 0, "node{s}"), counted(record.m or 0, "edge{s}")
+    return f" ({nodes}, {edges}, {record.d}D)"
 
 
 def _captions(group: Sequence[Record]) -> Iterable[str]:

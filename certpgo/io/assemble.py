@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from codecs import BOM_UTF8
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from certpgo.estimate import Estimate
 from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
 from certpgo.io.format import LabelledPoses
 from certpgo.io.lines import Lines
+from certpgo.io.wording import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 
@@ -36,7 +38,7 @@ def instance_from_lines(path: Path, said: Lines, options: Mapping[str, str]) -> 
         There are no edges, a vertex appears twice, or a fixed node is unknown.
     """
     if not said.edges:
-        what = "no edges; read it with read_estimate" if said.vertices else "no edges"
+        what = "no edges: this is an estimate, not a graph" if said.vertices else "no edges"
         raise FormatError(path, None, what)
     pairs = np.concatenate(said.edges)
     R, t = joined(said.measured)
@@ -45,7 +47,7 @@ def instance_from_lines(path: Path, said: Lines, options: Mapping[str, str]) -> 
     vertices = np.concatenate([*said.vertices, np.empty(0, dtype=np.intp)])
     refuse_duplicates(path, vertices)
     ids = distinct(np.concatenate([vertices, pairs.ravel()]))
-    notices = [f"{count} {what}" for what, count in said.counts.items() if count]
+    notices = [counted(count, what) for what, count in said.counts.items() if count]
     rotation = RotationGraph(len(ids), numbered(ids, pairs), R, kappa)
     graph: Graph = PoseGraph(rotation, t, tau) if t.any() else rotation
     if graph is rotation:
@@ -58,7 +60,7 @@ def instance_from_lines(path: Path, said: Lines, options: Mapping[str, str]) -> 
         values = LabelledPoses(*joined(said.values), ids=vertices)
         missing = len(ids) - len(vertices)
         if missing:
-            notices.append(f"{missing} nodes without a vertex line: no initial values")
+            notices.append(counted(missing, "node{s} without a vertex line: no initial values"))
         else:
             initial = estimate_for(ids, values, isinstance(graph, PoseGraph))
     return Instance(
@@ -114,6 +116,7 @@ def _second_line(path: Path, node: int) -> int | None:
     seen = 0
     with path.open("rb") as file:
         for number, line in enumerate(file, 1):
+            line = line.removeprefix(BOM_UTF8)
             words = line.split(None, 2)[:2]
             if words and not words[0].lstrip(b"-").isdigit():
                 words = words[1:] if words[0].startswith(b"VERTEX") else []
@@ -134,7 +137,10 @@ def estimate_for(ids: IntArray, poses: LabelledPoses, with_translations: bool) -
     """
     if poses.ids is None:
         if len(poses.rotations) != len(ids):
-            raise InputError(f"{len(poses.rotations)} poses for the graph's {len(ids)} nodes")
+            raise InputError(
+                f"{counted(len(poses.rotations), 'pose{s}')} for the graph's "
+                f"{counted(len(ids), 'node{s}')}"
+            )
         order: IntArray = np.arange(len(ids))
     else:
         order = _matched(ids, poses.ids)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from codecs import BOM_UTF8
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
@@ -68,8 +69,11 @@ def _at_line(
 
 def _chunks(path: Path, progress: Progress | None) -> Iterator[tuple[int, list[bytes]]]:
     """Pieces of a file as (number of the first line, lines)."""
-    total, done, number, rest = path.stat().st_size, 0, 1, b""
+    total, number = path.stat().st_size, 1
     with path.open("rb") as file:
+        if file.read(len(BOM_UTF8)) != BOM_UTF8:
+            file.seek(0)
+        done, rest = file.tell(), b""
         while chunk := file.read(_CHUNK_BYTES):
             done += len(chunk)
             whole, newline, rest = (rest + chunk).rpartition(b"\n")

@@ -131,7 +131,7 @@ def _harmonic_mean(upper: list[int], block: str) -> tuple[int, int]:
     if min(minors) <= 0:
         raise InputError(
             f"the {block} block of the information is not positive definite "
-            "(unit_weights=True ignores the information)"
+            "(--unit-weights, or unit_weights=True, ignores the information)"
         )
     return numerator, denominator
 

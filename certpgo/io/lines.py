@@ -134,7 +134,7 @@ class _Parser:
         for name, bodies in self._by_tag(lines).items():
             tag = self._tag(name)
             if tag.kind == "skip":
-                said.counts[f"{name.decode()} lines skipped: {tag.what}"] += len(bodies)
+                said.counts[f"{name.decode()} line{{s}} skipped: {tag.what}"] += len(bodies)
             elif tag.kind == "fix":
                 said.fixed.extend(_integers([x for body in bodies for x in body.split()]))
             else:
@@ -168,7 +168,7 @@ class _Parser:
     def _poses(self, name: str, tag: Tag, bodies: list[bytes], said: Lines) -> None:
         ids, numbers, texts = _fields(name, tag, bodies, self._information_size(tag))
         rotations, translations, off_norm = self._dialect.poses(tag.d, numbers)
-        said.counts["quaternions off norm 1 by more than 1e-3, normalized"] += off_norm
+        said.counts["quaternion{s} off norm 1 by more than 1e-3, normalized"] += off_norm
         if tag.kind == "vertex":
             said.vertices.append(ids[:, 0])
             said.values.append((rotations, translations))
@@ -188,10 +188,10 @@ class _Parser:
         if self._options.ignore_information:
             return kappa, tau
         stated = np.array([bool(text) for text in texts])
-        counts["edges without information: kappa = tau = 1"] += int(np.sum(~stated))
+        counts["edge{s} without information: kappa = tau = 1"] += int(np.sum(~stated))
         layout = self._dialect.layouts[d]
         kappa[stated], tau[stated], indefinite = weigh([t for t in texts if t], layout)
-        counts["information matrices indefinite as a whole, diagonal blocks used"] += indefinite
+        counts["edge{s} with information indefinite as a whole, diagonal blocks used"] += indefinite
         if self._options.rotation_information == "quaternion":
             kappa[stated] *= 0.25  # half the angle, a quarter of the information; exact
         return kappa, tau
@@ -232,25 +232,39 @@ def _count_message(name: str, tag: Tag, information: int, found: int) -> str:
 
 
 def _integers(fields: list[bytes]) -> list[int]:
+    # Python reads 1_0 as ten; no file format does.
     try:
         values = list(map(int, fields))
+        if b"_" in b"".join(fields):
+            raise ValueError
     except ValueError:
-        raise InputError("ids must be integers") from None
+        raise InputError(f"ids must be integers, not {_offending(fields, int)!r}") from None
     if values and not -(2**63) <= min(values) <= max(values) < 2**63:
         raise InputError("ids must fit 64-bit signed integers (GTSAM symbols do not; renumber)")
-    if b"_" in b"".join(fields):
-        raise InputError("ids must be integers")
     return values
 
 
 def _floats(fields: list[bytes]) -> FloatArray:
     try:
         values = np.array(list(map(float, fields)))
+        if b"_" in b"".join(fields):
+            raise ValueError
     except ValueError:
-        raise InputError("numbers expected after the ids") from None
+        found = _offending(fields, float)
+        raise InputError(f"numbers expected after the ids, not {found!r}") from None
     if not np.isfinite(values).all():
         raise InputError("numbers must be finite")
-    # Python reads 1_0 as ten; no file format does.
-    if b"_" in b"".join(fields):
-        raise InputError("numbers expected after the ids")
     return values
+
+
+def _offending(fields: list[bytes], kind: Callable[[bytes], object]) -> str:
+    """The first word that is not of the kind."""
+    for word in fields:
+        try:
+            kind(word)
+            if b"_" not in word:
+                continue
+        except ValueError:
+            pass
+        return word[:40].decode("ascii", "backslashreplace")
+    return ""

@@ -75,7 +75,9 @@ def read(
     wanted = ReadOptions(rotation_information, weights.override_all, progress)
     instance = form.read_graph(path, wanted)
     if rotation_information == "quaternion" and instance.graph.d == 2:
-        raise InputError("rotation_information='quaternion' is for 3D; in 2D it is on the angle")
+        raise InputError(
+            "rotational information about a quaternion is for 3D; in 2D it is on the angle"
+        )
     instance = _with_choices(instance, keep, weights)
     if truth is not None:
         instance = _with_truth(instance, Path(truth))
@@ -170,7 +172,7 @@ class _Weights:
 
     def __post_init__(self) -> None:
         if self.unit and (self.kappa is not None or self.tau is not None):
-            raise InputError("unit_weights excludes kappa and tau")
+            raise InputError("unit weights exclude a kappa or tau")
         for name, value in (("kappa", self.kappa), ("tau", self.tau)):
             if value is not None and not 0.0 < value < np.inf:
                 raise InputError(f"{name} must be positive and finite, not {value}")

@@ -8,6 +8,7 @@ import numpy as np
 
 from certpgo.errors import FormatError, InputError
 from certpgo.io.format import LabelledPoses
+from certpgo.io.wording import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 # Larger integers have no double of their own.
@@ -37,7 +38,7 @@ def node_ids(poses: LabelledPoses, ids: IntArray | None, timestamps: str | Path)
             return times.astype(np.intp)
         if ids is None:
             return None
-        raise InputError("the timestamps are no node ids; say timestamps='index' or a file")
+        raise InputError("the timestamps are no node ids; take them as 'index' or from a file")
     known = _from_file(Path(timestamps))
     nodes = np.arange(len(known)) if ids is None else ids
     _check_length(known, len(nodes), Path(timestamps))
@@ -62,7 +63,7 @@ def node_times(ids: IntArray, timestamps: str | Path) -> FloatArray:
         return np.arange(len(ids), dtype=np.float64)
     if timestamps == "ids":
         if len(ids) and np.abs(ids).max() >= _EXACT:
-            raise InputError("ids beyond 2^53 cannot be timestamps; say timestamps='index'")
+            raise InputError("ids beyond 2^53 cannot be timestamps; take 'index'")
         return ids.astype(np.float64)
     times = _from_file(Path(timestamps))
     _check_length(times, len(ids), Path(timestamps))
@@ -78,13 +79,15 @@ def _refuse_repeats(times: FloatArray) -> None:
 
 def _check_length(times: FloatArray, n: int, path: Path) -> None:
     if len(times) != n:
-        raise InputError(f"{path}: {len(times)} timestamps for {n} nodes")
+        raise InputError(
+            f"{path}: {counted(len(times), 'timestamp{s}')} for {counted(n, 'node{s}')}"
+        )
 
 
 def _from_file(path: Path) -> FloatArray:
     """The first number of each line that is not blank or a comment."""
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError):
         raise FormatError(path, None, "a text file of timestamps expected") from None
     times = []

@@ -108,7 +108,7 @@ def _anchored(
         return estimate.anchored(node)
     if anchor == "prior":
         if instance is None or not instance.fixed or initial is None:
-            raise InputError("anchor='prior' needs an instance with a fixed node and its value")
+            raise InputError("the anchor at a prior needs a graph with a fixed node and its value")
         node = instance.fixed[0]
     if initial is not None and _same_pose(estimate, initial, node):
         return estimate

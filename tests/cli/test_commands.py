@@ -1,4 +1,7 @@
 import json
+import os
+import subprocess
+import sys
 from itertools import islice
 
 import numpy as np
@@ -95,6 +98,34 @@ def test_solve_without_a_judge_says_so(certpgo, square):
     assert done.code == 0
     assert "eigen_ma" in done.out
     assert "--certify" in done.err
+
+
+def test_an_answer_that_is_not_certified_says_what_to_try(certpgo, square):
+    done = certpgo("solve", square, "--method", "spanning_tree", "--certify")
+    assert done.code == 3
+    assert "--method newton" in done.err
+    assert "judged by" in done.out
+    assert "weights from the file" in done.out
+    assert "try" not in certpgo("solve", square, "--method", "newton", "--certify").err
+
+
+def test_list_shows_settings_as_they_are_given(certpgo):
+    rows = certpgo("list", "methods", "--json").json["methods"]
+    settings = {row["name"]: row["settings"] for row in rows}
+    assert settings["newton"] == "tolerance=1e-12, max_iterations=100"
+    assert "anchor=none" in settings["eigen_ra"]
+    assert not any("`" in row["what"] for row in rows)
+
+
+def test_a_reader_that_has_gone_is_no_error():
+    code = "from certpgo.cli import main; raise SystemExit(main(['list']))"
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(
+        [sys.executable, "-c", code], stdout=writer, stderr=subprocess.PIPE, check=False
+    )
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (0, b"")
 
 
 def test_solve_starts_where_it_is_told_and_obeys_settings(certpgo, square):

@@ -51,7 +51,9 @@ def test_a_name_that_nearly_is_a_dataset(certpgo):
 def test_a_disconnected_graph(certpgo, tmp_path):
     graph = tmp_path / "two.g2o"
     graph.write_text(f"{EDGE}\n{EDGE.replace('0 1 1', '5 6 1', 1)}\n")
-    fails_in_one_line(certpgo("solve", graph), "2 components of 2, 2 nodes")
+    done = certpgo("solve", graph)
+    fails_in_one_line(done, "2 components of 2, 2 nodes")
+    assert str(graph) in done.err
 
 
 @pytest.mark.parametrize(
@@ -78,7 +80,7 @@ def test_an_estimate_for_another_graph(certpgo, square, tmp_path, estimate, said
         (("--set", "translation=ml"), "did you mean translations"),
         (("--set", "translations=best"), "translations"),
         (("--kappa", "-1"), "kappa"),
-        (("--unit-weights", "--tau", "2"), "unit_weights"),
+        (("--unit-weights", "--tau", "2"), "unit weights"),
         (("-o", "out.docx"), "out.docx"),
         (("-o", "no/such/folder/out.g2o"), "no/such/folder"),
         (("--initial", "nowhere.g2o"), "nowhere.g2o"),
@@ -181,3 +183,10 @@ def test_the_file_of_a_component_is_no_input_either(certpgo, tmp_path):
 def test_a_data_folder_that_is_not_there(certpgo, monkeypatch):
     monkeypatch.setenv("CERTPGO_DATA", "no/such/folder")
     fails_in_one_line(certpgo("info", "MIT"), "no/such/folder: no such folder (CERTPGO_DATA)")
+
+
+def test_an_unknown_dataset_names_the_nearest_or_where_to_look(certpgo):
+    fails_in_one_line(certpgo("fetch", "sphere250"), "did you mean sphere2500")
+    done = certpgo("fetch", "nosuch")
+    fails_in_one_line(done, "see certpgo list datasets")
+    assert len(done.err) < 100

@@ -79,9 +79,9 @@ def test_zero_translations_make_a_rotation_graph(file):
             "EDGE_SE2 0 1 1 0 0\nEDGE_SE2 1 2 1 0 0\n",
             "2 edges without information: kappa = tau = 1",
         ),
-        ("EDGE_SE2 0 1 1 0 0 1 0 9 1 0 1\n", "1 information matrices indefinite"),
-        (f"EDGE_SE3:QUAT 0 1 1 0 0 0 0 0 1.1 {UNIT}\n", "1 quaternions off norm 1"),
-        ("VERTEX_SE2 0 0 0 0\nEDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\n", "1 nodes without a vertex"),
+        ("EDGE_SE2 0 1 1 0 0 1 0 9 1 0 1\n", "1 edge with information indefinite"),
+        (f"EDGE_SE3:QUAT 0 1 1 0 0 0 0 0 1.1 {UNIT}\n", "1 quaternion off norm 1"),
+        ("VERTEX_SE2 0 0 0 0\nEDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\n", "1 node without a vertex"),
         (
             "EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\nVERTEX_XY 9 1 2\nEDGE_SE2_XY 0 9 1 2 1 0 1\n",
             "landmarks",
@@ -179,6 +179,16 @@ def test_progress_counts_the_bytes(monkeypatch, file):
     assert told == [(50, size), (size, size)]
 
 
+@pytest.mark.parametrize("name", ["a.g2o", "a.txt"])
+def test_a_byte_order_mark_is_passed_over(tmp_path, name):
+    path = tmp_path / name
+    lines = "VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0\nEDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\n"
+    path.write_text(lines if name == "a.g2o" else "0 1 2 3 0 0 0 1\n", encoding="utf-8-sig")
+    if name == "a.g2o":
+        assert io.read(path).graph.num_edges == 1
+    assert io.read_estimate(path).num_nodes == (2 if name == "a.g2o" else 1)
+
+
 def test_chunks_change_nothing(monkeypatch, file):
     lines = "".join(f"EDGE_SE2 {k} {k + 1} {k} 0 0.1 1 0 0 1 0 {k + 1}\n" for k in range(200))
     whole = io.read(file(lines)).graph
@@ -215,7 +225,7 @@ def test_1dsfm_measures_from_world_to_camera(scene, file):
         instance = io.read(path, quiet=True)
         assert instance.name == "scene"
         assert instance.ids.tolist() == [4, 9, 11]
-        assert "1 edges outside the component of cc.txt left out" in instance.notices
+        assert "1 edge outside the component of cc.txt left out" in instance.notices
         R = instance.truth.rotations
         np.testing.assert_allclose(R, np.swapaxes(W[:3], 1, 2), rtol=0, atol=1e-14)
         i, j = instance.graph.edges.T

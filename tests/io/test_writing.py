@@ -204,7 +204,7 @@ def test_an_estimate_in_place_is_not_moved(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"anchor": "prior"}, "needs an instance with a fixed node"),
+        ({"anchor": "prior"}, "needs a graph with a fixed node"),
         ({"anchor": "origin"}, "anchor must be"),
         ({"ids": [1, 2]}, "5 distinct integers"),
         ({"instance": make_instance(0, 2)}, "3D, not 2D"),

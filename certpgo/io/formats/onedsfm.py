@@ -21,6 +21,7 @@ from certpgo.io import quaternion
 from certpgo.io.assemble import distinct, numbered, truth_for
 from certpgo.io.chunks import first_row, read_rows, refuse_loops, whole
 from certpgo.io.format import Format, ReadOptions, format_of
+from certpgo.io.wording import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 _GRAPH, _COMPONENT = "EGs.txt", "cc.txt"
@@ -48,7 +49,8 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         if not kept.any():
             raise FormatError(component, None, f"no edge of {file.name} lies in the component")
         if not kept.all():
-            notices.append(f"{np.sum(~kept)} edges outside the component of {_COMPONENT} left out")
+            outside = f"edge{{s}} outside the component of {_COMPONENT} left out"
+            notices.append(counted(int(np.sum(~kept)), outside))
         pairs, R = pairs[kept], R[kept]
     graph = RotationGraph(len(ids), numbered(ids, pairs), R, np.ones(len(pairs)))
     instance = Instance(
