@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
-from certpgo.errors import SpecError
 from certpgo.estimate import Estimate
 from certpgo.linalg import so
 from certpgo.monitor import Iteration, Monitor, Stopwatch, silent
 from certpgo.problem import Problem
 from certpgo.solution import Solution, Status
+from certpgo.solvers._iterative import Iterative
 from certpgo.solvers.eigen_ra import EigenRA
 
 
 @dataclass(frozen=True)
-class FixedPoint:
+class FixedPoint(Iterative):
     """R <- projection of Rtilde R, block by block; Moreira 2020, section 4.2.
 
     Converges to a stationary point of the rotation objective. Starts at EigenRA's answer unless
@@ -31,13 +30,6 @@ class FixedPoint:
 
     tolerance: float = 1e-8
     max_iterations: int = 1000
-
-    poses: ClassVar[bool] = True
-    rotations: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        if self.tolerance < 0.0 or self.max_iterations < 1:
-            raise SpecError("tolerance must not be negative and max_iterations at least 1")
 
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent

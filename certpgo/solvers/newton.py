@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from certpgo import newton, spectral
-from certpgo.errors import SpecError
 from certpgo.estimate import Estimate
 from certpgo.monitor import Monitor, Stopwatch, silent
 from certpgo.problem import Problem
 from certpgo.solution import Solution
+from certpgo.solvers._iterative import Iterative
 
 
 @dataclass(frozen=True)
-class Newton:
+class Newton(Iterative):
     """Damped Newton with the exact Hessian; local, see `certpgo.newton`.
 
     Attributes
@@ -25,13 +24,6 @@ class Newton:
 
     tolerance: float = 1e-12
     max_iterations: int = 100
-
-    poses: ClassVar[bool] = True
-    rotations: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        if self.tolerance < 0.0 or self.max_iterations < 1:
-            raise SpecError("tolerance must not be negative and max_iterations at least 1")
 
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
