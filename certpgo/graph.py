@@ -14,7 +14,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from scipy import sparse
 from scipy.sparse import csgraph
 
 from certpgo.errors import GraphError
@@ -26,6 +25,7 @@ from certpgo.linalg.arrays import (
     frozen_floats,
     frozen_indices,
 )
+from certpgo.linalg.blocks import adjacency
 
 if TYPE_CHECKING:
     from certpgo.estimate import Estimate
@@ -297,8 +297,8 @@ def _broadcast(weights: FloatArray | float, m: int) -> FloatArray:
 
 
 def _components(n: int, edges: IntArray) -> IntArray:
-    adjacency = sparse.coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(n, n))
-    labels = csgraph.connected_components(adjacency, directed=False)[1].astype(np.intp)
+    tied = adjacency(n, edges[:, 0], edges[:, 1], np.ones(len(edges)))
+    labels = csgraph.connected_components(tied, directed=False)[1].astype(np.intp)
     labels.flags.writeable = False
     return np.asarray(labels)
 

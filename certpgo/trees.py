@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import sparse
 from scipy.sparse import csgraph
 
 from certpgo.estimate import Estimate
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.linalg import so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.linalg.blocks import adjacency
 
 
 def spanning_tree(graph: RotationGraph | PoseGraph, lengths: FloatArray | None = None) -> IntArray:
@@ -27,7 +27,7 @@ def spanning_tree(graph: RotationGraph | PoseGraph, lengths: FloatArray | None =
     order = np.lexsort((values, high, low))
     low, high = low[order], high[order]
     first = np.r_[True, (np.diff(low) != 0) | (np.diff(high) != 0)]
-    tree = sparse.csr_array((values[order][first], (low[first], high[first])), shape=(n, n))
+    tree = adjacency(n, low[first], high[first], values[order][first])
     if lengths is not None:
         tree = csgraph.minimum_spanning_tree(tree)
     return np.asarray(csgraph.breadth_first_order(tree, 0, directed=False)[1], dtype=np.intp)

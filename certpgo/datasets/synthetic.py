@@ -7,7 +7,6 @@ translation by a Gaussian vector, each of the given standard deviation per axis.
 from __future__ import annotations
 
 import numpy as np
-from scipy import sparse
 from scipy.sparse import csgraph
 
 from certpgo.errors import InputError
@@ -15,6 +14,7 @@ from certpgo.estimate import Estimate
 from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.blocks import adjacency
 
 
 def winding_cycle(n: int, theta: float, winding: int, d: int = 3) -> tuple[Instance, Estimate]:
@@ -143,7 +143,7 @@ def _connected_choice(n: int, edges: IntArray, kept: int, rng: np.random.Generat
     """``kept`` random edges that contain the tree of the lowest draws."""
     draw = rng.permutation(len(edges))
     tree = csgraph.minimum_spanning_tree(
-        sparse.csr_array((draw + 1.0, (edges[:, 0], edges[:, 1])), shape=(n, n))
+        adjacency(n, edges[:, 0], edges[:, 1], (draw + 1).astype(np.float64))
     )
     draw[np.argsort(draw)[tree.data.astype(np.intp) - 1]] -= len(edges)
     return np.sort(np.argsort(draw)[:kept])

@@ -6,11 +6,11 @@ Nothing checks the measurement of a bridge: its residual is zero at the optimum.
 from __future__ import annotations
 
 import numpy as np
-from scipy import sparse
 from scipy.sparse import csgraph
 
 from certpgo.graph import Graph
 from certpgo.linalg.arrays import IntArray
+from certpgo.linalg.blocks import adjacency
 
 
 def bridges(graph: Graph) -> IntArray:
@@ -49,7 +49,7 @@ def _spanning_tree(
     # One further node, tied to a node of each component, makes one tree of the forest.
     i = np.concatenate([low, np.full(len(roots), n)])
     j = np.concatenate([high, roots])
-    tied = sparse.coo_array((np.ones(len(i)), (i, j)), shape=(n + 1, n + 1)).tocsr()
+    tied = adjacency(n + 1, i, j, np.ones(len(i)))
     order, parent = csgraph.breadth_first_order(tied, n, directed=False)
     parent = np.where(parent[:n] == n, -1, parent[:n])
     return np.asarray(order[1:], dtype=np.intp), np.asarray(parent, dtype=np.intp)

@@ -83,6 +83,13 @@ class BlockPattern:
         return CSC((rows.data, rows.indices, rows.indptr), shape=rows.shape)
 
 
+def adjacency(n: int, i: IntArray, j: IntArray, values: FloatArray) -> sparse.csr_array:
+    """The (n, n) matrix with ``values`` at (i, j), repeated pairs summed, as csgraph wants it."""
+    # csgraph takes 32-bit indices only; SciPy before 1.17 does not convert them.
+    pairs = np.asarray(i, dtype=np.int32), np.asarray(j, dtype=np.int32)
+    return sparse.coo_array((values, pairs), shape=(n, n)).tocsr()
+
+
 def scatter_sum(index: IntArray, values: FloatArray, n: int) -> FloatArray:
     """Sum ``values`` (m, ...) into (n, ...) by ``index`` (m,)."""
     flat = values.reshape(len(index), -1)

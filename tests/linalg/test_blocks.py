@@ -8,6 +8,7 @@ from strategies import random_edges, rng_of, seeds
 from certpgo.linalg.blocks import (
     BlockPattern,
     add_to_diagonal,
+    adjacency,
     diagonal_places,
     expand,
     pinned,
@@ -76,3 +77,10 @@ def test_scatter_sum_and_expand():
     np.testing.assert_array_equal(out[2], values[0] + values[2])
     np.testing.assert_array_equal(out[1], 0.0)
     np.testing.assert_array_equal(expand(np.array([1, 0]), 3), [3, 4, 5, 0, 1, 2])
+
+
+def test_adjacency_sums_repeated_pairs_in_32_bits():
+    i, j = np.array([0, 2, 0], dtype=np.int64), np.array([1, 1, 1], dtype=np.int64)
+    A = adjacency(3, i, j, np.array([1.0, 2.0, 4.0]))
+    np.testing.assert_array_equal(A.toarray(), [[0, 5, 0], [0, 0, 0], [0, 2, 0]])
+    assert A.indices.dtype == np.int32
