@@ -117,7 +117,7 @@ def round_to_rotations(V: FloatArray, d: int) -> FloatArray:
     V, and the one under which most blocks have positive determinant is taken.
     """
     blocks = np.swapaxes(V.reshape(-1, d, d), 1, 2)
-    if np.median(np.sign(so.determinants(blocks))) < 0:
+    if so.is_mostly_reflected(blocks):
         blocks = blocks * np.r_[-np.ones(1), np.ones(d - 1)][:, None]
     return so.project(blocks)
 

@@ -145,6 +145,14 @@ def determinants(A: FloatArray) -> FloatArray:
     )
 
 
+def is_mostly_reflected(blocks: FloatArray) -> bool:
+    """Whether most matrices (n, d, d) have a negative determinant.
+
+    A basis is known up to a reflection only; the one that leaves most blocks proper is right.
+    """
+    return bool(np.median(np.sign(determinants(blocks))) < 0)
+
+
 def _polar(X: FloatArray) -> FloatArray:
     """Orthogonal polar factors of matrices (3, 3, n) with positive determinant."""
     X = X * np.sqrt(3.0 / np.einsum("ijn,ijn->n", X, X))

@@ -1,0 +1,92 @@
+"""Lifted iterates of Burer-Monteiro solvers, as DPGO writes them: rounded to poses when read.
+
+The first line holds the rank r and the number of columns (d + 1) n; r rows follow, a pose's d
+rotation columns and its translation column side by side.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from certpgo.errors import FormatError
+from certpgo.io.format import Format, LabelledPoses
+from certpgo.linalg import so
+from certpgo.linalg.arrays import FloatArray
+
+#: Largest entry of Y_i^T Y_i - I of an iterate written with few digits.
+FEW_DIGITS = 1e-2
+
+
+def _recognises(path: Path, head: bytes) -> bool:
+    lines = head.split(b"\n", 2)
+    first = lines[0].split()
+    if len(lines) < 2 or len(first) != 2 or not all(word.isdigit() for word in first):
+        return False
+    # A head of the file may cut the second line short.
+    return len(lines[1].split()) > 12 or int(first[1]) <= 12
+
+
+def _read_poses(path: Path) -> LabelledPoses:
+    Y = _matrix(path)
+    for d in (3, 2):
+        if Y.shape[1] % (d + 1) == 0 and len(Y) >= d:
+            poses = np.moveaxis(Y.reshape(len(Y), -1, d + 1), 1, 0)
+            lifted, moved = poses[:, :, :d], poses[:, :, d]
+            defect = np.abs(np.swapaxes(lifted, 1, 2) @ lifted - np.eye(d)).max()
+            if defect <= FEW_DIGITS:
+                return LabelledPoses(*rounded(lifted, moved))
+    raise FormatError(path, None, "expected columns of 2D or 3D poses, with orthonormal rotations")
+
+
+def rounded(lifted: FloatArray, translations: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Poses (n, d, d) and (n, d) nearest to lifted ones (n, r, d) and (n, r).
+
+    The iterate is projected to its best d-dimensional subspace, then each rotation to SO(d); Rosen
+    et al. (SE-Sync, IJRR 2019), Algorithm 2.
+    """
+    d = lifted.shape[2]
+    _, vectors = np.linalg.eigh(np.einsum("nra,nsa->rs", lifted, lifted))
+    basis = vectors[:, -d:]
+    blocks = np.einsum("rk,nra->nka", basis, lifted)
+    if so.is_mostly_reflected(blocks):
+        basis = basis * np.r_[-1.0, np.ones(d - 1)]
+        blocks = np.einsum("rk,nra->nka", basis, lifted)
+    return so.project(blocks), np.asarray(translations @ basis)
+
+
+def _matrix(path: Path) -> FloatArray:
+    """The (r, (d + 1) n) numbers.
+
+    Raises
+    ------
+    FormatError
+        A row that is missing, too short or too long, or holds something else than numbers.
+    """
+    lines = path.read_text(encoding="ascii", errors="replace").splitlines()
+    rank, columns = (int(word) for word in lines[0].split())
+    rows = [(number, line) for number, line in enumerate(lines[1:], start=2) if line.strip()]
+    if len(rows) != rank:
+        raise FormatError(path, None, f"expected {rank} rows after the first line, not {len(rows)}")
+    Y = np.empty((rank, columns))
+    for row, (number, line) in zip(Y, rows, strict=True):
+        words = line.split()
+        if len(words) != columns:
+            raise FormatError(path, number, f"expected {columns} numbers, not {len(words)}")
+        try:
+            row[:] = words
+        except ValueError:
+            raise FormatError(path, number, "expected numbers") from None
+        if not np.isfinite(row).all():
+            raise FormatError(path, number, "numbers must be finite")
+    return Y
+
+
+FORMAT = Format(
+    name="iterate",
+    suffixes=(".iterate",),
+    recognises=_recognises,
+    holds="a lifted iterate",
+    read_poses=_read_poses,
+)
