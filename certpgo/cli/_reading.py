@@ -83,6 +83,14 @@ class Reading:
         Path | None, _option("--data", metavar="DIR", help="Folder to look for datasets in first.")
     ] = None
 
+    def locate(self, source: str) -> Path:
+        """The file that a path or a dataset's name stands for."""
+        from certpgo import datasets
+        from certpgo.harness.instances import require_known
+
+        require_known(source)
+        return Path(source) if Path(source).exists() else datasets.fetch(source, self.data)
+
     @property
     def options(self) -> dict[str, Any]:
         """The options of `certpgo.io.read`."""

@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 @takes_reading
 def command(
     graph: Annotated[str, typer.Argument(metavar="GRAPH", help="A file or dataset.")],
-    estimate: Annotated[Path, typer.Argument(metavar="ESTIMATE", help="A file of poses.")],
+    estimate: Annotated[
+        str, typer.Argument(metavar="ESTIMATE", help="A file or dataset that holds poses.")
+    ],
     tier: Annotated[
         str, typer.Option("--tier", help="What may be trusted: standard, or screen (a hint only).")
     ] = "standard",
@@ -58,7 +60,7 @@ def command(
     parts = reading.parts(instance)
     if polish is not None and len(parts) > 1:
         raise InputError("--polish writes one answer; choose one with --components largest")
-    given = read_estimate(estimate, instance, timestamps=timestamps)
+    given = read_estimate(reading.locate(estimate), instance, timestamps=timestamps)
     certificates: list[Certificate] = []
     for part in parts:
         nodes = np.searchsorted(instance.ids, part.ids)

@@ -51,7 +51,7 @@ def command(
 
     out = format_to_write(target, format)
     refuse_overwriting([target], [source, graph, timestamps], reading.data)
-    given = _file(source, reading)
+    given = reading.locate(source)
     if not estimate and out.write_graph is not None and format_of(given).read_graph is not None:
         if anchor is not None:
             raise InputError("--anchor moves estimates; add --estimate to convert the poses")
@@ -67,11 +67,3 @@ def command(
         anchor=None if anchor is None else anchor.value,
         timestamps=timestamps,
     )
-
-
-def _file(source: str, reading: Reading) -> Path:
-    from certpgo import datasets
-    from certpgo.harness.instances import require_known
-
-    require_known(source)
-    return Path(source) if Path(source).exists() else datasets.fetch(source, reading.data)
