@@ -20,7 +20,7 @@ from certpgo.problem import Problem
 from certpgo.solution import Status
 
 #: Steps that descent may take; what has not settled by then is no basin of its own.
-MAX_STEPS = 500
+MAX_STEPS = 200
 #: Stationarity, radians, at which a stalled descent counts as settled.
 SETTLED = 1e-6
 
