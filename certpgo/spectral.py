@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
+
 import numpy as np
 
 from certpgo import operators
 from certpgo.errors import NumericalError
+from certpgo.estimate import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal, pinned
@@ -39,7 +43,8 @@ def smallest_eigenpairs(
         No factorization, or no convergence.
     """
     k = min(k or problem.d, problem.d * problem.n)
-    A, shift, factor = _shifted_factor(problem)
+    build = functools.partial(operators.connection_laplacian, problem.pattern, problem.graph)
+    A, shift, factor = factor_shifted(problem, build, float(problem.node_weights.mean()))
     solver = {"krylov_schur": krylov_schur, "arpack": arpack}[method]
     return solver(A, factor.solve, k, shift=shift, tol=tol)
 
@@ -71,14 +76,11 @@ class _Eliminated:
         self.shape = (rotations, rotations)
         grounded = pinned(M, np.array([0]))
         mean = float(problem.rotation.node_weights.mean())
-        for relative in ELIMINATED_SHIFTS:
-            self.shift = relative * mean
-            A = add_to_diagonal(grounded, np.where(self._is_rotation, self.shift, 0.0))
-            factor = problem.symbolic(A).factor(A)
-            if factor is not None:
-                self._factor = factor
-                return
-        raise NumericalError("the data matrix could not be factorized")
+
+        def build(shift: float) -> CSC:
+            return add_to_diagonal(grounded, np.where(self._is_rotation, shift, 0.0))
+
+        _, self.shift, self._factor = factor_shifted(problem, build, mean, ELIMINATED_SHIFTS)
 
     def solve(self, B: FloatArray) -> FloatArray:
         """(Q + shift I)^-1 B."""
@@ -156,13 +158,36 @@ def solve_anchored(problem: RotationProblem) -> FloatArray:
     return so.project(np.swapaxes(X.reshape(n, d, d), 1, 2))
 
 
-def _shifted_factor(problem: RotationProblem) -> tuple[CSC, float, Factor]:
-    """L + shift I, the shift, and the factor."""
-    mean = float(problem.node_weights.mean())
-    for relative in SHIFTS:
-        shift = relative * mean
-        A = operators.connection_laplacian(problem.pattern, problem.graph, shift)
+def spectral_start(problem: Problem) -> Estimate:
+    """EigenRA's rotations, completed by the best translations where the problem has them.
+
+    Raises
+    ------
+    NumericalError
+        No factorization, or no convergence.
+    """
+    pairs = smallest_eigenpairs(problem.rotation)
+    return problem.complete(round_to_rotations(pairs.vectors, problem.d))
+
+
+def factor_shifted(
+    problem: Problem, build: Callable[[float], CSC], mean: float, shifts: tuple[float, ...] = SHIFTS
+) -> tuple[CSC, float, Factor]:
+    """The first definite matrix ``build(shift)``, its shift, and its factor.
+
+    Parameters
+    ----------
+    build : shift -> a block matrix of the problem, semidefinite but for rounding without the shift
+    mean : the diagonal's mean, in units of which the shifts are given
+
+    Raises
+    ------
+    NumericalError
+        No shift sufficed.
+    """
+    for relative in shifts:
+        A = build(relative * mean)
         factor = problem.symbolic(A).factor(A)
         if factor is not None:
-            return A, shift, factor
-    raise NumericalError("the connection Laplacian could not be factorized")
+            return A, relative * mean, factor
+    raise NumericalError("a semidefinite matrix could not be factorized, even when shifted")

@@ -7,12 +7,12 @@ They never certify an estimate by themselves.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
 
 from certpgo import spectral
-from certpgo.errors import NumericalError
 from certpgo.estimate import Estimate
 from certpgo.graph import RotationGraph
 from certpgo.linalg import so
@@ -179,13 +179,8 @@ def _orientation(graph: RotationGraph) -> FloatArray:
 def _second_eigenvalue(problem: RotationProblem, A: CSC, null: FloatArray) -> float:
     """Second smallest eigenvalue of a semidefinite n x n matrix with this null vector."""
     mean = float(A.diagonal().mean())
-    for relative in spectral.SHIFTS:
-        shifted = add_to_diagonal(A, relative * mean)
-        factor = problem.symbolic(shifted).factor(shifted)
-        if factor is not None:
-            break
-    else:
-        raise NumericalError("a graph Laplacian could not be factorized")
+    build = functools.partial(add_to_diagonal, A)
+    shifted, shift, factor = spectral.factor_shifted(problem, build, mean)
     unit = null[:, None] / np.linalg.norm(null)
     solve = factor.solve
 
@@ -197,6 +192,5 @@ def _second_eigenvalue(problem: RotationProblem, A: CSC, null: FloatArray) -> fl
     start -= unit @ (unit.T @ start)
     if problem.n == 2:
         start = start[:, :1]
-    shift = relative * mean
     pairs = krylov_schur(shifted, deflated, 1, shift=shift, start=start, tol=1e-8)
     return float(pairs.values[0])

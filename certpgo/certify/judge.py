@@ -161,8 +161,7 @@ def _basin(case: _Case, start: Estimate, refine: bool) -> _Basin:
 
 def _other_basin(case: _Case) -> _Basin:
     try:
-        pairs = spectral.smallest_eigenpairs(case.problem.rotation)
-        start = case.problem.complete(spectral.round_to_rotations(pairs.vectors, case.problem.d))
+        start = spectral.spectral_start(case.problem)
     except (NumericalError, np.linalg.LinAlgError):
         n, d = case.problem.n, case.problem.d
         start = Estimate(np.tile(np.eye(d), (n, 1, 1)), np.zeros((n, d)))

@@ -10,6 +10,7 @@ import importlib.util
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -187,6 +188,10 @@ class _SuperLUFactor:
         return np.asarray((1.0 + (counts + 4) * eps) * (abs(L) @ (difference @ w)))
 
     def lower(self) -> tuple[CSC, IntArray]:
+        return self._lower
+
+    @cached_property
+    def _lower(self) -> tuple[CSC, IntArray]:
         L = self._lu.L.tocsc(copy=True)
         L.data *= np.repeat(np.sqrt(self._pivots), np.diff(L.indptr))
         L.sort_indices()

@@ -188,14 +188,18 @@ def worst_defect(R: FloatArray) -> tuple[int, float]:
     """
     if len(R) == 0:
         return 0, 0.0
-    d = R.shape[-1]
     with np.errstate(invalid="ignore", over="ignore"):
-        gram = np.einsum("nij,nik->jkn", R, R)
-        defect = np.abs(gram - np.eye(d)[:, :, None]).reshape(d * d, -1).max(axis=0)
-        determinant = determinants(R)
+        defect, determinant = _defects(R), determinants(R)
     defect = np.where(np.isfinite(defect) & (determinant > 0.0), defect, np.inf)
     worst = int(np.argmax(defect))
     return worst, float(defect[worst])
+
+
+def _defects(R: FloatArray) -> FloatArray:
+    """Largest entry of |R^T R - I| of each matrix (n, d, d)."""
+    d = R.shape[-1]
+    gram = np.einsum("nij,nik->jkn", R, R)
+    return np.asarray(np.abs(gram - np.eye(d)[:, :, None]).reshape(d * d, -1).max(axis=0))
 
 
 def nearest_to_rounding(R: FloatArray) -> FloatArray:
@@ -203,8 +207,7 @@ def nearest_to_rounding(R: FloatArray) -> FloatArray:
 
     What is already a rotation to the last digits stays bit for bit.
     """
-    defect = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(R.shape[-1])).max(axis=(-2, -1))
-    off = defect > ROUNDING_DEFECT
+    off = _defects(R) > ROUNDING_DEFECT
     if not off.any():
         return R
     out = R.copy()

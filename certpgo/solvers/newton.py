@@ -32,9 +32,7 @@ class Newton(Iterative):
         watch = Stopwatch()
         if initial is None:
             with watch.phase("start"):
-                pairs = spectral.smallest_eigenpairs(problem.rotation)
-                rotations = spectral.round_to_rotations(pairs.vectors, problem.d)
-                initial = problem.complete(rotations)
+                initial = spectral.spectral_start(problem)
         return newton.newton(
             problem,
             initial,
