@@ -1,4 +1,10 @@
-"""Damped Newton's method on SE(d)^n or SO(d)^n, with the exact sparse Hessian.
+"""Newton's method on SE(d)^n or SO(d)^n, with exact sparse Hessians and translations eliminated.
+
+Three things make it converge in a handful of steps from far away. After every step the
+translations are solved for again (variable projection), so that turning a long stretch of poses
+as one body costs nothing, as linear moves of its translations would. Where the exact curvature is
+negative, Gauss and Newton's takes its place, which never is, for as long as such steps pay. And a
+factorization serves as preconditioner of the steps after it while few products suffice.
 
 Local: it finds the stationary point near where it starts. Its factorization says that the point is
 a local minimum, never that it is the global one.
@@ -6,8 +12,11 @@ a local minimum, never that it is the global one.
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -15,19 +24,26 @@ from certpgo.estimate import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal
-from certpgo.linalg.cg import conjugate_gradients
+from certpgo.linalg.cg import End, conjugate_gradients
 from certpgo.linalg.factor import Factor
 from certpgo.monitor import Iteration, Monitor, Stopwatch, silent
-from certpgo.problem import PoseProblem, Problem
+from certpgo.problem import FirstOrder, PoseProblem, Problem
 from certpgo.solution import Solution, Status
 
+#: After a Gauss-Newton step that lowered F by less than this part, the exact Hessian is tried.
+PAYING = 0.5
+#: So it is where a node's own step would be smaller than this angle.
+NEAR = 1e-3
+#: Gauss-Newton steps stand in for an indefinite Hessian while the last one lowered F by this part.
+SLOW = 1e-3
 #: Damping, in units of the metric: after an indefinite Hessian, after a step that did not improve,
 #: and the ends of the range.
 FIRST_DAMPING, SECOND_DAMPING = 1e-3, 1e-6
 SMALLEST_DAMPING, LARGEST_DAMPING = 1e-9, 1e9
-#: Conjugate gradients on an old factor: relative residuals asked for, and products allowed.
-LOOSEST, TIGHTEST = 1e-2, 1e-8
-MAX_PRODUCTS = 20
+#: Conjugate gradients on an old factor: relative residuals asked for, and products that cost less
+#: than a new factor.
+LOOSEST, TIGHTEST = 0.1, 1e-6
+MAX_PRODUCTS = 6
 #: A predicted decrease below this many units of rounding of F cannot be seen in F.
 ROUNDING = 16 * np.finfo(float).eps
 
@@ -43,19 +59,17 @@ def newton(
 ) -> Solution:
     """Descend from ``initial`` to a stationary point.
 
-    Levenberg-Marquardt damping of the Hessian that `operators.pose_hessian` builds; undamped, and
-    hence quadratically convergent, near a nondegenerate minimum.
-
     Parameters
     ----------
-    tolerance : stationarity (radians, see `PoseProblem.stationarity`) at which to stop
+    tolerance : stationarity (radians, see `FirstOrder`) at which to stop
     watch : stopwatch that has already timed what led to ``initial``
     """
     problem.check(initial)
-    state = _State(initial, problem.cost(initial), problem.stationarity(initial))
+    watch = watch or Stopwatch()
+    work = _Work()
+    state = _State(initial, problem.first_order(initial))
     status = Status.ITERATION_LIMIT
     trace: list[Iteration] = []
-    watch = watch or Stopwatch()
     for number in range(max_iterations + 1):
         here = Iteration(number, state.cost, state.stationarity, state.step_norm, watch.total)
         trace.append(here)
@@ -68,7 +82,7 @@ def newton(
         if number == max_iterations:
             break
         with watch.phase("newton"):
-            following = _advance(problem, state)
+            following = _advance(problem, state, work)
         if following is None:
             status = Status.STALLED
             break
@@ -80,6 +94,7 @@ def newton(
         iterations=trace[-1].number,
         seconds=watch.seconds,
         trace=tuple(trace),
+        counts=dict(work.counts),
     )
 
 
@@ -88,20 +103,52 @@ class _State:
     """A point on the way, with what the next step can use."""
 
     point: Estimate
-    cost: float
-    stationarity: float
+    first: FirstOrder
     step_norm: float = 0.0
+    exact: bool = False  # whether the last step was Newton's, not Gauss and Newton's
+    progress: float = np.inf  # the part of F that it took off
     damping: float = 0.0
-    factor: Factor | None = None  # of a Hessian passed on the way
+
+    @property
+    def cost(self) -> float:
+        return self.first.cost
+
+    @property
+    def stationarity(self) -> float:
+        return self.first.stationarity
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass
+class _Work:
+    """What outlives a step: the last factor, how well it still serves, and what was done."""
+
+    factor: Factor | None = None
+    pace: float = np.inf  # nats a product by which conjugate gradients last fell with the factor
+    counts: Counter[str] = field(default_factory=Counter)
+
+
 class _Model:
     """The quadratic model F(point) + 2 g x + x H x, and the metric that damps its steps."""
 
-    g: FloatArray
-    H: CSC
-    metric: FloatArray
+    def __init__(self, problem: Problem, state: _State) -> None:
+        self._problem, self._state = problem, state
+        self.g = state.first.tangent.ravel()
+        self.metric = _metric(problem)
+
+    @cached_property
+    def hessian(self) -> CSC:
+        """The exact Riemannian Hessian of F/2."""
+        return self._matrix(self._state.first.multipliers)
+
+    @cached_property
+    def gauss_newton(self) -> CSC:
+        """The same without the curvature of the residuals: definite but for the gauge."""
+        return self._matrix(np.zeros_like(self._state.first.multipliers))
+
+    def _matrix(self, multipliers: FloatArray) -> CSC:
+        diagonal, upper = self._problem.hessian(self._state.point, multipliers)
+        diagonal[0] += np.diag(self.metric[0])  # the gauge: any definite block at one pose pins it
+        return self._problem.pattern.assemble(diagonal, upper)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,60 +157,73 @@ class _Proposal:
 
     step: FloatArray
     predicted: float
+    exact: bool
     damping: float
-    factor: Factor
 
 
-def _advance(problem: Problem, state: _State) -> _State | None:
+def _advance(problem: Problem, state: _State, work: _Work) -> _State | None:
     """The next point; None when no step improves on this one."""
-    model = _model(problem, state.point)
-    for proposal in _proposals(problem, model, state):
+    for proposal in _proposals(problem, state, work):
         if not np.isfinite(proposal.step).all():
             continue
         candidate = _retract(problem, state.point, proposal.step)
-        cost = problem.cost(candidate)
-        norm = float(np.linalg.norm(proposal.step))
-        if proposal.predicted <= ROUNDING * state.cost:
-            # F can no longer tell; the gradient still can.
-            stationarity = problem.stationarity(candidate)
-            if stationarity >= state.stationarity or cost > (1.0 + 2.0 * ROUNDING) * state.cost:
-                return None
-            return _State(candidate, cost, stationarity, norm, 0.0, proposal.factor)
-        gain = (state.cost - cost) / proposal.predicted
-        if gain > 1e-3:
-            damping = proposal.damping / 10.0 if gain > 0.75 else proposal.damping
-            damping = damping if damping >= SMALLEST_DAMPING else 0.0
-            stationarity = problem.stationarity(candidate)
-            return _State(candidate, cost, stationarity, norm, damping, proposal.factor)
+        first = problem.first_order(candidate)
+        cost = first.cost
+        gain = (state.cost - cost) / proposal.predicted if proposal.predicted > 0.0 else 0.0
+        # Below rounding F can no longer tell; the gradient still can.
+        invisible = proposal.predicted <= ROUNDING * state.cost
+        if not invisible and gain <= 1e-3:
+            continue
+        damping = proposal.damping / 10.0 if gain > 0.75 else proposal.damping
+        following = _State(
+            candidate,
+            first,
+            step_norm=float(np.linalg.norm(proposal.step)),
+            exact=proposal.exact,
+            progress=(state.cost - cost) / state.cost if state.cost > 0.0 else 0.0,
+            damping=damping if damping >= SMALLEST_DAMPING and not invisible else 0.0,
+        )
+        risen = cost > (1.0 + 2.0 * ROUNDING) * state.cost
+        if invisible and (risen or following.stationarity >= state.stationarity):
+            return None
+        return following
     return None
 
 
-def _model(problem: Problem, point: Estimate) -> _Model:
-    diagonal, upper = problem.hessian(point, problem.multipliers(point))
-    metric = _metric(problem)
-    diagonal[0] += np.diag(metric[0])  # the gauge: any definite block at one pose pins it
-    H = problem.pattern.assemble(diagonal, upper)
-    return _Model(problem.tangent_gradient(point).ravel(), H, metric.ravel())
-
-
-def _proposals(problem: Problem, model: _Model, state: _State) -> Iterator[_Proposal]:
-    """Newton steps: by an old factor if it still serves, else by new ones, damped more and more."""
-    g, H = model.g, model.H
-    if state.factor is not None and state.damping == 0.0:
-        tol = min(LOOSEST, max(TIGHTEST, state.stationarity))
+def _proposals(problem: Problem, state: _State, work: _Work) -> Iterator[_Proposal]:
+    """Steps: by an old factor if it still serves, else by new ones, damped more and more."""
+    model = _Model(problem, state)
+    g, metric = model.g, model.metric.ravel()
+    exact = state.exact or state.progress < PAYING or state.stationarity < NEAR
+    # F falls by the square of the distance, which Newton's steps square.
+    tol = min(LOOSEST, max(TIGHTEST, math.sqrt(max(state.progress, 0.0))))
+    expected = -math.log(tol) / work.pace
+    settled = state.exact and state.damping == 0.0
+    if work.factor is not None and settled and expected <= MAX_PRODUCTS:
+        H = model.hessian if exact else model.gauss_newton
         solved = conjugate_gradients(
-            H, -g, state.factor.solve, tol=tol, max_iterations=MAX_PRODUCTS
+            H.__matmul__, -g, work.factor.solve, tol=tol, max_iterations=MAX_PRODUCTS
         )
-        if solved is not None:
-            step, residual = solved
-            yield _Proposal(step, float(step @ (residual - g)), 0.0, state.factor)
-    symbolic, damping = problem.symbolic(H), state.damping
+        work.counts["products"] += solved.products
+        if solved.end is End.CONVERGED:
+            predicted = float(solved.x @ (solved.residual - g))
+            work.pace = -math.log(tol) / solved.products
+            yield _Proposal(solved.x, predicted, exact, 0.0)
+        elif solved.end is End.NEGATIVE_CURVATURE:
+            exact = exact and state.progress < SLOW
+    damping = state.damping
     while damping <= LARGEST_DAMPING:
-        damped = damping * model.metric
-        factor = symbolic.factor(add_to_diagonal(H, damped))
+        H = model.hessian if exact else model.gauss_newton
+        damped = damping * metric
+        work.factor, work.pace = None, np.inf  # its memory serves the next
+        work.factor = factor = problem.symbolic(H).factor(add_to_diagonal(H, damped))
+        work.counts["factorizations"] += 1
         if factor is not None:
             step = -factor.solve(g)
-            yield _Proposal(step, float(step @ (damped * step - g)), damping, factor)
+            yield _Proposal(step, float(step @ (damped * step - g)), exact, damping)
+        elif exact and state.progress >= SLOW:
+            exact = False
+            continue
         damping = max(10.0 * damping, FIRST_DAMPING if factor is None else SECOND_DAMPING)
 
 
@@ -179,10 +239,10 @@ def _metric(problem: Problem) -> FloatArray:
 
 
 def _retract(problem: Problem, point: Estimate, step: FloatArray) -> Estimate:
-    """The point moved by body-frame turns and world-frame translations."""
-    d = problem.d
-    step = step.reshape(problem.n, -1)
+    """The point moved by body-frame turns, and its translations settled anew."""
+    turns = step.reshape(problem.n, -1)[:, -so.tangent_dim(problem.d) :]
+    turned = point.rotations @ so.exp(turns)
     if point.translations is None or not isinstance(problem, PoseProblem):
-        return Estimate(point.rotations @ so.exp(step))
-    turned = point.rotations @ so.exp(step[:, d:])
-    return Estimate(turned, point.translations + step[:, :d])
+        return Estimate(turned)
+    moves = step.reshape(problem.n, -1)[:, : problem.d]
+    return problem.settled(Estimate(turned, point.translations + moves))

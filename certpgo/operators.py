@@ -102,7 +102,7 @@ def rotation_hessian(
     degree = degrees(graph.edges, graph.kappa, graph.num_nodes)
     S = degree[:, None, None] * np.eye(d) - multipliers
     between = np.swapaxes(R[j], 1, 2) @ R[i]
-    coupling = _tangent_form(graph.rotations, between)
+    coupling = _tangent_coupling(graph.rotations, between)
     return tangent_restriction(S), -graph.kappa[:, None, None] * coupling
 
 
@@ -137,25 +137,22 @@ def pose_hessian(
 
 
 def tangent_restriction(S: FloatArray) -> FloatArray:
-    """The form w -> tr(hat(w) S hat(w)^T) of symmetric S (..., d, d), as (..., p, p)."""
+    """The form (v, w) -> tr(hat(v) hat(w)^T S) of S (..., d, d), as (..., p, p)."""
     trace = np.trace(S, axis1=-2, axis2=-1)[..., None, None]
     return np.asarray(trace if S.shape[-1] == 2 else trace * np.eye(3) - S)
 
 
-def _generators(d: int) -> FloatArray:
-    return so.hat(np.eye(so.tangent_dim(d)))
-
-
 def _generator_columns(t: FloatArray) -> FloatArray:
     """(m, d, p) matrices whose k-th column is hat(e_k) t."""
-    return np.asarray(np.einsum("kab,mb->mak", _generators(t.shape[-1]), t))
+    if t.shape[-1] == 2:
+        return np.stack([-t[:, 1], t[:, 0]], axis=1)[:, :, None]
+    return -so.hat(t)
 
 
-def _tangent_form(A: FloatArray, B: FloatArray) -> FloatArray:
-    """(m, p, p) forms tr(E_k A E_l^T B) over the generators E."""
-    d = A.shape[-1]
-    E = _generators(d)
-    constants = np.einsum("kab,ldc->bcdakl", E, E)
-    p = len(E)
-    outer = np.einsum("mbc,mda->mbcda", A, B).reshape(len(A), -1)
-    return np.asarray(outer @ constants.reshape(d**4, p * p)).reshape(-1, p, p)
+def _tangent_coupling(A: FloatArray, B: FloatArray) -> FloatArray:
+    """(m, p, p) forms (v, w) -> tr(hat(v) A hat(w)^T B) for rotations A.
+
+    A hat(w)^T = hat(A w)^T A reduces them to `tangent_restriction`.
+    """
+    form = tangent_restriction(A @ B)
+    return form if A.shape[-1] == 2 else np.asarray(form @ A)

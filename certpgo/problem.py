@@ -6,7 +6,8 @@ when translations are large.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
 
@@ -16,18 +17,58 @@ from certpgo import operators
 from certpgo.errors import GraphError, InputError, NumericalError
 from certpgo.estimate import Estimate
 from certpgo.graph import PoseGraph, RotationGraph, require_connected
+from certpgo.lift import Point
 from certpgo.linalg import factor, so
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.blocks import BlockPattern, expand, pinned, scatter_sum
 from certpgo.linalg.factor import Factor, Symbolic
 
 AnyProblem = TypeVar("AnyProblem", bound="_Problem")
+AnyPoint = TypeVar("AnyPoint", bound=Point)
 
 
-class _Problem:
+@dataclass(frozen=True, eq=False)
+class FirstOrder:
+    """Cost and first derivatives at an estimate.
+
+    Attributes
+    ----------
+    cost : F
+    tangent : (n, p) Riemannian gradient of F/2 in body-frame tangents, or (n, d + p) with the
+        translations first
+    multipliers : (n, d, d) blocks Lam_i = sym((M X^T)_{R_i} R_i), or sym((L R^T)_i R_i); Eriksson
+        et al. eq. 16 is deg_i I - Lam_i. Their traces add up to F when the translations are
+        optimal for the rotations
+    stationarity : largest gradient of a node over its weight, radians: 0 at a stationary point.
+        Translations are measured in the typical length of a step, so that it has no unit
+    """
+
+    cost: float
+    tangent: FloatArray
+    multipliers: FloatArray
+    stationarity: float
+
+
+class _Problem(ABC):
     """What rotation and pose problems share: pattern, ordering and analyses of one graph."""
 
     graph: RotationGraph | PoseGraph
+
+    @abstractmethod
+    def first_order(self, estimate: Estimate) -> FirstOrder:
+        """Cost, gradient, multipliers and stationarity at an estimate."""
+
+    def multipliers(self, estimate: Estimate) -> FloatArray:
+        """(n, d, d) Lagrange multipliers; see `FirstOrder`."""
+        return self.first_order(estimate).multipliers
+
+    def tangent_gradient(self, estimate: Estimate) -> FloatArray:
+        """Riemannian gradient of F/2; see `FirstOrder`."""
+        return self.first_order(estimate).tangent
+
+    def stationarity(self, estimate: Estimate) -> float:
+        """Distance from stationarity, radians; see `FirstOrder`."""
+        return self.first_order(estimate).stationarity
 
     @property
     def n(self) -> int:
@@ -120,19 +161,26 @@ class RotationProblem(_Problem):
         return self.connection_laplacian
 
     def residuals(self, R: FloatArray) -> FloatArray:
-        """(m, d, d) matrices R_j - R_i R_ij."""
+        """(m, r, d) matrices R_j - R_i R_ij, for rotations (n, r, d)."""
         i, j = self.graph.edges.T
         return np.asarray(R[j] - R[i] @ self.graph.rotations)
 
-    def cost(self, estimate: Estimate) -> float:
-        """F of the estimate's rotations."""
-        E = self.residuals(estimate.rotations)
-        return float(self.graph.kappa @ np.einsum("mab,mab->m", E, E))
+    def cost(self, point: Point) -> float:
+        """F of the point's rotations."""
+        return self.cost_of(self.residuals(point.rotations))
 
-    def gradient(self, estimate: Estimate) -> FloatArray:
-        """Half the Euclidean gradient of F, (n, d, d); in the papers' notation X M by blocks."""
+    def cost_of(self, residuals: FloatArray) -> float:
+        """F, from the residuals (m, r, d)."""
+        return float(self.graph.kappa @ np.einsum("mab,mab->m", residuals, residuals))
+
+    def gradient(self, point: Point) -> FloatArray:
+        """Half the Euclidean gradient of F, (n, r, d); in the papers' notation X M by blocks."""
+        return self.gradient_of(self.residuals(point.rotations))
+
+    def gradient_of(self, residuals: FloatArray) -> FloatArray:
+        """Half the Euclidean gradient of F, (n, r, d), from the residuals."""
         i, j = self.graph.edges.T
-        E = self.graph.kappa[:, None, None] * self.residuals(estimate.rotations)
+        E = self.graph.kappa[:, None, None] * residuals
         back = E @ np.swapaxes(self.graph.rotations, 1, 2)
         return scatter_sum(j, E, self.n) - scatter_sum(i, back, self.n)
 
@@ -146,6 +194,10 @@ class RotationProblem(_Problem):
         """Blocks of the Riemannian Hessian of F/2; see `operators.rotation_hessian`."""
         return operators.rotation_hessian(self.graph, estimate.rotations, multipliers)
 
+    def settled(self, point: AnyPoint) -> AnyPoint:
+        """The point's rotations: there is nothing else to settle."""
+        return point if point.translations is None else replace(point, translations=None)
+
     def complete(self, rotations: FloatArray) -> Estimate:
         """The best estimate with these rotations: just them."""
         return Estimate(rotations)
@@ -155,21 +207,14 @@ class RotationProblem(_Problem):
         """(n,) sums of kappa at each node: the curvature of F/2 in a rotation there, roughly."""
         return operators.degrees(self.graph.edges, self.graph.kappa, self.n)
 
-    def multipliers(self, estimate: Estimate) -> FloatArray:
-        """Lam_i = sym((L R^T)_i R_i), (n, d, d); their traces add up to F.
-
-        Eriksson et al. eq. 16 is deg_i I - Lam_i.
-        """
-        return operators.multipliers(self.gradient(estimate), estimate.rotations)
-
-    def tangent_gradient(self, estimate: Estimate) -> FloatArray:
-        """(n, p) Riemannian gradient of F/2 in body-frame tangents."""
-        return operators.tangent_gradient(self.gradient(estimate), estimate.rotations)
-
-    def stationarity(self, estimate: Estimate) -> float:
-        """Largest gradient of a node over its weight, radians: 0 at a stationary point."""
-        g = np.linalg.norm(self.tangent_gradient(estimate), axis=1)
-        return float((g / self.node_weights).max())
+    def first_order(self, estimate: Estimate) -> FirstOrder:
+        """Cost, gradient, multipliers and stationarity at an estimate."""
+        R = estimate.rotations
+        E = self.residuals(R)
+        G = self.gradient_of(E)
+        turn = operators.tangent_gradient(G, R)
+        largest = float((np.linalg.norm(turn, axis=1) / self.node_weights).max())
+        return FirstOrder(self.cost_of(E), turn, operators.multipliers(G, R), largest)
 
     def scaled(self, factor: float) -> RotationProblem:
         """The same measurements with all weights times ``factor``; pattern and order are shared."""
@@ -237,36 +282,50 @@ class PoseProblem(_Problem):
         grounded[0] = 0.0
         return self._translation_factor.solve(grounded)
 
-    def translations(self, rotations: FloatArray) -> FloatArray:
-        """(n, d) translations that minimise F for these rotations, the first at zero."""
-        i, j = self.graph.edges.T
-        step = self.graph.tau[:, None] * _rotated(rotations[i], self.graph.translations)
-        return self.solve_translations(scatter_sum(j, step, self.n) - scatter_sum(i, step, self.n))
+    def settled(self, point: AnyPoint) -> AnyPoint:
+        """The point with the translations that minimise F for its rotations.
+
+        A correction is solved for, so that rounding is relative to the correction.
+        """
+        forces = self._forces(self.translation_residuals(point))
+        return replace(point, translations=_translations(point) - self.solve_translations(forces))
 
     def complete(self, rotations: FloatArray) -> Estimate:
-        """The best estimate with these rotations."""
-        return Estimate(rotations, self.translations(rotations))
+        """The best estimate with these rotations, the first translation at zero."""
+        return self.settled(Estimate(rotations, np.zeros(rotations.shape[:2])))
 
-    def translation_residuals(self, estimate: Estimate) -> FloatArray:
-        """(m, d) vectors t_j - t_i - R_i t_ij."""
+    def translation_residuals(self, point: Point) -> FloatArray:
+        """(m, r) vectors t_j - t_i - R_i t_ij."""
         i, j = self.graph.edges.T
-        R, t = estimate.rotations, _translations(estimate)
-        return np.asarray(t[j] - t[i] - _rotated(R[i], self.graph.translations))
+        R, t = point.rotations, _translations(point)
+        return np.asarray(t[j] - t[i] - (R[i] @ self.graph.translations[:, :, None])[:, :, 0])
 
-    def cost(self, estimate: Estimate) -> float:
-        """F of the estimate."""
-        r = self.translation_residuals(estimate)
-        return self.rotation.cost(estimate) + float(self.graph.tau @ np.einsum("ma,ma->m", r, r))
+    def cost(self, point: Point) -> float:
+        """F of the point."""
+        E, r = self.rotation.residuals(point.rotations), self.translation_residuals(point)
+        return self._cost_of(E, r)
 
-    def gradient(self, estimate: Estimate) -> FloatArray:
-        """Half the Euclidean gradient of F, (n, d, d + 1): translation column, then rotation."""
-        i, j = self.graph.edges.T
-        r = self.graph.tau[:, None] * self.translation_residuals(estimate)
-        G = np.empty((self.n, self.d, self.d + 1))
-        G[:, :, 0] = scatter_sum(j, r, self.n) - scatter_sum(i, r, self.n)
-        lever = scatter_sum(i, r[:, :, None] * self.graph.translations[:, None, :], self.n)
-        G[:, :, 1:] = self.rotation.gradient(estimate) - lever
+    def _cost_of(self, E: FloatArray, r: FloatArray) -> float:
+        return self.rotation.cost_of(E) + float(self.graph.tau @ np.einsum("ma,ma->m", r, r))
+
+    def gradient(self, point: Point) -> FloatArray:
+        """Half the Euclidean gradient of F, (n, r, d + 1): translation column, then rotation."""
+        E, r = self.rotation.residuals(point.rotations), self.translation_residuals(point)
+        return self._gradient_of(E, r)
+
+    def _gradient_of(self, E: FloatArray, r: FloatArray) -> FloatArray:
+        moment = (self.graph.tau[:, None] * r)[:, :, None] * self.graph.translations[:, None, :]
+        G = np.empty((self.n, r.shape[1], self.d + 1))
+        G[:, :, 0] = self._forces(r)
+        G[:, :, 1:] = self.rotation.gradient_of(E)
+        G[:, :, 1:] -= scatter_sum(self.graph.edges[:, 0], moment, self.n)
         return G
+
+    def _forces(self, residuals: FloatArray) -> FloatArray:
+        """Half the gradient of F in the translations, (n, d), from the residuals."""
+        i, j = self.graph.edges.T
+        force = self.graph.tau[:, None] * residuals
+        return scatter_sum(j, force, self.n) - scatter_sum(i, force, self.n)
 
     def residual_angles(self, estimate: Estimate) -> FloatArray:
         """(m,) angles between R_i R_ij and R_j, radians."""
@@ -276,32 +335,21 @@ class PoseProblem(_Problem):
         """Blocks of the Riemannian Hessian of F/2; see `operators.pose_hessian`."""
         return operators.pose_hessian(self.graph, estimate.rotations, multipliers)
 
-    def multipliers(self, estimate: Estimate) -> FloatArray:
-        """Lam_i = sym((M X^T)_{R_i} R_i), (n, d, d).
-
-        Their traces add up to F when the translations are optimal for the rotations.
-        """
-        return operators.multipliers(self.gradient(estimate)[:, :, 1:], estimate.rotations)
-
-    def tangent_gradient(self, estimate: Estimate) -> FloatArray:
-        """(n, d + p) Riemannian gradient of F/2: translations, then body-frame tangents."""
-        G = self.gradient(estimate)
-        turn = operators.tangent_gradient(G[:, :, 1:], estimate.rotations)
-        return np.concatenate([G[:, :, 0], turn], axis=1)
-
-    def stationarity(self, estimate: Estimate) -> float:
-        """Largest gradient of a node over its weight, radians: 0 at a stationary point.
-
-        Translations are measured in the typical length of a step, so that it has no unit.
-        """
-        g = self.tangent_gradient(estimate)
+    def first_order(self, estimate: Estimate) -> FirstOrder:
+        """Cost, gradient, multipliers and stationarity at an estimate."""
+        R = estimate.rotations
+        E, r = self.rotation.residuals(R), self.translation_residuals(estimate)
+        G = self._gradient_of(E, r)
+        move, turn = G[:, :, 0], operators.tangent_gradient(G[:, :, 1:], R)
         weights = self.rotation.node_weights + self.lever_weights
-        turn = np.linalg.norm(g[:, self.d :], axis=1) / weights
+        largest = float((np.linalg.norm(turn, axis=1) / weights).max())
         length = np.sqrt(self.lever_weights.sum() / self.graph.tau.sum())
-        if length == 0.0:
-            return float(turn.max())
-        move = np.linalg.norm(g[:, : self.d], axis=1) / (self.translation_weights * length)
-        return float(max(turn.max(), move.max()))
+        if length > 0.0:
+            size = np.linalg.norm(move, axis=1) / (self.translation_weights * length)
+            largest = max(largest, float(size.max()))
+        tangent = np.concatenate([move, turn], axis=1)
+        multipliers = operators.multipliers(G[:, :, 1:], R)
+        return FirstOrder(self._cost_of(E, r), tangent, multipliers, largest)
 
     @cached_property
     def translation_weights(self) -> FloatArray:
@@ -333,11 +381,7 @@ def problem_of(graph: RotationGraph | PoseGraph) -> Problem:
     return PoseProblem(graph) if isinstance(graph, PoseGraph) else RotationProblem(graph)
 
 
-def _translations(estimate: Estimate) -> FloatArray:
-    if estimate.translations is None:
+def _translations(point: Point) -> FloatArray:
+    if point.translations is None:
         raise GraphError("the estimate has no translations")
-    return estimate.translations
-
-
-def _rotated(R: FloatArray, t: FloatArray) -> FloatArray:
-    return np.asarray((R @ t[:, :, None])[:, :, 0])
+    return point.translations

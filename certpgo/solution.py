@@ -35,6 +35,7 @@ class Solution:
     lower_bound : a bound on F* that the method computed (not proven against rounding), or None
     seconds : wall-clock seconds by phase
     trace : one entry an iteration, where the method keeps them
+    counts : deterministic counts of the work done, e.g. factorizations and products
     note : what a reader of the answer should know, e.g. which information a baseline used
     """
 
@@ -45,6 +46,7 @@ class Solution:
     lower_bound: float | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
     trace: tuple[Iteration, ...] = ()
+    counts: Mapping[str, int] = field(default_factory=dict)
     note: str = ""
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
 
 import numpy as np
 
@@ -11,16 +10,11 @@ from certpgo import operators
 from certpgo.errors import NumericalError
 from certpgo.estimate import Estimate
 from certpgo.linalg import so
-from certpgo.linalg.arrays import CSC, FloatArray
-from certpgo.linalg.blocks import add_to_diagonal, pinned
+from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.blocks import pinned
 from certpgo.linalg.eigen import Eigenpairs, arpack, krylov_schur
-from certpgo.linalg.factor import Factor
 from certpgo.problem import PoseProblem, Problem, RotationProblem
-
-#: Shifts of L, over its mean diagonal, tried until the factorization succeeds.
-SHIFTS = (1e-11, 1e-9, 1e-7)
-#: The same for M, whose rounding grows with the translations.
-ELIMINATED_SHIFTS = (1e-9, 1e-7, 1e-5)
+from certpgo.reduced import SHIFTS, Reduced, factor_shifted
 
 
 def smallest_eigenpairs(
@@ -44,7 +38,8 @@ def smallest_eigenpairs(
     """
     k = min(k or problem.d, problem.d * problem.n)
     build = functools.partial(operators.connection_laplacian, problem.pattern, problem.graph)
-    A, shift, factor = factor_shifted(problem, build, float(problem.node_weights.mean()))
+    mean = float(problem.node_weights.mean())
+    A, shift, factor = factor_shifted(problem, build, tuple(mean * s for s in SHIFTS))
     solver = {"krylov_schur": krylov_schur, "arpack": arpack}[method]
     return solver(A, factor.solve, k, shift=shift, tol=tol)
 
@@ -52,53 +47,15 @@ def smallest_eigenpairs(
 def eliminated_eigenpairs(problem: PoseProblem, *, tol: float = 1e-3) -> Eigenpairs:
     """The d smallest eigenpairs of the data matrix Q with the translations eliminated.
 
-    Q is the Schur complement of M on the rotations, so that F(R, t*(R)) = tr(R Q R^T): what
-    spectral initialization uses (Doherty, Rosen, Leonard, ICRA 2022). It is never formed; its
-    inverse is a block of M's.
+    What spectral initialization uses (Doherty, Rosen, Leonard, ICRA 2022); see `Reduced`.
 
     Raises
     ------
     NumericalError
         No factorization, or no convergence.
     """
-    Q = _Eliminated(problem)
+    Q = Reduced(problem)
     return krylov_schur(Q, Q.solve, problem.d, shift=Q.shift, tol=tol)
-
-
-class _Eliminated:
-    """Q + shift I, by products and solves with the sparse matrix that has the translations."""
-
-    def __init__(self, problem: PoseProblem) -> None:
-        self.problem = problem
-        M = problem.data_matrix
-        self._is_rotation = np.arange(M.shape[0]) % (problem.d + 1) > 0
-        rotations = int(self._is_rotation.sum())
-        self.shape = (rotations, rotations)
-        grounded = pinned(M, np.array([0]))
-        mean = float(problem.rotation.node_weights.mean())
-
-        def build(shift: float) -> CSC:
-            return add_to_diagonal(grounded, np.where(self._is_rotation, shift, 0.0))
-
-        _, self.shift, self._factor = factor_shifted(problem, build, mean, ELIMINATED_SHIFTS)
-
-    def solve(self, B: FloatArray) -> FloatArray:
-        """(Q + shift I)^-1 B."""
-        return self._factor.solve(self._padded(B))[self._is_rotation]
-
-    def __matmul__(self, B: FloatArray) -> FloatArray:
-        product = self.problem.data_matrix @ self._padded(B)
-        translations = np.zeros((len(self._is_rotation), B.shape[1]))
-        translations[~self._is_rotation] = -self.problem.solve_translations(
-            product[~self._is_rotation]
-        )
-        product += self.problem.data_matrix @ translations
-        return np.asarray(product[self._is_rotation] + self.shift * B)
-
-    def _padded(self, B: FloatArray) -> FloatArray:
-        full = np.zeros((len(self._is_rotation), B.shape[1]))
-        full[self._is_rotation] = B
-        return full
 
 
 def spectral_bound(problem: Problem, pairs: Eigenpairs) -> float:
@@ -168,26 +125,3 @@ def spectral_start(problem: Problem) -> Estimate:
     """
     pairs = smallest_eigenpairs(problem.rotation)
     return problem.complete(round_to_rotations(pairs.vectors, problem.d))
-
-
-def factor_shifted(
-    problem: Problem, build: Callable[[float], CSC], mean: float, shifts: tuple[float, ...] = SHIFTS
-) -> tuple[CSC, float, Factor]:
-    """The first definite matrix ``build(shift)``, its shift, and its factor.
-
-    Parameters
-    ----------
-    build : shift -> a block matrix of the problem, semidefinite but for rounding without the shift
-    mean : the diagonal's mean, in units of which the shifts are given
-
-    Raises
-    ------
-    NumericalError
-        No shift sufficed.
-    """
-    for relative in shifts:
-        A = build(relative * mean)
-        factor = problem.symbolic(A).factor(A)
-        if factor is not None:
-            return A, relative * mean, factor
-    raise NumericalError("a semidefinite matrix could not be factorized, even when shifted")

@@ -104,7 +104,7 @@ def test_translations_of_the_thesis_are_the_symmetrized_ones():
         np.ones(2 * graph.num_edges),
     )
     ours = symmetrized_translations(PoseProblem(graph), R)
-    np.testing.assert_allclose(ours, PoseProblem(both).translations(R), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(ours, PoseProblem(both).complete(R).translations, rtol=0, atol=1e-10)
 
 
 @hypothesis_settings(max_examples=20)

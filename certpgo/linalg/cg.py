@@ -2,49 +2,87 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 
-from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.arrays import FloatArray
+
+Apply = Callable[[FloatArray], FloatArray]
+
+
+class End(Enum):
+    """Why conjugate gradients stopped."""
+
+    CONVERGED = "converged"
+    LIMIT = "iteration limit"
+    BOUNDARY = "boundary"
+    NEGATIVE_CURVATURE = "negative curvature"
+
+
+@dataclass(frozen=True, eq=False)
+class Truncated:
+    """Where conjugate gradients stopped.
+
+    Attributes
+    ----------
+    x : (N,) approximate solution of A x = b
+    residual : (N,) b - A x
+    end : why they stopped
+    products : with A
+    """
+
+    x: FloatArray
+    residual: FloatArray
+    end: End
+    products: int
 
 
 def conjugate_gradients(
-    A: CSC,
+    multiply: Apply,
     b: FloatArray,
-    precondition: Callable[[FloatArray], FloatArray],
+    precondition: Apply,
     *,
     tol: float,
     max_iterations: int,
-) -> tuple[FloatArray, FloatArray] | None:
-    """Solve A x = b for symmetric A; Nocedal and Wright, Algorithm 5.3.
+    radius: float = math.inf,
+) -> Truncated:
+    """Solve A x = b for symmetric A, truncated as by Steihaug; Nocedal and Wright, Algorithm 7.2.
 
     Parameters
     ----------
+    multiply : x -> A x
     b : (N,)
     precondition : r -> P^-1 r for some positive definite P near A
     tol : stop when the residual's P^-1 norm has fallen by this factor
-
-    Returns
-    -------
-    The solution (N,) and its residual b - A x; None when a direction of negative curvature is met
-    or ``max_iterations`` do not suffice.
+    radius : the largest P norm of x, which goes there when it would leave the region or meets
+        negative curvature; without a bound, x stays where it met negative curvature
     """
     x, r = np.zeros_like(b), b.copy()
     y = precondition(r)
     p, size = y, float(r @ y)
     target = tol**2 * size
-    for _ in range(max_iterations):
-        Ap = A @ p
+    xx, xp, pp = 0.0, 0.0, size  # products of x and p in P
+    for number in range(1, max_iterations + 1):
+        Ap = multiply(p)
         curvature = float(p @ Ap)
-        if not curvature > 0.0:
-            return None
-        step = size / curvature
+        if not curvature > 0.0 and radius == math.inf:
+            return Truncated(x, r, End.NEGATIVE_CURVATURE, number)
+        longest = (math.sqrt(xp**2 + pp * (radius**2 - xx)) - xp) / pp
+        step = size / curvature if curvature > 0.0 else math.inf
+        if step >= longest:
+            end = End.BOUNDARY if curvature > 0.0 else End.NEGATIVE_CURVATURE
+            return Truncated(x + longest * p, r - longest * Ap, end, number)
         x = x + step * p
         r = r - step * Ap
         y = precondition(r)
         old, size = size, float(r @ y)
         if size <= target:
-            return x, r
+            return Truncated(x, r, End.CONVERGED, number)
+        xx += 2.0 * step * xp + step**2 * pp
         p = y + (size / old) * p
-    return None
+        xp, pp = (size / old) * (xp + step * pp), size + (size / old) ** 2 * pp
+    return Truncated(x, r, End.LIMIT, max_iterations)

@@ -208,15 +208,17 @@ class Cholmod:
 
         self._matrix, self._lower = _cvxopt_lower(A.shape[0], A.indptr, A.indices)
         self._symbolic = (self._matrix, matrix(np.asarray(order, dtype=np.int64), tc="i"))
-        self._analysis: Any = self._analyze()
+        # A factor overwrites its analysis: those that no factor holds any more serve the next.
+        self._free: list[Any] = [self._analyze()]
 
     def factor(self, A: CSC) -> Factor | None:
         """Factorize A; None when CHOLMOD meets a pivot that is not positive."""
         values = A.data[self._lower]
-        analysis, self._analysis = self._analysis, None  # a factor keeps the analysis it used
-        if analysis is None:
-            analysis = self._analyze()
-        return _CholmodFactor(self, analysis, values) if self._numeric(analysis, values) else None
+        analysis = self._free.pop() if self._free else self._analyze()
+        if self._numeric(analysis, values):
+            return _CholmodFactor(self, analysis, values)
+        self._free.append(analysis)
+        return None
 
     def _analyze(self) -> Any:
         from cvxopt import cholmod
@@ -256,6 +258,10 @@ class _CholmodFactor:
         self._symbolic, self._factor, self._values = symbolic, factor, values
         self._lower: tuple[CSC, IntArray] | None = None
         self._numeric = True
+
+    def __del__(self) -> None:
+        if self._lower is None:  # extracting L leaves another kind of analysis behind
+            self._symbolic._free.append(self._factor)
 
     @property
     def nnz(self) -> int:

@@ -63,7 +63,7 @@ class EigenMA:
         rotations, _ = self._eigen_ra().rotations_of(weighted.rotation, watch)
         with watch.phase("translations"):
             if self.translations == "ml":
-                t = weighted.translations(rotations)
+                t = weighted.complete(rotations).translations
             else:
                 t = symmetrized_translations(weighted, rotations)
         estimate = Estimate(rotations, t)

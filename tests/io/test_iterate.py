@@ -8,7 +8,7 @@ from strategies import dimensions, rng_of, seeds
 from certpgo.certify import Verdict, certify
 from certpgo.errors import FormatError
 from certpgo.io import read_estimate
-from certpgo.io.formats.iterate import rounded
+from certpgo.lift import Lift, rounded
 from certpgo.linalg import so
 from certpgo.newton import newton
 from certpgo.problem import PoseProblem
@@ -26,7 +26,8 @@ def test_an_iterate_of_rank_d_is_rounded_to_itself_up_to_gauge(seed, d):
     rng = rng_of(seed)
     R, t = so.random(rng, 6, d), rng.standard_normal((6, d))
     basis = np.linalg.qr(rng.standard_normal((5, d)))[0]
-    S, s = rounded(np.einsum("rk,nka->nra", basis, R), t @ basis.T)
+    back = rounded(Lift(basis @ R, t @ basis.T))
+    S, s = back.rotations, back.translations
     gauge = S[0] @ R[0].T
     np.testing.assert_allclose(S, gauge @ R, rtol=0, atol=1e-12)
     np.testing.assert_allclose(s, t @ gauge.T, rtol=0, atol=1e-12)

@@ -12,7 +12,7 @@ import numpy as np
 
 from certpgo.errors import FormatError
 from certpgo.io.format import Format, LabelledPoses
-from certpgo.linalg import so
+from certpgo.lift import Lift, rounded
 from certpgo.linalg.arrays import FloatArray
 
 #: Largest entry of Y_i^T Y_i - I of an iterate written with few digits.
@@ -36,24 +36,9 @@ def _read_poses(path: Path) -> LabelledPoses:
             lifted, moved = poses[:, :, :d], poses[:, :, d]
             defect = np.abs(np.swapaxes(lifted, 1, 2) @ lifted - np.eye(d)).max()
             if defect <= FEW_DIGITS:
-                return LabelledPoses(*rounded(lifted, moved))
+                estimate = rounded(Lift(lifted, moved))
+                return LabelledPoses(estimate.rotations, estimate.translations)
     raise FormatError(path, None, "expected columns of 2D or 3D poses, with orthonormal rotations")
-
-
-def rounded(lifted: FloatArray, translations: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Poses (n, d, d) and (n, d) nearest to lifted ones (n, r, d) and (n, r).
-
-    The iterate is projected to its best d-dimensional subspace, then each rotation to SO(d); Rosen
-    et al. (SE-Sync, IJRR 2019), Algorithm 2.
-    """
-    d = lifted.shape[2]
-    _, vectors = np.linalg.eigh(np.einsum("nra,nsa->rs", lifted, lifted))
-    basis = vectors[:, -d:]
-    blocks = np.einsum("rk,nra->nka", basis, lifted)
-    if so.is_mostly_reflected(blocks):
-        basis = basis * np.r_[-1.0, np.ones(d - 1)]
-        blocks = np.einsum("rk,nra->nka", basis, lifted)
-    return so.project(blocks), np.asarray(translations @ basis)
 
 
 def _matrix(path: Path) -> FloatArray:

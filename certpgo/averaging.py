@@ -1,0 +1,103 @@
+"""Rotation averaging by Gauss-Newton steps with the scalar Laplacian as Hessian.
+
+In world-frame turns, X_i <- exp(delta_i) X_i, a residual R_j - R_i R_ij moves by delta_j - delta_i
+as far as the residual is small, whatever the rotations are: one n x n factorization serves every
+step and every axis. Converges linearly, at a rate that grows with the residual angles.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from certpgo.errors import NumericalError
+from certpgo.estimate import Estimate
+from certpgo.linalg import so
+from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.blocks import pinned
+from certpgo.linalg.factor import Factor
+from certpgo.monitor import Iteration, Monitor, Stopwatch, silent
+from certpgo.problem import RotationProblem
+from certpgo.solution import Solution, Status
+
+#: A step that leaves more than this part of the gradient is too slow to go on.
+SLOW = 0.5
+
+
+def laplacian_gauss_newton(
+    problem: RotationProblem,
+    initial: Estimate,
+    *,
+    tolerance: float = 1e-11,
+    max_iterations: int = 100,
+    slow: float = SLOW,
+    monitor: Monitor = silent,
+    watch: Stopwatch | None = None,
+) -> Solution:
+    """Descend from ``initial`` by steps that solve with the graph Laplacian.
+
+    Parameters
+    ----------
+    initial : only its rotations count
+    tolerance : stationarity (radians, see `FirstOrder`) at which to stop
+    slow : part of the stationarity that two steps may leave; more is STALLED, and Newton's
+        method the better choice
+    watch : stopwatch that has already timed what led to ``initial``
+
+    Raises
+    ------
+    NumericalError
+        The Laplacian could not be factorized.
+    """
+    watch = watch or Stopwatch()
+    point = Estimate(initial.rotations)
+    with watch.phase("averaging"):
+        factor = _grounded_factor(problem)
+        first = problem.first_order(point)
+    status = Status.ITERATION_LIMIT
+    trace: list[Iteration] = []
+    step_norm = 0.0
+    for number in range(max_iterations + 1):
+        trace.append(Iteration(number, first.cost, first.stationarity, step_norm, watch.total))
+        if monitor(trace[-1]):
+            status = Status.INTERRUPTED
+            break
+        if first.stationarity <= tolerance:
+            status = Status.CONVERGED
+            break
+        if number >= 2 and first.stationarity > slow * trace[-3].gradient:
+            status = Status.STALLED
+            break
+        if number == max_iterations:
+            break
+        with watch.phase("averaging"):
+            delta = -0.5 * factor.solve(_in_world(point.rotations, first.tangent))
+            candidate = Estimate(so.exp(delta) @ point.rotations)
+            following = problem.first_order(candidate)
+        if following.cost > first.cost * (1.0 + 1e-12):
+            status = Status.STALLED
+            break
+        point, first, step_norm = candidate, following, float(np.linalg.norm(delta))
+    return Solution(
+        estimate=point,
+        cost=first.cost,
+        status=status,
+        iterations=trace[-1].number,
+        seconds=watch.seconds,
+        trace=tuple(trace),
+        counts={"factorizations": 1},
+    )
+
+
+def _grounded_factor(problem: RotationProblem) -> Factor:
+    """The factor of the Laplacian with the first node cut off: it stays where it is."""
+    grounded = pinned(problem.laplacian, np.array([0]))
+    factor = problem.symbolic(grounded).factor(grounded)
+    if factor is None:
+        raise NumericalError("the graph Laplacian could not be factorized")
+    return factor
+
+
+def _in_world(R: FloatArray, tangent: FloatArray) -> FloatArray:
+    """Body-frame tangents (n, p) in the world frame; the first is zero, as that node is held."""
+    world = tangent if R.shape[-1] == 2 else (R @ tangent[:, :, None])[:, :, 0]
+    return np.concatenate([np.zeros_like(world[:1]), world[1:]])
