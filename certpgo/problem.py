@@ -58,9 +58,18 @@ class _Problem(ABC):
     def first_order(self, estimate: Estimate) -> FirstOrder:
         """Cost, gradient, multipliers and stationarity at an estimate."""
 
-    def multipliers(self, estimate: Estimate) -> FloatArray:
+    @property
+    @abstractmethod
+    def curvature(self) -> FloatArray:
+        """(n,) curvature of F/2 in a turn of one node alone, roughly: what gradients compare to."""
+
+    @abstractmethod
+    def gradient(self, point: Point) -> FloatArray:
+        """Half the Euclidean gradient of F."""
+
+    def multipliers(self, point: Point) -> FloatArray:
         """(n, d, d) Lagrange multipliers; see `FirstOrder`."""
-        return self.first_order(estimate).multipliers
+        return operators.multipliers(self.gradient(point)[:, :, -self.d :], point.rotations)
 
     def tangent_gradient(self, estimate: Estimate) -> FloatArray:
         """Riemannian gradient of F/2; see `FirstOrder`."""
@@ -207,13 +216,18 @@ class RotationProblem(_Problem):
         """(n,) sums of kappa at each node: the curvature of F/2 in a rotation there, roughly."""
         return operators.degrees(self.graph.edges, self.graph.kappa, self.n)
 
+    @property
+    def curvature(self) -> FloatArray:
+        """(n,) sums of kappa at each node."""
+        return self.node_weights
+
     def first_order(self, estimate: Estimate) -> FirstOrder:
         """Cost, gradient, multipliers and stationarity at an estimate."""
         R = estimate.rotations
         E = self.residuals(R)
         G = self.gradient_of(E)
         turn = operators.tangent_gradient(G, R)
-        largest = float((np.linalg.norm(turn, axis=1) / self.node_weights).max())
+        largest = float((np.linalg.norm(turn, axis=1) / self.curvature).max())
         return FirstOrder(self.cost_of(E), turn, operators.multipliers(G, R), largest)
 
     def scaled(self, factor: float) -> RotationProblem:
@@ -335,14 +349,18 @@ class PoseProblem(_Problem):
         """Blocks of the Riemannian Hessian of F/2; see `operators.pose_hessian`."""
         return operators.pose_hessian(self.graph, estimate.rotations, multipliers)
 
+    @cached_property
+    def curvature(self) -> FloatArray:
+        """(n,) sums of kappa and of tau |t_ij|^2 at each node."""
+        return self.rotation.node_weights + self.lever_weights
+
     def first_order(self, estimate: Estimate) -> FirstOrder:
         """Cost, gradient, multipliers and stationarity at an estimate."""
         R = estimate.rotations
         E, r = self.rotation.residuals(R), self.translation_residuals(estimate)
         G = self._gradient_of(E, r)
         move, turn = G[:, :, 0], operators.tangent_gradient(G[:, :, 1:], R)
-        weights = self.rotation.node_weights + self.lever_weights
-        largest = float((np.linalg.norm(turn, axis=1) / weights).max())
+        largest = float((np.linalg.norm(turn, axis=1) / self.curvature).max())
         length = np.sqrt(self.lever_weights.sum() / self.graph.tau.sum())
         if length > 0.0:
             size = np.linalg.norm(move, axis=1) / (self.translation_weights * length)
