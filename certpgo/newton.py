@@ -27,7 +27,8 @@ from certpgo.linalg.blocks import add_to_diagonal
 from certpgo.linalg.cg import End, conjugate_gradients
 from certpgo.linalg.factor import Factor
 from certpgo.monitor import Iteration, Monitor, Stopwatch, silent
-from certpgo.problem import FirstOrder, PoseProblem, Problem
+from certpgo.objective import FirstOrder
+from certpgo.problem import PoseProblem, Problem
 from certpgo.solution import Solution, Status
 
 #: After a Gauss-Newton step that lowered F by less than this part, the exact Hessian is tried.
@@ -216,7 +217,9 @@ def _proposals(problem: Problem, state: _State, work: _Work) -> Iterator[_Propos
         H = model.hessian if exact else model.gauss_newton
         damped = damping * metric
         work.factor, work.pace = None, np.inf  # its memory serves the next
-        work.factor = factor = problem.symbolic(H).factor(add_to_diagonal(H, damped))
+        work.factor = factor = problem.symbolic(H).factor(
+            add_to_diagonal(H, damped) if damping > 0.0 else H
+        )
         work.counts["factorizations"] += 1
         if factor is not None:
             step = -factor.solve(g)

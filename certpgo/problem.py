@@ -6,7 +6,6 @@ when translations are large.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
@@ -14,123 +13,21 @@ from typing import TypeVar
 import numpy as np
 
 from certpgo import operators
-from certpgo.errors import GraphError, InputError, NumericalError
+from certpgo.errors import GraphError, NumericalError
 from certpgo.estimate import Estimate
 from certpgo.graph import PoseGraph, RotationGraph, require_connected
 from certpgo.lift import Point
-from certpgo.linalg import factor, so
-from certpgo.linalg.arrays import CSC, FloatArray, IntArray
-from certpgo.linalg.blocks import BlockPattern, expand, pinned, scatter_sum
-from certpgo.linalg.factor import Factor, Symbolic
+from certpgo.linalg import so
+from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.blocks import pinned, scatter_sum
+from certpgo.linalg.factor import Factor
+from certpgo.objective import FirstOrder, Objective
 
-AnyProblem = TypeVar("AnyProblem", bound="_Problem")
 AnyPoint = TypeVar("AnyPoint", bound=Point)
 
 
 @dataclass(frozen=True, eq=False)
-class FirstOrder:
-    """Cost and first derivatives at an estimate.
-
-    Attributes
-    ----------
-    cost : F
-    tangent : (n, p) Riemannian gradient of F/2 in body-frame tangents, or (n, d + p) with the
-        translations first
-    multipliers : (n, d, d) blocks Lam_i = sym((M X^T)_{R_i} R_i), or sym((L R^T)_i R_i); Eriksson
-        et al. eq. 16 is deg_i I - Lam_i. Their traces add up to F when the translations are
-        optimal for the rotations
-    stationarity : largest gradient of a node over its weight, radians: 0 at a stationary point.
-        Translations are measured in the typical length of a step, so that it has no unit
-    """
-
-    cost: float
-    tangent: FloatArray
-    multipliers: FloatArray
-    stationarity: float
-
-
-class _Problem(ABC):
-    """What rotation and pose problems share: pattern, ordering and analyses of one graph."""
-
-    graph: RotationGraph | PoseGraph
-
-    @abstractmethod
-    def first_order(self, estimate: Estimate) -> FirstOrder:
-        """Cost, gradient, multipliers and stationarity at an estimate."""
-
-    @property
-    @abstractmethod
-    def curvature(self) -> FloatArray:
-        """(n,) curvature of F/2 in a turn of one node alone, roughly: what gradients compare to."""
-
-    @abstractmethod
-    def gradient(self, point: Point) -> FloatArray:
-        """Half the Euclidean gradient of F."""
-
-    def multipliers(self, point: Point) -> FloatArray:
-        """(n, d, d) Lagrange multipliers; see `FirstOrder`."""
-        return operators.multipliers(self.gradient(point)[:, :, -self.d :], point.rotations)
-
-    def tangent_gradient(self, estimate: Estimate) -> FloatArray:
-        """Riemannian gradient of F/2; see `FirstOrder`."""
-        return self.first_order(estimate).tangent
-
-    def stationarity(self, estimate: Estimate) -> float:
-        """Distance from stationarity, radians; see `FirstOrder`."""
-        return self.first_order(estimate).stationarity
-
-    @property
-    def n(self) -> int:
-        """Number of nodes."""
-        return self.graph.num_nodes
-
-    @property
-    def d(self) -> int:
-        """Dimension of space, 2 or 3."""
-        return self.graph.d
-
-    @cached_property
-    def pattern(self) -> BlockPattern:
-        """Sparsity shared by every matrix of the graph."""
-        return operators.pattern(self.graph)
-
-    @cached_property
-    def order(self) -> IntArray:
-        """(n,) fill-reducing order of the nodes."""
-        return factor.fill_reducing_order(self.pattern.indptr, self.pattern.indices)
-
-    def symbolic(self, A: CSC) -> Symbolic:
-        """The analysis of a block matrix of this graph; made once for each block size."""
-        cache: dict[tuple[int, str], Symbolic] = self.__dict__.setdefault("_symbolic", {})
-        b, engine = A.shape[0] // self.n, factor.default_engine()
-        if (b, engine) not in cache:
-            cache[b, engine] = factor.analyze(A, order=expand(self.order, b), engine=engine)
-        return cache[b, engine]
-
-    def _shared(self, other: AnyProblem) -> AnyProblem:
-        """A problem with the same edges, given the pattern and order of this one."""
-        other.__dict__.update(pattern=self.pattern, order=self.order)
-        return other
-
-    def check(self, estimate: Estimate) -> None:
-        """Refuse an estimate of another graph.
-
-        Raises
-        ------
-        InputError
-            Another number of nodes or dimension, or translations missing.
-        """
-        if (estimate.num_nodes, estimate.d) != (self.n, self.d):
-            raise InputError(
-                f"the estimate has {estimate.num_nodes} nodes in {estimate.d}D, "
-                f"the graph {self.n} in {self.d}D"
-            )
-        if isinstance(self.graph, PoseGraph) and estimate.translations is None:
-            raise InputError("the estimate has no translations, but the graph measures them")
-
-
-@dataclass(frozen=True, eq=False)
-class RotationProblem(_Problem):
+class RotationProblem(Objective):
     """Rotation averaging: minimise F(R) = sum kappa ||R_j - R_i R_ij||_F^2 over SO(d)^n.
 
     Raises
@@ -240,7 +137,7 @@ class RotationProblem(_Problem):
 
 
 @dataclass(frozen=True, eq=False)
-class PoseProblem(_Problem):
+class PoseProblem(Objective):
     """Pose-graph optimization: minimise F(R, t) over SE(d)^n.
 
     F(R, t) = sum kappa ||R_j - R_i R_ij||_F^2 + sum tau ||t_j - t_i - R_i t_ij||^2.

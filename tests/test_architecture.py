@@ -23,6 +23,7 @@ RANKS = {
     "io": 4,
     "datasets": 4,
     "operators": 4,
+    "objective": 5,
     "problem": 5,
     "solution": 6,
     "reduced": 6,
@@ -39,8 +40,13 @@ RANKS = {
     "__init__": 12,
 }
 #: Of one rank, and yet: an estimate is checked against nothing of a graph but for its type; the
-#: catalogue reads what it finds; the harness finds methods by name.
-SIBLINGS = {("graph", "estimate"), ("datasets", "io"), ("harness", "registry")}
+#: catalogue reads what it finds; a problem is an objective; the harness finds methods by name.
+SIBLINGS = {
+    ("problem", "objective"),
+    ("graph", "estimate"),
+    ("datasets", "io"),
+    ("harness", "registry"),
+}
 
 #: Third-party packages with one home each.
 HOMES = {

@@ -53,12 +53,11 @@ class DualBound:
 
 def certificate_matrix(problem: Problem, multipliers: FloatArray) -> CSC:
     """S = M - blkdiag(0, Lam), or L - blkdiag(Lam) for rotations, with the pattern of M."""
-    M = problem.matrix
-    b = M.shape[0] // problem.n
-    blocks = np.zeros((problem.n, b, b))
-    blocks[:, b - problem.d :, b - problem.d :] = multipliers
-    correction = problem.pattern.assemble(blocks, np.zeros((problem.graph.num_edges, b, b)))
-    return CSC((M.data - correction.data, M.indices, M.indptr), shape=M.shape)
+    M, d = problem.matrix, problem.d
+    entries = problem.pattern.diagonal_entries(M.shape[0] // problem.n)
+    data = M.data.copy()
+    data[entries[:, -d:, -d:]] -= multipliers
+    return CSC((data, M.indices, M.indptr), shape=M.shape)
 
 
 def dual_bound(problem: Problem, point: Estimate, *, rounding: bool = True) -> DualBound | None:

@@ -58,6 +58,17 @@ class BlockPattern:
         target, starts = np.unique(slot[order], return_index=True)
         return None if len(target) == len(slot) else (order, starts, target)
 
+    def layout(self, b: int) -> Layout:
+        """Where the entries of the blocks stand in a matrix of block size b; made once for each."""
+        known: dict[int, Layout] = self.__dict__.setdefault("_layouts", {})
+        if b not in known:
+            known[b] = Layout.of(self.indptr, self.indices, b)
+        return known[b]
+
+    def diagonal_entries(self, b: int) -> IntArray:
+        """(n, b, b) places of the diagonal blocks' entries in ``data``."""
+        return self.layout(b).places[self._slots[2]]
+
     def assemble(self, diagonal: FloatArray, upper: FloatArray) -> CSC:
         """The symmetric matrix of diagonal blocks and blocks ``upper[e]`` at edges e = (i, j).
 
@@ -68,19 +79,50 @@ class BlockPattern:
 
         Returns
         -------
-        (n b, n b) matrix in CSC form with sorted indices
+        (n b, n b) matrix in CSC form with sorted indices, which matrices of one size share
         """
-        blocks = np.empty((len(self.indices), *diagonal.shape[1:]))
-        blocks[self._slots[2]] = diagonal
-        pairs = np.concatenate([upper, np.swapaxes(upper, 1, 2)])
+        layout = self.layout(diagonal.shape[1])
+        data = np.empty(len(layout.indices))
+        data[layout.places[self._slots[2]]] = diagonal
         if self._summation is None:
-            blocks[self._slots[3]] = pairs
+            forward, backward = np.split(self._slots[3], 2)
+            data[layout.places[forward]] = upper
+            data[layout.places[backward]] = np.swapaxes(upper, 1, 2)
         else:
             order, starts, target = self._summation
-            blocks[target] = np.add.reduceat(pairs[order], starts, axis=0)
-        rows = sparse.bsr_array((blocks, self.indices, self.indptr)).tocsr()
-        # Rows of the symmetric matrix are its columns.
-        return CSC((rows.data, rows.indices, rows.indptr), shape=rows.shape)
+            pairs = np.concatenate([upper, np.swapaxes(upper, 1, 2)])
+            data[layout.places[target]] = np.add.reduceat(pairs[order], starts, axis=0)
+        N = len(layout.indptr) - 1
+        return CSC((data, layout.indices, layout.indptr), shape=(N, N))
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """A block pattern spelled out for one block size.
+
+    Attributes
+    ----------
+    indptr, indices : of the matrix in compressed form
+    places : (k, b, b) where each entry of each occupied block stands in ``data``
+    """
+
+    indptr: IntArray
+    indices: IntArray
+    places: IntArray
+
+    @staticmethod
+    def of(indptr: IntArray, indices: IntArray, b: int) -> Layout:
+        """The layout for blocks of size b, from the pattern of blocks."""
+        counts = np.diff(indptr)
+        small: type[np.integer[Any]] = np.int32 if b * b * len(indices) < 2**31 else np.int64
+        starts = np.concatenate([[0], np.cumsum(np.repeat(b * counts, b))]).astype(small)
+        row = np.repeat(np.arange(len(counts)), counts)
+        within = np.arange(len(indices)) - indptr[row]
+        lines = starts[:-1].reshape(-1, b)[row] + (b * within)[:, None]
+        places = (lines[:, :, None] + np.arange(b)).astype(small)
+        columns = np.empty(b * b * len(indices), dtype=small)
+        columns[places] = (b * indices.astype(small))[:, None, None] + np.arange(b, dtype=small)
+        return Layout(starts, columns, places)
 
 
 def adjacency(n: int, i: IntArray, j: IntArray, values: FloatArray) -> sparse.csr_array:
