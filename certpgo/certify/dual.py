@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.certify.rounding import U, rotation_defect
-from certpgo.estimate import Estimate
+from certpgo.lift import Point
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal, pinned, scatter_sum
 from certpgo.linalg.factor import Factor
@@ -31,6 +31,8 @@ BISECTIONS = 6
 CONFIRMATIONS = 8
 #: How much more than measured the guess asks for.
 MARGIN = 1.25
+#: The same for a guess from another matrix.
+HINT_MARGIN = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,22 +62,34 @@ def certificate_matrix(problem: Problem, multipliers: FloatArray) -> CSC:
     return CSC((data, M.indices, M.indptr), shape=M.shape)
 
 
-def dual_bound(problem: Problem, point: Estimate, *, rounding: bool = True) -> DualBound | None:
+def dual_bound(
+    problem: Problem,
+    point: Point,
+    *,
+    rounding: bool = True,
+    hint: Factor | None = None,
+    enough: float = math.inf,
+) -> DualBound | None:
     """The best lower bound that the multipliers of ``point`` prove; None when it is useless.
 
     Parameters
     ----------
-    point : near-stationary, with translations optimal for its rotations
+    point : near-stationary, with translations optimal for its rotations; of any rank
     rounding : bound the factorization's rounding (the standard tier), or trust it (screening)
+    hint : a factor of another matrix of the same pattern and size of entries, whose rounding
+        foretells this one's and saves a factorization
+    enough : a value beyond which a bound need not be sharpened
     """
-    return _Attempts(problem, point, rounding).best()
+    return _Attempts(problem, point, rounding, hint, enough).best()
 
 
 class _Attempts:
     """Factorizations of one certificate matrix under different shifts."""
 
-    def __init__(self, problem: Problem, point: Estimate, rounding: bool) -> None:
-        self.problem, self.rounding = problem, rounding
+    def __init__(
+        self, problem: Problem, point: Point, rounding: bool, hint: Factor | None, enough: float
+    ) -> None:
+        self.problem, self.rounding, self.enough = problem, rounding, enough
         self.multipliers = problem.multipliers(point)
         S = certificate_matrix(problem, self.multipliers)
         self.b = S.shape[0] // problem.n
@@ -89,12 +103,17 @@ class _Attempts:
             S = pinned(S, np.array([pin * self.b]))
             self.pin: int | None = pin * self.b
         else:
-            self.arms, self.pin = np.zeros((problem.n, problem.d)), None
+            self.arms, self.pin, hint = np.zeros((problem.n, problem.d)), None, None
         self.S = S
         self.symbolic = problem.symbolic(S)
         self.radii = _assembly_radii(problem, self.multipliers, self.weights, self.is_rotation)
         self.cost = problem.cost(point)
         self.factorizations = 0
+        # What is taken off the translations' diagonal beforehand.
+        self.guess = np.zeros(S.shape[0])
+        if hint is not None and rounding:
+            foretold = HINT_MARGIN * self.rounding_of(hint)
+            self.guess = np.where(self.is_rotation, 0.0, foretold)
 
     def best(self) -> DualBound | None:
         """The bound of the smallest shift that works, near enough."""
@@ -122,24 +141,27 @@ class _Attempts:
 
     def attempt(self, shift: float) -> DualBound | None:
         """The bound with ``shift`` on the rotations, enlarged by what rounding demands."""
-        demand = np.zeros(len(self.weights))  # taken off the translations' diagonal beforehand
+        demand, bound = self.guess, None
         for _ in range(CONFIRMATIONS):
-            factor = self.factor(shift, demand)
+            enlarged = max(shift, MARGIN * self.gauge_cost(demand))
+            factor = self.factor(enlarged, demand)
             if factor is None:
-                if not demand.any():
-                    return None
-                shift *= 1.5
+                if demand is self.guess:
+                    return bound
+                shift = 1.5 * enlarged
                 continue
             rounding = self.rounding_of(factor) if self.rounding else demand
             if np.all(rounding[~self.is_rotation] <= demand[~self.is_rotation]):
-                return self.bound(shift + np.where(self.is_rotation, rounding, 0.0))
+                bound = self.bound(enlarged + np.where(self.is_rotation, rounding, 0.0))
+                guessed = demand is self.guess and demand.any()
+                if not guessed or bound.value >= self.enough:
+                    return bound
             demand = np.where(self.is_rotation, 0.0, MARGIN * rounding)
-            shift = max(shift, MARGIN * self.gauge_cost(demand))
-        return None
+        return bound
 
     def gauge_cost(self, demand: FloatArray) -> float:
         """The shift that the null vectors (rotations, arms) need to bear ``demand`` on the arms."""
-        if self.pin is None:
+        if self.pin is None or not demand.any():
             return 0.0
         weighted = demand[~self.is_rotation, None] * self.arms
         return float(np.linalg.eigvalsh(self.arms.T @ weighted)[-1]) / self.problem.n
