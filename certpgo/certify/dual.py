@@ -32,7 +32,7 @@ CONFIRMATIONS = 8
 #: How much more than measured the guess asks for.
 MARGIN = 1.25
 #: The same for a guess from another matrix.
-HINT_MARGIN = 2.0
+HINT_MARGIN = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,28 +91,26 @@ class _Attempts:
     ) -> None:
         self.problem, self.rounding, self.enough = problem, rounding, enough
         self.multipliers = problem.multipliers(point)
-        S = certificate_matrix(problem, self.multipliers)
-        self.b = S.shape[0] // problem.n
-        self.is_rotation = np.arange(S.shape[0]) % self.b >= self.b - problem.d
-        self.weights = np.ones(S.shape[0])
+        self.blocks = point.rotations
+        size = problem.matrix.shape[0]
+        self.b = size // problem.n
+        self.is_rotation = np.arange(size) % self.b >= self.b - problem.d
+        self.weights = np.ones(size)
         if isinstance(problem, PoseProblem) and point.translations is not None:
             pin = _most_central(point.translations)
             self.arms = point.translations - point.translations[pin]
             rms = float(np.sqrt(np.mean(np.sum(self.arms**2, axis=1))))
             self.weights[~self.is_rotation] = 2.0 ** round(math.log2(rms)) if rms > 0.0 else 1.0
-            S = pinned(S, np.array([pin * self.b]))
             self.pin: int | None = pin * self.b
         else:
-            self.arms, self.pin, hint = np.zeros((problem.n, problem.d)), None, None
-        self.S = S
-        self.symbolic = problem.symbolic(S)
-        self.radii = _assembly_radii(problem, self.multipliers, self.weights, self.is_rotation)
+            self.arms, self.pin, hint = np.zeros(point.rotations.shape[:2]), None, None
+        self.symbolic = problem.symbolic(problem.matrix)
         self.cost = problem.cost(point)
         self.factorizations = 0
         # What is taken off the translations' diagonal beforehand.
-        self.guess = np.zeros(S.shape[0])
+        self.guess = np.zeros(size)
         if hint is not None and rounding:
-            foretold = HINT_MARGIN * self.rounding_of(hint)
+            foretold = HINT_MARGIN * self.rounding_of(hint, self.multipliers)
             self.guess = np.where(self.is_rotation, 0.0, foretold)
 
     def best(self) -> DualBound | None:
@@ -121,8 +119,7 @@ class _Attempts:
         unit = U * float(self.problem.matrix.diagonal()[self.is_rotation].mean())
         explained = LARGEST_ROUNDING * unit
         useless = max(explained, self.cost / rows)
-        # Poses need a second factorization in any case: the first may as well be sure to succeed.
-        failed, shift = None, FIRST_SHIFT * unit * (1.0 if self.pin is None else GROWTH**2)
+        failed, shift = None, FIRST_SHIFT * unit * (1.0 if self.pin is None else GROWTH)
         bound = self.attempt(shift)
         while bound is None and shift < useless:
             failed = shift
@@ -141,63 +138,86 @@ class _Attempts:
 
     def attempt(self, shift: float) -> DualBound | None:
         """The bound with ``shift`` on the rotations, enlarged by what rounding demands."""
-        demand, bound = self.guess, None
+        demand, bound, generosity = self.guess, None, MARGIN
         for _ in range(CONFIRMATIONS):
-            enlarged = max(shift, MARGIN * self.gauge_cost(demand))
-            factor = self.factor(enlarged, demand)
+            # A first factor that shows what rounding asks for may as well be sure to succeed.
+            learning = self.pin is not None and not demand.any()
+            base = GROWTH * shift if learning else shift
+            reduced = self.reduced(base, generosity * self.gauge_shift(demand))
+            factor = self.factor(reduced, demand)
             if factor is None:
                 if demand is self.guess:
                     return bound
-                shift = 1.5 * enlarged
+                generosity *= 1.5
                 continue
-            rounding = self.rounding_of(factor) if self.rounding else demand
+            rounding = self.rounding_of(factor, reduced) if self.rounding else demand
             if np.all(rounding[~self.is_rotation] <= demand[~self.is_rotation]):
-                bound = self.bound(enlarged + np.where(self.is_rotation, rounding, 0.0))
+                bound = self.bound(reduced, np.where(self.is_rotation, rounding, 0.0))
                 guessed = demand is self.guess and demand.any()
                 if not guessed or bound.value >= self.enough:
                     return bound
             demand = np.where(self.is_rotation, 0.0, MARGIN * rounding)
         return bound
 
-    def gauge_cost(self, demand: FloatArray) -> float:
-        """The shift that the null vectors (rotations, arms) need to bear ``demand`` on the arms."""
-        if self.pin is None or not demand.any():
-            return 0.0
-        weighted = demand[~self.is_rotation, None] * self.arms
-        return float(np.linalg.eigvalsh(self.arms.T @ weighted)[-1]) / self.problem.n
+    def gauge_shift(self, demand: FloatArray) -> FloatArray:
+        """(r, r) shift, in the world frame, with which the gauge bears ``demand``.
 
-    def factor(self, shift: float, demand: FloatArray) -> Factor | None:
+        The null vectors are (Y_i^T u, arm_i u) for world directions u.
+        """
+        if self.pin is None:
+            return np.zeros((self.arms.shape[1],) * 2)
+        weighted = demand[~self.is_rotation, None] * self.arms
+        return np.asarray(self.arms.T @ weighted / self.problem.n)
+
+    def reduced(self, shift: float, gauge: FloatArray) -> FloatArray:
+        """Lam', the multipliers less a shift: the stored numbers are what is proven about."""
+        turned = np.swapaxes(self.blocks, 1, 2) @ gauge @ self.blocks
+        reduced = self.multipliers - 0.5 * (turned + np.swapaxes(turned, 1, 2))
+        return np.asarray(reduced - shift * np.eye(self.problem.d))
+
+    def factor(self, multipliers: FloatArray, demand: FloatArray) -> Factor | None:
+        """The factor of the certificate matrix, its translations' diagonal less ``demand``."""
         self.factorizations += 1
-        A = add_to_diagonal(self.S, np.where(self.is_rotation, shift, -demand))
+        A = certificate_matrix(self.problem, multipliers)
+        if self.pin is not None:
+            A = pinned(A, np.array([self.pin]))
+        if demand.any():
+            A = add_to_diagonal(A, -demand)
         factor = self.symbolic.factor(A)
         if factor is None or not self.rounding or _is_cholesky(factor, A):
             return factor
         return None
 
-    def rounding_of(self, factor: Factor) -> FloatArray:
-        """Delta (N,) with the true S + shift + diag(delta) positive semidefinite."""
+    def rounding_of(self, factor: Factor, multipliers: FloatArray) -> FloatArray:
+        """Delta (N,) with the true certificate matrix, plus diag(delta), positive semidefinite.
+
+        An entry (i, j) of L L^T sums at most min(k_i, k_j) products, k the row counts of L: at
+        most k_i, and at most the geometric mean.
+        """
         L, order = factor.lower()
         L = abs(L)
         w = self.weights
-        row_counts = np.bincount(L.indices, minlength=len(w))
-        product = L @ (L.T @ w[order])
+        terms = np.bincount(L.indices, minlength=len(w)) + 8.0
+        root = np.sqrt(terms)
+        by_row, by_mean = (L @ (L.T @ np.stack([w[order], root * w[order]], axis=1))).T
         delta = np.empty_like(w)
-        delta[order] = (row_counts + 8) * U * product + factor.excess(w[order])
-        delta = 1.001 * (delta + self.radii) / w  # the products' own rounding
+        delta[order] = U * np.minimum(terms * by_row, root * by_mean) + factor.excess(w[order])
+        radii = _assembly_radii(self.problem, multipliers, w, self.is_rotation)
+        delta = 1.001 * (delta + radii) / w  # the products' own rounding
         if self.pin is not None:
             delta[self.pin] = 0.0  # cut off; its diagonal entry is as positive as one likes
         return delta
 
-    def bound(self, reduction: FloatArray) -> DualBound:
+    def bound(self, multipliers: FloatArray, reduction: FloatArray) -> DualBound:
         d = self.problem.d
-        shifted = self.multipliers.copy()
         rows = np.arange(d)
-        taken = reduction[self.is_rotation].reshape(-1, d)
+        proven = multipliers.copy()
         # Rounded down: a smaller Lam' only adds to the diagonal of S.
-        diagonal = np.nextafter(shifted[:, rows, rows] - taken, -np.inf)
-        shifted[:, rows, rows] = diagonal
+        diagonal = multipliers[:, rows, rows] - reduction[self.is_rotation].reshape(-1, d)
+        proven[:, rows, rows] = diagonal = np.nextafter(diagonal, -np.inf)
         value = math.nextafter(math.fsum(diagonal.ravel()), -math.inf)
-        return DualBound(value, shifted, float(taken.max()), self.factorizations)
+        taken = self.multipliers[:, rows, rows] - diagonal
+        return DualBound(value, proven, float(taken.max()), self.factorizations)
 
 
 def _is_cholesky(factor: Factor, A: CSC) -> bool:
