@@ -5,8 +5,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-# `certify` is a function here and a subpackage as well: importing it now, before anyone else
-# does, is what makes the function win.
+# `certify` and `solve` are functions here and modules as well: importing them now, before anyone
+# else does, is what makes the functions win.
 from certpgo.certify import Certificate, Tier, Verdict, certify
 from certpgo.errors import (
     CertPGOError,
@@ -22,6 +22,7 @@ from certpgo.estimate import Estimate
 from certpgo.graph import Instance, PoseGraph, RotationGraph
 from certpgo.problem import PoseProblem, RotationProblem
 from certpgo.solution import Solution, Status
+from certpgo.solve import CertifiedSolution, solve
 
 if TYPE_CHECKING:
     from certpgo.io import read, read_estimate, write
@@ -35,6 +36,7 @@ __version__ = "0.1.0"
 __all__ = [
     "CertPGOError",
     "Certificate",
+    "CertifiedSolution",
     "Estimate",
     "FormatError",
     "GraphError",
@@ -56,6 +58,7 @@ __all__ = [
     "get_solver",
     "read",
     "read_estimate",
+    "solve",
     "write",
 ]
 

@@ -92,17 +92,21 @@ class Objective(ABC):
         """(n,) fill-reducing order of the nodes."""
         return factor.fill_reducing_order(self.pattern.indptr, self.pattern.indices)
 
+    @cached_property
+    def _analyses(self) -> dict[tuple[int, str], Symbolic]:
+        return {}
+
     def symbolic(self, A: CSC) -> Symbolic:
         """The analysis of a block matrix of this graph; made once for each block size."""
-        cache: dict[tuple[int, str], Symbolic] = self.__dict__.setdefault("_symbolic", {})
+        cache = self._analyses
         b, engine = A.shape[0] // self.n, factor.default_engine()
         if (b, engine) not in cache:
             cache[b, engine] = factor.analyze(A, order=expand(self.order, b), engine=engine)
         return cache[b, engine]
 
     def _shared(self, other: AnyProblem) -> AnyProblem:
-        """A problem with the same edges, given the pattern and order of this one."""
-        other.__dict__.update(pattern=self.pattern, order=self.order)
+        """A problem with the same edges, given pattern, order and analyses of this one."""
+        other.__dict__.update(pattern=self.pattern, order=self.order, _analyses=self._analyses)
         return other
 
     def check(self, estimate: Estimate) -> None:

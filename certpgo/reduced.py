@@ -29,6 +29,7 @@ class Reduced:
     Attributes
     ----------
     shift : products and solves are those of Q + shift I
+    factor : of the sparse matrix behind the solves
 
     Parameters
     ----------
@@ -65,11 +66,11 @@ class Reduced:
         def build(shift: float) -> CSC:
             return add_to_diagonal(grounded, np.where(self._rotations, shift, 0.0))
 
-        _, self.shift, self._factor = factor_shifted(problem, build, shifts)
+        _, self.shift, self.factor = factor_shifted(problem, build, shifts)
 
     def solve(self, B: FloatArray) -> FloatArray:
         """(Q + shift I)^-1 B for B (dn, k)."""
-        return np.asarray(self._factor.solve(self._padded(B))[self._rotations])
+        return np.asarray(self.factor.solve(self._padded(B))[self._rotations])
 
     def __matmul__(self, B: FloatArray) -> FloatArray:
         """(Q + shift I) B for B (dn, k)."""

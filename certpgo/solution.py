@@ -20,6 +20,7 @@ class Status(Enum):
     STALLED = "stalled"
     ITERATION_LIMIT = "iteration limit"
     INTERRUPTED = "interrupted"
+    TIME_LIMIT = "time limit"
 
 
 @dataclass(frozen=True, eq=False)

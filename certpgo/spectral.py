@@ -44,18 +44,31 @@ def smallest_eigenpairs(
     return solver(A, factor.solve, k, shift=shift, tol=tol)
 
 
-def eliminated_eigenpairs(problem: PoseProblem, *, tol: float = 1e-3) -> Eigenpairs:
+def eliminated_eigenpairs(
+    problem: PoseProblem,
+    *,
+    tol: float = 1e-3,
+    Q: Reduced | None = None,
+    start: Estimate | None = None,
+) -> Eigenpairs:
     """The d smallest eigenpairs of the data matrix Q with the translations eliminated.
 
     What spectral initialization uses (Doherty, Rosen, Leonard, ICRA 2022); see `Reduced`.
+
+    Parameters
+    ----------
+    Q : the matrix with its factor, if it is at hand
+    start : an estimate whose rotations span the first block, by default a random one
 
     Raises
     ------
     NumericalError
         No factorization, or no convergence.
     """
-    Q = Reduced(problem)
-    return krylov_schur(Q, Q.solve, problem.d, shift=Q.shift, tol=tol)
+    Q = Q or Reduced(problem)
+    d = problem.d
+    block = None if start is None else np.swapaxes(start.rotations, 1, 2).reshape(-1, d)
+    return krylov_schur(Q, Q.solve, d, shift=Q.shift, tol=tol, start=block)
 
 
 def spectral_bound(problem: Problem, pairs: Eigenpairs) -> float:

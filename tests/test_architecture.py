@@ -30,6 +30,7 @@ RANKS = {
     "averaging": 7,
     "newton": 7,
     "spectral": 7,
+    "starts": 8,
     "solvers": 8,
     "certify": 8,
     "metrics": 8,

@@ -69,6 +69,7 @@ def dual_bound(
     rounding: bool = True,
     hint: Factor | None = None,
     enough: float = math.inf,
+    tight: bool = False,
 ) -> DualBound | None:
     """The best lower bound that the multipliers of ``point`` prove; None when it is useless.
 
@@ -79,8 +80,10 @@ def dual_bound(
     hint : a factor of another matrix of the same pattern and size of entries, whose rounding
         foretells this one's and saves a factorization
     enough : a value beyond which a bound need not be sharpened
+    tight : give up when rounding does not explain the shift, that is, when the certificate matrix
+        has a negative eigenvalue
     """
-    return _Attempts(problem, point, rounding, hint, enough).best()
+    return _Attempts(problem, point, rounding, hint, enough).best(tight)
 
 
 class _Attempts:
@@ -113,12 +116,12 @@ class _Attempts:
             foretold = HINT_MARGIN * self.rounding_of(hint, self.multipliers)
             self.guess = np.where(self.is_rotation, 0.0, foretold)
 
-    def best(self) -> DualBound | None:
+    def best(self, tight: bool) -> DualBound | None:
         """The bound of the smallest shift that works, near enough."""
         rows = int(self.is_rotation.sum())
         unit = U * float(self.problem.matrix.diagonal()[self.is_rotation].mean())
         explained = LARGEST_ROUNDING * unit
-        useless = max(explained, self.cost / rows)
+        useless = explained if tight else max(explained, self.cost / rows)
         failed, shift = None, FIRST_SHIFT * unit * (1.0 if self.pin is None else GROWTH)
         bound = self.attempt(shift)
         while bound is None and shift < useless:
@@ -141,7 +144,7 @@ class _Attempts:
         demand, bound, generosity = self.guess, None, MARGIN
         for _ in range(CONFIRMATIONS):
             # A first factor that shows what rounding asks for may as well be sure to succeed.
-            learning = self.pin is not None and not demand.any()
+            learning = self.rounding and self.pin is not None and not demand.any()
             base = GROWTH * shift if learning else shift
             reduced = self.reduced(base, generosity * self.gauge_shift(demand))
             factor = self.factor(reduced, demand)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from certpgo.certify import Verdict, certify, dual_bound, judge
+from certpgo.certify import Verdict, case, certify, dual_bound
 from certpgo.datasets.synthetic import helix, winding_cycle
 from certpgo.errors import InputError
 from certpgo.estimate import Estimate
@@ -163,7 +163,7 @@ def test_descent_that_has_not_settled_refutes_nothing(monkeypatch):
         instance.truth.translations,
     )
     assert newton(problem, start, max_iterations=2).status is Status.ITERATION_LIMIT
-    monkeypatch.setattr(judge, "MAX_STEPS", 2)
+    monkeypatch.setattr(case, "MAX_STEPS", 2)
     certificate = certify(problem, start)
     assert certificate.verdict is not Verdict.REFUTED
     monkeypatch.undo()

@@ -1,0 +1,215 @@
+"""A problem before the judge: in units of its own size, with tolerances, basins and the verdict."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from certpgo.certify.bounds import Bounds
+from certpgo.certify.certificate import Certificate, Tier, Verdict
+from certpgo.certify.dual import DualBound, dual_bound
+from certpgo.certify.rounding import cost_upper
+from certpgo.errors import InputError, NumericalError, SpecError
+from certpgo.estimate import Estimate
+from certpgo.linalg import factor
+from certpgo.newton import newton
+from certpgo.problem import Problem
+from certpgo.solution import Status
+
+#: Steps that descent may take; what has not settled by then is no basin of its own.
+MAX_STEPS = 200
+#: Stationarity, radians, at which a stalled descent counts as settled.
+SETTLED = 1e-6
+
+
+@dataclass(frozen=True)
+class Basin:
+    """Where descent ended, whether it settled there, and what its multipliers prove."""
+
+    point: Estimate
+    cost: float
+    settled: bool
+    bound: DualBound | None
+
+    @property
+    def value(self) -> float:
+        """A lower bound on F*, which is never negative."""
+        return max(self.bound.value, 0.0) if self.bound else 0.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """A problem with weights of order one, and how it is judged.
+
+    Attributes
+    ----------
+    problem : the problem with its weights divided by ``unit``
+    unit : the power of two nearest W; judging in it frees verdicts of the weights' scale
+    """
+
+    problem: Problem
+    unit: float
+    tier: Tier
+    rtol: float
+    atol: float
+
+    @staticmethod
+    def of(problem: Problem, tier: Tier | str, rtol: float, atol: float) -> Case:
+        """The case of a problem.
+
+        Raises
+        ------
+        InputError
+            Tolerances that are negative or not finite, or weights beyond the range of doubles.
+        SpecError
+            An unknown tier.
+        """
+        tier = _tier(tier)
+        if not (0.0 <= rtol < math.inf and 0.0 <= atol < math.inf):
+            raise InputError(
+                f"tolerances must be finite and not negative: rtol={rtol}, atol={atol}"
+            )
+        unit = _unit(problem)
+        return Case(problem.scaled(1.0 / unit), unit, tier, rtol, atol)
+
+    @property
+    def rigorous(self) -> bool:
+        """Whether rounding is bounded."""
+        return self.tier is not Tier.SCREEN
+
+    def tolerance(self, cost: float) -> float:
+        """The gap up to which a point of this cost counts as optimal."""
+        return self.rtol * cost + self.atol * self.problem.scale
+
+    def basin(self, start: Estimate, refine: bool) -> Basin:
+        """Where descent from an estimate ends, or the estimate with its best translations."""
+        # The best translations for the rotations are a descent step, and where the bound is taken:
+        # elsewhere it is valid, but useless.
+        problem = self.problem
+        settled = True
+        try:
+            point = problem.complete(start.rotations)
+            if refine:
+                solution = newton(problem, point, max_iterations=MAX_STEPS)
+                point = problem.complete(solution.estimate.rotations)
+                settled = solution.status is Status.CONVERGED or (
+                    solution.status is Status.STALLED and problem.stationarity(point) < SETTLED
+                )
+            bound = dual_bound(problem, point, rounding=self.rigorous)
+        except (NumericalError, np.linalg.LinAlgError):
+            return Basin(start, cost_upper(problem, start), False, None)
+        return Basin(point, cost_upper(problem, point), settled, bound)
+
+    def certificate(
+        self,
+        estimate: Estimate,
+        own: Basin,
+        other: Basin | None = None,
+        bounds: Bounds | None = None,
+    ) -> Certificate:
+        """The verdict on an estimate, given its own basin and perhaps another's."""
+        problem = self.problem
+        cost = cost_upper(problem, estimate)
+        tolerance = self.tolerance(cost)
+        best = other if other is not None and other.value > own.value else own
+        gap = cost - best.value
+        finite = math.isfinite(cost) and math.isfinite(tolerance)
+        basin_is_global = self.rigorous and own.cost - best.value <= self.tolerance(own.cost)
+        better = None
+        if other is not None and own.settled and math.isfinite(other.cost):
+            elsewhere = other.cost < own.cost - self.tolerance(own.cost)
+            better = other if elsewhere and other.cost < cost - tolerance else None
+        if finite and self.rigorous and gap <= tolerance:
+            verdict = Verdict.CERTIFIED
+        elif better is not None:
+            verdict = Verdict.REFUTED
+        elif finite and (best.value > 0.0 or basin_is_global):
+            verdict = Verdict.BOUNDED
+        else:
+            verdict = Verdict.UNDECIDED
+        judged = Certificate(
+            verdict=verdict,
+            tier=self.tier,
+            cost=cost,
+            lower_bound=best.value,
+            gap=gap,
+            rtol=self.rtol,
+            atol=self.atol,
+            scale=problem.scale,
+            stationarity=problem.stationarity(estimate),
+            max_residual_angle=float(problem.residual_angles(estimate).max()),
+            multipliers=best.bound.multipliers if best.bound else None,
+            shift=best.bound.shift if best.bound else 0.0,
+            refined=own.point,
+            refined_cost=own.cost,
+            basin_is_global=basin_is_global,
+            better=better.point if better else None,
+            better_cost=better.cost if better else None,
+            bounds=bounds,
+            engine=factor.default_engine(),
+            reason="",
+        )
+        scaled = _in_units(self.unit, judged)
+        return replace(scaled, reason=_reason(scaled))
+
+
+def _tier(tier: Tier | str) -> Tier:
+    if isinstance(tier, Tier):
+        return tier
+    known = {t.value: t for t in Tier}
+    if tier not in known:
+        raise SpecError.unknown("tier", tier, known)
+    return known[tier]
+
+
+def _unit(problem: Problem) -> float:
+    """The power of two nearest W."""
+    with np.errstate(over="ignore"):
+        scale = problem.scale
+    if not math.isfinite(scale) or scale <= 0.0:
+        raise InputError(f"the weights add up to {scale}, beyond the range of doubles")
+    return math.ldexp(1.0, max(-1000, min(1000, round(math.log2(scale)))))
+
+
+def _in_units(unit: float, judged: Certificate) -> Certificate:
+    """The certificate of the problem whose weights are ``unit`` times as large."""
+    bounds_ = judged.bounds
+    if bounds_ is not None:
+        bounds_ = replace(bounds_, spectral=unit * bounds_.spectral, fiedler=unit * bounds_.fiedler)
+    return replace(
+        judged,
+        cost=unit * judged.cost,
+        lower_bound=unit * judged.lower_bound,
+        gap=unit * judged.gap,
+        scale=unit * judged.scale,
+        multipliers=None if judged.multipliers is None else unit * judged.multipliers,
+        shift=unit * judged.shift,
+        refined_cost=unit * judged.refined_cost,
+        better_cost=None if judged.better_cost is None else unit * judged.better_cost,
+        bounds=bounds_,
+    )
+
+
+def _reason(c: Certificate) -> str:
+    floor = f"no estimate of this graph has a cost below {c.lower_bound:.10g}"
+    if c.tier is Tier.SCREEN:
+        floor = f"not proven at this tier, but likely: {floor}"
+    if not math.isfinite(c.cost):
+        return "the cost of this estimate is beyond the range of doubles"
+    if c.verdict is Verdict.CERTIFIED:
+        return f"{floor}; yours, {c.cost:.10g}, is within {c.gap:.2g} of the best possible"
+    if c.better_cost is not None:
+        return (
+            f"another estimate costs {c.better_cost:.10g}, yours {c.cost:.10g}, and descending "
+            f"from yours only reaches {c.refined_cost:.10g}"
+        )
+    if c.verdict is Verdict.UNDECIDED:
+        return "no useful lower bound was found: the convex relaxation proves nothing here"
+    if c.basin_is_global:
+        return (
+            f"{floor}; descending from yours ({c.cost:.10g}) reaches {c.refined_cost:.10g}, "
+            "which is the best possible: the right basin, not its lowest point"
+        )
+    return f"{floor}; yours, {c.cost:.10g}, may be up to {c.gap:.3g} above the best"

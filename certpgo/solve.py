@@ -1,0 +1,314 @@
+"""The certified pipeline: start, optimise, certify; escape, round and polish where that fails.
+
+The Riemannian staircase (Boumal 2015; Rosen et al., SE-Sync, IJRR 2019), begun at rank d: a local
+minimum whose certificate matrix has a negative eigenvalue is left through a new dimension, along
+the eigenvector, and what low-rank optimization finds there is rounded and polished.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from types import FrameType
+
+import numpy as np
+
+from certpgo.certify import Certificate, DualBound, Tier, Verdict, cost_upper, dual_bound
+from certpgo.certify.case import Basin, Case
+from certpgo.certify.curvature import negative_curvature
+from certpgo.errors import InputError
+from certpgo.estimate import Estimate
+from certpgo.graph import Graph
+from certpgo.lift import Lift, Point, rounded
+from certpgo.monitor import Iteration, Monitor, Stopwatch, silent
+from certpgo.newton import newton
+from certpgo.problem import Problem, problem_of
+from certpgo.solution import Solution, Status
+from certpgo.solvers import low_rank
+from certpgo.starts import Start, start_of
+
+#: Dimensions that the staircase may add to the d of space.
+MORE_RANKS = 7
+#: Stationarity asked of estimates and of points of higher rank, radians.
+TOLERANCE, LIFTED_TOLERANCE = 1e-11, 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """One step of the staircase.
+
+    Attributes
+    ----------
+    rank : dimensions of the points
+    cost : F at the point found there
+    status : how the descent to it ended
+    eigenvalue : negative, when the certificate matrix was found to have such an eigenvalue there
+    """
+
+    rank: int
+    cost: float
+    status: Status
+    eigenvalue: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class CertifiedSolution:
+    """An answer and the judgement on it.
+
+    Attributes
+    ----------
+    solution : the estimate, how it was found, and what it cost to find
+    certificate : what is proven about it
+    start : the method that the descent started from, or "given"
+    levels : the steps of the staircase, one when it never climbed
+    """
+
+    solution: Solution
+    certificate: Certificate
+    start: str
+    levels: tuple[Level, ...]
+
+    @property
+    def estimate(self) -> Estimate:
+        """The best estimate found."""
+        return self.solution.estimate
+
+    @property
+    def cost(self) -> float:
+        """F of the estimate."""
+        return self.solution.cost
+
+    @property
+    def verdict(self) -> Verdict:
+        """The certificate's verdict."""
+        return self.certificate.verdict
+
+
+def solve(
+    graph: Graph,
+    *,
+    initial: Estimate | None = None,
+    time_limit: float | None = None,
+    max_rank: int | None = None,
+    rtol: float = 1e-5,
+    atol: float = 1e-12,
+    monitor: Monitor = silent,
+) -> CertifiedSolution:
+    """The best estimate of a graph, with a certificate of how good it is.
+
+    Parameters
+    ----------
+    initial : where to start instead of a start of our own
+    time_limit : seconds after which to return the best estimate so far; what is under way, such
+        as a factorization, is finished first
+    max_rank : dimensions at which the staircase ends; by default d + 7
+    rtol, atol : CERTIFIED means gap <= rtol F + atol W
+    monitor : is told each iteration, and may stop the search
+
+    Returns
+    -------
+    The answer. Its verdict is CERTIFIED; BOUNDED with a proven gap where the relaxation is not
+    tight; or UNDECIDED, when it was stopped before a bound was found. Ctrl-C stops the search like
+    a monitor; a second one raises KeyboardInterrupt.
+
+    Raises
+    ------
+    GraphError
+        The graph is not connected.
+    InputError
+        An initial estimate of another graph, limits or tolerances that make no sense.
+    NumericalError
+        No start could be computed.
+    """
+    problem = problem_of(graph)
+    if initial is not None:
+        problem.check(initial)
+    if time_limit is not None and not time_limit >= 0.0:
+        raise InputError(f"the time limit must not be negative: {time_limit}")
+    highest = problem.d + MORE_RANKS if max_rank is None else max_rank
+    if highest < problem.d:
+        raise InputError(f"the maximal rank must be at least {problem.d}, not {highest}")
+    case = Case.of(problem, Tier.STANDARD, rtol, atol)
+    with _stoppable(monitor, case.unit, time_limit) as stop:
+        search = _Staircase(case, stop)
+        search.begin(initial)
+        search.climb(highest)
+    return search.result(problem)
+
+
+class _Staircase:
+    """The search: the best estimate and bound so far, and how they were found."""
+
+    def __init__(self, case: Case, stop: _Stop) -> None:
+        self.case, self.problem, self.stop = case, case.problem, stop
+        self.watch = stop.watch
+        self.levels: list[Level] = []
+        self.counts: Counter[str] = Counter()
+        self.bound: DualBound | None = None
+
+    def begin(self, initial: Estimate | None) -> None:
+        """The first descent, at rank d, and its bound."""
+        with self.watch.phase("start"):
+            if initial is None:
+                self.start = start_of(self.problem)
+            else:
+                self.start = Start(self.problem.complete(initial.rotations), "given")
+        self.best = self.descend(self.start.estimate)
+        self.levels.append(Level(self.problem.d, self.best.cost, self.best.status))
+        self.improve_bound(self.best.estimate)
+
+    def climb(self, highest: int) -> None:
+        """Escape to higher ranks until the gap is closed or the relaxation is solved."""
+        point: Point = self.best.estimate
+        while not (self.is_certified or self.stop.asked):
+            with self.watch.phase("escape"):
+                eigenvalue, direction = negative_curvature(self.problem, point)
+            # F can fall by at most this much for every point of the relaxation.
+            if -eigenvalue * direction.size <= 0.1 * self.case.tolerance(self.best.cost):
+                break
+            self.levels[-1] = replace(self.levels[-1], eigenvalue=self.case.unit * eigenvalue)
+            rank = self.levels[-1].rank + 1
+            if rank > highest:
+                break
+            point = self.escape(point, rank, direction)
+            polished = self.descend(self.problem.complete(rounded(point).rotations))
+            if polished.cost < self.best.cost:
+                self.best = polished
+                self.improve_bound(polished.estimate)
+            if not self.is_certified:
+                self.improve_bound(point)
+        if not (self.is_certified or self.stop.asked):
+            self.settle_for_less(point)
+
+    def escape(self, point: Point, rank: int, direction: np.ndarray) -> Lift:
+        """The point that low-rank optimization finds from a saddle."""
+        found = low_rank.descend(
+            self.problem,
+            point,
+            rank,
+            direction=direction,
+            tolerance=LIFTED_TOLERANCE,
+            monitor=self.stop,
+            watch=self.watch,
+        )
+        self.counts.update(found.counts)
+        self.levels.append(Level(rank, found.cost, found.status))
+        return found.point
+
+    def descend(self, start: Estimate) -> Solution:
+        """Newton's method at rank d."""
+        found = newton(
+            self.problem, start, tolerance=TOLERANCE, monitor=self.stop, watch=self.watch
+        )
+        self.counts.update(found.counts)
+        return found
+
+    def improve_bound(self, point: Point, *, tight: bool = True) -> None:
+        """Take the bound of a point where it is better."""
+        if self.stop.asked:
+            return
+        cost = self.best.cost
+        with self.watch.phase("certify"):
+            bound = dual_bound(
+                self.problem,
+                point,
+                hint=self.start.factor,
+                enough=cost - self.case.tolerance(cost),
+                tight=tight,
+            )
+        if bound is not None:
+            self.counts["factorizations"] += bound.factorizations
+            if self.bound is None or bound.value > self.bound.value:
+                self.bound = bound
+
+    def settle_for_less(self, point: Point) -> None:
+        """Bounds that a negative eigenvalue weakens: better than none."""
+        for candidate in (point, self.best.estimate):
+            if not self.is_certified:
+                self.improve_bound(candidate, tight=False)
+
+    @property
+    def is_certified(self) -> bool:
+        return self.basin.cost - self.basin.value <= self.case.tolerance(self.basin.cost)
+
+    @property
+    def basin(self) -> Basin:
+        point = self.best.estimate
+        return Basin(point, cost_upper(self.problem, point), True, self.bound)
+
+    def result(self, problem: Problem) -> CertifiedSolution:
+        """Everything in the units of the graph."""
+        estimate = self.best.estimate
+        certificate = self.case.certificate(estimate, self.basin)
+        status = self.stop.status or self.best.status
+        if self.stop.status is not None and certificate.verdict is Verdict.UNDECIDED:
+            certificate = replace(certificate, reason="stopped before a bound was found")
+        solution = Solution(
+            estimate=estimate,
+            cost=problem.cost(estimate),
+            status=status,
+            iterations=len(self.stop.trace),
+            lower_bound=certificate.lower_bound,
+            seconds=self.watch.seconds,
+            trace=tuple(self.stop.trace),
+            counts=dict(self.counts),
+            note=f"started from {self.start.name}, rank {self.levels[-1].rank}",
+        )
+        unit = self.case.unit
+        levels = tuple(replace(level, cost=unit * level.cost) for level in self.levels)
+        return CertifiedSolution(solution, certificate, self.start.name, levels)
+
+
+@dataclass
+class _Stop:
+    """The monitor that all phases share: passes iterations on, and knows when to stop."""
+
+    monitor: Monitor
+    unit: float
+    deadline: float
+    watch: Stopwatch = field(default_factory=Stopwatch)
+    trace: list[Iteration] = field(default_factory=list)
+    status: Status | None = None
+
+    @property
+    def asked(self) -> bool:
+        if self.status is None and time.monotonic() > self.deadline:
+            self.status = Status.TIME_LIMIT
+        return self.status is not None
+
+    def interrupt(self, signum: int, frame: FrameType | None) -> None:
+        if self.status is Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        self.status = Status.INTERRUPTED
+
+    def __call__(self, iteration: Iteration) -> bool:
+        told = replace(
+            iteration,
+            number=len(self.trace),
+            cost=self.unit * iteration.cost,
+            seconds=self.watch.total,
+        )
+        self.trace.append(told)
+        if self.monitor(told):
+            self.status = self.status or Status.INTERRUPTED
+        return self.asked
+
+
+@contextmanager
+def _stoppable(monitor: Monitor, unit: float, time_limit: float | None) -> Iterator[_Stop]:
+    """A stop that also listens to Ctrl-C, where signals can be caught."""
+    deadline = np.inf if time_limit is None else time.monotonic() + time_limit
+    stop = _Stop(monitor, unit, deadline)
+    if threading.current_thread() is not threading.main_thread():
+        yield stop
+        return
+    before = signal.signal(signal.SIGINT, stop.interrupt)
+    try:
+        yield stop
+    finally:
+        signal.signal(signal.SIGINT, before)
