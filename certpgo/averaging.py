@@ -71,14 +71,14 @@ def laplacian_gauss_newton(
             break
         with watch.phase("averaging"):
             delta = -0.5 * factor.solve(_in_world(point.rotations, first.tangent))
-            candidate = Estimate(so.exp(delta) @ point.rotations)
+            candidate = Estimate.trusted(so.exp(delta) @ point.rotations)
             following = problem.first_order(candidate)
         if following.cost > first.cost * (1.0 + 1e-12):
             status = Status.STALLED
             break
         point, first, step_norm = candidate, following, float(np.linalg.norm(delta))
     return Solution(
-        estimate=point,
+        estimate=Estimate(point.rotations),
         cost=first.cost,
         status=status,
         iterations=trace[-1].number,

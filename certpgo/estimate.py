@@ -52,6 +52,14 @@ class Estimate:
         if bad.any():
             raise GraphError(f"node {int(np.argmax(bad))}: translation is not finite")
 
+    @classmethod
+    def trusted(cls, rotations: FloatArray, translations: FloatArray | None = None) -> Estimate:
+        """An estimate that is not checked: its matrices were made as rotations."""
+        new = object.__new__(cls)
+        object.__setattr__(new, "rotations", rotations)
+        object.__setattr__(new, "translations", translations)
+        return new
+
     @property
     def num_nodes(self) -> int:
         """Number n of nodes."""
@@ -61,6 +69,10 @@ class Estimate:
     def d(self) -> int:
         """Dimension of space, 2 or 3."""
         return int(self.rotations.shape[-1])
+
+    def with_translations(self, translations: FloatArray | None) -> Estimate:
+        """The same rotations with other translations."""
+        return Estimate.trusted(self.rotations, translations)
 
     def moved(self, rotation: FloatArray, translation: FloatArray | None = None) -> Estimate:
         """The estimate after the world is moved: S R_i and S t_i + s (``rotation`` S is (d, d))."""

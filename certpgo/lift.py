@@ -39,6 +39,10 @@ class Lift:
         """Dimension of space, 2 or 3."""
         return int(self.rotations.shape[2])
 
+    def with_translations(self, translations: FloatArray | None) -> Lift:
+        """The same blocks with other translations."""
+        return Lift(self.rotations, translations)
+
 
 #: What has a cost: an estimate, or a point of the relaxation.
 Point = Estimate | Lift

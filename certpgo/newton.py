@@ -44,7 +44,7 @@ SMALLEST_DAMPING, LARGEST_DAMPING = 1e-9, 1e9
 #: Conjugate gradients on an old factor: relative residuals asked for, and products that cost less
 #: than a new factor.
 LOOSEST, TIGHTEST = 0.1, 1e-6
-MAX_PRODUCTS = 6
+MAX_PRODUCTS = 8
 #: A predicted decrease below this many units of rounding of F cannot be seen in F.
 ROUNDING = 16 * np.finfo(float).eps
 
@@ -55,6 +55,7 @@ def newton(
     *,
     tolerance: float = 1e-12,
     max_iterations: int = 100,
+    near: bool = False,
     monitor: Monitor = silent,
     watch: Stopwatch | None = None,
 ) -> Solution:
@@ -63,12 +64,13 @@ def newton(
     Parameters
     ----------
     tolerance : stationarity (radians, see `FirstOrder`) at which to stop
+    near : the start is in a basin's core, so that the exact Hessian is tried at once
     watch : stopwatch that has already timed what led to ``initial``
     """
     problem.check(initial)
     watch = watch or Stopwatch()
     work = _Work()
-    state = _State(initial, problem.first_order(initial))
+    state = _State(initial, problem.first_order(initial), exact=near)
     status = Status.ITERATION_LIMIT
     trace: list[Iteration] = []
     for number in range(max_iterations + 1):
@@ -89,7 +91,7 @@ def newton(
             break
         state = following
     return Solution(
-        estimate=state.point,
+        estimate=Estimate(state.point.rotations, state.point.translations),
         cost=state.cost,
         status=status,
         iterations=trace[-1].number,
@@ -246,6 +248,6 @@ def _retract(problem: Problem, point: Estimate, step: FloatArray) -> Estimate:
     turns = step.reshape(problem.n, -1)[:, -so.tangent_dim(problem.d) :]
     turned = point.rotations @ so.exp(turns)
     if point.translations is None or not isinstance(problem, PoseProblem):
-        return Estimate(turned)
+        return Estimate.trusted(turned)
     moves = step.reshape(problem.n, -1)[:, : problem.d]
-    return problem.settled(Estimate(turned, point.translations + moves))
+    return problem.settled(Estimate.trusted(turned, point.translations + moves))

@@ -117,21 +117,21 @@ def pose_hessian(
     d, n = graph.d, graph.num_nodes
     p = so.tangent_dim(d)
     i = graph.edges[:, 0]
-    tau = graph.tau[:, None, None]
-    # The residual t_j - t_i - R_i t_ij moves by dt_j - dt_i + lever w_i.
-    lever = -R[i] @ _generator_columns(graph.translations)
+    tau, t = graph.tau, graph.translations
     rotation_diagonal, rotation_upper = rotation_hessian(graph.rotation, R, multipliers)
+    # The residual t_j - t_i - R_i t_ij moves by dt_j - dt_i + R_i lever(t_ij) w_i.
+    moment = scatter_sum(i, tau[:, None] * t, n)
+    spread = scatter_sum(i, (tau[:, None] * t)[:, :, None] * t[:, None, :], n)
 
     diagonal = np.zeros((n, d + p, d + p))
-    diagonal[:, :d, :d] = degrees(graph.edges, graph.tau, n)[:, None, None] * np.eye(d)
-    cross = scatter_sum(i, -tau * lever, n)
-    diagonal[:, :d, d:], diagonal[:, d:, :d] = cross, np.swapaxes(cross, 1, 2)
-    inertia = scatter_sum(i, tau * (np.swapaxes(lever, 1, 2) @ lever), n)
-    diagonal[:, d:, d:] = rotation_diagonal + inertia
+    diagonal[:, :d, :d] = degrees(graph.edges, tau, n)[:, None, None] * np.eye(d)
+    diagonal[:, :d, d:] = -R @ _lever(moment)
+    diagonal[:, d:, :d] = np.swapaxes(diagonal[:, :d, d:], 1, 2)
+    diagonal[:, d:, d:] = rotation_diagonal + tangent_restriction(spread)
 
     upper = np.zeros((graph.num_edges, d + p, d + p))
-    upper[:, :d, :d] = -tau * np.eye(d)
-    upper[:, d:, :d] = tau * np.swapaxes(lever, 1, 2)
+    upper[:, np.arange(d), np.arange(d)] = -tau[:, None]
+    upper[:, d:, :d] = np.swapaxes(R[i] @ _lever(tau[:, None] * t), 1, 2)
     upper[:, d:, d:] = rotation_upper
     return diagonal, upper
 
@@ -142,11 +142,11 @@ def tangent_restriction(S: FloatArray) -> FloatArray:
     return np.asarray(trace if S.shape[-1] == 2 else trace * np.eye(3) - S)
 
 
-def _generator_columns(t: FloatArray) -> FloatArray:
-    """(m, d, p) matrices whose k-th column is hat(e_k) t."""
+def _lever(t: FloatArray) -> FloatArray:
+    """(m, d, p) matrices with lever(t) w = -hat(w) t."""
     if t.shape[-1] == 2:
-        return np.stack([-t[:, 1], t[:, 0]], axis=1)[:, :, None]
-    return -so.hat(t)
+        return np.stack([t[:, 1], -t[:, 0]], axis=1)[:, :, None]
+    return so.hat(t)
 
 
 def _tangent_coupling(A: FloatArray, B: FloatArray) -> FloatArray:

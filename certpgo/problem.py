@@ -6,7 +6,7 @@ when translations are large.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
 
@@ -102,7 +102,7 @@ class RotationProblem(Objective):
 
     def settled(self, point: AnyPoint) -> AnyPoint:
         """The point's rotations: there is nothing else to settle."""
-        return point if point.translations is None else replace(point, translations=None)
+        return point.with_translations(None)  # type: ignore[return-value]
 
     def complete(self, rotations: FloatArray) -> Estimate:
         """The best estimate with these rotations: just them."""
@@ -199,7 +199,8 @@ class PoseProblem(Objective):
         A correction is solved for, so that rounding is relative to the correction.
         """
         forces = self._forces(self.translation_residuals(point))
-        return replace(point, translations=_translations(point) - self.solve_translations(forces))
+        t = _translations(point) - self.solve_translations(forces)
+        return point.with_translations(t)  # type: ignore[return-value]
 
     def complete(self, rotations: FloatArray) -> Estimate:
         """The best estimate with these rotations, the first translation at zero."""

@@ -158,7 +158,7 @@ class _Staircase:
                 self.start = start_of(self.problem)
             else:
                 self.start = Start(self.problem.complete(initial.rotations), "given")
-        self.best = self.descend(self.start.estimate)
+        self.take(self.descend(self.start.estimate, near=self.start.near))
         self.levels.append(Level(self.problem.d, self.best.cost, self.best.status))
         self.improve_bound(self.best.estimate)
 
@@ -178,12 +178,17 @@ class _Staircase:
             point = self.escape(point, rank, direction)
             polished = self.descend(self.problem.complete(rounded(point).rotations))
             if polished.cost < self.best.cost:
-                self.best = polished
+                self.take(polished)
                 self.improve_bound(polished.estimate)
             if not self.is_certified:
                 self.improve_bound(point)
         if not (self.is_certified or self.stop.asked):
             self.settle_for_less(point)
+
+    def take(self, best: Solution) -> None:
+        """Make a solution the best so far."""
+        self.best = best
+        self.cost = cost_upper(self.problem, best.estimate)
 
     def escape(self, point: Point, rank: int, direction: np.ndarray) -> Lift:
         """The point that low-rank optimization finds from a saddle."""
@@ -200,10 +205,15 @@ class _Staircase:
         self.levels.append(Level(rank, found.cost, found.status))
         return found.point
 
-    def descend(self, start: Estimate) -> Solution:
+    def descend(self, start: Estimate, *, near: bool = False) -> Solution:
         """Newton's method at rank d."""
         found = newton(
-            self.problem, start, tolerance=TOLERANCE, monitor=self.stop, watch=self.watch
+            self.problem,
+            start,
+            tolerance=TOLERANCE,
+            near=near,
+            monitor=self.stop,
+            watch=self.watch,
         )
         self.counts.update(found.counts)
         return found
@@ -212,13 +222,12 @@ class _Staircase:
         """Take the bound of a point where it is better."""
         if self.stop.asked:
             return
-        cost = self.best.cost
         with self.watch.phase("certify"):
             bound = dual_bound(
                 self.problem,
                 point,
                 hint=self.start.factor,
-                enough=cost - self.case.tolerance(cost),
+                enough=self.cost - self.case.tolerance(self.cost),
                 tight=tight,
             )
         if bound is not None:
@@ -234,12 +243,11 @@ class _Staircase:
 
     @property
     def is_certified(self) -> bool:
-        return self.basin.cost - self.basin.value <= self.case.tolerance(self.basin.cost)
+        return self.cost - self.basin.value <= self.case.tolerance(self.cost)
 
     @property
     def basin(self) -> Basin:
-        point = self.best.estimate
-        return Basin(point, cost_upper(self.problem, point), True, self.bound)
+        return Basin(self.best.estimate, self.cost, True, self.bound)
 
     def result(self, problem: Problem) -> CertifiedSolution:
         """Everything in the units of the graph."""

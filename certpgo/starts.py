@@ -22,6 +22,8 @@ ROUGH = 1e-3
 FINE = 1e-11
 #: Relative accuracy of eigenvectors that only start something.
 EIGEN_TOL = 1e-2
+#: A cost this many times the spectral bound, or less, is near the optimum.
+NEAR = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,11 +34,13 @@ class Start:
     ----------
     estimate : where to start
     name : the method it is from, for reports
+    near : whether its cost is near a lower bound, so that it is in the core of a basin
     factor : of a matrix of the certificate's pattern, when one was needed on the way
     """
 
     estimate: Estimate
     name: str
+    near: bool = False
     factor: Factor | None = None
 
 
@@ -59,7 +63,10 @@ def start_of(problem: Problem) -> Start:
         Q = Reduced(problem)
         pairs = spectral.eliminated_eigenpairs(problem, tol=EIGEN_TOL, Q=Q, start=tree)
         rotations = spectral.round_to_rotations(pairs.vectors, problem.d)
-        return Start(problem.complete(rotations), "eigen_q", Q.factor)
+        estimate = problem.complete(rotations)
+        floor = spectral.spectral_bound(problem, pairs)
+        near = problem.cost(estimate) < NEAR * floor
+        return Start(estimate, "eigen_q", near, Q.factor)
     averaged = _averaged(problem, tree)
     if averaged is not None:
         rotations = averaged.estimate.rotations

@@ -56,7 +56,7 @@ class DualBound:
 def certificate_matrix(problem: Problem, multipliers: FloatArray) -> CSC:
     """S = M - blkdiag(0, Lam), or L - blkdiag(Lam) for rotations, with the pattern of M."""
     M, d = problem.matrix, problem.d
-    entries = problem.pattern.diagonal_entries(M.shape[0] // problem.n)
+    entries = problem.pattern.layout(M.shape[0] // problem.n).diagonal
     data = M.data.copy()
     data[entries[:, -d:, -d:]] -= multipliers
     return CSC((data, M.indices, M.indptr), shape=M.shape)

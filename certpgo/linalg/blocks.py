@@ -62,12 +62,25 @@ class BlockPattern:
         """Where the entries of the blocks stand in a matrix of block size b; made once for each."""
         known: dict[int, Layout] = self.__dict__.setdefault("_layouts", {})
         if b not in known:
-            known[b] = Layout.of(self.indptr, self.indices, b)
+            known[b] = self._layout(b)
         return known[b]
 
-    def diagonal_entries(self, b: int) -> IntArray:
-        """(n, b, b) places of the diagonal blocks' entries in ``data``."""
-        return self.layout(b).places[self._slots[2]]
+    def _layout(self, b: int) -> Layout:
+        indptr, indices, own, slots = self._slots
+        counts = np.diff(indptr)
+        small: type[np.integer[Any]] = np.int32 if b * b * len(indices) < 2**31 else np.int64
+        starts = np.concatenate([[0], np.cumsum(np.repeat(b * counts, b))]).astype(small)
+        row = np.repeat(np.arange(len(counts)), counts)
+        within = np.arange(len(indices)) - indptr[row]
+        lines = (starts[:-1].reshape(-1, b)[row] + (b * within)[:, None]).astype(small)
+        places = lines[:, :, None] + np.arange(b, dtype=small)
+        columns = np.empty(b * b * len(indices), dtype=small)
+        columns[places] = (b * indices.astype(small))[:, None, None] + np.arange(b, dtype=small)
+        if self._summation is not None:
+            return Layout(starts, columns, places[own], places[self._summation[2]])
+        forward, backward = np.split(slots, 2)
+        there, back = places[forward], np.swapaxes(places[backward], 1, 2)
+        return Layout(starts, columns, places[own], np.ascontiguousarray(np.stack([there, back])))
 
     def assemble(self, diagonal: FloatArray, upper: FloatArray) -> CSC:
         """The symmetric matrix of diagonal blocks and blocks ``upper[e]`` at edges e = (i, j).
@@ -83,15 +96,13 @@ class BlockPattern:
         """
         layout = self.layout(diagonal.shape[1])
         data = np.empty(len(layout.indices))
-        data[layout.places[self._slots[2]]] = diagonal
+        data[layout.diagonal] = diagonal
         if self._summation is None:
-            forward, backward = np.split(self._slots[3], 2)
-            data[layout.places[forward]] = upper
-            data[layout.places[backward]] = np.swapaxes(upper, 1, 2)
+            data[layout.pairs] = upper
         else:
-            order, starts, target = self._summation
+            order, starts, _ = self._summation
             pairs = np.concatenate([upper, np.swapaxes(upper, 1, 2)])
-            data[layout.places[target]] = np.add.reduceat(pairs[order], starts, axis=0)
+            data[layout.pairs] = np.add.reduceat(pairs[order], starts, axis=0)
         N = len(layout.indptr) - 1
         return CSC((data, layout.indices, layout.indptr), shape=(N, N))
 
@@ -103,26 +114,15 @@ class Layout:
     Attributes
     ----------
     indptr, indices : of the matrix in compressed form
-    places : (k, b, b) where each entry of each occupied block stands in ``data``
+    diagonal : (n, b, b) where each entry of a diagonal block stands in ``data``
+    pairs : (2, m, b, b) the same for the blocks of edges, and for their mirror images; for a
+        graph with parallel edges (k, b, b), for the k occupied blocks off the diagonal
     """
 
     indptr: IntArray
     indices: IntArray
-    places: IntArray
-
-    @staticmethod
-    def of(indptr: IntArray, indices: IntArray, b: int) -> Layout:
-        """The layout for blocks of size b, from the pattern of blocks."""
-        counts = np.diff(indptr)
-        small: type[np.integer[Any]] = np.int32 if b * b * len(indices) < 2**31 else np.int64
-        starts = np.concatenate([[0], np.cumsum(np.repeat(b * counts, b))]).astype(small)
-        row = np.repeat(np.arange(len(counts)), counts)
-        within = np.arange(len(indices)) - indptr[row]
-        lines = starts[:-1].reshape(-1, b)[row] + (b * within)[:, None]
-        places = (lines[:, :, None] + np.arange(b)).astype(small)
-        columns = np.empty(b * b * len(indices), dtype=small)
-        columns[places] = (b * indices.astype(small))[:, None, None] + np.arange(b, dtype=small)
-        return Layout(starts, columns, places)
+    diagonal: IntArray
+    pairs: IntArray
 
 
 def adjacency(n: int, i: IntArray, j: IntArray, values: FloatArray) -> sparse.csr_array:
