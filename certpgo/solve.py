@@ -18,13 +18,22 @@ from types import FrameType
 
 import numpy as np
 
-from certpgo.certify import Certificate, DualBound, Tier, Verdict, cost_upper, dual_bound
+from certpgo.certify import (
+    Certificate,
+    DualBound,
+    Tier,
+    Verdict,
+    cost_upper,
+    dual_bound,
+    expected_rounding,
+)
 from certpgo.certify.case import Basin, Case
 from certpgo.certify.curvature import negative_curvature
 from certpgo.errors import InputError
 from certpgo.estimate import Estimate
 from certpgo.graph import Graph
 from certpgo.lift import Lift, Point, rounded
+from certpgo.linalg.arrays import FloatArray
 from certpgo.monitor import Iteration, Monitor, Stopwatch, silent
 from certpgo.newton import newton
 from certpgo.problem import Problem, problem_of
@@ -150,15 +159,21 @@ class _Staircase:
         self.levels: list[Level] = []
         self.counts: Counter[str] = Counter()
         self.bound: DualBound | None = None
+        self.hint: FloatArray | None = None
 
     def begin(self, initial: Estimate | None) -> None:
         """The first descent, at rank d, and its bound."""
         with self.watch.phase("start"):
             if initial is None:
-                self.start = start_of(self.problem)
+                start, factor = start_of(self.problem)
             else:
-                self.start = Start(self.problem.complete(initial.rotations), "given")
-        self.take(self.descend(self.start.estimate, near=self.start.near))
+                start, factor = Start(self.problem.complete(initial.rotations), "given"), None
+        if factor is not None:
+            with self.watch.phase("certify"):
+                self.hint = expected_rounding(self.problem, start.estimate, factor)
+            del factor  # large
+        self.start_name = start.name
+        self.take(self.descend(start.estimate, near=start.near))
         self.levels.append(Level(self.problem.d, self.best.cost, self.best.status))
         self.improve_bound(self.best.estimate)
 
@@ -190,7 +205,7 @@ class _Staircase:
         self.best = best
         self.cost = cost_upper(self.problem, best.estimate)
 
-    def escape(self, point: Point, rank: int, direction: np.ndarray) -> Lift:
+    def escape(self, point: Point, rank: int, direction: FloatArray) -> Lift:
         """The point that low-rank optimization finds from a saddle."""
         found = low_rank.descend(
             self.problem,
@@ -226,7 +241,7 @@ class _Staircase:
             bound = dual_bound(
                 self.problem,
                 point,
-                hint=self.start.factor,
+                hint=self.hint,
                 enough=self.cost - self.case.tolerance(self.cost),
                 tight=tight,
             )
@@ -265,11 +280,11 @@ class _Staircase:
             seconds=self.watch.seconds,
             trace=tuple(self.stop.trace),
             counts=dict(self.counts),
-            note=f"started from {self.start.name}, rank {self.levels[-1].rank}",
+            note=f"started from {self.start_name}, rank {self.levels[-1].rank}",
         )
         unit = self.case.unit
         levels = tuple(replace(level, cost=unit * level.cost) for level in self.levels)
-        return CertifiedSolution(solution, certificate, self.start.name, levels)
+        return CertifiedSolution(solution, certificate, self.start_name, levels)
 
 
 @dataclass

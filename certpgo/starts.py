@@ -22,8 +22,9 @@ ROUGH = 1e-3
 FINE = 1e-11
 #: Relative accuracy of eigenvectors that only start something.
 EIGEN_TOL = 1e-2
-#: A cost this many times the spectral bound, or less, is near the optimum.
-NEAR = 2.0
+#: A cost this many times the spectral bound, or less, is near the optimum, unless the graph is so
+#: large that long waves remain.
+NEAR, LARGE = 1.5, 20_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,17 +36,15 @@ class Start:
     estimate : where to start
     name : the method it is from, for reports
     near : whether its cost is near a lower bound, so that it is in the core of a basin
-    factor : of a matrix of the certificate's pattern, when one was needed on the way
     """
 
     estimate: Estimate
     name: str
     near: bool = False
-    factor: Factor | None = None
 
 
-def start_of(problem: Problem) -> Start:
-    """A start for a problem.
+def start_of(problem: Problem) -> tuple[Start, Factor | None]:
+    """A start for a problem, and the factor of a shifted M when one was needed on the way.
 
     In space, poses start from the eigenvectors of the data matrix, which know the translations
     (`eigen_q`), seeded by a spanning tree. In the plane, and for rotations alone, they start from
@@ -65,14 +64,14 @@ def start_of(problem: Problem) -> Start:
         rotations = spectral.round_to_rotations(pairs.vectors, problem.d)
         estimate = problem.complete(rotations)
         floor = spectral.spectral_bound(problem, pairs)
-        near = problem.cost(estimate) < NEAR * floor
-        return Start(estimate, "eigen_q", near, Q.factor)
+        near = problem.n < LARGE and problem.cost(estimate) < NEAR * floor
+        return Start(estimate, "eigen_q", near), Q.factor
     averaged = _averaged(problem, tree)
     if averaged is not None:
         rotations = averaged.estimate.rotations
-        return Start(problem.complete(rotations), "laplacian_gauss_newton")
+        return Start(problem.complete(rotations), "laplacian_gauss_newton"), None
     name = "eigen_ma" if isinstance(problem, PoseProblem) else "eigen_ra"
-    return Start(spectral.spectral_start(problem), name)
+    return Start(spectral.spectral_start(problem), name), None
 
 
 def _averaged(problem: Problem, tree: Estimate) -> Solution | None:

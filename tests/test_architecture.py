@@ -53,6 +53,7 @@ SIBLINGS = {
 HOMES = {
     "cvxpy": ("solvers/sdp_",),
     "cvxopt": ("linalg/factor.py",),
+    "pymetis": ("linalg/factor.py",),
     "pooch": ("datasets/lookup.py",),
     "typer": ("cli/",),
     "rich": ("cli/",),

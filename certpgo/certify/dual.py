@@ -67,7 +67,7 @@ def dual_bound(
     point: Point,
     *,
     rounding: bool = True,
-    hint: Factor | None = None,
+    hint: FloatArray | None = None,
     enough: float = math.inf,
     tight: bool = False,
 ) -> DualBound | None:
@@ -77,8 +77,7 @@ def dual_bound(
     ----------
     point : near-stationary, with translations optimal for its rotations; of any rank
     rounding : bound the factorization's rounding (the standard tier), or trust it (screening)
-    hint : a factor of another matrix of the same pattern and size of entries, whose rounding
-        foretells this one's and saves a factorization
+    hint : `expected_rounding` from a factor of a similar matrix, which saves a factorization
     enough : a value beyond which a bound need not be sharpened
     tight : give up when rounding does not explain the shift, that is, when the certificate matrix
         has a negative eigenvalue
@@ -86,11 +85,32 @@ def dual_bound(
     return _Attempts(problem, point, rounding, hint, enough).best(tight)
 
 
+def expected_rounding(problem: Problem, point: Point, factor: Factor) -> FloatArray:
+    """(N,) what rounding may ask of a certificate matrix, from the factor of a similar matrix.
+
+    Parameters
+    ----------
+    point : near the one where the bound will be asked for
+    factor : of any matrix with the pattern and about the entries of `problem.matrix`; used up
+    """
+    attempts = _Attempts(problem, point, True, None, math.inf)
+    rounding = attempts.rounding_of(factor, attempts.multipliers)
+    if attempts.pin is not None:
+        # Cut off here, the first in the factor, and others when it counts.
+        rounding[[0, attempts.pin]] = rounding[~attempts.is_rotation].max()
+    return rounding
+
+
 class _Attempts:
     """Factorizations of one certificate matrix under different shifts."""
 
     def __init__(
-        self, problem: Problem, point: Point, rounding: bool, hint: Factor | None, enough: float
+        self,
+        problem: Problem,
+        point: Point,
+        rounding: bool,
+        hint: FloatArray | None,
+        enough: float,
     ) -> None:
         self.problem, self.rounding, self.enough = problem, rounding, enough
         self.multipliers = problem.multipliers(point)
@@ -113,8 +133,8 @@ class _Attempts:
         # What is taken off the translations' diagonal beforehand.
         self.guess = np.zeros(size)
         if hint is not None and rounding:
-            foretold = HINT_MARGIN * self.rounding_of(hint, self.multipliers)
-            self.guess = np.where(self.is_rotation, 0.0, foretold)
+            self.guess = np.where(self.is_rotation, 0.0, HINT_MARGIN * hint)
+            self.guess[self.pin] = 0.0
 
     def best(self, tight: bool) -> DualBound | None:
         """The bound of the smallest shift that works, near enough."""
@@ -197,8 +217,8 @@ class _Attempts:
         An entry (i, j) of L L^T sums at most min(k_i, k_j) products, k the row counts of L: at
         most k_i, and at most the geometric mean.
         """
-        L, order = factor.lower()
-        L = abs(L)
+        lower, order = factor.lower()
+        L = CSC((np.abs(lower.data), lower.indices, lower.indptr), shape=lower.shape)
         w = self.weights
         terms = np.bincount(L.indices, minlength=len(w)) + 8.0
         root = np.sqrt(terms)

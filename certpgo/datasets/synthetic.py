@@ -88,6 +88,7 @@ def helix(
     turns: int,
     rng: np.random.Generator,
     *,
+    uneven: bool = False,
     rotation_noise: float = 0.02,
     translation_noise: float = 0.02,
 ) -> Instance:
@@ -96,13 +97,21 @@ def helix(
     The cylinder has circumference ``turns`` and the helix pitch 1, so that steps along and links
     across have about unit length (metres). Rotations are uniformly random; kappa = 1/noise^2 per
     axis, tau likewise (2500 for the default noise).
+
+    Parameters
+    ----------
+    uneven : steps along have random lengths between 0 and turns / 2 instead, so that rotations act
+        on long lever arms and links lead anywhere around the cylinder
     """
     _at_least(3, turns)
     k = np.arange(turns**2)
-    angle, radius = 2.0 * np.pi * k / turns, turns / (2.0 * np.pi)
+    arc = np.cumsum(rng.uniform(0.0, turns / 2.0, len(k))) if uneven else k
+    angle, radius = 2.0 * np.pi * arc / turns, turns / (2.0 * np.pi)
     t = np.stack([radius * np.cos(angle), radius * np.sin(angle), k / turns], axis=1)
     edges = np.concatenate([np.stack([k[:-s], k[s:]], axis=1) for s in (1, turns)])
-    return _poses(f"helix-{turns}", t, edges, rotation_noise, translation_noise, rng)
+    return _poses(
+        f"{'uneven_' * uneven}helix-{turns}", t, edges, rotation_noise, translation_noise, rng
+    )
 
 
 def grid3d(

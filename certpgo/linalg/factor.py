@@ -20,6 +20,11 @@ from scipy.sparse.linalg import splu
 from certpgo.errors import MissingDependency, SpecError
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 
+#: Nodes from which nested dissection pays for itself.
+NESTED_FROM = 7500
+#: Entries of a matrix up to which CHOLMOD's memory is kept for the next factor.
+KEPT = 10_000_000
+
 
 class Factor(Protocol):
     """A Cholesky factorization A[p][:, p] = L L^T."""
@@ -103,8 +108,13 @@ def inertia(A: CSC) -> tuple[int, int, int]:
 def fill_reducing_order(
     indptr: IntArray, indices: IntArray, *, engine: str | None = None
 ) -> IntArray:
-    """A minimum-degree permutation for the symmetric pattern in compressed form, (N,)."""
+    """A fill-reducing permutation for the symmetric pattern in compressed form, (N,).
+
+    Minimum degree; for large graphs nested dissection, where METIS (pymetis) is installed.
+    """
     n = len(indptr) - 1
+    if n >= NESTED_FROM and importlib.util.find_spec("pymetis"):
+        return _nested_dissection(indptr, indices)
     if (engine or default_engine()) == "cholmod":
         from cvxopt import amd
 
@@ -115,6 +125,18 @@ def fill_reducing_order(
     values = np.where(indices == column, degree[column].astype(float), -0.5)
     lu = _splu_without_pivoting(CSC((values, indices, indptr), shape=(n, n)), "MMD_AT_PLUS_A")
     return np.asarray(np.argsort(lu.perm_c))
+
+
+def _nested_dissection(indptr: IntArray, indices: IntArray) -> IntArray:
+    import pymetis
+
+    n = len(indptr) - 1
+    column = np.repeat(np.arange(n), np.diff(indptr))
+    others = indices != column  # METIS wants no loops
+    starts = np.concatenate([[0], np.cumsum(np.bincount(column[others], minlength=n))])
+    graph = pymetis.CSRAdjacency(starts.astype(np.int32), indices[others].astype(np.int32))
+    order, _ = pymetis.nested_dissection(graph)
+    return np.asarray(order, dtype=np.intp)
 
 
 def _engine(name: str | None) -> Callable[[CSC, IntArray], Symbolic]:
@@ -208,17 +230,28 @@ class Cholmod:
 
         self._matrix, self._lower = _cvxopt_lower(A.shape[0], A.indptr, A.indices)
         self._symbolic = (self._matrix, matrix(np.asarray(order, dtype=np.int64), tc="i"))
+        self.size = A.shape[0]
         # A factor overwrites its analysis: those that no factor holds any more serve the next.
         self._free: list[Any] = [self._analyze()]
 
     def factor(self, A: CSC) -> Factor | None:
         """Factorize A; None when CHOLMOD meets a pivot that is not positive."""
         values = A.data[self._lower]
-        analysis = self._free.pop() if self._free else self._analyze()
-        if self._numeric(analysis, values):
-            return _CholmodFactor(self, analysis, values)
-        self._free.append(analysis)
+        factor = self.numeric(values)
+        return None if factor is None else _CholmodFactor(self, factor, values)
+
+    def numeric(self, values: FloatArray) -> Any:
+        """CHOLMOD's factor of the matrix with these values in its lower triangle, or None."""
+        factor = self._free.pop() if self._free else self._analyze()
+        if self._numeric(factor, values):
+            return factor
+        self.give_back(factor)
         return None
+
+    def give_back(self, factor: Any) -> None:
+        """Keep the memory of a factor that nobody needs, unless it is much."""
+        if factor is not None and len(self._lower) <= KEPT and not self._free:
+            self._free.append(factor)
 
     def _analyze(self) -> Any:
         from cvxopt import cholmod
@@ -254,14 +287,14 @@ def _own_options() -> Iterator[None]:
 
 
 class _CholmodFactor:
+    """A numeric factor; extracting L uses it up, and solving afterwards factorizes again."""
+
     def __init__(self, symbolic: Cholmod, factor: Any, values: FloatArray) -> None:
         self._symbolic, self._factor, self._values = symbolic, factor, values
         self._lower: tuple[CSC, IntArray] | None = None
-        self._numeric = True
 
     def __del__(self) -> None:
-        if self._lower is None:  # extracting L leaves another kind of analysis behind
-            self._symbolic._free.append(self._factor)
+        self._symbolic.give_back(self._factor)
 
     @property
     def nnz(self) -> int:
@@ -271,8 +304,8 @@ class _CholmodFactor:
         return np.zeros_like(w)
 
     def solve(self, B: FloatArray) -> FloatArray:
-        if not self._numeric:
-            self._numeric = self._symbolic._numeric(self._factor, self._values)
+        if self._factor is None:
+            self._factor = self._symbolic.numeric(self._values)
         return self._solve(np.asarray(B, dtype=np.float64), 0)
 
     def _solve(self, B: FloatArray, system: int) -> FloatArray:
@@ -287,11 +320,13 @@ class _CholmodFactor:
             from cvxopt import cholmod
 
             # The analysis may postorder what it was given: the permutation is asked of the factor.
-            n = len(self._symbolic._symbolic[1])
+            n = self._symbolic.size
             order = self._solve(np.arange(n, dtype=np.float64), 7).astype(np.intp)
-            pointers, rows, values = cholmod.getfactor(self._factor).CCS
-            self._numeric = False  # getfactor leaves only the pattern behind
-            arrays = _array_of(values, np.float64), _array_of(rows, np.int32)
+            L = cholmod.getfactor(self._factor)
+            self._factor = None  # getfactor has left only the pattern in it
+            pointers, rows, values = L.CCS
+            del L
+            arrays = np.asarray(values).ravel(), _array_of(rows, np.int32)
             self._lower = CSC((*arrays, _array_of(pointers, np.int32)), shape=(n, n)), order
         return self._lower
 
