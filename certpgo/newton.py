@@ -45,6 +45,8 @@ SMALLEST_DAMPING, LARGEST_DAMPING = 1e-9, 1e9
 #: than a new factor.
 LOOSEST, TIGHTEST = 0.1, 1e-6
 MAX_PRODUCTS = 8
+#: Nodes from which a new factor costs more than twice as many, so that any old one is tried first.
+LARGE = 20_000
 #: A predicted decrease below this many units of rounding of F cannot be seen in F.
 ROUNDING = 16 * np.finfo(float).eps
 
@@ -201,11 +203,13 @@ def _proposals(problem: Problem, state: _State, work: _Work) -> Iterator[_Propos
     # F falls by the square of the distance, which Newton's steps square.
     tol = min(LOOSEST, max(TIGHTEST, math.sqrt(max(state.progress, 0.0))))
     expected = -math.log(tol) / work.pace
-    settled = state.exact and state.damping == 0.0
-    if work.factor is not None and settled and expected <= MAX_PRODUCTS:
+    large = problem.n >= LARGE
+    most = 2 * MAX_PRODUCTS if large else MAX_PRODUCTS
+    settled = (state.exact or large) and state.damping == 0.0
+    if work.factor is not None and settled and expected <= most:
         H = model.hessian if exact else model.gauss_newton
         solved = conjugate_gradients(
-            H.__matmul__, -g, work.factor.solve, tol=tol, max_iterations=MAX_PRODUCTS
+            H.__matmul__, -g, work.factor.solve, tol=tol, max_iterations=most
         )
         work.counts["products"] += solved.products
         if solved.end is End.CONVERGED:
