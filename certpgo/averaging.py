@@ -19,7 +19,7 @@ from certpgo.monitor import Iteration, Monitor, Stopwatch, silent
 from certpgo.problem import RotationProblem
 from certpgo.solution import Solution, Status
 
-#: A step that leaves more than this part of the gradient is too slow to go on.
+#: A step that leaves more than this part of the cost and of the gradient is slow.
 SLOW = 0.5
 
 
@@ -29,7 +29,7 @@ def laplacian_gauss_newton(
     *,
     tolerance: float = 1e-11,
     max_iterations: int = 100,
-    slow: float = SLOW,
+    patience: int = 3,
     monitor: Monitor = silent,
     watch: Stopwatch | None = None,
 ) -> Solution:
@@ -39,8 +39,8 @@ def laplacian_gauss_newton(
     ----------
     initial : only its rotations count
     tolerance : stationarity (radians, see `FirstOrder`) at which to stop
-    slow : part of the stationarity that two steps may leave; more is STALLED, and Newton's
-        method the better choice
+    patience : as many slow steps in a row, and the method is STALLED: far from any optimum, or
+        better left to Newton's method
     watch : stopwatch that has already timed what led to ``initial``
 
     Raises
@@ -55,7 +55,7 @@ def laplacian_gauss_newton(
         first = problem.first_order(point)
     status = Status.ITERATION_LIMIT
     trace: list[Iteration] = []
-    step_norm = 0.0
+    step_norm, slow = 0.0, 0
     for number in range(max_iterations + 1):
         trace.append(Iteration(number, first.cost, first.stationarity, step_norm, watch.total))
         if monitor(trace[-1]):
@@ -64,7 +64,7 @@ def laplacian_gauss_newton(
         if first.stationarity <= tolerance:
             status = Status.CONVERGED
             break
-        if number >= 2 and first.stationarity > slow * trace[-3].gradient:
+        if slow == patience:
             status = Status.STALLED
             break
         if number == max_iterations:
@@ -76,6 +76,8 @@ def laplacian_gauss_newton(
         if following.cost > first.cost * (1.0 + 1e-12):
             status = Status.STALLED
             break
+        lasting = following.stationarity > SLOW * first.stationarity
+        slow = slow + 1 if lasting and following.cost > SLOW * first.cost else 0
         point, first, step_norm = candidate, following, float(np.linalg.norm(delta))
     return Solution(
         estimate=Estimate(point.rotations),

@@ -136,6 +136,52 @@ def pose_hessian(
     return diagonal, upper
 
 
+def lifted_hessian(
+    graph: RotationGraph | PoseGraph, basis: FloatArray, multipliers: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Blocks of the exact Hessian of F/2 at a point of rank r, over tangents sum_k w_k B_ik.
+
+    The restriction of M - blkdiag(0, Lam) in each of the r dimensions; with zero multipliers, the
+    Gauss-Newton matrix. At rank d and with B_ik = R_i hat(e_k) it is `pose_hessian`.
+
+    Parameters
+    ----------
+    basis : (n, q, r, d) of the tangent space of the blocks Y_i
+    multipliers : (n, d, d) the blocks Lam_i there
+
+    Returns
+    -------
+    (n, b, b) diagonal blocks and (m, b, b) blocks of edges (i, j); b = r + q for poses, over
+    translations first, and b = q for rotations
+    """
+    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    n, q, r, d = basis.shape
+    i, j = graph.edges.T
+    spread = degrees(graph.edges, rotation.kappa, n)[:, None, None] * np.eye(d) - multipliers
+    carried = (basis[i] @ rotation.rotations[:, None]).reshape(-1, q, r * d)
+    there = np.swapaxes(basis[j].reshape(-1, q, r * d), 1, 2)
+    coupling = -rotation.kappa[:, None, None] * (carried @ there)
+    flat = basis.reshape(n, q, r * d)
+    if not isinstance(graph, PoseGraph):
+        return (basis @ spread[:, None]).reshape(n, q, r * d) @ np.swapaxes(flat, 1, 2), coupling
+    tau, t = graph.tau, graph.translations
+    moment = scatter_sum(i, tau[:, None] * t, n)
+    spread = spread + scatter_sum(i, (tau[:, None] * t)[:, :, None] * t[:, None, :], n)
+
+    diagonal = np.zeros((n, r + q, r + q))
+    diagonal[:, :r, :r] = degrees(graph.edges, tau, n)[:, None, None] * np.eye(r)
+    diagonal[:, r:, :r] = (basis @ moment[:, None, :, None])[..., 0]
+    diagonal[:, :r, r:] = np.swapaxes(diagonal[:, r:, :r], 1, 2)
+    turned = (basis @ spread[:, None]).reshape(n, q, r * d)
+    diagonal[:, r:, r:] = turned @ np.swapaxes(flat, 1, 2)
+
+    upper = np.zeros((graph.num_edges, r + q, r + q))
+    upper[:, np.arange(r), np.arange(r)] = -tau[:, None]
+    upper[:, r:, :r] = -(basis[i] @ (tau[:, None] * t)[:, None, :, None])[..., 0]
+    upper[:, r:, r:] = coupling
+    return diagonal, upper
+
+
 def tangent_restriction(S: FloatArray) -> FloatArray:
     """The form (v, w) -> tr(hat(v) hat(w)^T S) of S (..., d, d), as (..., p, p)."""
     trace = np.trace(S, axis1=-2, axis2=-1)[..., None, None]

@@ -1,8 +1,9 @@
-"""certpgo solve: estimate the poses or rotations of a graph."""
+"""certpgo solve: the best estimate of a graph, with a certificate; or any method's."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,12 +13,18 @@ from certpgo.cli import _verdict
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, facts, notice, working
 from certpgo.cli._writing import refuse_overwriting
+from certpgo.errors import InputError
+from certpgo.monitor import Iteration, Monitor, TableMonitor
 
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
     from certpgo.estimate import Estimate
     from certpgo.graph import Instance
-    from certpgo.solution import Solution
+    from certpgo.solution import Solution, Solver
+    from certpgo.solve import Level
+
+#: Exit code after Ctrl-C.
+INTERRUPTED = 130
 
 
 @takes_reading
@@ -25,7 +32,7 @@ def command(
     graph: Annotated[str, typer.Argument(metavar="GRAPH", help="A file or dataset.")],
     method: Annotated[
         str | None,
-        typer.Option("--method", help="See certpgo list methods. [default: eigen_ma, eigen_ra]"),
+        typer.Option("--method", help="A method of certpgo list methods instead."),
     ] = None,
     settings: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="A setting of it.")
@@ -40,19 +47,32 @@ def command(
         str | None, typer.Option("--format", help="Format of it, by default by its suffix.")
     ] = None,
     certify: Annotated[
-        bool, typer.Option("--certify/--no-certify", help="Judge the answer as well.")
-    ] = False,
+        bool, typer.Option("--certify/--no-certify", help="Judge the answer of --method as well.")
+    ] = True,
+    time_limit: Annotated[
+        float | None,
+        typer.Option("--time-limit", metavar="SECONDS", min=0.0, help="Stop with the best so far."),
+    ] = None,
+    max_rank: Annotated[
+        int | None,
+        typer.Option("--max-rank", min=2, help="Where the staircase ends. [default: d + 7]"),
+    ] = None,
+    trace: Annotated[bool, typer.Option("--trace", help="Print every iteration.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
     *,
     reading: Reading,
 ) -> int:
-    """Solve a graph, and judge the answer with --certify."""
+    """Find the best estimate of a graph and prove how good it is.
+
+    Without --method: start, optimise, certify, and climb the Riemannian staircase where that
+    fails. Ctrl-C returns the best estimate so far.
+    """
     from certpgo.harness.methods import build, parse_settings
     from certpgo.harness.runner import refuse_other_problems
     from certpgo.io import read_estimate, write
     from certpgo.io.format import format_to_write
-    from certpgo.problem import PoseProblem, problem_of
 
+    _refuse_mixtures(method, settings, certify, time_limit, max_rank)
     if out is not None:
         format_to_write(out, format)  # a wrong suffix is said before the work, not after
     refuse_overwriting([out], [graph, initial], reading.data)
@@ -61,30 +81,158 @@ def command(
     targets = _targets(out, parts)
     refuse_overwriting(targets, [graph, initial], reading.data)
     start = None if initial is None else read_estimate(initial, instance)
-    reports: list[dict[str, Any]] = []
-    certificates: list[Certificate] = []
+    solver = None
+    if method is not None:
+        solver = build(method, parse_settings(method, settings or ()))
+        for part in parts:
+            refuse_other_problems(method, solver, part.graph)
+    answers: list[_Answer] = []
     for part, target in zip(parts, targets, strict=True):
-        problem = problem_of(part.graph)
-        name = method or ("eigen_ma" if isinstance(problem, PoseProblem) else "eigen_ra")
-        solver = build(name, parse_settings(name, settings or ()))
-        refuse_other_problems(name, solver, part.graph)
-        with working(f"{name} on {part.name}") as status:
-            solution = solver.solve(problem, initial=_restricted(start, instance, part))
-            certificate = None
-            if certify:
-                from certpgo.certify import certify as judge
-
-                status.update(f"certifying the answer for {part.name}")
-                certificate = judge(problem, solution.estimate)
-                certificates.append(certificate)
+        begin = _restricted(start, instance, part)
+        with working(f"solving {part.name}") as status:
+            monitor = TableMonitor() if trace else _Telling(status)
+            if solver is None or method is None:
+                answer = _certified(part, begin, time_limit, max_rank, monitor)
+            else:
+                answer = _by_method(part, method, solver, begin, certify, monitor, status)
         if target is not None:
-            write(target, solution.estimate, instance=part, format=format)
-        reports.append(_report(part, name, solution, certificate, target))
+            write(target, answer.solution.estimate, instance=part, format=format)
+        answers.append(answer)
         if not json:
-            _show(part, name, solution, certificate, target)
+            answer.show(part, target)
+        if answer.interrupted:
+            break
     if json:
+        reports = [
+            answer.report(part, target)
+            for answer, part, target in zip(answers, parts, targets, strict=False)
+        ]
         document(reports[0] if len(reports) == 1 else reports)
-    return _verdict.exit_code(certificates)
+    if answers[-1].interrupted:
+        return INTERRUPTED
+    return _verdict.exit_code(a.certificate for a in answers if a.certificate is not None)
+
+
+@dataclass(frozen=True)
+class _Answer:
+    """What a part of the graph got."""
+
+    name: str
+    solution: Solution
+    certificate: Certificate | None
+    start: str | None = None
+    levels: Sequence[Level] = ()
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether Ctrl-C ended the search."""
+        return self.solution.status.value == "interrupted"
+
+    def report(self, part: Instance, written: Path | None) -> dict[str, Any]:
+        """For --json."""
+        solution, certificate = self.solution, self.certificate
+        return {
+            "graph": part.name,
+            "options": dict(part.options),
+            "method": self.name,
+            "start": self.start,
+            "levels": [
+                {"rank": level.rank, "cost": level.cost, "eigenvalue": level.eigenvalue}
+                for level in self.levels
+            ],
+            "status": solution.status.value,
+            "cost": solution.cost,
+            "iterations": solution.iterations,
+            "counts": dict(solution.counts),
+            "seconds": dict(solution.seconds),
+            "note": solution.note,
+            "written": None if written is None else str(written),
+            "certificate": None if certificate is None else _verdict.as_json(certificate),
+        }
+
+    def show(self, part: Instance, written: Path | None) -> None:
+        """For people."""
+        solution = self.solution
+        seconds = ", ".join(f"{phase} {value:.3f}" for phase, value in solution.seconds.items())
+        lines = [("graph", part.name), ("method", self.name), ("ended", solution.status.value)]
+        if solution.iterations:
+            lines.append(("iterations", str(solution.iterations)))
+        lines += [("cost F", f"{solution.cost:.12g}"), ("seconds", seconds)]
+        if solution.note:
+            lines.append(("note", solution.note))
+        if written is not None:
+            lines.append(("written", str(written)))
+        facts(lines)
+        if self.certificate is None:
+            notice("how far this is from the best possible is not known without --certify")
+            return
+        typer.echo()
+        _verdict.show(self.certificate, part.options)
+        if self.start is None and self.certificate.verdict.value != "CERTIFIED":
+            notice("without --method the best answer is searched for")
+
+
+class _Telling:
+    """The monitor that keeps the spinner's line up to date."""
+
+    def __init__(self, status: Any) -> None:
+        self.status = status
+
+    def __call__(self, iteration: Iteration) -> bool:
+        reached = f"F {iteration.cost:.8g}, gradient {iteration.gradient:.0e}"
+        self.status.update(f"iteration {iteration.number}: {reached}")
+        return False
+
+
+def _certified(
+    part: Instance,
+    start: Estimate | None,
+    time_limit: float | None,
+    max_rank: int | None,
+    monitor: Monitor,
+) -> _Answer:
+    from certpgo import solve
+
+    found = solve(
+        part.graph, initial=start, time_limit=time_limit, max_rank=max_rank, monitor=monitor
+    )
+    return _Answer("certified", found.solution, found.certificate, found.start, found.levels)
+
+
+def _by_method(
+    part: Instance,
+    name: str,
+    solver: Solver,
+    start: Estimate | None,
+    judge: bool,
+    monitor: Monitor,
+    status: Any,
+) -> _Answer:
+    from certpgo.certify import certify
+    from certpgo.problem import problem_of
+
+    problem = problem_of(part.graph)
+    solution = solver.solve(problem, initial=start, monitor=monitor)
+    if not judge:
+        return _Answer(name, solution, None)
+    status.update(f"certifying the answer for {part.name}")
+    return _Answer(name, solution, certify(problem, solution.estimate))
+
+
+def _refuse_mixtures(
+    method: str | None,
+    settings: Sequence[str] | None,
+    certify: bool,
+    time_limit: float | None,
+    max_rank: int | None,
+) -> None:
+    """Options that belong to one way of solving are not silently ignored by the other."""
+    if method is None and settings:
+        raise InputError("--set needs --method")
+    if method is None and not certify:
+        raise InputError("--no-certify needs --method")
+    if method is not None and (time_limit is not None or max_rank is not None):
+        raise InputError("--time-limit and --max-rank do not go with --method")
 
 
 def _restricted(estimate: Estimate | None, instance: Instance, part: Instance) -> Estimate | None:
@@ -100,51 +248,3 @@ def _targets(out: Path | None, parts: Sequence[Instance]) -> list[Path | None]:
     if out is None or len(parts) == 1:
         return [out] * len(parts)
     return [out.with_stem(f"{out.stem}-{int(part.ids.min())}") for part in parts]
-
-
-def _report(
-    part: Instance,
-    name: str,
-    solution: Solution,
-    certificate: Certificate | None,
-    written: Path | None,
-) -> dict[str, Any]:
-    return {
-        "graph": part.name,
-        "options": dict(part.options),
-        "method": name,
-        "status": solution.status.value,
-        "cost": solution.cost,
-        "iterations": solution.iterations,
-        "seconds": dict(solution.seconds),
-        "note": solution.note,
-        "written": None if written is None else str(written),
-        "certificate": None if certificate is None else _verdict.as_json(certificate),
-    }
-
-
-def _show(
-    part: Instance,
-    name: str,
-    solution: Solution,
-    certificate: Certificate | None,
-    written: Path | None,
-) -> None:
-    seconds = ", ".join(f"{phase} {value:.3f}" for phase, value in solution.seconds.items())
-    lines = [("graph", part.name), ("method", name), ("ended", solution.status.value)]
-    if solution.iterations:
-        lines.append(("iterations", str(solution.iterations)))
-    lines += [("cost F", f"{solution.cost:.12g}"), ("seconds", seconds)]
-    if solution.note:
-        lines.append(("note", solution.note))
-    if written is not None:
-        lines.append(("written", str(written)))
-    facts(lines)
-    if certificate is None:
-        notice("how far this is from the best possible is not known; --certify judges it")
-        return
-    typer.echo()
-    _verdict.show(certificate, part.options)
-    if certificate.verdict.value != "CERTIFIED":
-        other = "" if name == "newton" else "--method newton, or "
-        notice(f"try {other}certpgo certify --polish, which writes the best answer found")

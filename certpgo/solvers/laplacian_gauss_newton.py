@@ -44,7 +44,7 @@ class LaplacianGaussNewton(Iterative):
             initial,
             tolerance=self.tolerance,
             max_iterations=self.max_iterations,
-            slow=1.0,
+            patience=self.max_iterations,
             monitor=monitor,
             watch=watch,
         )

@@ -5,29 +5,33 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from certpgo import spectral
-from certpgo.errors import SpecError
+from certpgo import operators, spectral
+from certpgo.errors import NumericalError, SpecError
 from certpgo.estimate import Estimate
 from certpgo.lift import Lift, Point, lifted, rounded
-from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg import so
+from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.blocks import add_to_diagonal
 from certpgo.linalg.cg import End, conjugate_gradients
+from certpgo.linalg.factor import Factor
 from certpgo.monitor import Iteration, Monitor, Stopwatch, silent
-from certpgo.problem import Problem
-from certpgo.reduced import Reduced
+from certpgo.problem import PoseProblem, Problem
 from certpgo.solution import Solution, Status
 from certpgo.solvers._iterative import Iterative
 
-#: Trust region, in radians at a typical node: the first radius and the largest.
-FIRST_RADIUS, LARGEST_RADIUS = 1.0, 10.0
 #: A step is taken when it gains this part of what the model predicts; the region shrinks below the
 #: second and grows above the third.
 ACCEPTED, POOR, GOOD = 0.01, 0.25, 0.75
-#: Conjugate gradients: the gradient is reduced by this factor, or by its own size.
-LOOSEST = 0.1
-MAX_PRODUCTS = 500
+#: Conjugate gradients: relative residuals asked for, products allowed, and products up to which
+#: the preconditioner serves the next step as well.
+LOOSEST, TIGHTEST = 0.1, 1e-6
+MAX_PRODUCTS, FEW_PRODUCTS = 100, 10
+#: Shift of the preconditioner, over the mean diagonal: the gauge group is larger than one pose.
+SHIFT = 1e-9
 #: A predicted decrease below this many units of rounding of F cannot be seen in F.
 ROUNDING = 16 * np.finfo(float).eps
 #: Halvings of a step along a given direction.
@@ -55,12 +59,12 @@ def descend(
     max_iterations: int = 500,
     monitor: Monitor = silent,
     watch: Stopwatch | None = None,
-    reduced: Reduced | None = None,
 ) -> Descent:
     """Minimise F over St(rank, d)^n from ``initial``, by truncated Newton steps.
 
-    Absil, Baker, Gallivan (2007); Rosen et al. (SE-Sync, IJRR 2019), section 4.2, whose
-    preconditioner is used: a factor of M, shifted.
+    Absil, Baker, Gallivan, "Trust-region methods on Riemannian manifolds" (2007). The
+    preconditioner, and the metric of the trust region, is the Gauss-Newton matrix: a step's size
+    is by how much it changes the residuals.
 
     Parameters
     ----------
@@ -70,20 +74,18 @@ def descend(
         lower rank there is no other way down
     tolerance : stationarity (radians) at which to stop
     watch : stopwatch that has already timed what led to ``initial``
-    reduced : the factor of Q, if it is at hand
     """
     watch = watch or Stopwatch()
     counts: Counter[str] = Counter()
     trace: list[Iteration] = []
     status = Status.ITERATION_LIMIT
     with watch.phase("low rank"):
-        Q = reduced or Reduced(problem)
         start = problem.settled(lifted(initial, rank))
         if direction is not None:
             start = leave(problem, start, direction)
-        here = _Tangent(problem, Q, start)
-        typical = math.sqrt(float(problem.rotation.node_weights.sum()))
-    radius, step_norm = FIRST_RADIUS * typical, 0.0
+        here = _Tangent(problem, start)
+    metric: Factor | None = None
+    radius, step_norm, progress = math.sqrt(here.cost), 0.0, 1.0
     for number in range(max_iterations + 1):
         trace.append(Iteration(number, here.cost, here.stationarity, step_norm, watch.total))
         if monitor(trace[-1]):
@@ -95,17 +97,21 @@ def descend(
         if number == max_iterations:
             break
         with watch.phase("low rank"):
+            if metric is None:
+                metric = here.metric()
+                counts["factorizations"] += 1
+            # F falls by the square of the distance, which Newton's steps square.
             solved = conjugate_gradients(
-                here.hessian,
-                -here.gradient.ravel(),
-                here.precondition,
-                tol=min(LOOSEST, here.stationarity),
+                here.hessian.__matmul__,
+                -here.gradient,
+                metric.solve,
+                tol=min(LOOSEST, max(TIGHTEST, math.sqrt(progress))),
                 max_iterations=MAX_PRODUCTS,
                 radius=radius,
             )
             counts["products"] += solved.products
-            predicted = float(solved.x @ (solved.residual - here.gradient.ravel()))
-            there = _Tangent(problem, Q, here.retract(solved.x))
+            predicted = float(solved.x @ (solved.residual - here.gradient))
+            there = _Tangent(problem, here.retract(solved.x))
         if predicted <= ROUNDING * here.cost:
             # F can no longer tell; the gradient still can.
             if there.stationarity >= here.stationarity:
@@ -114,52 +120,79 @@ def descend(
             gain = 1.0
         else:
             gain = (here.cost - there.cost) / predicted
-        at_boundary = solved.end in (End.BOUNDARY, End.NEGATIVE_CURVATURE)
         if gain < POOR:
             radius *= 0.25
-        elif gain > GOOD and at_boundary:
-            radius = min(2.0 * radius, LARGEST_RADIUS * typical)
+        elif gain > GOOD and solved.end in (End.BOUNDARY, End.NEGATIVE_CURVATURE):
+            radius *= 2.0
         if gain > ACCEPTED:
+            progress = max(here.cost - there.cost, 0.0) / here.cost
             here, step_norm = there, float(np.linalg.norm(solved.x))
-        elif radius < 1e-12 * typical:
+            if solved.products > FEW_PRODUCTS:
+                metric = None
+        elif radius**2 < ROUNDING * here.cost:
             status = Status.STALLED
             break
     return Descent(here.point, here.cost, status, tuple(trace), dict(counts))
 
 
 class _Tangent:
-    """A point with what a step from it needs: gradient, Hessian, preconditioner, retraction."""
+    """A point with what a step from it needs: gradient, Hessian, metric, retraction.
 
-    def __init__(self, problem: Problem, Q: Reduced, point: Lift) -> None:
-        self._problem, self._Q = problem, Q
+    Steps are (n, r + q), translations first, or (n, q) for rotations alone: coordinates in an
+    orthonormal basis of each block's tangent space.
+    """
+
+    def __init__(self, problem: Problem, point: Lift) -> None:
+        self._problem = problem
         self.point = point
         self.cost = problem.cost(point)
         Y = point.rotations
-        G = problem.gradient(point)[:, :, -problem.d :]
-        self._multipliers = _symmetric(np.swapaxes(Y, 1, 2) @ G)
-        self.gradient = self._projected(G)
-        norms = np.linalg.norm(self.gradient.reshape(problem.n, -1), axis=1)
-        self.stationarity = float((norms / problem.curvature).max())
+        G = problem.gradient(point)
+        self._multipliers = operators.multipliers(G[:, :, -problem.d :], Y)
+        self._basis = tangent_basis(Y)
+        turn = np.einsum("nqrd,nrd->nq", self._basis, G[:, :, -problem.d :])
+        self.stationarity = float((np.linalg.norm(turn, axis=1) / problem.curvature).max())
+        moves = [G[:, :, 0]] if isinstance(problem, PoseProblem) else []
+        self.gradient = np.concatenate([*moves, turn], axis=1).ravel()
 
-    def hessian(self, x: FloatArray) -> FloatArray:
-        """The Riemannian Hessian of F/2: V -> proj(Q V - V Lam)."""
-        V = x.reshape(self.gradient.shape)
-        QV = _blocks(self._Q @ _columns(V), V.shape) - self._Q.shift * V
-        return self._projected(QV - V @ self._multipliers).ravel()
+    @cached_property
+    def hessian(self) -> CSC:
+        """The Riemannian Hessian of F/2."""
+        return self._matrix(self._multipliers)
 
-    def precondition(self, x: FloatArray) -> FloatArray:
-        """V -> proj((Q + shift I)^-1 V)."""
-        V = x.reshape(self.gradient.shape)
-        return self._projected(_blocks(self._Q.solve(_columns(V)), V.shape)).ravel()
+    def metric(self) -> Factor:
+        """The factor of the Gauss-Newton matrix, shifted."""
+        matrix = self._matrix(np.zeros_like(self._multipliers))
+        shifted = add_to_diagonal(matrix, SHIFT * float(matrix.diagonal().mean()))
+        factor = self._problem.symbolic(shifted).factor(shifted)
+        if factor is None:
+            raise NumericalError("the Gauss-Newton matrix could not be factorized")
+        return factor
+
+    def _matrix(self, multipliers: FloatArray) -> CSC:
+        blocks = operators.lifted_hessian(self._problem.graph, self._basis, multipliers)
+        return self._problem.pattern.assemble(*blocks)
 
     def retract(self, x: FloatArray) -> Lift:
         """The nearest point of the manifold, translations settled."""
-        V = x.reshape(self.gradient.shape)
+        q = self._basis.shape[1]
+        V = np.einsum("nq,nqrd->nrd", x.reshape(self._problem.n, -1)[:, -q:], self._basis)
         return _moved(self._problem, self.point, V)
 
-    def _projected(self, Z: FloatArray) -> FloatArray:
-        Y = self.point.rotations
-        return np.asarray(Z - Y @ _symmetric(np.swapaxes(Y, 1, 2) @ Z))
+
+def tangent_basis(Y: FloatArray) -> FloatArray:
+    """(n, q, r, d) orthonormal bases of the tangent spaces of St(r, d) at blocks (n, r, d).
+
+    Turns within the columns' span, Y hat(e_k) / sqrt(2), then moves out of it.
+    """
+    n, r, d = Y.shape
+    generators = so.hat(np.eye(so.tangent_dim(d))) / math.sqrt(2.0)
+    within = Y[:, None] @ generators
+    if r == d:
+        return within
+    normal = np.linalg.qr(Y, mode="complete")[0][:, :, d:]
+    out = np.einsum("nra,bc->nabrc", normal, np.eye(d)).reshape(n, -1, r, d)
+    return np.concatenate([within, out], axis=1)
 
 
 def leave(problem: Problem, point: Lift, direction: FloatArray) -> Lift:
@@ -193,20 +226,6 @@ def _orthonormal(Z: FloatArray) -> FloatArray:
     values, vectors = np.linalg.eigh(np.swapaxes(Z, 1, 2) @ Z)
     root = (vectors / np.sqrt(values)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
     return np.asarray(Z @ root)
-
-
-def _symmetric(A: FloatArray) -> FloatArray:
-    return np.asarray(0.5 * (A + np.swapaxes(A, 1, 2)))
-
-
-def _columns(V: FloatArray) -> FloatArray:
-    """Blocks (n, r, d) as the matrix V^T (dn, r)."""
-    return np.swapaxes(V, 1, 2).reshape(-1, V.shape[1])
-
-
-def _blocks(X: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    n, r, d = shape
-    return np.swapaxes(X.reshape(n, d, r), 1, 2)
 
 
 @dataclass(frozen=True)
