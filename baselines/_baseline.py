@@ -17,11 +17,12 @@ from ._gtsam import Model, library, translated
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What a step of GTSAM gives: values, how it ended, and iterations."""
+    """What a step of GTSAM gives: values, how it ended, iterations, and its own verdict if any."""
 
     values: Any
     status: Status = Status.CLOSED_FORM
     iterations: int = 0
+    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ class Baseline:
         Returns
         -------
         Solution with seconds by phase: ``build`` (GTSAM's graph), ``start``, ``solve``; its note
-        says which information the factors carried.
+        is GTSAM's own verdict where it gives one, else which information the factors carried.
 
         Raises
         ------
@@ -90,9 +91,10 @@ class Baseline:
             status=outcome.status,
             iterations=outcome.iterations,
             seconds=dict(watch.seconds),
-            note=model.note,
+            note=outcome.note or model.note,
         )
 
     def _check(self, problem: Problem) -> None:
         if not (self.poses if isinstance(problem, PoseProblem) else self.rotations):
-            raise InputError("this method of GTSAM takes pose graphs, not rotations alone")
+            taken = ("pose graphs, not rotations alone", "rotations alone, not pose graphs")
+            raise InputError(f"this method of GTSAM takes {taken[not self.poses]}")

@@ -57,7 +57,7 @@ def start_of(problem: Problem) -> tuple[Start, Factor | None]:
         No factorization, or no convergence.
     """
     graph = problem.rotation.graph
-    tree = compose(graph, spanning_tree(graph))
+    tree = compose(graph, spanning_tree(graph, root="center"))
     if isinstance(problem, PoseProblem) and problem.d == 3:
         Q = Reduced(problem)
         pairs = spectral.eliminated_eigenpairs(problem, tol=EIGEN_TOL, Q=Q, start=tree)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
-from scipy.sparse import csgraph
+from scipy.sparse import csgraph, csr_array
 
 from certpgo.estimate import Estimate
 from certpgo.graph import PoseGraph, RotationGraph
@@ -12,13 +14,19 @@ from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.blocks import adjacency
 
 
-def spanning_tree(graph: RotationGraph | PoseGraph, lengths: FloatArray | None = None) -> IntArray:
-    """(n,) parent of each node, negative for the root 0, in a spanning tree of a connected graph.
+def spanning_tree(
+    graph: RotationGraph | PoseGraph,
+    lengths: FloatArray | None = None,
+    *,
+    root: int | Literal["center"] = 0,
+) -> IntArray:
+    """(n,) parent of each node, negative for the root, in a spanning tree of a connected graph.
 
     Parameters
     ----------
     lengths : (m,) positive edge lengths whose sum the tree minimises; by default the tree is the
         breadth-first one, whose paths are shortest
+    root : a node, or ``"center"`` for one that is far from none: errors add up along paths
     """
     n, (i, j) = graph.num_nodes, graph.edges.T
     low, high = np.minimum(i, j), np.maximum(i, j)
@@ -30,7 +38,23 @@ def spanning_tree(graph: RotationGraph | PoseGraph, lengths: FloatArray | None =
     tree = adjacency(n, low[first], high[first], values[order][first])
     if lengths is not None:
         tree = csgraph.minimum_spanning_tree(tree)
-    return np.asarray(csgraph.breadth_first_order(tree, 0, directed=False)[1], dtype=np.intp)
+    start = _center(tree) if root == "center" else root
+    return _breadth_first(tree, start)[1]
+
+
+def _center(graph: csr_array) -> int:
+    """The middle of a long shortest path: from the node farthest from a farthest one."""
+    end = int(_breadth_first(graph, 0)[0][-1])
+    order, parents = _breadth_first(graph, end)
+    path = [int(order[-1])]
+    while path[-1] != end:
+        path.append(int(parents[path[-1]]))
+    return path[len(path) // 2]
+
+
+def _breadth_first(graph: csr_array, root: int) -> tuple[IntArray, IntArray]:
+    order, parents = csgraph.breadth_first_order(graph, root, directed=False)
+    return np.asarray(order, dtype=np.intp), np.asarray(parents, dtype=np.intp)
 
 
 def compose(graph: RotationGraph | PoseGraph, parents: IntArray) -> Estimate:

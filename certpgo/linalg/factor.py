@@ -23,7 +23,7 @@ from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 #: Nodes from which nested dissection pays for itself.
 NESTED_FROM = 7500
 #: Entries of a matrix up to which CHOLMOD's memory is kept for the next factor.
-KEPT = 10_000_000
+KEPT = 1_000_000
 
 
 class Factor(Protocol):
@@ -39,7 +39,7 @@ class Factor(Protocol):
         ...
 
     def lower(self) -> tuple[CSC, IntArray]:
-        """L with positive diagonal, and the permutation p."""
+        """L with positive diagonal, and the permutation p; uses the factor up: solve before."""
         ...
 
     def excess(self, w: FloatArray) -> FloatArray:
@@ -236,15 +236,9 @@ class Cholmod:
 
     def factor(self, A: CSC) -> Factor | None:
         """Factorize A; None when CHOLMOD meets a pivot that is not positive."""
-        values = A.data[self._lower]
-        factor = self.numeric(values)
-        return None if factor is None else _CholmodFactor(self, factor, values)
-
-    def numeric(self, values: FloatArray) -> Any:
-        """CHOLMOD's factor of the matrix with these values in its lower triangle, or None."""
         factor = self._free.pop() if self._free else self._analyze()
-        if self._numeric(factor, values):
-            return factor
+        if self._numeric(factor, A.data[self._lower]):
+            return _CholmodFactor(self, factor)
         self.give_back(factor)
         return None
 
@@ -287,10 +281,8 @@ def _own_options() -> Iterator[None]:
 
 
 class _CholmodFactor:
-    """A numeric factor; extracting L uses it up, and solving afterwards factorizes again."""
-
-    def __init__(self, symbolic: Cholmod, factor: Any, values: FloatArray) -> None:
-        self._symbolic, self._factor, self._values = symbolic, factor, values
+    def __init__(self, symbolic: Cholmod, factor: Any) -> None:
+        self._symbolic, self._factor = symbolic, factor
         self._lower: tuple[CSC, IntArray] | None = None
 
     def __del__(self) -> None:
@@ -304,8 +296,6 @@ class _CholmodFactor:
         return np.zeros_like(w)
 
     def solve(self, B: FloatArray) -> FloatArray:
-        if self._factor is None:
-            self._factor = self._symbolic.numeric(self._values)
         return self._solve(np.asarray(B, dtype=np.float64), 0)
 
     def _solve(self, B: FloatArray, system: int) -> FloatArray:
@@ -336,7 +326,7 @@ def _cvxopt_lower(n: int, indptr: IntArray, indices: IntArray) -> tuple[Any, Int
     from cvxopt import matrix, spmatrix
 
     columns = np.repeat(np.arange(n, dtype=np.int64), np.diff(indptr))
-    lower = np.flatnonzero(indices >= columns)
+    lower = np.flatnonzero(indices >= columns).astype(indptr.dtype)
     rows = matrix(np.asarray(indices[lower], dtype=np.int64), tc="i")
     return spmatrix(1.0, rows, matrix(columns[lower], tc="i"), (n, n)), lower
 

@@ -17,9 +17,9 @@ from certpgo.trees import compose, spanning_tree
 class LaplacianGaussNewton(Iterative):
     """Gauss-Newton with one n x n factorization; see `certpgo.averaging`.
 
-    Starts at the breadth-first spanning tree unless told otherwise. Local: fast where residual
-    angles are small, stalled where they are large. With translations, they are the best for the
-    rotations found.
+    Starts at the breadth-first spanning tree of a central node unless told otherwise. Local: fast
+    where residual angles are small, stalled where they are large. With translations, they are the
+    best for the rotations found.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class LaplacianGaussNewton(Iterative):
         graph = problem.rotation.graph
         if initial is None:
             with watch.phase("tree"):
-                initial = compose(graph, spanning_tree(graph))
+                initial = compose(graph, spanning_tree(graph, root="center"))
         found = laplacian_gauss_newton(
             problem.rotation,
             initial,

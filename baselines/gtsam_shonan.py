@@ -1,0 +1,101 @@
+"""GTSAM's Shonan rotation averaging (Dellaert et al., ECCV 2020), and its verdict on estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from certpgo.errors import NumericalError
+from certpgo.estimate import Estimate
+from certpgo.linalg.arrays import FloatArray
+from certpgo.monitor import Stopwatch
+from certpgo.problem import Problem, RotationProblem
+from certpgo.solution import Status
+
+from ._averaging import Averaging, posed
+from ._baseline import Outcome
+from ._gtsam import Model, isotropic_model, library, translated
+
+
+@dataclass(frozen=True)
+class Shonan(Averaging):
+    """Shonan averaging with GTSAM's parameters; see `Averaging` for the settings.
+
+    Its cost is F. The note is its own verdict: a point is certified when the smallest eigenvalue
+    that its Lanczos finds is above -1e-4; the certificate matrix is twice ours.
+    """
+
+    def ready(
+        self, problem: Problem, initial: Estimate | None, watch: Stopwatch
+    ) -> tuple[Model, Callable[[], Outcome]]:
+        """Build measurements and start; the call climbs the staircase."""
+        ranks = self.ranks(problem.d)
+        with watch.phase("build"):
+            model = isotropic_model(problem)
+            averaging = _averaging(problem.rotation)
+        with watch.phase("start"):
+            start = self.begin(problem, model, initial)
+        return model, lambda: _climb(averaging, start, ranks)
+
+
+def calls_optimal(problem: Problem, estimate: Estimate) -> tuple[bool, float]:
+    """Shonan's verdict on the rotations of an estimate, and the eigenvalue that it rests on.
+
+    Raises
+    ------
+    MissingDependency
+        GTSAM is not installed.
+    NumericalError
+        Its Lanczos did not converge.
+    """
+    library()
+    with translated():
+        averaging = _averaging(problem.rotation)
+        values = _lifted(estimate.rotations, problem.d)
+        verdict = bool(averaging.checkOptimality(values))
+        return verdict, float(averaging.computeMinEigenValue(values))
+
+
+def _climb(averaging: Any, start: Estimate, ranks: range) -> Outcome:
+    """The levels of ShonanAveraging's ``run``, which does not tell the rank where it ended."""
+    threshold = _parameters(start.d).getOptimalityThreshold()
+    level, iterations = _lifted(start.rotations, ranks[0]), 0
+    for p in ranks:
+        search = averaging.createOptimizerAt(p, level)
+        point = search.optimize()
+        iterations += search.iterations()
+        eigenvalue, direction = averaging.computeMinEigenVector(point)
+        said = f"at p = {p}, smallest eigenvalue {eigenvalue:.1e}"
+        if eigenvalue > threshold:
+            values = averaging.roundSolution(point)
+            return Outcome(values, Status.CONVERGED, iterations, f"Shonan: certified {said}")
+        if p < ranks[-1]:
+            level = averaging.initializeWithDescent(p + 1, point, direction, eigenvalue)
+    raise NumericalError(f"GTSAM: Shonan::run did not converge for given max_p: {said}")
+
+
+def _averaging(problem: RotationProblem) -> Any:
+    """ShonanAveraging2 or 3, whose kappa 1/sigma^2 is twice ours; only poses serve both."""
+    graph = posed(problem).graph
+    factors = [graph.at(k) for k in range(graph.nrFactors())]
+    return getattr(library(), f"ShonanAveraging{problem.d}")(factors, _parameters(problem.d))
+
+
+def _parameters(d: int) -> Any:
+    """GTSAM's defaults."""
+    gtsam = library()
+    search = gtsam.LevenbergMarquardtParams.CeresDefaults()
+    return getattr(gtsam, f"ShonanAveragingParameters{d}")(search)
+
+
+def _lifted(R: FloatArray, p: int) -> Any:
+    """Rotations (n, d, d) as Values of SO(p)."""
+    gtsam = library()
+    values = gtsam.Values()
+    for key, rotation in enumerate(R):
+        values.insert(key, gtsam.SOn.Lift(p, rotation))
+    return values
+
+
+SOLVER = Shonan

@@ -1,0 +1,127 @@
+"""Pymanopt's Riemannian trust region (Townsend, Koep, Weichwald, JMLR 2016) on St(r, d)^n."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from certpgo.errors import MissingDependency, SpecError
+from certpgo.estimate import Estimate
+from certpgo.lift import Lift, lifted, rounded
+from certpgo.linalg.arrays import FloatArray
+from certpgo.monitor import Monitor, Stopwatch, silent
+from certpgo.problem import PoseProblem, Problem
+from certpgo.solution import Solution, Status
+from certpgo.spectral import spectral_start
+
+
+@dataclass(frozen=True)
+class TrustRegion:
+    """The low-rank problem in pymanopt's hands, with its own defaults and no preconditioner.
+
+    Attributes
+    ----------
+    rank : r >= d; by default d + 1
+    max_iterations : stop there anyway
+    min_gradient_norm : stop when the Riemannian gradient of F is no longer, in the weights' unit
+    """
+
+    poses: ClassVar[bool] = True
+    rotations: ClassVar[bool] = True
+
+    rank: int | None = None
+    max_iterations: int = 1000
+    min_gradient_norm: float = 1e-6
+
+    def __post_init__(self) -> None:
+        self._rank(2)
+        if not (self.max_iterations > 0 and self.min_gradient_norm > 0.0):
+            raise SpecError("max_iterations and min_gradient_norm must be positive")
+
+    def solve(
+        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+    ) -> Solution:
+        """Minimise from the eigenvectors and round; the note is pymanopt's own reason to stop.
+
+        It cannot be watched, so the monitor is told nothing.
+
+        Raises
+        ------
+        SpecError, InputError
+            The rank is below the dimension of space; an initial estimate of another graph.
+        MissingDependency
+            Pymanopt is not installed.
+        """
+        rank = self._rank(problem.d)
+        if initial is not None:
+            problem.check(initial)
+        library()  # its import is nobody's phase
+        watch = Stopwatch()
+        with watch.phase("start"):
+            start = lifted(initial or spectral_start(problem), rank).rotations
+        # At a stationary start its first step is 0/0, which it survives.
+        with watch.phase("solve"), np.errstate(divide="ignore", invalid="ignore"):
+            result = self._run(problem, start)
+        with watch.phase("round"):
+            estimate = problem.complete(rounded(Lift(result.point)).rotations)
+        return Solution(
+            estimate=estimate,
+            cost=problem.cost(estimate),
+            status=self._status(result),
+            iterations=result.iterations,
+            seconds=dict(watch.seconds),
+            note=f"rank {rank}, pymanopt: {result.stopping_criterion}",
+        )
+
+    def _rank(self, d: int) -> int:
+        rank = d + 1 if self.rank is None else self.rank
+        if rank < d:
+            raise SpecError(f"the rank must be at least {d} here, not {rank}")
+        return rank
+
+    def _run(self, problem: Problem, start: FloatArray) -> Any:
+        search = library().optimizers.TrustRegions(
+            max_iterations=self.max_iterations,
+            min_gradient_norm=self.min_gradient_norm,
+            verbosity=0,
+        )
+        return search.run(_stated(problem, start.shape[1]), initial_point=start)
+
+    def _status(self, result: Any) -> Status:
+        if result.gradient_norm < self.min_gradient_norm:
+            return Status.CONVERGED
+        limited = result.iterations >= self.max_iterations
+        return Status.ITERATION_LIMIT if limited else Status.TIME_LIMIT
+
+
+def library() -> Any:
+    """The pymanopt module, or MissingDependency."""
+    try:
+        import pymanopt
+    except ImportError:
+        raise MissingDependency("pymanopt", "test") from None
+    return pymanopt
+
+
+def _stated(problem: Problem, rank: int) -> Any:
+    """The problem as pymanopt takes it, translations eliminated exactly."""
+    pymanopt = library()
+    manifold = pymanopt.manifolds.Stiefel(rank, problem.d, k=problem.n)
+    origin = np.zeros((problem.n, rank)) if isinstance(problem, PoseProblem) else None
+
+    @pymanopt.function.numpy(manifold)
+    def cost(Y: FloatArray) -> float:
+        return problem.cost(problem.settled(Lift(Y, origin)))
+
+    @pymanopt.function.numpy(manifold)
+    def gradient(Y: FloatArray) -> FloatArray:
+        settled = problem.settled(Lift(Y, origin))
+        return 2.0 * problem.gradient(settled)[:, :, -problem.d :]
+
+    hessian = pymanopt.function.numpy(manifold)(lambda Y, V: gradient(V))  # which is linear
+    return pymanopt.Problem(manifold, cost, euclidean_gradient=gradient, euclidean_hessian=hessian)
+
+
+SOLVER = TrustRegion
