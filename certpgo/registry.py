@@ -20,12 +20,16 @@ from certpgo.solution import Solver
 #: Environment variable naming the checkout, where it is not beside the package.
 REPOSITORY_VARIABLE = "CERTPGO_REPOSITORY"
 
+#: The certified pipeline, which is made of methods and no file among them.
+PIPELINE = "certified"
+
 _PACKAGE = Path(__file__).parent
 
 
 def solver_names() -> tuple[str, ...]:
     """Names of the methods here: the package's own, and the baselines in a checkout."""
-    return tuple(sorted({*_stems(_PACKAGE / "solvers"), *_stems(_checkout_folder("baselines"))}))
+    own = _stems(_PACKAGE / "solvers")
+    return tuple(sorted({PIPELINE, *own, *_stems(_checkout_folder("baselines"))}))
 
 
 def get_solver(name: str) -> type[Solver]:
@@ -36,7 +40,9 @@ def get_solver(name: str) -> type[Solver]:
     SpecError
         No such method, with the nearest names; or its file exposes no ``SOLVER``.
     """
-    if name in _stems(_PACKAGE / "solvers"):
+    if name == PIPELINE:
+        module = importlib.import_module("certpgo.solve")
+    elif name in _stems(_PACKAGE / "solvers"):
         module = importlib.import_module(f"certpgo.solvers.{name}")
     elif name in _stems(_checkout_folder("baselines")):
         module = _load(repository() / "baselines", name)

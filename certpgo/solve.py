@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from types import FrameType
+from typing import ClassVar
 
 import numpy as np
 
@@ -43,6 +44,8 @@ from certpgo.starts import Start, start_of
 
 #: Dimensions that the staircase may add to the d of space.
 MORE_RANKS = 7
+#: CERTIFIED means gap <= rtol F + atol W.
+RTOL, ATOL = 1e-5, 1e-12
 #: Stationarity asked of estimates and of points of higher rank, radians.
 TOLERANCE, LIFTED_TOLERANCE = 1e-11, 1e-7
 
@@ -104,8 +107,8 @@ def solve(
     initial: Estimate | None = None,
     time_limit: float | None = None,
     max_rank: int | None = None,
-    rtol: float = 1e-5,
-    atol: float = 1e-12,
+    rtol: float = RTOL,
+    atol: float = ATOL,
     monitor: Monitor = silent,
 ) -> CertifiedSolution:
     """The best estimate of a graph, with a certificate of how good it is.
@@ -134,7 +137,18 @@ def solve(
     NumericalError
         No start could be computed.
     """
-    problem = problem_of(graph)
+    return _solve(problem_of(graph), initial, time_limit, max_rank, rtol, atol, monitor)
+
+
+def _solve(
+    problem: Problem,
+    initial: Estimate | None,
+    time_limit: float | None,
+    max_rank: int | None,
+    rtol: float,
+    atol: float,
+    monitor: Monitor,
+) -> CertifiedSolution:
     if initial is not None:
         problem.check(initial)
     if time_limit is not None and not time_limit >= 0.0:
@@ -247,6 +261,7 @@ class _Staircase:
             )
         if bound is not None:
             self.counts["factorizations"] += bound.factorizations
+            self.counts["nonzeros"] = max(self.counts["nonzeros"], bound.nonzeros)
             if self.bound is None or bound.value > self.bound.value:
                 self.bound = bound
 
@@ -335,3 +350,27 @@ def _stoppable(monitor: Monitor, unit: float, time_limit: float | None) -> Itera
         yield stop
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@dataclass(frozen=True)
+class Certified:
+    """The certified pipeline as a method among others: certpgo.solve's estimate.
+
+    Attributes
+    ----------
+    max_rank : dimensions at which the staircase ends; by default d + 7
+    """
+
+    max_rank: int | None = None
+
+    poses: ClassVar[bool] = True
+    rotations: ClassVar[bool] = True
+
+    def solve(
+        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+    ) -> Solution:
+        """The best estimate found."""
+        return _solve(problem, initial, None, self.max_rank, RTOL, ATOL, monitor).solution
+
+
+SOLVER = Certified

@@ -10,6 +10,7 @@ What an engine that is not Cholesky's adds to that is its `Factor.excess`.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,8 @@ FIRST_SHIFT, GROWTH = 16.0, 8.0
 LARGEST_ROUNDING = 1e5
 #: Halvings (of the logarithm) that sharpen a shift that rounding does not explain.
 BISECTIONS = 6
+#: Nonzeros of a factor that are worked on at once.
+SLAB = 20_000_000
 #: Factorizations at one shift: the translations' rounding is guessed, then confirmed.
 CONFIRMATIONS = 8
 #: How much more than measured the guess asks for.
@@ -45,12 +48,14 @@ class DualBound:
     multipliers : (n, d, d) Lam' with S = M - blkdiag(0, Lam') positive semidefinite
     shift : the largest amount taken off a diagonal entry of Lam
     factorizations : numeric factorizations it took
+    nonzeros : of the factor that proves it; 0 where rounding was not bounded
     """
 
     value: float
     multipliers: FloatArray
     shift: float
     factorizations: int
+    nonzeros: int
 
 
 def certificate_matrix(problem: Problem, multipliers: FloatArray) -> CSC:
@@ -129,7 +134,7 @@ class _Attempts:
             self.arms, self.pin, hint = np.zeros(point.rotations.shape[:2]), None, None
         self.symbolic = problem.symbolic(problem.matrix)
         self.cost = problem.cost(point)
-        self.factorizations = 0
+        self.factorizations = self.nonzeros = 0
         # What is taken off the translations' diagonal beforehand.
         self.guess = np.zeros(size)
         if hint is not None and rounding:
@@ -206,8 +211,9 @@ class _Attempts:
             A = pinned(A, np.array([self.pin]))
         if demand.any():
             A = add_to_diagonal(A, -demand)
-        factor = self.symbolic.factor(A)
-        if factor is None or not self.rounding or _is_cholesky(factor, A):
+        factor, diagonal = self.symbolic.factor(A), A.diagonal()
+        del A  # large, and L is larger
+        if factor is None or not self.rounding or _is_cholesky(factor, diagonal):
             return factor
         return None
 
@@ -217,12 +223,13 @@ class _Attempts:
         An entry (i, j) of L L^T sums at most min(k_i, k_j) products, k the row counts of L: at
         most k_i, and at most the geometric mean.
         """
-        lower, order = factor.lower()
-        L = CSC((np.abs(lower.data), lower.indices, lower.indptr), shape=lower.shape)
+        L, order = factor.lower()
+        self.nonzeros = int(L.nnz)
         w = self.weights
-        terms = np.bincount(L.indices, minlength=len(w)) + 8.0
+        terms = sum(np.bincount(part.indices, minlength=len(w)) for part in _slabs(L)) + 8.0
         root = np.sqrt(terms)
-        by_row, by_mean = (L @ (L.T @ np.stack([w[order], root * w[order]], axis=1))).T
+        both = np.stack([w[order], root * w[order]], axis=1)
+        by_row, by_mean = sum(part @ (part.T @ both) for part in _slabs(L)).T
         delta = np.empty_like(w)
         delta[order] = U * np.minimum(terms * by_row, root * by_mean) + factor.excess(w[order])
         radii = _assembly_radii(self.problem, multipliers, w, self.is_rotation)
@@ -240,15 +247,31 @@ class _Attempts:
         proven[:, rows, rows] = diagonal = np.nextafter(diagonal, -np.inf)
         value = math.nextafter(math.fsum(diagonal.ravel()), -math.inf)
         taken = self.multipliers[:, rows, rows] - diagonal
-        return DualBound(value, proven, float(taken.max()), self.factorizations)
+        return DualBound(value, proven, float(taken.max()), self.factorizations, self.nonzeros)
 
 
-def _is_cholesky(factor: Factor, A: CSC) -> bool:
-    """Whether the rows of L have the norms that L L^T = A asks for: no other factor passes."""
+def _is_cholesky(factor: Factor, diagonal: FloatArray) -> bool:
+    """Whether the rows of L have the norms that A's diagonal asks for: no other factor passes."""
     L, order = factor.lower()
-    squares = np.bincount(L.indices, weights=L.data**2, minlength=A.shape[0])
-    wanted = A.diagonal()[order]
+    n = len(diagonal)
+    squares = sum(np.bincount(part.indices, part.data**2, minlength=n) for part in _slabs(L))
+    wanted = diagonal[order]
     return bool(np.all(np.abs(squares - wanted) <= 1e-6 * wanted))
+
+
+def _slabs(L: CSC) -> Iterator[CSC]:
+    """|L| by groups of columns, so that no copy of all of it is needed."""
+    ends = np.searchsorted(L.indptr, np.arange(SLAB, L.nnz + SLAB, SLAB))
+    first = 0
+    for last in np.append(ends, L.shape[1]):
+        last = min(int(last), L.shape[1])
+        if last > first:
+            part = slice(int(L.indptr[first]), int(L.indptr[last]))
+            pointers = L.indptr[first : last + 1] - L.indptr[first]
+            yield CSC(
+                (np.abs(L.data[part]), L.indices[part], pointers), shape=(L.shape[0], last - first)
+            )
+        first = last
 
 
 def _most_central(t: FloatArray) -> int:

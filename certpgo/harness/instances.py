@@ -11,7 +11,7 @@ import numpy as np
 
 from certpgo import datasets
 from certpgo.errors import InputError, SpecError
-from certpgo.graph import Instance, require_connected
+from certpgo.graph import Instance, PoseGraph, require_connected
 from certpgo.harness.spec import Components, Row
 from certpgo.io import read
 
@@ -69,6 +69,13 @@ def load_row(row: Row, data: Path | None, seed: np.random.SeedSequence | None) -
     SpecError
         The generator is unknown.
     """
+    instance = _load(row, data, seed)
+    if row.rotations and isinstance(instance.graph, PoseGraph):
+        return replace(instance, graph=instance.graph.rotation, truth=None, initial=None)
+    return instance
+
+
+def _load(row: Row, data: Path | None, seed: np.random.SeedSequence | None) -> Instance:
     if row.generator:
         return _generate(row, seed or np.random.SeedSequence(0))
     if not is_here(row, data):

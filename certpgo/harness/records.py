@@ -40,7 +40,7 @@ class Record:
     d, n, m : dimension, nodes, edges
     metrics : metric to value
     verdict, tier, reason : of the certificate, or empty
-    status, iterations, seconds, note : as the method reported them
+    status, iterations, seconds, counts, note : as the method reported them
     error : why there is no answer, or empty
     provenance : versions, machine, engine, threads, commit, date
     """
@@ -64,6 +64,7 @@ class Record:
     status: str = ""
     iterations: int | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
+    counts: Mapping[str, int] = field(default_factory=dict)
     note: str = ""
     error: str = ""
     provenance: Mapping[str, str] = field(default_factory=dict)
@@ -166,6 +167,45 @@ class Journal:
         if self._made:
             with suppress(OSError):
                 self._folder.rmdir()
+
+
+class Ledger:
+    """Records appended to ``NAME.jsonl``, found again by row and seed, so that a run can go on.
+
+    Parameters
+    ----------
+    folder, name : where the file is, and what it is called
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written to.
+    FormatError
+        The file holds something else.
+    """
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self.path = folder / f"{name}.jsonl"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with self.path.open("a+b") as stream:
+                stream.seek(0)
+                text = stream.read()
+                stream.truncate(text.rfind(b"\n") + 1)  # a line that was cut short
+        except OSError as error:
+            raise InputError(f"{folder}: cannot write there: {error.strerror}") from None
+        self._records = {(r.row, r.seed): r for r in read_records(self.path)}
+
+    def find(self, row: str, seed: int | None) -> Record | None:
+        """The record of that row and seed, unless it failed."""
+        record = self._records.get((row, seed))
+        return None if record is None or record.error else record
+
+    def add(self, record: Record) -> None:
+        """Keep a record."""
+        self._records[record.row, record.seed] = record
+        with self.path.open("a", encoding="utf-8") as stream:
+            stream.write(to_line(record) + "\n")
 
 
 def provenance(engine: str, root: Path | None) -> dict[str, str]:

@@ -130,6 +130,8 @@ def _line(table: Table, record: Record) -> tuple[str, ...]:
 def _cell(column: Column, record: Record) -> str:
     if column.key == "seconds":
         return _seconds(record.seconds)
+    if column.key == "counts":
+        return ", ".join(f"{name} {number:,}" for name, number in record.counts.items())
     if column.key in FIELDS:
         value = getattr(record, column.key)
         return "" if value is None else str(value)

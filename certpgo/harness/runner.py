@@ -27,7 +27,7 @@ from certpgo.harness.records import Record, provenance
 from certpgo.harness.spec import Method, Row, Table
 from certpgo.linalg.factor import default_engine
 from certpgo.problem import Problem, problem_of
-from certpgo.solution import Solution, Solver
+from certpgo.solution import Solution, Solver, Status
 
 #: Environment variable that `certpgo.linalg.factor.default_engine` obeys.
 ENGINE_VARIABLE = "CERTPGO_ENGINE"
@@ -161,17 +161,23 @@ def _run_method(
         problem = problem_of(graph)
         if not method.solver:
             return replace(record, metrics=evaluate.of_graph(table.metrics, problem))
+        times: dict[str, float] = {}
         if table.reference is not None:
             times, kept = bench.against(table.reference, method, graph)
-            return replace(record, metrics=times, note=kept)
+            record = replace(record, metrics=times, note=kept)
+            if not table.certify:
+                return record
         solution = solve(method, problem, row, instance.source)
-        record = replace(record, **_answer(solution))
+        if solution.status is Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        note = "; ".join(filter(None, (record.note, solution.note)))
+        record = replace(record, **_answer(solution), note=note)
         certificate, seconds = _certified(problem, solution) if table.certify else (None, 0.0)
         judge = problem if judged is instance else problem_of(judged.graph)
         metrics = evaluate.of_estimate(
             table.metrics, problem, judge, solution.estimate, certificate, seconds
         )
-        record = replace(record, metrics=metrics)
+        record = replace(record, metrics={**times, **metrics})
         if certificate is None:
             return record
         return replace(
@@ -239,7 +245,7 @@ def _answer(solution: Solution) -> dict[str, Any]:
         "status": solution.status.value,
         "iterations": solution.iterations,
         "seconds": dict(solution.seconds),
-        "note": solution.note,
+        "counts": dict(solution.counts),
     }
 
 

@@ -32,7 +32,9 @@ METRICS = (
 GRAPH_METRICS = ("lambda1", "lambda2", "lambda3", "fiedler")
 #: Metrics measured under the timing protocol, against the table's reference.
 TIMING_METRICS = ("ratio", "median_seconds", "reference_seconds")
-FIELDS = ("verdict", "seconds", "status", "iterations")
+#: A reference that is no method: one numeric factorization of the optimum's certificate matrix.
+FACTORIZATION = "factorization"
+FIELDS = ("verdict", "seconds", "status", "iterations", "counts")
 
 
 def _frozen(mapping: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -49,6 +51,7 @@ class Row:
     label : what the table calls it, by default the dataset
     reading : options for `certpgo.io.read`
     judging : options for reading the graph that metrics are evaluated on, where it is another
+    rotations : of a pose graph, the rotations alone
     generator : function of `certpgo.datasets.synthetic`, called with ``arguments`` and ``rng``
     arguments : its keyword arguments
     published : the key of this row in the table's published numbers
@@ -61,6 +64,7 @@ class Row:
     label: str = ""
     reading: Mapping[str, Any] = field(default_factory=dict)
     judging: Mapping[str, Any] | None = None
+    rotations: bool = False
     generator: str = ""
     arguments: Mapping[str, Any] = field(default_factory=dict)
     published: str = ""

@@ -6,15 +6,20 @@ import flint
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from strategies import dimensions, pose_graph, rng_of, seeds
 
-from certpgo.certify import certificate_matrix, cost_upper, dual_bound
+from certpgo.certify import certificate_matrix, cost_upper, dual_bound, expected_rounding
+from certpgo.datasets.synthetic import winding_cycle
 from certpgo.estimate import Estimate
 from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.lift import Lift, lifted
 from certpgo.linalg import factor, so
 from certpgo.newton import newton
 from certpgo.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.reduced import Reduced
+from certpgo.solvers.low_rank import LowRank, descend
 
 
 def optimum(seed, d, poses, n=7, noise=0.15):
@@ -204,3 +209,127 @@ def test_cost_upper_is_above_the_exact_cost(seed, d):
     assert Fraction(upper) >= exact
     assert upper <= float(exact) * (1 + 1e-6) + 1e-20 * problem.scale
     assert so.worst_defect(R)[1] < 1e-13
+
+
+def hint_at(problem, point):
+    return expected_rounding(problem, point, Reduced(problem).factor)
+
+
+@settings(max_examples=30)
+@given(seed=seeds, d=dimensions)
+def test_a_hint_saves_a_factorization(seed, d):
+    problem, point = optimum(seed, d, poses=True)
+    cost = problem.cost(point)
+    enough = cost * (1.0 - 1e-5)
+    plain = dual_bound(problem, point, enough=enough)
+    hinted = dual_bound(problem, point, hint=hint_at(problem, point), enough=enough)
+    assert (plain.factorizations, hinted.factorizations) == (2, 1)
+    for bound in (plain, hinted):
+        assert enough <= bound.value <= cost
+    # Not good enough, it is sharpened.
+    sharp = dual_bound(problem, point, hint=hint_at(problem, point))
+    assert hinted.value <= sharp.value <= cost
+    assert sharp.factorizations > 1
+
+
+@pytest.mark.parametrize("engine", factor.engines())
+@pytest.mark.parametrize("wrong", [0.0, 1e-12, 1e-3, 1.0, 1e3, 1e6, 1e9, 1e12])
+def test_a_wrong_hint_costs_work_and_never_the_truth(wrong, engine, monkeypatch):
+    monkeypatch.setenv("CERTPGO_ENGINE", engine)
+    for seed in range(6):
+        problem, point = optimum(seed, 2 + seed % 2, poses=True)
+        cost = problem.cost(point)
+        hint = wrong * hint_at(problem, point)
+        bound = dual_bound(problem, point, hint=hint, enough=cost * (1.0 - 1e-5))
+        if bound is None:
+            assert wrong > 1e9  # there is a limit to what the diagonal bears
+            continue
+        assert bound.value <= cost
+        assert bound.value >= cost * (1.0 - 1e-5)
+        assert bound.factorizations <= 4
+
+
+@pytest.mark.parametrize("wrong", [1e-3, 1.0, 1e3])
+def test_hinted_bounds_hold_in_ball_arithmetic(wrong):
+    for seed in range(3):
+        d = 2 + seed % 2
+        graph, R, t = pose_graph(rng_of(seed), 5, d, noise=0.1)
+        graph, exact = with_exact_rotations(graph)
+        problem = PoseProblem(graph)
+        point = problem.complete(newton(problem, Estimate(R, t)).estimate.rotations)
+        hint = wrong * hint_at(problem, point)
+        bound = dual_bound(problem, point, hint=hint, enough=0.0)
+        assert bound is not None
+        S = exact_certificate(graph, exact, bound.multipliers, poses=True)
+        assert positive_definite_in_balls(S)
+
+
+def test_rotations_have_no_use_for_a_hint():
+    problem, point = optimum(0, 3, poses=False)
+    plain = dual_bound(problem, point)
+    hinted = dual_bound(problem, point, hint=np.full(21, 1e9))
+    assert (hinted.value, hinted.factorizations) == (plain.value, plain.factorizations)
+    np.testing.assert_array_equal(hinted.multipliers, plain.multipliers)
+    assert plain.factorizations == 1
+
+
+@pytest.mark.parametrize("engine", factor.engines())
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("n", [6, 60, 600])
+def test_tight_bounds_give_up_at_a_negative_eigenvalue(n, d, engine, monkeypatch):
+    monkeypatch.setenv("CERTPGO_ENGINE", engine)
+    for winding in (0, 1, 2):
+        instance, rotations = winding_cycle(n, 0.3, winding, d)
+        together = PoseGraph(instance.graph, np.zeros((n, d)), np.ones(n))
+        for problem in (RotationProblem(instance.graph), PoseProblem(together)):
+            point = problem.complete(rotations.rotations)
+            bound = dual_bound(problem, point, tight=True)
+            assert (bound is None) == (winding != 0)
+            if bound is not None:
+                assert bound.value == pytest.approx(problem.cost(point), rel=1e-6)
+                assert bound.value <= problem.cost(point)
+
+
+def test_tight_changes_nothing_where_rounding_explains_the_shift():
+    problem, point = optimum(4, 3, poses=True)
+    one, other = (dual_bound(problem, point, tight=tight) for tight in (True, False))
+    assert one.value == other.value
+    np.testing.assert_array_equal(one.multipliers, other.multipliers)
+
+
+@settings(max_examples=20)
+@given(seed=seeds, d=dimensions, poses=st.booleans())
+def test_lifted_points_prove_the_same(seed, d, poses):
+    """In any number of dimensions, and however their world is turned."""
+    problem, point = optimum(seed, d, poses)
+    flat, cost = dual_bound(problem, point), problem.cost(point)
+    rank = d + 2
+    Q = np.linalg.qr(rng_of(seed).standard_normal((rank, rank)))[0]
+    up = lifted(point, rank)
+    turned = Lift(Q @ up.rotations, None if up.translations is None else up.translations @ Q.T)
+    for other in (up, turned):
+        bound = dual_bound(problem, other)
+        assert bound.value <= cost * (1.0 + 1e-14)
+        assert cost - bound.value <= 3.0 * (cost - flat.value) + 1e-13 * problem.scale
+
+
+@pytest.mark.parametrize("poses", [True, False])
+def test_points_of_higher_rank_bound_loose_relaxations(poses):
+    """Where no estimate is tight a point of the relaxation is: its cost is the bound, nearly."""
+    loose = 0
+    for seed in range(6):
+        d = 2 + seed % 2
+        graph, R, t = pose_graph(rng_of(seed), 5, d, noise=2.0)
+        graph, exact = with_exact_rotations(graph)
+        problem = problem_of(graph if poses else graph.rotation)
+        start = LowRank(rank=d + 3, seed=seed)._start(problem, d + 3)
+        relaxed = descend(problem, start, d + 3)
+        bound = dual_bound(problem, relaxed.point)
+        assert bound.value <= relaxed.cost
+        assert bound.value >= relaxed.cost - 1e-6 * problem.scale
+        S = exact_certificate(graph, exact, bound.multipliers, poses)
+        assert positive_definite_in_balls(S)
+        best = newton(problem, Estimate(R, t if poses else None), max_iterations=300).cost
+        assert bound.value <= best
+        loose += best > 1.01 * relaxed.cost
+    assert loose >= 2

@@ -93,20 +93,46 @@ def test_solve_writes_and_certifies(certpgo, square, tmp_path):
     assert judged.json["cost"] == pytest.approx(done.json["cost"], rel=1e-9)
 
 
-def test_solve_without_a_judge_says_so(certpgo, square):
+def test_solve_certifies_and_says_where_it_started(certpgo, square):
     done = certpgo("solve", square)
+    assert done.code == 0
+    assert "CERTIFIED" in done.out
+    assert "started from laplacian_gauss_newton" in done.out
+    report = certpgo("solve", square, "--json").json
+    assert report["start"] == "laplacian_gauss_newton"
+    assert [level["rank"] for level in report["levels"]] == [2]
+    assert report["counts"]["factorizations"] >= 1
+    assert report["certificate"]["verdict"] == "CERTIFIED"
+
+
+def test_solve_shows_every_iteration_when_asked(certpgo, square):
+    done = certpgo("solve", square, "--trace", "--max-rank", "3")
+    lines = done.err.splitlines()
+    assert "gradient" in lines[0]
+    assert len(lines) >= 3
+
+
+def test_a_time_limit_ends_the_search_honestly(certpgo, square):
+    done = certpgo("solve", square, "--time-limit", "0")
+    assert done.code == 5
+    assert "time limit" in done.out
+    assert "stopped before a bound was found" in done.out
+
+
+def test_solve_by_a_method_without_a_judge_says_so(certpgo, square):
+    done = certpgo("solve", square, "--method", "eigen_ma", "--no-certify")
     assert done.code == 0
     assert "eigen_ma" in done.out
     assert "--certify" in done.err
 
 
 def test_an_answer_that_is_not_certified_says_what_to_try(certpgo, square):
-    done = certpgo("solve", square, "--method", "spanning_tree", "--certify")
+    done = certpgo("solve", square, "--method", "spanning_tree")
     assert done.code == 3
-    assert "--method newton" in done.err
+    assert "without --method" in done.err
     assert "judged by" in done.out
     assert "weights from the file" in done.out
-    assert "try" not in certpgo("solve", square, "--method", "newton", "--certify").err
+    assert "note" not in certpgo("solve", square, "--method", "newton").err
 
 
 def test_list_shows_settings_as_they_are_given(certpgo):
@@ -314,3 +340,15 @@ def test_reproduce_quick_writes_elsewhere(certpgo, tmp_path):
     assert done.code == 0
     assert [record["table"] for record in json.loads(done.out)] == [name]
     assert [path.name for path in tmp_path.iterdir()] == ["quick"]
+
+
+def test_bench_scale_measures_growth_and_goes_on(certpgo, tmp_path):
+    arguments = ("bench", "scale", "--family", "grid", "--size", "3", "--size", "4")
+    done = certpgo(*arguments, "--out", tmp_path)
+    assert done.code == 0
+    assert "CERTIFIED" in done.out
+    assert "power of the nodes" in done.out
+    before = (tmp_path / "scale_grid.jsonl").read_text()
+    again = certpgo(*arguments, "--out", tmp_path, "--json")
+    assert [record["n"] for record in again.json] == [27, 64]
+    assert (tmp_path / "scale_grid.jsonl").read_text() == before

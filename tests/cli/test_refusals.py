@@ -76,9 +76,12 @@ def test_an_estimate_for_another_graph(certpgo, square, tmp_path, estimate, said
     [
         (("--method", "eigenma"), "did you mean eigen_ma"),
         (("--method", "eigen_ra"), "takes rotation graphs only"),
-        (("--set", "tol"), "key=value"),
-        (("--set", "translation=ml"), "did you mean translations"),
-        (("--set", "translations=best"), "translations"),
+        (("--method", "eigen_ma", "--set", "tol"), "key=value"),
+        (("--method", "eigen_ma", "--set", "translation=ml"), "did you mean translations"),
+        (("--method", "eigen_ma", "--set", "translations=best"), "translations"),
+        (("--set", "tol=1"), "--set needs --method"),
+        (("--no-certify",), "--no-certify needs --method"),
+        (("--method", "eigen_ma", "--time-limit", "1"), "do not go with --method"),
         (("--kappa", "-1"), "kappa"),
         (("--unit-weights", "--tau", "2"), "unit weights"),
         (("-o", "out.docx"), "out.docx"),
@@ -142,7 +145,7 @@ def test_notices_are_on_stderr_and_stdout_stays_clean(certpgo, tmp_path):
     done = certpgo("solve", graph, "--json")
     assert done.code == 0
     assert "note: " in done.err
-    assert done.json["status"] == "closed form"
+    assert done.json["status"] == "converged"
 
 
 @pytest.mark.parametrize(
@@ -190,3 +193,8 @@ def test_an_unknown_dataset_names_the_nearest_or_where_to_look(certpgo):
     done = certpgo("fetch", "nosuch")
     fails_in_one_line(done, "see certpgo list datasets")
     assert len(done.err) < 100
+
+
+def test_an_unknown_benchmark_or_family(certpgo):
+    fails_in_one_line(certpgo("bench", "scales"), "known: scale")
+    fails_in_one_line(certpgo("bench", "scale", "--family", "helx"), "did you mean helix")

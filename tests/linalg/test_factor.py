@@ -1,8 +1,11 @@
 """Factorization engines: each against dense algebra, and against each other."""
 
+import importlib.util
+
 import numpy as np
 import pytest
 from hypothesis import given
+from hypothesis import strategies as st
 from strategies import random_edges, rng_of, seeds
 
 from certpgo.errors import MissingDependency, SpecError
@@ -41,7 +44,6 @@ def test_solve_lower_and_permutation(engine, seed):
         np.testing.assert_allclose((L @ L.T).toarray(), dense, rtol=0, atol=1e-11)
         assert np.all(L.diagonal() > 0)
         assert (L.toarray() == np.tril(L.toarray())).all()
-    np.testing.assert_allclose(A @ F.solve(B), B, rtol=0, atol=1e-11)
     assert F.nnz == L.nnz >= A.shape[0]
 
 
@@ -98,3 +100,133 @@ def test_engine_choice(monkeypatch):
     monkeypatch.setattr(factor, "engines", lambda: ("superlu",))
     with pytest.raises(MissingDependency, match="pip install"):
         factor.analyze(A, order=np.arange(A.shape[0]), engine="cholmod")
+
+
+def solves(A, F):
+    B = np.random.default_rng(0).standard_normal((A.shape[0], 2))
+    np.testing.assert_allclose(A @ F.solve(B), B, rtol=0, atol=1e-11)
+
+
+def is_the_factor(lower, A):
+    L, p = lower
+    dense = A.toarray()[np.ix_(p, p)]
+    np.testing.assert_allclose((L @ L.T).toarray(), dense, rtol=0, atol=1e-11)
+
+
+def test_factors_of_one_analysis_live_side_by_side(engine):
+    _, A = definite(0)
+    B, C = add_to_diagonal(A, 5.0), add_to_diagonal(A, 50.0)
+    symbolic = factor.analyze(A, engine=engine)
+    first, second, third = (symbolic.factor(M) for M in (A, B, C))
+    for M, F in ((A, first), (B, second), (C, third)):
+        solves(M, F)
+    # One is used up, one goes, one comes, one fails: the others do not notice.
+    lower = first.lower()
+    del second
+    fourth = symbolic.factor(B)
+    assert symbolic.factor(add_to_diagonal(A, -1e3)) is None
+    for M, F in ((C, third), (B, fourth)):
+        solves(M, F)
+        is_the_factor(F.lower(), M)
+    is_the_factor(lower, A)
+    is_the_factor(first.lower(), A)
+
+
+@pytest.fixture
+def analyses(monkeypatch):
+    """Which analyses CHOLMOD was asked for, one entry each."""
+    if "cholmod" not in factor.engines():
+        pytest.skip("the cvxopt wheel is not installed")
+    from cvxopt import cholmod
+
+    made, symbolic = [], cholmod.symbolic
+
+    def counted(*args, **kwargs):
+        made.append(args)
+        return symbolic(*args, **kwargs)
+
+    monkeypatch.setattr(cholmod, "symbolic", counted)
+    return made
+
+
+def test_memory_that_nobody_needs_serves_the_next_factor(analyses):
+    _, A = definite(0)
+    symbolic = factor.analyze(A, engine="cholmod")
+    for shift in range(4):
+        F = symbolic.factor(add_to_diagonal(A, float(shift)))
+        solves(add_to_diagonal(A, float(shift)), F)
+        del F
+        assert symbolic.factor(add_to_diagonal(A, -1e3)) is None  # gives back as well
+    assert len(analyses) == 1
+    first, second = symbolic.factor(A), symbolic.factor(A)
+    assert len(analyses) == 2  # two at a time need two
+    del first
+    third = symbolic.factor(add_to_diagonal(A, 1.0))
+    assert len(analyses) == 2
+    solves(A, second)
+    solves(add_to_diagonal(A, 1.0), third)
+    third.lower()
+    del third  # what it had is used up
+    solves(A, symbolic.factor(A))
+    assert len(analyses) == 3
+
+
+def test_much_memory_is_not_kept(analyses, monkeypatch):
+    _, A = definite(0)
+    monkeypatch.setattr(factor, "KEPT", 10)
+    symbolic = factor.analyze(A, engine="cholmod")
+    for number in range(1, 4):
+        solves(A, symbolic.factor(A))
+        assert len(analyses) == number
+
+
+def grid(side):
+    """The pattern of a square grid."""
+    index = np.arange(side**2).reshape(side, side)
+    right = np.c_[index[:, :-1].ravel(), index[:, 1:].ravel()]
+    down = np.c_[index[:-1].ravel(), index[1:].ravel()]
+    return BlockPattern(side**2, np.concatenate([right, down]))
+
+
+def grid_laplacian(side):
+    P = grid(side)
+    m = len(P.edges)
+    A = P.assemble(np.full((side**2, 1, 1), 0.1), -np.ones((m, 1, 1)))
+    return P, add_to_diagonal(A, np.bincount(P.edges.ravel()).astype(float))
+
+
+def test_large_graphs_are_ordered_by_nested_dissection(engine, monkeypatch):
+    pytest.importorskip("pymetis")
+    P, A = grid_laplacian(90)
+    assert P.num_nodes >= factor.NESTED_FROM
+    order = factor.fill_reducing_order(P.indptr, P.indices, engine=engine)
+    np.testing.assert_array_equal(np.sort(order), np.arange(P.num_nodes))
+    nested = factor.analyze(A, order=order, engine=engine).factor(A)
+    solves(A, nested)
+    monkeypatch.setattr(factor, "NESTED_FROM", P.num_nodes + 1)
+    degree = factor.fill_reducing_order(P.indptr, P.indices, engine=engine)
+    assert not np.array_equal(order, degree)
+    assert nested.nnz < 1.2 * factor.analyze(A, order=degree, engine=engine).factor(A).nnz
+
+
+def test_without_metis_minimum_degree_orders_them_all(engine, monkeypatch):
+    P, A = grid_laplacian(12)
+    expected = factor.fill_reducing_order(P.indptr, P.indices, engine=engine)
+    find = importlib.util.find_spec
+    monkeypatch.setattr(factor, "NESTED_FROM", 1)
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: None if name == "pymetis" else find(name)
+    )
+    order = factor.fill_reducing_order(P.indptr, P.indices, engine=engine)
+    np.testing.assert_array_equal(order, expected)
+    solves(A, factor.analyze(A, order=order, engine=engine).factor(A))
+
+
+@given(seeds, st.integers(2, 40), st.integers(0, 40))
+def test_nested_dissection_permutes_any_graph(seed, n, extra):
+    pytest.importorskip("pymetis")
+    P = BlockPattern(n, random_edges(rng_of(seed), n, extra))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(factor, "NESTED_FROM", 1)
+        order = factor.fill_reducing_order(P.indptr, P.indices)
+    np.testing.assert_array_equal(np.sort(order), np.arange(n))

@@ -1,0 +1,26 @@
+"""The sets that certified optima are measured on."""
+
+from certpgo.harness.spec import Row
+
+#: With GTSAM's step as reference.
+SPACE = ("sphere2500", "torus3D", "sphere_bignoise_vertex3", "parking-garage")
+#: Where GTSAM throws, and in the plane.
+OTHERS = (
+    "cubicle",
+    "city10000",
+    "ais2klinik",
+    "manhattan",
+    "intel",
+    "MIT",
+    "kitti_00",
+    "kitti_05",
+    "M3500a",
+    "M3500b",
+    "M3500c",
+    "ring",
+)
+
+
+def rows(*names: str, rotations: bool = False) -> tuple[Row, ...]:
+    """One row a set."""
+    return tuple(Row(name, rotations=rotations) for name in names)
