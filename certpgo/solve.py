@@ -26,7 +26,6 @@ from certpgo.certify import (
     Verdict,
     cost_upper,
     dual_bound,
-    expected_rounding,
 )
 from certpgo.certify.case import Basin, Case
 from certpgo.certify.curvature import negative_curvature
@@ -173,19 +172,14 @@ class _Staircase:
         self.levels: list[Level] = []
         self.counts: Counter[str] = Counter()
         self.bound: DualBound | None = None
-        self.hint: FloatArray | None = None
 
     def begin(self, initial: Estimate | None) -> None:
         """The first descent, at rank d, and its bound."""
         with self.watch.phase("start"):
             if initial is None:
-                start, factor = start_of(self.problem)
+                start = start_of(self.problem)
             else:
-                start, factor = Start(self.problem.complete(initial.rotations), "given"), None
-        if factor is not None:
-            with self.watch.phase("certify"):
-                self.hint = expected_rounding(self.problem, start.estimate, factor)
-            del factor  # large
+                start = Start(self.problem.complete(initial.rotations), "given")
         self.start_name = start.name
         self.take(self.descend(start.estimate, near=start.near))
         self.levels.append(Level(self.problem.d, self.best.cost, self.best.status))
@@ -255,7 +249,6 @@ class _Staircase:
             bound = dual_bound(
                 self.problem,
                 point,
-                hint=self.hint,
                 enough=self.cost - self.case.tolerance(self.cost),
                 tight=tight,
             )

@@ -23,6 +23,7 @@ def smallest_eigenpairs(
     *,
     tol: float = 1e-5,
     method: str = "krylov_schur",
+    start: Estimate | None = None,
 ) -> Eigenpairs:
     """The k (by default d) smallest eigenpairs of the connection Laplacian; thesis section 4.2.
 
@@ -30,6 +31,7 @@ def smallest_eigenpairs(
     ----------
     tol : relative accuracy asked of the pairs, as residual of the inverse
     method : ``"krylov_schur"`` or ``"arpack"``
+    start : an estimate whose rotations span the first block of the former, by default a random one
 
     Raises
     ------
@@ -40,15 +42,15 @@ def smallest_eigenpairs(
     build = functools.partial(operators.connection_laplacian, problem.pattern, problem.graph)
     mean = float(problem.node_weights.mean())
     A, shift, factor = factor_shifted(problem, build, tuple(mean * s for s in SHIFTS))
-    solver = {"krylov_schur": krylov_schur, "arpack": arpack}[method]
-    return solver(A, factor.solve, k, shift=shift, tol=tol)
+    if method == "arpack":
+        return arpack(A, factor.solve, k, shift=shift, tol=tol)
+    return krylov_schur(A, factor.solve, k, shift=shift, tol=tol, start=_block(start))
 
 
 def eliminated_eigenpairs(
     problem: PoseProblem,
     *,
     tol: float = 1e-3,
-    Q: Reduced | None = None,
     start: Estimate | None = None,
 ) -> Eigenpairs:
     """The d smallest eigenpairs of the data matrix Q with the translations eliminated.
@@ -57,7 +59,6 @@ def eliminated_eigenpairs(
 
     Parameters
     ----------
-    Q : the matrix with its factor, if it is at hand
     start : an estimate whose rotations span the first block, by default a random one
 
     Raises
@@ -65,10 +66,15 @@ def eliminated_eigenpairs(
     NumericalError
         No factorization, or no convergence.
     """
-    Q = Q or Reduced(problem)
-    d = problem.d
-    block = None if start is None else np.swapaxes(start.rotations, 1, 2).reshape(-1, d)
-    return krylov_schur(Q, Q.solve, d, shift=Q.shift, tol=tol, start=block)
+    Q = Reduced(problem)
+    return krylov_schur(Q, Q.solve, problem.d, shift=Q.shift, tol=tol, start=_block(start))
+
+
+def _block(estimate: Estimate | None) -> FloatArray | None:
+    """X^T = [R_1 ... R_n]^T, (dn, d)."""
+    if estimate is None:
+        return None
+    return np.swapaxes(estimate.rotations, 1, 2).reshape(-1, estimate.d)
 
 
 def spectral_bound(problem: Problem, pairs: Eigenpairs) -> float:
@@ -128,13 +134,17 @@ def solve_anchored(problem: RotationProblem) -> FloatArray:
     return so.project(np.swapaxes(X.reshape(n, d, d), 1, 2))
 
 
-def spectral_start(problem: Problem) -> Estimate:
+def spectral_start(
+    problem: Problem, *, tol: float = 1e-5, start: Estimate | None = None
+) -> Estimate:
     """EigenRA's rotations, completed by the best translations where the problem has them.
+
+    Parameters as `smallest_eigenpairs`.
 
     Raises
     ------
     NumericalError
         No factorization, or no convergence.
     """
-    pairs = smallest_eigenpairs(problem.rotation)
+    pairs = smallest_eigenpairs(problem.rotation, tol=tol, start=start)
     return problem.complete(round_to_rotations(pairs.vectors, problem.d))

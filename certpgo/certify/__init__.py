@@ -2,7 +2,7 @@
 
 from certpgo.certify.bounds import Bounds, bounds
 from certpgo.certify.certificate import Certificate, Tier, Verdict
-from certpgo.certify.dual import DualBound, certificate_matrix, dual_bound, expected_rounding
+from certpgo.certify.dual import DualBound, certificate_matrix, dual_bound
 from certpgo.certify.judge import certify
 from certpgo.certify.rounding import cost_upper
 
@@ -17,5 +17,4 @@ __all__ = [
     "certify",
     "cost_upper",
     "dual_bound",
-    "expected_rounding",
 ]

@@ -34,8 +34,8 @@ SLAB = 20_000_000
 CONFIRMATIONS = 8
 #: How much more than measured the guess asks for.
 MARGIN = 1.25
-#: The same for a guess from another matrix.
-HINT_MARGIN = 4.0
+#: How much larger |L| |L|^T is taken to be than |A|, where it is guessed.
+AMPLE = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,6 @@ def dual_bound(
     point: Point,
     *,
     rounding: bool = True,
-    hint: FloatArray | None = None,
     enough: float = math.inf,
     tight: bool = False,
 ) -> DualBound | None:
@@ -82,41 +81,17 @@ def dual_bound(
     ----------
     point : near-stationary, with translations optimal for its rotations; of any rank
     rounding : bound the factorization's rounding (the standard tier), or trust it (screening)
-    hint : `expected_rounding` from a factor of a similar matrix, which saves a factorization
-    enough : a value beyond which a bound need not be sharpened
+    enough : a value beyond which a bound need not be sharpened by another factorization
     tight : give up when rounding does not explain the shift, that is, when the certificate matrix
         has a negative eigenvalue
     """
-    return _Attempts(problem, point, rounding, hint, enough).best(tight)
-
-
-def expected_rounding(problem: Problem, point: Point, factor: Factor) -> FloatArray:
-    """(N,) what rounding may ask of a certificate matrix, from the factor of a similar matrix.
-
-    Parameters
-    ----------
-    point : near the one where the bound will be asked for
-    factor : of any matrix with the pattern and about the entries of `problem.matrix`; used up
-    """
-    attempts = _Attempts(problem, point, True, None, math.inf)
-    rounding = attempts.rounding_of(factor, attempts.multipliers)
-    if attempts.pin is not None:
-        # Cut off here, the first in the factor, and others when it counts.
-        rounding[[0, attempts.pin]] = rounding[~attempts.is_rotation].max()
-    return rounding
+    return _Attempts(problem, point, rounding, enough).best(tight)
 
 
 class _Attempts:
     """Factorizations of one certificate matrix under different shifts."""
 
-    def __init__(
-        self,
-        problem: Problem,
-        point: Point,
-        rounding: bool,
-        hint: FloatArray | None,
-        enough: float,
-    ) -> None:
+    def __init__(self, problem: Problem, point: Point, rounding: bool, enough: float) -> None:
         self.problem, self.rounding, self.enough = problem, rounding, enough
         self.multipliers = problem.multipliers(point)
         self.blocks = point.rotations
@@ -131,15 +106,33 @@ class _Attempts:
             self.weights[~self.is_rotation] = 2.0 ** round(math.log2(rms)) if rms > 0.0 else 1.0
             self.pin: int | None = pin * self.b
         else:
-            self.arms, self.pin, hint = np.zeros(point.rotations.shape[:2]), None, None
+            self.arms, self.pin = np.zeros(point.rotations.shape[:2]), None
         self.symbolic = problem.symbolic(problem.matrix)
         self.cost = problem.cost(point)
         self.factorizations = self.nonzeros = 0
         # What is taken off the translations' diagonal beforehand.
         self.guess = np.zeros(size)
-        if hint is not None and rounding:
-            self.guess = np.where(self.is_rotation, 0.0, HINT_MARGIN * hint)
+        if isinstance(problem, PoseProblem) and self.pin is not None and rounding:
+            self.guess = np.where(self.is_rotation, 0.0, self.foretold(problem))
             self.guess[self.pin] = 0.0
+
+    def foretold(self, problem: PoseProblem) -> FloatArray:
+        """(N,) about what `rounding_of` will say, from a factor of one scalar a node.
+
+        The rows of L are as long as that factor's, times the block size, and |L| |L|^T is a few
+        times |A|.
+        """
+        grounded = pinned(problem.translation_laplacian, np.array([0]))
+        factor = problem.symbolic(grounded).factor(grounded)
+        if factor is None:
+            return np.zeros(len(self.weights))
+        L, order = factor.lower()
+        lengths = np.empty(problem.n)
+        lengths[order] = np.bincount(L.indices, minlength=problem.n)
+        M = problem.matrix
+        sizes = CSC((np.abs(M.data), M.indices, M.indptr), shape=M.shape) @ self.weights
+        terms = self.b * np.repeat(lengths, self.b) + 8.0
+        return np.asarray(AMPLE * U * terms * sizes / self.weights)
 
     def best(self, tight: bool) -> DualBound | None:
         """The bound of the smallest shift that works, near enough."""
@@ -168,10 +161,7 @@ class _Attempts:
         """The bound with ``shift`` on the rotations, enlarged by what rounding demands."""
         demand, bound, generosity = self.guess, None, MARGIN
         for _ in range(CONFIRMATIONS):
-            # A first factor that shows what rounding asks for may as well be sure to succeed.
-            learning = self.rounding and self.pin is not None and not demand.any()
-            base = GROWTH * shift if learning else shift
-            reduced = self.reduced(base, generosity * self.gauge_shift(demand))
+            reduced = self.reduced(shift, generosity * self.gauge_shift(demand))
             factor = self.factor(reduced, demand)
             if factor is None:
                 if demand is self.guess:

@@ -22,6 +22,8 @@ from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 
 #: Nodes from which nested dissection pays for itself.
 NESTED_FROM = 7500
+#: METIS refines separators on both sides: a few per cent less fill in large graphs.
+TWO_SIDED = 2
 #: Entries of a matrix up to which CHOLMOD's memory is kept for the next factor.
 KEPT = 1_000_000
 
@@ -135,7 +137,7 @@ def _nested_dissection(indptr: IntArray, indices: IntArray) -> IntArray:
     others = indices != column  # METIS wants no loops
     starts = np.concatenate([[0], np.cumsum(np.bincount(column[others], minlength=n))])
     graph = pymetis.CSRAdjacency(starts.astype(np.int32), indices[others].astype(np.int32))
-    order, _ = pymetis.nested_dissection(graph)
+    order, _ = pymetis.nested_dissection(graph, options=pymetis.Options(rtype=TWO_SIDED))
     return np.asarray(order, dtype=np.intp)
 
 
