@@ -14,8 +14,9 @@ from certpgo.trees import compose, spanning_tree
 ROUGH = 1e-3
 #: Stationarity asked of rotations when they are all there is.
 FINE = 1e-11
-#: Relative accuracy of eigenvectors that only start something.
-EIGEN_TOL = 1e-2
+#: Relative accuracy of eigenvectors that only start something: of Q, and of L, whose basins are
+#: farther from its eigenvectors.
+Q_TOL, L_TOL = 1e-2, 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +56,8 @@ def start_of(problem: Problem) -> Start:
     if found.trace[-1].gradient <= ROUGH:
         return Start(problem.complete(averaged.rotations), "laplacian_gauss_newton")
     if isinstance(problem, PoseProblem) and problem.d == 3:
-        pairs = spectral.eliminated_eigenpairs(problem, tol=EIGEN_TOL, start=averaged)
+        pairs = spectral.eliminated_eigenpairs(problem, tol=Q_TOL, start=averaged)
         rotations = spectral.round_to_rotations(pairs.vectors, problem.d)
         return Start(problem.complete(rotations), "eigen_q", near=True)
     name = "eigen_ma" if isinstance(problem, PoseProblem) else "eigen_ra"
-    return Start(spectral.spectral_start(problem, tol=EIGEN_TOL, start=averaged), name)
+    return Start(spectral.spectral_start(problem, tol=L_TOL, start=averaged), name)

@@ -123,6 +123,17 @@ def test_noise_free_graphs_are_solved_exactly(seed, d):
     assert from_the_tree(problem).iterations == 0
 
 
+@settings(max_examples=30)
+@given(seeds, dimensions)
+def test_without_residuals_a_step_squares_the_distance(seed, d):
+    rng = rng_of(seed)
+    graph, R = rotation_graph(rng, 9, d, noise=0.0)
+    start = Estimate(turned(rng, R, 1e-4))
+    solution = laplacian_gauss_newton(RotationProblem(graph), start, max_iterations=1)
+    assert solution.trace[0].gradient > 1e-6
+    assert solution.trace[1].gradient < 1e-6
+
+
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("scale", [1e-8, 1.0, 1e8])
 def test_weights_of_any_scale(scale, d):

@@ -329,6 +329,16 @@ def test_powers_of_two_change_nothing_else(seed, d, power, noise, poses):
     np.testing.assert_array_equal(other.estimate.rotations, one.estimate.rotations)
 
 
+def test_the_start_is_named(dataset):
+    intel = dataset("intel").graph
+    assert solve(intel).start == solve(intel.rotation).start == "laplacian_gauss_newton"
+    # Too much noise for averaging to settle.
+    for d, name in ((2, "eigen_ma"), (3, "eigen_q")):
+        rough = [pose_graph(np.random.default_rng(seed), 12, d, noise=2.0)[0] for seed in range(4)]
+        assert name in {solve(graph).start for graph in rough}
+        assert "eigen_ra" in {solve(graph.rotation).start for graph in rough}
+
+
 @pytest.mark.parametrize("engine", factor.engines())
 @pytest.mark.parametrize("d", [2, 3])
 def test_every_engine_gives_the_same_answers(d, engine, monkeypatch):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from strategies import dimensions, pose_graph, rng_of, seeds
 
-from certpgo.certify import certificate_matrix, cost_upper, dual_bound, expected_rounding
+from certpgo.certify import certificate_matrix, cost_upper, dual, dual_bound
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.estimate import Estimate
 from certpgo.graph import PoseGraph, RotationGraph
@@ -18,7 +18,6 @@ from certpgo.lift import Lift, lifted
 from certpgo.linalg import factor, so
 from certpgo.newton import newton
 from certpgo.problem import PoseProblem, RotationProblem, problem_of
-from certpgo.reduced import Reduced
 from certpgo.solvers.low_rank import LowRank, descend
 
 
@@ -211,66 +210,114 @@ def test_cost_upper_is_above_the_exact_cost(seed, d):
     assert so.worst_defect(R)[1] < 1e-13
 
 
-def hint_at(problem, point):
-    return expected_rounding(problem, point, Reduced(problem).factor)
+@pytest.mark.parametrize("poses", [True, False])
+@pytest.mark.parametrize("source", ["excess", "_assembly_radii"])
+def test_every_source_of_rounding_is_taken_off(source, poses, monkeypatch):
+    monkeypatch.setenv("CERTPGO_ENGINE", "superlu")
+    problem, point = optimum(6, 3, poses)
+    before = dual_bound(problem, point)
+    if source == "excess":
+        monkeypatch.setattr(factor._SuperLUFactor, source, lambda self, w: 1e-3 * w)
+    else:
+        monkeypatch.setattr(dual, source, lambda problem, multipliers, w, turns: 1e-3 * w)
+    after = dual_bound(problem, point)
+    assert after.shift >= 1e-3 > 1e3 * before.shift
+    assert after.value <= before.value - 1e-3 * problem.d * problem.n
 
 
-@settings(max_examples=30)
-@given(seed=seeds, d=dimensions)
-def test_a_hint_saves_a_factorization(seed, d):
-    problem, point = optimum(seed, d, poses=True)
-    cost = problem.cost(point)
-    enough = cost * (1.0 - 1e-5)
-    plain = dual_bound(problem, point, enough=enough)
-    hinted = dual_bound(problem, point, hint=hint_at(problem, point), enough=enough)
-    assert (plain.factorizations, hinted.factorizations) == (2, 1)
-    for bound in (plain, hinted):
-        assert enough <= bound.value <= cost
-    # Not good enough, it is sharpened.
-    sharp = dual_bound(problem, point, hint=hint_at(problem, point))
-    assert hinted.value <= sharp.value <= cost
-    assert sharp.factorizations > 1
+def test_a_demand_that_grows_with_every_factor_proves_nothing(monkeypatch):
+    problem, point = optimum(7, 3, poses=True)
+    demands = (np.full(problem.matrix.shape[0], 2.0**k) for k in range(-40, 1000))
+    monkeypatch.setattr(dual._Attempts, "rounding_of", lambda *args: next(demands))
+    assert dual_bound(problem, point) is None
 
 
 @pytest.mark.parametrize("engine", factor.engines())
-@pytest.mark.parametrize("wrong", [0.0, 1e-12, 1e-3, 1.0, 1e3, 1e6, 1e9, 1e12])
-def test_a_wrong_hint_costs_work_and_never_the_truth(wrong, engine, monkeypatch):
+@pytest.mark.parametrize("n", [5, 7, 8, 12])
+def test_a_factorization_that_only_just_completes_is_not_taken_at_its_word(n, engine, monkeypatch):
+    """At the smallest shift that it lets pass the matrix may be indefinite: rounding is added."""
     monkeypatch.setenv("CERTPGO_ENGINE", engine)
+    instance, wound = winding_cycle(n, 0.0, 1, 2)
+    problem = RotationProblem(instance.graph)
+    multipliers = problem.multipliers(wound)
+
+    def completes(shift):
+        S = certificate_matrix(problem, multipliers - shift * np.eye(2))
+        return problem.symbolic(S).factor(S) is not None
+
+    low, high = 0.0, 8.0
+    while low < 0.5 * (low + high) < high:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if completes(middle) else (middle, high)
+    unit = 2.0**-53 * float(problem.matrix.diagonal().mean())
+    monkeypatch.setattr(dual, "FIRST_SHIFT", high / unit)
+    bound = dual_bound(problem, wound)
+    assert bound.shift == pytest.approx(high, rel=1e-9)
+    graph = PoseGraph(instance.graph, np.zeros((n, 2)), np.ones(n))
+    exact = [[[Fraction(int(i == j)) for j in range(2)] for i in range(2)] for _ in range(n)]
+    exact = exact_certificate(graph, exact, bound.multipliers, poses=False)
+    assert positive_definite_in_balls(exact)
+
+
+@pytest.mark.parametrize("poses", [True, False])
+@pytest.mark.parametrize("slab", [1, 7, 100])
+def test_a_factor_is_worked_on_in_slabs_and_nothing_is_left_out(slab, poses, monkeypatch):
+    problem, point = optimum(5, 3, poses)
+    bound = dual_bound(problem, point)
+    assert bound.nonzeros > 100
+    monkeypatch.setattr(dual, "SLAB", slab)
+    again = dual_bound(problem, point)
+    assert again.shift == pytest.approx(bound.shift, rel=1e-9)
+    assert (again.factorizations, again.nonzeros) == (bound.factorizations, bound.nonzeros)
+
+
+@settings(max_examples=30)
+@given(seed=seeds, d=dimensions, poses=st.booleans())
+def test_one_factorization_is_enough(seed, d, poses):
+    """What rounding demands of the translations is guessed before there is a factor."""
+    problem, point = optimum(seed, d, poses)
+    cost = problem.cost(point)
+    enough = cost * (1.0 - 1e-5)
+    bound = dual_bound(problem, point, enough=enough)
+    # SuperLU's factor is no Cholesky factor, and rounds more than that.
+    foreseen = not poses or factor.default_engine() == "cholmod"
+    assert bound.factorizations <= (1 if foreseen else 2)
+    assert enough <= bound.value <= cost
+    # Not good enough, it is sharpened.
+    sharp = dual_bound(problem, point)
+    assert bound.value <= sharp.value <= cost
+    assert (sharp.factorizations > 1) == poses
+
+
+@pytest.mark.parametrize("engine", factor.engines())
+@pytest.mark.parametrize("wrong", [0.0, 1e-12, 1e-3, 1e3, 1e6, 1e9, 1e15])
+def test_a_wrong_guess_costs_work_and_never_the_truth(wrong, engine, monkeypatch):
+    monkeypatch.setenv("CERTPGO_ENGINE", engine)
+    monkeypatch.setattr(dual, "AMPLE", wrong * dual.AMPLE)
     for seed in range(6):
         problem, point = optimum(seed, 2 + seed % 2, poses=True)
         cost = problem.cost(point)
-        hint = wrong * hint_at(problem, point)
-        bound = dual_bound(problem, point, hint=hint, enough=cost * (1.0 - 1e-5))
+        bound = dual_bound(problem, point, enough=cost * (1.0 - 1e-5))
         if bound is None:
             assert wrong > 1e9  # there is a limit to what the diagonal bears
             continue
-        assert bound.value <= cost
-        assert bound.value >= cost * (1.0 - 1e-5)
+        assert cost * (1.0 - 1e-5) <= bound.value <= cost
         assert bound.factorizations <= 4
 
 
 @pytest.mark.parametrize("wrong", [1e-3, 1.0, 1e3])
-def test_hinted_bounds_hold_in_ball_arithmetic(wrong):
+def test_bounds_from_a_guess_hold_in_ball_arithmetic(wrong, monkeypatch):
+    monkeypatch.setattr(dual, "AMPLE", wrong * dual.AMPLE)
     for seed in range(3):
         d = 2 + seed % 2
         graph, R, t = pose_graph(rng_of(seed), 5, d, noise=0.1)
         graph, exact = with_exact_rotations(graph)
         problem = PoseProblem(graph)
         point = problem.complete(newton(problem, Estimate(R, t)).estimate.rotations)
-        hint = wrong * hint_at(problem, point)
-        bound = dual_bound(problem, point, hint=hint, enough=0.0)
+        bound = dual_bound(problem, point, enough=0.0)
         assert bound is not None
         S = exact_certificate(graph, exact, bound.multipliers, poses=True)
         assert positive_definite_in_balls(S)
-
-
-def test_rotations_have_no_use_for_a_hint():
-    problem, point = optimum(0, 3, poses=False)
-    plain = dual_bound(problem, point)
-    hinted = dual_bound(problem, point, hint=np.full(21, 1e9))
-    assert (hinted.value, hinted.factorizations) == (plain.value, plain.factorizations)
-    np.testing.assert_array_equal(hinted.multipliers, plain.multipliers)
-    assert plain.factorizations == 1
 
 
 @pytest.mark.parametrize("engine", factor.engines())
@@ -288,6 +335,17 @@ def test_tight_bounds_give_up_at_a_negative_eigenvalue(n, d, engine, monkeypatch
             if bound is not None:
                 assert bound.value == pytest.approx(problem.cost(point), rel=1e-6)
                 assert bound.value <= problem.cost(point)
+
+
+def test_tight_bounds_give_up_where_others_pay_for_an_eigenvalue():
+    given_up = 0
+    for seed in range(12):
+        problem, point = optimum(seed, 2 + seed % 2, poses=seed % 4 < 2, noise=0.8)
+        loose, tight = (dual_bound(problem, point, tight=tight) for tight in (False, True))
+        if tight is None and loose is not None:
+            assert 0.0 < loose.value < problem.cost(point)
+            given_up += 1
+    assert given_up >= 2
 
 
 def test_tight_changes_nothing_where_rounding_explains_the_shift():

@@ -169,6 +169,11 @@ def test_memory_that_nobody_needs_serves_the_next_factor(analyses):
     del third  # what it had is used up
     solves(A, symbolic.factor(A))
     assert len(analyses) == 3
+    del second
+    for made in (3, 4, 5):
+        both = symbolic.factor(A), symbolic.factor(A)
+        assert len(analyses) == made + 1  # of two that go, one is kept
+        del both
 
 
 def test_much_memory_is_not_kept(analyses, monkeypatch):
