@@ -250,6 +250,7 @@ class _Staircase:
                 self.problem,
                 point,
                 enough=self.cost - self.case.tolerance(self.cost),
+                sharp=False,
                 tight=tight,
             )
         if bound is not None:

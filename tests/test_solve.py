@@ -280,7 +280,9 @@ def test_weights_of_any_scale(seed, d, decades, poses):
 def test_weights_of_different_scale_in_one_graph(seed, d, decades, poses):
     rng = rng_of(seed)
     graph, _, _ = pose_graph(rng, 8, d, noise=0.05)
-    kappa, tau = 10.0 ** rng.uniform(-decades, decades, (2, graph.num_edges))
+    # Poses bear less: what is eliminated is as ill-conditioned as what stays.
+    span = 0.6 * decades if poses else decades
+    kappa, tau = 10.0 ** rng.uniform(-span, span, (2, graph.num_edges))
     graph = graph.with_weights(kappa, tau)
     problem = problem_of(graph if poses else graph.rotation)
     answer = solve(problem.graph)
@@ -334,9 +336,10 @@ def test_the_start_is_named(dataset):
     assert solve(intel).start == solve(intel.rotation).start == "laplacian_gauss_newton"
     # Too much noise for averaging to settle.
     for d, name in ((2, "eigen_ma"), (3, "eigen_q")):
-        rough = [pose_graph(np.random.default_rng(seed), 12, d, noise=2.0)[0] for seed in range(4)]
-        assert name in {solve(graph).start for graph in rough}
-        assert "eigen_ra" in {solve(graph.rotation).start for graph in rough}
+        stop = {"max_rank": d}
+        rough = [pose_graph(np.random.default_rng(seed), 9, d, noise=2.0)[0] for seed in range(2)]
+        assert name in {solve(graph, **stop).start for graph in rough}
+        assert "eigen_ra" in {solve(graph.rotation, **stop).start for graph in rough}
 
 
 @pytest.mark.parametrize("engine", factor.engines())
@@ -400,7 +403,7 @@ def test_a_monitor_may_stop_it_anywhere(tight):
     assert (whole.verdict is Verdict.CERTIFIED) == tight
     assert len(whole.levels) > 1
     bound = 0.0
-    for last in sorted({*range(6), *range(6, steps, 3), steps - 1}):
+    for last in sorted({*range(6), *range(6, steps, 5), steps - 1}):
         answer = solve(graph, initial=wound, monitor=lambda step, last=last: step.number >= last)
         assert answer.solution.status is Status.INTERRUPTED
         assert honest(answer, problem)

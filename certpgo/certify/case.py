@@ -97,10 +97,12 @@ class Case:
                 settled = solution.status is Status.CONVERGED or (
                     solution.status is Status.STALLED and problem.stationarity(point) < SETTLED
                 )
-            bound = dual_bound(problem, point, rounding=self.rigorous)
+            cost = cost_upper(problem, point)
+            enough = cost - self.tolerance(cost)
+            bound = dual_bound(problem, point, rounding=self.rigorous, enough=enough)
         except (NumericalError, np.linalg.LinAlgError):
             return Basin(start, cost_upper(problem, start), False, None)
-        return Basin(point, cost_upper(problem, point), settled, bound)
+        return Basin(point, cost, settled, bound)
 
     def certificate(
         self,

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from certpgo.certify.residual import measured_residual
 from certpgo.certify.rounding import U, rotation_defect
 from certpgo.lift import Point
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray
@@ -30,6 +31,8 @@ LARGEST_ROUNDING = 1e5
 BISECTIONS = 6
 #: Nonzeros of a factor that are worked on at once.
 SLAB = 20_000_000
+#: How much smaller than its bound a residual may be, about.
+MEASURING_GAIN = 50.0
 #: Factorizations at one shift: the translations' rounding is guessed, then confirmed.
 CONFIRMATIONS = 8
 #: How much more than measured the guess asks for.
@@ -72,7 +75,8 @@ def dual_bound(
     point: Point,
     *,
     rounding: bool = True,
-    enough: float = math.inf,
+    enough: float = -math.inf,
+    sharp: bool = True,
     tight: bool = False,
 ) -> DualBound | None:
     """The best lower bound that the multipliers of ``point`` prove; None when it is useless.
@@ -81,18 +85,22 @@ def dual_bound(
     ----------
     point : near-stationary, with translations optimal for its rotations; of any rank
     rounding : bound the factorization's rounding (the standard tier), or trust it (screening)
-    enough : a value beyond which a bound need not be sharpened by another factorization
+    enough : a value that is worth measuring a factor's residual for, where bounding it a priori
+        falls short; see `measured_residual`
+    sharp : sharpen a bound by another factorization even when it is enough
     tight : give up when rounding does not explain the shift, that is, when the certificate matrix
         has a negative eigenvalue
     """
-    return _Attempts(problem, point, rounding, enough).best(tight)
+    return _Attempts(problem, point, rounding, enough, sharp).best(tight)
 
 
 class _Attempts:
     """Factorizations of one certificate matrix under different shifts."""
 
-    def __init__(self, problem: Problem, point: Point, rounding: bool, enough: float) -> None:
-        self.problem, self.rounding, self.enough = problem, rounding, enough
+    def __init__(
+        self, problem: Problem, point: Point, rounding: bool, enough: float, sharp: bool
+    ) -> None:
+        self.problem, self.rounding, self.enough, self.sharp = problem, rounding, enough, sharp
         self.multipliers = problem.multipliers(point)
         self.blocks = point.rotations
         size = problem.matrix.shape[0]
@@ -110,6 +118,7 @@ class _Attempts:
         self.symbolic = problem.symbolic(problem.matrix)
         self.cost = problem.cost(point)
         self.factorizations = self.nonzeros = 0
+        self.demand = np.zeros(size)
         # What is taken off the translations' diagonal beforehand.
         self.guess = np.zeros(size)
         if isinstance(problem, PoseProblem) and self.pin is not None and rounding:
@@ -159,23 +168,33 @@ class _Attempts:
 
     def attempt(self, shift: float) -> DualBound | None:
         """The bound with ``shift`` on the rotations, enlarged by what rounding demands."""
-        demand, bound, generosity = self.guess, None, MARGIN
+        demand, best, generosity, measure = self.guess, None, MARGIN, False
         for _ in range(CONFIRMATIONS):
             reduced = self.reduced(shift, generosity * self.gauge_shift(demand))
             factor = self.factor(reduced, demand)
             if factor is None:
                 if demand is self.guess:
-                    return bound
+                    return best
                 generosity *= 1.5
                 continue
-            rounding = self.rounding_of(factor, reduced) if self.rounding else demand
+            rounding = self.rounding_of(factor, reduced, measure) if self.rounding else demand
             if np.all(rounding[~self.is_rotation] <= demand[~self.is_rotation]):
                 bound = self.bound(reduced, np.where(self.is_rotation, rounding, 0.0))
+                best = bound if best is None or bound.value > best.value else best
+                sufficient = best.value >= self.enough
                 guessed = demand is self.guess and demand.any()
-                if not guessed or bound.value >= self.enough:
-                    return bound
+                if not guessed or (sufficient and not self.sharp):
+                    if sufficient or measure or not self.is_worth_measuring(best):
+                        return best
+                    measure = True
+                    rounding = self.rounding_of(factor, reduced, measure)
             demand = np.where(self.is_rotation, 0.0, MARGIN * rounding)
-        return bound
+        return best
+
+    def is_worth_measuring(self, bound: DualBound) -> bool:
+        """Whether the bound misses what is enough by no more than measuring may gain."""
+        missing, allowed = self.cost - bound.value, self.cost - self.enough
+        return self.rounding and missing <= MEASURING_GAIN * allowed and bound.nonzeros <= SLAB
 
     def gauge_shift(self, demand: FloatArray) -> FloatArray:
         """(r, r) shift, in the world frame, with which the gauge bears ``demand``.
@@ -196,18 +215,24 @@ class _Attempts:
     def factor(self, multipliers: FloatArray, demand: FloatArray) -> Factor | None:
         """The factor of the certificate matrix, its translations' diagonal less ``demand``."""
         self.factorizations += 1
-        A = certificate_matrix(self.problem, multipliers)
-        if self.pin is not None:
-            A = pinned(A, np.array([self.pin]))
-        if demand.any():
-            A = add_to_diagonal(A, -demand)
+        A = self.matrix(multipliers, demand)
         factor, diagonal = self.symbolic.factor(A), A.diagonal()
         del A  # large, and L is larger
+        self.demand = demand
         if factor is None or not self.rounding or _is_cholesky(factor, diagonal):
             return factor
         return None
 
-    def rounding_of(self, factor: Factor, multipliers: FloatArray) -> FloatArray:
+    def matrix(self, multipliers: FloatArray, demand: FloatArray) -> CSC:
+        """The certificate matrix, a translation cut off, the others' diagonal less ``demand``."""
+        A = certificate_matrix(self.problem, multipliers)
+        if self.pin is not None:
+            A = pinned(A, np.array([self.pin]))
+        return add_to_diagonal(A, -demand) if demand.any() else A
+
+    def rounding_of(
+        self, factor: Factor, multipliers: FloatArray, measure: bool = False
+    ) -> FloatArray:
         """Delta (N,) with the true certificate matrix, plus diag(delta), positive semidefinite.
 
         An entry (i, j) of L L^T sums at most min(k_i, k_j) products, k the row counts of L: at
@@ -222,6 +247,9 @@ class _Attempts:
         by_row, by_mean = sum(part @ (part.T @ both) for part in _slabs(L)).T
         delta = np.empty_like(w)
         delta[order] = U * np.minimum(terms * by_row, root * by_mean) + factor.excess(w[order])
+        if measure:
+            left = measured_residual(self.matrix(multipliers, self.demand), L, order, w)
+            delta = delta if left is None else np.minimum(delta, left)
         radii = _assembly_radii(self.problem, multipliers, w, self.is_rotation)
         delta = 1.001 * (delta + radii) / w  # the products' own rounding
         if self.pin is not None:

@@ -23,6 +23,7 @@ TABLE = Table(
     stand_ins=(Row("sphere2500.txt"), Row("w100"), Row("w10000")),
     optional=True,
     methods=(
+        Method("certified"),
         Method("spanning_tree"),
         EIGEN_MA,
         Method("eigen_ma", "eigen_ma (unit weights)", {"weights": "unit"}, takes="poses"),
@@ -30,6 +31,7 @@ TABLE = Table(
         Method("fixed_point", "eigen_ma + fixed_point", start=EIGEN_MA, takes="poses"),
         Method("newton", "eigen_ma + newton", start=EIGEN_MA, takes="poses"),
         EIGEN_RA,
+        Method("laplacian_gauss_newton", takes="rotations"),
         Method("fixed_point", "eigen_ra + fixed_point", start=EIGEN_RA, takes="rotations"),
         Method("newton", "eigen_ra + newton", start=EIGEN_RA, takes="rotations"),
         Method("gtsam_chordal", takes="poses"),
