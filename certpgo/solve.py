@@ -7,6 +7,7 @@ the eigenvector, and what low-rank optimization finds there is rounded and polis
 
 from __future__ import annotations
 
+import math
 import signal
 import threading
 import time
@@ -45,8 +46,8 @@ from certpgo.starts import Start, start_of
 MORE_RANKS = 7
 #: CERTIFIED means gap <= rtol F + atol W.
 RTOL, ATOL = 1e-5, 1e-12
-#: Stationarity asked of estimates and of points of higher rank, radians.
-TOLERANCE, LIFTED_TOLERANCE = 1e-11, 1e-7
+#: Stationarity asked of estimates, and over the typical residual of points of higher rank; radians.
+TOLERANCE, LIFTED_TOLERANCE = 1e-11, 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,9 +124,9 @@ def solve(
 
     Returns
     -------
-    The answer. Its verdict is CERTIFIED; BOUNDED with a proven gap where the relaxation is not
-    tight; or UNDECIDED, when it was stopped before a bound was found. Ctrl-C stops the search like
-    a monitor; a second one raises KeyboardInterrupt.
+    The answer. Its verdict is CERTIFIED; BOUNDED with a proven gap, where the relaxation is not
+    tight; or UNDECIDED, when the search ended before a useful bound was found. Ctrl-C stops the
+    search like a monitor; a second one raises KeyboardInterrupt.
 
     Raises
     ------
@@ -220,7 +221,7 @@ class _Staircase:
             point,
             rank,
             direction=direction,
-            tolerance=LIFTED_TOLERANCE,
+            tolerance=max(LIFTED_TOLERANCE * math.sqrt(self.cost / self.problem.scale), TOLERANCE),
             monitor=self.stop,
             watch=self.watch,
         )
@@ -278,13 +279,14 @@ class _Staircase:
         estimate = self.best.estimate
         certificate = self.case.certificate(estimate, self.basin)
         status = self.stop.status or self.best.status
-        if self.stop.status is not None and certificate.verdict is Verdict.UNDECIDED:
-            certificate = replace(certificate, reason="stopped before a bound was found")
+        if certificate.verdict is Verdict.UNDECIDED:
+            ended = "stopped" if self.stop.status else f"ended at rank {self.levels[-1].rank}"
+            certificate = replace(certificate, reason=f"{ended} before a useful bound was found")
         solution = Solution(
             estimate=estimate,
             cost=problem.cost(estimate),
             status=status,
-            iterations=len(self.stop.trace),
+            iterations=max(len(self.stop.trace) - 1, 0),
             lower_bound=certificate.lower_bound,
             seconds=self.watch.seconds,
             trace=tuple(self.stop.trace),

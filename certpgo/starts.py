@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from certpgo import spectral
 from certpgo.averaging import laplacian_gauss_newton
+from certpgo.errors import NumericalError
 from certpgo.estimate import Estimate
 from certpgo.problem import PoseProblem, Problem
 from certpgo.trees import compose, spanning_tree
@@ -50,10 +51,8 @@ def start_of(problem: Problem) -> Start:
     """
     graph = problem.rotation.graph
     tree = compose(graph, spanning_tree(graph, root="center"))
-    tolerance = ROUGH if isinstance(problem, PoseProblem) else FINE
-    found = laplacian_gauss_newton(problem.rotation, tree, tolerance=tolerance)
-    averaged = found.estimate
-    if found.trace[-1].gradient <= ROUGH:
+    averaged, settled = _averaged(problem, tree)
+    if settled:
         return Start(problem.complete(averaged.rotations), "laplacian_gauss_newton")
     if isinstance(problem, PoseProblem) and problem.d == 3:
         pairs = spectral.eliminated_eigenpairs(problem, tol=Q_TOL, start=averaged)
@@ -61,3 +60,13 @@ def start_of(problem: Problem) -> Start:
         return Start(problem.complete(rotations), "eigen_q", near=True)
     name = "eigen_ma" if isinstance(problem, PoseProblem) else "eigen_ra"
     return Start(spectral.spectral_start(problem, tol=L_TOL, start=averaged), name)
+
+
+def _averaged(problem: Problem, tree: Estimate) -> tuple[Estimate, bool]:
+    """Averaged rotations, and whether they settled fast."""
+    tolerance = ROUGH if isinstance(problem, PoseProblem) else FINE
+    try:
+        found = laplacian_gauss_newton(problem.rotation, tree, tolerance=tolerance)
+    except NumericalError:
+        return tree, False
+    return found.estimate, found.trace[-1].gradient <= ROUGH

@@ -116,7 +116,6 @@ def test_wound_up_cycles_of_poses_are_unwound(n, winding, d):
         assert climbed(answer)
 
 
-@pytest.mark.xfail(strict=True, reason="negative curvature of a long cycle is not recognised")
 @pytest.mark.parametrize("d", [2, 3])
 def test_a_long_wound_up_cycle_is_unwound(d):
     instance, wound = winding_cycle(2000, 0.3, 1, d)

@@ -31,11 +31,6 @@ KEPT = 1_000_000
 class Factor(Protocol):
     """A Cholesky factorization A[p][:, p] = L L^T."""
 
-    @property
-    def nnz(self) -> int:
-        """Nonzeros of L."""
-        ...
-
     def solve(self, B: FloatArray) -> FloatArray:
         """A^-1 B for B (N,) or (N, k)."""
         ...
@@ -193,10 +188,6 @@ class _SuperLUFactor:
     def __init__(self, lu: Any, pivots: FloatArray, order: IntArray) -> None:
         self._lu, self._pivots, self._order = lu, pivots, order
 
-    @property
-    def nnz(self) -> int:
-        return int(self._lu.L.nnz)
-
     def solve(self, B: FloatArray) -> FloatArray:
         X = np.empty_like(B, dtype=np.float64)
         X[self._order] = self._lu.solve(np.asarray(B, dtype=np.float64)[self._order])
@@ -289,10 +280,6 @@ class _CholmodFactor:
 
     def __del__(self) -> None:
         self._symbolic.give_back(self._factor)
-
-    @property
-    def nnz(self) -> int:
-        return int(self.lower()[0].nnz)
 
     def excess(self, w: FloatArray) -> FloatArray:
         return np.zeros_like(w)

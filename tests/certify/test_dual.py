@@ -278,7 +278,7 @@ def test_one_factorization_is_enough(seed, d, poses):
     problem, point = optimum(seed, d, poses)
     cost = problem.cost(point)
     enough = cost * (1.0 - 1e-5)
-    bound = dual_bound(problem, point, enough=enough)
+    bound = dual_bound(problem, point, enough=enough, sharp=False)
     # SuperLU's factor is no Cholesky factor, and rounds more than that.
     foreseen = not poses or factor.default_engine() == "cholmod"
     assert bound.factorizations <= (1 if foreseen else 2)

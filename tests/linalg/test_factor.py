@@ -44,7 +44,7 @@ def test_solve_lower_and_permutation(engine, seed):
         np.testing.assert_allclose((L @ L.T).toarray(), dense, rtol=0, atol=1e-11)
         assert np.all(L.diagonal() > 0)
         assert (L.toarray() == np.tril(L.toarray())).all()
-    assert F.nnz == L.nnz >= A.shape[0]
+    assert L.nnz >= A.shape[0]
 
 
 def test_refactoring_with_the_same_pattern(engine):
@@ -211,7 +211,8 @@ def test_large_graphs_are_ordered_by_nested_dissection(engine, monkeypatch):
     monkeypatch.setattr(factor, "NESTED_FROM", P.num_nodes + 1)
     degree = factor.fill_reducing_order(P.indptr, P.indices, engine=engine)
     assert not np.array_equal(order, degree)
-    assert nested.nnz < 1.2 * factor.analyze(A, order=degree, engine=engine).factor(A).nnz
+    plain = factor.analyze(A, order=degree, engine=engine).factor(A)
+    assert nested.lower()[0].nnz < 1.2 * plain.lower()[0].nnz
 
 
 def test_without_metis_minimum_degree_orders_them_all(engine, monkeypatch):

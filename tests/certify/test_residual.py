@@ -1,0 +1,77 @@
+"""The measured residual of a factor: above the true one, and far below the a priori bound."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from strategies import dimensions, pose_graph, rng_of, seeds
+
+from certpgo.certify import dual_bound
+from certpgo.certify.residual import measured_residual
+from certpgo.linalg import factor
+from certpgo.linalg.arrays import CSC
+from certpgo.newton import newton
+from certpgo.problem import PoseProblem
+
+
+def definite(seed, n=12, spread=3.0):
+    """A sparse definite matrix whose rows differ in size by many powers of ten."""
+    rng = rng_of(seed)
+    B = rng.standard_normal((n, n)) * (rng.random((n, n)) < 0.4)
+    D = np.diag(10.0 ** rng.uniform(-spread, spread, n))
+    A = D @ (B @ B.T + np.eye(n)) @ D
+    A = 0.5 * (A + A.T)
+    return CSC(np.where(A == 0.0, 0.0, A))
+
+
+@settings(max_examples=20)
+@given(seeds)
+def test_bounds_the_exact_residual(seed):
+    A = definite(seed)
+    n = A.shape[0]
+    w = 10.0 ** rng_of(seed + 1).uniform(-2, 2, n)
+    L, order = factor.factorize(A).lower()
+    dense, lower = A.toarray()[np.ix_(order, order)], L.toarray()
+    exact = np.zeros(n)
+    for i in range(n):
+        row = Fraction(0)
+        for j in range(n):
+            product = sum(Fraction(lower[i, k]) * Fraction(lower[j, k]) for k in range(n))
+            row += abs(Fraction(dense[i, j]) - product) * Fraction(w[order[j]])
+        exact[order[i]] = float(row)
+    measured = measured_residual(A, L, order, w)
+    assert np.all(measured >= exact)
+    assert np.all(measured <= 1.1 * exact + 1e-20 * np.abs(A.toarray()) @ w)
+
+
+def test_a_wrong_factor_is_found_out():
+    A = definite(0)
+    L, order = factor.factorize(A).lower()
+    wrong = CSC((L.data * (1.0 + 1e-9), L.indices, L.indptr), shape=L.shape)
+    right = measured_residual(A, L, order, np.ones(len(order)))
+    assert np.all(measured_residual(A, wrong, order, np.ones(len(order))) > 1e3 * right)
+    assert measured_residual(CSC(-A.toarray()), L, order, np.ones(len(order))) is None
+
+
+@settings(max_examples=10)
+@given(seeds, dimensions)
+def test_measuring_sharpens_a_valid_bound(seed, d):
+    graph, R, _ = pose_graph(rng_of(seed), 30, d, noise=0.02)
+    problem = PoseProblem(graph)
+    point = problem.settled(newton(problem, problem.complete(R)).estimate)
+    cost = problem.cost(point)
+    plain = dual_bound(problem, point)
+    # Worth measuring: what is asked for is within reach of it.
+    sharper = dual_bound(problem, point, enough=cost - (cost - plain.value) / 20.0)
+    assert plain.value <= sharper.value <= cost
+    assert cost - sharper.value <= 0.7 * (cost - plain.value)
+
+
+@pytest.mark.parametrize("name", ["ais2klinik"])
+def test_long_chains_are_certified_by_measuring(dataset, name):
+    from certpgo import solve
+
+    answer = solve(dataset(name).graph)
+    assert answer.verdict.value == "CERTIFIED"
+    assert answer.cost == pytest.approx(188.5018, rel=1e-6)
