@@ -73,7 +73,7 @@ def laplacian_gauss_newton(
             delta = -0.5 * factor.solve(_in_world(point.rotations, first.tangent))
             candidate = Estimate.trusted(so.exp(delta) @ point.rotations)
             following = problem.first_order(candidate)
-        if following.cost > first.cost * (1.0 + 1e-12):
+        if not following.cost <= first.cost * (1.0 + 1e-12):
             status = Status.STALLED
             break
         lasting = following.stationarity > SLOW * first.stationarity

@@ -177,7 +177,7 @@ def _advance(problem: Problem, state: _State, work: _Work) -> _State | None:
         gain = (state.cost - cost) / proposal.predicted if proposal.predicted > 0.0 else 0.0
         # Below rounding F can no longer tell; the gradient still can.
         invisible = proposal.predicted <= ROUNDING * state.cost
-        if not invisible and gain <= 1e-3:
+        if not invisible and not gain > 1e-3:
             continue
         damping = proposal.damping / 10.0 if gain > 0.75 else proposal.damping
         following = _State(

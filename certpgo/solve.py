@@ -13,7 +13,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from types import FrameType
 from typing import ClassVar
@@ -30,7 +30,7 @@ from certpgo.certify import (
 )
 from certpgo.certify.case import Basin, Case
 from certpgo.certify.curvature import negative_curvature
-from certpgo.errors import InputError
+from certpgo.errors import InputError, NumericalError
 from certpgo.estimate import Estimate
 from certpgo.graph import Graph
 from certpgo.lift import Lift, Point, rounded
@@ -44,6 +44,8 @@ from certpgo.starts import Start, start_of
 
 #: Dimensions that the staircase may add to the d of space.
 MORE_RANKS = 7
+#: Newton's steps of one descent.
+MAX_STEPS = 200
 #: CERTIFIED means gap <= rtol F + atol W.
 RTOL, ATOL = 1e-5, 1e-12
 #: Stationarity asked of estimates, and over the typical residual of points of higher rank; radians.
@@ -189,6 +191,14 @@ class _Staircase:
     def climb(self, highest: int) -> None:
         """Escape to higher ranks until the gap is closed or the relaxation is solved."""
         point: Point = self.best.estimate
+        # What was found before an error stays, and is judged.
+        with suppress(NumericalError, np.linalg.LinAlgError):
+            point = self.last_of_climb(point, highest)
+        if not (self.is_certified or self.stop.asked):
+            self.settle_for_less(point)
+
+    def last_of_climb(self, point: Point, highest: int) -> Point:
+        """The point of the relaxation where there is nothing left to gain, or no rank."""
         while not (self.is_certified or self.stop.asked):
             with self.watch.phase("escape"):
                 eigenvalue, direction = negative_curvature(self.problem, point)
@@ -204,10 +214,11 @@ class _Staircase:
             if polished.cost < self.best.cost:
                 self.take(polished)
                 self.improve_bound(polished.estimate)
-            if not self.is_certified:
+            if self.best.cost < (1.0 - 1e-9) * self.levels[-1].cost:
+                point = self.best.estimate  # the higher rank has gained nothing yet
+            elif not self.is_certified:
                 self.improve_bound(point)
-        if not (self.is_certified or self.stop.asked):
-            self.settle_for_less(point)
+        return point
 
     def take(self, best: Solution) -> None:
         """Make a solution the best so far."""
@@ -235,6 +246,7 @@ class _Staircase:
             self.problem,
             start,
             tolerance=TOLERANCE,
+            max_iterations=MAX_STEPS,
             near=near,
             monitor=self.stop,
             watch=self.watch,
@@ -335,10 +347,11 @@ class _Stop:
 
 @contextmanager
 def _stoppable(monitor: Monitor, unit: float, time_limit: float | None) -> Iterator[_Stop]:
-    """A stop that also listens to Ctrl-C, where signals can be caught."""
+    """A stop that also listens to Ctrl-C, where Python handles it."""
     deadline = np.inf if time_limit is None else time.monotonic() + time_limit
     stop = _Stop(monitor, unit, deadline)
-    if threading.current_thread() is not threading.main_thread():
+    main = threading.current_thread() is threading.main_thread()
+    if not main or not callable(signal.getsignal(signal.SIGINT)):
         yield stop
         return
     before = signal.signal(signal.SIGINT, stop.interrupt)

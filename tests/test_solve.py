@@ -578,3 +578,26 @@ def test_the_judge_agrees_and_grids_are_certified():
     assert judged.verdict is Verdict.CERTIFIED
     assert judged.cost == pytest.approx(answer.certificate.cost, rel=1e-12)
     assert answer.cost < problem.cost(instance.truth)
+
+
+@pytest.mark.parametrize("where", ["negative_curvature", "low_rank.descend"])
+def test_an_error_in_the_climb_loses_nothing(monkeypatch, where):
+    instance, wound = winding_cycle(20, 0.0, 1)
+
+    def fails(*args, **kwargs):
+        raise NumericalError("not today")
+
+    monkeypatch.setattr(importlib.import_module("certpgo.solve"), "negative_curvature", fails)
+    if where == "low_rank.descend":
+        monkeypatch.undo()
+        monkeypatch.setattr("certpgo.solvers.low_rank.descend", fails)
+    answer = solve(instance.graph, initial=wound)
+    assert answer.verdict is not Verdict.CERTIFIED
+    assert answer.cost == pytest.approx(RotationProblem(instance.graph).cost(wound))
+
+
+def test_a_laplacian_that_cannot_be_factorized_is_no_end():
+    graph = RotationGraph(
+        3, np.array([[0, 1], [1, 2]]), np.tile(np.eye(3), (2, 1, 1)), np.array([1e-9, 1e8])
+    )
+    assert solve(graph).verdict is Verdict.CERTIFIED

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import multiprocessing
+import sys
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
@@ -104,7 +105,7 @@ def measured(name: str, size: int, seed: int) -> Record:
         start = time.perf_counter()
         found = solve(graph)
         elapsed = time.perf_counter() - start
-    except (CertPGOError, MemoryError) as error:
+    except (CertPGOError, MemoryError, np.linalg.LinAlgError) as error:
         return replace(record, error=str(error) or type(error).__name__)
     metrics = {
         "cost": found.cost,
@@ -148,4 +149,5 @@ def _peak_memory() -> float:
         import resource
     except ImportError:
         return math.nan
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * KIB
+    unit = 1e-9 if sys.platform == "darwin" else KIB
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit

@@ -229,8 +229,11 @@ class Cholmod:
 
     def factor(self, A: CSC) -> Factor | None:
         """Factorize A; None when CHOLMOD meets a pivot that is not positive."""
+        values = A.data[self._lower]
+        if not np.isfinite(values).all():
+            return None
         factor = self._free.pop() if self._free else self._analyze()
-        if self._numeric(factor, A.data[self._lower]):
+        if self._numeric(factor, values):
             return _CholmodFactor(self, factor)
         self.give_back(factor)
         return None

@@ -114,13 +114,14 @@ def descend(
             there = _Tangent(problem, here.retract(solved.x))
         if predicted <= ROUNDING * here.cost:
             # F can no longer tell; the gradient still can.
-            if there.stationarity >= here.stationarity:
+            risen = there.cost > (1.0 + 2.0 * ROUNDING) * here.cost
+            if risen or not there.stationarity < here.stationarity:
                 status = Status.STALLED
                 break
             gain = 1.0
         else:
             gain = (here.cost - there.cost) / predicted
-        if gain < POOR:
+        if not gain >= POOR:
             radius *= 0.25
         elif gain > GOOD and solved.end in (End.BOUNDARY, End.NEGATIVE_CURVATURE):
             radius *= 2.0
