@@ -15,8 +15,9 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.blocks import pinned
 from certpgo.linalg.factor import Factor
-from certpgo.monitor import Iteration, Monitor, Stopwatch, silent
+from certpgo.monitor import Monitor, Stopwatch, silent
 from certpgo.problem import RotationProblem
+from certpgo.progress import Progress
 from certpgo.solution import Solution, Status
 
 #: A step that leaves more than this part of the cost and of the gradient is slow.
@@ -29,7 +30,7 @@ def laplacian_gauss_newton(
     *,
     tolerance: float = 1e-11,
     max_iterations: int = 100,
-    patience: int = 3,
+    patience: int = 2,
     monitor: Monitor = silent,
     watch: Stopwatch | None = None,
 ) -> Solution:
@@ -39,7 +40,7 @@ def laplacian_gauss_newton(
     ----------
     initial : only its rotations count
     tolerance : stationarity (radians, see `FirstOrder`) at which to stop
-    patience : as many slow steps in a row, and the method is STALLED: far from any optimum, or
+    patience : more slow steps in a row, and the method is STALLED: far from any optimum, or
         better left to Newton's method
     watch : stopwatch that has already timed what led to ``initial``
 
@@ -53,39 +54,26 @@ def laplacian_gauss_newton(
     with watch.phase("averaging"):
         factor = _grounded_factor(problem)
         first = problem.first_order(point)
-    status = Status.ITERATION_LIMIT
-    trace: list[Iteration] = []
+    progress = Progress(monitor, tolerance, max_iterations, watch)
     step_norm, slow = 0.0, 0
-    for number in range(max_iterations + 1):
-        trace.append(Iteration(number, first.cost, first.stationarity, step_norm, watch.total))
-        if monitor(trace[-1]):
-            status = Status.INTERRUPTED
-            break
-        if first.stationarity <= tolerance:
-            status = Status.CONVERGED
-            break
-        if slow == patience:
-            status = Status.STALLED
-            break
-        if number == max_iterations:
-            break
+    while not progress.ends(first.cost, first.stationarity, step_norm):
         with watch.phase("averaging"):
             delta = -0.5 * factor.solve(_in_world(point.rotations, first.tangent))
             candidate = Estimate.trusted(so.exp(delta) @ point.rotations)
             following = problem.first_order(candidate)
-        if not following.cost <= first.cost * (1.0 + 1e-12):
-            status = Status.STALLED
-            break
         lasting = following.stationarity > SLOW * first.stationarity
         slow = slow + 1 if lasting and following.cost > SLOW * first.cost else 0
+        if slow > patience or not following.cost <= first.cost * (1.0 + 1e-12):
+            progress.status = Status.STALLED
+            break
         point, first, step_norm = candidate, following, float(np.linalg.norm(delta))
     return Solution(
         estimate=Estimate(point.rotations),
         cost=first.cost,
-        status=status,
-        iterations=trace[-1].number,
+        status=progress.status,
+        iterations=progress.steps,
         seconds=watch.seconds,
-        trace=tuple(trace),
+        trace=tuple(progress.trace),
         counts={"factorizations": 1},
     )
 

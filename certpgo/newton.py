@@ -26,9 +26,10 @@ from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal
 from certpgo.linalg.cg import End, conjugate_gradients
 from certpgo.linalg.factor import Factor
-from certpgo.monitor import Iteration, Monitor, Stopwatch, silent
+from certpgo.monitor import Monitor, Stopwatch, silent
 from certpgo.objective import FirstOrder
 from certpgo.problem import PoseProblem, Problem
+from certpgo.progress import Progress
 from certpgo.solution import Solution, Status
 
 #: After a Gauss-Newton step that lowered F by less than this part, the exact Hessian is tried.
@@ -73,32 +74,21 @@ def newton(
     watch = watch or Stopwatch()
     work = _Work()
     state = _State(initial, problem.first_order(initial), exact=near)
-    status = Status.ITERATION_LIMIT
-    trace: list[Iteration] = []
-    for number in range(max_iterations + 1):
-        here = Iteration(number, state.cost, state.stationarity, state.step_norm, watch.total)
-        trace.append(here)
-        if monitor(here):
-            status = Status.INTERRUPTED
-            break
-        if state.stationarity <= tolerance:
-            status = Status.CONVERGED
-            break
-        if number == max_iterations:
-            break
+    progress = Progress(monitor, tolerance, max_iterations, watch)
+    while not progress.ends(state.cost, state.stationarity, state.step_norm):
         with watch.phase("newton"):
             following = _advance(problem, state, work)
         if following is None:
-            status = Status.STALLED
+            progress.status = Status.STALLED
             break
         state = following
     return Solution(
         estimate=Estimate(state.point.rotations, state.point.translations),
         cost=state.cost,
-        status=status,
-        iterations=trace[-1].number,
+        status=progress.status,
+        iterations=progress.steps,
         seconds=watch.seconds,
-        trace=tuple(trace),
+        trace=tuple(progress.trace),
         counts=dict(work.counts),
     )
 

@@ -8,14 +8,9 @@ the eigenvector, and what low-rank optimization finds there is rounded and polis
 from __future__ import annotations
 
 import math
-import signal
-import threading
-import time
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
-from types import FrameType
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -35,9 +30,10 @@ from certpgo.estimate import Estimate
 from certpgo.graph import Graph
 from certpgo.lift import Lift, Point, rounded
 from certpgo.linalg.arrays import FloatArray
-from certpgo.monitor import Iteration, Monitor, Stopwatch, silent
+from certpgo.monitor import Monitor, silent
 from certpgo.newton import newton
 from certpgo.problem import Problem, problem_of
+from certpgo.progress import Stop, stoppable
 from certpgo.solution import Solution, Status
 from certpgo.solvers import low_rank
 from certpgo.starts import Start, start_of
@@ -159,7 +155,7 @@ def _solve(
     if highest < problem.d:
         raise InputError(f"the maximal rank must be at least {problem.d}, not {highest}")
     case = Case.of(problem, Tier.STANDARD, rtol, atol)
-    with _stoppable(monitor, case.unit, time_limit) as stop:
+    with stoppable(monitor, case.unit, time_limit) as stop:
         search = _Staircase(case, stop)
         search.begin(initial)
         search.climb(highest)
@@ -169,7 +165,7 @@ def _solve(
 class _Staircase:
     """The search: the best estimate and bound so far, and how they were found."""
 
-    def __init__(self, case: Case, stop: _Stop) -> None:
+    def __init__(self, case: Case, stop: Stop) -> None:
         self.case, self.problem, self.stop = case, case.problem, stop
         self.watch = stop.watch
         self.levels: list[Level] = []
@@ -308,57 +304,6 @@ class _Staircase:
         unit = self.case.unit
         levels = tuple(replace(level, cost=unit * level.cost) for level in self.levels)
         return CertifiedSolution(solution, certificate, self.start_name, levels)
-
-
-@dataclass
-class _Stop:
-    """The monitor that all phases share: passes iterations on, and knows when to stop."""
-
-    monitor: Monitor
-    unit: float
-    deadline: float
-    watch: Stopwatch = field(default_factory=Stopwatch)
-    trace: list[Iteration] = field(default_factory=list)
-    status: Status | None = None
-
-    @property
-    def asked(self) -> bool:
-        if self.status is None and time.monotonic() > self.deadline:
-            self.status = Status.TIME_LIMIT
-        return self.status is not None
-
-    def interrupt(self, signum: int, frame: FrameType | None) -> None:
-        if self.status is Status.INTERRUPTED:
-            raise KeyboardInterrupt
-        self.status = Status.INTERRUPTED
-
-    def __call__(self, iteration: Iteration) -> bool:
-        told = replace(
-            iteration,
-            number=len(self.trace),
-            cost=self.unit * iteration.cost,
-            seconds=self.watch.total,
-        )
-        self.trace.append(told)
-        if self.monitor(told):
-            self.status = self.status or Status.INTERRUPTED
-        return self.asked
-
-
-@contextmanager
-def _stoppable(monitor: Monitor, unit: float, time_limit: float | None) -> Iterator[_Stop]:
-    """A stop that also listens to Ctrl-C, where Python handles it."""
-    deadline = np.inf if time_limit is None else time.monotonic() + time_limit
-    stop = _Stop(monitor, unit, deadline)
-    main = threading.current_thread() is threading.main_thread()
-    if not main or not callable(signal.getsignal(signal.SIGINT)):
-        yield stop
-        return
-    before = signal.signal(signal.SIGINT, stop.interrupt)
-    try:
-        yield stop
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 @dataclass(frozen=True)

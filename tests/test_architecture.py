@@ -26,6 +26,7 @@ RANKS = {
     "objective": 5,
     "problem": 5,
     "solution": 6,
+    "progress": 6,
     "reduced": 6,
     "averaging": 7,
     "newton": 7,
@@ -44,6 +45,7 @@ RANKS = {
 #: catalogue reads what it finds; a problem is an objective; the harness finds methods by name.
 SIBLINGS = {
     ("problem", "objective"),
+    ("progress", "solution"),
     ("graph", "estimate"),
     ("datasets", "io"),
     ("harness", "registry"),

@@ -20,6 +20,7 @@ from certpgo.linalg.cg import End, conjugate_gradients
 from certpgo.linalg.factor import Factor
 from certpgo.monitor import Iteration, Monitor, Stopwatch, silent
 from certpgo.problem import PoseProblem, Problem
+from certpgo.progress import Progress
 from certpgo.solution import Solution, Status
 from certpgo.solvers._iterative import Iterative
 
@@ -77,25 +78,15 @@ def descend(
     """
     watch = watch or Stopwatch()
     counts: Counter[str] = Counter()
-    trace: list[Iteration] = []
-    status = Status.ITERATION_LIMIT
+    progress = Progress(monitor, tolerance, max_iterations, watch)
     with watch.phase("low rank"):
         start = problem.settled(lifted(initial, rank))
         if direction is not None:
             start = leave(problem, start, direction)
         here = _Tangent(problem, start)
     metric: Factor | None = None
-    radius, step_norm, progress = math.sqrt(here.cost), 0.0, 1.0
-    for number in range(max_iterations + 1):
-        trace.append(Iteration(number, here.cost, here.stationarity, step_norm, watch.total))
-        if monitor(trace[-1]):
-            status = Status.INTERRUPTED
-            break
-        if here.stationarity <= tolerance:
-            status = Status.CONVERGED
-            break
-        if number == max_iterations:
-            break
+    radius, step_norm, gained = math.sqrt(here.cost), 0.0, 1.0
+    while not progress.ends(here.cost, here.stationarity, step_norm):
         with watch.phase("low rank"):
             if metric is None:
                 metric = here.metric()
@@ -105,7 +96,7 @@ def descend(
                 here.hessian.__matmul__,
                 -here.gradient,
                 metric.solve,
-                tol=min(LOOSEST, max(TIGHTEST, math.sqrt(progress))),
+                tol=min(LOOSEST, max(TIGHTEST, math.sqrt(gained))),
                 max_iterations=MAX_PRODUCTS,
                 radius=radius,
             )
@@ -116,7 +107,7 @@ def descend(
             # F can no longer tell; the gradient still can.
             risen = there.cost > (1.0 + 2.0 * ROUNDING) * here.cost
             if risen or not there.stationarity < here.stationarity:
-                status = Status.STALLED
+                progress.status = Status.STALLED
                 break
             gain = 1.0
         else:
@@ -126,14 +117,14 @@ def descend(
         elif gain > GOOD and solved.end in (End.BOUNDARY, End.NEGATIVE_CURVATURE):
             radius *= 2.0
         if gain > ACCEPTED:
-            progress = max(here.cost - there.cost, 0.0) / here.cost
+            gained = max(here.cost - there.cost, 0.0) / here.cost
             here, step_norm = there, float(np.linalg.norm(solved.x))
             if solved.products > FEW_PRODUCTS:
                 metric = None
         elif radius**2 < ROUNDING * here.cost:
-            status = Status.STALLED
+            progress.status = Status.STALLED
             break
-    return Descent(here.point, here.cost, status, tuple(trace), dict(counts))
+    return Descent(here.point, here.cost, progress.status, tuple(progress.trace), dict(counts))
 
 
 class _Tangent:
