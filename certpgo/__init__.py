@@ -20,6 +20,7 @@ from certpgo.errors import (
 )
 from certpgo.estimate import Estimate
 from certpgo.graph import Instance, PoseGraph, RotationGraph
+from certpgo.monitor import Iteration, Monitor
 from certpgo.problem import PoseProblem, RotationProblem
 from certpgo.solution import Solution, Status
 from certpgo.solve import CertifiedSolution, solve
@@ -43,7 +44,9 @@ __all__ = [
     "InputError",
     "InputNotice",
     "Instance",
+    "Iteration",
     "MissingDependency",
+    "Monitor",
     "NumericalError",
     "PoseGraph",
     "PoseProblem",

@@ -27,7 +27,7 @@ from certpgo.certify.case import Basin, Case
 from certpgo.certify.curvature import negative_curvature
 from certpgo.errors import InputError, NumericalError
 from certpgo.estimate import Estimate
-from certpgo.graph import Graph
+from certpgo.graph import Graph, PoseGraph, RotationGraph
 from certpgo.lift import Lift, Point, rounded
 from certpgo.linalg.arrays import FloatArray
 from certpgo.monitor import Monitor, silent
@@ -135,6 +135,10 @@ def solve(
     NumericalError
         No start could be computed.
     """
+    if not isinstance(graph, (PoseGraph, RotationGraph)):
+        raise InputError(
+            f"solve takes a graph, such as instance.graph, not a {type(graph).__name__}"
+        )
     return _solve(problem_of(graph), initial, time_limit, max_rank, rtol, atol, monitor)
 
 
@@ -279,6 +283,11 @@ class _Staircase:
         return self.cost - self.basin.value <= self.case.tolerance(self.cost)
 
     @property
+    def is_minimal(self) -> bool:
+        """Whether the certificate matrix was not found to have a negative eigenvalue at rank d."""
+        return len(self.levels) == 1 and self.levels[0].eigenvalue is None
+
+    @property
     def basin(self) -> Basin:
         return Basin(self.best.estimate, self.cost, True, self.bound)
 
@@ -287,9 +296,13 @@ class _Staircase:
         estimate = self.best.estimate
         certificate = self.case.certificate(estimate, self.basin)
         status = self.stop.status or self.best.status
+        ended = f"the staircase ended at rank {self.levels[-1].rank}"
         if certificate.verdict is Verdict.UNDECIDED:
-            ended = "stopped" if self.stop.status else f"ended at rank {self.levels[-1].rank}"
-            certificate = replace(certificate, reason=f"{ended} before a useful bound was found")
+            how = "stopped" if self.stop.status else ended
+            certificate = replace(certificate, reason=f"{how} before a useful bound was found")
+        elif certificate.verdict is Verdict.BOUNDED and self.is_minimal and not self.stop.status:
+            limit = "the relaxation shows no way down: rounding is what limits the proof"
+            certificate = replace(certificate, reason=f"{certificate.reason}; {limit}")
         solution = Solution(
             estimate=estimate,
             cost=problem.cost(estimate),
@@ -299,7 +312,7 @@ class _Staircase:
             seconds=self.watch.seconds,
             trace=tuple(self.stop.trace),
             counts=dict(self.counts),
-            note=f"started from {self.start_name}, rank {self.levels[-1].rank}",
+            note=f"started from {self.start_name}; {ended}",
         )
         unit = self.case.unit
         levels = tuple(replace(level, cost=unit * level.cost) for level in self.levels)

@@ -201,7 +201,10 @@ def _reason(c: Certificate) -> str:
     if not math.isfinite(c.cost):
         return "the cost of this estimate is beyond the range of doubles"
     if c.verdict is Verdict.CERTIFIED:
-        return f"{floor}; yours, {c.cost:.10g}, is within {c.gap:.2g} of the best possible"
+        within = f"{floor}; yours, {c.cost:.10g}, is within {c.gap:.2g} of the best possible"
+        if c.gap <= c.rtol * c.cost:
+            return within
+        return f"{within}, which is nothing at the scale of its terms, W = {c.scale:.2g}"
     if c.better_cost is not None:
         return (
             f"another estimate costs {c.better_cost:.10g}, yours {c.cost:.10g}, and descending "

@@ -2,10 +2,23 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from certpgo.errors import InputError, SpecError
+
+
+def refuse_unwritable(out: Path | None) -> None:
+    """Refuse an output whose folder is not there, before the work and not after.
+
+    Raises
+    ------
+    InputError
+        There is no such folder, or it cannot be written to.
+    """
+    if out is not None and not (out.parent.is_dir() and os.access(out.parent, os.W_OK)):
+        raise InputError(f"{out}: cannot be written: no such folder, or not yours to write to")
 
 
 def refuse_overwriting(

@@ -18,10 +18,11 @@ def command(
     what: Annotated[str, typer.Argument(metavar="scale", help="What to measure: scale.")],
     family: Annotated[
         list[str] | None,
-        typer.Option("--family", help="One of the families; all of them by default."),
+        typer.Option("--family", help="helix, grid, ...; all of them by default."),
     ] = None,
     sizes: Annotated[
-        list[int] | None, typer.Option("--size", min=2, help="Sizes instead of the family's own.")
+        list[int] | None,
+        typer.Option("--size", min=2, help="Turns of a helix, or the side of a grid."),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Small sizes only.")] = False,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the random graphs.")] = 0,
@@ -37,6 +38,7 @@ def command(
     """
     from certpgo.harness import scale
     from certpgo.harness.records import Ledger, as_data
+    from certpgo.linalg.factor import default_engine
 
     if what != "scale":
         raise InputError(f"unknown benchmark {what!r}; known: scale")
@@ -50,7 +52,7 @@ def command(
         with working(name) as status:
             for size in wanted:
                 status.update(f"{name}, size {size}")
-                record = ledger.find(scale.label(name, size), seed)
+                record = ledger.find(scale.label(name, size), seed, default_engine())
                 if record is None:
                     record = scale.run(name, size, seed)
                     ledger.add(record)

@@ -12,7 +12,7 @@ import typer
 from certpgo.cli import _verdict
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, facts, notice, working
-from certpgo.cli._writing import refuse_overwriting
+from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
 from certpgo.errors import InputError
 from certpgo.monitor import Iteration, Monitor, TableMonitor
 
@@ -65,7 +65,7 @@ def command(
     """Find the best estimate of a graph and prove how good it is.
 
     Without --method: start, optimise, certify, and climb the Riemannian staircase where that
-    fails. Ctrl-C returns the best estimate so far.
+    fails. Ctrl-C returns the best estimate so far; a second one abandons it.
     """
     from certpgo.harness.methods import build, parse_settings
     from certpgo.harness.runner import refuse_other_problems
@@ -75,6 +75,7 @@ def command(
     _refuse_mixtures(method, settings, certify, time_limit, max_rank)
     if out is not None:
         format_to_write(out, format)  # a wrong suffix is said before the work, not after
+    refuse_unwritable(out)
     refuse_overwriting([out], [graph, initial], reading.data)
     instance = reading.open(graph)
     parts = reading.parts(instance)

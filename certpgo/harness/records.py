@@ -170,7 +170,7 @@ class Journal:
 
 
 class Ledger:
-    """Records appended to ``NAME.jsonl``, found again by row and seed, so that a run can go on.
+    """Records appended to ``NAME.jsonl``, so that a run can go on: found by row, seed and engine.
 
     Parameters
     ----------
@@ -194,18 +194,22 @@ class Ledger:
                 stream.truncate(text.rfind(b"\n") + 1)  # a line that was cut short
         except OSError as error:
             raise InputError(f"{folder}: cannot write there: {error.strerror}") from None
-        self._records = {(r.row, r.seed): r for r in read_records(self.path)}
+        self._records = {_key(r): r for r in read_records(self.path)}
 
-    def find(self, row: str, seed: int | None) -> Record | None:
-        """The record of that row and seed, unless it failed."""
-        record = self._records.get((row, seed))
+    def find(self, row: str, seed: int | None, engine: str) -> Record | None:
+        """The record of that row, seed and engine, unless it failed."""
+        record = self._records.get((row, seed, engine))
         return None if record is None or record.error else record
 
     def add(self, record: Record) -> None:
         """Keep a record."""
-        self._records[record.row, record.seed] = record
+        self._records[_key(record)] = record
         with self.path.open("a", encoding="utf-8") as stream:
             stream.write(to_line(record) + "\n")
+
+
+def _key(record: Record) -> tuple[str, int | None, str]:
+    return record.row, record.seed, record.provenance.get("engine", "")
 
 
 def provenance(engine: str, root: Path | None) -> dict[str, str]:

@@ -50,11 +50,12 @@ def test_a_ledger_goes_on_where_it_was_cut_off(tmp_path):
     with ledger.path.open("a") as stream:
         stream.write('{"table": "scale_x", "row"')  # killed while writing
     again = Ledger(tmp_path / "new", "scale_x")
-    assert again.find("x 3", 0) == first
-    assert again.find("x 3", 1) is None
-    assert again.find("x 4", 0) is None  # what failed is done again
+    assert again.find("x 3", 0, "") == first
+    assert again.find("x 3", 1, "") is None
+    assert again.find("x 4", 0, "") is None  # what failed is done again
+    assert again.find("x 3", 0, "superlu") is None
     again.add(replace(first, row="x 4"))
-    assert Ledger(tmp_path / "new", "scale_x").find("x 4", 0).n == 9
+    assert Ledger(tmp_path / "new", "scale_x").find("x 4", 0, "").n == 9
 
 
 def test_a_file_of_something_else_is_refused(tmp_path):
