@@ -601,3 +601,28 @@ def test_a_laplacian_that_cannot_be_factorized_is_no_end():
         3, np.array([[0, 1], [1, 2]]), np.tile(np.eye(3), (2, 1, 1)), np.array([1e-9, 1e8])
     )
     assert solve(graph).verdict is Verdict.CERTIFIED
+
+
+@pytest.mark.parametrize(
+    ("name", "factorizations", "products"),
+    [
+        ("parking-garage", 5, 16),
+        ("sphere2500", 5, 10),
+        ("torus3D", 5, 8),
+        ("sphere_bignoise_vertex3", 5, 16),
+        ("cubicle", 5, 14),
+        ("city10000", 5, 14),
+        ("manhattan", 5, 12),
+        ("ais2klinik", 10, 32),
+    ],
+)
+def test_the_work_stays_small(name, factorizations, products, dataset):
+    counts = solve(dataset(name).graph).solution.counts
+    assert counts["factorizations"] <= factorizations
+    assert counts["products"] <= products
+    assert counts["nonzeros"] > 0
+
+
+def test_what_is_no_graph_is_refused(dataset):
+    with pytest.raises(InputError, match=r"such as instance\.graph, not a Instance"):
+        solve(dataset("smallGrid3D"))

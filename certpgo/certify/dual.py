@@ -4,7 +4,9 @@ For S = M - blkdiag(0, Lam') positive semidefinite, F* >= tr(Lam'). Lam' is the 
 shift; how much shift rounding demands is read off the factor itself: a Cholesky factorization of
 A~ that ran to completion satisfies |A~ - L L^T| <= gamma |L| |L|^T entry by entry (Rump and
 Jeannerod 2014), hence A~ + diag(delta) >= 0 with delta = gamma (|L| |L|^T w) / w for any w > 0.
-What an engine that is not Cholesky's adds to that is its `Factor.excess`.
+What an engine that is not Cholesky's adds to that is its `Factor.excess`. Only these weighted row
+sums are relied upon, not single entries, where blocked triangular solves may exceed the bound.
+Where they are too large to be useful, the residual is measured instead (`measured_residual`).
 """
 
 from __future__ import annotations
@@ -31,8 +33,8 @@ LARGEST_ROUNDING = 1e5
 BISECTIONS = 6
 #: Nonzeros of a factor that are worked on at once.
 SLAB = 20_000_000
-#: How much smaller than its bound a residual may be, about.
-MEASURING_GAIN = 50.0
+#: How much smaller than its bound a residual may be, at most.
+MEASURING_GAIN = 1000.0
 #: Factorizations at one shift: the translations' rounding is guessed, then confirmed.
 CONFIRMATIONS = 8
 #: How much more than measured the guess asks for.
@@ -118,6 +120,7 @@ class _Attempts:
         self.symbolic = problem.symbolic(problem.matrix)
         self.cost = problem.cost(point)
         self.factorizations = self.nonzeros = 0
+        self.unit = U * float(problem.matrix.diagonal()[self.is_rotation].mean())
         self.demand = np.zeros(size)
         # What is taken off the translations' diagonal beforehand.
         self.guess = np.zeros(size)
@@ -146,10 +149,9 @@ class _Attempts:
     def best(self, tight: bool) -> DualBound | None:
         """The bound of the smallest shift that works, near enough."""
         rows = int(self.is_rotation.sum())
-        unit = U * float(self.problem.matrix.diagonal()[self.is_rotation].mean())
-        explained = LARGEST_ROUNDING * unit
+        explained = LARGEST_ROUNDING * self.unit
         useless = explained if tight else max(explained, self.cost / rows)
-        failed, shift = None, FIRST_SHIFT * unit * (1.0 if self.pin is None else GROWTH)
+        failed, shift = None, FIRST_SHIFT * self.unit * (1.0 if self.pin is None else GROWTH)
         bound = self.attempt(shift)
         while bound is None and shift < useless:
             failed = shift
@@ -184,17 +186,21 @@ class _Attempts:
                 sufficient = best.value >= self.enough
                 guessed = demand is self.guess and demand.any()
                 if not guessed or (sufficient and not self.sharp):
-                    if sufficient or measure or not self.is_worth_measuring(best):
+                    if sufficient or measure or not self.is_worth_measuring(best, shift):
                         return best
                     measure = True
                     rounding = self.rounding_of(factor, reduced, measure)
-            demand = np.where(self.is_rotation, 0.0, MARGIN * rounding)
+                    demand = np.zeros_like(demand)
+            wanted = np.where(self.is_rotation, 0.0, MARGIN * rounding)
+            # What is measured differs from factor to factor, by chance.
+            demand = np.maximum(demand, MARGIN * wanted) if measure else wanted
         return best
 
-    def is_worth_measuring(self, bound: DualBound) -> bool:
-        """Whether the bound misses what is enough by no more than measuring may gain."""
+    def is_worth_measuring(self, bound: DualBound, shift: float) -> bool:
+        """Whether rounding is why the bound misses what is enough, and measuring may gain that."""
         missing, allowed = self.cost - bound.value, self.cost - self.enough
-        return self.rounding and missing <= MEASURING_GAIN * allowed and bound.nonzeros <= SLAB
+        explained = self.rounding and shift <= LARGEST_ROUNDING * self.unit
+        return explained and missing <= MEASURING_GAIN * allowed and bound.nonzeros <= SLAB
 
     def gauge_shift(self, demand: FloatArray) -> FloatArray:
         """(r, r) shift, in the world frame, with which the gauge bears ``demand``.
