@@ -12,7 +12,7 @@ from certpgo.problem import PoseProblem, Problem
 from certpgo.trees import compose, spanning_tree
 
 #: Stationarity at which averaged rotations are good enough for Newton's method on poses.
-ROUGH = 1e-3
+ROUGH = 1e-2
 #: Stationarity asked of rotations when they are all there is.
 FINE = 1e-11
 #: Relative accuracy of eigenvectors that only start something: of Q, and of L, whose basins are

@@ -113,7 +113,7 @@ class Case:
     ) -> Certificate:
         """The verdict on an estimate, given its own basin and perhaps another's."""
         problem = self.problem
-        cost = cost_upper(problem, estimate)
+        cost = own.cost if estimate is own.point else cost_upper(problem, estimate)
         tolerance = self.tolerance(cost)
         best = other if other is not None and other.value > own.value else own
         gap = cost - best.value
