@@ -15,6 +15,8 @@ from certpgo.trees import compose, spanning_tree
 ROUGH = 1e-2
 #: Stationarity asked of rotations when they are all there is.
 FINE = 1e-11
+#: Slow steps in a row that averaging may take, and nodes from which eigenvectors cost many more.
+HASTY, PATIENT, LARGE = 2, 20, 20_000
 #: Relative accuracy of eigenvectors that only start something: of Q, and of L, whose basins are
 #: farther from its eigenvectors.
 Q_TOL, L_TOL = 1e-2, 1e-4
@@ -65,8 +67,11 @@ def start_of(problem: Problem) -> Start:
 def _averaged(problem: Problem, tree: Estimate) -> tuple[Estimate, bool]:
     """Averaged rotations, and whether they settled fast."""
     tolerance = ROUGH if isinstance(problem, PoseProblem) else FINE
+    patience = HASTY if problem.n < LARGE else PATIENT
     try:
-        found = laplacian_gauss_newton(problem.rotation, tree, tolerance=tolerance)
+        found = laplacian_gauss_newton(
+            problem.rotation, tree, tolerance=tolerance, patience=patience
+        )
     except NumericalError:
         return tree, False
     return found.estimate, found.trace[-1].gradient <= ROUGH
