@@ -13,8 +13,6 @@ from certpgo.errors import NumericalError
 from certpgo.estimate import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.linalg.blocks import pinned
-from certpgo.linalg.factor import Factor
 from certpgo.monitor import Monitor, Stopwatch, silent
 from certpgo.problem import RotationProblem
 from certpgo.progress import Progress
@@ -52,8 +50,10 @@ def laplacian_gauss_newton(
     watch = watch or Stopwatch()
     point = Estimate(initial.rotations)
     with watch.phase("averaging"):
-        factor = _grounded_factor(problem)
+        factor = problem.grounded_factor(problem.laplacian)
         first = problem.first_order(point)
+    if factor is None:
+        raise NumericalError("the graph Laplacian could not be factorized")
     progress = Progress(monitor, tolerance, max_iterations, watch)
     step_norm, slow = 0.0, 0
     while not progress.ends(first.cost, first.stationarity, step_norm):
@@ -76,15 +76,6 @@ def laplacian_gauss_newton(
         trace=tuple(progress.trace),
         counts={"factorizations": 1},
     )
-
-
-def _grounded_factor(problem: RotationProblem) -> Factor:
-    """The factor of the Laplacian with the first node cut off: it stays where it is."""
-    grounded = pinned(problem.laplacian, np.array([0]))
-    factor = problem.symbolic(grounded).factor(grounded)
-    if factor is None:
-        raise NumericalError("the graph Laplacian could not be factorized")
-    return factor
 
 
 def _in_world(R: FloatArray, tangent: FloatArray) -> FloatArray:

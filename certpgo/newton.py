@@ -72,7 +72,7 @@ def newton(
     """
     problem.check(initial)
     watch = watch or Stopwatch()
-    work = _Work()
+    work = _Work(_metric(problem))
     state = _State(initial, problem.first_order(initial), exact=near)
     progress = Progress(monitor, tolerance, max_iterations, watch)
     while not progress.ends(state.cost, state.stationarity, state.step_norm):
@@ -91,6 +91,14 @@ def newton(
         trace=tuple(progress.trace),
         counts=dict(work.counts),
     )
+
+
+def forcing_term(progress: float) -> float:
+    """The relative residual to ask of a step after one that took the part ``progress`` off F.
+
+    F falls by the square of the distance, which Newton's steps square.
+    """
+    return min(LOOSEST, max(TIGHTEST, math.sqrt(max(progress, 0.0))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,18 +125,18 @@ class _State:
 class _Work:
     """What outlives a step: the last factor, how well it still serves, and what was done."""
 
+    metric: FloatArray  # (n, b) diagonal in which damping is measured
     factor: Factor | None = None
     pace: float = np.inf  # nats a product by which conjugate gradients last fell with the factor
     counts: Counter[str] = field(default_factory=Counter)
 
 
 class _Model:
-    """The quadratic model F(point) + 2 g x + x H x, and the metric that damps its steps."""
+    """The quadratic model F(point) + 2 g x + x H x."""
 
-    def __init__(self, problem: Problem, state: _State) -> None:
-        self._problem, self._state = problem, state
+    def __init__(self, problem: Problem, state: _State, metric: FloatArray) -> None:
+        self._problem, self._state, self._metric = problem, state, metric
         self.g = state.first.tangent.ravel()
-        self.metric = _metric(problem)
 
     @cached_property
     def hessian(self) -> CSC:
@@ -142,7 +150,7 @@ class _Model:
 
     def _matrix(self, multipliers: FloatArray) -> CSC:
         diagonal, upper = self._problem.hessian(self._state.point, multipliers)
-        diagonal[0] += np.diag(self.metric[0])  # the gauge: any definite block at one pose pins it
+        diagonal[0] += np.diag(self._metric[0])  # the gauge: any definite block at one pose pins it
         return self._problem.pattern.assemble(diagonal, upper)
 
 
@@ -187,11 +195,10 @@ def _advance(problem: Problem, state: _State, work: _Work) -> _State | None:
 
 def _proposals(problem: Problem, state: _State, work: _Work) -> Iterator[_Proposal]:
     """Steps: by an old factor if it still serves, else by new ones, damped more and more."""
-    model = _Model(problem, state)
-    g, metric = model.g, model.metric.ravel()
+    model = _Model(problem, state, work.metric)
+    g, metric = model.g, work.metric.ravel()
     exact = state.exact or state.progress < PAYING or state.stationarity < NEAR
-    # F falls by the square of the distance, which Newton's steps square.
-    tol = min(LOOSEST, max(TIGHTEST, math.sqrt(max(state.progress, 0.0))))
+    tol = forcing_term(state.progress)
     expected = -math.log(tol) / work.pace
     large = problem.n >= LARGE
     most = 2 * MAX_PRODUCTS if large else MAX_PRODUCTS

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
 
+import numpy as np
+
 from certpgo import operators
 from certpgo.errors import InputError
 from certpgo.estimate import Estimate
@@ -14,8 +16,8 @@ from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.lift import Point
 from certpgo.linalg import factor
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
-from certpgo.linalg.blocks import BlockPattern, expand
-from certpgo.linalg.factor import Symbolic
+from certpgo.linalg.blocks import BlockPattern, expand, pinned
+from certpgo.linalg.factor import Factor, Symbolic
 
 AnyProblem = TypeVar("AnyProblem", bound="Objective")
 
@@ -103,6 +105,11 @@ class Objective(ABC):
         if (b, engine) not in cache:
             cache[b, engine] = factor.analyze(A, order=expand(self.order, b), engine=engine)
         return cache[b, engine]
+
+    def grounded_factor(self, laplacian: CSC) -> Factor | None:
+        """The factor of a graph Laplacian (n, n) whose first node is cut off; None if it fails."""
+        grounded = pinned(laplacian, np.array([0]))
+        return self.symbolic(grounded).factor(grounded)
 
     def _shared(self, other: AnyProblem) -> AnyProblem:
         """A problem with the same edges, given pattern, order and analyses of this one."""

@@ -19,7 +19,7 @@ from certpgo.graph import PoseGraph, RotationGraph, require_connected
 from certpgo.lift import Point
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
-from certpgo.linalg.blocks import pinned, scatter_sum
+from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.factor import Factor
 from certpgo.objective import FirstOrder, Objective
 
@@ -180,9 +180,7 @@ class PoseProblem(Objective):
 
     @cached_property
     def _translation_factor(self) -> Factor:
-        L = self.translation_laplacian
-        grounded = pinned(L, np.array([0]))
-        result = self.symbolic(grounded).factor(grounded)
+        result = self.grounded_factor(self.translation_laplacian)
         if result is None:
             raise NumericalError("the translation Laplacian could not be factorized")
         return result

@@ -36,7 +36,7 @@ class Reduced:
     matrix : the problem's own, `problem.matrix`, or one of its pattern that differs only in the
         rotations' rows and columns, such as a certificate matrix
     shifts : the first that makes the matrix definite is taken; by default small ones, in units of
-        the mean diagonal
+        the mean weight of a node
 
     Raises
     ------
@@ -58,15 +58,15 @@ class Reduced:
         grounded = self._matrix
         if isinstance(problem, PoseProblem):
             grounded = pinned(grounded, np.array([0]))
+        unit = 1.0
         if shifts is None:
-            mean = float(problem.rotation.node_weights.mean())
-            relative = ELIMINATED_SHIFTS if isinstance(problem, PoseProblem) else SHIFTS
-            shifts = tuple(mean * shift for shift in relative)
+            unit = float(problem.rotation.node_weights.mean())
+            shifts = ELIMINATED_SHIFTS if isinstance(problem, PoseProblem) else SHIFTS
 
         def build(shift: float) -> CSC:
             return add_to_diagonal(grounded, np.where(self._rotations, shift, 0.0))
 
-        _, self.shift, self.factor = factor_shifted(problem, build, shifts)
+        _, self.shift, self.factor = factor_shifted(problem, build, unit, shifts)
 
     def solve(self, B: FloatArray) -> FloatArray:
         """(Q + shift I)^-1 B for B (dn, k)."""
@@ -90,22 +90,23 @@ class Reduced:
 
 
 def factor_shifted(
-    problem: Problem, build: Callable[[float], CSC], shifts: tuple[float, ...]
+    problem: Problem, build: Callable[[float], CSC], unit: float, shifts: tuple[float, ...] = SHIFTS
 ) -> tuple[CSC, float, Factor]:
     """The first definite matrix ``build(shift)``, its shift, and its factor.
 
     Parameters
     ----------
     build : shift -> a block matrix of the problem, semidefinite but for rounding without the shift
+    unit : what the shifts are multiplied by
 
     Raises
     ------
     NumericalError
         No shift sufficed.
     """
-    for shift in shifts:
-        A = build(shift)
+    for relative in shifts:
+        A = build(unit * relative)
         factor = problem.symbolic(A).factor(A)
         if factor is not None:
-            return A, shift, factor
+            return A, unit * relative, factor
     raise NumericalError("a semidefinite matrix could not be factorized, even when shifted")

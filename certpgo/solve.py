@@ -23,7 +23,7 @@ from certpgo.certify import (
     cost_upper,
     dual_bound,
 )
-from certpgo.certify.case import Basin, Case
+from certpgo.certify.case import ATOL, MAX_STEPS, RTOL, Basin, Case
 from certpgo.certify.curvature import negative_curvature
 from certpgo.errors import InputError, NumericalError
 from certpgo.estimate import Estimate
@@ -40,10 +40,6 @@ from certpgo.starts import Start, start_of
 
 #: Dimensions that the staircase may add to the d of space.
 MORE_RANKS = 7
-#: Newton's steps of one descent.
-MAX_STEPS = 200
-#: CERTIFIED means gap <= rtol F + atol W.
-RTOL, ATOL = 1e-5, 1e-12
 #: Stationarity asked of estimates, and over the typical residual of points of higher rank; radians.
 TOLERANCE, LIFTED_TOLERANCE = 1e-11, 1e-5
 

@@ -14,7 +14,7 @@ from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.blocks import pinned
 from certpgo.linalg.eigen import Eigenpairs, arpack, krylov_schur
 from certpgo.problem import PoseProblem, Problem, RotationProblem
-from certpgo.reduced import SHIFTS, Reduced, factor_shifted
+from certpgo.reduced import Reduced, factor_shifted
 
 
 def smallest_eigenpairs(
@@ -41,7 +41,7 @@ def smallest_eigenpairs(
     k = min(k or problem.d, problem.d * problem.n)
     build = functools.partial(operators.connection_laplacian, problem.pattern, problem.graph)
     mean = float(problem.node_weights.mean())
-    A, shift, factor = factor_shifted(problem, build, tuple(mean * s for s in SHIFTS))
+    A, shift, factor = factor_shifted(problem, build, mean)
     if method == "arpack":
         return arpack(A, factor.solve, k, shift=shift, tol=tol)
     return krylov_schur(A, factor.solve, k, shift=shift, tol=tol, start=_block(start))

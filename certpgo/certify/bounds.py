@@ -20,7 +20,7 @@ from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal, scatter_sum
 from certpgo.linalg.eigen import krylov_schur
 from certpgo.problem import RotationProblem
-from certpgo.reduced import SHIFTS, factor_shifted
+from certpgo.reduced import factor_shifted
 
 #: Residuals count as sharing an axis, and weights as equal, up to this.
 SAME = 1e-6
@@ -181,7 +181,7 @@ def _second_eigenvalue(problem: RotationProblem, A: CSC, null: FloatArray) -> fl
     """Second smallest eigenvalue of a semidefinite n x n matrix with this null vector."""
     mean = float(A.diagonal().mean())
     build = functools.partial(add_to_diagonal, A)
-    shifted, shift, factor = factor_shifted(problem, build, tuple(mean * s for s in SHIFTS))
+    shifted, shift, factor = factor_shifted(problem, build, mean)
     unit = null[:, None] / np.linalg.norm(null)
     solve = factor.solve
 

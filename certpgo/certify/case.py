@@ -18,6 +18,8 @@ from certpgo.newton import newton
 from certpgo.problem import Problem
 from certpgo.solution import Status
 
+#: CERTIFIED means gap <= rtol F + atol W.
+RTOL, ATOL = 1e-5, 1e-12
 #: Steps that descent may take; what has not settled by then is no basin of its own.
 MAX_STEPS = 200
 #: Stationarity, radians, at which a stalled descent counts as settled.

@@ -31,12 +31,9 @@ def negative_curvature(problem: Problem, point: Point) -> tuple[float, FloatArra
     NumericalError
         No factorization, or no convergence.
     """
+    matrix = certificate_matrix(problem, problem.multipliers(point))
     mean = float(problem.curvature.mean())
-    S = Reduced(
-        problem,
-        certificate_matrix(problem, problem.multipliers(point)),
-        tuple(mean * shift for shift in SHIFTS),
-    )
+    S = Reduced(problem, matrix, tuple(mean * shift for shift in SHIFTS))
     # The gauge's null vectors come next: one vector more than they are, and it is not missed.
     start = np.random.default_rng(0).standard_normal((S.shape[0], problem.d + 1))
     v = krylov_schur(S, S.solve, 1, shift=S.shift, tol=ACCURACY, start=start).vectors

@@ -121,7 +121,6 @@ class _Attempts:
         self.cost = problem.cost(point)
         self.factorizations = self.nonzeros = 0
         self.unit = U * float(problem.matrix.diagonal()[self.is_rotation].mean())
-        self.demand = np.zeros(size)
         # What is taken off the translations' diagonal beforehand.
         self.guess = np.zeros(size)
         if isinstance(problem, PoseProblem) and self.pin is not None and rounding:
@@ -134,8 +133,7 @@ class _Attempts:
         The rows of L are as long as that factor's, times the block size, and |L| |L|^T is a few
         times |A|.
         """
-        grounded = pinned(problem.translation_laplacian, np.array([0]))
-        factor = problem.symbolic(grounded).factor(grounded)
+        factor = problem.grounded_factor(problem.translation_laplacian)
         if factor is None:
             return np.zeros(len(self.weights))
         L, order = factor.lower()
@@ -179,7 +177,9 @@ class _Attempts:
                     return best
                 generosity *= 1.5
                 continue
-            rounding = self.rounding_of(factor, reduced, measure) if self.rounding else demand
+            rounding = demand
+            if self.rounding:
+                rounding = self.rounding_of(factor, reduced, demand if measure else None)
             if np.all(rounding[~self.is_rotation] <= demand[~self.is_rotation]):
                 bound = self.bound(reduced, np.where(self.is_rotation, rounding, 0.0))
                 best = bound if best is None or bound.value > best.value else best
@@ -189,7 +189,7 @@ class _Attempts:
                     if sufficient or measure or not self.is_worth_measuring(best, shift):
                         return best
                     measure = True
-                    rounding = self.rounding_of(factor, reduced, measure)
+                    rounding = self.rounding_of(factor, reduced, demand)
                     demand = np.zeros_like(demand)
             wanted = np.where(self.is_rotation, 0.0, MARGIN * rounding)
             # What is measured differs from factor to factor, by chance.
@@ -224,7 +224,6 @@ class _Attempts:
         A = self.matrix(multipliers, demand)
         factor, diagonal = self.symbolic.factor(A), A.diagonal()
         del A  # large, and L is larger
-        self.demand = demand
         if factor is None or not self.rounding or _is_cholesky(factor, diagonal):
             return factor
         return None
@@ -237,12 +236,13 @@ class _Attempts:
         return add_to_diagonal(A, -demand) if demand.any() else A
 
     def rounding_of(
-        self, factor: Factor, multipliers: FloatArray, measure: bool = False
+        self, factor: Factor, multipliers: FloatArray, demand: FloatArray | None = None
     ) -> FloatArray:
         """Delta (N,) with the true certificate matrix, plus diag(delta), positive semidefinite.
 
         An entry (i, j) of L L^T sums at most min(k_i, k_j) products, k the row counts of L: at
-        most k_i, and at most the geometric mean.
+        most k_i, and at most the geometric mean. Given the ``demand`` of the matrix that was
+        factorized, the residual is measured as well.
         """
         L, order = factor.lower()
         self.nonzeros = int(L.nnz)
@@ -253,8 +253,8 @@ class _Attempts:
         by_row, by_mean = sum(part @ (part.T @ both) for part in _slabs(L)).T
         delta = np.empty_like(w)
         delta[order] = U * np.minimum(terms * by_row, root * by_mean) + factor.excess(w[order])
-        if measure:
-            left = measured_residual(self.matrix(multipliers, self.demand), L, order, w)
+        if demand is not None:
+            left = measured_residual(self.matrix(multipliers, demand), L, order, w)
             delta = delta if left is None else np.minimum(delta, left)
         radii = _assembly_radii(self.problem, multipliers, w, self.is_rotation)
         delta = 1.001 * (delta + radii) / w  # the products' own rounding

@@ -6,7 +6,7 @@ import numpy as np
 
 from certpgo import spectral
 from certpgo.certify.bounds import Bounds, bounds
-from certpgo.certify.case import Basin, Case
+from certpgo.certify.case import ATOL, RTOL, Basin, Case
 from certpgo.certify.certificate import Certificate, Tier
 from certpgo.errors import NumericalError
 from certpgo.estimate import Estimate
@@ -18,8 +18,8 @@ def certify(
     estimate: Estimate,
     *,
     tier: Tier | str = Tier.STANDARD,
-    rtol: float = 1e-5,
-    atol: float = 1e-12,
+    rtol: float = RTOL,
+    atol: float = ATOL,
     refine: bool = True,
 ) -> Certificate:
     """Judge an estimate against the best possible one.

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 import typer
 
 from certpgo.cli._show import document, notice, table, working
+from certpgo.cli._verdict import INTERRUPTED
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
     from certpgo.harness.records import Journal, Record
     from certpgo.harness.spec import Table
-
-INTERRUPTED = 130
 
 
 def run_table(

@@ -11,6 +11,8 @@ from certpgo.cli._show import facts
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
 
+#: Exit code after Ctrl-C.
+INTERRUPTED = 130
 #: Exit codes by verdict, in the order of what a caller should act on.
 EXIT_CODES = {"CERTIFIED": 0, "BOUNDED": 3, "REFUTED": 4, "UNDECIDED": 5}
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -68,6 +69,8 @@ def command(
 
 
 def _show(name: str, records: list[Record], slope: float) -> None:
+    from certpgo.harness.render import work
+
     rows = [
         (
             f"{r.n or 0:,}",
@@ -76,11 +79,11 @@ def _show(name: str, records: list[Record], slope: float) -> None:
             f"{r.metrics.get('relative_gap', float('nan')):.1e}",
             f"{r.metrics.get('median_seconds', float('nan')):.2f}",
             f"{r.metrics.get('memory_gb', float('nan')):.2f}",
-            ", ".join(f"{key} {value:,}" for key, value in r.counts.items()),
+            work(r),
             r.error,
         )
         for r in records
     ]
     header = ("nodes", "edges", "verdict", "relative gap", "seconds", "GB", "work", "failed")
-    caption = "" if slope != slope else f"seconds grow with the {slope:.2f}th power of the nodes"
+    caption = "" if math.isnan(slope) else f"seconds grow with the {slope:.2f}th power of the nodes"
     table(name, header, rows, caption)

@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from certpgo.solution import Solution, Solver
     from certpgo.solve import Level
 
-#: Exit code after Ctrl-C.
-INTERRUPTED = 130
-
 
 @takes_reading
 def command(
@@ -110,7 +107,7 @@ def command(
         ]
         document(reports[0] if len(reports) == 1 else reports)
     if answers[-1].interrupted:
-        return INTERRUPTED
+        return _verdict.INTERRUPTED
     return _verdict.exit_code(a.certificate for a in answers if a.certificate is not None)
 
 

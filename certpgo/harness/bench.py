@@ -18,7 +18,7 @@ SHIFT = 1e-6
 
 
 def against(
-    reference: Method, method: Method, graph: Graph, whole: Graph | None = None
+    reference: Method, method: Method, graph: Graph, complete: Graph
 ) -> tuple[dict[str, float], str]:
     """The timing metrics of a method, and how far the protocol could be kept.
 
@@ -27,10 +27,11 @@ def against(
 
     Parameters
     ----------
-    whole : the pose graph that the reference runs on, where the method gets its rotations alone
+    complete : the graph that the reference runs on: the method's, or the pose graph whose rotations
+        alone the method gets
     """
     with one_core() as kept:
-        times = paired(_step(method, graph), _step(reference, whole or graph))
+        times = paired(_step(method, graph), _step(reference, complete))
     metrics = {
         "ratio": times.ratio,
         "median_seconds": times.first,

@@ -70,9 +70,14 @@ def load_row(row: Row, data: Path | None, seed: np.random.SeedSequence | None) -
         The generator is unknown.
     """
     instance = _load(row, data, seed)
-    if row.rotations and isinstance(instance.graph, PoseGraph):
-        return replace(instance, graph=instance.graph.rotation, truth=None, initial=None)
-    return instance
+    return rotations_alone(instance) if row.rotations else instance
+
+
+def rotations_alone(instance: Instance) -> Instance:
+    """The instance without its translations, if it has any."""
+    if not isinstance(instance.graph, PoseGraph):
+        return instance
+    return replace(instance, graph=instance.graph.rotation, truth=None, initial=None)
 
 
 def _load(row: Row, data: Path | None, seed: np.random.SeedSequence | None) -> Instance:

@@ -19,7 +19,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from certpgo.certify import Certificate
 from certpgo.errors import FormatError, InputError
+from certpgo.solution import Solution
 
 #: Distributions whose versions a record names.
 DISTRIBUTIONS = ("certpgo", "numpy", "scipy", "gtsam", "cvxopt")
@@ -68,6 +70,25 @@ class Record:
     note: str = ""
     error: str = ""
     provenance: Mapping[str, str] = field(default_factory=dict)
+
+
+def of_solution(solution: Solution) -> dict[str, Any]:
+    """The fields of a record that say how a method ended and what it did."""
+    return {
+        "status": solution.status.value,
+        "iterations": solution.iterations,
+        "seconds": dict(solution.seconds),
+        "counts": dict(solution.counts),
+    }
+
+
+def of_certificate(certificate: Certificate) -> dict[str, Any]:
+    """The fields of a record that hold the verdict."""
+    return {
+        "verdict": certificate.verdict.value,
+        "tier": certificate.tier.value,
+        "reason": certificate.reason,
+    }
 
 
 def as_data(record: Record) -> dict[str, Any]:

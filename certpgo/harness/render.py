@@ -131,12 +131,17 @@ def _cell(column: Column, record: Record) -> str:
     if column.key == "seconds":
         return _seconds(record.seconds)
     if column.key == "counts":
-        return ", ".join(f"{name} {number:,}" for name, number in record.counts.items())
+        return work(record)
     if column.key in FIELDS:
         value = getattr(record, column.key)
         return "" if value is None else str(value)
     number = record.metrics.get(column.key)
     return "" if number is None else format(number, column.format)
+
+
+def work(record: Record) -> str:
+    """The counts of what was done, in words."""
+    return ", ".join(f"{name} {number:,}" for name, number in record.counts.items())
 
 
 def _seconds(phases: Mapping[str, float]) -> str:

@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,9 +20,15 @@ from certpgo.certify import Certificate, certify
 from certpgo.errors import CertPGOError, InputError, SpecError
 from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.harness import bench, evaluate
-from certpgo.harness.instances import connected_parts, is_here, load_row, seed_of
+from certpgo.harness.instances import (
+    connected_parts,
+    is_here,
+    load_row,
+    rotations_alone,
+    seed_of,
+)
 from certpgo.harness.methods import build
-from certpgo.harness.records import Record, provenance
+from certpgo.harness.records import Record, of_certificate, of_solution, provenance
 from certpgo.harness.spec import Method, Row, Table
 from certpgo.linalg.factor import default_engine
 from certpgo.problem import Problem, problem_of
@@ -97,7 +102,8 @@ def _run_row(
 ) -> Iterator[Record]:
     announce(f"{row.label}: reading")
     try:
-        instance = load_row(row, data, seed)
+        complete = load_row(replace(row, rotations=False), data, seed)
+        instance = rotations_alone(complete) if row.rotations else complete
         judged = instance if row.judging is None else _rejudged(row, data, seed)
     except CertPGOError as error:
         for method in table.methods:
@@ -110,18 +116,12 @@ def _run_row(
                 continue
             announce(f"{part.name}: {method.label}")
             with _engine(method.engine):
+                judge, timed = (judged, complete.graph) if whole else (part, part.graph)
                 yield replace(
-                    _run_method(table, row, method, part, judged if whole else part),
+                    _run_method(table, row, method, part, judge, timed),
                     part="" if whole else part.name,
                     provenance=provenance(default_engine(), _root()),
                 )
-
-
-def _whole(row: Row, instance: Instance) -> Graph | None:
-    """The pose graph behind a row of rotations alone, read again."""
-    if not row.rotations or not instance.source:
-        return None
-    return load_row(replace(row, rotations=False), Path(instance.source).parent, None).graph
 
 
 def _parts(row: Row, instance: Instance) -> list[Instance]:
@@ -153,7 +153,12 @@ def _rejudged(row: Row, data: Path | None, seed: np.random.SeedSequence | None) 
 
 
 def _run_method(
-    table: Table, row: Row, method: Method, instance: Instance, judged: Instance
+    table: Table,
+    row: Row,
+    method: Method,
+    instance: Instance,
+    judged: Instance,
+    complete: Graph,
 ) -> Record:
     graph = instance.graph
     record = replace(
@@ -170,8 +175,7 @@ def _run_method(
             return replace(record, metrics=evaluate.of_graph(table.metrics, problem))
         times: dict[str, float] = {}
         if table.reference is not None:
-            whole = _whole(row, instance)
-            times, kept = bench.against(table.reference, method, graph, whole)
+            times, kept = bench.against(table.reference, method, graph, complete)
             record = replace(record, metrics=times, note=kept)
             if not table.certify:
                 return record
@@ -179,7 +183,7 @@ def _run_method(
         if solution.status is Status.INTERRUPTED:
             raise KeyboardInterrupt
         note = "; ".join(filter(None, (record.note, solution.note)))
-        record = replace(record, **_answer(solution), note=note)
+        record = replace(record, **of_solution(solution), note=note)
         certificate, seconds = _certified(problem, solution) if table.certify else (None, 0.0)
         judge = problem if judged is instance else problem_of(judged.graph)
         metrics = evaluate.of_estimate(
@@ -188,12 +192,7 @@ def _run_method(
         record = replace(record, metrics={**times, **metrics})
         if certificate is None:
             return record
-        return replace(
-            record,
-            verdict=certificate.verdict.value,
-            tier=certificate.tier.value,
-            reason=certificate.reason,
-        )
+        return replace(record, **of_certificate(certificate))
     except CertPGOError as error:
         return replace(record, error=str(error))
     except Exception as error:  # a table survives whatever a method raises
@@ -246,15 +245,6 @@ def _certified(problem: Problem, solution: Solution) -> tuple[Certificate, float
     start = time.perf_counter()
     certificate = certify(problem, solution.estimate)
     return certificate, time.perf_counter() - start
-
-
-def _answer(solution: Solution) -> dict[str, Any]:
-    return {
-        "status": solution.status.value,
-        "iterations": solution.iterations,
-        "seconds": dict(solution.seconds),
-        "counts": dict(solution.counts),
-    }
 
 
 def _blank(table: Table, row: Row, method: Method) -> Record:

@@ -18,8 +18,9 @@ import numpy as np
 
 from certpgo.datasets import synthetic
 from certpgo.errors import CertPGOError, SpecError
-from certpgo.graph import Instance, PoseGraph
-from certpgo.harness.records import Record, provenance
+from certpgo.graph import Instance
+from certpgo.harness.instances import rotations_alone
+from certpgo.harness.records import Record, of_certificate, of_solution, provenance
 from certpgo.linalg.factor import default_engine
 from certpgo.solve import solve
 
@@ -98,9 +99,7 @@ def measured(name: str, size: int, seed: int) -> Record:
     record = replace(_blank(name, size, seed), provenance=provenance(default_engine(), None))
     try:
         instance = chosen.build(size, np.random.default_rng(np.random.SeedSequence((seed, size))))
-        graph = instance.graph
-        if chosen.rotations and isinstance(graph, PoseGraph):
-            graph = graph.rotation
+        graph = (rotations_alone(instance) if chosen.rotations else instance).graph
         del instance
         start = time.perf_counter()
         found = solve(graph)
@@ -119,14 +118,9 @@ def measured(name: str, size: int, seed: int) -> Record:
         n=graph.num_nodes,
         m=graph.num_edges,
         metrics={key: value for key, value in metrics.items() if math.isfinite(value)},
-        verdict=found.verdict.value,
-        tier=found.certificate.tier.value,
-        reason=found.certificate.reason,
-        status=found.solution.status.value,
-        iterations=found.solution.iterations,
-        seconds=dict(found.solution.seconds),
-        counts=dict(found.solution.counts),
         note=found.solution.note,
+        **of_solution(found.solution),
+        **of_certificate(found.certificate),
     )
 
 

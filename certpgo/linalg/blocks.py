@@ -60,10 +60,13 @@ class BlockPattern:
 
     def layout(self, b: int) -> Layout:
         """Where the entries of the blocks stand in a matrix of block size b; made once for each."""
-        known: dict[int, Layout] = self.__dict__.setdefault("_layouts", {})
-        if b not in known:
-            known[b] = self._layout(b)
-        return known[b]
+        if b not in self._layouts:
+            self._layouts[b] = self._layout(b)
+        return self._layouts[b]
+
+    @cached_property
+    def _layouts(self) -> dict[int, Layout]:
+        return {}
 
     def _layout(self, b: int) -> Layout:
         indptr, indices, own, slots = self._slots

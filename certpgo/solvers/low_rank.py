@@ -19,6 +19,7 @@ from certpgo.linalg.blocks import add_to_diagonal
 from certpgo.linalg.cg import End, conjugate_gradients
 from certpgo.linalg.factor import Factor
 from certpgo.monitor import Iteration, Monitor, Stopwatch, silent
+from certpgo.newton import ROUNDING, forcing_term
 from certpgo.problem import PoseProblem, Problem
 from certpgo.progress import Progress
 from certpgo.solution import Solution, Status
@@ -27,14 +28,11 @@ from certpgo.solvers._iterative import Iterative
 #: A step is taken when it gains this part of what the model predicts; the region shrinks below the
 #: second and grows above the third.
 ACCEPTED, POOR, GOOD = 0.01, 0.25, 0.75
-#: Conjugate gradients: relative residuals asked for, products allowed, and products up to which
-#: the preconditioner serves the next step as well.
-LOOSEST, TIGHTEST = 0.1, 1e-6
+#: Products allowed in conjugate gradients, and products up to which the preconditioner serves the
+#: next step as well.
 MAX_PRODUCTS, FEW_PRODUCTS = 100, 10
 #: Shift of the preconditioner, over the mean diagonal: the gauge group is larger than one pose.
 SHIFT = 1e-9
-#: A predicted decrease below this many units of rounding of F cannot be seen in F.
-ROUNDING = 16 * np.finfo(float).eps
 #: Halvings of a step along a given direction.
 MAX_HALVINGS = 40
 
@@ -91,12 +89,11 @@ def descend(
             if metric is None:
                 metric = here.metric()
                 counts["factorizations"] += 1
-            # F falls by the square of the distance, which Newton's steps square.
             solved = conjugate_gradients(
                 here.hessian.__matmul__,
                 -here.gradient,
                 metric.solve,
-                tol=min(LOOSEST, max(TIGHTEST, math.sqrt(gained))),
+                tol=forcing_term(gained),
                 max_iterations=MAX_PRODUCTS,
                 radius=radius,
             )
