@@ -85,8 +85,15 @@ class Case:
         """The gap up to which a point of this cost counts as optimal."""
         return self.rtol * cost + self.atol * self.problem.scale
 
-    def basin(self, start: Estimate, refine: bool) -> Basin:
-        """Where descent from an estimate ends, or the estimate with its best translations."""
+    def is_optimal(self, basin: Basin) -> bool:
+        """Whether the basin's cost is within the tolerance of its bound."""
+        return basin.cost - basin.value <= self.tolerance(basin.cost)
+
+    def basin(self, start: Estimate, refine: bool, known: Basin | None = None) -> Basin:
+        """Where descent from an estimate ends, or the estimate with its best translations.
+
+        The bound of a ``known`` basin serves this one as well where it is as good as needed.
+        """
         # The best translations for the rotations are a descent step, and where the bound is taken:
         # elsewhere it is valid, but useless.
         problem = self.problem
@@ -101,6 +108,8 @@ class Case:
                 )
             cost = cost_upper(problem, point)
             enough = cost - self.tolerance(cost)
+            if known is not None and known.value >= enough:
+                return Basin(point, cost, settled, known.bound)
             bound = dual_bound(problem, point, rounding=self.rigorous, enough=enough)
         except (NumericalError, np.linalg.LinAlgError):
             return Basin(start, cost_upper(problem, start), False, None)

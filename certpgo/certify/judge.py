@@ -40,23 +40,67 @@ def certify(
         An estimate of another graph, tolerances that are negative or not finite, or weights beyond
         the range of doubles.
     """
-    case = Case.of(problem, tier, rtol, atol)
-    problem.check(estimate)
-    with np.errstate(over="ignore", invalid="ignore"):  # infinite costs are judged, not warned of
-        own, other = case.basin(estimate, refine), None
-        if refine and own.cost - own.value > case.tolerance(own.cost):
-            other = _other_basin(case)
-        return case.certificate(estimate, own, other, _bounds(case.problem, own.point))
+    return Judge(problem, tier=tier, rtol=rtol, atol=atol, refine=refine).certify(estimate)
 
 
-def _other_basin(case: Case) -> Basin:
-    """What descent from the eigenvectors reaches."""
+class Judge:
+    """`certify` for many estimates of one problem, which shares what is proven about it.
+
+    Where descent reaches a point that a lower bound known already certifies, no other is computed.
+
+    Parameters
+    ----------
+    problem, tier, rtol, atol, refine : as for `certify`
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        *,
+        tier: Tier | str = Tier.STANDARD,
+        rtol: float = RTOL,
+        atol: float = ATOL,
+        refine: bool = True,
+    ) -> None:
+        self._problem, self._refine = problem, refine
+        self._case = Case.of(problem, tier, rtol, atol)
+        self._best: Basin | None = None
+        self._spectral: Basin | None = None
+
+    def certify(self, estimate: Estimate) -> Certificate:
+        """Judge one estimate.
+
+        Raises
+        ------
+        InputError
+            An estimate of another graph.
+        """
+        case = self._case
+        self._problem.check(estimate)
+        with np.errstate(over="ignore", invalid="ignore"):  # infinite costs are judged, not warned
+            own, other = case.basin(estimate, self._refine, self._best), None
+            if self._refine and not case.is_optimal(own):
+                other = self._elsewhere()
+            for basin in (own, other):
+                if basin is not None and (self._best is None or basin.value > self._best.value):
+                    self._best = basin
+            return case.certificate(estimate, own, other, _bounds(case.problem, own.point))
+
+    def _elsewhere(self) -> Basin:
+        """A basin known to be the best, or what descent from the eigenvectors reaches."""
+        if self._best is not None and self._case.is_optimal(self._best):
+            return self._best
+        if self._spectral is None:
+            self._spectral = self._case.basin(_spectral_start(self._case.problem), True)
+        return self._spectral
+
+
+def _spectral_start(problem: Problem) -> Estimate:
     try:
-        start = spectral.spectral_start(case.problem)
+        return spectral.spectral_start(problem)
     except (NumericalError, np.linalg.LinAlgError):
-        n, d = case.problem.n, case.problem.d
-        start = Estimate(np.tile(np.eye(d), (n, 1, 1)), np.zeros((n, d)))
-    return case.basin(start, True)
+        n, d = problem.n, problem.d
+        return Estimate(np.tile(np.eye(d), (n, 1, 1)), np.zeros((n, d)))
 
 
 def _bounds(problem: Problem, point: Estimate) -> Bounds | None:
