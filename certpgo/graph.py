@@ -246,6 +246,7 @@ class Instance:
     source : where it came from, a path or the name of a generator
     options : the reading options that made the problem (parallel edges, weights, ...)
     notices : what the reader assumed, skipped or found unusual, one sentence each
+    names : (n,) the source's own names of the nodes, e.g. of images; empty where it has none
     """
 
     name: str
@@ -257,6 +258,7 @@ class Instance:
     source: str = ""
     options: Mapping[str, str] = field(default_factory=dict)
     notices: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ids", frozen_indices(self.ids))
@@ -264,6 +266,8 @@ class Instance:
         n = self.graph.num_nodes
         if self.ids.shape != (n,) or len(np.unique(self.ids)) != n:
             raise GraphError(f"ids must be {n} distinct integers")
+        if self.names and len(set(self.names)) != n:
+            raise GraphError(f"names must be {n} distinct texts, or none")
         for what, value in (("truth", self.truth), ("initial", self.initial)):
             if value is not None and (value.num_nodes, value.d) != (n, self.graph.d):
                 raise GraphError(f"{what} is for another graph: {value.num_nodes} nodes, not {n}")

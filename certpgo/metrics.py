@@ -61,6 +61,16 @@ class AngularErrors:
     mean_deg: float
     median_deg: float
     rmse_deg: float
+    worst_deg: float
+
+
+@dataclass(frozen=True)
+class PositionErrors:
+    """Distances between positions after the best rigid motion, metres."""
+
+    mean: float
+    rmse: float
+    worst: float
 
 
 def align(estimate: Estimate, truth: Estimate, *, norm: Literal["l2", "l1"] = "l2") -> FloatArray:
@@ -101,6 +111,31 @@ def angular_errors(
         mean_deg=float(angles.mean()),
         median_deg=float(np.median(angles)),
         rmse_deg=float(np.sqrt(np.mean(angles**2))),
+        worst_deg=float(angles.max()),
+    )
+
+
+def position_errors(estimate: Estimate, truth: Estimate) -> PositionErrors:
+    """Mean, root mean square and worst distance to the true positions, metres.
+
+    After the rotation and shift that minimise the sum of squared distances (Horn, in closed form).
+
+    Raises
+    ------
+    InputError
+        Another number of nodes, or no translations.
+    """
+    if (estimate.num_nodes, estimate.d) != (truth.num_nodes, truth.d):
+        raise InputError(
+            f"the estimate has {estimate.num_nodes} nodes, the ground truth {truth.num_nodes}"
+        )
+    given, true = (t - t.mean(axis=0) for t in map(_translations, (estimate, truth)))
+    S = so.project((true.T @ given)[None])[0]
+    distances = np.linalg.norm(given @ S.T - true, axis=1)
+    return PositionErrors(
+        mean=float(distances.mean()),
+        rmse=float(np.sqrt(np.mean(distances**2))),
+        worst=float(distances.max()),
     )
 
 

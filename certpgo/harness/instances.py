@@ -121,6 +121,7 @@ def component(instance: Instance, label: int) -> Instance:
         truth=None if instance.truth is None else instance.truth.subset(nodes),
         initial=None if instance.initial is None else instance.initial.subset(nodes),
         fixed=tuple(place[node] for node in instance.fixed if node in place),
+        names=tuple(instance.names[node] for node in nodes) if instance.names else (),
     )
 
 

@@ -51,14 +51,37 @@ class LabelledPoses:
     ----------
     rotations : (k, d, d)
     translations : (k, d), or None
-    ids : (k,) integers; None where the format has none and order counts
+    ids : (k,) integers; None where the format has none and order, or names, count
     times : (k,) seconds, for formats with timestamps
+    names : (k,) of images, for formats with names
+    notices : how the poses were matched with nodes, where that is not by their ids
     """
 
     rotations: FloatArray
     translations: FloatArray | None
     ids: IntArray | None = None
     times: FloatArray | None = None
+    names: tuple[str, ...] = ()
+    notices: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Chart:
+    """How a text file states a pose in numbers.
+
+    Attributes
+    ----------
+    rotation : unit quaternions, or matrices; planar poses are embedded at z = 0
+    numbers : the words of a line that are a pose's numbers, ids and times aside; none of them for
+        a line that holds no pose
+    planar_angle : whether planar rotations are stated as angles instead
+    world_to_camera : whether R^T and -R^T t are stated
+    """
+
+    rotation: Literal["quaternion", "matrix"]
+    numbers: Callable[[list[bytes]], list[bytes]]
+    planar_angle: bool = False
+    world_to_camera: bool = False
 
 
 GraphReader = Callable[[Path, ReadOptions], Instance]
@@ -80,6 +103,8 @@ class Format:
     read_graph, write_graph : measurements, or None
     read_poses : estimates, or None
     write_poses : an estimate with ids (n,) and timestamps (n,) in seconds, or None
+    holds_translations : whether such a file has room for them
+    chart : how a text file states a pose in numbers; None where that is not known
     """
 
     name: str
@@ -90,6 +115,8 @@ class Format:
     read_poses: PoseReader | None = None
     write_graph: GraphWriter | None = None
     write_poses: PoseWriter | None = None
+    holds_translations: bool = True
+    chart: Chart | None = None
 
 
 @cache

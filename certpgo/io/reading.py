@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,7 +20,8 @@ from certpgo.io.format import (
     RotationInformation,
     format_of,
 )
-from certpgo.io.timestamps import node_ids
+from certpgo.io.names import named_ids
+from certpgo.io.timestamps import with_node_ids
 from certpgo.io.trees import integrated
 from certpgo.linalg.arrays import IntArray
 
@@ -43,7 +45,8 @@ def read(
 
     Parameters
     ----------
-    path : a g2o, TORO, iSAM, .mat (viewing graph) or .npz file, a 1DSfM folder or its EGs.txt
+    path : a g2o, TORO, iSAM, .mat (viewing graph), .npz or GLOMAP relative poses file, a 1DSfM
+        folder or its EGs.txt
     keep : of parallel edges, ``"all"`` (their terms add), or the ``"first"`` or ``"last"``
     rotation_information : what the rotational information is about: ``"tangent"`` (g2o's and
         TORO's default), ``"quaternion"`` (its vector part, half the angle: kappa is a quarter) or
@@ -81,8 +84,7 @@ def read(
     instance = _with_choices(instance, keep, weights)
     if truth is not None:
         instance = _with_truth(instance, Path(truth))
-    for notice in () if quiet else instance.notices:
-        warnings.warn(f"{path}: {notice}", InputNotice, stacklevel=2)
+    _warn(path, () if quiet else instance.notices)
     return instance
 
 
@@ -97,12 +99,13 @@ def read_estimate(
 
     Parameters
     ----------
-    path : a g2o (its vertices), TUM, KITTI, .npz or 1DSfM rotations file
+    path : a g2o (its vertices), TUM, KITTI, .npz, 1DSfM rotations, Bundler, COLMAP (images.txt)
+        or GLOMAP rotations file
     instance : the graph the estimate is for: its ids decide the order, and it says whether
         translations are wanted. Without one the order is that of ascending ids, or the file's;
         translations that are all zero count as absent.
     timestamps : what a TUM file's timestamps are: node ``"ids"``, or nothing of interest, the
-        order of lines being that of nodes (``"index"``), or those in a file, one line a node
+        order of lines being that of nodes (``"index"``), or near those in a file, one line a node
     format : name of the format, where content and suffix do not tell
 
     Raises
@@ -115,16 +118,19 @@ def read_estimate(
     path = Path(path)
     poses = _poses(path, format)
     try:
-        ids = None if instance is None else instance.ids
-        poses = replace(poses, ids=node_ids(poses, ids, timestamps))
+        poses = _labelled(poses, instance, timestamps)
         if instance is None:
-            return _as_they_come(poses)
-        poses = _in_dimension(poses, instance.graph.d)
-        return estimate_for(instance.ids, poses, isinstance(instance.graph, PoseGraph))
+            estimate = _as_they_come(poses)
+        else:
+            poses = _in_dimension(poses, instance.graph.d)
+            with_translations = isinstance(instance.graph, PoseGraph)
+            estimate = estimate_for(instance.ids, poses, with_translations)
     except FormatError:
         raise
     except InputError as error:
         raise FormatError(path, None, str(error)) from None
+    _warn(path, poses.notices)
+    return estimate
 
 
 def read_truth(
@@ -158,10 +164,12 @@ def read_truth(
     else:
         raise FormatError(path, None, f"a {form.name} file holds {form.holds}, no truth")
     try:
-        poses = replace(poses, ids=node_ids(poses, instance.ids, "ids"))
-        return truth_for(instance, _in_dimension(poses, instance.graph.d))
+        poses = _labelled(poses, instance, "ids")
+        found = truth_for(instance, _in_dimension(poses, instance.graph.d))
     except InputError as error:
         raise FormatError(path, None, str(error)) from None
+    _warn(path, poses.notices)
+    return found
 
 
 @dataclass(frozen=True)
@@ -203,11 +211,27 @@ def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
         raise InputError(f"{name} must be one of {', '.join(choices)}, not {value!r}")
 
 
+def _warn(path: Path, notices: Iterable[str]) -> None:
+    for notice in notices:
+        warnings.warn(f"{path}: {notice}", InputNotice, stacklevel=3)
+
+
 def _poses(path: Path, name: str | None) -> LabelledPoses:
     form = format_of(path, name)
     if form.read_poses is None:
         raise FormatError(path, None, f"a {form.name} file holds {form.holds}, no estimate")
     return form.read_poses(path)
+
+
+def _labelled(
+    poses: LabelledPoses, instance: Instance | None, timestamps: str | Path
+) -> LabelledPoses:
+    """The poses under the ids of their nodes, where they have times or names instead."""
+    ids = None if instance is None else instance.ids
+    if not poses.names:
+        return with_node_ids(poses, ids, timestamps)
+    found, said = named_ids(poses, ids, () if instance is None else instance.names)
+    return replace(poses, ids=found, notices=(said,) if said else ())
 
 
 def _with_choices(instance: Instance, keep: Keep, weights: _Weights) -> Instance:

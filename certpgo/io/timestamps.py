@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,42 +14,86 @@ from certpgo.linalg.arrays import FloatArray, IntArray
 
 # Larger integers have no double of their own.
 _EXACT = 2**53
+#: Seconds by which a pose's time may differ from its node's.
+NEAR = 0.01
+#: Timestamps this near to integers may be ids, rounded by text.
+_ROUNDED = 1e-6
 
 
-def node_ids(poses: LabelledPoses, ids: IntArray | None, timestamps: str | Path) -> IntArray | None:
-    """The id of each pose, or None where the order of poses is that of nodes.
+def with_node_ids(
+    poses: LabelledPoses, ids: IntArray | None, timestamps: str | Path
+) -> LabelledPoses:
+    """The poses under the ids of their nodes, or under none where order is what counts.
 
     Parameters
     ----------
     poses : as read; ids of their own win
     ids : (n,) of the graph, if there is one
-    timestamps : ``"ids"``, ``"index"``, or a file with one timestamp a node
+    timestamps : ``"ids"``, ``"index"``, or a file with one timestamp a node. Timestamps that are
+        no ids are as good as an index where they ascend and are as many as the nodes; of those in
+        a file, each node takes the nearest pose, up to `NEAR` and half the time between nodes.
 
     Raises
     ------
     InputError
-        A timestamp is no id, is not in the file, or occurs twice.
+        Timestamps are neither ids nor as many as nodes, a node has no pose near its time, or a
+        timestamp occurs twice.
     """
     times = poses.times
     if poses.ids is not None or times is None or timestamps == "index":
-        return poses.ids
+        return poses
     _refuse_repeats(times)
-    if timestamps == "ids":
-        if (times == np.rint(times)).all() and np.abs(times).max() < _EXACT:
-            return times.astype(np.intp)
-        if ids is None:
-            return None
-        raise InputError("the timestamps are no node ids; take them as 'index' or from a file")
-    known = _from_file(Path(timestamps))
+    if timestamps != "ids":
+        return _nearest(poses, times, ids, Path(timestamps))
+    near = np.rint(times)
+    whole = bool((np.abs(times - near) <= _ROUNDED).all() and np.abs(near).max() < _EXACT)
+    if whole and (ids is None or np.isin(near, ids).any()):
+        return replace(poses, ids=near.astype(np.intp))
+    if ids is None:
+        return poses
+    if len(times) == len(ids) and (np.diff(times) > 0.0).all():
+        said = "the timestamps are no node ids: poses and nodes are matched in ascending order"
+        return replace(poses, notices=(said,))
+    raise InputError(
+        f"the timestamps are no node ids, and {counted(len(times), 'pose{s}')} cannot be matched "
+        f"in order with {counted(len(ids), 'node{s}')}; give the nodes' times in a file"
+    )
+
+
+def _nearest(
+    poses: LabelledPoses, times: FloatArray, ids: IntArray | None, path: Path
+) -> LabelledPoses:
+    """For each node, the pose nearest to its time in the file."""
+    known = _from_file(path)
     nodes = np.arange(len(known)) if ids is None else ids
-    _check_length(known, len(nodes), Path(timestamps))
+    _check_length(known, len(nodes), path)
     _refuse_repeats(known)
-    order = np.argsort(known)
-    place = np.minimum(np.searchsorted(known[order], times), len(known) - 1)
-    absent = known[order][place] != times
-    if absent.any():
-        raise InputError(f"timestamp {float(times[np.argmax(absent)])!r} is not in {timestamps}")
-    return np.asarray(nodes[order][place], dtype=np.intp)
+    order = np.argsort(times)
+    halfway = 0.5 * (times[order][1:] + times[order][:-1])
+    place = order[np.searchsorted(halfway, known)]
+    off = np.abs(times[place] - known)
+    allowed = min(NEAR, 0.5 * float(np.diff(np.sort(known)).min(initial=np.inf)))
+    if (off > allowed).any() or len(np.unique(place)) < len(place):
+        node = int(np.argmax(off))
+        raise InputError(
+            f"node {nodes[node]}, at {float(known[node])!r} in {path}, has no pose of its own "
+            f"within {allowed:.2g} s"
+        )
+    said = []
+    if off.any():
+        said.append(f"poses matched with the nearest timestamps, off by at most {off.max():.1g} s")
+    if len(times) > len(known):
+        left = counted(len(times) - len(known), "pose{s}")
+        said.append(f"{left} at times of no node left out")
+    t = poses.translations
+    return replace(
+        poses,
+        rotations=poses.rotations[place],
+        translations=None if t is None else t[place],
+        ids=np.asarray(nodes, dtype=np.intp),
+        times=times[place],
+        notices=tuple(said),
+    )
 
 
 def node_times(ids: IntArray, timestamps: str | Path) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from certpgo.errors import InputError
+from certpgo.errors import InputError, InputNotice
 from certpgo.estimate import Estimate
 from certpgo.graph import Graph, Instance
 from certpgo.io.format import format_to_write
@@ -66,14 +67,17 @@ def write(
             raise InputError(f"another graph's estimate: {what.d}D, not {instance.graph.d}D")
         labels = _ids(ids, what.num_nodes, instance)
         anchored = _anchored(what, labels, instance, anchor)
+        if what.translations is not None and not form.holds_translations:
+            said = f"{path}: a {form.name} file holds rotations only: translations are not written"
+            warnings.warn(said, InputNotice, stacklevel=2)
         times = node_times(labels, timestamps) if form.name == "tum" else labels.astype(float)
-        _atomically(path, lambda beside: writer(beside, anchored, labels, times))
+        atomically(path, lambda beside: writer(beside, anchored, labels, times))
         return
     if form.write_graph is None:
         raise InputError(f"{path}: {form.name} cannot be written for a graph")
     graph_writer = form.write_graph
     whole = _as_instance(path, what, ids)
-    _atomically(path, lambda beside: graph_writer(beside, whole))
+    atomically(path, lambda beside: graph_writer(beside, whole))
 
 
 def _as_instance(path: Path, what: Graph | Instance, ids: ArrayLike | None) -> Instance:
@@ -124,7 +128,14 @@ def _same_pose(a: Estimate, b: Estimate, node: int) -> bool:
     return np.array_equal(a.translations[node], b.translations[node])
 
 
-def _atomically(path: Path, write_to: Callable[[Path], None]) -> None:
+def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
+    """Write a file beside its place, and rename it when it is whole.
+
+    Raises
+    ------
+    InputError
+        It cannot be written.
+    """
     beside = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     try:
         write_to(beside)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from certpgo import io
-from certpgo.errors import FormatError, InputError, SpecError
+from certpgo.errors import FormatError, InputError, InputNotice, SpecError
 from certpgo.estimate import Estimate
 from certpgo.graph import Instance, PoseGraph, RotationGraph
 from certpgo.linalg import so
@@ -93,13 +93,18 @@ def test_ids_decide_the_order(tmp_path, suffix):
     instance = make_instance(0, 3)
     shuffled = [3, 0, 4, 1, 2]
     path = tmp_path / f"estimate{suffix}"
-    io.write(path, instance.truth.subset(shuffled), ids=instance.ids[shuffled])
-    wanted = replace(instance, graph=instance.graph.rotation) if suffix == ".rots" else instance
     truth = instance.truth if suffix != ".rots" else Estimate(instance.truth.rotations)
+    io.write(path, truth.subset(shuffled), ids=instance.ids[shuffled])
+    wanted = replace(instance, graph=instance.graph.rotation) if suffix == ".rots" else instance
     assert_estimates_agree(
         io.read_estimate(path, replace(wanted, truth=None, initial=None)), truth, 3e-15
     )
     assert_estimates_agree(io.read_estimate(path), truth, 3e-15)
+
+
+def test_what_a_format_has_no_room_for_is_said(tmp_path):
+    with pytest.warns(InputNotice, match="translations are not written"):
+        io.write(tmp_path / "estimate.rots", make_instance(0, 3).truth)
 
 
 def test_read_options_apply_to_npz_too(tmp_path):

@@ -22,7 +22,7 @@ from certpgo.estimate import Estimate
 from certpgo.graph import Instance, PoseGraph
 from certpgo.io import quaternion
 from certpgo.io.assemble import instance_from_lines, poses_from_lines
-from certpgo.io.format import Format, LabelledPoses, ReadOptions
+from certpgo.io.format import Chart, Format, LabelledPoses, ReadOptions
 from certpgo.io.information import ROW_MAJOR_2D, ROW_MAJOR_3D
 from certpgo.io.lines import Dialect, Poses, Tag, first_tags, read_lines, rpy_poses
 from certpgo.linalg.arrays import FloatArray, IntArray
@@ -80,6 +80,10 @@ def _read_poses(path: Path) -> LabelledPoses:
     return poses_from_lines(path, read_lines(path, DIALECT, ReadOptions(ignore_information=True)))
 
 
+def _pose_words(words: list[bytes]) -> list[bytes]:
+    return words[2:] if words[0].startswith(b"VERTEX") else []
+
+
 def _vertex_lines(ids: IntArray, estimate: Estimate) -> list[str]:
     numbers = _pose_numbers(estimate.rotations, estimate.translations)
     tag = "VERTEX_SE3:QUAT" if estimate.d == 3 else "VERTEX_SE2"
@@ -134,4 +138,5 @@ FORMAT = Format(
     read_poses=_read_poses,
     write_graph=_write_graph,
     write_poses=_write_poses,
+    chart=Chart("quaternion", _pose_words, planar_angle=True),
 )

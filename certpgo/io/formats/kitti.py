@@ -10,7 +10,7 @@ from certpgo.errors import InputError
 from certpgo.estimate import Estimate
 from certpgo.io import quaternion
 from certpgo.io.chunks import first_row, read_rows
-from certpgo.io.format import Format, LabelledPoses
+from certpgo.io.format import Chart, Format, LabelledPoses
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 
@@ -44,4 +44,5 @@ FORMAT = Format(
     holds="a trajectory",
     read_poses=_read_poses,
     write_poses=_write_poses,
+    chart=Chart("matrix", lambda words: words[:]),
 )

@@ -67,6 +67,7 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
         source=source,
         options=json.loads(str(arrays["options"])),
         notices=tuple(json.loads(str(arrays["notices"]))),
+        names=tuple(arrays["names"].tolist()) if "names" in arrays else (),
     )
 
 
@@ -106,6 +107,8 @@ def _write_graph(path: Path, instance: Instance) -> None:
     }
     if isinstance(graph, PoseGraph):
         arrays |= {"translations": graph.translations, "tau": graph.tau}
+    if instance.names:
+        arrays["names"] = np.array(instance.names)
     arrays |= _named("initial_", instance.initial) | _named("truth_", instance.truth)
     _save(path, "graph", arrays)
 

@@ -10,7 +10,7 @@ from certpgo.estimate import Estimate
 from certpgo.io import quaternion
 from certpgo.io.assemble import refuse_duplicates
 from certpgo.io.chunks import first_row, read_rows, whole
-from certpgo.io.format import Format, LabelledPoses
+from certpgo.io.format import Chart, Format, LabelledPoses
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 
@@ -45,4 +45,6 @@ FORMAT = Format(
     holds="absolute rotations",
     read_poses=_read_poses,
     write_poses=_write_poses,
+    chart=Chart("matrix", lambda words: words[1:], world_to_camera=True),
+    holds_translations=False,
 )

@@ -1,0 +1,101 @@
+"""COLMAP's images.txt, which GLOMAP writes as well: the poses of a reconstruction.
+
+Two lines an image, the second of them perhaps empty:
+
+    IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME
+    X Y POINT3D_ID ...
+
+The pose maps world to camera; our R_i is its transpose, and the camera's centre is -R^T t.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from certpgo.errors import FormatError
+from certpgo.io import quaternion
+from certpgo.io.chunks import without_comments
+from certpgo.io.format import Chart, Format, LabelledPoses
+
+_HEADER = b"IMAGE_ID, QW, QX, QY, QZ"
+_IMAGE = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"
+_POINTS = "X Y POINT3D_ID ... or an empty line"
+
+
+def _recognises(path: Path, head: bytes) -> bool:
+    if _HEADER in head:
+        return True
+    lines = (line.split() for line in without_comments(head).splitlines())
+    first = next((words for words in lines if words), [])
+    return _is_image(first) and first[0].isdigit() and first[8].isdigit()
+
+
+def _is_image(words: list[bytes]) -> bool:
+    """Whether these may be an image's words: nine numbers and a name, which is none."""
+    return len(words) >= 10 and not _is_number(words[-1]) and all(map(_is_number, words[:9]))
+
+
+def _is_number(word: bytes) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _read_poses(path: Path) -> LabelledPoses:
+    ids: dict[int, int] = {}
+    rows, names = [], []
+    for line, text in _images(path):
+        words = text.split(None, 9)
+        try:
+            image, row = int(words[0]), [float(word) for word in words[1:8]]
+            int(words[8])
+        except (ValueError, IndexError):
+            raise FormatError(path, line, f"{_IMAGE} expected") from None
+        if len(words) < 10 or not np.isfinite(row).all() or not any(row[:4]):
+            raise FormatError(path, line, f"{_IMAGE} expected, the quaternion not zero")
+        if not 0 <= image < 2**63:
+            raise FormatError(path, line, "image ids must fit 64-bit signed integers")
+        if image in ids:
+            raise FormatError(path, line, f"image {image} appears twice")
+        ids[image] = line
+        rows.append(row)
+        names.append(words[9].strip().decode("utf-8", "replace"))
+    if not rows:
+        raise FormatError(path, None, f"no lines of {_IMAGE}")
+    numbers = np.array(rows)
+    R = np.swapaxes(quaternion.rotations(numbers[:, [1, 2, 3, 0]]), 1, 2)
+    t = -np.einsum("nab,nb->na", R, numbers[:, 4:])
+    return LabelledPoses(R, t, ids=np.array(list(ids), dtype=np.intp), names=tuple(names))
+
+
+def _images(path: Path) -> Iterator[tuple[int, bytes]]:
+    """The first line of each image, with its number; the second is checked in passing."""
+    with path.open("rb") as file:
+        lines = enumerate(file, 1)
+        for number, line in lines:
+            if not line.strip() or line.lstrip().startswith(b"#"):
+                continue
+            yield number, line
+            number, points = next(lines, (number + 1, b""))
+            words = points.split()
+            if len(words) % 3 or (words and not (_is_number(words[0]) and _is_number(words[-1]))):
+                raise FormatError(path, number, f"{_POINTS} expected after each image's line")
+
+
+def _pose_words(words: list[bytes]) -> list[bytes]:
+    return words[1:8] if _is_image(words) else []
+
+
+FORMAT = Format(
+    name="colmap",
+    suffixes=(),
+    recognises=_recognises,
+    holds="a reconstruction",
+    read_poses=_read_poses,
+    chart=Chart("quaternion", _pose_words, world_to_camera=True),
+)

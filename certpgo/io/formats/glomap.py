@@ -1,0 +1,110 @@
+"""GLOMAP's rotation averager: relative poses in, global rotations out, by image names.
+
+    NAME_1 NAME_2 QW QX QY QZ TX TY TZ      x_2 = R x_1 + t, t a direction only
+    NAME QW QX QY QZ                        world to camera
+
+Our R_12 and R_i are the transposes. A name has an extension, which tells these files from others.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from certpgo.errors import FormatError, InputError
+from certpgo.graph import Instance, RotationGraph
+from certpgo.io import quaternion
+from certpgo.io.chunks import parsed, without_comments
+from certpgo.io.format import Chart, Format, LabelledPoses, Progress, ReadOptions
+from certpgo.io.names import name_numbers
+from certpgo.linalg.arrays import FloatArray
+
+_RELATIVE = "NAME_1 NAME_2 QW QX QY QZ TX TY TZ"
+_GLOBAL = "NAME QW QX QY QZ"
+_NAME = re.compile(rb".*\.[A-Za-z]\w*\Z")
+
+
+def _recognises(path: Path, head: bytes) -> bool:
+    lines = (line.split() for line in without_comments(head).splitlines())
+    first = next((words for words in lines if words), [])
+    names = {5: first[:1], 9: first[:2]}.get(len(first), [])
+    return bool(names) and all(_NAME.match(name) for name in names)
+
+
+def _read_graph(path: Path, options: ReadOptions) -> Instance:
+    texts, R = _table(path, 2, 7, _RELATIVE, options.progress)
+    names = np.unique(texts)
+    numbers = name_numbers(names.tolist())
+    if numbers is None:
+        said = "nodes are numbered in the order of image names"
+        numbers = np.arange(len(names))
+    else:
+        said = "the numbers in image names are taken for node ids"
+    order = np.argsort(numbers)
+    rank = np.argsort(order)
+    edges = rank[np.searchsorted(names, texts)]
+    return Instance(
+        name=path.stem,
+        graph=RotationGraph(len(names), edges, np.swapaxes(R, 1, 2), np.ones(len(edges))),
+        ids=numbers[order],
+        source=str(path),
+        options={"rotation_information": options.rotation_information or "tangent"},
+        notices=(
+            "no weights in the file: kappa = 1",
+            "directions of translation are not read",
+            said,
+        ),
+        names=tuple(names[order].tolist()),
+    )
+
+
+def _read_poses(path: Path) -> LabelledPoses:
+    texts, R = _table(path, 1, 4, _GLOBAL)
+    names = texts[:, 0].tolist()
+    if len(set(names)) < len(names):
+        twice = next(name for k, name in enumerate(names) if name in names[:k])
+        raise FormatError(path, None, f"image {twice} appears twice")
+    return LabelledPoses(np.swapaxes(R, 1, 2), None, names=tuple(names))
+
+
+def _table(
+    path: Path, names: int, numbers: int, expected: str, progress: Progress | None = None
+) -> tuple[np.ndarray[tuple[int, int], np.dtype[np.str_]], FloatArray]:
+    """Names (k, names) and rotations (k, 3, 3) of lines of names and numbers, QW QX QY QZ first."""
+
+    def parse(lines: list[bytes]) -> tuple[list[list[str]], FloatArray]:
+        rows = [words for line in lines if (words := line.split())]
+        try:
+            table = np.array([[float(word) for word in words[names:]] for words in rows])
+            texts = [[word.decode() for word in words[:names]] for words in rows]
+        except ValueError:
+            raise InputError(f"{expected} expected") from None
+        if {len(words) for words in rows} - {names + numbers} or not np.isfinite(table).all():
+            raise InputError(f"{expected} expected")
+        if any(len(set(row)) < len(row) for row in texts):
+            raise InputError("an image is measured from itself")
+        return texts, quaternion.rotations(table.reshape(-1, numbers)[:, [1, 2, 3, 0]])
+
+    parts = list(parsed(path, parse, progress))
+    rows = [row for texts, _ in parts for row in texts]
+    if not rows:
+        raise FormatError(path, None, f"no lines of {expected}")
+    return np.array(rows), np.concatenate([R for _, R in parts])
+
+
+def _pose_words(words: list[bytes]) -> list[bytes]:
+    return words[1:5]
+
+
+FORMAT = Format(
+    name="glomap",
+    suffixes=(),
+    recognises=_recognises,
+    holds="relative poses or global rotations",
+    read_graph=_read_graph,
+    read_poses=_read_poses,
+    chart=Chart("quaternion", _pose_words, world_to_camera=True),
+    holds_translations=False,
+)

@@ -1,0 +1,115 @@
+"""GTSAM's Values in Python as an estimate; any object with its keys() and at...() will do.
+
+GTSAM is not imported. A key is an integer; GTSAM's Symbols are a letter in the highest of eight
+bytes and an index in the other seven.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from certpgo.errors import InputError
+from certpgo.estimate import Estimate
+from certpgo.io.wording import counted
+from certpgo.linalg.arrays import FloatArray, IntArray
+
+_INDEX_BITS = 56
+
+
+def estimate_from_values(
+    values: Any, ids: Sequence[int] | IntArray, d: int, with_translations: bool
+) -> tuple[Estimate, str]:
+    """The poses, or rotations, of the nodes ``ids``.
+
+    Keys are matched with the ids; failing that, the index part of one letter's Symbols; failing
+    that, where there are as many, both are taken in ascending order.
+
+    Parameters
+    ----------
+    values : has ``keys()`` and ``atPose3``, ``atRot3``, ``atPose2`` or ``atRot2``
+    ids : (n,) node ids, in the order wanted
+    d : dimension of space, 2 or 3
+    with_translations : whether translations are wanted
+
+    Returns
+    -------
+    estimate : n poses or rotations, in the order of ``ids``
+    notice : how keys were matched where they are not the ids, and what was left out; or empty
+
+    Raises
+    ------
+    InputError
+        The keys do not fit the ids, or the values are of another kind.
+    """
+    elements = _elements(values, d)
+    keys, notice = _keys_of(elements, [int(node) for node in ids])
+    matrices = [elements[key] for key in keys]
+    if with_translations and any(M.shape == (d, d) for M in matrices):
+        raise InputError("the values hold rotations only, but the graph measures translations")
+    R = np.array([M[:d, :d] for M in matrices])
+    t = np.array([M[:d, d] for M in matrices]) if with_translations else None
+    return Estimate(R, t), notice
+
+
+def _elements(values: Any, d: int) -> dict[int, FloatArray]:
+    """The matrix of every pose (d + 1, d + 1) or rotation (d, d) among the values, by its key."""
+    keys = [int(key) for key in values.keys()]  # noqa: SIM118 - no mapping
+    found = {key: M for key in keys if (M := _element(values, key, d)) is not None}
+    if not found:
+        other = 5 - d
+        if any(_element(values, key, other) is not None for key in keys[:1]):
+            raise InputError(f"the values are {other}D, but the graph is {d}D")
+        raise InputError(f"{counted(len(keys), 'value{s}')}, but no {d}D pose or rotation")
+    return found
+
+
+def _element(values: Any, key: int, d: int) -> FloatArray | None:
+    for name, size in ((f"atPose{d}", d + 1), (f"atRot{d}", d)):
+        get: Callable[[int], Any] | None = getattr(values, name, None)
+        if get is None:
+            continue
+        try:
+            element = get(key)
+        except Exception:  # whatever the binding raises for a value of another type
+            continue
+        M = np.asarray(element.matrix(), dtype=np.float64)
+        if M.shape == (size, size):
+            return M
+    return None
+
+
+def _keys_of(elements: dict[int, FloatArray], ids: list[int]) -> tuple[list[int], str]:
+    """The key of each id, and a notice where it is not the id itself."""
+    extra = len(elements) - len(ids)
+    left = f"{counted(extra, 'pose{s}')} of other keys left out" if extra else ""
+    if all(node in elements for node in ids):
+        return ids, left
+    letters: dict[int, dict[int, int]] = {}
+    for key in elements:
+        letters.setdefault(key >> _INDEX_BITS, {})[key & ((1 << _INDEX_BITS) - 1)] = key
+    fitting = [letter for letter, keys in letters.items() if all(node in keys for node in ids)]
+    if len(fitting) == 1:
+        keys = letters[fitting[0]]
+        said = f"keys matched with node ids by the index of the symbols {_shown(keys[ids[0]])} ..."
+        return [keys[node] for node in ids], f"{said}; {left}" if left else said
+    held = f"the values hold {_range(sorted(elements))}, the graph has {_range(sorted(ids))}"
+    if len(fitting) > 1:
+        raise InputError(f"{held}: several letters fit; give ids, the key of each node")
+    if extra == 0:
+        rank = dict(zip(sorted(ids), sorted(elements), strict=True))
+        return [rank[node] for node in ids], f"{held}: matched in ascending order"
+    raise InputError(f"{held}: they do not fit; give ids, the key of each node")
+
+
+def _range(keys: list[int]) -> str:
+    first, last = _shown(keys[0]), _shown(keys[-1])
+    return f"{len(keys)} keys {first} ... {last}" if len(keys) > 1 else f"the key {first}"
+
+
+def _shown(key: int) -> str:
+    """The key as GTSAM prints it."""
+    letter = chr(key >> _INDEX_BITS) if 0 < key >> _INDEX_BITS < 128 else ""
+    return f"{letter}{key & ((1 << _INDEX_BITS) - 1)}" if letter.isalpha() else str(key)
