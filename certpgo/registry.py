@@ -1,6 +1,7 @@
 """Names to modules by scanning folders; nothing is imported until asked for.
 
 A method is one file of ``certpgo/solvers`` or, in a checkout, ``baselines``, exposing ``SOLVER``;
+a competitor's rule for certifying is one file of ``baselines/certifiers`` exposing ``CERTIFIER``;
 a table is one file of ``reports/tables`` exposing ``TABLE``. Files whose names start with an
 underscore are shared code. The checkout's folders are not in the wheel and are loaded by path.
 """
@@ -10,11 +11,14 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from certpgo.errors import SpecError
+from certpgo.estimate import Estimate
+from certpgo.problem import Problem
 from certpgo.solution import Solver
 
 #: Environment variable naming the checkout, where it is not beside the package.
@@ -22,6 +26,10 @@ REPOSITORY_VARIABLE = "CERTPGO_REPOSITORY"
 
 #: The certified pipeline, which is made of methods and no file among them.
 PIPELINE = "certified"
+
+#: A rule that is told an estimate and returns the one it calls optimal (the same, or where its own
+#: descent ended), or None. InputError says that it does not judge such a thing.
+Certifier = Callable[[Problem, Estimate], Estimate | None]
 
 _PACKAGE = Path(__file__).parent
 
@@ -50,6 +58,27 @@ def get_solver(name: str) -> type[Solver]:
         raise SpecError.unknown("method", name, solver_names())
     solver: type[Solver] = _exposed(module, "SOLVER")
     return solver
+
+
+def certifier_names() -> tuple[str, ...]:
+    """Names of the competitors' certifiers in a checkout."""
+    return _stems(_checkout_folder("baselines/certifiers"))
+
+
+def get_certifier(name: str) -> Certifier:
+    """The certifier called ``name``.
+
+    Raises
+    ------
+    SpecError
+        No checkout, no such certifier, or a file that exposes no ``CERTIFIER``.
+    """
+    if name not in certifier_names():
+        raise SpecError.unknown("certifier", name, certifier_names())
+    certifier: Certifier = _exposed(
+        _load(repository() / "baselines", f"certifiers.{name}"), "CERTIFIER"
+    )
+    return certifier
 
 
 def table_names() -> tuple[str, ...]:

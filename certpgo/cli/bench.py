@@ -1,8 +1,9 @@
-"""certpgo bench: how time and memory grow with the graph."""
+"""certpgo bench: how time and memory grow with the graph, and what certifiers get wrong."""
 
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,7 +17,9 @@ if TYPE_CHECKING:
 
 
 def command(
-    what: Annotated[str, typer.Argument(metavar="scale", help="What to measure: scale.")],
+    what: Annotated[
+        str, typer.Argument(metavar="scale|zoo", help="scale: time and memory. zoo: certifiers.")
+    ],
     family: Annotated[
         list[str] | None,
         typer.Option("--family", help="helix, grid, ...; all of them by default."),
@@ -27,22 +30,71 @@ def command(
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Small sizes only.")] = False,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the random graphs.")] = 0,
+    campaign: Annotated[
+        int,
+        typer.Option("--campaign", metavar="N", min=0, help="zoo: at least N random instances."),
+    ] = 0,
+    processes: Annotated[
+        int, typer.Option("--processes", min=1, help="zoo: how many work at once.")
+    ] = 2,
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Folder for the results.")
     ] = Path("bench-results"),
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> int:
-    """Solve synthetic graphs of growing size: time, memory, slope, verdict.
+    """Measure growth, or what certifiers get wrong.
 
-    Every size has a process of its own. Sizes that are in the results folder already are taken
+    scale solves synthetic graphs of growing size, each in a process of its own: time, memory,
+    slope, verdict. zoo puts points of known truth, most of them adversarial, before our certifier
+    and the competitors', and counts what is false. What is in the results folder already is taken
     from there, so that a run that was interrupted goes on.
     """
+    if what == "scale":
+        records = _scale(family, sizes, quick, seed, out, not json)
+        code = int(any(record.error for record in records))
+    elif what == "zoo":
+        records = _zoo(campaign, quick, processes, out, not json)
+        code = int(any(record.note for record in records))
+    else:
+        raise InputError(f"unknown benchmark {what!r}; known: scale, zoo")
+    if json:
+        from certpgo.harness.records import as_data
+
+        document([as_data(record) for record in records])
+    else:
+        notice(f"written to {out}")
+    return code
+
+
+def _zoo(campaign: int, quick: bool, processes: int, out: Path, shown: bool) -> list[Record]:
+    from certpgo.harness.records import Ledger
+    from certpgo.harness.zoo import report, run
+
+    ledger = Ledger(out, run.TABLE)
+    with working("zoo") as status:
+        jobs = run.jobs(campaign, quick)
+        records = list(run.run(ledger, jobs, processes=processes, announce=status.update))
+    text = out / f"{run.TABLE}.md"
+    beside = text.with_name(f"{text.name}.part")
+    beside.write_text(report.markdown(records), encoding="utf-8")
+    os.replace(beside, text)
+    if shown:
+        table("points judged, and what was false", *report.totals(records))
+    return records
+
+
+def _scale(
+    family: list[str] | None,
+    sizes: list[int] | None,
+    quick: bool,
+    seed: int,
+    out: Path,
+    shown: bool,
+) -> list[Record]:
     from certpgo.harness import scale
-    from certpgo.harness.records import Ledger, as_data
+    from certpgo.harness.records import Ledger
     from certpgo.linalg.factor import default_engine
 
-    if what != "scale":
-        raise InputError(f"unknown benchmark {what!r}; known: scale")
     names = family or list(scale.FAMILIES)
     chosen = {name: scale.family(name) for name in names}
     everything: list[Record] = []
@@ -59,13 +111,9 @@ def command(
                     ledger.add(record)
                 records.append(record)
         everything += records
-        if not json:
+        if shown:
             _show(name, records, scale.slope(records))
-    if json:
-        document([as_data(record) for record in everything])
-    else:
-        notice(f"written to {out}")
-    return int(any(record.error for record in everything))
+    return everything
 
 
 def _show(name: str, records: list[Record], slope: float) -> None:

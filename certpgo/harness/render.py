@@ -51,8 +51,8 @@ def markdown(table: Table, records: Sequence[Record], *, interrupted: bool = Fal
         lines += [f"Published numbers: {table.source}.", ""]
     for section in sections(table, records):
         lines += [f"## {section.title}", "", section.caption, ""]
-        lines += [_bar(section.header), "|" + " --- |" * len(section.header)]
-        lines += [_bar(row) for row in section.rows] + [""]
+        lines += [bar(section.header), "|" + " --- |" * len(section.header)]
+        lines += [bar(row) for row in section.rows] + [""]
     for note in table.notes:
         lines += [note, ""]
     if records:
@@ -171,5 +171,6 @@ def _found(table: Table, record: Record) -> tuple[Row | None, Method | None]:
     return rows.get(record.row), methods.get(record.method)
 
 
-def _bar(cells: Iterable[str]) -> str:
+def bar(cells: Iterable[str]) -> str:
+    """A row of a Markdown table."""
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"

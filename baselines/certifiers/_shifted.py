@@ -1,0 +1,21 @@
+"""What the rules below share: whether S + eta I has a Cholesky factor.
+
+S is the certificate matrix of the estimate as it is, in SE-Sync's scaling, which is ours; for poses
+with the translations in it, none of them pinned.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from certpgo.certify import certificate_matrix
+from certpgo.estimate import Estimate
+from certpgo.linalg.blocks import add_to_diagonal
+from certpgo.problem import Problem
+
+
+def has_factor(problem: Problem, estimate: Estimate, eta: float) -> bool:
+    """Whether the factorization of S + eta I runs to completion."""
+    S = certificate_matrix(problem, problem.multipliers(estimate))
+    shifted = add_to_diagonal(S, np.full(S.shape[0], eta))
+    return problem.symbolic(shifted).factor(shifted) is not None

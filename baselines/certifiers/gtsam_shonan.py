@@ -1,0 +1,19 @@
+"""GTSAM's Shonan: the smallest eigenvalue that its Lanczos finds is above -1e-4."""
+
+from __future__ import annotations
+
+from certpgo.errors import InputError
+from certpgo.estimate import Estimate
+from certpgo.problem import PoseProblem, Problem
+
+from ..gtsam_shonan import calls_optimal
+
+
+def certifier(problem: Problem, estimate: Estimate) -> Estimate | None:
+    """The estimate, if `checkOptimality` accepts it."""
+    if isinstance(problem, PoseProblem):
+        raise InputError("Shonan judges rotations alone")
+    return estimate if calls_optimal(problem, estimate)[0] else None
+
+
+CERTIFIER = certifier

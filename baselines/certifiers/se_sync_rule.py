@@ -1,0 +1,19 @@
+"""SE-Sync's rule: S + 1e-3 I has a Cholesky factor, whatever the weights (SESync.h, Rosen 2019)."""
+
+from __future__ import annotations
+
+from certpgo.estimate import Estimate
+from certpgo.problem import Problem
+
+from ._shifted import has_factor
+
+#: ``min_eig_num_tol``.
+ETA = 1e-3
+
+
+def certifier(problem: Problem, estimate: Estimate) -> Estimate | None:
+    """The estimate, if the rule accepts it."""
+    return estimate if has_factor(problem, estimate, ETA) else None
+
+
+CERTIFIER = certifier

@@ -1,0 +1,139 @@
+"""Every certifier on a case: what it says, and where that is false."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from certpgo import registry
+from certpgo.certify import Tier, Verdict, certify
+from certpgo.errors import CertPGOError, InputError, MissingDependency
+from certpgo.estimate import Estimate
+from certpgo.harness.zoo.case import Case, Known
+from certpgo.problem import Problem
+
+#: What a certifier's answer may be, and what may be wrong with it.
+ANSWERS = ("certified", "not certified", "refused", "failed", "not installed")
+FALSE, BOUND, REFUTATION, BASIN = "false", "false bound", "false refutation", "false basin"
+MISSED, UNCONFIRMED = "missed", "unconfirmed"
+FAULTS = (FALSE, BOUND, REFUTATION, BASIN)
+
+Tally = Counter[tuple[str, str]]
+
+
+@dataclass(frozen=True, eq=False)
+class Opinion:
+    """What a certifier says of a point.
+
+    Attributes
+    ----------
+    certified : the estimate that it calls optimal, or None
+    lower_bound : no estimate costs less, it says
+    better : an estimate that it calls better by more than the tolerance, or None
+    """
+
+    certified: Estimate | None
+    lower_bound: float = -np.inf
+    better: Estimate | None = None
+    basin: Estimate | None = None
+
+
+Judge = Callable[[Problem, Estimate], Opinion]
+
+
+def certifiers() -> dict[str, Judge]:
+    """Ours, one a tier and the standard one on the point alone; then the competitors'."""
+    judges = {f"certpgo {t.value}": _ours(t, True) for t in Tier if t is not Tier.SCREEN}
+    judges["certpgo standard, unrefined"] = _ours(Tier.STANDARD, False)
+    for name in registry.certifier_names():
+        judges[name] = _theirs(name)
+    return judges
+
+
+def judged(case: Case, judges: dict[str, Judge]) -> tuple[Tally, list[str]]:
+    """Counts by certifier and outcome, and what is false of ours in words."""
+    tally: Tally = Counter()
+    for fact in _facts(case):
+        tally["", fact] += 1
+    faults = []
+    for name, judge in judges.items():
+        for outcome in _outcomes(case, judge):
+            tally[name, outcome] += 1
+            if outcome in FAULTS and name.startswith("certpgo"):
+                faults.append(f"{case.name}: {name}: {outcome}")
+    return tally, faults
+
+
+def _facts(case: Case) -> Iterator[str]:
+    yield "points"
+    yield case.truth.known.value
+    if case.truth.loose:
+        yield "loose"
+    if not case.feasible:
+        yield "infeasible"
+    elif case.is_beaten(case.point):
+        yield "not optimal"
+    elif case.is_optimal(case.point):
+        yield "optimal"
+    else:
+        yield "open point" if case.truth.known is Known.OPEN else "borderline"
+
+
+def _outcomes(case: Case, judge: Judge) -> Iterator[str]:
+    try:
+        with np.errstate(all="ignore"):
+            opinion = judge(case.problem, case.point)
+    except MissingDependency:
+        yield "not installed"
+        return
+    except InputError:
+        yield "refused"
+        return
+    except (CertPGOError, ArithmeticError, np.linalg.LinAlgError, RuntimeError):
+        opinion = None
+    if opinion is None:
+        yield "failed"
+    else:
+        yield "not certified" if opinion.certified is None else "certified"
+        yield from _faults(case, opinion)
+    missed = opinion is None or opinion.certified is None
+    if missed and case.feasible and case.is_optimal(case.point):
+        yield MISSED
+
+
+def _faults(case: Case, opinion: Opinion) -> Iterator[str]:
+    if opinion.certified is not None:
+        # What is no estimate cannot be the best one.
+        feasible = opinion.certified is not case.point or case.feasible
+        if not feasible or case.is_beaten(opinion.certified):
+            yield FALSE
+        elif case.truth.known is Known.OPEN:
+            yield UNCONFIRMED
+    if opinion.lower_bound > case.truth.upper:
+        yield BOUND
+    if opinion.better is not None and case.is_optimal(case.point):
+        yield REFUTATION
+    if opinion.basin is not None and case.is_beaten(opinion.basin):
+        yield BASIN
+
+
+def _ours(tier: Tier, refine: bool) -> Judge:
+    def judge(problem: Problem, point: Estimate) -> Opinion:
+        estimate = Estimate(point.rotations, point.translations)  # which checks its matrices
+        certificate = certify(problem, estimate, tier=tier, refine=refine)
+        return Opinion(
+            estimate if certificate.verdict is Verdict.CERTIFIED else None,
+            certificate.lower_bound,
+            certificate.better if certificate.verdict is Verdict.REFUTED else None,
+            certificate.refined if certificate.basin_is_global else None,
+        )
+
+    return judge
+
+
+def _theirs(name: str) -> Judge:
+    certifier = registry.get_certifier(name)
+    return lambda problem, point: Opinion(certifier(problem, point))

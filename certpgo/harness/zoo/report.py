@@ -1,0 +1,147 @@
+"""The zoo's records as text: a pure function of them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+from certpgo.harness.records import Record
+from certpgo.harness.render import bar
+from certpgo.harness.zoo.case import Known
+from certpgo.io.wording import counted
+
+OUTCOMES = (
+    "certified",
+    "false",
+    "false bound",
+    "missed",
+    "unconfirmed",
+    "refused",
+    "failed",
+    "not installed",
+)
+#: False statements that only ours make.
+OTHERS = ("false refutation", "false basin")
+
+INTRODUCTION = """\
+Every certifier is told a problem and a point and says whether the point is optimal. A certificate
+is **false** when an estimate in hand is better by more than 1e-5 F + 1e-12 W (our tolerance; W is
+the sum of kappa and tau |t_ij|^2), or when the point is no estimate at all; it is **missed** when
+the point is within a tenth of that of the optimum and not certified. A **false bound** is a proven
+lower bound above the cost of an estimate in hand. Costs in hand are enclosed in interval
+arithmetic. Where F* comes from: closed forms; an interval L D L^T of the certificate matrix in
+160-bit balls; branch and bound over the angles of up to four rotations in the plane."""
+
+NOTES = """\
+certpgo is asked twice: as it comes (it descends, takes the bound from there and from a second
+start, and judges the point as given), and unrefined, on the point's own multipliers alone.
+
+gtsam_shonan is `ShonanAveraging.checkOptimality` of GTSAM (smallest eigenvalue by Lanczos above
+-1e-4, S in twice our scale). gtsam_staircase is GTSAM's `RiemannianStaircaseOptimizer` started at
+the point and held at rank d: what it certifies is where its own descent ended, and that is judged,
+projected to rotations. se_sync_rule asks for a Cholesky factor of S + 1e-3 I, cora_rule of
+S + eta I with eta = 5e-6 F/2 between 1e-7 and 1e-1; both are our reading of those rules on our
+matrices, not runs of those programs. The rules are meant for stationary points, so that what they
+say of points that are not (moved along the softest mode, not stationary, scaled) is a warning to
+their users rather than a fault of their authors. GTSAM's two take rotations alone and refuse poses.
+
+No certificate of this kind can exist where the relaxation is loose: there an optimal point is
+missed by everybody. "Unconfirmed" is a certificate of a point whose optimality the oracle neither
+proves nor disproves."""
+
+
+def markdown(records: Sequence[Record]) -> str:
+    """The report: totals, the random instances and where their truth is from, family by family."""
+    lines = ["# The zoo: adversarial points for certifiers", "", INTRODUCTION, "", "## Totals", ""]
+    lines += _table(*totals(records))
+    lines += ["", *_shares(records), "", "## Family by family", ""]
+    lines += [f"Cells: certified / false / missed; {NOTHING} where it judged nothing.", ""]
+    lines += _table(*families(records))
+    lines += ["", NOTES, ""]
+    false = [f"- {record.note}" for record in records if record.note]
+    if false:
+        lines += ["## False statements of certpgo", "", *false, ""]
+    if records:
+        origin = records[-1].provenance
+        lines += ["; ".join(f"{key}: {origin[key]}" for key in sorted(origin)), ""]
+    return "\n".join(lines)
+
+
+NOTHING = "–"  # noqa: RUF001 - a dash in a cell
+
+
+def totals(records: Iterable[Record]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Header and rows: each certifier's outcomes over everything."""
+    records = list(records)
+    counts = _sum(records)
+    header = ("certifier", "points", *OUTCOMES[:2], "false bound etc.", *OUTCOMES[3:])
+    rows = []
+    for name in certifiers(records):
+        own = [counts[f"{name}: {outcome}"] for outcome in OUTCOMES]
+        own[2] += sum(counts[f"{name}: {outcome}"] for outcome in OTHERS)
+        rows.append((name, f"{counts['points']:,}", *(f"{number:,}" for number in own)))
+    return header, rows
+
+
+def families(records: Sequence[Record]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Header and rows: each family's points and what each certifier said of them."""
+    names = certifiers(records)
+    header = ("family", "points", "optimal", "not optimal", "truth from", *names)
+    groups: dict[str, list[Record]] = {}
+    for record in records:
+        groups.setdefault(record.part, []).append(record)
+    rows = []
+    for part, members in groups.items():
+        counts = _sum(members)
+        truth = ", ".join(k.value for k in Known if counts[k.value])
+        points = (counts["points"], counts["optimal"], counts["not optimal"])
+        cells = (_cell(counts, name) for name in names)
+        rows.append((part, *(f"{number:,}" for number in points), truth, *cells))
+    return header, rows
+
+
+def certifiers(records: Sequence[Record]) -> list[str]:
+    """Every certifier that a record names."""
+    return list(dict.fromkeys(n for r in records for n in r.settings.get("certifiers", ())))
+
+
+def _shares(records: Iterable[Record]) -> list[str]:
+    """What the random instances are, in sentences."""
+    counts = _sum(records)
+    total = counts["instances"]
+    if not total:
+        return []
+    known = [k.value for k in Known if counts[f"{k.value}, instances"]]
+    parts = ", ".join(f"{_percent(counts[f'{k}, instances'], total)} by {k}" for k in known)
+    kinds = [f"{d}D {what}" for d in (2, 3) for what in ("rotations", "poses")]
+    sorts = ", ".join(f"{_percent(counts[f'{k}, instances'], total)} {k}" for k in kinds)
+    adverse = _percent(counts["wound-up or loose, instances"], total)
+    return [
+        f"Random instances of known optimum: {total:,}, of 3 to 20 nodes. The optimum is known "
+        f"{parts}; {sorts}; {adverse} are wound-up or loose. Half of them have their weights "
+        f"multiplied by a power of two between 2^-40 and 2^40. Another "
+        f"{counted(counts['set aside'], 'problem{s}')}, whose optimum stays open, were judged for "
+        "what can be seen to be false all the same."
+    ]
+
+
+def _percent(part: int, total: int) -> str:
+    return f"{100.0 * part / total:.0f} %"
+
+
+def _cell(counts: Counter[str], name: str) -> str:
+    yes, false, missed = (counts[f"{name}: {outcome}"] for outcome in (*OUTCOMES[:2], "missed"))
+    if not yes and not counts[f"{name}: not certified"] and not counts[f"{name}: failed"]:
+        return NOTHING
+    return f"{yes} / {f'**{false}**' if false else 0} / {missed}"
+
+
+def _sum(records: Iterable[Record]) -> Counter[str]:
+    total: Counter[str] = Counter()
+    for record in records:
+        total.update(record.counts)
+    return total
+
+
+def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    return [bar(line) for line in (header, ["---"] * len(header), *rows)]
