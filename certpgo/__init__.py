@@ -26,11 +26,18 @@ from certpgo.solution import Solution, Status
 from certpgo.solve import CertifiedSolution, solve
 
 if TYPE_CHECKING:
+    from certpgo.harness.assessment import certify_values
     from certpgo.io import read, read_estimate, write
     from certpgo.registry import get_solver
 
 #: Imported when first used: reading and finding methods are not everybody's errand.
-_LATER = {"read": "io", "read_estimate": "io", "write": "io", "get_solver": "registry"}
+_LATER = {
+    "certify_values": "harness.assessment",
+    "read": "io",
+    "read_estimate": "io",
+    "write": "io",
+    "get_solver": "registry",
+}
 
 __version__ = "0.1.0"
 
@@ -58,6 +65,7 @@ __all__ = [
     "Tier",
     "Verdict",
     "certify",
+    "certify_values",
     "get_solver",
     "read",
     "read_estimate",

@@ -206,26 +206,30 @@ def _in_units(unit: float, judged: Certificate) -> Certificate:
 
 
 def _reason(c: Certificate) -> str:
+    if not math.isfinite(c.cost):
+        return "the cost of this estimate is beyond the range of doubles"
     floor = f"no estimate of this graph has a cost below {c.lower_bound:.10g}"
     if c.tier is Tier.SCREEN:
         floor = f"not proven at this tier, but likely: {floor}"
-    if not math.isfinite(c.cost):
-        return "the cost of this estimate is beyond the range of doubles"
+    yours = f"yours costs {c.cost:.10g}"
+    improved = f"and, improved, {c.refined_cost:.10g}"
     if c.verdict is Verdict.CERTIFIED:
-        within = f"{floor}; yours, {c.cost:.10g}, is within {c.gap:.2g} of the best possible"
+        within = f"{floor}; {yours}, within {c.gap:.2g} of the best possible"
         if c.gap <= c.rtol * c.cost:
             return within
-        return f"{within}, which is nothing at the scale of its terms, W = {c.scale:.2g}"
+        return f"{within}, which is rounding beside the weights of its terms, {c.scale:.2g} in all"
     if c.better_cost is not None:
         return (
-            f"another estimate costs {c.better_cost:.10g}, yours {c.cost:.10g}, and descending "
-            f"from yours only reaches {c.refined_cost:.10g}"
+            f"another estimate costs {c.better_cost:.10g}; {yours} {improved}, from where no small "
+            f"change leads to that one; {floor}"
         )
     if c.verdict is Verdict.UNDECIDED:
-        return "no useful lower bound was found: the convex relaxation proves nothing here"
+        return f"{yours}, and no lower bound above zero, to compare it with, could be proven"
     if c.basin_is_global:
         return (
-            f"{floor}; descending from yours ({c.cost:.10g}) reaches {c.refined_cost:.10g}, "
-            "which is the best possible: the right basin, not its lowest point"
+            f"{floor}; {yours} {improved}, the best possible: yours is in the right basin, but not "
+            "at its lowest point"
         )
-    return f"{floor}; yours, {c.cost:.10g}, may be up to {c.gap:.3g} above the best"
+    if c.refined_cost < c.cost - c.tolerance:
+        return f"{floor}; {yours} {improved}: the best possible is no more than that"
+    return f"{floor}; {yours}, at most {c.gap:.3g} above the best possible"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -18,6 +19,22 @@ WIDTH = 160
 def notice(sentence: str) -> None:
     """Say something about the input, on stderr."""
     typer.echo(f"note: {sentence}", err=True)
+
+
+@contextmanager
+def noticing() -> Iterator[None]:
+    """Say on stderr what the block warns of about its input or output."""
+    from certpgo.errors import InputNotice
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", InputNotice)
+        yield
+    for warning in caught:
+        if issubclass(warning.category, InputNotice):
+            notice(str(warning.message))
+        else:
+            place = (warning.filename, warning.lineno)
+            warnings.warn_explicit(warning.message, warning.category, *place)
 
 
 def document(data: Any) -> None:

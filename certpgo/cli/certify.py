@@ -1,7 +1,8 @@
-"""certpgo certify: judge an estimate, whoever made it."""
+"""certpgo certify: judge an estimate, or many, whoever made them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,19 +10,25 @@ import typer
 
 from certpgo.cli import _verdict
 from certpgo.cli._reading import Reading, takes_reading
-from certpgo.cli._show import document, notice, working
-from certpgo.cli._writing import refuse_overwriting
+from certpgo.cli._show import document, notice, noticing, working
+from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
-    from certpgo.certify import Certificate
+    from certpgo.estimate import Estimate
+    from certpgo.graph import Instance
+    from certpgo.harness.assessment import Assessment
+    from certpgo.harness.batch import Part
 
 
 @takes_reading
 def command(
     graph: Annotated[str, typer.Argument(metavar="GRAPH", help="A file or dataset.")],
-    estimate: Annotated[
-        str, typer.Argument(metavar="ESTIMATE", help="A file or dataset that holds poses.")
+    estimates: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="ESTIMATE...", help="A file or dataset that holds poses; many with --csv."
+        ),
     ],
     tier: Annotated[
         str, typer.Option("--tier", help="What may be trusted: standard, or screen (a hint only).")
@@ -41,52 +48,119 @@ def command(
     timestamps: Annotated[
         str, typer.Option("--timestamps", help="Of a TUM file: ids, index, or a file of seconds.")
     ] = "ids",
+    csv: Annotated[
+        Path | None, typer.Option("--csv", metavar="OUT", help="Write a row for each ESTIMATE.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
     *,
     reading: Reading,
 ) -> int:
-    """Judge an estimate against the best possible answer of the graph."""
-    import numpy as np
-
-    from certpgo.certify import certify as judge
-    from certpgo.io import read_estimate, write
+    """Judge an estimate, or many, against the best possible answer of the graph."""
+    from certpgo.certify.judge import Judge
+    from certpgo.harness.batch import Part
     from certpgo.io.format import format_to_write
     from certpgo.problem import problem_of
 
+    if len(estimates) > 1 and csv is None:
+        raise InputError("several estimates need --csv OUT, for a row each")
+    if csv is not None and polish is not None:
+        raise InputError("--polish writes one answer, and does not go with --csv")
     if polish is not None:
         format_to_write(polish, None)  # a wrong suffix is said before the work, not after
-    refuse_overwriting([polish], [graph, estimate, timestamps], reading.data)
+    for out in (polish, csv):
+        refuse_unwritable(out)
+    refuse_overwriting([polish, csv], [graph, *estimates, timestamps], reading.data)
     instance = reading.open(graph)
-    parts = reading.parts(instance)
+    parts = []
+    for connected in reading.parts(instance):
+        problem = problem_of(connected.graph)
+        judge = Judge(problem, tier=tier, rtol=rtol, atol=atol, refine=refine)
+        parts.append(Part(connected, problem, judge))
     if polish is not None and len(parts) > 1:
         raise InputError("--polish writes one answer; choose one with --components largest")
-    given = read_estimate(reading.locate(estimate), instance, timestamps=timestamps)
-    certificates: list[Certificate] = []
-    for part in parts:
-        nodes = np.searchsorted(instance.ids, part.ids)
-        with working(f"certifying {part.name}"):
-            certificates.append(
-                judge(
-                    problem_of(part.graph),
-                    given if part is instance else given.subset(nodes),
-                    tier=tier,
-                    rtol=rtol,
-                    atol=atol,
-                    refine=refine,
-                )
-            )
+    if csv is not None:
+        return _batch(estimates, instance, parts, timestamps, csv, json, reading)
+    path = reading.locate(estimates[0])
+    assessments = _single(path, instance, parts, timestamps, json)
+    if polish is not None:
+        _polish(polish, parts[0], assessments[0])
+    elif any(a.excess > a.certificate.tolerance for a in assessments):
+        notice("--polish OUT writes the better answer")
+    return _verdict.exit_code(a.certificate for a in assessments)
+
+
+def _single(
+    path: Path, instance: Instance, parts: Sequence[Part], timestamps: str, json: bool
+) -> list[Assessment]:
+    from certpgo.io.digits import writing_of
+
+    given = _read(path, instance, parts, timestamps)
+    writing = writing_of(path)
+    assessments = []
+    for part, estimate in zip(parts, given, strict=True):
+        with working(f"certifying {part.instance.name}"):
+            assessments.append(part.assessed(estimate, writing))
         if not json:
             if len(parts) > 1:
-                typer.echo(part.name)
-            _verdict.show(certificates[-1], part.options)
-    if polish is not None:
-        best = certificates[0].better or certificates[0].refined
-        write(polish, best, instance=parts[0])
-        notice(f"the best answer found is in {polish}")
+                typer.echo(part.instance.name)
+            _verdict.show(assessments[-1].certificate, part.instance.options, assessments[-1])
     if json:
         reports = [
-            {"graph": part.name, "options": dict(part.options), **_verdict.as_json(certificate)}
-            for part, certificate in zip(parts, certificates, strict=True)
+            {
+                "graph": part.instance.name,
+                "options": dict(part.instance.options),
+                "judged_by": _verdict.judged_by(part.instance.options),
+                **_verdict.as_json(assessment.certificate),
+                **_verdict.comparison_as_json(assessment),
+            }
+            for part, assessment in zip(parts, assessments, strict=True)
         ]
         document(reports[0] if len(reports) == 1 else reports)
-    return _verdict.exit_code(certificates)
+    return assessments
+
+
+def _batch(
+    names: Sequence[str],
+    instance: Instance,
+    parts: Sequence[Part],
+    timestamps: str,
+    out: Path,
+    json: bool,
+    reading: Reading,
+) -> int:
+    """Judge every estimate, saying on stderr how far this is; the exit code."""
+    from dataclasses import asdict
+
+    from certpgo.harness.batch import judged, write_rows
+
+    rows = []
+    with working("certifying") as status:
+
+        def read(name: str) -> list[Estimate]:
+            status.update(f"certifying {name}")
+            return _read(reading.locate(name), instance, parts, timestamps)
+
+        for row in judged(names, parts, read):
+            rows.append(row)
+            done = len({row.estimate for row in rows})
+            said = row.reason if row.cost is None else f"{row.estimate}: F {row.cost:.8g}"
+            typer.echo(f"{done}/{len(set(names))} {row.verdict} {said}", err=True)
+    write_rows(out, rows)
+    if json:
+        document([asdict(row) for row in rows])
+    return _verdict.weakest(row.verdict for row in rows)
+
+
+def _read(path: Path, instance: Instance, parts: Sequence[Part], timestamps: str) -> list[Estimate]:
+    from certpgo.harness.batch import estimates_for
+
+    with noticing():
+        return estimates_for(path, instance, [part.instance for part in parts], timestamps)
+
+
+def _polish(out: Path, part: Part, assessment: Assessment) -> None:
+    from certpgo.io import write
+
+    with noticing():
+        write(out, assessment.best, instance=part.instance)
+    notice(f"the best answer found is in {out}")

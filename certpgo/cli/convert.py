@@ -9,7 +9,8 @@ from typing import Annotated
 import typer
 
 from certpgo.cli._reading import Reading, takes_reading
-from certpgo.cli._writing import refuse_overwriting
+from certpgo.cli._show import noticing
+from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
 from certpgo.errors import InputError
 
 
@@ -50,6 +51,7 @@ def command(
     from certpgo.io.format import format_of, format_to_write
 
     out = format_to_write(target, format)
+    refuse_unwritable(target)
     refuse_overwriting([target], [source, graph, timestamps], reading.data)
     given = reading.locate(source)
     if not estimate and out.write_graph is not None and format_of(given).read_graph is not None:
@@ -58,12 +60,12 @@ def command(
         write(target, reading.open(source), format=format)
         return
     instance = None if graph is None else reading.open(graph)
-    poses = read_estimate(given, instance, timestamps=timestamps)
-    write(
-        target,
-        poses,
-        instance=instance,
-        format=format,
-        anchor=None if anchor is None else anchor.value,
-        timestamps=timestamps,
-    )
+    with noticing():
+        write(
+            target,
+            read_estimate(given, instance, timestamps=timestamps),
+            instance=instance,
+            format=format,
+            anchor=None if anchor is None else anchor.value,
+            timestamps=timestamps,
+        )

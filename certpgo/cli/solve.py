@@ -11,7 +11,7 @@ import typer
 
 from certpgo.cli import _verdict
 from certpgo.cli._reading import Reading, takes_reading
-from certpgo.cli._show import document, facts, notice, working
+from certpgo.cli._show import document, facts, notice, noticing, working
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
 from certpgo.errors import InputError
 from certpgo.monitor import Iteration, Monitor, TableMonitor
@@ -78,7 +78,8 @@ def command(
     parts = reading.parts(instance)
     targets = _targets(out, parts)
     refuse_overwriting(targets, [graph, initial], reading.data)
-    start = None if initial is None else read_estimate(initial, instance)
+    with noticing():
+        start = None if initial is None else read_estimate(initial, instance)
     solver = None
     if method is not None:
         solver = build(method, parse_settings(method, settings or ()))
@@ -94,7 +95,8 @@ def command(
             else:
                 answer = _by_method(part, method, solver, begin, certify, monitor, status)
         if target is not None:
-            write(target, answer.solution.estimate, instance=part, format=format)
+            with noticing():
+                write(target, answer.solution.estimate, instance=part, format=format)
         answers.append(answer)
         if not json:
             answer.show(part, target)

@@ -20,7 +20,12 @@ _INDEX_BITS = 56
 
 
 def estimate_from_values(
-    values: Any, ids: Sequence[int] | IntArray, d: int, with_translations: bool
+    values: Any,
+    ids: Sequence[int] | IntArray,
+    d: int,
+    with_translations: bool,
+    *,
+    exact: bool = False,
 ) -> tuple[Estimate, str]:
     """The poses, or rotations, of the nodes ``ids``.
 
@@ -33,6 +38,7 @@ def estimate_from_values(
     ids : (n,) node ids, in the order wanted
     d : dimension of space, 2 or 3
     with_translations : whether translations are wanted
+    exact : whether the ids must be keys
 
     Returns
     -------
@@ -45,7 +51,11 @@ def estimate_from_values(
         The keys do not fit the ids, or the values are of another kind.
     """
     elements = _elements(values, d)
-    keys, notice = _keys_of(elements, [int(node) for node in ids])
+    wanted = [int(node) for node in ids]
+    missing = [node for node in wanted if node not in elements]
+    if exact and missing:
+        raise InputError(f"the values hold no {d}D pose or rotation at key {_shown(missing[0])}")
+    keys, notice = _keys_of(elements, wanted)
     matrices = [elements[key] for key in keys]
     if with_translations and any(M.shape == (d, d) for M in matrices):
         raise InputError("the values hold rotations only, but the graph measures translations")

@@ -72,7 +72,7 @@ def test_a_node_without_a_pose_of_its_own(file, instance, times, expected):
 
 def test_one_pose_cannot_serve_two_nodes(file, instance):
     stamps = file("1.0\n1.001\n2.0\n2.5\n3.0\n", "times.txt")
-    with pytest.raises(FormatError, match="no pose of its own within 0.0005 s"):
+    with pytest.raises(FormatError, match=r"no pose of its own within 0\.0005 s"):
         io.read_estimate(file(tum([1.0005, 1.4, 2, 2.5, 3]), "a.tum"), instance, timestamps=stamps)
 
 
