@@ -77,3 +77,14 @@ def test_this_checkout_lists_the_gtsam_baselines_without_importing_gtsam():
     listed = [name for name in registry.solver_names() if name.startswith("gtsam_")]
     assert len(listed) == 6
     assert ("gtsam" in sys.modules) == before
+
+
+def test_competitors_certifiers_are_files_of_a_folder_and_may_import_baselines(checkout):
+    folder = checkout / "baselines" / "certifiers"
+    folder.mkdir()
+    (folder / "some_rule.py").write_text("from .._shared import VALUE\n\nCERTIFIER = VALUE\n")
+    assert registry.certifier_names() == ("some_rule",)
+    assert registry.get_certifier("some_rule") == 7
+    assert "some_rule" not in registry.solver_names()
+    with pytest.raises(SpecError, match="unknown certifier 'some_rul'; did you mean some_rule"):
+        registry.get_certifier("some_rul")

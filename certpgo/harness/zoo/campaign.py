@@ -129,8 +129,12 @@ def _ring(rng: np.random.Generator, d: int = 0, largest: int = 12) -> Made | Non
     winding = int(rng.choice([-1, 1, -2, 2, -3])) if n > 6 else int(rng.choice([-1, 1]))
     if rng.random() < 0.5:
         return made.wound(n, theta, winding, d)
-    kappa = 10.0 ** rng.uniform(0.0, rng.choice([0.3, 1.0, 3.0]), n)
-    return made.wound_weighted(kappa, theta, winding, d)
+    for decades in (3.0, 1.0, 0.5, 0.2):  # the wilder the weights, the rarer are such points
+        kappa = 10.0 ** rng.uniform(0.0, decades, n)
+        found = made.wound_weighted(kappa, theta, winding, d)
+        if found is not None:
+            return found
+    return None
 
 
 def _dressed(plain: Made, rng: np.random.Generator) -> tuple[Problem, Estimate, Estimate]:

@@ -62,7 +62,7 @@ def wound_weighted(kappa: FloatArray, theta: float, winding: int, d: int) -> Mad
     """The same with weights: residuals alpha_e with kappa_e sin(alpha_e) the same for all edges.
 
     They add up to theta + 2 pi k; the point of winding 0 is optimal when they add up to at most pi.
-    None when no residuals below a right angle add up to that much.
+    None when no residuals, at most one of them above a right angle, add up to that much.
     """
     n = len(kappa)
     plain = wound(n, theta, winding, d)
@@ -140,17 +140,34 @@ def joined(a: Made, b: Made, bridge: float | None = None) -> Made:
 
 
 def _balanced(kappa: FloatArray, total: float) -> FloatArray | None:
-    """Angles below pi/2 that add up to ``total``, of equal kappa sin(angle)."""
-    low, high = 0.0, float(kappa.min())
-    if np.arcsin(np.minimum(high / kappa, 1.0)).sum() < abs(total):
-        return None
-    for _ in range(200):
-        middle = 0.5 * (low + high)
-        if np.arcsin(middle / kappa).sum() < abs(total):
-            low = middle
-        else:
-            high = middle
-    return np.asarray(np.sign(total) * np.arcsin(low / kappa))
+    """Angles that add up to ``total``, of equal kappa sin(angle); at most one above pi/2."""
+    weakest = kappa == kappa.min()
+    if weakest.sum() > 1:
+        weakest[:] = False
+
+    def angles(force: float, beyond: bool) -> FloatArray:
+        below = np.arcsin(np.minimum(force / kappa, 1.0))
+        return np.where(weakest & beyond, np.pi - below, below)
+
+    def excess(force: float, beyond: bool) -> float:
+        return float(angles(force, beyond).sum()) - abs(total)
+
+    grid = np.linspace(0.0, kappa.min(), 65)
+    for beyond in (False, True):
+        values = np.array([excess(force, beyond) for force in grid])
+        crossings = np.flatnonzero((values[:-1] < 0.0) != (values[1:] < 0.0))
+        if not len(crossings):
+            continue
+        low, high = grid[crossings[0]], grid[crossings[0] + 1]
+        rises = values[crossings[0]] < 0.0
+        for _ in range(200):
+            middle = 0.5 * (low + high)
+            if (excess(middle, beyond) < 0.0) == rises:
+                low = middle
+            else:
+                high = middle
+        return np.asarray(np.sign(total) * angles(low, beyond))
+    return None
 
 
 def _chained(residuals: FloatArray, d: int) -> FloatArray:

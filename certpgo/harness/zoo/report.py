@@ -117,7 +117,7 @@ def _shares(records: Iterable[Record]) -> list[str]:
     sorts = ", ".join(f"{_percent(counts[f'{k}, instances'], total)} {k}" for k in kinds)
     adverse = _percent(counts["wound-up or loose, instances"], total)
     return [
-        f"Random instances of known optimum: {total:,}, of 3 to 20 nodes. The optimum is known "
+        f"Random instances of known optimum: {total:,}, of 3 to 15 nodes. The optimum is known "
         f"{parts}; {sorts}; {adverse} are wound-up or loose. Half of them have their weights "
         f"multiplied by a power of two between 2^-40 and 2^40. Another "
         f"{counted(counts['set aside'], 'problem{s}')}, whose optimum stays open, were judged for "
