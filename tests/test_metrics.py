@@ -54,6 +54,33 @@ def test_symmetry_is_one_without_noise(seed, d):
     assert metrics.mean_symmetry(graph, Estimate(R, t)) == pytest.approx(1.0, abs=1e-6)
 
 
+@given(seeds, dimensions)
+def test_positions_are_compared_after_the_best_rigid_motion(seed, d):
+    rng = rng_of(seed)
+    _, R, t = pose_graph(rng, 8, d)
+    truth = Estimate(R, t)
+    S, s = so.random(rng, 1, d)[0], 5.0 * rng.standard_normal(d)
+    assert metrics.position_errors(truth.moved(S, s), truth).worst < 1e-12
+    noisy = Estimate(R, t + 0.1 * rng.standard_normal((8, d)))
+    found = metrics.position_errors(noisy, truth)
+    assert 0.0 < found.mean <= found.rmse <= found.worst
+    for _ in range(5):  # no other motion makes the sum of squares smaller
+        turn = so.exp(0.1 * rng.standard_normal((1, so.tangent_dim(d))))[0]
+        moved = noisy.moved(turn, 0.1 * rng.standard_normal(d)).translations
+        other = np.sqrt(np.mean(np.sum((moved - t) ** 2, axis=1)))
+        assert found.rmse <= other * (1.0 + 1e-12)
+
+
+def test_positions_are_not_mirrored_and_may_lie_on_a_line():
+    t = np.random.default_rng(0).standard_normal((10, 3))
+    R = np.tile(np.eye(3), (10, 1, 1))
+    assert metrics.position_errors(Estimate(R, t * [1, 1, -1]), Estimate(R, t)).worst > 0.1
+    line = np.outer(np.arange(10.0), [1.0, 2.0, 3.0])
+    assert metrics.position_errors(Estimate(R, line), Estimate(R, line[:, ::-1])).worst < 1e-12
+    with pytest.raises(InputError, match="9 nodes"):
+        metrics.position_errors(Estimate(R[1:], line[1:]), Estimate(R, line))
+
+
 def test_a_pose_at_the_origin_counts_as_symmetric():
     graph, R, _ = pose_graph(np.random.default_rng(0), 4, 3)
     assert metrics.mean_symmetry(graph, Estimate(R, np.zeros((4, 3)))) == 1.0

@@ -116,7 +116,7 @@ def _comparison(a: Assessment) -> Iterable[tuple[str, str]]:
         said = f"{edge.ids[0]} to {edge.ids[1]}: {100.0 * edge.share:.3g} % of F"
         yield (
             "" if k else "costliest edges",
-            f"{said}, off by {math.degrees(edge.angle):.3g} degrees{metres}",
+            f"{said}, off by {math.degrees(edge.angle):.4g} degrees{metres}",
         )
     if a.rounding is not None:
         digits, cost = a.rounding.digits, a.rounding.cost

@@ -25,7 +25,7 @@ ALL = 15
 #: Numbers below `SMALL` that it takes to tell decimals from significant digits.
 ENOUGH, SMALL = 5, 0.1
 
-_NUMBER = re.compile(rb"[-+]?(\d*)\.?(\d*)(?:[eE]([-+]?\d+))?\Z")
+_NUMBER = re.compile(rb"[-+]?(?=\.?\d)(\d*)\.?(\d*)(?:[eE]([-+]?\d+))?\Z")
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Digits:
         """Numbers (...,) rounded to these digits."""
         if self.decimals:
             return np.asarray(np.round(x, self.count))
-        size = np.abs(np.where(x == 0.0, 1.0, x))
+        size = np.maximum(np.abs(x), 1e-280)  # less is zero
         unit = 10.0 ** (np.floor(np.log10(size)) + 1.0 - self.count)
         return np.asarray(np.round(x / unit) * unit)
 

@@ -55,7 +55,7 @@ def estimate_from_values(
     missing = [node for node in wanted if node not in elements]
     if exact and missing:
         raise InputError(f"the values hold no {d}D pose or rotation at key {_shown(missing[0])}")
-    keys, notice = _keys_of(elements, wanted)
+    keys, notice = (wanted, "") if exact else _keys_of(elements, wanted)
     matrices = [elements[key] for key in keys]
     if with_translations and any(M.shape == (d, d) for M in matrices):
         raise InputError("the values hold rotations only, but the graph measures translations")

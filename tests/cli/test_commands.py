@@ -352,3 +352,97 @@ def test_bench_scale_measures_growth_and_goes_on(certpgo, tmp_path):
     again = certpgo(*arguments, "--out", tmp_path, "--json")
     assert [record["n"] for record in again.json] == [27, 64]
     assert (tmp_path / "scale_grid.jsonl").read_text() == before
+
+
+@pytest.fixture
+def answers(certpgo, square, tmp_path):
+    """The best answer, the same with three decimals, a poor one, and a file that is broken."""
+    best, rounded = tmp_path / "best.g2o", tmp_path / "rounded.g2o"
+    certpgo("solve", square, "-o", best)
+    lines = [line.split() for line in best.read_text().splitlines()]
+    rounded.write_text(
+        "".join(" ".join([*w[:2], *(f"{float(x):.3f}" for x in w[2:])]) + "\n" for w in lines)
+    )
+    broken = tmp_path / "broken.g2o"
+    broken.write_text("VERTEX_SE2 0 0 0 x\n")
+    return best, rounded, square, broken
+
+
+def test_certify_says_how_far_the_best_answer_is_and_where_the_cost_sits(certpgo, answers):
+    _, rounded, square, _ = answers
+    done = certpgo("certify", square, rounded)
+    assert done.code == 3
+    assert "the right basin" in done.out
+    assert "the best possible answer is" in done.out
+    assert "the file's 3 decimals make even the best answer cost" in done.out
+    assert done.out.count("% of F, off by") == 3
+    assert "--polish" in done.err
+    report = certpgo("certify", square, rounded, "--json").json
+    assert report["judged_by"].startswith("F with weights from the file")
+    assert report["best"]["is_optimal"]
+    assert report["best"]["cost"] == report["refined_cost"]
+    assert 0.0 < report["best"]["mean_m"] <= report["best"]["worst_m"] < 1e-2
+    assert report["digits"]["count"] == 3
+    assert 0.1 < report["digits"]["cost"] / report["best"]["excess"] < 10.0
+    assert [set(edge["ids"]) <= {0, 1, 2, 3} for edge in report["costliest_edges"]] == [True] * 4
+
+
+def test_certify_polishes_to_the_better_answer(certpgo, tmp_path):
+    from certpgo.datasets.synthetic import winding_cycle
+
+    instance, wound = winding_cycle(60, 0.0, 1)
+    graph, estimate, best = (tmp_path / name for name in ("cycle.npz", "wound.npz", "best.npz"))
+    package.write(graph, instance)
+    package.write(estimate, wound)
+    done = certpgo("certify", graph, estimate, "--polish", best)
+    assert done.code == 4
+    assert "from where no small change leads to that one" in done.out
+    assert certpgo("certify", graph, best).code == 0
+
+
+def test_many_estimates_make_a_csv(certpgo, answers, tmp_path):
+    best, rounded, square, broken = answers
+    out = tmp_path / "out.csv"
+    done = certpgo("certify", square, best, rounded, broken, "--csv", out, "--json")
+    assert done.code == 3  # the weakest verdict
+    assert [row["verdict"] for row in done.json] == ["CERTIFIED", "BOUNDED", "ERROR"]
+    assert [line.split()[:2] for line in done.err.splitlines()] == [
+        ["1/3", "CERTIFIED"],
+        ["2/3", "BOUNDED"],
+        ["3/3", "ERROR"],
+    ]
+    header, *rows = out.read_text().splitlines()
+    assert len(rows) == 3
+    assert header.startswith("estimate,graph,verdict,cost,lower_bound,gap")
+    assert rows[0].startswith(f"{best},square,CERTIFIED,")
+    assert "broken.g2o:1: numbers expected" in rows[2]
+    assert certpgo("certify", square, best, broken, "--csv", out).code == 1
+    assert certpgo("certify", square, best, "--csv", out).code == 0
+    assert len(out.read_text().splitlines()) == 2
+
+
+def test_an_estimate_of_the_largest_component_alone(certpgo, tmp_path):
+    graph, out = tmp_path / "two.g2o", tmp_path / "out.g2o"
+    lines = [f"EDGE_SE2 {i} {i + 1} 1 0 0.1 1 0 0 1 0 1" for i in (0, 1, 5)]
+    graph.write_text("\n".join(lines) + "\n")
+    assert certpgo("solve", graph, "--components", "largest", "-o", out).code == 0
+    assert certpgo("certify", graph, out, "--components", "largest").code == 0
+    done = certpgo("certify", graph, out, "--components", "each")
+    assert done.code == 1
+    assert "lacks node 5" in done.err
+
+
+def test_what_an_output_has_no_room_for_is_said(certpgo, square, tmp_path):
+    said = "holds rotations only: translations are not written"
+    assert said in certpgo("solve", square, "-o", tmp_path / "a.rots").err
+    assert said in certpgo("convert", square, tmp_path / "b.rots").err
+    assert said in certpgo("certify", square, square, "--polish", tmp_path / "c.rots").err
+    assert said not in certpgo("convert", square, tmp_path / "d.tum").err
+
+
+def test_how_poses_were_matched_is_said(certpgo, square, tmp_path):
+    times = tmp_path / "a.tum"
+    times.write_text("".join(f"{k}.5 {k} 0 0 0 0 0 1\n" for k in range(4)))
+    done = certpgo("certify", square, times)
+    assert done.code == 3
+    assert "matched in ascending order" in done.err

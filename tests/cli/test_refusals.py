@@ -100,6 +100,22 @@ def test_an_unusable_tolerance_or_tier(certpgo, square, option, value):
     fails_in_one_line(certpgo("certify", square, square, option, value))
 
 
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("certify", "g.g2o", "e.g2o", "--polish", "no/such/o.g2o"), "no/such/o.g2o: cannot be"),
+        (("certify", "g.g2o", "e.g2o", "--csv", "no/such/o.csv"), "no/such/o.csv: cannot be"),
+        (("convert", "g.g2o", "no/such/o.g2o"), "no/such/o.g2o: cannot be"),
+        (("certify", "g.g2o", "e.g2o", "--polish", "o.docx"), "o.docx"),
+        (("certify", "g.g2o", "a.g2o", "b.g2o"), "several estimates need --csv"),
+        (("certify", "g.g2o", "e.g2o", "--csv", "o.csv", "--polish", "o.g2o"), "--polish"),
+    ],
+)
+def test_what_cannot_end_well_is_refused_before_anything_is_read(certpgo, arguments, said):
+    # None of the inputs is there, and that is not what is said.
+    fails_in_one_line(certpgo(*arguments), said)
+
+
 def test_a_table_or_method_that_is_unknown(certpgo, square, tmp_path):
     fails_in_one_line(certpgo("reproduce", "moreira2020_table5"), "did you mean")
     done = certpgo("compare", square, "--methods", "eigenma", "--out", tmp_path / "r")
@@ -160,6 +176,7 @@ def test_notices_are_on_stderr_and_stdout_stays_clean(certpgo, tmp_path):
         ("convert", "e.g2o", "g.g2o", "--graph", "g.g2o", "--estimate"),
         ("certify", "g.g2o", "e.g2o", "--polish", "g.g2o"),
         ("certify", "g.g2o", "e.g2o", "--polish", "e.g2o"),
+        ("certify", "g.g2o", "e.g2o", "--csv", "e.g2o"),
     ],
 )
 def test_an_input_is_never_overwritten(certpgo, square, tmp_path, monkeypatch, arguments):

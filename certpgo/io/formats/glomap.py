@@ -50,7 +50,10 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         graph=RotationGraph(len(names), edges, np.swapaxes(R, 1, 2), np.ones(len(edges))),
         ids=numbers[order],
         source=str(path),
-        options={"rotation_information": options.rotation_information or "tangent"},
+        options={
+            "rotation_information": options.rotation_information or "tangent",
+            "weights": "unit",
+        },
         notices=(
             "no weights in the file: kappa = 1",
             "directions of translation are not read",

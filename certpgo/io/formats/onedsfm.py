@@ -58,7 +58,10 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         graph=graph,
         ids=ids,
         source=str(path),
-        options={"rotation_information": options.rotation_information or "tangent"},
+        options={
+            "rotation_information": options.rotation_information or "tangent",
+            "weights": "unit",
+        },
     )
     truth, said = _truth(file, instance)
     return replace(instance, truth=truth, notices=(*notices, *said))
