@@ -11,6 +11,8 @@ from strategies import pose_graph, rng_of, rotation_graph
 pytest.importorskip("flint", reason="python-flint is not installed")
 
 from certpgo import registry
+from certpgo.certify import Verdict
+from certpgo.certify.judge import Judge
 from certpgo.errors import InputError
 from certpgo.estimate import Estimate
 from certpgo.graph import RotationGraph
@@ -59,6 +61,12 @@ def test_ours_is_false_nowhere_in_random_instances(kind):
                 counts, faults = judged(case, judges)
                 assert faults == []
                 tally += counts
+            shared = Judge(cases[0].problem)
+            for case in cases[::-1]:
+                certificate = shared.certify(case.point)
+                assert certificate.lower_bound <= case.truth.upper
+                if certificate.verdict is Verdict.CERTIFIED:
+                    assert not case.is_beaten(case.point)
     assert tally["", "optimal"] + tally["", "not optimal"] >= 5
 
 

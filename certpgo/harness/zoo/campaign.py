@@ -199,7 +199,7 @@ def _noisy(rng: np.random.Generator) -> Posed | None:
 
 
 def _displaced(rng: np.random.Generator) -> Posed | None:
-    """The same, turned a little: points that are not stationary, near the optimum or not."""
+    """The same, moved a little: points that are not stationary, near the optimum or not."""
     drawn = _noisy(rng)
     if drawn is None:
         return None
@@ -208,7 +208,14 @@ def _displaced(rng: np.random.Generator) -> Posed | None:
     for point in points:
         size = 10.0 ** rng.uniform(-9.0, -1.0)
         turns = so.exp(size * rng.standard_normal((problem.n, so.tangent_dim(problem.d))))
-        moved.append(problem.complete(so.project(point.rotations @ turns)))
+        near = problem.complete(so.project(point.rotations @ turns))
+        if near.translations is not None and rng.random() < 0.5:
+            # Far from the origin, where doubles are coarse, or with translations of their own.
+            t = near.translations + 10.0 ** rng.uniform(0.0, 8.0) * np.abs(near.translations).max()
+            if rng.random() < 0.5:
+                t = near.translations * (1.0 + size * rng.standard_normal(t.shape))
+            near = Estimate(near.rotations, t)
+        moved.append(near)
     return problem, moved, truth
 
 
