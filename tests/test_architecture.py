@@ -60,6 +60,7 @@ HOMES = {
     "typer": ("cli/",),
     "rich": ("cli/",),
     "threadpoolctl": ("harness/timing.py",),
+    "flint": ("harness/zoo/oracle.py",),
     "gtsam": (),
 }
 

@@ -8,29 +8,28 @@ from collections.abc import Iterable, Sequence
 from certpgo.harness.records import Record
 from certpgo.harness.render import bar
 from certpgo.harness.zoo.case import Known
-from certpgo.io.wording import counted
 
 OUTCOMES = (
     "certified",
     "false",
-    "false bound",
     "missed",
     "unconfirmed",
     "refused",
     "failed",
     "not installed",
 )
-#: False statements that only ours make.
-OTHERS = ("false refutation", "false basin")
+#: What else may be false, of certifiers that say so much.
+OTHERS = ("false bound", "false refutation", "false basin")
 
 INTRODUCTION = """\
 Every certifier is told a problem and a point and says whether the point is optimal. A certificate
 is **false** when an estimate in hand is better by more than 1e-5 F + 1e-12 W (our tolerance; W is
 the sum of kappa and tau |t_ij|^2), or when the point is no estimate at all; it is **missed** when
 the point is within a tenth of that of the optimum and not certified. A **false bound** is a proven
-lower bound above the cost of an estimate in hand. Costs in hand are enclosed in interval
-arithmetic. Where F* comes from: closed forms; an interval L D L^T of the certificate matrix in
-160-bit balls; branch and bound over the angles of up to four rotations in the plane."""
+lower bound above the cost of an estimate in hand, a **false refutation** one of an optimal point.
+Costs in hand are enclosed in interval arithmetic. F* is known in closed form; or by an interval
+L D L^T of the certificate matrix, in 160-bit balls; or by branch and bound over the angles of up to
+four rotations in the plane."""
 
 NOTES = """\
 certpgo is asked twice: as it comes (it descends, takes the bound from there and from a second
@@ -52,13 +51,17 @@ proves nor disproves."""
 
 def markdown(records: Sequence[Record]) -> str:
     """The report: totals, the random instances and where their truth is from, family by family."""
-    lines = ["# The zoo: adversarial points for certifiers", "", INTRODUCTION, "", "## Totals", ""]
-    lines += _table(*totals(records))
-    lines += ["", *_shares(records), "", "## Family by family", ""]
+    lines = ["# The zoo: adversarial points for certifiers", "", INTRODUCTION, ""]
+    named = [record for record in records if record.seed is None]
+    drawn = [record for record in records if record.seed is not None]
+    for title, group in (("Named families", named), ("Random instances", drawn)):
+        if group:
+            lines += [f"## {title}", "", *_shares(group), "", *_table(*totals(group)), ""]
+    lines += ["## Family by family", ""]
     lines += [f"Cells: certified / false / missed; {NOTHING} where it judged nothing.", ""]
     lines += _table(*families(records))
     lines += ["", NOTES, ""]
-    false = [f"- {record.note}" for record in records if record.note]
+    false = [f"- {record.row}: {record.note}" for record in records if record.note]
     if false:
         lines += ["## False statements of certpgo", "", *false, ""]
     if records:
@@ -70,16 +73,15 @@ def markdown(records: Sequence[Record]) -> str:
 NOTHING = "–"  # noqa: RUF001 - a dash in a cell
 
 
-def totals(records: Iterable[Record]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def totals(records: Sequence[Record]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Header and rows: each certifier's outcomes over everything."""
-    records = list(records)
     counts = _sum(records)
-    header = ("certifier", "points", *OUTCOMES[:2], "false bound etc.", *OUTCOMES[3:])
+    header = ("certifier", *OUTCOMES[:2], "false bounds, refutations", *OUTCOMES[2:])
     rows = []
     for name in certifiers(records):
-        own = [counts[f"{name}: {outcome}"] for outcome in OUTCOMES]
-        own[2] += sum(counts[f"{name}: {outcome}"] for outcome in OTHERS)
-        rows.append((name, f"{counts['points']:,}", *(f"{number:,}" for number in own)))
+        own = [f"{counts[f'{name}: {outcome}']:,}" for outcome in OUTCOMES]
+        other = f"{sum(counts[f'{name}: {outcome}'] for outcome in OTHERS):,}"
+        rows.append((name, *own[:2], other if name.startswith("certpgo") else NOTHING, *own[2:]))
     return header, rows
 
 
@@ -106,22 +108,24 @@ def certifiers(records: Sequence[Record]) -> list[str]:
 
 
 def _shares(records: Iterable[Record]) -> list[str]:
-    """What the random instances are, in sentences."""
+    """What the points are, in sentences."""
     counts = _sum(records)
+    points, optimal, not_optimal = (counts[k] for k in ("points", "optimal", "not optimal"))
+    said = f"{points:,} points, {optimal:,} of them optimal and {not_optimal:,} not."
     total = counts["instances"]
     if not total:
-        return []
+        return [said]
     known = [k.value for k in Known if counts[f"{k.value}, instances"]]
     parts = ", ".join(f"{_percent(counts[f'{k}, instances'], total)} by {k}" for k in known)
     kinds = [f"{d}D {what}" for d in (2, 3) for what in ("rotations", "poses")]
     sorts = ", ".join(f"{_percent(counts[f'{k}, instances'], total)} {k}" for k in kinds)
     adverse = _percent(counts["wound-up or loose, instances"], total)
     return [
-        f"Random instances of known optimum: {total:,}, of 3 to 15 nodes. The optimum is known "
+        f"{total:,} instances of known optimum, of 3 to 15 nodes, with {said} The optimum is known "
         f"{parts}; {sorts}; {adverse} are wound-up or loose. Half of them have their weights "
-        f"multiplied by a power of two between 2^-40 and 2^40. Another "
-        f"{counted(counts['set aside'], 'problem{s}')}, whose optimum stays open, were judged for "
-        "what can be seen to be false all the same."
+        "multiplied by a power of two between 2^-40 and 2^40. Another "
+        f"{counts['set aside']:,} problems, whose optimum stays open, were judged for what can be "
+        "seen to be false all the same."
     ]
 
 
@@ -130,7 +134,7 @@ def _percent(part: int, total: int) -> str:
 
 
 def _cell(counts: Counter[str], name: str) -> str:
-    yes, false, missed = (counts[f"{name}: {outcome}"] for outcome in (*OUTCOMES[:2], "missed"))
+    yes, false, missed = (counts[f"{name}: {outcome}"] for outcome in OUTCOMES[:3])
     if not yes and not counts[f"{name}: not certified"] and not counts[f"{name}: failed"]:
         return NOTHING
     return f"{yes} / {f'**{false}**' if false else 0} / {missed}"
