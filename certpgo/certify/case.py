@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from certpgo.certify import rounding
 from certpgo.certify.bounds import Bounds
 from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound, dual_bound
-from certpgo.certify.rounding import cost_upper
+from certpgo.certify.proof import exact_cost, proven_bound
 from certpgo.errors import InputError, NumericalError, SpecError
 from certpgo.estimate import Estimate
 from certpgo.linalg import factor
@@ -106,14 +107,26 @@ class Case:
                 settled = solution.status is Status.CONVERGED or (
                     solution.status is Status.STALLED and problem.stationarity(point) < SETTLED
                 )
-            cost = cost_upper(problem, point)
+            cost = self.cost_upper(point)
             enough = cost - self.tolerance(cost)
             if known is not None and known.value >= enough:
                 return Basin(point, cost, settled, known.bound)
-            bound = dual_bound(problem, point, rounding=self.rigorous, enough=enough)
+            bound = self.bound(point, enough)
         except (NumericalError, np.linalg.LinAlgError):
-            return Basin(start, cost_upper(problem, start), False, None)
+            return Basin(start, self.cost_upper(start), False, None)
         return Basin(point, cost, settled, bound)
+
+    def bound(self, point: Estimate, enough: float) -> DualBound | None:
+        """What the multipliers of a settled point prove, at this tier."""
+        if self.tier is not Tier.PROOF:
+            return dual_bound(self.problem, point, rounding=self.rigorous, enough=enough)
+        bound = dual_bound(self.problem, point)
+        return None if bound is None else proven_bound(self.problem, point, bound)
+
+    def cost_upper(self, estimate: Estimate) -> float:
+        """F of the estimate, rounded up."""
+        upper = exact_cost if self.tier is Tier.PROOF else rounding.cost_upper
+        return upper(self.problem, estimate)
 
     def certificate(
         self,
@@ -124,7 +137,7 @@ class Case:
     ) -> Certificate:
         """The verdict on an estimate, given its own basin and perhaps another's."""
         problem = self.problem
-        cost = own.cost if estimate is own.point else cost_upper(problem, estimate)
+        cost = own.cost if estimate is own.point else self.cost_upper(estimate)
         tolerance = self.tolerance(cost)
         best = other if other is not None and other.value > own.value else own
         gap = cost - best.value
@@ -212,8 +225,7 @@ def _reason(c: Certificate) -> str:
     if c.tier is Tier.SCREEN:
         floor = f"not proven at this tier, but likely: {floor}"
     yours = f"yours costs {c.cost:.10g}"
-    improved = f"{yours} and, improved, {c.refined_cost:.10g}"
-    lower = c.refined_cost < c.cost - c.tolerance
+    improved = f"and, improved, {c.refined_cost:.10g}"
     if c.verdict is Verdict.CERTIFIED:
         within = f"{floor}; {yours}, within {c.gap:.2g} of the best possible"
         if c.gap <= c.rtol * c.cost:
@@ -221,16 +233,16 @@ def _reason(c: Certificate) -> str:
         return f"{within}, which is rounding beside the weights of its terms, {c.scale:.2g} in all"
     if c.better_cost is not None:
         return (
-            f"another estimate costs {c.better_cost:.10g}; {improved if lower else yours}, and "
-            f"improving it step by step does not lead there; {floor}"
+            f"another estimate costs {c.better_cost:.10g}; {yours} {improved}, from where no small "
+            f"change leads to that one; {floor}"
         )
     if c.verdict is Verdict.UNDECIDED:
         return f"{yours}, and no lower bound above zero, to compare it with, could be proven"
     if c.basin_is_global:
         return (
-            f"{floor}; {improved}, the best possible: yours is in the right basin, but not "
+            f"{floor}; {yours} {improved}, the best possible: yours is in the right basin, but not "
             "at its lowest point"
         )
-    if lower:
-        return f"{floor}; {improved}: the best possible is no more than that"
+    if c.refined_cost < c.cost - c.tolerance:
+        return f"{floor}; {yours} {improved}: the best possible is no more than that"
     return f"{floor}; {yours}, at most {c.gap:.3g} above the best possible"

@@ -24,11 +24,14 @@ class Tier(Enum):
     """What a certificate trusts, besides the mathematics.
 
     ``SCREEN`` trusts a factorization as it is and never yields CERTIFIED; ``STANDARD`` bounds its
-    rounding, trusting the factorization and BLAS to keep the usual componentwise error bound.
+    rounding, trusting the factorization and BLAS to keep the usual componentwise error bound;
+    ``PROOF`` measures what a factorization leaves over, as `certpgo.checker` does, and trusts IEEE
+    754 arithmetic, Python, and NumPy's sums of products.
     """
 
     SCREEN = "screen"
     STANDARD = "standard"
+    PROOF = "proof"
 
 
 @dataclass(frozen=True, eq=False)

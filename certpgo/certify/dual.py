@@ -19,6 +19,7 @@ import numpy as np
 
 from certpgo.certify.residual import measured_residual
 from certpgo.certify.rounding import U, rotation_defect
+from certpgo.certify.shifted import Shifted
 from certpgo.lift import Point
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal, pinned, scatter_sum
@@ -103,26 +104,16 @@ class _Attempts:
         self, problem: Problem, point: Point, rounding: bool, enough: float, sharp: bool
     ) -> None:
         self.problem, self.rounding, self.enough, self.sharp = problem, rounding, enough, sharp
-        self.multipliers = problem.multipliers(point)
-        self.blocks = point.rotations
-        size = problem.matrix.shape[0]
-        self.b = size // problem.n
-        self.is_rotation = np.arange(size) % self.b >= self.b - problem.d
-        self.weights = np.ones(size)
-        if isinstance(problem, PoseProblem) and point.translations is not None:
-            pin = _most_central(point.translations)
-            self.arms = point.translations - point.translations[pin]
-            rms = float(np.sqrt(np.mean(np.sum(self.arms**2, axis=1))))
-            self.weights[~self.is_rotation] = 2.0 ** round(math.log2(rms)) if rms > 0.0 else 1.0
-            self.pin: int | None = pin * self.b
-        else:
-            self.arms, self.pin = np.zeros(point.rotations.shape[:2]), None
+        self.shifted = Shifted.of(problem, point)
+        self.is_rotation, self.weights = self.shifted.is_rotation, self.shifted.weights
+        self.b = len(self.weights) // problem.n
+        self.pin = None if self.shifted.pin is None else self.shifted.pin * self.b
         self.symbolic = problem.symbolic(problem.matrix)
         self.cost = problem.cost(point)
         self.factorizations = self.nonzeros = 0
-        self.unit = U * float(problem.matrix.diagonal()[self.is_rotation].mean())
+        self.unit = self.shifted.unit
         # What is taken off the translations' diagonal beforehand.
-        self.guess = np.zeros(size)
+        self.guess = np.zeros(len(self.weights))
         if isinstance(problem, PoseProblem) and self.pin is not None and rounding:
             self.guess = np.where(self.is_rotation, 0.0, self.foretold(problem))
             self.guess[self.pin] = 0.0
@@ -170,7 +161,7 @@ class _Attempts:
         """The bound with ``shift`` on the rotations, enlarged by what rounding demands."""
         demand, best, generosity, measure = self.guess, None, MARGIN, False
         for _ in range(CONFIRMATIONS):
-            reduced = self.reduced(shift, generosity * self.gauge_shift(demand))
+            reduced = self.shifted.less(shift, generosity * demand)
             factor = self.factor(reduced, demand)
             if factor is None:
                 if demand is self.guess:
@@ -201,22 +192,6 @@ class _Attempts:
         missing, allowed = self.cost - bound.value, self.cost - self.enough
         explained = self.rounding and shift <= LARGEST_ROUNDING * self.unit
         return explained and missing <= MEASURING_GAIN * allowed and bound.nonzeros <= SLAB
-
-    def gauge_shift(self, demand: FloatArray) -> FloatArray:
-        """(r, r) shift, in the world frame, with which the gauge bears ``demand``.
-
-        The null vectors are (Y_i^T u, arm_i u) for world directions u.
-        """
-        if self.pin is None:
-            return np.zeros((self.arms.shape[1],) * 2)
-        weighted = demand[~self.is_rotation, None] * self.arms
-        return np.asarray(self.arms.T @ weighted / self.problem.n)
-
-    def reduced(self, shift: float, gauge: FloatArray) -> FloatArray:
-        """Lam', the multipliers less a shift: the stored numbers are what is proven about."""
-        turned = np.swapaxes(self.blocks, 1, 2) @ gauge @ self.blocks
-        reduced = self.multipliers - 0.5 * (turned + np.swapaxes(turned, 1, 2))
-        return np.asarray(reduced - shift * np.eye(self.problem.d))
 
     def factor(self, multipliers: FloatArray, demand: FloatArray) -> Factor | None:
         """The factor of the certificate matrix, its translations' diagonal less ``demand``."""
@@ -270,7 +245,7 @@ class _Attempts:
         diagonal = multipliers[:, rows, rows] - reduction[self.is_rotation].reshape(-1, d)
         proven[:, rows, rows] = diagonal = np.nextafter(diagonal, -np.inf)
         value = math.nextafter(math.fsum(diagonal.ravel()), -math.inf)
-        taken = self.multipliers[:, rows, rows] - diagonal
+        taken = self.shifted.multipliers[:, rows, rows] - diagonal
         return DualBound(value, proven, float(taken.max()), self.factorizations, self.nonzeros)
 
 
@@ -296,11 +271,6 @@ def _slabs(L: CSC) -> Iterator[CSC]:
                 (np.abs(L.data[part]), L.indices[part], pointers), shape=(L.shape[0], last - first)
             )
         first = last
-
-
-def _most_central(t: FloatArray) -> int:
-    """The pose nearest the centroid: pinning it makes the gauge cheapest."""
-    return int(np.argmin(np.linalg.norm(t - t.mean(axis=0), axis=1)))
 
 
 def _assembly_radii(

@@ -30,7 +30,8 @@ def certify(
 
     Parameters
     ----------
-    tier : ``"standard"``, or ``"screen"``, which never yields CERTIFIED
+    tier : ``"standard"``, ``"proof"``, which trusts no factorization, or ``"screen"``, which never
+        yields CERTIFIED
     rtol, atol : CERTIFIED means gap <= rtol F + atol W
     refine : False takes the bound from the estimate's own multipliers, and tries nothing else
 

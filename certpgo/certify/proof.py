@@ -1,0 +1,202 @@
+"""Bounds that trust no factorization: what the checker needs to repeat them, found with its help.
+
+The checker measures the residual of a factorization of its own. What a row of that residual asks
+for is taken off the multipliers (rotations) or off the diagonal before factorizing (translations,
+for which the rotations pay through the gauge), with a margin, until the checker is content.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from certpgo import checker
+from certpgo.certify.dual import DualBound
+from certpgo.certify.shifted import Shifted
+from certpgo.estimate import Estimate
+from certpgo.io import quaternion
+from certpgo.linalg.arrays import BoolArray, FloatArray
+from certpgo.problem import PoseProblem, Problem
+
+#: First shift tried, in units of rounding of the mean diagonal (of poses, this much more); then
+#: this much more each time.
+FIRST_SHIFT, GROWTH = 4.0, 4.0
+#: Shifts tried, before the multipliers are taken as they are.
+SHIFTS = 5
+#: How much more is taken off than a residual's row asked for: that, and units of rounding.
+MARGIN, UNITS = 2.0, 4.0
+#: How much more than it asks for a row must get, for other machines round otherwise.
+SAFETY = 1.2
+#: Rounds of giving more to the rows that got too little.
+ROUNDS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Witness:
+    """What repeats the proof of a lower bound, besides the multipliers; none of it is trusted.
+
+    Attributes
+    ----------
+    order : (n,) in which nodes are eliminated
+    delta : (N,) taken off the diagonal of the equilibrated certificate matrix before factorizing
+    pin : the pose whose translation is left out; 0 for rotations alone
+    exponent : of two, the weights of translations where row sums are compared
+    """
+
+    order: checker.Ints
+    delta: FloatArray
+    pin: int
+    exponent: int
+
+
+def prove(
+    problem: Problem, graph: checker.Graph, point: Estimate, fallback: FloatArray
+) -> tuple[FloatArray, Witness] | None:
+    """Multipliers Lam' (n, d, d), and a witness that F* >= tr(Lam'); None where that fails.
+
+    Parameters
+    ----------
+    graph : the problem's measurements, to the last bit
+    point : near-stationary, with translations optimal for its rotations
+    fallback : multipliers that do, less exactly; another point's, where the relaxation is loose
+    """
+    with _one_thread():
+        prover = _Prover(problem, graph, point)
+        shift = FIRST_SHIFT * prover.shifted.unit * (1.0 if prover.shifted.pin is None else GROWTH)
+        for _ in range(SHIFTS):
+            found = prover.attempt(shift)
+            if found is not None:
+                return found
+            shift *= GROWTH
+        return prover.settle(fallback, np.zeros(prover.size))
+
+
+def proven_bound(problem: Problem, point: Estimate, bound: DualBound) -> DualBound | None:
+    """A bound of the standard tier, proven without trust in a factorization; None if that fails."""
+    found = prove(problem, exact_graph(problem), point, bound.multipliers)
+    if found is None:
+        return None
+    diagonal = np.einsum("naa->na", found[0])
+    value = math.nextafter(math.fsum(diagonal.ravel()), -math.inf)
+    taken = np.einsum("naa->na", problem.multipliers(point)) - diagonal
+    return replace(bound, value=value, multipliers=found[0], shift=float(taken.max()))
+
+
+def exact_cost(problem: Problem, estimate: Estimate) -> float:
+    """F of the estimate, rounded up; infinite beyond the range of doubles."""
+    try:
+        t = estimate.translations if isinstance(problem, PoseProblem) else None
+        return checker.upper_bound(exact_graph(problem), quaternions(estimate.rotations), t)
+    except (checker.Refused, OverflowError):
+        return math.inf
+
+
+class _Prover:
+    """Residuals of one certificate matrix under different shifts; demands are in units of A."""
+
+    def __init__(self, problem: Problem, graph: checker.Graph, point: Estimate) -> None:
+        self.problem, self.graph, self.point = problem, graph, point
+        self.shifted = Shifted.of(problem, point)
+        self.size = len(self.shifted.weights)
+        free = self.shifted.weights[~self.shifted.is_rotation]
+        self.exponent = int(math.log2(free[0])) if len(free) else 0
+
+    def attempt(self, shift: float) -> tuple[FloatArray, Witness] | None:
+        """A proof with ``shift`` on the rotations and what the translations ask for."""
+        still = np.zeros(self.size)
+        first = self.residual(self.shifted.less(shift, still), still)
+        if first is None:
+            return None
+        return self.settle(self.shifted.less(shift, SAFETY * first.wanted), first.wanted)
+
+    def settle(
+        self, multipliers: FloatArray, asked: FloatArray
+    ) -> tuple[FloatArray, Witness] | None:
+        """The multipliers less what their rotations ask for, once every row has enough."""
+        for _ in range(ROUNDS):
+            less = self.without(multipliers, asked)
+            found = self.residual(less, asked)
+            if found is None:
+                return None
+            if found.enough.all():
+                return less, found.witness
+            asked = np.where(found.enough, asked, np.maximum(2.0 * asked, found.wanted))
+        return None
+
+    def without(self, multipliers: FloatArray, asked: FloatArray) -> FloatArray:
+        """The multipliers, their diagonals less what is asked of rotations."""
+        less, rows = multipliers.copy(), np.arange(self.problem.d)
+        less[:, rows, rows] -= asked[self.shifted.is_rotation].reshape(-1, self.problem.d)
+        return less
+
+    def residual(self, multipliers: FloatArray, asked: FloatArray) -> _Found | None:
+        """What the checker finds when ``asked`` (N,) is taken off before factorizing."""
+        pin, order = self.shifted.pin or 0, self.problem.order.astype(np.intp)
+        blank = Witness(order, np.zeros(self.size), pin, self.exponent)
+        blocks = checker.certificate_matrix(self.graph, proof_of(self.point, multipliers, blank))
+        normal = math.frexp(float(self.graph.kappa.max()))[1]
+        scale = np.ldexp(1.0, 2 * blocks.scales.ravel() - normal)  # of A's diagonal
+        delta = (asked * scale).astype(np.float32).astype(np.float64)
+        left = checker.residual(blocks, order, delta)
+        if left is None:
+            return None
+        short = left.needed - (left.diagonal - delta)
+        wanted = (MARGIN * np.maximum(short, 0.0) + UNITS * checker.U) / scale
+        enough = left.diagonal >= SAFETY * left.needed
+        return _Found(enough, wanted, replace(blank, delta=delta))
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """Which rows have enough (N,), what they want (N,) in units of A, and what was tried."""
+
+    enough: BoolArray
+    wanted: FloatArray
+    witness: Witness
+
+
+def exact_graph(problem: Problem) -> checker.Graph:
+    """The problem's measurements as the checker takes them, rotations as quaternions."""
+    graph = problem.rotation.graph
+    (i, j), m = graph.edges.T.astype(np.intp), graph.num_edges
+    t, tau = np.zeros((m, graph.d)), np.ones(m)
+    if isinstance(problem, PoseProblem):
+        t, tau = problem.graph.translations, problem.graph.tau
+    return checker.Graph(graph.num_nodes, i, j, quaternions(graph.rotations), t, graph.kappa, tau)
+
+
+def quaternions(R: FloatArray) -> FloatArray:
+    """Unit quaternions (k, 4) of rotations (k, 3, 3), half-angle pairs (k, 2) of (k, 2, 2)."""
+    q = quaternion.to_write(R)
+    return q if R.shape[-1] == 3 else q[:, [3, 2]]
+
+
+def proof_of(point: Estimate, multipliers: FloatArray, witness: Witness) -> checker.Proof:
+    """A proof as the checker takes it."""
+    rows, columns = np.triu_indices(point.d)
+    return checker.Proof(
+        quaternions(point.rotations),
+        point.translations,
+        multipliers[:, rows, columns],
+        witness.order,
+        witness.delta,
+        witness.pin,
+        witness.exponent,
+    )
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """For the checker's many small products, threads cost more than they save."""
+    if importlib.util.find_spec("threadpoolctl") is None:
+        yield
+        return
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(limits=1):
+        yield

@@ -1,0 +1,176 @@
+"""Proof files: what a certificate says of a graph file, for `certpgo.checker` to check.
+
+An .npz archive without pickles. Its layout, version 1, with b = d for rotations alone and d + 1 for
+poses; nodes are those that edges name, by ascending id:
+
+    claim         JSON as bytes: what is claimed of which file, and how that is read (see `_claim`)
+    rotations     (n, 4) quaternions x y z w of any norm, or (n, 2) half-angle pairs cos sin
+    translations  (n, d); absent for rotations alone
+    multipliers   (n, d (d + 1) / 2) upper triangles of Lam', row by row
+    order         (n,) int32, in which nodes are eliminated
+    delta         (n b,) float32, taken off the equilibrated diagonal before factorizing
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from certpgo import checker
+from certpgo.certify.case import Case
+from certpgo.certify.certificate import Certificate, Tier
+from certpgo.certify.proof import Witness, proof_of, prove
+from certpgo.errors import FormatError, InputError, NumericalError
+from certpgo.estimate import Estimate
+from certpgo.graph import Instance, PoseGraph
+from certpgo.io.format import format_of
+from certpgo.io.writing import atomically
+from certpgo.linalg.arrays import FloatArray
+from certpgo.problem import problem_of
+
+#: Formats that the checker reads.
+FORMATS = ("g2o", "1dsfm")
+
+
+def write_proof(
+    path: str | Path,
+    source: str | Path,
+    instance: Instance,
+    estimate: Estimate,
+    certificate: Certificate,
+) -> checker.Answer:
+    """Write the proof that an estimate of a graph file is as good as its certificate says.
+
+    It is about the numbers in the file, to the last bit. It appears once the checker has accepted
+    it.
+
+    Parameters
+    ----------
+    path : of the proof
+    source : the g2o or 1DSfM file (or folder) that the instance was read from
+    instance : all of it, connected
+    estimate : what the upper bound is about
+    certificate : of that estimate, or another of the same graph
+
+    Returns
+    -------
+    The bounds that the checker found.
+
+    Raises
+    ------
+    InputError
+        The source is of another format, or the instance is only a part of it.
+    NumericalError
+        There is no proof, or the checker refuses it.
+    """
+    source = provable(source)
+    claim, graph = _claim(source, instance)
+    multipliers, witness = _evidence(instance, graph, certificate)
+    claim |= {"pin": witness.pin, "exponent": witness.exponent}
+    arrays = _arrays(proof_of(estimate, multipliers, witness))
+    found: list[checker.Answer] = []
+
+    def accepted(beside: Path) -> None:
+        header = np.frombuffer(json.dumps(claim).encode(), dtype=np.uint8)
+        with beside.open("wb") as file:
+            np.savez(file, claim=header, **arrays)
+        try:
+            found.append(checker.check(source, beside))
+        except (checker.Refused, checker.Unreadable) as reason:
+            raise NumericalError(f"the checker does not accept the proof: {reason}") from None
+
+    atomically(Path(path), accepted)
+    return found[0]
+
+
+def provable(source: str | Path) -> Path:
+    """The file that a proof can be about.
+
+    Raises
+    ------
+    InputError
+        It is of a format that the checker does not read.
+    """
+    path = Path(source)
+    form = format_of(path).name
+    if form not in FORMATS:
+        raise InputError(
+            f"{path}: a proof is about a g2o or 1DSfM file, not {form}; "
+            "convert it first (certpgo convert)"
+        )
+    return path
+
+
+def _claim(source: Path, instance: Instance) -> tuple[dict[str, Any], checker.Graph]:
+    """What the proof is about: hashes, kind and reading options; and what the checker reads."""
+    file = source / "EGs.txt" if source.is_dir() else source
+    component = file.with_name("cc.txt")
+    restricted = file.name == "EGs.txt" and component.is_file()
+    kappa, tau = _overridden(instance.options.get("weights", "file"))
+    claim = {
+        "format": "certpgo proof",
+        "version": 1,
+        "graph_sha256": _sha256(file),
+        "component_sha256": _sha256(component) if restricted else None,
+        "kind": "poses" if isinstance(instance.graph, PoseGraph) else "rotations",
+        "d": instance.graph.d,
+        "keep": instance.options.get("keep", "all"),
+        "rotation_information": instance.options.get("rotation_information", "tangent"),
+        "kappa": kappa,
+        "tau": tau,
+    }
+    members = component.read_bytes() if restricted else None
+    try:
+        graph = checker.read_graph(file.read_bytes(), claim, members)
+    except checker.Unreadable as error:
+        raise FormatError(file, None, f"the checker cannot read it: {error}") from None
+    if graph.n != instance.graph.num_nodes:
+        raise InputError(
+            f"a proof is about a whole file: {source} connects {graph.n} nodes, "
+            f"the graph has {instance.graph.num_nodes}; write that part to a file of its own"
+        )
+    return claim, graph
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _overridden(weights: str) -> tuple[float | None, float | None]:
+    """Kappa and tau of a reading option ``weights``; None where the file's count."""
+    if weights in ("file", "unit"):
+        return (None, None) if weights == "file" else (1.0, 1.0)
+    said = dict(part.split("=") for part in weights.split(","))
+    kappa, tau = (None if said[k] == "file" else float(said[k]) for k in ("kappa", "tau"))
+    return kappa, tau
+
+
+def _evidence(
+    instance: Instance, graph: checker.Graph, certificate: Certificate
+) -> tuple[FloatArray, Witness]:
+    """Multipliers that prove a bound on the file's own numbers, and how."""
+    if certificate.multipliers is None:
+        raise NumericalError(f"there is no lower bound to prove: {certificate.reason}")
+    case = Case.of(problem_of(instance.graph), Tier.PROOF, certificate.rtol, certificate.atol)
+    graph = graph._replace(kappa=graph.kappa / case.unit, tau=graph.tau / case.unit)
+    point = case.problem.complete(certificate.refined.rotations)
+    found = prove(case.problem, graph, point, certificate.multipliers / case.unit)
+    if found is None:
+        raise NumericalError("the lower bound cannot be proven without trusting a factorization")
+    return case.unit * found[0], found[1]
+
+
+def _arrays(proof: checker.Proof) -> dict[str, Any]:
+    arrays = {
+        "rotations": proof.q,
+        "multipliers": proof.multipliers,
+        "order": proof.order.astype("<i4"),
+        "delta": proof.delta.astype("<f4"),
+    }
+    if proof.t is not None:
+        arrays["translations"] = proof.t
+    return arrays

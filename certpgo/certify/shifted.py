@@ -1,0 +1,75 @@
+"""A point's multipliers less a shift, and who bears what rounding asks of the translations."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from certpgo.certify.rounding import U
+from certpgo.lift import Point
+from certpgo.linalg.arrays import BoolArray, FloatArray
+from certpgo.problem import PoseProblem, Problem
+
+
+@dataclass(frozen=True, eq=False)
+class Shifted:
+    """The family Lam' = Lam - shift of multipliers, for one point.
+
+    Attributes
+    ----------
+    multipliers : (n, d, d) Lam
+    blocks : (n, r, d) the point's rotations
+    arms : (n, r) translations from the pinned pose; zeros for rotations alone
+    pin : the pose whose translation is left out, the most central one; None for rotations alone
+    is_rotation : (N,) which rows of the certificate matrix belong to rotations
+    weights : (N,) in which its row sums are compared: translations count by a typical arm
+    unit : the unit of rounding of a typical diagonal entry
+    """
+
+    multipliers: FloatArray
+    blocks: FloatArray
+    arms: FloatArray
+    pin: int | None
+    is_rotation: BoolArray
+    weights: FloatArray
+    unit: float
+
+    @staticmethod
+    def of(problem: Problem, point: Point) -> Shifted:
+        """The family of a point of any rank."""
+        size = problem.matrix.shape[0]
+        b = size // problem.n
+        is_rotation = np.arange(size) % b >= b - problem.d
+        arms, pin, weights = np.zeros(point.rotations.shape[:2]), None, np.ones(size)
+        if isinstance(problem, PoseProblem) and point.translations is not None:
+            t = point.translations
+            # The pose nearest the centroid makes the gauge cheapest.
+            pin = int(np.argmin(np.linalg.norm(t - t.mean(axis=0), axis=1)))
+            arms = t - t[pin]
+            weights[~is_rotation] = 2.0 ** _exponent(arms)
+        unit = U * float(problem.matrix.diagonal()[is_rotation].mean())
+        multipliers = problem.multipliers(point)
+        return Shifted(multipliers, point.rotations, arms, pin, is_rotation, weights, unit)
+
+    def less(self, shift: float, demand: FloatArray) -> FloatArray:
+        """(n, d, d) Lam less ``shift``, and less what ``demand`` (N,) on translations costs.
+
+        The null vectors of the certificate matrix are (Y_i^T u, arm_i u) for world directions u:
+        in each, the shift of all rotations makes up for the demand of all translations.
+        """
+        d = self.multipliers.shape[1]
+        shifts = shift * np.eye(d)
+        if self.pin is None:
+            return np.asarray(self.multipliers - shifts)
+        weighted = demand[~self.is_rotation, None] * self.arms
+        gauge = self.arms.T @ weighted / len(self.arms)
+        turned = np.swapaxes(self.blocks, 1, 2) @ gauge @ self.blocks
+        return np.asarray(self.multipliers - 0.5 * (turned + np.swapaxes(turned, 1, 2)) - shifts)
+
+
+def _exponent(arms: FloatArray) -> int:
+    """Of the power of two nearest to the root mean square of the arms."""
+    rms = float(np.sqrt(np.mean(np.sum(arms**2, axis=1))))
+    return round(math.log2(rms)) if rms > 0.0 else 0

@@ -1,0 +1,757 @@
+"""Checks proofs that a pose graph, or a graph of rotations, has no much better answer.
+
+    python checker.py GRAPH PROOF
+
+needs this file, Python and NumPy, nothing else. GRAPH is g2o or 1DSfM text; PROOF holds an estimate
+x and numbers Lam, both untrusted. The answer is ``PROVED: F(x) <= ..., F* >= ...`` or one line that
+says why not. Here F(R, t) = sum kappa |R_j - R_i R_ij|^2 + sum tau |t_j - t_i - R_i t_ij|^2, its
+second sum absent for rotations alone, and F* is its smallest value over rotations R and points t.
+
+What is trusted: IEEE 754 doubles rounded to nearest, Python, and that NumPy's matrix product adds
+up products in some order (where it matters to the last bit they are integers below 2^53). The
+Cholesky factors are not trusted. Why the answer follows is written out, line by line, in
+docs/checker.md.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import re
+import sys
+from collections.abc import Iterator
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+if "numpy" not in sys.modules:  # for small matrices, threads cost more than they save
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.intp]
+
+U = 2.0**-53  # unit of rounding
+SPARE = 1.0 + 2.0**-20  # more than the rounding of any sum of fewer than 2^30 positive numbers
+BITS = 25  # after the point, in the high parts of factors
+ATTEMPTS = 3  # at a factorization whose residual is small enough
+
+
+class Refused(Exception):  # noqa: N818
+    """The proof does not prove anything, and why."""
+
+
+class Unreadable(Exception):  # noqa: N818
+    """The graph or the proof is no file that this program reads, and why."""
+
+
+# --- Numbers --------------------------------------------------------------------------------------
+
+
+def integers(x: Array) -> tuple[Any, int]:
+    """Python integers N and an exponent e with x = N 2^-e exactly."""
+    if not np.isfinite(x).all():
+        raise Refused("a number is not finite")
+    mantissa, exponent = np.frexp(x)
+    lowest = int(exponent[x != 0.0].min(initial=53))
+    shifts = np.where(x != 0.0, exponent, lowest) - lowest
+    return _big(np.ldexp(mantissa, 53)) << _big(shifts), 53 - lowest
+
+
+def _big(x: npt.NDArray[Any]) -> Any:
+    return x.astype(np.int64).astype(object)
+
+
+def rotations(q: Array) -> tuple[Any, Any]:
+    """N (k, d, d) and D (k, 1, 1), integers with R(q)/|q|^2 = N/D.
+
+    ``q`` are quaternions x y z w (k, 4), or half-angle pairs cos sin (k, 2), none zero.
+    """
+    if not q.any(axis=1).all():
+        raise Refused("a rotation is zero")
+    parts = integers(q)[0].T
+    if len(parts) == 2:
+        c, s = parts
+        N = [c * c - s * s, -2 * c * s, 2 * c * s, c * c - s * s]
+        return np.stack(N, axis=-1).reshape(-1, 2, 2), (c * c + s * s)[:, None, None]
+    x, y, z, w = parts
+    xx, yy, zz, ww = x * x, y * y, z * z, w * w
+    xy, xz, yz, xw, yw, zw = 2 * x * y, 2 * x * z, 2 * y * z, 2 * x * w, 2 * y * w, 2 * z * w
+    N = [ww + xx - yy - zz, xy - zw, xz + yw]
+    N += [xy + zw, ww - xx + yy - zz, yz - xw]
+    N += [xz - yw, yz + xw, ww - xx - yy + zz]
+    return np.stack(N, axis=-1).reshape(-1, 3, 3), (xx + yy + zz + ww)[:, None, None]
+
+
+# --- The graph ------------------------------------------------------------------------------------
+
+
+class Graph(NamedTuple):
+    """Measurements i -> j between nodes 0 ... n-1, which are the ids in ascending order."""
+
+    n: int
+    i: Ints
+    j: Ints
+    q: Array
+    t: Array
+    kappa: Array
+    tau: Array
+
+
+Edge = tuple[int, int, tuple[float, ...], tuple[float, ...], float, float]
+
+_NUMBERS = re.compile(rb"[0-9eE.+\- \t\r]*")
+_IGNORED = re.compile(
+    rb"VERTEX_(SE2|SE3:QUAT|XY|TRACKXYZ|POINT_XYZ)|FIX|PARAMS_(SE2OFFSET|SE3OFFSET|CAMERACALIB)"
+    rb"|EDGE_(SE2_XY|BEARING_SE2_XY|SE3_TRACKXYZ|POINT_XYZ|PRIOR_SE2|PRIOR_SE2_XY|SE2_PRIOR"
+    rb"|SE3_PRIOR)|LANDMARK[23]"
+)
+
+
+def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> Graph:
+    """The measurements in a g2o or 1DSfM text, under the reading options of a proof."""
+    edges = list(_edges(text, claim))
+    if component is not None:
+        kept = {int(word) for word in component.split()}
+        edges = [edge for edge in edges if edge[0] in kept and edge[1] in kept]
+    if claim["keep"] != "all":
+        chosen: dict[frozenset[int], Edge] = {}
+        for edge in edges if claim["keep"] == "last" else reversed(edges):
+            chosen[frozenset(edge[:2])] = edge
+        edges = list(chosen.values())
+    if not edges:
+        raise Unreadable("no measurements")
+    first, second, q, t, kappa, tau = zip(*edges, strict=True)
+    ids = {k: position for position, k in enumerate(sorted({*first, *second}))}
+    numbers = [np.array(x) for x in (q, t, kappa, tau)]
+    for k, name in ((2, "kappa"), (3, "tau")):
+        if claim[name] is not None:
+            numbers[k] = np.full(len(edges), float(claim[name]))
+    i, j = (np.array([ids[k] for k in ends]) for ends in (first, second))
+    graph = Graph(len(ids), i, j, *numbers)
+    for name in ("q", "t", "kappa", "tau"):
+        if not np.isfinite(getattr(graph, name)).all():
+            raise Unreadable("a number that is not finite")
+    if not ((graph.kappa > 0.0).all() and (graph.tau > 0.0).all()):
+        raise Unreadable("a weight that is not positive")
+    return graph
+
+
+def _edges(text: bytes, claim: dict[str, Any]) -> Iterator[Edge]:
+    dimensions = set()
+    for number, line in enumerate(text.removeprefix(b"\xef\xbb\xbf").split(b"\n"), 1):
+        words = line.split(b"#")[0].split(None, 1)
+        if not words:
+            continue
+        try:
+            if words[0] in (b"EDGE_SE3:QUAT", b"EDGE_SE2") and len(words) == 2:
+                d = 3 if words[0] == b"EDGE_SE3:QUAT" else 2
+                edge = _g2o_edge(words[1], d, claim)
+            elif _IGNORED.fullmatch(words[0]):
+                continue
+            else:
+                d, edge = 3, _1dsfm_edge(line.split(b"#")[0])
+        except (ValueError, OverflowError) as error:
+            raise Unreadable(f"line {number}: {error}") from None
+        dimensions.add(d)
+        if edge[0] == edge[1]:
+            raise Unreadable(f"line {number}: node {edge[0]} is measured from itself")
+        yield edge
+    if dimensions != {claim["d"]}:
+        raise Unreadable(f"no graph of {claim['d']}D measurements")
+
+
+def _split(text: bytes, counts: tuple[int, ...]) -> list[bytes]:
+    words = text.split()
+    if not _NUMBERS.fullmatch(text) or len(words) not in counts:
+        raise ValueError(f"a measurement of {' or '.join(map(str, counts))} numbers expected")
+    return words
+
+
+def _g2o_edge(text: bytes, d: int, claim: dict[str, Any]) -> Edge:
+    """``i j x y z qx qy qz qw`` or ``i j x y theta``, then the information or nothing."""
+    pose = 9 if d == 3 else 5
+    words = _split(text, (pose, pose + (21 if d == 3 else 6)))
+    numbers = tuple(map(float, words[2:pose]))
+    q = numbers[3:] if d == 3 else half_angle(numbers[2])
+    kappa, tau = 1.0, 1.0
+    if len(words) > pose and None in (claim["kappa"], claim["tau"]):
+        kappa, tau = weights(b" ".join(words[pose:]))
+        if claim["rotation_information"] == "quaternion":
+            kappa *= 0.25  # half the angle, a quarter of the information
+    return int(words[0]), int(words[1]), q, numbers[:d], kappa, tau
+
+
+def _1dsfm_edge(text: bytes) -> Edge:
+    """``i j``, a matrix R_ij row by row, and a direction that is not used."""
+    words = _split(text, (14,))
+    i, j = float(words[0]), float(words[1])
+    if not (i.is_integer() and j.is_integer()):
+        raise ValueError("ids must be integers")
+    return int(i), int(j), shepperd(tuple(map(float, words[2:11]))), (0.0, 0.0, 0.0), 1.0, 1.0
+
+
+def shepperd(M: tuple[float, ...]) -> tuple[float, ...]:
+    """A quaternion of a matrix that is nearly a rotation; not normalized, so no square root."""
+    xx, yy, zz = M[0], M[4], M[8]
+    x, y, z = M[7] - M[5], M[2] - M[6], M[3] - M[1]
+    xy, xz, yz = M[3] + M[1], M[2] + M[6], M[7] + M[5]
+    trace = (xx + yy) + zz
+    branches = [
+        (x, y, z, 1.0 + trace),
+        (1.0 + (xx - yy - zz), xy, xz, x),
+        (xy, 1.0 + (yy - xx - zz), yz, y),
+        (xz, yz, 1.0 + (zz - xx - yy), z),
+    ]
+    sizes = [trace, xx, yy, zz]
+    return branches[sizes.index(max(sizes))]
+
+
+def half_angle(theta: float) -> tuple[float, float]:
+    """The doubles nearest to cos(theta/2) and sin(theta/2), by integers in fixed point."""
+    if not abs(theta) <= 1e6:
+        raise ValueError("an angle beyond 1e6 radians")
+    if theta == 0.0:
+        return 1.0, 0.0
+    exponent = math.frexp(theta)[1]
+    bits, halvings = 320 + max(0, -exponent), 8 + max(0, exponent)
+    numerator, denominator = theta.as_integer_ratio()
+    x = (numerator << bits) // (denominator << (1 + halvings))
+    sums, term, k = [0, 0], 1 << bits, 0
+    while term not in (0, -1):
+        sums[k % 2] += -term if k & 2 else term
+        k += 1
+        term = (term * x >> bits) // k
+    cosine, sine = sums
+    for _ in range(halvings):
+        cosine, sine = (cosine * cosine - sine * sine) >> bits, (cosine * sine) >> (bits - 1)
+    # Each truncation costs a unit and each doubling at most quadruples it: 2^64 in all.
+    pairs = {
+        ((cosine + e) / (1 << bits), (sine + f) / (1 << bits))
+        for e in (-(1 << 64), 1 << 64)
+        for f in (-(1 << 64), 1 << 64)
+    }
+    if len(pairs) > 1:
+        raise ValueError("an angle too close to call")
+    return pairs.pop()
+
+
+@cache
+def weights(text: bytes) -> tuple[float, float]:
+    """The weights kappa and tau of an information matrix: its upper triangle, row by row."""
+    words = text.lower().decode().split()
+    if len(words) == 6:
+        return harmonic_mean(words[5:], 1), harmonic_mean([words[k] for k in (0, 1, 3)], 1)
+    tau = harmonic_mean([words[k] for k in (0, 1, 2, 6, 7, 11)], 1)
+    return harmonic_mean(words[15:], 2), tau
+
+
+def harmonic_mean(words: list[str], halves: int) -> float:
+    """The number size / tr(A^-1) / halves of an upper triangle in decimals, rounded once."""
+    decimals = []
+    for word in words:
+        mantissa, _, power = word.partition("e")
+        whole, _, fraction = mantissa.partition(".")
+        decimals.append((int(whole + fraction), int(power or 0) - len(fraction)))
+    if max(abs(power) for _, power in decimals) > 400:
+        raise ValueError("an information number out of range")
+    lowest = min((power for value, power in decimals if value), default=0)
+    upper = [value * 10 ** max(power - lowest, 0) for value, power in decimals]
+    if len(upper) == 1:
+        minors, above, below = [upper[0]], upper[0], 1
+    elif len(upper) == 3:
+        a, b, c = upper
+        minors, above, below = [a, a * c - b * b], 2 * (a * c - b * b), a + c
+    else:
+        a, b, c, p, q, r = upper
+        xx, yy, zz = p * r - q * q, a * r - c * c, a * p - b * b
+        determinant = a * xx - b * (b * r - c * q) + c * (b * q - c * p)
+        minors, above, below = [a, zz, determinant], 3 * determinant, xx + yy + zz
+    if min(minors) <= 0:
+        raise ValueError("information that is not positive definite")
+    return float(above * 10 ** max(lowest, 0) / (below * halves * 10 ** max(-lowest, 0)))
+
+
+# --- The proof ------------------------------------------------------------------------------------
+
+
+class Proof(NamedTuple):
+    """What a proof file holds; none of it is trusted."""
+
+    q: Array  # (n, 4) or (n, 2): the estimate's rotations
+    t: Array | None  # (n, d): its translations; None for rotations alone
+    multipliers: Array  # (n, d(d+1)/2): upper triangles of Lam, row by row
+    order: Ints  # (n,) in which nodes are eliminated
+    delta: Array  # (n b,) what makes the factorization succeed
+    pin: int  # the pose whose translation is left out
+    exponent: int  # of 2, in the weights of translations where row sums are compared
+
+
+_OPTIONS: dict[str, tuple[Any, ...]] = {
+    "kind": ("poses", "rotations"),
+    "d": (2, 3),
+    "keep": ("all", "first", "last"),
+    "rotation_information": ("tangent", "quaternion", "rpy"),
+}
+
+
+def read_claim(archive: Any) -> dict[str, Any]:
+    """The header of a proof: which file it is about, and read how."""
+    claim = json.loads(bytes(archive["claim"]))
+    if claim["format"] != "certpgo proof" or claim["version"] != 1:
+        raise Unreadable("not a proof of version 1")
+    for name, choices in _OPTIONS.items():
+        if claim[name] not in choices:
+            raise Unreadable(f"{name} must be one of {choices}")
+    for name in ("kappa", "tau"):
+        if claim[name] is not None and not 0.0 < float(claim[name]) < math.inf:
+            raise Unreadable(f"{name} must be positive")
+    return {**claim, "d": int(claim["d"])}
+
+
+def read_proof(archive: Any, claim: dict[str, Any], n: int) -> Proof:
+    """The arrays of a proof about n nodes."""
+    d, poses = claim["d"], claim["kind"] == "poses"
+    b = d + 1 if poses else d
+
+    def array(name: str, dtype: str, *shape: int) -> Any:
+        values = archive[name]
+        if values.dtype != np.dtype(dtype) or values.shape != shape:
+            raise Refused(f"{name} must be {dtype} of shape {shape}: another graph's proof?")
+        if not np.isfinite(values).all():
+            raise Refused(f"{name} holds numbers that are not finite")
+        return values
+
+    proof = Proof(
+        q=array("rotations", "<f8", n, 4 if d == 3 else 2),
+        t=array("translations", "<f8", n, d) if poses else None,
+        multipliers=array("multipliers", "<f8", n, d * (d + 1) // 2),
+        order=array("order", "<i4", n).astype(np.intp),
+        delta=array("delta", "<f4", n * b).astype(np.float64),
+        pin=int(claim["pin"]),
+        exponent=int(claim["exponent"]),
+    )
+    if not np.array_equal(np.sort(proof.order), np.arange(n)):
+        raise Refused("order is no permutation")
+    if not (0 <= proof.pin < n and abs(proof.exponent) <= 300):
+        raise Refused("pin or exponent out of range")
+    return proof
+
+
+# --- The upper bound ------------------------------------------------------------------------------
+
+
+def upper_bound(graph: Graph, q: Array, t: Array | None) -> float:
+    """A double not below F(x), computed in integers."""
+    i, j, d = graph.i, graph.j, graph.t.shape[1]
+    unit = 128
+    (N, D), (M, E) = rotations(q), rotations(graph.q)
+    R, measured = (N << unit) // D, (M << unit) // E  # entries too low by less than 1
+    product = sum(R[i][:, :, c, None] * measured[:, None, c, :] for c in range(d))
+    # An entry of the product is off by less than (2 d + 1) 2^unit, one of R_j 2^unit by 2^unit.
+    off = (2 * d + 2) << unit
+    kappa, e = integers(graph.kappa)
+    turned = kappa[:, None, None] * (abs((R[j] << unit) - product) + off) ** 2
+    total = _rounded_up(turned.sum(), e + 4 * unit)
+    if t is None:
+        return total
+    (at, a), (step, b), (tau, e) = integers(t), integers(graph.t), integers(graph.tau)
+    scale = max(a - b, 0)  # of steps, so that both differences have the unit of the other
+    at, step, a = at << max(b - a, 0), step << scale, max(a, b)
+    moved = sum(R[i][:, :, c] * step[:, None, c] for c in range(d))
+    off = abs(step).sum(axis=1)[:, None]
+    left = tau[:, None] * (abs(((at[j] - at[i]) << unit) - moved) + off) ** 2
+    return math.nextafter(total + _rounded_up(left.sum(), e + 2 * (a + unit)), math.inf)
+
+
+def _rounded_up(n: int, e: int) -> float:
+    """A double not below n 2^-e."""
+    return math.nextafter((n << max(-e, 0)) / (1 << max(e, 0)), math.inf)
+
+
+# --- The certificate matrix -----------------------------------------------------------------------
+
+
+class Blocks(NamedTuple):
+    """A symmetric matrix by blocks, equilibrated: high + low, to 2^-100 an entry.
+
+    Entries of ``high`` are integers times 2^(-2 BITS), those of ``low`` at most half of that.
+    """
+
+    pairs: Ints  # (k, 2) nodes p < q, each pair once
+    high: tuple[Array, Array]  # diagonal blocks (n, b, b), and those of the pairs (k, b, b)
+    low: tuple[Array, Array]
+    weights: Array  # (n, b) positive, for comparing row sums
+    scales: Ints  # (n, b): rows and columns were multiplied by 2^scale
+
+
+def certificate_matrix(graph: Graph, proof: Proof) -> Blocks:
+    """A = M - blkdiag(0, Lam), the pinned row and column replaced by the identity's.
+
+    Its entries are sums in integers, only those of kappa R_ij are truncated. Equilibrated by powers
+    of two, so that diagonal entries lie between 1/4 and 1.
+    """
+    n, d = graph.n, graph.t.shape[1]
+    b = d if proof.t is None else d + 1
+    (kappa, ek), (tau, et), (t, es) = map(integers, (graph.kappa, graph.tau, graph.t))
+    Lam, el = integers(proof.multipliers)
+    unit = max(ek, et + 2 * es, et, el, 0) + 128  # entries are integers times 2^-unit
+    # A power of two makes the largest kappa about 1, so that the weights' scale is none of ours.
+    normal = math.frexp(float(graph.kappa.max()))[1]
+
+    N, D = rotations(graph.q)
+    kappa = (kappa << (unit - ek))[:, None, None]
+    own, far, upper = (np.zeros((len(graph.i), b, b), dtype=object) for _ in range(3))
+    own[:, -d:, -d:] += kappa * np.eye(d, dtype=int).astype(object)
+    far[:, -d:, -d:] += kappa * np.eye(d, dtype=int).astype(object)
+    upper[:, -d:, -d:] = -(kappa * N // D)
+    if proof.t is not None:
+        lever = tau[:, None] * t
+        own[:, 1:, 1:] += lever[:, :, None] * t[:, None, :] << (unit - et - 2 * es)
+        own[:, 0, 1:] = own[:, 1:, 0] = lever << (unit - et - es)
+        upper[:, 1:, 0] = -own[:, 0, 1:]
+        own[:, 0, 0] = far[:, 0, 0] = tau << (unit - et)
+        upper[:, 0, 0] = -own[:, 0, 0]
+    turned = graph.i > graph.j
+    upper[turned] = np.swapaxes(upper[turned], 1, 2)
+    codes = np.minimum(graph.i, graph.j) * n + np.maximum(graph.i, graph.j)
+    distinct, place = np.unique(codes, return_inverse=True)
+    pairs = np.stack(np.divmod(distinct, n), axis=1)
+    between, diagonal = (np.zeros((k, b, b), dtype=object) for k in (len(pairs), n))
+    np.add.at(between, place, upper)
+    np.add.at(diagonal, graph.i, own)
+    np.add.at(diagonal, graph.j, far)
+    rows, columns = np.triu_indices(d)
+    for a, c, values in zip(rows + b - d, columns + b - d, (Lam << (unit - el)).T, strict=True):
+        diagonal[:, a, c] -= values
+        diagonal[:, c, a] = diagonal[:, a, c]
+    if proof.t is not None:
+        diagonal[proof.pin, 0, :] = diagonal[proof.pin, :, 0] = 0
+        diagonal[proof.pin, 0, 0] = 1 << (unit + normal)
+        between[pairs[:, 0] == proof.pin, 0, :] = 0
+        between[pairs[:, 1] == proof.pin, :, 0] = 0
+    return _equilibrated(diagonal, pairs, between, unit + normal, proof.exponent)
+
+
+def _equilibrated(diagonal: Any, pairs: Ints, between: Any, unit: int, exponent: int) -> Blocks:
+    entries = np.einsum("naa->na", diagonal)
+    if not (entries > 0).all():
+        raise Refused("a diagonal entry of the certificate matrix is not positive")
+    lengths = np.frompyfunc(int.bit_length, 1, 1)(entries).astype(np.intp)
+    scales = (unit - lengths) >> 1  # from [2^(l-1), 2^l) to [1/4, 1) of 2^unit
+    shifts = 2 * BITS + scales[:, :, None] + scales[:, None, :] - unit
+    p, q = pairs.T
+    upper_shifts = 2 * BITS + scales[p][:, :, None] + scales[q][:, None, :] - unit
+    if not upper_shifts.max() - 2 * BITS + 30 < -102:  # of truncations, fewer than 2^30 an entry
+        raise Refused("the weights are too uneven")
+    parts = [_parts(diagonal, shifts), _parts(between, upper_shifts)]
+    weights = np.ldexp(1.0, -scales)
+    weights[:, 0] = np.ldexp(weights[:, 0], exponent)
+    high, low = zip(*parts, strict=True)
+    return Blocks(pairs, high, low, weights, scales)
+
+
+def _parts(entries: Any, shifts: Ints) -> tuple[Array, Array]:
+    """N 2^shift, entry by entry, as nearest integers and the rest, both times 2^(-2 BITS)."""
+    fraction = 128
+    shifts = shifts + fraction
+    moved = entries << _big(np.maximum(shifts, 0)) >> _big(np.maximum(-shifts, 0))
+    high = (moved + (1 << (fraction - 1))) >> fraction
+    low = (moved - (high << fraction)).astype(np.float64)
+    return high.astype(np.float64) * 4.0**-BITS, np.ldexp(low, -fraction - 2 * BITS)
+
+
+# --- The order of elimination ---------------------------------------------------------------------
+
+
+class Front(NamedTuple):
+    """Nodes that are eliminated together, and what their columns of the factor reach."""
+
+    pivots: list[int]
+    boundary: list[int]
+    children: list[int]
+
+
+def fronts(n: int, pairs: Ints, allowance: int = 16) -> list[Front]:
+    """The fronts of eliminating 0 ... n-1 in order, children before parents.
+
+    ``pairs`` are (k, 2) with p < q. A node joins the front of a child if that adds at most
+    ``allowance`` blocks of zeros, or an eighth of the front.
+    """
+    later: list[set[int]] = [set() for _ in range(n)]
+    for p, q in pairs.tolist():
+        later[p].add(q)
+    waiting: list[list[int]] = [[] for _ in range(n)]  # fronts, by their first boundary node
+    found: list[Front] = []
+    reaches: list[set[int]] = []
+    for p in range(n):
+        reach = later[p].union(*(reaches[c] for c in waiting[p]))
+        reach.discard(p)
+        home, zeros = -1, math.inf
+        for c in waiting[p]:
+            added = (len(reach) + 1 - len(reaches[c])) * len(found[c].pivots)
+            home, zeros = (c, added) if added < zeros else (home, zeros)
+        size = len(found[home].pivots) * len(reaches[home]) if home >= 0 else 0
+        if zeros <= max(allowance, size / 8):
+            found[home].pivots.append(p)
+            found[home].children.extend(c for c in waiting[p] if c != home)
+            reaches[home] = reach
+        else:
+            home = len(found)
+            found.append(Front([p], [], waiting[p]))
+            reaches.append(reach)
+        if reach:
+            waiting[min(reach)].append(home)
+        waiting[p] = []
+        later[p] = set()
+    roots = [k for k, reach in enumerate(reaches) if not reach]
+    walk: list[int] = []
+    while roots:
+        walk.append(roots.pop())
+        roots.extend(found[walk[-1]].children)
+    walk.reverse()
+    renumbered = {k: position for position, k in enumerate(walk)}
+    return [
+        Front(found[k].pivots, sorted(reaches[k]), sorted(renumbered[c] for c in found[k].children))
+        for k in walk
+    ]
+
+
+# --- Positive semidefiniteness --------------------------------------------------------------------
+
+
+class Residual(NamedTuple):
+    """Of A - L L^T, by row (n b,) of the equilibrated matrix."""
+
+    diagonal: Array  # its diagonal entries
+    needed: Array  # what suffices for them, so that it is diagonally dominant
+
+
+def residual(blocks: Blocks, order: Ints, delta: Array) -> Residual | None:
+    """Bounds on A - L L^T for some L; None where no L was found.
+
+    L is a multifrontal Cholesky factor of A - diag(delta). Nothing is assumed of it: the residual
+    is what the bounds are about. Its large part H is added up without rounding, in integers times
+    2^(-2 BITS); G is the rest.
+    """
+    n, b = blocks.weights.shape
+    p, q, high, low = _in_order(blocks, order)
+    starts = np.searchsorted(p, np.arange(n + 1)).tolist()
+    v, delta = blocks.weights[order].ravel(), delta.reshape(n, b)[order].ravel()
+    own, others, reached, terms, norms1, norms2 = np.zeros((6, n * b))
+    passed: dict[int, tuple[Ints, Array, Array]] = {}
+    for number, front in enumerate(fronts(n, np.stack([p, q], axis=1))):
+        nodes, k = np.array(front.pivots + front.boundary), len(front.pivots) * b
+        mine = [e for pivot in front.pivots for e in range(starts[pivot], starts[pivot + 1])]
+        places = np.searchsorted(nodes, p[mine]), np.searchsorted(nodes, q[mine])
+        H, G = (
+            _assembled(len(nodes), diagonal[front.pivots], between[mine], *places)
+            for diagonal, between in (high, low)
+        )
+        for child in front.children:
+            boundary, *parts = passed.pop(child)
+            rows = _rows(np.searchsorted(nodes, boundary), b)
+            into = rows[:, None], rows
+            H[into] += parts[0]
+            G[into] += parts[1]
+        rows = _rows(nodes, b)
+        L = _columns(H[:, :k] + G[:, :k], delta[rows[:k]])
+        if L is None:
+            return None
+        L1 = np.rint(L * 2.0**BITS) * 2.0**-BITS
+        L2 = L - L1
+        H -= L1 @ L1.T
+        cross = (L1 + 0.5 * L2) @ L2.T
+        G -= cross + cross.T
+        # The pivots' rows and columns are complete.
+        E = H[:, :k] + G[:, :k]
+        own[rows[:k]] = np.diagonal(E)
+        E = np.abs(E)
+        np.fill_diagonal(E, 0.0)
+        others[rows] += E @ v[rows[:k]]
+        others[rows[:k]] += E[k:].T @ v[rows[k:]]
+        reached[rows] += v[rows[:k]].sum()
+        reached[rows[:k]] += v[rows[k:]].sum()
+        norms1[rows] += np.einsum("ra,ra->r", L1, L1)
+        norms2[rows] += np.einsum("ra,ra->r", L2, L2)
+        terms[rows] += k
+        if front.boundary:
+            passed[number] = np.array(front.boundary), H[k:, k:].copy(), G[k:, k:].copy()
+    norm1, norm2 = norms1.max() * SPARE, norms2.max() * SPARE
+    largest = max(np.abs(part).max(initial=0.0) for part in high)
+    if not largest + norm1 < 2.0 ** (52 - 2 * BITS):
+        return None
+    # A term of an entry of G is rounded at most 8 times its row's count; all sizes add up to this.
+    sizes = 2.0 ** -(2 * BITS + 1) + 2.0 * math.sqrt(norm1 * norm2) + 2.0 * norm2
+    error = (8.0 * terms.max() + 16.0) * U * sizes * SPARE + 2.0**-100
+    needed = (others + error * reached) * SPARE / v
+    back = np.argsort(_rows(order, b))
+    return Residual((own - abs(own) * 2.0**-40)[back], needed[back] * SPARE)
+
+
+def _in_order(blocks: Blocks, order: Ints) -> tuple[Ints, Ints, Any, Any]:
+    """Pairs p < q of places in the order, ascending in p, and both parts in that order."""
+    place = np.argsort(order)
+    p, q = place[blocks.pairs].T
+    turned = (p > q)[:, None, None]
+    by_first = np.argsort(np.minimum(p, q), kind="stable")
+
+    def moved(diagonal: Array, between: Array) -> tuple[Array, Array]:
+        between = np.where(turned, np.swapaxes(between, 1, 2), between)
+        return diagonal[order], between[by_first]
+
+    p, q = np.minimum(p, q)[by_first], np.maximum(p, q)[by_first]
+    return p, q, moved(*blocks.high), moved(*blocks.low)
+
+
+def _rows(nodes: Ints, b: int) -> Ints:
+    return (nodes[:, None] * b + np.arange(b)).ravel()
+
+
+def _assembled(count: int, diagonal: Array, between: Array, p: Ints, q: Ints) -> Array:
+    """A symmetric matrix of ``count`` blocks, the first of its diagonal and those at (p, q)."""
+    b = between.shape[1]
+    A = np.zeros((count, b, count, b))
+    places = np.arange(len(diagonal))
+    A[places, :, places, :] = diagonal
+    A[p, :, q, :] = between
+    A[q, :, p, :] = np.swapaxes(between, 1, 2)
+    return A.reshape(count * b, count * b)
+
+
+def _columns(F: Array, delta: Array) -> Array | None:
+    """Columns (f, k) of a Cholesky factor, from those of a matrix; anything goes."""
+    k = F.shape[1]
+    pivot = F[:k] - np.diag(delta)
+    try:
+        C = np.linalg.cholesky(pivot)
+        below = np.linalg.solve(C, F[k:].T).T
+    except np.linalg.LinAlgError:
+        return None
+    return np.concatenate([C, below])
+
+
+def is_positive_semidefinite(blocks: Blocks, order: Ints, delta: Array) -> bool:
+    """Whether every matrix within 2^-100 of the blocks was proven positive semidefinite."""
+    for _ in range(ATTEMPTS):
+        found = residual(blocks, order, delta)
+        if found is None:
+            return False
+        if np.all(found.diagonal >= found.needed):
+            return True
+        # Machines round differently: rows that got too little get twice what they asked for.
+        delta = np.maximum(delta, 2.0 * (found.needed - found.diagonal + delta))
+    return False
+
+
+# --- The answer -----------------------------------------------------------------------------------
+
+
+class Answer(NamedTuple):
+    """F(x) <= upper and F* >= lower."""
+
+    upper: float
+    lower: float
+
+    @property
+    def relative_gap(self) -> float:
+        """A double not below (F(x) - F*)/F(x)."""
+        if self.upper <= self.lower:
+            return 0.0
+        gap = math.nextafter(self.upper - self.lower, math.inf)
+        return min(1.0, math.nextafter(gap / self.upper, math.inf))
+
+    def __str__(self) -> str:
+        up, down = Context(15, ROUND_CEILING), Context(15, ROUND_FLOOR)
+        gap = Context(2, ROUND_CEILING).create_decimal_from_float(self.relative_gap)
+        upper, lower = (
+            up.create_decimal(Decimal(self.upper)),
+            down.create_decimal(Decimal(self.lower)),
+        )
+        return f"PROVED: F(x) <= {upper:g}, F* >= {lower:g}, relative gap <= {gap:.1e}"
+
+
+def prove(graph: Graph, proof: Proof) -> Answer:
+    """Both bounds, or `Refused`."""
+    upper = upper_bound(graph, proof.q, proof.t)
+    if not upper < math.inf:
+        raise Refused("the cost of the estimate is not finite")
+    blocks = certificate_matrix(graph, proof)
+    if not is_positive_semidefinite(blocks, proof.order, proof.delta):
+        raise Refused("the certificate matrix was not proven positive semidefinite")
+    on_diagonal = np.equal(*np.triu_indices(graph.t.shape[1]))
+    lower = math.fsum(proof.multipliers[:, on_diagonal].ravel())
+    return Answer(upper, max(math.nextafter(lower, -math.inf), 0.0))
+
+
+def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
+    """Check a proof about a graph file.
+
+    Raises
+    ------
+    Refused
+        It proves nothing about this file.
+    Unreadable
+        One of the files cannot be read.
+    """
+    path = Path(graph_path)
+    path = path / "EGs.txt" if path.is_dir() else path
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise Unreadable(f"{path}: {error.strerror}") from None
+    try:
+        with np.load(Path(proof_path), allow_pickle=False) as archive:
+            claim = read_claim(archive)
+            component = _component(path, text, claim)
+            try:
+                graph = read_graph(text, claim, component)
+            except Unreadable as error:
+                raise Unreadable(f"{path}: {error}") from None
+            proof = read_proof(archive, claim, graph.n)
+    except (Refused, Unreadable):
+        raise
+    except Exception as error:  # whatever a damaged archive makes its reader raise
+        raise Unreadable(f"{proof_path}: not a readable proof ({type(error).__name__})") from None
+    try:
+        with np.errstate(all="ignore"):
+            return prove(graph, proof)
+    except OverflowError:
+        raise Refused("numbers beyond the range of doubles") from None
+
+
+def _component(path: Path, text: bytes, claim: dict[str, Any]) -> bytes | None:
+    """The nodes to keep, where the proof is about those of a cc.txt beside the graph."""
+    if hashlib.sha256(text).hexdigest() != claim["graph_sha256"]:
+        raise Refused(f"{path} is not the file that was proven about: its SHA-256 differs")
+    if claim["component_sha256"] is None:
+        return None
+    component = path.with_name("cc.txt").read_bytes()
+    if hashlib.sha256(component).hexdigest() != claim["component_sha256"]:
+        raise Refused("cc.txt is not the file that was proven about: its SHA-256 differs")
+    return component
+
+
+def main(arguments: list[str]) -> int:
+    """Print what is proven: exit code 0, 6 refused, 1 unreadable, 2 usage."""
+    if len(arguments) != 2:
+        sys.stderr.write("usage: checker.py GRAPH PROOF\n")
+        return 2
+    try:
+        sys.stdout.write(f"{check(*arguments)}\n")
+    except Refused as reason:
+        sys.stdout.write(f"REFUSED: {reason}\n")
+        return 6
+    except Unreadable as reason:
+        sys.stderr.write(f"error: {reason}\n")
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
