@@ -26,16 +26,20 @@ from certpgo.solution import Solution, Status
 from certpgo.solve import CertifiedSolution, solve
 
 if TYPE_CHECKING:
+    from certpgo.certify.proof_file import write_proof
+    from certpgo.checker import check
     from certpgo.harness.assessment import certify_values
     from certpgo.io import read, read_estimate, write
     from certpgo.registry import get_solver
 
 #: Imported when first used: reading and finding methods are not everybody's errand.
 _LATER = {
+    "check": "checker",
     "certify_values": "harness.assessment",
     "read": "io",
     "read_estimate": "io",
     "write": "io",
+    "write_proof": "certify.proof_file",
     "get_solver": "registry",
 }
 
@@ -65,12 +69,14 @@ __all__ = [
     "Tier",
     "Verdict",
     "certify",
+    "check",
     "certify_values",
     "get_solver",
     "read",
     "read_estimate",
     "solve",
     "write",
+    "write_proof",
 ]
 
 

@@ -7,7 +7,6 @@ for which the rotations pay through the gauge), with a margin, until the checker
 
 from __future__ import annotations
 
-import importlib.util
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -193,9 +192,6 @@ def proof_of(point: Estimate, multipliers: FloatArray, witness: Witness) -> chec
 @contextmanager
 def _one_thread() -> Iterator[None]:
     """For the checker's many small products, threads cost more than they save."""
-    if importlib.util.find_spec("threadpoolctl") is None:
-        yield
-        return
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(limits=1):

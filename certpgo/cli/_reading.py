@@ -79,6 +79,9 @@ class Reading:
         Components,
         _option("--components", help="A graph that is not connected: refuse it, take each, ..."),
     ] = Components.REFUSE
+    rotations: Annotated[
+        bool, _option("--rotations", help="Of a pose graph, the rotations alone.")
+    ] = False
     data: Annotated[
         Path | None, _option("--data", metavar="DIR", help="Folder to look for datasets in first.")
     ] = None
@@ -105,7 +108,7 @@ class Reading:
 
     def open(self, name: str, *, notices: bool = True) -> Instance:
         """Read the graph of a path or dataset name; its notices go to stderr if wanted."""
-        from certpgo.harness.instances import open_graph
+        from certpgo.harness.instances import open_graph, rotations_alone
 
         with _reading_progress() as progress:
             instance = open_graph(
@@ -113,7 +116,7 @@ class Reading:
             )
         for sentence in instance.notices if notices else ():
             notice(f"{instance.name}: {sentence}")
-        return instance
+        return rotations_alone(instance) if self.rotations else instance
 
     def parts(self, instance: Instance) -> list[Instance]:
         """The connected graphs to work on.

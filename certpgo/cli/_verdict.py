@@ -34,6 +34,10 @@ _TRUSTS = {
         "a factorization whose rounding errors are bounded, if the linear algebra library keeps "
         "the usual error bound of such factorizations"
     ),
+    "proof": (
+        "what a factorization leaves over, measured in integers and exact products: IEEE 754 "
+        "arithmetic, Python and sums of products by NumPy are all that is trusted"
+    ),
 }
 
 

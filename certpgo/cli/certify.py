@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from certpgo.cli import _verdict
+from certpgo.cli._proving import prove, refuse_unprovable
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, notice, noticing, working
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
@@ -31,7 +32,8 @@ def command(
         ),
     ],
     tier: Annotated[
-        str, typer.Option("--tier", help="What may be trusted: standard, or screen (a hint only).")
+        str,
+        typer.Option("--tier", help="What may be trusted: proof, standard, or screen (a hint)."),
     ] = "standard",
     rtol: Annotated[
         float, typer.Option("--rtol", help="Gap, over the cost, that counts as optimal.")
@@ -51,6 +53,10 @@ def command(
     csv: Annotated[
         Path | None, typer.Option("--csv", metavar="OUT", help="Write a row for each ESTIMATE.")
     ] = None,
+    proof: Annotated[
+        Path | None,
+        typer.Option("--proof", metavar="OUT", help="Write a proof that certpgo check checks."),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
     *,
     reading: Reading,
@@ -63,13 +69,16 @@ def command(
 
     if len(estimates) > 1 and csv is None:
         raise InputError("several estimates need --csv OUT, for a row each")
-    if csv is not None and polish is not None:
-        raise InputError("--polish writes one answer, and does not go with --csv")
+    if csv is not None and (polish is not None or proof is not None):
+        raise InputError("--polish and --proof write one answer, and do not go with --csv")
     if polish is not None:
         format_to_write(polish, None)  # a wrong suffix is said before the work, not after
-    for out in (polish, csv):
+    for out in (polish, csv, proof):
         refuse_unwritable(out)
-    refuse_overwriting([polish, csv], [graph, *estimates, timestamps], reading.data)
+    refuse_overwriting([polish, csv, proof], [graph, *estimates, timestamps], reading.data)
+    source = reading.locate(graph)
+    if proof is not None:
+        refuse_unprovable(source)
     instance = reading.open(graph)
     parts = []
     for connected in reading.parts(instance):
@@ -78,10 +87,12 @@ def command(
         parts.append(Part(connected, problem, judge))
     if polish is not None and len(parts) > 1:
         raise InputError("--polish writes one answer; choose one with --components largest")
+    if proof is not None and len(parts) > 1:
+        raise InputError("--proof is about a connected graph; write each component to a file")
     if csv is not None:
         return _batch(estimates, instance, parts, timestamps, csv, json, reading)
     path = reading.locate(estimates[0])
-    assessments = _single(path, instance, parts, timestamps, json)
+    assessments = _single(path, instance, parts, timestamps, json, source, proof)
     if polish is not None:
         _polish(polish, parts[0], assessments[0])
     elif any(a.excess > a.certificate.tolerance for a in assessments):
@@ -90,7 +101,13 @@ def command(
 
 
 def _single(
-    path: Path, instance: Instance, parts: Sequence[Part], timestamps: str, json: bool
+    path: Path,
+    instance: Instance,
+    parts: Sequence[Part],
+    timestamps: str,
+    json: bool,
+    source: Path,
+    proof: Path | None,
 ) -> list[Assessment]:
     from certpgo.io.digits import writing_of
 
@@ -104,6 +121,8 @@ def _single(
             if len(parts) > 1:
                 typer.echo(part.instance.name)
             _verdict.show(assessments[-1].certificate, part.instance.options, assessments[-1])
+        if proof is not None:
+            prove(proof, source, part.instance, estimate, assessments[-1].certificate, json=json)
     if json:
         reports = [
             {

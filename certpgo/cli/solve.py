@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from certpgo.cli import _verdict
+from certpgo.cli._proving import prove, refuse_unprovable
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, facts, notice, noticing, working
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
@@ -43,6 +44,10 @@ def command(
     format: Annotated[
         str | None, typer.Option("--format", help="Format of it, by default by its suffix.")
     ] = None,
+    proof: Annotated[
+        Path | None,
+        typer.Option("--proof", metavar="OUT", help="Write a proof that certpgo check checks."),
+    ] = None,
     certify: Annotated[
         bool, typer.Option("--certify/--no-certify", help="Judge the answer of --method as well.")
     ] = True,
@@ -73,9 +78,15 @@ def command(
     if out is not None:
         format_to_write(out, format)  # a wrong suffix is said before the work, not after
     refuse_unwritable(out)
-    refuse_overwriting([out], [graph, initial], reading.data)
+    refuse_unwritable(proof)
+    refuse_overwriting([out, proof], [graph, initial], reading.data)
+    source = reading.locate(graph)
+    if proof is not None:
+        refuse_unprovable(source)
     instance = reading.open(graph)
     parts = reading.parts(instance)
+    if proof is not None and (len(parts) > 1 or not certify):
+        raise InputError("--proof is about a connected graph, and an answer that is certified")
     targets = _targets(out, parts)
     refuse_overwriting(targets, [graph, initial], reading.data)
     with noticing():
@@ -100,6 +111,9 @@ def command(
         answers.append(answer)
         if not json:
             answer.show(part, target)
+        if proof is not None and answer.certificate is not None:
+            estimate = answer.solution.estimate
+            prove(proof, source, part, estimate, answer.certificate, json=json)
         if answer.interrupted:
             break
     if json:

@@ -1,0 +1,47 @@
+"""Writing the proof of an answer, where a command is asked to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from certpgo.cli._show import facts, notice, working
+
+if TYPE_CHECKING:
+    from certpgo.certify import Certificate
+    from certpgo.estimate import Estimate
+    from certpgo.graph import Instance
+
+
+def refuse_unprovable(source: Path) -> None:
+    """Refuse a graph file that the checker does not read, before the work and not after.
+
+    Raises
+    ------
+    InputError
+        Its format is another.
+    """
+    from certpgo.certify.proof_file import provable
+
+    provable(source)
+
+
+def prove(
+    out: Path,
+    source: Path,
+    instance: Instance,
+    estimate: Estimate,
+    certificate: Certificate,
+    *,
+    json: bool,
+) -> None:
+    """Write the proof, and say what the checker said of it (on stderr beside a JSON document)."""
+    from certpgo.certify.proof_file import write_proof
+
+    with working(f"proving the answer for {instance.name}"):
+        answer = write_proof(out, source, instance, estimate, certificate)
+    said = f"{out}: {answer} (certpgo check)"
+    if json:
+        notice(said)
+    else:
+        facts([("proof", said)])

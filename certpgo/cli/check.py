@@ -1,0 +1,57 @@
+"""certpgo check: whether a proof file proves what it claims."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from certpgo.cli._show import document
+from certpgo.errors import FormatError
+
+#: Exit code of a proof that is refused.
+REFUSED = 6
+
+
+def command(
+    graph: Annotated[str, typer.Argument(metavar="GRAPH", help="A g2o or 1DSfM file, or dataset.")],
+    proof: Annotated[Path, typer.Argument(metavar="PROOF", help="See certify --proof.")],
+    data: Annotated[
+        Path | None, typer.Option("--data", metavar="DIR", help="Folder to look in first.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> int:
+    """Check a proof with the independent checker, a program of its own (certpgo/checker.py)."""
+    from certpgo.cli._reading import Reading
+
+    path = Reading(data=data).locate(graph)
+    if json:
+        return _as_json(path, proof)
+    program = Path(__file__).parents[1] / "checker.py"
+    return subprocess.run([sys.executable, str(program), str(path), str(proof)]).returncode
+
+
+def _as_json(path: Path, proof: Path) -> int:
+    from certpgo import checker
+
+    said = {"graph": str(path), "proof": str(proof)}
+    try:
+        answer = checker.check(path, proof)
+    except checker.Unreadable as error:
+        raise FormatError(proof, None, str(error)) from None
+    except checker.Refused as reason:
+        document({**said, "proved": False, "reason": str(reason)})
+        return REFUSED
+    document(
+        {
+            **said,
+            "proved": True,
+            "cost_upper": answer.upper,
+            "lower_bound": answer.lower,
+            "relative_gap": answer.relative_gap,
+        }
+    )
+    return 0
