@@ -10,16 +10,15 @@ import numpy as np
 
 from certpgo import registry
 from certpgo.certify import Tier, Verdict, certify
-from certpgo.errors import CertPGOError, InputError, MissingDependency
+from certpgo.errors import InputError, MissingDependency
 from certpgo.estimate import Estimate
 from certpgo.harness.zoo.case import Case, Known
 from certpgo.problem import Problem
 
-#: What a certifier's answer may be, and what may be wrong with it.
-ANSWERS = ("certified", "not certified", "refused", "failed", "not installed")
+#: What may be false of a certifier's answer; that it fails, and what it may otherwise lack.
 FALSE, BOUND, REFUTATION, BASIN = "false", "false bound", "false refutation", "false basin"
-MISSED, UNCONFIRMED = "missed", "unconfirmed"
 FAULTS = (FALSE, BOUND, REFUTATION, BASIN)
+FAILED, MISSED, UNCONFIRMED = "failed", "missed", "unconfirmed"
 
 Tally = Counter[tuple[str, str]]
 
@@ -54,7 +53,7 @@ def certifiers() -> dict[str, Judge]:
 
 
 def judged(case: Case, judges: dict[str, Judge]) -> tuple[Tally, list[str]]:
-    """Counts by certifier and outcome, and what is false of ours in words."""
+    """Counts by certifier and outcome, and what is false of ours, or failed, in words."""
     tally: Tally = Counter()
     for fact in _facts(case):
         tally["", fact] += 1
@@ -62,7 +61,7 @@ def judged(case: Case, judges: dict[str, Judge]) -> tuple[Tally, list[str]]:
     for name, judge in judges.items():
         for outcome in _outcomes(case, judge):
             tally[name, outcome] += 1
-            if outcome in FAULTS and name.startswith("certpgo"):
+            if outcome in (*FAULTS, FAILED) and name.startswith("certpgo"):
                 faults.append(f"{case.name}: {name}: {outcome}")
     return tally, faults
 
@@ -92,10 +91,10 @@ def _outcomes(case: Case, judge: Judge) -> Iterator[str]:
     except InputError:
         yield "refused"
         return
-    except (CertPGOError, ArithmeticError, np.linalg.LinAlgError, RuntimeError):
+    except Exception:  # a zoo survives whatever a certifier raises
         opinion = None
     if opinion is None:
-        yield "failed"
+        yield FAILED
     else:
         yield "not certified" if opinion.certified is None else "certified"
         yield from _faults(case, opinion)

@@ -63,7 +63,7 @@ def markdown(records: Sequence[Record]) -> str:
     lines += ["", NOTES, ""]
     false = [f"- {record.row}: {record.note}" for record in records if record.note]
     if false:
-        lines += ["## False statements of certpgo", "", *false, ""]
+        lines += ["## Where certpgo is false or fails", "", *false, ""]
     if records:
         origin = records[-1].provenance
         lines += ["; ".join(f"{key}: {origin[key]}" for key in sorted(origin)), ""]
