@@ -12,13 +12,20 @@ from certpgo import registry
 from certpgo.certify import Tier, Verdict, certify
 from certpgo.errors import InputError, MissingDependency
 from certpgo.estimate import Estimate
+from certpgo.harness.zoo import oracle
 from certpgo.harness.zoo.case import Case, Known
+from certpgo.linalg.arrays import FloatArray
 from certpgo.problem import Problem
 
 #: What may be false of a certifier's answer; that it fails, and what it may otherwise lack.
 FALSE, BOUND, REFUTATION, BASIN = "false", "false bound", "false refutation", "false basin"
-FAULTS = (FALSE, BOUND, REFUTATION, BASIN)
-FAILED, MISSED, UNCONFIRMED = "failed", "missed", "unconfirmed"
+PROOF = "false proof"
+FAULTS = (FALSE, BOUND, REFUTATION, BASIN, PROOF)
+#: What an interval factorization says of the multipliers that a bound rests on.
+CONFIRMED, UNDECIDED = "bound confirmed", "bound undecided"
+#: Nodes up to which it is asked.
+MOST_NODES = 200
+FAILED, MISSED, LOOSE, UNCONFIRMED = "failed", "missed", "missed, loose", "unconfirmed"
 
 Tally = Counter[tuple[str, str]]
 
@@ -32,12 +39,15 @@ class Opinion:
     certified : the estimate that it calls optimal, or None
     lower_bound : no estimate costs less, it says
     better : an estimate that it calls better by more than the tolerance, or None
+    basin : an estimate that it calls optimal besides, or None
+    multipliers : (n, d, d) what the lower bound rests on, or None
     """
 
     certified: Estimate | None
     lower_bound: float = -np.inf
     better: Estimate | None = None
     basin: Estimate | None = None
+    multipliers: FloatArray | None = None
 
 
 Judge = Callable[[Problem, Estimate], Opinion]
@@ -100,7 +110,7 @@ def _outcomes(case: Case, judge: Judge) -> Iterator[str]:
         yield from _faults(case, opinion)
     missed = opinion is None or opinion.certified is None
     if missed and case.feasible and case.is_optimal(case.point):
-        yield MISSED
+        yield LOOSE if case.truth.loose else MISSED
 
 
 def _faults(case: Case, opinion: Opinion) -> Iterator[str]:
@@ -117,6 +127,9 @@ def _faults(case: Case, opinion: Opinion) -> Iterator[str]:
         yield REFUTATION
     if opinion.basin is not None and case.is_beaten(opinion.basin):
         yield BASIN
+    if opinion.multipliers is not None and case.problem.n <= MOST_NODES:
+        holds = oracle.is_proof(case.problem, opinion.multipliers)
+        yield PROOF if holds is False else CONFIRMED if holds else UNDECIDED
 
 
 def _ours(tier: Tier, refine: bool) -> Judge:
@@ -128,6 +141,7 @@ def _ours(tier: Tier, refine: bool) -> Judge:
             certificate.lower_bound,
             certificate.better if certificate.verdict is Verdict.REFUTED else None,
             certificate.refined if certificate.basin_is_global else None,
+            certificate.multipliers,
         )
 
     return judge

@@ -55,10 +55,18 @@ def lower_bound(problem: Problem, point: Estimate, allowed: float) -> float:
         if problem.d * float(loss.sum()) > allowed:
             break
         reduced = multipliers - loss[:, None, None] * np.eye(problem.d)
-        if _is_definite(_certificate_matrix(problem, M, reduced)):
+        if _is_definite(_certificate_matrix(problem, M, reduced)) is True:
             diagonal = np.diagonal(reduced, axis1=1, axis2=2)
             return math.nextafter(math.fsum(diagonal.ravel()), -math.inf)
     return -math.inf
+
+
+def is_proof(problem: Problem, multipliers: FloatArray) -> bool | None:
+    """Whether tr(Lam) is a lower bound: M - blkdiag(0, Lam) is positive semidefinite.
+
+    None where the balls do not tell.
+    """
+    return _is_definite(_certificate_matrix(problem, _objective(problem), multipliers))
 
 
 def _certificate_matrix(problem: Problem, M: Matrix, multipliers: FloatArray) -> Matrix:
@@ -106,8 +114,8 @@ def _objective(problem: Problem) -> Matrix:
     return M
 
 
-def _is_definite(S: Matrix) -> bool:
-    """Whether a symmetric matrix is proven positive definite by L D L^T."""
+def _is_definite(S: Matrix) -> bool | None:
+    """Whether a symmetric matrix is positive definite, by L D L^T; None where a pivot may be 0."""
     rows: dict[int, dict[int, Any]] = {}
     for (p, q), value in S.items():
         rows.setdefault(p, {})[q] = value
@@ -115,7 +123,7 @@ def _is_definite(S: Matrix) -> bool:
         column = rows.pop(k)
         pivot = column.pop(k)
         if not pivot > 0:
-            return False
+            return False if pivot < 0 else None
         others = list(column.items())
         for place, (p, x) in enumerate(others):
             row, ratio = rows[p], x / pivot

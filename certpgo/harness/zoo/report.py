@@ -13,20 +13,24 @@ OUTCOMES = (
     "certified",
     "false",
     "missed",
+    "missed, loose",
     "unconfirmed",
     "refused",
     "failed",
     "not installed",
 )
 #: What else may be false, of certifiers that say so much.
-OTHERS = ("false bound", "false refutation", "false basin")
+OTHERS = ("false bound", "false refutation", "false basin", "false proof")
 
 INTRODUCTION = """\
 Every certifier is told a problem and a point and says whether the point is optimal. A certificate
 is **false** when an estimate in hand is better by more than 1e-5 F + 1e-12 W (our tolerance; W is
 the sum of kappa and tau |t_ij|^2), or when the point is no estimate at all; it is **missed** when
-the point is within a tenth of that of the optimum and not certified. A **false bound** is a proven
-lower bound above the cost of an estimate in hand, a **false refutation** one of an optimal point.
+the point is within a tenth of that of the optimum, and not certified. A **false bound** is a proven
+lower bound above the cost of an estimate in hand, a **false refutation** one of an optimal point, a
+**false proof** one whose certificate matrix has a negative eigenvalue; these and optima that are
+none are counted as otherwise false. Up to 200 nodes an interval factorization of the very matrix
+that a bound rests on is asked to confirm it.
 Costs in hand are enclosed in interval arithmetic. F* is known in closed form; or by an interval
 L D L^T of the certificate matrix, in 160-bit balls; or by branch and bound over the angles of up to
 four rotations in the plane."""
@@ -44,9 +48,9 @@ matrices, not runs of those programs. The rules are meant for stationary points,
 say of points that are not (moved along the softest mode, not stationary, scaled) is a warning to
 their users rather than a fault of their authors. GTSAM's two take rotations alone and refuse poses.
 
-No certificate of this kind can exist where the relaxation is loose: there an optimal point is
-missed by everybody. "Unconfirmed" is a certificate of a point whose optimality the oracle neither
-proves nor disproves."""
+Where the relaxation is loose no certificate of this kind can exist, and an optimal point is missed
+by everybody who is not false: "missed, loose". "Unconfirmed" is a certificate of a point whose
+optimality is open: the garage is too large for the oracle."""
 
 
 def markdown(records: Sequence[Record]) -> str:
@@ -76,12 +80,16 @@ NOTHING = "–"  # noqa: RUF001 - a dash in a cell
 def totals(records: Sequence[Record]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Header and rows: each certifier's outcomes over everything."""
     counts = _sum(records)
-    header = ("certifier", *OUTCOMES[:2], "false bounds, refutations", *OUTCOMES[2:])
+    header = ("certifier", *OUTCOMES[:2], "otherwise false", "bounds confirmed", *OUTCOMES[2:])
     rows = []
     for name in certifiers(records):
         own = [f"{counts[f'{name}: {outcome}']:,}" for outcome in OUTCOMES]
-        other = f"{sum(counts[f'{name}: {outcome}'] for outcome in OTHERS):,}"
-        rows.append((name, *own[:2], other if name.startswith("certpgo") else NOTHING, *own[2:]))
+        extra = [NOTHING, NOTHING]
+        if name.startswith("certpgo"):
+            confirmed, open_ = (counts[f"{name}: bound {k}"] for k in ("confirmed", "undecided"))
+            others = sum(counts[f"{name}: {outcome}"] for outcome in OTHERS)
+            extra = [f"{others:,}", f"{confirmed:,} of {confirmed + open_:,}"]
+        rows.append((name, *own[:2], *extra, *own[2:]))
     return header, rows
 
 
