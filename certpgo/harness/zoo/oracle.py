@@ -16,8 +16,8 @@ from certpgo.estimate import Estimate
 from certpgo.linalg.arrays import FloatArray
 from certpgo.problem import PoseProblem, Problem
 
-#: Bits of the balls' midpoints.
-BITS = 160
+#: Bits of the balls' midpoints, and of another attempt where long chains have used them up.
+BITS, MORE_BITS = 160, 1024
 #: Shifts of the multipliers that are tried, in units of each node's curvature.
 SHIFTS = tuple(10.0**-k for k in range(14, 6, -1))
 
@@ -26,6 +26,11 @@ Matrix = dict[tuple[int, int], Any]
 
 def cost(problem: Problem, estimate: Estimate) -> tuple[float, float]:
     """A lower and an upper bound on F of an estimate."""
+    with _flint().ctx.workprec(BITS):
+        return _cost(problem, estimate)
+
+
+def _cost(problem: Problem, estimate: Estimate) -> tuple[float, float]:
     flint = _flint()
     R, measured = _rotations(estimate.rotations), _rotations(problem.rotation.graph.rotations)
     total = flint.arb(0)
@@ -46,18 +51,17 @@ def lower_bound(problem: Problem, point: Estimate, allowed: float) -> float:
     Minus infinity where no shift of the multipliers that costs at most ``allowed`` leaves the
     certificate matrix positive semidefinite: the relaxation is loose, or the point not optimal.
     """
-    _flint()
     multipliers = problem.multipliers(point)
-    curvature = np.asarray(problem.curvature)
-    M = _objective(problem)
-    for shift in SHIFTS:
-        loss = shift * curvature
-        if problem.d * float(loss.sum()) > allowed:
-            break
-        reduced = multipliers - loss[:, None, None] * np.eye(problem.d)
-        if _is_definite(_certificate_matrix(problem, M, reduced)) is True:
-            diagonal = np.diagonal(reduced, axis1=1, axis2=2)
-            return math.nextafter(math.fsum(diagonal.ravel()), -math.inf)
+    with _flint().ctx.workprec(BITS):
+        M = _objective(problem)
+        for shift in SHIFTS:
+            loss = shift * np.asarray(problem.curvature)
+            if problem.d * float(loss.sum()) > allowed:
+                break
+            reduced = multipliers - loss[:, None, None] * np.eye(problem.d)
+            if _is_definite(_certificate_matrix(problem, M, reduced)):
+                diagonal = np.diagonal(reduced, axis1=1, axis2=2)
+                return math.nextafter(math.fsum(diagonal.ravel()), -math.inf)
     return -math.inf
 
 
@@ -66,7 +70,13 @@ def is_proof(problem: Problem, multipliers: FloatArray) -> bool | None:
 
     None where the balls do not tell.
     """
-    return _is_definite(_certificate_matrix(problem, _objective(problem), multipliers))
+    for bits in (BITS, MORE_BITS):
+        with _flint().ctx.workprec(bits):
+            S = _certificate_matrix(problem, _objective(problem), multipliers)
+            found = _is_definite(S)
+        if found is not None:
+            return found
+    return None
 
 
 def _certificate_matrix(problem: Problem, M: Matrix, multipliers: FloatArray) -> Matrix:
@@ -160,7 +170,7 @@ def _below(ball: Any) -> float:
 
 
 def _flint() -> Any:
-    """The library, its precision set.
+    """The library.
 
     Raises
     ------
@@ -173,5 +183,4 @@ def _flint() -> Any:
         raise MissingDependency(
             "python-flint, which the zoo knows the truth from,", "test"
         ) from None
-    flint.ctx.prec = BITS
     return flint
