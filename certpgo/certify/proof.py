@@ -8,9 +8,10 @@ for which the rotations pay through the gauge), with a margin, until the checker
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -27,12 +28,13 @@ from certpgo.problem import PoseProblem, Problem
 FIRST_SHIFT, GROWTH = 4.0, 4.0
 #: Shifts tried, before the multipliers are taken as they are.
 SHIFTS = 5
-#: How much more is taken off than a residual's row asked for: that, and units of rounding.
-MARGIN, UNITS = 2.0, 4.0
-#: How much more than it asks for a row must get, for other machines round otherwise.
+#: Units of rounding of its diagonal entry that a row gets at first; where that is not enough for
+#: all, each gets this multiple of it and of what it asked for.
+UNITS, MARGIN = 3.0, 2.0
+#: A row that gets less than this much more than it asks for gets more in the next round; and the
+#: rotations pay this much more than the translations get.
 SAFETY = 1.2
-#: Rounds of giving more to the rows that got too little.
-ROUNDS = 6
+ROUNDS = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,11 +70,11 @@ def prove(
         prover = _Prover(problem, graph, point)
         shift = FIRST_SHIFT * prover.shifted.unit * (1.0 if prover.shifted.pin is None else GROWTH)
         for _ in range(SHIFTS):
-            found = prover.attempt(shift)
+            found = prover.settle(partial(prover.shifted.less, shift))
             if found is not None:
                 return found
             shift *= GROWTH
-        return prover.settle(fallback, np.zeros(prover.size))
+        return prover.settle(lambda _: fallback)
 
 
 def proven_bound(problem: Problem, point: Estimate, bound: DualBound) -> DualBound | None:
@@ -105,26 +107,22 @@ class _Prover:
         free = self.shifted.weights[~self.shifted.is_rotation]
         self.exponent = int(math.log2(free[0])) if len(free) else 0
 
-    def attempt(self, shift: float) -> tuple[FloatArray, Witness] | None:
-        """A proof with ``shift`` on the rotations and what the translations ask for."""
-        still = np.zeros(self.size)
-        first = self.residual(self.shifted.less(shift, still), still)
-        if first is None:
-            return None
-        return self.settle(self.shifted.less(shift, SAFETY * first.wanted), first.wanted)
-
     def settle(
-        self, multipliers: FloatArray, asked: FloatArray
+        self, multipliers: Callable[[FloatArray], FloatArray]
     ) -> tuple[FloatArray, Witness] | None:
-        """The multipliers less what their rotations ask for, once every row has enough."""
+        """Multipliers, less what their rotations ask for, at which every row has enough.
+
+        ``multipliers`` are a function of what is asked of the translations (N,).
+        """
+        asked = UNITS * checker.U * self.problem.matrix.diagonal()
         for _ in range(ROUNDS):
-            less = self.without(multipliers, asked)
+            less = self.without(multipliers(SAFETY * asked), asked)
             found = self.residual(less, asked)
             if found is None:
                 return None
-            if found.enough.all():
+            if found.accepted:
                 return less, found.witness
-            asked = np.where(found.enough, asked, np.maximum(2.0 * asked, found.wanted))
+            asked = np.maximum(np.where(found.enough, 1.0, 2.0) * asked, found.wanted)
         return None
 
     def without(self, multipliers: FloatArray, asked: FloatArray) -> FloatArray:
@@ -145,15 +143,17 @@ class _Prover:
         if left is None:
             return None
         short = left.needed - (left.diagonal - delta)
-        wanted = (MARGIN * np.maximum(short, 0.0) + UNITS * checker.U) / scale
+        wanted = MARGIN * (np.maximum(short, 0.0) + UNITS * checker.U) / scale
         enough = left.diagonal >= SAFETY * left.needed
-        return _Found(enough, wanted, replace(blank, delta=delta))
+        accepted = bool(np.all(left.diagonal >= left.needed))
+        return _Found(accepted, enough, wanted, replace(blank, delta=delta))
 
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """Which rows have enough (N,), what they want (N,) in units of A, and what was tried."""
+    """Whether it passes, which rows have enough (N,), what they want (N,), and what was tried."""
 
+    accepted: bool
     enough: BoolArray
     wanted: FloatArray
     witness: Witness
