@@ -308,6 +308,8 @@ def read_claim(archive: Any) -> dict[str, Any]:
     for name, choices in _OPTIONS.items():
         if claim[name] not in choices:
             raise Unreadable(f"{name} must be one of {choices}")
+    if claim["d"] == 2 and claim["rotation_information"] == "quaternion":
+        raise Unreadable("in the plane, rotational information is about the angle")
     for name in ("kappa", "tau"):
         if claim[name] is not None and not 0.0 < float(claim[name]) < math.inf:
             raise Unreadable(f"{name} must be positive")
@@ -706,7 +708,7 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
     except OSError as error:
         raise Unreadable(f"{path}: {error.strerror}") from None
     try:
-        with np.load(Path(proof_path), allow_pickle=False) as archive:
+        with open(proof_path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             claim = read_claim(archive)
             component = _component(path, text, claim)
             try:

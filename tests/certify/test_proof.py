@@ -1,0 +1,140 @@
+"""The proof tier, and writing proofs."""
+
+import numpy as np
+import proofs
+import pytest
+from hypothesis import given, settings
+from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
+
+import certpgo
+from certpgo import checker
+from certpgo.certify import Tier, Verdict, certify
+from certpgo.certify.proof import exact_cost, exact_graph
+from certpgo.certify.proof_file import write_proof
+from certpgo.datasets.synthetic import winding_cycle
+from certpgo.errors import InputError, NumericalError
+from certpgo.estimate import Estimate
+from certpgo.linalg import factor, so
+from certpgo.problem import problem_of
+
+
+@given(seeds, dimensions)
+@settings(max_examples=20)
+def test_the_proof_tier_agrees_with_the_standard_one_and_is_sharper(seed, d):
+    graph, _, _ = pose_graph(rng_of(seed), 8, d)
+    answer = certpgo.solve(graph)
+    problem = problem_of(graph)
+    proof, standard = (certify(problem, answer.estimate, tier=t) for t in ("proof", "standard"))
+    assert proof.tier is Tier.PROOF
+    assert proof.verdict is standard.verdict is Verdict.CERTIFIED
+    assert proof.lower_bound <= standard.cost
+    assert standard.lower_bound <= proof.cost
+    assert proof.gap <= standard.gap
+    assert proof.cost == pytest.approx(answer.cost, rel=1e-12)
+
+
+@pytest.mark.parametrize("winding", [1, 2])
+@pytest.mark.parametrize("n", [12, 100])
+def test_wound_up_cycles_are_refuted_at_the_proof_tier(n, winding):
+    instance, wound = winding_cycle(n, 0.1, winding)
+    certificate = certify(problem_of(instance.graph), wound, tier="proof")
+    assert certificate.verdict is Verdict.REFUTED
+    alone = certify(problem_of(instance.graph), wound, tier="proof", refine=False)
+    assert alone.verdict in (Verdict.UNDECIDED, Verdict.BOUNDED)
+    assert alone.lower_bound <= 8 * n * np.sin(0.1 / (2 * n)) ** 2
+
+
+@pytest.mark.parametrize("engine", factor.engines())
+def test_no_engine_is_trusted(engine, monkeypatch):
+    graph, _, _ = pose_graph(rng_of(1), 8, 3)
+    answer = certpgo.solve(graph)
+    monkeypatch.setenv("CERTPGO_ENGINE", engine)
+    assert certify(problem_of(graph), answer.estimate, tier="proof").relative_gap < 1e-11
+
+
+@given(seeds, dimensions)
+def test_exact_costs_are_costs_rounded_up(seed, d):
+    rng = rng_of(seed)
+    graph, _, _ = pose_graph(rng, 5, d)
+    estimate = Estimate(so.random(rng, 5, d), rng.standard_normal((5, d)))
+    problem = problem_of(graph)
+    upper = exact_cost(problem, estimate)
+    assert upper == pytest.approx(problem.cost(estimate), rel=1e-12)
+    mine = exact_graph(problem)
+    exact = checker.upper_bound(mine, *_numbers(estimate))
+    assert proofs.exact_cost(mine, *_numbers(estimate)) <= exact == upper
+
+
+def _numbers(estimate):
+    from certpgo.certify.proof import quaternions
+
+    return quaternions(estimate.rotations), estimate.translations
+
+
+def test_a_loose_relaxation_is_proven_as_far_as_it_goes(tmp_path):
+    rng = rng_of(4)
+    graph, _ = rotation_graph(rng, 7, 3, extra=10, noise=1.5)
+    path = tmp_path / "loose.g2o"
+    certpgo.write(path, graph)
+    instance = certpgo.read(path, quiet=True)
+    answer = certpgo.solve(instance.graph)
+    assert answer.verdict is Verdict.BOUNDED
+    said = write_proof(tmp_path / "loose.cert", path, instance, answer.estimate, answer.certificate)
+    assert said.lower == pytest.approx(answer.certificate.lower_bound, rel=1e-6)
+    assert 1e-4 < said.relative_gap < 0.5
+
+
+def test_a_proof_is_about_the_estimate_as_given(tmp_path):
+    graph, R, t = pose_graph(rng_of(2), 6, 3)
+    path, proof = tmp_path / "graph.g2o", tmp_path / "given.cert"
+    certpgo.write(path, graph)
+    instance = certpgo.read(path, quiet=True)
+    given = Estimate(R, t)
+    certificate = certify(problem_of(instance.graph), given)
+    said = write_proof(proof, path, instance, given, certificate)
+    assert said.upper == pytest.approx(problem_of(graph).cost(given), rel=1e-12)
+    assert said.lower == pytest.approx(certificate.refined_cost, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"keep": "first"}, {"unit_weights": True}, {"kappa": 2.5}, {"rotation_information": "rpy"}],
+    ids=str,
+)
+def test_a_proof_repeats_the_reading_options(tmp_path, options):
+    graph, _, _ = pose_graph(rng_of(6), 6, 3, extra=15)
+    path = tmp_path / "graph.g2o"
+    certpgo.write(path, graph)
+    instance = certpgo.read(path, quiet=True, **options)
+    answer = certpgo.solve(instance.graph)
+    said = write_proof(tmp_path / "it.cert", path, instance, answer.estimate, answer.certificate)
+    assert said.relative_gap < 1e-9
+    assert said.upper == pytest.approx(answer.cost, rel=1e-12)
+
+
+def test_what_cannot_be_proven_is_said_and_nothing_is_written(tmp_path):
+    graph, _, _ = pose_graph(rng_of(7), 6, 3)
+    certpgo.write(tmp_path / "graph.npz", graph)
+    certpgo.write(tmp_path / "graph.g2o", graph)
+    instance = certpgo.read(tmp_path / "graph.g2o", quiet=True)
+    answer = certpgo.solve(instance.graph)
+    out = tmp_path / "out.cert"
+    with pytest.raises(InputError, match="convert"):
+        write_proof(out, tmp_path / "graph.npz", instance, answer.estimate, answer.certificate)
+    other, _, _ = pose_graph(rng_of(8), 5, 3)
+    certpgo.write(tmp_path / "other.g2o", other)
+    with pytest.raises(InputError, match="whole file"):
+        write_proof(out, tmp_path / "other.g2o", instance, answer.estimate, answer.certificate)
+    same, _, _ = pose_graph(rng_of(9), 6, 3)
+    certpgo.write(tmp_path / "same.g2o", same)
+    with pytest.raises(NumericalError, match="cannot be proven"):
+        write_proof(out, tmp_path / "same.g2o", instance, answer.estimate, answer.certificate)
+    nothing = proofs.without_bound(answer.certificate)
+    with pytest.raises(NumericalError, match="no lower bound"):
+        write_proof(out, tmp_path / "graph.g2o", instance, answer.estimate, nothing)
+    assert not out.exists()
+
+
+def test_public_names():
+    assert certpgo.check is checker.check
+    assert certpgo.write_proof is write_proof
