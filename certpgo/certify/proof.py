@@ -135,7 +135,11 @@ class _Prover:
         """What the checker finds when ``asked`` (N,) is taken off before factorizing."""
         pin, order = self.shifted.pin or 0, self.problem.order.astype(np.intp)
         blank = Witness(order, np.zeros(self.size), pin, self.exponent)
-        blocks = checker.certificate_matrix(self.graph, proof_of(self.point, multipliers, blank))
+        proof = proof_of(self.point, multipliers, blank)
+        try:
+            blocks = checker.certificate_matrix(self.graph, proof)
+        except (checker.Refused, OverflowError):
+            return None
         normal = math.frexp(float(self.graph.kappa.max()))[1]
         scale = np.ldexp(1.0, 2 * blocks.scales.ravel() - normal)  # of A's diagonal
         delta = (asked * scale).astype(np.float32).astype(np.float64)
