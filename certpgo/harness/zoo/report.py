@@ -69,7 +69,8 @@ def markdown(records: Sequence[Record]) -> str:
     if false:
         lines += ["## Where certpgo is false or fails", "", *false, ""]
     if records:
-        origin = records[-1].provenance
+        commits = dict.fromkeys(record.provenance.get("commit", "") for record in records)
+        origin = {**records[-1].provenance, "commit": ", ".join(commits)}
         lines += ["; ".join(f"{key}: {origin[key]}" for key in sorted(origin)), ""]
     return "\n".join(lines)
 
