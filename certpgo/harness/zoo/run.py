@@ -95,6 +95,7 @@ def record(job: Job) -> Record:
         settings={"certifiers": list(judges), "quick": job.quick, "falsely certified": wrong},
         counts={": ".join(filter(None, key)): count for key, count in sorted(tally.items())},
         note="; ".join(faults),
+        error="" if tally["", "points"] else "no points: its file is not here",
         provenance=provenance(default_engine(), _root()),
     )
 
