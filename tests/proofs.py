@@ -10,11 +10,7 @@ import numpy as np
 import certpgo
 from certpgo import checker
 from certpgo.certify.proof_file import write_proof
-from certpgo.graph import Instance
-
-
-def instance_of(graph):
-    return Instance("made", graph, np.arange(graph.num_nodes), options={})
+from certpgo.io.circle import half_angle_pair
 
 
 def proven(folder, graph, name="graph"):
@@ -79,13 +75,26 @@ def exact_rotation(q):
     return [[entry / norm for entry in row] for row in entries]
 
 
-def exact_cost(graph, q, t=None):
+def measured_by(path):
+    """The measured rotations of a g2o file in rationals, by the definitions."""
+    edges = [line.split() for line in path.read_text().splitlines() if line.startswith("EDGE")]
+    return [
+        exact_rotation(
+            map(float, words[6:10])
+            if words[0] == "EDGE_SE3:QUAT"
+            else half_angle_pair(float(words[5]))
+        )
+        for words in edges
+    ]
+
+
+def exact_cost(graph, measurements, q, t=None):
     """F in rationals."""
     R = [exact_rotation(row) for row in q]
     d, total = len(R[0]), Fraction(0)
     for e in range(len(graph.i)):
         i, j = int(graph.i[e]), int(graph.j[e])
-        measured = exact_rotation(graph.q[e])
+        measured = measurements[e]
         kappa, tau = Fraction(float(graph.kappa[e])), Fraction(float(graph.tau[e]))
         for a in range(d):
             for b in range(d):
@@ -97,7 +106,7 @@ def exact_cost(graph, q, t=None):
     return total
 
 
-def exact_matrix(graph, multipliers, poses):
+def exact_matrix(graph, measurements, multipliers, poses):
     """M - blkdiag(0, Lam) in rationals, by the terms of F edge by edge, the first pose pinned."""
     d = graph.t.shape[1]
     b = d + poses
@@ -111,7 +120,7 @@ def exact_matrix(graph, multipliers, poses):
 
     for e in range(len(graph.i)):
         i, j = int(graph.i[e]) * b, int(graph.j[e]) * b
-        measured = exact_rotation(graph.q[e])
+        measured = measurements[e]
         kappa, tau = Fraction(float(graph.kappa[e])), Fraction(float(graph.tau[e]))
         # A row of X enters as R_j e_c - R_i (R_ij e_c), column by column.
         for c in range(d):

@@ -59,8 +59,8 @@ def assert_same_graph(graph, mine):
     assert mine.n == graph.num_nodes
     assert np.array_equal(np.stack([mine.i, mine.j], axis=1), graph.edges)
     assert np.array_equal(mine.kappa, rotation.kappa)
-    N, D = checker.rotations(mine.q)
-    assert np.abs((N / D).astype(float) - rotation.rotations).max() < 8 * U
+    stored = (mine.R / 2**checker.POINT).astype(float)
+    assert np.abs(stored - rotation.rotations).max() < 8 * U
     if isinstance(graph, PoseGraph):
         assert np.array_equal(mine.tau, graph.tau)
         assert np.array_equal(mine.t, graph.translations)
@@ -184,9 +184,13 @@ def test_what_is_proven_is_true(tmp_path_factory, seed, d, poses):
     said = checker.check(path, proof)
     arrays = proofs.arrays_of(proof)
     graph = checker.read_graph(path.read_bytes(), proofs.claim_of(arrays), None)
-    cost = proofs.exact_cost(graph, arrays["rotations"], arrays.get("translations"))
+    cost = proofs.exact_cost(
+        graph, proofs.measured_by(path), arrays["rotations"], arrays.get("translations")
+    )
     assert cost <= Fraction(said.upper) <= cost * Fraction(1 + 1e-9) + Fraction(1, 10**20)
-    assert proofs.is_positive_semidefinite(proofs.exact_matrix(graph, arrays["multipliers"], poses))
+    assert proofs.is_positive_semidefinite(
+        proofs.exact_matrix(graph, proofs.measured_by(path), arrays["multipliers"], poses)
+    )
     diagonal = np.equal(*np.triu_indices(d))
     trace = sum(Fraction(float(x)) for x in arrays["multipliers"][:, diagonal].ravel())
     assert Fraction(said.lower) <= max(trace, 0)
@@ -207,7 +211,7 @@ def test_at_the_edge_only_what_is_positive_semidefinite_passes(
     arrays["multipliers"][k] += size if add else -size
     if tried(path, arrays) is not None:
         graph = checker.read_graph(path.read_bytes(), proofs.claim_of(arrays), None)
-        A = proofs.exact_matrix(graph, arrays["multipliers"], poses)
+        A = proofs.exact_matrix(graph, proofs.measured_by(path), arrays["multipliers"], poses)
         assert proofs.is_positive_semidefinite(A)
 
 
@@ -444,7 +448,9 @@ def assert_nothing_false(path, arrays, said):
     assert found.lower <= said.upper
     assert found.upper >= said.lower
     graph = checker.read_graph(path.read_bytes(), proofs.claim_of(arrays), None)
-    cost = proofs.exact_cost(graph, arrays["rotations"], arrays.get("translations"))
+    cost = proofs.exact_cost(
+        graph, proofs.measured_by(path), arrays["rotations"], arrays.get("translations")
+    )
     assert cost <= Fraction(found.upper)
     return True
 

@@ -170,7 +170,8 @@ def exact_graph(problem: Problem) -> checker.Graph:
     t, tau = np.zeros((m, graph.d)), np.ones(m)
     if isinstance(problem, PoseProblem):
         t, tau = problem.graph.translations, problem.graph.tau
-    return checker.Graph(graph.num_nodes, i, j, quaternions(graph.rotations), t, graph.kappa, tau)
+    R = checker.rotations(quaternions(graph.rotations))
+    return checker.Graph(graph.num_nodes, i, j, R, t, graph.kappa, tau)
 
 
 def quaternions(R: FloatArray) -> FloatArray:

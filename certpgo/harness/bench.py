@@ -42,7 +42,7 @@ def against(
 
 def _step(method: Method, graph: Graph) -> Step:
     if method.solver == FACTORIZATION:
-        return _factorization(graph)
+        return factorization(graph)
     own = _own_step(method, graph)
     if method.start is None:
         return own
@@ -60,7 +60,7 @@ def _own_step(method: Method, graph: Graph) -> Step:
     return lambda: solver.solve(problem_of(graph))
 
 
-def _factorization(graph: Graph) -> Step:
+def factorization(graph: Graph) -> Step:
     """One numeric factorization of the optimum's certificate matrix: the machine's own unit."""
     problem = problem_of(graph)
     S = certificate_matrix(problem, problem.multipliers(solve(graph).estimate))

@@ -9,7 +9,7 @@ from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 import certpgo
 from certpgo import checker
 from certpgo.certify import Tier, Verdict, certify
-from certpgo.certify.proof import exact_cost, exact_graph
+from certpgo.certify.proof import exact_cost, exact_graph, quaternions
 from certpgo.certify.proof_file import write_proof
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import InputError, NumericalError
@@ -62,12 +62,11 @@ def test_exact_costs_are_costs_rounded_up(seed, d):
     assert upper == pytest.approx(problem.cost(estimate), rel=1e-12)
     mine = exact_graph(problem)
     exact = checker.upper_bound(mine, *_numbers(estimate))
-    assert proofs.exact_cost(mine, *_numbers(estimate)) <= exact == upper
+    measured = [proofs.exact_rotation(q) for q in quaternions(graph.rotation.rotations)]
+    assert proofs.exact_cost(mine, measured, *_numbers(estimate)) <= exact == upper
 
 
 def _numbers(estimate):
-    from certpgo.certify.proof import quaternions
-
     return quaternions(estimate.rotations), estimate.translations
 
 
