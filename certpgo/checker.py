@@ -21,7 +21,7 @@ import math
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from functools import cache
 from pathlib import Path
@@ -176,7 +176,10 @@ def _split(text: bytes, counts: tuple[int, ...]) -> list[bytes]:
 
 
 def _g2o_edge(
-    text: bytes, d: int, claim: dict[str, Any], weigh: Callable[[bytes], tuple[float, float]]
+    text: bytes,
+    d: int,
+    claim: dict[str, Any],
+    weigh: Callable[[tuple[bytes, ...]], tuple[float, float]],
 ) -> Edge:
     """``i j x y z qx qy qz qw`` or ``i j x y theta``, then the information or nothing."""
     pose = 9 if d == 3 else 5
@@ -185,7 +188,7 @@ def _g2o_edge(
     q = numbers[3:] if d == 3 else half_angle(numbers[2])
     kappa, tau = 1.0, 1.0
     if len(words) > pose and None in (claim["kappa"], claim["tau"]):
-        kappa, tau = weigh(b" ".join(words[pose:]))
+        kappa, tau = weigh(tuple(words[pose:]))
         if claim["rotation_information"] == "quaternion":
             kappa *= 0.25  # half the angle, a quarter of the information
     return int(words[0]), int(words[1]), q, numbers[:d], kappa, tau
@@ -245,26 +248,26 @@ def half_angle(theta: float) -> tuple[float, float]:
     return pairs.pop()
 
 
-def weights(text: bytes) -> tuple[float, float]:
+def weights(words: tuple[bytes, ...]) -> tuple[float, float]:
     """The weights kappa and tau of an information matrix: its upper triangle, row by row."""
-    words = text.lower().decode().split()
     if len(words) == 6:
         return harmonic_mean(words[5:], 1), harmonic_mean([words[k] for k in (0, 1, 3)], 1)
     tau = harmonic_mean([words[k] for k in (0, 1, 2, 6, 7, 11)], 1)
     return harmonic_mean(words[15:], 2), tau
 
 
-def harmonic_mean(words: list[str], halves: int) -> float:
+def harmonic_mean(words: Sequence[bytes], halves: int) -> float:
     """The number size / tr(A^-1) / halves of an upper triangle in decimals, rounded once."""
-    decimals = []
+    values, powers = [], []
     for word in words:
-        mantissa, _, power = word.partition("e")
-        whole, _, fraction = mantissa.partition(".")
-        decimals.append((int(whole + fraction), int(power or 0) - len(fraction)))
-    if max(abs(power) for _, power in decimals) > 400:
+        mantissa, _, power = word.lower().partition(b"e")
+        whole, _, fraction = mantissa.partition(b".")
+        values.append(int(whole + fraction))
+        powers.append(int(power or 0) - len(fraction))
+    lowest = min(powers)
+    if not -400 <= lowest <= max(powers) <= 400:
         raise ValueError("an information number out of range")
-    lowest = min((power for value, power in decimals if value), default=0)
-    upper = [value * 10 ** max(power - lowest, 0) for value, power in decimals]
+    upper = [value * 10 ** (power - lowest) for value, power in zip(values, powers, strict=True)]
     if len(upper) == 1:
         minors, above, below = [upper[0]], upper[0], 1
     elif len(upper) == 3:
@@ -503,7 +506,7 @@ class Front(NamedTuple):
     children: list[int]
 
 
-def fronts(n: int, pairs: Ints, allowance: int = 16) -> list[Front]:
+def fronts(n: int, pairs: Ints, allowance: int = 64) -> list[Front]:
     """The fronts of eliminating 0 ... n-1 in order, children before parents.
 
     ``pairs`` are (k, 2) with p < q. A node joins the front of a child if that adds at most
@@ -603,8 +606,8 @@ def residual(blocks: Blocks, order: Ints, delta: Array) -> Residual | None:
         others[rows[:k]] += E[k:].T @ v[rows[k:]]
         reached[rows] += v[rows[:k]].sum()
         reached[rows[:k]] += v[rows[k:]].sum()
-        norms1[rows] += np.einsum("ra,ra->r", L1, L1)
-        norms2[rows] += np.einsum("ra,ra->r", L2, L2)
+        norms1[rows] += (L1 * L1).sum(axis=1)
+        norms2[rows] += (L2 * L2).sum(axis=1)
         terms[rows] += k
         if front.boundary:
             passed[number] = np.array(front.boundary), H[k:, k:].copy(), G[k:, k:].copy()

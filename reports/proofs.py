@@ -126,10 +126,9 @@ def main() -> None:
                 line = (name, *row(instance, path, Path(folder), expected))
                 lines.append(" | ".join(line))
                 print(lines[-1], flush=True)
-    text = "\n".join(f"| {line} |" for line in lines)
     said = (
-        "# Proofs\n\nProved by `certpgo/checker.py`; made by `python reports/proofs.py`. A factorization\n"
-        "is one numeric factorization of the certificate matrix by "
+        "# Proofs\n\nProved by `certpgo/checker.py`; made by `python reports/proofs.py`. A\n"
+        "factorization is one numeric factorization of the certificate matrix by "
         f"{factor.default_engine()}.\n*Expected*: the relative gap that a prototype reached.\n\n"
     )
     arguments.out.write_text(said + "".join(f"| {line} |\n" for line in lines))
