@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from certpgo.cli._show import document
+from certpgo.cli._show import document, working
 from certpgo.errors import FormatError
 
 #: Exit code of a proof that is refused.
@@ -31,7 +31,12 @@ def command(
     if json:
         return _as_json(path, proof)
     program = Path(__file__).parents[1] / "checker.py"
-    return subprocess.run([sys.executable, str(program), str(path), str(proof)]).returncode
+    arguments = [sys.executable, str(program), str(path), str(proof)]
+    with working(f"checking {proof}"):
+        done = subprocess.run(arguments, capture_output=True, text=True, check=False)
+    typer.echo(done.stdout, nl=False)
+    typer.echo(done.stderr, nl=False, err=True)
+    return done.returncode
 
 
 def _as_json(path: Path, proof: Path) -> int:

@@ -1,0 +1,100 @@
+"""Proofs on the command line: written, checked, refused."""
+
+import pytest
+
+
+@pytest.fixture
+def proof(certpgo, square, tmp_path):
+    """The proof of the square's optimum."""
+    path = tmp_path / "square.cert"
+    done = certpgo("solve", square, "-o", tmp_path / "best.g2o", "--proof", path)
+    assert done.code == 0
+    assert f"{path}: PROVED: F(x) <= " in done.out
+    return path
+
+
+def test_check_says_what_is_proven(certpgo, square, proof):
+    done = certpgo("check", square, proof)
+    assert done.code == 0
+    assert done.out.startswith("PROVED: F(x) <= ")
+    done = certpgo("check", square, proof, "--json")
+    assert done.code == 0
+    assert done.json["proved"]
+    assert 0.0 < done.json["lower_bound"] <= done.json["cost_upper"]
+    assert done.json["relative_gap"] < 1e-10
+
+
+def test_check_refuses_another_graph(certpgo, square, proof, tmp_path):
+    other = tmp_path / "other.g2o"
+    other.write_text(square.read_text().replace("1.58", "1.59"))
+    done = certpgo("check", other, proof)
+    assert done.code == 6
+    assert done.out.startswith("REFUSED: ")
+    done = certpgo("check", other, proof, "--json")
+    assert done.code == 6
+    assert not done.json["proved"]
+    assert "SHA-256" in done.json["reason"]
+
+
+def test_check_names_what_it_cannot_read(certpgo, square, proof, tmp_path):
+    done = certpgo("check", square, square)
+    assert done.code == 1
+    assert not done.out
+    assert done.err.count("\n") == 1
+    assert "not a readable proof" in done.err
+    done = certpgo("check", square, tmp_path / "nowhere.cert", "--json")
+    assert done.code == 1
+    assert "nowhere.cert" in done.err
+    assert certpgo("check", tmp_path / "nowhere.g2o", proof).code == 1
+
+
+def test_certify_proves_the_answer_as_given(certpgo, square, proof, tmp_path):
+    out = tmp_path / "given.cert"
+    done = certpgo("certify", square, square, "--proof", out, "--json")
+    assert done.code == 3
+    cost = done.json["cost"]
+    assert f"{out}: PROVED" in done.err
+    checked = certpgo("check", square, out, "--json").json
+    assert checked["cost_upper"] == pytest.approx(cost, rel=1e-9)
+    best = certpgo("check", square, proof, "--json").json
+    assert checked["lower_bound"] == pytest.approx(best["lower_bound"], rel=1e-9)
+
+
+def test_proofs_about_rotations_alone(certpgo, square, tmp_path):
+    out, best = tmp_path / "rotations.cert", tmp_path / "rotations.g2o"
+    done = certpgo("solve", square, "--rotations", "-o", best, "--proof", out)
+    assert done.code == 0
+    poses = certpgo("solve", square, "--json").json["cost"]
+    assert certpgo("check", square, out, "--json").json["cost_upper"] < poses
+
+
+def test_the_proof_tier_says_what_it_trusts(certpgo, square, proof, tmp_path):
+    done = certpgo("certify", square, tmp_path / "best.g2o", "--tier", "proof")
+    assert done.code == 0
+    assert "IEEE 754" in done.out
+
+
+@pytest.mark.parametrize("command", ["solve", "certify"])
+def test_what_cannot_be_proven_is_said_before_the_work(certpgo, square, tmp_path, command):
+    toro = tmp_path / "square.npz"
+    certpgo("convert", square, toro)
+    more = [square] if command == "certify" else []
+    out = tmp_path / "out.cert"
+    done = certpgo(command, toro, *more, "--proof", out)
+    assert done.code == 1
+    assert "convert it first" in done.err
+    done = certpgo(command, square, *more, "--proof", tmp_path / "no" / "out.cert")
+    assert done.code == 1
+    assert "no such folder" in done.err
+    done = certpgo(command, square, *more, "--proof", square)
+    assert done.code == 1
+    assert not out.exists()
+
+
+def test_a_proof_is_about_one_answer(certpgo, square, tmp_path):
+    out = tmp_path / "out.cert"
+    done = certpgo("certify", square, square, "--csv", tmp_path / "all.csv", "--proof", out)
+    assert done.code == 1
+    done = certpgo("solve", square, "--method", "eigen_ma", "--no-certify", "--proof", out)
+    assert done.code == 1
+    assert not out.exists()
