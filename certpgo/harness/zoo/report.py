@@ -49,8 +49,9 @@ say of points that are not (moved along the softest mode, not stationary, scaled
 their users rather than a fault of their authors. GTSAM's two take rotations alone and refuse poses.
 
 Where the relaxation is loose no certificate of this kind can exist, and an optimal point is missed
-by everybody who is not false: "missed, loose". "Unconfirmed" is a certificate of a point whose
-optimality is open: the garage is too large for the oracle."""
+by everybody who is not false: "missed, loose". "Unconfirmed" is a certificate of a point that
+no better one is known to and whose optimality the oracle leaves open, as that of the garage, which
+is too large for it."""
 
 
 def markdown(records: Sequence[Record]) -> str:
