@@ -225,7 +225,8 @@ def _reason(c: Certificate) -> str:
     if c.tier is Tier.SCREEN:
         floor = f"not proven at this tier, but likely: {floor}"
     yours = f"yours costs {c.cost:.10g}"
-    improved = f"and, improved, {c.refined_cost:.10g}"
+    improved = f"{yours} and, improved, {c.refined_cost:.10g}"
+    lower = c.refined_cost < c.cost - c.tolerance
     if c.verdict is Verdict.CERTIFIED:
         within = f"{floor}; {yours}, within {c.gap:.2g} of the best possible"
         if c.gap <= c.rtol * c.cost:
@@ -233,16 +234,16 @@ def _reason(c: Certificate) -> str:
         return f"{within}, which is rounding beside the weights of its terms, {c.scale:.2g} in all"
     if c.better_cost is not None:
         return (
-            f"another estimate costs {c.better_cost:.10g}; {yours} {improved}, from where no small "
-            f"change leads to that one; {floor}"
+            f"another estimate costs {c.better_cost:.10g}; {improved if lower else yours}, and "
+            f"improving it step by step does not lead there; {floor}"
         )
     if c.verdict is Verdict.UNDECIDED:
         return f"{yours}, and no lower bound above zero, to compare it with, could be proven"
     if c.basin_is_global:
         return (
-            f"{floor}; {yours} {improved}, the best possible: yours is in the right basin, but not "
+            f"{floor}; {improved}, the best possible: yours is in the right basin, but not "
             "at its lowest point"
         )
-    if c.refined_cost < c.cost - c.tolerance:
-        return f"{floor}; {yours} {improved}: the best possible is no more than that"
+    if lower:
+        return f"{floor}; {improved}: the best possible is no more than that"
     return f"{floor}; {yours}, at most {c.gap:.3g} above the best possible"

@@ -396,7 +396,7 @@ def test_certify_polishes_to_the_better_answer(certpgo, tmp_path):
     package.write(estimate, wound)
     done = certpgo("certify", graph, estimate, "--polish", best)
     assert done.code == 4
-    assert "from where no small change leads to that one" in done.out
+    assert "improving it step by step does not lead there" in done.out
     assert certpgo("certify", graph, best).code == 0
 
 
