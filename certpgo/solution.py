@@ -8,6 +8,7 @@ from enum import Enum
 from typing import ClassVar, Protocol
 
 from certpgo.estimate import Estimate
+from certpgo.linalg.arrays import FloatArray
 from certpgo.monitor import Iteration, Monitor, silent
 from certpgo.problem import Problem
 
@@ -21,6 +22,31 @@ class Status(Enum):
     ITERATION_LIMIT = "iteration limit"
     INTERRUPTED = "interrupted"
     TIME_LIMIT = "time limit"
+
+
+@dataclass(frozen=True, eq=False)
+class Relaxation:
+    """What a method found of the convex relaxation, beside the estimate rounded from it.
+
+    The relaxation is min tr(L Y) over positive semidefinite Y (dn, dn) with identities as diagonal
+    blocks, L the rotation connection Laplacian: Eriksson et al.'s (DD), eq. 45, in units of F. Its
+    dual is (D), eq. 18: max tr(Lam) such that L - blkdiag(Lam) is positive semidefinite.
+
+    Attributes
+    ----------
+    value : of the program at the point found, in units of F; not proven, see ``lower_bound`` of
+        the solution
+    status : what the program's solver said
+    multipliers : (n, d, d) Lam, or None
+    rows : (n, r, d) blocks with Y_ij = rows_i^T rows_j, or None
+    rank : numerical rank of Y, or of what is complementary to L - blkdiag(Lam)
+    """
+
+    value: float
+    status: str
+    multipliers: FloatArray | None = None
+    rows: FloatArray | None = None
+    rank: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +64,7 @@ class Solution:
     trace : one entry an iteration, where the method keeps them
     counts : deterministic counts of the work done, e.g. factorizations and products
     note : what a reader of the answer should know, e.g. which information a baseline used
+    relaxation : of methods that solve the convex relaxation, what they found there
     """
 
     estimate: Estimate
@@ -49,6 +76,7 @@ class Solution:
     trace: tuple[Iteration, ...] = ()
     counts: Mapping[str, int] = field(default_factory=dict)
     note: str = ""
+    relaxation: Relaxation | None = None
 
 
 class Solver(Protocol):
