@@ -58,6 +58,11 @@ class Objective(ABC):
     def curvature(self) -> FloatArray:
         """(n,) curvature of F/2 in a turn of one node alone, roughly: what gradients compare to."""
 
+    @property
+    @abstractmethod
+    def matrix(self) -> CSC:
+        """M with F = tr(X M X^T)."""
+
     @abstractmethod
     def gradient(self, point: Point) -> FloatArray:
         """Half the Euclidean gradient of F."""
@@ -105,6 +110,14 @@ class Objective(ABC):
         if (b, engine) not in cache:
             cache[b, engine] = factor.analyze(A, order=expand(self.order, b), engine=engine)
         return cache[b, engine]
+
+    def certificate_matrix(self, multipliers: FloatArray) -> CSC:
+        """S = M - blkdiag(0, Lam), or L - blkdiag(Lam) for rotations, with the pattern of M."""
+        M, d = self.matrix, self.d
+        entries = self.pattern.layout(M.shape[0] // self.n).diagonal
+        data = M.data.copy()
+        data[entries[:, -d:, -d:]] -= multipliers
+        return CSC((data, M.indices, M.indptr), shape=M.shape)
 
     def grounded_factor(self, laplacian: CSC) -> Factor | None:
         """The factor of a graph Laplacian (n, n) whose first node is cut off; None if it fails."""

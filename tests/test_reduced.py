@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, seeds
 
-from certpgo.certify import certificate_matrix
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import NumericalError
 from certpgo.estimate import Estimate
@@ -92,7 +91,7 @@ def test_a_certificate_matrix_is_eliminated_alike(d, poses):
     rng = np.random.default_rng(10 + d)
     problem, start = some_problem(rng, d, poses)
     x = problem.complete(newton(problem, start).estimate.rotations)
-    matrix = certificate_matrix(problem, problem.multipliers(x))
+    matrix = problem.certificate_matrix(problem.multipliers(x))
     S = Reduced(problem, matrix, (0.01,))
     A = dense(problem, matrix)
     N = problem.n * d
@@ -109,7 +108,7 @@ def test_a_certificate_matrix_is_eliminated_alike(d, poses):
 def test_shifts_are_tried_until_one_makes_the_matrix_definite():
     instance, wound = winding_cycle(20, 0.0, 1)
     problem = RotationProblem(instance.graph)  # lambda_min = 2 cos(2 pi / 20) - 2 = -0.098
-    matrix = certificate_matrix(problem, problem.multipliers(wound))
+    matrix = problem.certificate_matrix(problem.multipliers(wound))
     assert Reduced(problem, matrix, (1e-9, 0.09, 0.11, 0.5)).shift == 0.11
     with pytest.raises(NumericalError, match="could not be factorized"):
         Reduced(problem, matrix, (1e-9, 0.09))

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo.certify import certificate_matrix
 from certpgo.estimate import Estimate
 from certpgo.linalg.blocks import add_to_diagonal
 from certpgo.problem import Problem
@@ -16,6 +15,6 @@ from certpgo.problem import Problem
 
 def has_factor(problem: Problem, estimate: Estimate, eta: float) -> bool:
     """Whether the factorization of S + eta I runs to completion."""
-    S = certificate_matrix(problem, problem.multipliers(estimate))
+    S = problem.certificate_matrix(problem.multipliers(estimate))
     shifted = add_to_diagonal(S, np.full(S.shape[0], eta))
     return problem.symbolic(shifted).factor(shifted) is not None

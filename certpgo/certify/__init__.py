@@ -2,7 +2,7 @@
 
 from certpgo.certify.bounds import Bounds, bounds
 from certpgo.certify.certificate import Certificate, Tier, Verdict
-from certpgo.certify.dual import DualBound, certificate_matrix, dual_bound
+from certpgo.certify.dual import DualBound, dual_bound
 from certpgo.certify.judge import certify
 from certpgo.certify.rounding import cost_upper
 
@@ -13,7 +13,6 @@ __all__ = [
     "Tier",
     "Verdict",
     "bounds",
-    "certificate_matrix",
     "certify",
     "cost_upper",
     "dual_bound",

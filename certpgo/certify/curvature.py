@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo.certify.dual import certificate_matrix
 from certpgo.lift import Point
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.eigen import krylov_schur
@@ -31,7 +30,7 @@ def negative_curvature(problem: Problem, point: Point) -> tuple[float, FloatArra
     NumericalError
         No factorization, or no convergence.
     """
-    matrix = certificate_matrix(problem, problem.multipliers(point))
+    matrix = problem.certificate_matrix(problem.multipliers(point))
     mean = float(problem.curvature.mean())
     S = Reduced(problem, matrix, tuple(mean * shift for shift in SHIFTS))
     # The gauge's null vectors come next: one vector more than they are, and it is not missed.

@@ -64,15 +64,6 @@ class DualBound:
     nonzeros: int
 
 
-def certificate_matrix(problem: Problem, multipliers: FloatArray) -> CSC:
-    """S = M - blkdiag(0, Lam), or L - blkdiag(Lam) for rotations, with the pattern of M."""
-    M, d = problem.matrix, problem.d
-    entries = problem.pattern.layout(M.shape[0] // problem.n).diagonal
-    data = M.data.copy()
-    data[entries[:, -d:, -d:]] -= multipliers
-    return CSC((data, M.indices, M.indptr), shape=M.shape)
-
-
 def dual_bound(
     problem: Problem,
     point: Point,
@@ -205,7 +196,7 @@ class _Attempts:
 
     def matrix(self, multipliers: FloatArray, demand: FloatArray) -> CSC:
         """The certificate matrix, a translation cut off, the others' diagonal less ``demand``."""
-        A = certificate_matrix(self.problem, multipliers)
+        A = self.problem.certificate_matrix(multipliers)
         if self.pin is not None:
             A = pinned(A, np.array([self.pin]))
         return add_to_diagonal(A, -demand) if demand.any() else A

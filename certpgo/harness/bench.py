@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo.certify import certificate_matrix
 from certpgo.graph import Graph, PoseGraph
 from certpgo.harness.methods import build
 from certpgo.harness.spec import FACTORIZATION, Method
@@ -63,7 +62,7 @@ def _own_step(method: Method, graph: Graph) -> Step:
 def factorization(graph: Graph) -> Step:
     """One numeric factorization of the optimum's certificate matrix: the machine's own unit."""
     problem = problem_of(graph)
-    S = certificate_matrix(problem, problem.multipliers(solve(graph).estimate))
+    S = problem.certificate_matrix(problem.multipliers(solve(graph).estimate))
     if isinstance(graph, PoseGraph):
         S = pinned(S, np.array([0]))
     S = add_to_diagonal(S, SHIFT * float(S.diagonal().mean()))

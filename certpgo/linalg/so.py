@@ -133,6 +133,25 @@ def project(A: FloatArray) -> FloatArray:
     return out.reshape(A.shape)
 
 
+def inverse_square_roots(M: FloatArray) -> FloatArray:
+    """M^(-1/2) for symmetric positive definite matrices (k, d, d), in closed form.
+
+    With U = M^(1/2) and the invariants of U from the eigenvalues of M, Cayley and Hamilton give U
+    as a quotient of polynomials of M (Franca 1989), and again the inverse of U.
+    """
+    d = M.shape[-1]
+    identity = np.eye(d)
+    if d == 2:
+        determinant = np.sqrt(determinants(M))[:, None, None]
+        trace = np.sqrt(np.trace(M, axis1=1, axis2=2)[:, None, None] + 2.0 * determinant)
+        return np.asarray(((trace**2 - determinant) * identity - M) / (trace * determinant))
+    roots = np.sqrt(np.linalg.eigvalsh(M))
+    a, b, c = roots.T[:, :, None, None]
+    first, second, third = a + b + c, a * b + b * c + c * a, a * b * c
+    U = (first * third * identity + (first**2 - second) * M - M @ M) / (first * second - third)
+    return np.asarray((M - first * U + second * identity) / third)
+
+
 def determinants(A: FloatArray) -> FloatArray:
     """Determinants (n,) of matrices (n, d, d)."""
     if A.shape[-1] == 2:

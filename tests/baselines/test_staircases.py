@@ -9,7 +9,7 @@ import pytest
 
 import certpgo
 from certpgo import registry
-from certpgo.certify import Verdict, certificate_matrix
+from certpgo.certify import Verdict
 from certpgo.datasets import synthetic
 from certpgo.errors import InputError, MissingDependency, NumericalError, SpecError
 from certpgo.estimate import Estimate
@@ -96,7 +96,7 @@ def test_shonans_cost_is_ours_and_its_certificate_matrix_twice_ours(gtsam, d):
     values = module("_gtsam").isotropic_model(problem).values(estimate)
     assert averaging.cost(values) == pytest.approx(problem.cost(estimate), rel=1e-12)
     theirs = averaging.computeA_(shonan._lifted(estimate.rotations, d))
-    ours = certificate_matrix(problem, problem.multipliers(estimate)).toarray()
+    ours = problem.certificate_matrix(problem.multipliers(estimate)).toarray()
     # Their multipliers leave out the degrees, which cancel.
     np.testing.assert_allclose(theirs, 2.0 * ours, rtol=0, atol=1e-10 * np.abs(theirs).max())
 
@@ -133,7 +133,7 @@ def test_fastsync_is_where_gtsams_own_run_starts(gtsam):
 
 def test_gtsam_calls_a_wound_up_cycle_optimal_and_we_refute_it(gtsam):
     problem, wound = wound_up(100)
-    S = certificate_matrix(problem, problem.multipliers(wound)).toarray()
+    S = problem.certificate_matrix(problem.multipliers(wound)).toarray()
     expected = 2.0 * np.cos(2.0 * np.pi / 100) - 2.0  # -3.95e-3
     assert np.linalg.eigvalsh(S)[0] == pytest.approx(expected, rel=1e-9)
 

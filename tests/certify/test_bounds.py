@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from strategies import dimensions, rng_of, rotation_graph, seeds
 
 from certpgo.certify import bounds as bounds_of
-from certpgo.certify import certificate_matrix
 from certpgo.certify.bounds import (
     alpha_max,
     cycle_bound,
@@ -95,7 +94,7 @@ def test_normalized_is_never_weaker(seed, d):
 
 
 def smallest_certificate_eigenvalue(problem, point):
-    S = certificate_matrix(problem, problem.multipliers(point)).toarray()
+    S = problem.certificate_matrix(problem.multipliers(point)).toarray()
     return np.linalg.eigvalsh(S)[0] / problem.node_weights.max()
 
 

@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, seeds
 
-from certpgo.certify import certificate_matrix
 from certpgo.certify.curvature import negative_curvature
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.estimate import Estimate
@@ -22,7 +21,7 @@ from certpgo.solvers import low_rank
 
 def eliminated(problem, point):
     """The certificate matrix, its translations eliminated, dense."""
-    S = certificate_matrix(problem, problem.multipliers(point)).toarray()
+    S = problem.certificate_matrix(problem.multipliers(point)).toarray()
     if not isinstance(problem, PoseProblem):
         return S
     turns = np.arange(len(S)) % (problem.d + 1) > 0

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from strategies import dimensions, pose_graph, rng_of, seeds
 
-from certpgo.certify import certificate_matrix, cost_upper, dual, dual_bound
+from certpgo.certify import cost_upper, dual, dual_bound
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.estimate import Estimate
 from certpgo.graph import PoseGraph, RotationGraph
@@ -153,7 +153,7 @@ def test_bound_is_sharp_at_tight_optima(seed, d):
 
 def test_certificate_matrix_annihilates_the_stationary_point():
     problem, point = optimum(1, 3, poses=True)
-    S = certificate_matrix(problem, problem.multipliers(point))
+    S = problem.certificate_matrix(problem.multipliers(point))
     X = np.concatenate([point.translations[:, :, None], point.rotations], axis=2)
     XT = np.swapaxes(X, 1, 2).reshape(-1, 3)
     np.testing.assert_allclose(S @ XT, 0.0, rtol=0, atol=1e-9)
@@ -169,7 +169,7 @@ def test_indefinite_certificate_matrices_give_the_eigenvalue_bound():
         problem = RotationProblem(graph.rotation)
         point = newton(problem, Estimate(R), max_iterations=300).estimate
         smallest = np.linalg.eigvalsh(
-            certificate_matrix(problem, problem.multipliers(point)).toarray()
+            problem.certificate_matrix(problem.multipliers(point)).toarray()
         )[0]
         ideal = problem.cost(point) + 18 * min(smallest, 0.0)
         bound = dual_bound(problem, point)
@@ -242,7 +242,7 @@ def test_a_factorization_that_only_just_completes_is_not_taken_at_its_word(n, en
     multipliers = problem.multipliers(wound)
 
     def completes(shift):
-        S = certificate_matrix(problem, multipliers - shift * np.eye(2))
+        S = problem.certificate_matrix(multipliers - shift * np.eye(2))
         return problem.symbolic(S).factor(S) is not None
 
     low, high = 0.0, 8.0

@@ -1,0 +1,155 @@
+"""Coordinate descent on the rotations' semidefinite relaxation, by factors Y = X X^T.
+
+A block X_i (d x r) has orthonormal rows, so that Y is positive semidefinite with identity blocks on
+its diagonal, whatever the rank r. Minimising tr(L Y) over the k-th block row and column of Y alone,
+Lemma 5.1 of Eriksson et al., puts X_k at (G G^T)^(-1/2) G with G = sum_j Rtilde_kj X_j.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from scipy import sparse
+
+from certpgo.errors import SpecError
+from certpgo.linalg import so
+from certpgo.linalg.arrays import CSC, FloatArray, IntArray
+from certpgo.problem import RotationProblem
+from certpgo.solvers._iterative import Iterative
+
+Order = Literal["colors", "cyclic", "random"]
+
+#: Share of nonzeros from which products with dense rows are faster, and entries that are too many.
+DENSE, LARGEST = 0.08, 5e7
+#: Eigenvalues of G G^T, over the largest, below which its inverse root is not to be had.
+SINGULAR = 1e-12
+#: Singular values of X, over the largest, that Y does not feel.
+NEGLIGIBLE = 1e-8
+
+
+@dataclass(frozen=True)
+class Sweeping(Iterative):
+    """Settings of a method that improves one block after another, sweep by sweep."""
+
+    order: Order = "colors"
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.order not in get_args(Order):
+            raise SpecError.unknown("order", self.order, get_args(Order))
+        if self.seed < 0:
+            raise SpecError(f"seed must not be negative: {self.seed}")
+
+    def coordinates(self, problem: RotationProblem, X: FloatArray) -> Coordinates:
+        """The point X, to be improved in the order that was chosen."""
+        return Coordinates(problem, X, self.order, np.random.default_rng(self.seed))
+
+
+@dataclass(eq=False)
+class Coordinates:
+    """A point of the relaxation, and the sweeps that improve it.
+
+    Attributes
+    ----------
+    problem : with L
+    X : (dn, r) rows of the point
+    order : of the blocks in a sweep: ``"colors"`` takes mutually unconnected blocks at once, which
+        is one of the orders that take them in turn; ``"cyclic"``; ``"random"``, anew each sweep
+    rng : for random orders
+    """
+
+    problem: RotationProblem
+    X: FloatArray
+    order: Order
+    rng: np.random.Generator
+
+    def __post_init__(self) -> None:
+        n, d = self.problem.n, self.problem.d
+        L = self.problem.matrix
+        full = L.nnz > DENSE * L.shape[0] ** 2 and L.shape[0] ** 2 < LARGEST
+        pays = full and self.X.shape[1] > 4 * d
+        Rtilde = -L + sparse.diags_array(L.diagonal())
+        self._groups: list[tuple[IntArray, FloatArray | sparse.csr_array]] = []
+        rows_of = Rtilde.toarray() if pays else sparse.csr_array(Rtilde)
+        for nodes in self._partition():
+            rows = (nodes[:, None] * d + np.arange(d)).ravel()
+            self._groups.append((rows, rows_of[rows]))
+        self.n, self.d = n, d
+
+    def _partition(self) -> Iterator[IntArray]:
+        """Blocks that are improved at once."""
+        if self.order != "colors":
+            yield from np.arange(self.problem.n)[:, None]
+            return
+        colors = _coloring(self.problem.n, self.problem.graph.edges)
+        for color in range(int(colors.max()) + 1):
+            yield np.flatnonzero(colors == color)
+
+    def sweep(self) -> tuple[float, float]:
+        """Improve every block once; by how much tr(L Y) fell, and the largest move of a block."""
+        groups = self._groups
+        if self.order == "random":
+            groups = [groups[k] for k in self.rng.permutation(len(groups))]
+        fallen, moved = 0.0, 0.0
+        for rows, Rtilde in groups:
+            G = np.asarray(Rtilde @ self.X).reshape(-1, self.d, self.X.shape[1])
+            before = self.X[rows].reshape(G.shape)
+            after, gain = _polar(G)
+            fallen += 2.0 * (gain - float(np.vdot(G, before)))
+            moved = max(moved, float(np.abs(after - before).max()))
+            self.X[rows] = after.reshape(len(rows), -1)
+        return fallen, moved
+
+    def evaluate(self) -> tuple[float, FloatArray]:
+        """F of the point, and the multipliers Lam_i = sym((L Y)_ii), whose traces add up to F."""
+        LX = (self.problem.matrix @ self.X).reshape(self.n, self.d, -1)
+        blocks = np.einsum("nar,nbr->nab", LX, self.X.reshape(LX.shape), optimize=True)
+        Lam = 0.5 * (blocks + np.swapaxes(blocks, 1, 2))
+        return float(np.einsum("naa->", Lam)), Lam
+
+    def is_definite(self, Lam: FloatArray, shift: float) -> bool:
+        """Whether L - blkdiag(Lam) + shift I has a Cholesky factor."""
+        S: CSC = self.problem.certificate_matrix(Lam - shift * np.eye(self.d))
+        return self.problem.symbolic(S).factor(S) is not None
+
+    def compress(self) -> None:
+        """Leave out dimensions that Y does not feel."""
+        values, vectors = np.linalg.eigh(self.X.T @ self.X)
+        kept = values > NEGLIGIBLE**2 * values[-1]
+        kept[-2 * self.d :] = True
+        if kept.sum() < 0.8 * len(kept):
+            self.X = np.ascontiguousarray(self.X @ vectors[:, kept])
+            self.__post_init__()
+
+    @property
+    def blocks(self) -> FloatArray:
+        """(n, r, d) with Y_ij = blocks_i^T blocks_j."""
+        return np.ascontiguousarray(np.swapaxes(self.X.reshape(self.n, self.d, -1), 1, 2))
+
+
+def _polar(G: FloatArray) -> tuple[FloatArray, float]:
+    """(G G^T)^(-1/2) G of blocks (k, d, r), and the sum of tr((G G^T)^(1/2))."""
+    gram = G @ np.swapaxes(G, 1, 2)
+    values = np.linalg.eigvalsh(gram)
+    if np.all(values[:, 0] > SINGULAR * values[:, -1]):
+        return so.inverse_square_roots(gram) @ G, float(np.sqrt(values).sum())
+    # A missing direction may be any: the singular vectors complete it.
+    U, singular, Vt = np.linalg.svd(G, full_matrices=False)
+    return U @ Vt, float(singular.sum())
+
+
+def _coloring(n: int, edges: IntArray) -> IntArray:
+    """(n,) colors, different at both ends of an edge; nodes of many edges first."""
+    ends = np.concatenate([edges, edges[:, ::-1]])
+    ends = ends[np.argsort(ends[:, 0], kind="stable")]
+    starts = np.searchsorted(ends[:, 0], np.arange(n + 1))
+    colors = np.full(n, -1)
+    for node in np.argsort(-np.diff(starts), kind="stable").tolist():
+        taken = np.zeros(n + 1, dtype=bool)
+        taken[colors[ends[starts[node] : starts[node + 1], 1]]] = True
+        colors[node] = int(np.argmin(taken[:-1]))
+    return colors
