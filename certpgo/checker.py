@@ -40,6 +40,7 @@ U = 2.0**-53  # unit of rounding
 SPARE = 1.0 + 2.0**-20  # more than the rounding of any sum of fewer than 2^30 positive numbers
 POINT = 128  # bits after the point, where rotations are integers
 BITS = 25  # after the point, in the high parts of factors
+FAR = 2.0**400  # numbers beyond might underflow or overflow in products
 ATTEMPTS = 3  # at a factorization whose residual is small enough
 
 
@@ -109,7 +110,9 @@ class Graph(NamedTuple):
 
 Edge = tuple[int, int, tuple[float, ...], tuple[float, ...], float, float]
 
-_NUMBERS = re.compile(rb"[0-9eE.+\- \t\r]*")
+_DECIMAL = rb"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
+_DECIMALS = re.compile(rb"[ \t]*" + _DECIMAL + rb"(?:[ \t]+" + _DECIMAL + rb")*[ \t\r]*")
+_CONTROL = re.compile(rb"[\x00-\x08\x0a-\x1f\x7f]")
 _IGNORED = re.compile(
     rb"VERTEX_(SE2|SE3:QUAT|XY|TRACKXYZ|POINT_XYZ)|FIX|PARAMS_(SE2OFFSET|SE3OFFSET|CAMERACALIB)"
     rb"|EDGE_(SE2_XY|BEARING_SE2_XY|SE3_TRACKXYZ|POINT_XYZ|PRIOR_SE2|PRIOR_SE2_XY|SE2_PRIOR"
@@ -121,6 +124,8 @@ def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> G
     """The measurements in a g2o or 1DSfM text, under the reading options of a proof."""
     edges = list(_edges(text, claim))
     if component is not None:
+        if not _DECIMALS.fullmatch(component.replace(b"\n", b" ")):
+            raise Unreadable("cc.txt: ids expected")
         kept = {int(word) for word in component.split()}
         edges = [edge for edge in edges if edge[0] in kept and edge[1] in kept]
     if claim["keep"] != "all":
@@ -136,8 +141,8 @@ def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> G
     for k, name in enumerate(("kappa", "tau")):
         if claim[name] is not None:
             weights[k] = np.full(len(edges), float(claim[name]))
-        if not ((weights[k] > 0.0) & (weights[k] < np.inf)).all():
-            raise Unreadable(f"{name} must be positive and finite")
+        if not ((weights[k] > 1.0 / FAR) & (weights[k] < FAR)).all():
+            raise Unreadable(f"{name} must be positive, and neither tiny nor huge")
     if not (np.isfinite(np.array(q)).all() and np.isfinite(np.array(t)).all()):
         raise Unreadable("a number that is not finite")
     i, j = (np.array([ids[k] for k in ends]) for ends in (first, second))
@@ -145,9 +150,13 @@ def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> G
 
 
 def _edges(text: bytes, claim: dict[str, Any]) -> Iterator[Edge]:
-    dimensions, weigh = set(), cache(weights)
+    kinds, weigh = set(), cache(weights)
     for number, line in enumerate(text.removeprefix(b"\xef\xbb\xbf").split(b"\n"), 1):
-        words = line.split(b"#")[0].split(None, 1)
+        line = line.removesuffix(b"\r")
+        said = line.split(b"#")[0]
+        words = said.split(None, 1)
+        if _CONTROL.search(line) or not said.isascii():
+            raise Unreadable(f"line {number}: plain text expected")
         if not words:
             continue
         try:
@@ -157,20 +166,20 @@ def _edges(text: bytes, claim: dict[str, Any]) -> Iterator[Edge]:
             elif _IGNORED.fullmatch(words[0]):
                 continue
             else:
-                d, edge = 3, _1dsfm_edge(line.split(b"#")[0])
+                d, edge = 3, _1dsfm_edge(said)
         except (ValueError, OverflowError) as error:
             raise Unreadable(f"line {number}: {error}") from None
-        dimensions.add(d)
+        kinds.add((d, words[0][:4] == b"EDGE"))
         if edge[0] == edge[1]:
             raise Unreadable(f"line {number}: node {edge[0]} is measured from itself")
         yield edge
-    if dimensions != {claim["d"]}:
+    if len(kinds) > 1 or {d for d, _ in kinds} != {claim["d"]}:
         raise Unreadable(f"no graph of {claim['d']}D measurements")
 
 
 def _split(text: bytes, counts: tuple[int, ...]) -> list[bytes]:
     words = text.split()
-    if not _NUMBERS.fullmatch(text) or len(words) not in counts:
+    if len(words) not in counts or not _DECIMALS.fullmatch(text):
         raise ValueError(f"a measurement of {' or '.join(map(str, counts))} numbers expected")
     return words
 
@@ -197,14 +206,15 @@ def _g2o_edge(
 def _1dsfm_edge(text: bytes) -> Edge:
     """``i j``, a matrix R_ij row by row, and a direction that is not used."""
     words = _split(text, (14,))
-    i, j = float(words[0]), float(words[1])
-    if not (i.is_integer() and j.is_integer()):
-        raise ValueError("ids must be integers")
-    return int(i), int(j), shepperd(tuple(map(float, words[2:11]))), (0.0, 0.0, 0.0), 1.0, 1.0
+    q = shepperd(tuple(map(float, words[2:11])))
+    return int(words[0]), int(words[1]), q, (0.0, 0.0, 0.0), 1.0, 1.0
 
 
 def shepperd(M: tuple[float, ...]) -> tuple[float, ...]:
     """A quaternion of a matrix that is nearly a rotation; not normalized, so no square root."""
+    A = np.reshape(M, (3, 3))
+    if not (np.abs(A.T @ A - np.eye(3)).max() <= 1e-3 and np.linalg.det(A) > 0.0):
+        raise ValueError("a rotation matrix expected")
     xx, yy, zz = M[0], M[4], M[8]
     x, y, z = M[7] - M[5], M[2] - M[6], M[3] - M[1]
     xy, xz, yz = M[3] + M[1], M[2] + M[6], M[7] + M[5]
@@ -311,15 +321,17 @@ def read_claim(archive: Any) -> dict[str, Any]:
     claim = json.loads(bytes(archive["claim"]))
     if claim["format"] != "certpgo proof" or claim["version"] != 1:
         raise Unreadable("not a proof of version 1")
+    if any(type(claim[name]) is not int for name in ("version", "d", "pin", "exponent")):
+        raise Unreadable("integers expected")
     for name, choices in _OPTIONS.items():
         if claim[name] not in choices:
             raise Unreadable(f"{name} must be one of {choices}")
     if claim["d"] == 2 and claim["rotation_information"] == "quaternion":
         raise Unreadable("in the plane, rotational information is about the angle")
     for name in ("kappa", "tau"):
-        if claim[name] is not None and not 0.0 < float(claim[name]) < math.inf:
-            raise Unreadable(f"{name} must be positive")
-    return {**claim, "d": int(claim["d"])}
+        if claim[name] is not None and type(claim[name]) not in (int, float):
+            raise Unreadable(f"{name} must be a number")
+    return dict(claim)
 
 
 def read_proof(archive: Any, claim: dict[str, Any], n: int) -> Proof:
@@ -341,8 +353,8 @@ def read_proof(archive: Any, claim: dict[str, Any], n: int) -> Proof:
         multipliers=array("multipliers", "<f8", n, d * (d + 1) // 2),
         order=array("order", "<i4", n).astype(np.intp),
         delta=array("delta", "<f4", n * b).astype(np.float64),
-        pin=int(claim["pin"]),
-        exponent=int(claim["exponent"]),
+        pin=claim["pin"],
+        exponent=claim["exponent"],
     )
     if not np.array_equal(np.sort(proof.order), np.arange(n)):
         raise Refused("order is no permutation")
@@ -480,6 +492,8 @@ def _equilibrated(
     )
     weights = np.ldexp(1.0, -scales)
     weights[:, 0] = np.ldexp(weights[:, 0], exponent)
+    if not ((weights > 1.0 / FAR) & (weights < FAR)).all():
+        raise Refused("the weights are too uneven")
     return Blocks(pairs, high, low, weights, scales)
 
 
@@ -682,10 +696,11 @@ def is_positive_semidefinite(blocks: Blocks, order: Ints, delta: Array) -> bool:
 
 
 class Answer(NamedTuple):
-    """F(x) <= upper and F* >= lower."""
+    """F(x) <= upper and F* >= lower, F being ``about`` this."""
 
     upper: float
     lower: float
+    about: str = ""
 
     @property
     def relative_gap(self) -> float:
@@ -734,6 +749,8 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
         raise Unreadable(f"{path}: {error.strerror}") from None
     try:
         with open(proof_path, "rb") as file, np.load(file, allow_pickle=False) as archive:
+            if any(member.compress_type for member in archive.zip.infolist()):
+                raise Unreadable(f"{proof_path}: its arrays must not be compressed")
             claim = read_claim(archive)
             component = _component(path, text, claim)
             try:
@@ -747,9 +764,23 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
         raise Unreadable(f"{proof_path}: not a readable proof ({type(error).__name__})") from None
     try:
         with np.errstate(all="ignore"):
-            return prove(graph, proof)
+            return prove(graph, proof)._replace(about=_about(graph, claim))
     except OverflowError:
         raise Refused("numbers beyond the range of doubles") from None
+    except MemoryError:
+        raise Refused("more memory is needed than there is") from None
+
+
+def _about(graph: Graph, claim: dict[str, Any]) -> str:
+    """Which F was proven about: the proof chose the reading options."""
+    names = ("kappa", "tau") if claim["kind"] == "poses" else ("kappa",)
+    said = [f"{claim['kind']} of {graph.n} nodes by {len(graph.i)} measurements"]
+    said += [f"{k} {'of the file' if claim[k] is None else repr(claim[k])}" for k in names]
+    said.append(f"rotational information about {claim['rotation_information']}")
+    said.append(f"parallel edges {claim['keep']}")
+    if claim["component_sha256"] is not None:
+        said.append("nodes of cc.txt alone")
+    return ", ".join(said)
 
 
 def _component(path: Path, text: bytes, claim: dict[str, Any]) -> bytes | None:
@@ -758,7 +789,10 @@ def _component(path: Path, text: bytes, claim: dict[str, Any]) -> bytes | None:
         raise Refused(f"{path} is not the file that was proven about: its SHA-256 differs")
     if claim["component_sha256"] is None:
         return None
-    component = path.with_name("cc.txt").read_bytes()
+    try:
+        component = path.with_name("cc.txt").read_bytes()
+    except OSError as error:
+        raise Unreadable(f"cc.txt beside {path}: {error.strerror}") from None
     if hashlib.sha256(component).hexdigest() != claim["component_sha256"]:
         raise Refused("cc.txt is not the file that was proven about: its SHA-256 differs")
     return component
@@ -770,7 +804,8 @@ def main(arguments: list[str]) -> int:
         sys.stderr.write("usage: checker.py GRAPH PROOF\n")
         return 2
     try:
-        sys.stdout.write(f"{check(*arguments)}\n")
+        answer = check(*arguments)
+        sys.stdout.write(f"{answer}\nabout {answer.about}\n")
     except Refused as reason:
         sys.stdout.write(f"REFUSED: {reason}\n")
         return 6

@@ -528,8 +528,13 @@ def test_works_as_a_file_by_itself(small, tmp_path):
         command = [sys.executable, "-c", code, str(program), *map(str, arguments)]
         return subprocess.run(command, capture_output=True, text=True, cwd=alone, timeout=60)
 
-    done = run(path, proof)
-    assert (done.returncode, done.stdout, done.stderr) == (0, f"{checker.check(path, proof)}\n", "")
+    done, said = run(path, proof), checker.check(path, proof)
+    assert (done.returncode, done.stdout, done.stderr) == (
+        0,
+        f"{said}\nabout poses of 6 nodes by 17 measurements, kappa of the file, tau of the file, "
+        "rotational information about tangent, parallel edges all\n",
+        "",
+    )
     refused = run(path, path)
     assert refused.returncode == 1
     assert "not a readable proof" in refused.stderr
@@ -546,3 +551,115 @@ def test_the_claim_is_json_that_anyone_can_read(small):
     claim = json.loads(bytes(arrays["claim"]))
     assert claim["format"] == "certpgo proof"
     assert claim["kind"] == "poses"
+
+
+# --- What was tried against it
+
+
+LINE = "EDGE_SE2 0 1 1 0 0.5 1 0 0 1 0 1"
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("VERTEX_SE2 0 0 0 0\rEDGE_SE2 7 8 0 0 0\n", "plain text"),
+        ("VERTEX_SE2 0 0 0 0 \x0bEDGE_SE2 7 8 0 0 0\n", "plain text"),
+        ("VERTEX_SE2 0 0 0 0 \u2028EDGE_SE2 7 8 0 0 0\n", "plain text"),
+        ("# \rEDGE_SE2 7 8 0 0 0\n", "plain text"),
+        ("0 1 1 0 0 0 1 0 0 0 1 0 0 0\n", "2D"),
+        ("EDGE_SE2 1 2 0 0 0 .+5 0 0 1 0 1\n", "numbers"),
+        ("EDGE_SE2 1 2 0 0 0 1e 0 0 1 0 1\n", "numbers"),
+        ("EDGE_SE2 1 2 0 0 0 - 0 0 . 0 1\n", "numbers"),
+        ("EDGE_SE2 1 2 0 0 \u0661\n", "plain text"),
+        ("EDGE_SE2 1 2 0 0 0 1e-300 0 0 1 0 1e-300\n", "tiny"),
+    ],
+)
+def test_no_line_is_read_as_something_else(text, expected):
+    with pytest.raises(checker.Unreadable, match=expected):
+        checker.read_graph(f"{LINE}\n{text}".encode(), {**CLAIM, "d": 2}, None)
+
+
+@pytest.mark.parametrize(
+    ("ids", "matrix", "expected"),
+    [
+        ("9007199254740993 1.0", "1 0 0 0 1 0 0 0 1", "invalid literal"),
+        ("0 1.00000000000000001", "1 0 0 0 1 0 0 0 1", "invalid literal"),
+        ("0 1", "0 0 0 0 0 0 0 0 0", "rotation matrix"),
+        ("0 1", "-1 0 0 0 -1 0 0 0 -1", "rotation matrix"),
+        ("0 1", "2 0 0 0 2 0 0 0 2", "rotation matrix"),
+    ],
+)
+def test_1dsfm_lines_are_rotations_between_integers(ids, matrix, expected):
+    with pytest.raises(checker.Unreadable, match=expected):
+        checker.read_graph(f"{ids} {matrix} 0 0 1\n".encode(), {**CLAIM, "d": 3}, None)
+
+
+def test_large_ids_stay_apart():
+    text = "".join(f"{k} {k + 1} 1 0 0 0 1 0 0 0 1 0 0 1\n" for k in range(2**53, 2**53 + 3))
+    graph = checker.read_graph(text.encode(), {**CLAIM, "d": 3}, None)
+    assert graph.n == 4
+    assert graph.i.tolist() == [0, 1, 2]
+
+
+def test_row_sums_do_not_underflow():
+    # A strong edge beside a weak cycle, wound up: its weights in row sums would vanish.
+    R = [circle.half_angle_pair(2 * math.pi / 3)] * 3
+    graph = checker.Graph(
+        n=5,
+        i=np.array([0, 1, 2, 3]),
+        j=np.array([1, 2, 0, 4]),
+        R=checker.rotations(np.array([*R, (1.0, 0.0)])),
+        t=np.zeros((4, 2)),
+        kappa=np.array([2.0**-1060] * 3 + [2.0**1000]),
+        tau=np.ones(4),
+    )
+    proof = checker.Proof(
+        q=np.array([[1.0, 0.0]] * 5),
+        t=None,
+        multipliers=np.zeros((5, 3)),
+        order=np.arange(5),
+        delta=np.zeros(10),
+        pin=0,
+        exponent=0,
+    )
+    with pytest.raises(checker.Refused, match="uneven"):
+        checker.certificate_matrix(graph, proof)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"pin": True}, {"pin": 1.0}, {"pin": "1"}, {"exponent": 0.5}, {"d": 3.0}, {"version": True}],
+    ids=str,
+)
+def test_integers_are_integers(small, change):
+    path, arrays = small
+    assert tried(path, proofs.with_claim(arrays, **change)) is None
+
+
+def test_the_objective_is_said(small):
+    path, arrays = small
+    said = tried(path, proofs.with_claim(arrays, kappa=1e-30, tau=1e-30))
+    assert said is None or "kappa 1e-30, tau 1e-30" in said.about
+    assert "kappa of the file" in tried(path, arrays).about
+
+
+def test_compressed_arrays_are_refused(small):
+    path, arrays = small
+    proof = path.with_name("small.cert")
+    with proof.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+    with pytest.raises(checker.Unreadable, match="compressed"):
+        checker.check(path, proof)
+
+
+def test_a_proof_that_needs_too_much_memory_is_refused(small, monkeypatch):
+    path, arrays = small
+    proof = path.with_name("large.cert")
+    proof.write_bytes(proofs.repacked(arrays))
+
+    def exhausted(*arguments):
+        raise MemoryError
+
+    monkeypatch.setattr(checker, "residual", exhausted)
+    with pytest.raises(checker.Refused, match="memory"):
+        checker.check(path, proof)

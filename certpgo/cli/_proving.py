@@ -44,4 +44,4 @@ def prove(
     if json:
         notice(said)
     else:
-        facts([("proof", said)])
+        facts([("proof", said), ("about", answer.about)])

@@ -54,6 +54,7 @@ def _as_json(path: Path, proof: Path) -> int:
         {
             **said,
             "proved": True,
+            "about": answer.about,
             "cost_upper": answer.upper,
             "lower_bound": answer.lower,
             "relative_gap": answer.relative_gap,
