@@ -110,9 +110,8 @@ class Graph(NamedTuple):
 
 Edge = tuple[int, int, tuple[float, ...], tuple[float, ...], float, float]
 
-_DECIMAL = rb"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
-_DECIMALS = re.compile(rb"[ \t]*" + _DECIMAL + rb"(?:[ \t]+" + _DECIMAL + rb")*[ \t\r]*")
-_CONTROL = re.compile(rb"[\x00-\x08\x0a-\x1f\x7f]")
+_NUMBERS = re.compile(rb"[0-9eE.+\- \t]*")  # of words that float() takes, those of a file
+_CONTROL = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]|\r(?!\n)")  # might hide lines
 _IGNORED = re.compile(
     rb"VERTEX_(SE2|SE3:QUAT|XY|TRACKXYZ|POINT_XYZ)|FIX|PARAMS_(SE2OFFSET|SE3OFFSET|CAMERACALIB)"
     rb"|EDGE_(SE2_XY|BEARING_SE2_XY|SE3_TRACKXYZ|POINT_XYZ|PRIOR_SE2|PRIOR_SE2_XY|SE2_PRIOR"
@@ -124,7 +123,7 @@ def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> G
     """The measurements in a g2o or 1DSfM text, under the reading options of a proof."""
     edges = list(_edges(text, claim))
     if component is not None:
-        if not _DECIMALS.fullmatch(component.replace(b"\n", b" ")):
+        if not re.fullmatch(rb"[0-9\s]*", component):
             raise Unreadable("cc.txt: ids expected")
         kept = {int(word) for word in component.split()}
         edges = [edge for edge in edges if edge[0] in kept and edge[1] in kept]
@@ -150,15 +149,17 @@ def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> G
 
 
 def _edges(text: bytes, claim: dict[str, Any]) -> Iterator[Edge]:
+    hidden = _CONTROL.search(text)
+    if hidden is not None:
+        raise Unreadable(f"line {text.count(b'\n', 0, hidden.start()) + 1}: plain text expected")
     kinds, weigh = set(), cache(weights)
     for number, line in enumerate(text.removeprefix(b"\xef\xbb\xbf").split(b"\n"), 1):
-        line = line.removesuffix(b"\r")
         said = line.split(b"#")[0]
         words = said.split(None, 1)
-        if _CONTROL.search(line) or not said.isascii():
-            raise Unreadable(f"line {number}: plain text expected")
         if not words:
             continue
+        if not said.isascii():
+            raise Unreadable(f"line {number}: plain text expected")
         try:
             if words[0] in (b"EDGE_SE3:QUAT", b"EDGE_SE2") and len(words) == 2:
                 d = 3 if words[0] == b"EDGE_SE3:QUAT" else 2
@@ -179,7 +180,7 @@ def _edges(text: bytes, claim: dict[str, Any]) -> Iterator[Edge]:
 
 def _split(text: bytes, counts: tuple[int, ...]) -> list[bytes]:
     words = text.split()
-    if len(words) not in counts or not _DECIMALS.fullmatch(text):
+    if len(words) not in counts or not _NUMBERS.fullmatch(text.rstrip()):
         raise ValueError(f"a measurement of {' or '.join(map(str, counts))} numbers expected")
     return words
 
@@ -193,8 +194,8 @@ def _g2o_edge(
     """``i j x y z qx qy qz qw`` or ``i j x y theta``, then the information or nothing."""
     pose = 9 if d == 3 else 5
     words = _split(text, (pose, pose + (21 if d == 3 else 6)))
-    numbers = tuple(map(float, words[2:pose]))
-    q = numbers[3:] if d == 3 else half_angle(numbers[2])
+    numbers = tuple(map(float, words[2:]))  # all of them, so that all are decimals
+    q = numbers[3:7] if d == 3 else half_angle(numbers[2])
     kappa, tau = 1.0, 1.0
     if len(words) > pose and None in (claim["kappa"], claim["tau"]):
         kappa, tau = weigh(tuple(words[pose:]))
@@ -206,7 +207,7 @@ def _g2o_edge(
 def _1dsfm_edge(text: bytes) -> Edge:
     """``i j``, a matrix R_ij row by row, and a direction that is not used."""
     words = _split(text, (14,))
-    q = shepperd(tuple(map(float, words[2:11])))
+    q = shepperd(tuple(map(float, words[2:]))[:9])
     return int(words[0]), int(words[1]), q, (0.0, 0.0, 0.0), 1.0, 1.0
 
 
