@@ -151,7 +151,8 @@ def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> G
 def _edges(text: bytes, claim: dict[str, Any]) -> Iterator[Edge]:
     hidden = _CONTROL.search(text)
     if hidden is not None:
-        raise Unreadable(f"line {text.count(b'\n', 0, hidden.start()) + 1}: plain text expected")
+        number = text.count(b"\n", 0, hidden.start()) + 1
+        raise Unreadable(f"line {number}: plain text expected")
     kinds, weigh = set(), cache(weights)
     for number, line in enumerate(text.removeprefix(b"\xef\xbb\xbf").split(b"\n"), 1):
         said = line.split(b"#")[0]
