@@ -111,7 +111,7 @@ class Graph(NamedTuple):
 Edge = tuple[int, int, tuple[float, ...], tuple[float, ...], float, float]
 
 _NUMBERS = re.compile(rb"[0-9eE.+\- \t]*")  # of words that float() takes, those of a file
-_CONTROL = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]|\r(?!\n)")  # might hide lines
+_PLAIN = bytes(range(32, 127)) + b"\t\r\n"
 _IGNORED = re.compile(
     rb"VERTEX_(SE2|SE3:QUAT|XY|TRACKXYZ|POINT_XYZ)|FIX|PARAMS_(SE2OFFSET|SE3OFFSET|CAMERACALIB)"
     rb"|EDGE_(SE2_XY|BEARING_SE2_XY|SE3_TRACKXYZ|POINT_XYZ|PRIOR_SE2|PRIOR_SE2_XY|SE2_PRIOR"
@@ -149,9 +149,9 @@ def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> G
 
 
 def _edges(text: bytes, claim: dict[str, Any]) -> Iterator[Edge]:
-    hidden = _CONTROL.search(text)
-    if hidden is not None:
-        number = text.count(b"\n", 0, hidden.start()) + 1
+    if _hides(text):
+        lines = enumerate(text.split(b"\n"), 1)
+        number = next(k for k, line in lines if _hides(line.removesuffix(b"\r")))
         raise Unreadable(f"line {number}: plain text expected")
     kinds, weigh = set(), cache(weights)
     for number, line in enumerate(text.removeprefix(b"\xef\xbb\xbf").split(b"\n"), 1):
@@ -177,6 +177,12 @@ def _edges(text: bytes, claim: dict[str, Any]) -> Iterator[Edge]:
         yield edge
     if len(kinds) > 1 or {d for d, _ in kinds} != {claim["d"]}:
         raise Unreadable(f"no graph of {claim['d']}D measurements")
+
+
+def _hides(text: bytes) -> bool:
+    """Whether control characters, which some programs take for line breaks, are in the text."""
+    lone = text.count(b"\r") - text.count(b"\r\n")
+    return lone > 0 or any(byte < 128 for byte in text.translate(None, _PLAIN))
 
 
 def _split(text: bytes, counts: tuple[int, ...]) -> list[bytes]:
