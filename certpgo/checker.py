@@ -201,8 +201,8 @@ def _g2o_edge(
     """``i j x y z qx qy qz qw`` or ``i j x y theta``, then the information or nothing."""
     pose = 9 if d == 3 else 5
     words = _split(text, (pose, pose + (21 if d == 3 else 6)))
-    numbers = tuple(map(float, words[2:]))  # all of them, so that all are decimals
-    q = numbers[3:7] if d == 3 else half_angle(numbers[2])
+    numbers = tuple(map(float, words[2:pose]))
+    q = numbers[3:] if d == 3 else half_angle(numbers[2])
     kappa, tau = 1.0, 1.0
     if len(words) > pose and None in (claim["kappa"], claim["tau"]):
         kappa, tau = weigh(tuple(words[pose:]))
@@ -278,8 +278,10 @@ def harmonic_mean(words: Sequence[bytes], halves: int) -> float:
     """The number size / tr(A^-1) / halves of an upper triangle in decimals, rounded once."""
     values, powers = [], []
     for word in words:
-        mantissa, _, power = word.lower().partition(b"e")
+        mantissa, mark, power = word.lower().partition(b"e")
         whole, _, fraction = mantissa.partition(b".")
+        if (fraction and not fraction.isdigit()) or (mark and not power):
+            raise ValueError("information must be decimal numbers")
         values.append(int(whole + fraction))
         powers.append(int(power or 0) - len(fraction))
     lowest = min(powers)
