@@ -19,6 +19,7 @@ RANKS = {
     "linalg": 1,
     "graph": 2,
     "estimate": 2,
+    "cycles": 3,
     "trees": 3,
     "lift": 3,
     "io": 4,

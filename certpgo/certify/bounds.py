@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo import spectral
+from certpgo.cycles import is_cycle, walk
 from certpgo.estimate import Estimate
 from certpgo.graph import RotationGraph
 from certpgo.linalg import so
@@ -132,12 +133,6 @@ def row_bound(problem: RotationProblem, estimate: Estimate) -> FloatArray:
     return np.asarray(rows / problem.node_weights)
 
 
-def is_cycle(graph: RotationGraph) -> bool:
-    """Whether the (connected) graph is one cycle of at least three nodes."""
-    degree = np.bincount(graph.edges.ravel(), minlength=graph.num_nodes)
-    return graph.num_nodes >= 3 and graph.num_edges == graph.num_nodes and bool((degree == 2).all())
-
-
 def cycle_bound(graph: RotationGraph) -> float | None:
     """Pi / n for a cycle of equal weights (Eriksson et al., Theorem 4.2), else None."""
     equal = np.ptp(graph.kappa) <= SAME * graph.kappa.max()
@@ -155,26 +150,11 @@ def cycle_sum_holds(problem: RotationProblem, estimate: Estimate) -> bool | None
         return None
     R, (i, j) = estimate.rotations, graph.edges.T
     residual = so.log(R[i] @ graph.rotations @ np.swapaxes(R[j], 1, 2))
-    residual *= _orientation(graph)[:, None]
+    around = walk(graph)
+    residual[around.edges[~around.forward]] *= -1.0
     total = np.linalg.norm(residual, axis=1).sum()
     aligned = np.linalg.norm(residual.sum(axis=0))
     return bool(total <= np.pi and aligned >= (1.0 - SAME) * total)
-
-
-def _orientation(graph: RotationGraph) -> FloatArray:
-    """+1 for the edges of a cycle that run along it, -1 for the others."""
-    at: list[list[int]] = [[] for _ in range(graph.num_nodes)]
-    for e, (i, j) in enumerate(graph.edges):
-        at[i].append(e)
-        at[j].append(e)
-    signs = np.empty(graph.num_edges)
-    node, edge = int(graph.edges[0, 0]), 0
-    for _ in range(graph.num_edges):
-        i, j = graph.edges[edge]
-        signs[edge] = 1.0 if i == node else -1.0
-        node = int(j if i == node else i)
-        edge = at[node][0] if at[node][1] == edge else at[node][1]
-    return signs
 
 
 def _second_eigenvalue(problem: RotationProblem, A: CSC, null: FloatArray) -> float:

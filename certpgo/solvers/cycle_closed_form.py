@@ -1,0 +1,142 @@
+"""The global optimum of a single cycle, and the stationary points that wind around it.
+
+Composed around the cycle, the measurements miss the identity by a rotation of angle theta about
+some axis. In the gauge of the estimate the residuals multiply to that rotation, and angles of
+rotations that multiply to one of angle theta add up to at least theta. So the best is to turn every
+edge about the same axis, by angles that add up to theta and pull alike: kappa sin(angle) is the
+same on each edge. With equal weights the angles are equal, theta / n: Eriksson et al., section 4.1.
+
+More than a right angle can fall to the weakest edge alone: of two, the sum of 1 - cos would fall by
+moving angle from one to the other, and the cost by giving the larger to the smaller weight. As a
+function of the weakest edge's angle a in [0, pi], the sum of all is concave, rises from 0 and is at
+least a, so that one a in [0, theta] reaches theta, and Newton's method from 0 climbs to it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from certpgo.cycles import walk
+from certpgo.errors import GraphError
+from certpgo.estimate import Estimate
+from certpgo.graph import RotationGraph
+from certpgo.linalg import so
+from certpgo.linalg.arrays import FloatArray
+from certpgo.monitor import Monitor, Stopwatch, silent
+from certpgo.problem import Problem
+from certpgo.solution import Solution, Status
+from certpgo.trees import compose
+
+#: Newton's steps, which square what is left, towards one angle.
+MAX_STEPS = 100
+
+
+@dataclass(frozen=True)
+class CycleClosedForm:
+    """The optimum of a single cycle: the closing error is shared out. Refuses other graphs.
+
+    It is optimal by Theorem 4.2 of Eriksson et al. (equal weights) and its extension to weights:
+    the residuals share axis and sign and add up to at most pi.
+    """
+
+    poses: ClassVar[bool] = False
+    rotations: ClassVar[bool] = True
+
+    def solve(
+        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+    ) -> Solution:
+        """The rotations, the first at the identity; an initial estimate changes nothing.
+
+        Raises
+        ------
+        GraphError
+            The graph is no cycle.
+        """
+        watch = Stopwatch()
+        graph = problem.rotation.graph
+        with watch.phase("closed form"):
+            estimate = stationary_point(graph)
+        cost = problem.cost(estimate)
+        total = np.degrees(np.abs(problem.rotation.residual_angles(estimate)).sum())
+        return Solution(
+            estimate,
+            cost,
+            Status.CLOSED_FORM,
+            lower_bound=cost,
+            seconds=watch.seconds,
+            note=f"closing error {total:.4g} degrees, shared out",
+        )
+
+
+def stationary_point(graph: RotationGraph, winding: int = 0) -> Estimate:
+    """The stationary point whose residuals turn ``winding`` times more about the closing axis.
+
+    Winding 0 is the global optimum. In the others every residual is kappa sin(angle) alike, too,
+    and the angles, all up to or all from a right angle (but for the weakest edge's), add up to
+    theta + 2 pi winding. Where theta is 0 the axis is z.
+
+    Raises
+    ------
+    GraphError
+        The graph is no cycle, or has no such point of this winding.
+    """
+    around = walk(graph)
+    composed = compose(graph, around.parents).rotations
+    last, edge = int(around.nodes[-1]), int(around.edges[-1])
+    closing = graph.rotations[edge] if around.forward[-1] else graph.rotations[edge].T
+    missed = so.log((composed[last] @ closing)[None])[0]
+    if graph.d == 2:
+        theta, axis = float(missed[0]), np.ones(1)
+    else:
+        theta = float(np.linalg.norm(missed))
+        axis = missed / theta if theta > 0.0 else np.array([0.0, 0.0, 1.0])
+    angles = shares(graph.kappa[around.edges], theta + 2.0 * np.pi * winding)
+    if angles is None:
+        raise GraphError(f"this cycle has no stationary point of winding {winding}")
+    before = np.concatenate([[0.0], np.cumsum(angles)[:-1]])
+    R = np.empty_like(composed)
+    R[around.nodes] = so.exp(-before[:, None] * axis) @ composed[around.nodes]
+    return Estimate(R)
+
+
+def shares(kappa: FloatArray, total: float) -> FloatArray | None:
+    """Angles that add up to ``total`` with kappa sin(angle) alike; None where there are none.
+
+    All are up to a right angle but perhaps that of the smallest weight, or, where their sum is too
+    large for that, all are at least a right angle. For totals up to pi they minimise the cost
+    sum 4 kappa (1 - cos(angle)) of a cycle.
+    """
+    if total < 0.0:
+        mirrored = shares(kappa, -total)
+        return None if mirrored is None else -mirrored
+    weakest = int(np.argmin(kappa))
+    ratio = kappa[weakest] / kappa
+    for supplement in (False, True):
+        wanted = len(kappa) * np.pi - total if supplement else total
+        found = None if wanted < 0.0 else _up_to_a_right_angle(ratio, weakest, wanted)
+        if found is not None:
+            return np.pi - found if supplement else found
+    return None
+
+
+def _up_to_a_right_angle(ratio: FloatArray, weakest: int, total: float) -> FloatArray | None:
+    a = 0.0
+    for _ in range(MAX_STEPS):
+        # arcsin(ratio sin a), whose rounding would grow towards a right angle.
+        across = np.hypot(np.cos(a), np.sqrt(1.0 - ratio**2) * np.sin(a))
+        angles = np.arctan2(ratio * np.sin(a), across)
+        angles[weakest] = a
+        slope = 1.0 + (ratio * np.cos(a) / across).sum() - ratio[weakest] * np.sign(np.cos(a))
+        if slope <= 0.0:
+            return None
+        step = (total - angles.sum()) / slope
+        if abs(step) <= 8.0 * np.finfo(float).eps * a:
+            return angles
+        a = min(a + step, np.pi)
+    return None
+
+
+SOLVER = CycleClosedForm
