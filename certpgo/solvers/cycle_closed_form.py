@@ -134,7 +134,7 @@ def _up_to_a_right_angle(ratio: FloatArray, weakest: int, total: float) -> Float
             return None
         step = (total - angles.sum()) / slope
         if abs(step) <= 8.0 * np.finfo(float).eps * a:
-            return angles
+            return np.asarray(angles)
         a = min(a + step, np.pi)
     return None
 

@@ -1,0 +1,110 @@
+"""certpgo bounds: every bound on a graph, cheap ones first, and what each says of an answer."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from certpgo.cli._reading import Reading, takes_reading
+from certpgo.cli._show import document, facts, noticing, table, working
+
+if TYPE_CHECKING:
+    from certpgo.estimate import Estimate
+    from certpgo.graph import Instance
+    from certpgo.harness.ladder import Ladder, Rung
+
+
+@takes_reading
+def command(
+    graph: Annotated[str, typer.Argument(metavar="GRAPH", help="A file or dataset.")],
+    estimate: Annotated[
+        str | None,
+        typer.Argument(metavar="[ESTIMATE]", help="An answer to compare with; ours by default."),
+    ] = None,
+    sdp: Annotated[
+        bool, typer.Option("--sdp", help="Solve the semidefinite program, too; slow.")
+    ] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Solve it even where memory may not suffice.")
+    ] = False,
+    timestamps: Annotated[
+        str, typer.Option("--timestamps", help="Of a TUM file: ids, index, or a file of seconds.")
+    ] = "ids",
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    *,
+    reading: Reading,
+) -> None:
+    """Bounds on the best answer, cheap ones first: value, price, and what each says here."""
+    from certpgo.harness.ladder import ladder
+    from certpgo.problem import problem_of
+
+    path = None if estimate is None else reading.locate(estimate)
+    instance = reading.open(graph)
+    parts = reading.parts(instance)
+    points: list[Estimate | None] = [None] * len(parts)
+    if path is not None:
+        from certpgo.harness.batch import estimates_for
+
+        with noticing():
+            points = [*estimates_for(path, instance, parts, timestamps)]
+    documents = []
+    for part, point in zip(parts, points, strict=True):
+        with working(f"bounds of {part.name}"):
+            found = ladder(problem_of(part.graph), point, sdp=sdp, force=force)
+        if json:
+            documents.append(_as_json(part, found))
+        else:
+            _show(part, found)
+    if json:
+        document(documents[0] if len(documents) == 1 else documents)
+
+
+def _as_json(part: Instance, found: Ladder) -> dict[str, Any]:
+    """Angles in radians."""
+    return {
+        "graph": part.name,
+        "options": dict(part.options),
+        "cost": found.cost,
+        "given": found.given,
+        "max_residual_angle": found.largest,
+        "max_residual_angle_of_stationary_rotations": found.settled,
+        "verdict": found.certificate.verdict.value,
+        "bounds": [asdict(rung) for rung in found.rungs],
+    }
+
+
+def _show(part: Instance, found: Ladder) -> None:
+    facts(_head(part, found))
+    rows = [
+        (rung.title, _value(rung), rung.says, rung.needs, _seconds(rung)) for rung in found.rungs
+    ]
+    table("", ("bound", "value", "what it says here", "what it needs", "seconds"), rows)
+
+
+def _head(part: Instance, found: Ladder) -> Iterable[tuple[str, str]]:
+    from certpgo.cli._verdict import judged_by
+
+    yield "graph", part.name
+    whose = "of the answer given" if found.given else "of our own answer"
+    yield "cost F", f"{found.cost:.12g}  ({whose}: {found.certificate.verdict.value})"
+    yield "worst residual", f"{math.degrees(found.largest):.4g} degrees"
+    if found.settled is not None:
+        said = "of the stationary rotations beside it, which angles speak of"
+        yield "", f"{math.degrees(found.settled):.4g} degrees {said}"
+    yield "judged by", judged_by(part.options)
+
+
+def _value(rung: Rung) -> str:
+    if rung.value is None:
+        return "-"
+    if rung.about == "angle":
+        return f"{math.degrees(rung.value):.4g} deg"
+    return f"{rung.value:.10g}" if rung.about == "cost" else f"{rung.value:.4g}"
+
+
+def _seconds(rung: Rung) -> str:
+    return "-" if rung.value is None and rung.seconds == 0.0 else f"{rung.seconds:.3f}"

@@ -1,0 +1,307 @@
+"""Every bound on a graph, rung by rung: what it needs, what it costs, what it says here.
+
+Two kinds of rungs. Lower bounds on F* are compared with the cost of an answer. Angles speak of
+stationary rotations alone: where all residuals stay below one, those rotations are optimal.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Literal, TypeVar
+
+import numpy as np
+
+from certpgo import registry, spectral
+from certpgo.certify import Certificate, certify
+from certpgo.certify.bounds import (
+    alpha_max,
+    cycle_bound,
+    cycle_sum_holds,
+    fiedler_value,
+    normalized_fiedler_value,
+    row_bound,
+)
+from certpgo.cycles import is_cycle
+from certpgo.errors import CertPGOError
+from certpgo.estimate import Estimate
+from certpgo.harness.methods import build, setting_fields
+from certpgo.newton import newton
+from certpgo.problem import PoseProblem, Problem
+from certpgo.solution import Solution
+from certpgo.solve import solve
+
+#: The method whose value is the rung of the semidefinite program.
+PROGRAM = "sdp_dual"
+#: Stationarity (radians) up to which rotations count as stationary.
+SETTLED = 1e-6
+#: Lower bounds within this part of F are as good as F.
+TIGHT = 1e-6
+
+About = Literal["cost", "angle", "ratio"]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One bound.
+
+    Attributes
+    ----------
+    key, title : its name, for programs and for people
+    about : what it bounds: the ``"cost"`` F from below; each residual ``"angle"`` of stationary
+        rotations that are optimal, or their sum, radians; or the ``"ratio"`` of a node's residuals
+        to its weight
+    value : of the bound; None where there is none, for a reason that ``says`` gives
+    against : what it is compared with: F, the largest residual angle (their sum), the largest ratio
+    holds : whether it settles that the answer (the stationary rotations beside it) is optimal; of
+        computed lower bounds, up to `TIGHT`; None without a value
+    needs : what it takes to compute
+    seconds : what it took here
+    says : what follows here, in words
+    """
+
+    key: str
+    title: str
+    about: About
+    value: float | None
+    against: float
+    holds: bool | None
+    needs: str
+    seconds: float
+    says: str
+
+
+@dataclass(frozen=True, eq=False)
+class Ladder:
+    """The bounds of a connected graph, cheap ones first.
+
+    Attributes
+    ----------
+    cost : F of the estimate, given or found
+    given : whether it was given
+    largest : its largest residual angle, radians
+    settled : largest residual angle of the stationary rotations beside it, radians, which the
+        angles are compared with; None where descent reached none
+    certificate : of the estimate
+    rungs : one bound each
+    """
+
+    cost: float
+    given: bool
+    largest: float
+    settled: float | None
+    certificate: Certificate
+    rungs: tuple[Rung, ...]
+
+
+def ladder(
+    problem: Problem, estimate: Estimate | None = None, *, sdp: bool = False, force: bool = False
+) -> Ladder:
+    """Climb the ladder.
+
+    Parameters
+    ----------
+    estimate : what bounds are compared with; by default the certified pipeline's answer
+    sdp : solve the semidefinite program as well
+    force : even where it is too large for its solver
+
+    Raises
+    ------
+    InputError
+        An estimate of another graph.
+    NumericalError
+        An eigenvalue computation failed.
+    """
+    given = estimate is not None
+    point = estimate or solve(problem.graph).estimate
+    problem.check(point)
+    cost = problem.cost(point)
+    beside = _stationary_rotations(problem, point)
+    certificate, seconds = _timed(lambda: certify(problem, point))
+    rungs = [*_spectral(problem, cost), *_angles(problem, beside)]
+    rungs.append(_program(problem, cost, force) if sdp else _unasked(cost))
+    rungs.append(_proven(certificate, cost, seconds))
+    angles = problem.rotation.residual_angles
+    return Ladder(
+        cost=cost,
+        given=given,
+        largest=float(angles(point).max()),
+        settled=None if beside is None else float(angles(beside).max()),
+        certificate=certificate,
+        rungs=tuple(rungs),
+    )
+
+
+def _stationary_rotations(problem: Problem, point: Estimate) -> Estimate | None:
+    found = newton(problem.rotation, Estimate.trusted(point.rotations), max_iterations=200)
+    settled = problem.rotation.stationarity(found.estimate) <= SETTLED
+    return found.estimate if settled else None
+
+
+def _timed(step: Callable[[], T]) -> tuple[T, float]:
+    start = time.perf_counter()
+    result = step()
+    return result, time.perf_counter() - start
+
+
+def _spectral(problem: Problem, cost: float) -> Iterator[Rung]:
+    rotation, alone = problem.rotation, isinstance(problem, PoseProblem)
+    value, seconds = _timed(
+        lambda: spectral.spectral_bound(rotation, spectral.smallest_eigenpairs(rotation))
+    )
+    yield _lower(
+        "spectral",
+        "eigenvalues" + ", rotations alone" * alone,
+        value,
+        cost,
+        f"{problem.d} eigenvalues of the rotations' matrix",
+        seconds,
+    )
+    if isinstance(problem, PoseProblem):
+        poses = problem
+        value, seconds = _timed(
+            lambda: spectral.spectral_bound(poses, spectral.eliminated_eigenpairs(poses))
+        )
+        yield _lower(
+            "spectral_poses",
+            "eigenvalues, translations eliminated",
+            value,
+            cost,
+            f"{problem.d} eigenvalues, more costly ones",
+            seconds,
+        )
+
+
+def _lower(
+    key: str, title: str, value: float, cost: float, needs: str, seconds: float, proven: str = ""
+) -> Rung:
+    """A rung that bounds F from below."""
+    gap = cost - value
+    holds = gap <= TIGHT * cost
+    if value <= 0.0 and cost > 0.0:
+        says = "nothing: no cost is below 0 anyway"
+    elif holds:
+        says = f"this answer is the best, to six digits{proven}"
+    else:
+        says = f"this answer is at most {_percent(gap / value)} above the best{proven}"
+    return Rung(key, title, "cost", value, cost, holds, needs, seconds, says)
+
+
+def _percent(part: float) -> str:
+    return f"{100.0 * part:.3g} %" if part < 10.0 else f"{part:.3g} times"
+
+
+def _angles(problem: Problem, beside: Estimate | None) -> Iterator[Rung]:
+    rotation = problem.rotation
+    largest = math.inf if beside is None else float(rotation.residual_angles(beside).max())
+    fiedler, seconds = _timed(lambda: fiedler_value(rotation))
+    by_degree = alpha_max(fiedler / float(rotation.node_weights.max()))
+    needs = "one eigenvalue of the Laplacian"
+    yield _angle(
+        "alpha_max", "safe angle, by the largest degree", by_degree, largest, needs, seconds
+    )
+    nu, seconds = _timed(lambda: normalized_fiedler_value(rotation))
+    needs = "one eigenvalue of the normalized Laplacian"
+    yield _angle(
+        "normalized", "safe angle, by each node's degree", alpha_max(nu), largest, needs, seconds
+    )
+    rows, seconds = _timed(
+        lambda: math.inf if beside is None else float(row_bound(rotation, beside).max())
+    )
+    holds = rows < nu
+    yield Rung(
+        "rows",
+        "each node's own residuals",
+        "ratio",
+        nu,
+        rows,
+        holds,
+        "that eigenvalue and all residuals",
+        seconds,
+        _said(holds, beside is not None, f"a node has {rows:.4g}"),
+    )
+    if not is_cycle(rotation.graph):
+        return
+    equal = cycle_bound(rotation.graph)
+    if equal is not None:
+        needs = "one cycle, equal weights"
+        yield _angle("cycle", "half a turn over the nodes", equal, largest, needs, 0.0)
+    total = math.inf if beside is None else float(rotation.residual_angles(beside).sum())
+    adds_up = beside is not None and cycle_sum_holds(rotation, beside) is True
+    yield Rung(
+        "cycle_sum",
+        "the cycle's residuals, added up",
+        "angle",
+        math.pi,
+        total,
+        adds_up,
+        "one cycle, residuals about one axis",
+        0.0,
+        _said(adds_up, beside is not None, f"they add up to {math.degrees(total):.4g} degrees"),
+    )
+
+
+def _angle(key: str, title: str, value: float, largest: float, needs: str, seconds: float) -> Rung:
+    """A rung that all residual angles of stationary rotations must stay below."""
+    holds = largest <= value
+    why = f"a residual is {math.degrees(largest):.4g} degrees"
+    says = _said(holds, math.isfinite(largest), why)
+    return Rung(key, title, "angle", value, largest, holds, needs, seconds, says)
+
+
+def _said(holds: bool, settled: bool, otherwise: str) -> str:
+    if not settled:
+        return "nothing: descent reached no stationary rotations"
+    return "the stationary rotations here are the best" if holds else f"nothing: {otherwise}"
+
+
+def _unasked(cost: float) -> Rung:
+    return _no_program(cost, "not asked for: --sdp solves it")
+
+
+def _no_program(cost: float, why: str, seconds: float = 0.0) -> Rung:
+    title, needs = "semidefinite program", "interior points, or the like"
+    return Rung("sdp", title, "cost", None, cost, None, needs, seconds, why)
+
+
+def _program(problem: Problem, cost: float, force: bool) -> Rung:
+    """The value of the relaxation, of the rotations alone."""
+    if PROGRAM not in registry.solver_names():
+        return _no_program(cost, f"not solved: there is no method {PROGRAM} here")
+    start = time.perf_counter()
+    try:
+        wanted = {"force": True} if force else {}
+        known = setting_fields(registry.get_solver(PROGRAM))
+        solver = build(PROGRAM, {k: v for k, v in wanted.items() if k in known})
+        found = solver.solve(problem.rotation)
+    except CertPGOError as error:
+        reason = " ".join(str(error).split())
+        return _no_program(cost, f"not solved: {reason}", time.perf_counter() - start)
+    seconds = time.perf_counter() - start
+    alone = ", rotations alone" * isinstance(problem, PoseProblem)
+    value = _program_value(found)
+    if value is None:
+        return _no_program(cost, f"not solved: {found.status.value}", seconds)
+    needs = "interior points, or the like"
+    return _lower("sdp", "semidefinite program" + alone, value, cost, needs, seconds)
+
+
+def _program_value(found: Solution) -> float | None:
+    if found.relaxation is not None and np.isfinite(found.relaxation.value):
+        return float(found.relaxation.value)
+    return found.lower_bound
+
+
+def _proven(certificate: Certificate, cost: float, seconds: float) -> Rung:
+    return _lower(
+        "proven",
+        "proven bound",
+        certificate.lower_bound,
+        cost,
+        "a factorization, its rounding bounded",
+        seconds,
+        ", proven",
+    )

@@ -1,0 +1,58 @@
+"""certpgo bounds: words on a terminal, radians in JSON."""
+
+import numpy as np
+import pytest
+
+from certpgo.datasets import synthetic
+from certpgo.estimate import Estimate
+from certpgo.io import write
+
+TWO_PARTS = """\
+EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1
+EDGE_SE2 1 2 1 0 0 1 0 0 1 0 1
+EDGE_SE2 5 6 1 0 0 1 0 0 1 0 1
+"""
+
+
+@pytest.fixture
+def wound(tmp_path):
+    """A cycle of 12 and an estimate that winds around it, as files."""
+    instance, point = synthetic.winding_cycle(12, 0.7, 1)
+    graph, estimate = tmp_path / "cycle.npz", tmp_path / "estimate.npz"
+    write(graph, instance.graph)
+    write(estimate, Estimate(point.rotations))
+    return graph, estimate
+
+
+def test_bounds_in_words(certpgo, wound):
+    done = certpgo("bounds", wound[0])
+    assert done.code == 0
+    assert "of our own answer: CERTIFIED" in done.out
+    for words in (
+        "half a turn over the nodes",
+        "15 deg",
+        "not asked for",
+        "the best, to six digits",
+    ):
+        assert words in done.out
+
+
+def test_bounds_of_an_estimate_given(certpgo, wound):
+    found = certpgo("bounds", *wound, "--json").json
+    assert found["given"] is True
+    assert found["verdict"] == "REFUTED"
+    by_key = {rung["key"]: rung for rung in found["bounds"]}
+    assert by_key["cycle"]["value"] == pytest.approx(np.pi / 12)
+    assert by_key["cycle"]["against"] == pytest.approx((0.7 + 2 * np.pi) / 12)
+    assert by_key["sdp"]["value"] is None
+    assert not any(rung["holds"] for rung in found["bounds"])
+
+
+def test_a_graph_that_is_not_connected_is_refused_or_taken_apart(certpgo, tmp_path):
+    path = tmp_path / "parts.g2o"
+    path.write_text(TWO_PARTS)
+    done = certpgo("bounds", path)
+    assert done.code == 1
+    assert "--components" in done.err
+    found = certpgo("bounds", path, "--components", "each", "--json").json
+    assert len(found) == 2
