@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from certpgo.errors import InputError
@@ -17,12 +17,13 @@ from ._gtsam import Model, library, translated
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What a step of GTSAM gives: values, how it ended, iterations, and its own verdict if any."""
+    """What a step of GTSAM gives: values, how it ended, what it did, and its own verdict if any."""
 
     values: Any
     status: Status = Status.CLOSED_FORM
     iterations: int = 0
     note: str = ""
+    counts: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,7 @@ class Baseline:
             status=outcome.status,
             iterations=outcome.iterations,
             seconds=dict(watch.seconds),
+            counts=dict(outcome.counts),
             note=outcome.note or model.note,
         )
 

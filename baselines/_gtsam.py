@@ -24,6 +24,7 @@ from certpgo.problem import PoseProblem, Problem
 #: Information of the prior on the first node; its residual is zero at the optimum.
 PRIOR_PRECISION = 1e6
 
+CHORDAL = "GTSAM minimises F itself, by chordal factors"
 ISOTROPIC = "GTSAM with isotropic information from kappa and tau"
 FILE = "GTSAM with the file's full information"
 
@@ -116,6 +117,20 @@ def uniform_model(problem: Problem) -> Model:
     kind = _kind(problem)
     precisions = np.repeat(2.0 * problem.rotation.graph.kappa[:, None], _dimension(kind), axis=1)
     return _built_model(problem, precisions, "GTSAM with information 2 kappa I, tau unused")
+
+
+def chordal_model(problem: Problem) -> Model:
+    """Factors of the rotations alone whose half sum of squares is F."""
+    gtsam, kind, rotation = library(), f"Rot{problem.d}", problem.rotation.graph
+    factor = getattr(gtsam, f"FrobeniusBetweenFactor{kind}")
+    noise = gtsam.noiseModel.Isotropic.Precision
+    graph = gtsam.NonlinearFactorGraph()
+    measured = zip(
+        rotation.edges.tolist(), _elements(rotation.rotations, None), rotation.kappa, strict=True
+    )
+    for (i, j), element, kappa in measured:
+        graph.add(factor(i, j, element, noise(problem.d**2, 2.0 * float(kappa))))
+    return Model(kind, graph, list(range(problem.n)), CHORDAL)
 
 
 def model_of(problem: Problem, source: str | None) -> Model:
