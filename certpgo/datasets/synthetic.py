@@ -12,6 +12,7 @@ from scipy.sparse import csgraph
 from certpgo.errors import InputError
 from certpgo.estimate import Estimate
 from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
+from certpgo.io import read
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.linalg.blocks import adjacency
@@ -44,6 +45,50 @@ def winding_cycle(n: int, theta: float, winding: int, d: int = 3) -> tuple[Insta
 def cycle(n: int, sigma: float, rng: np.random.Generator, d: int = 3) -> Instance:
     """A cycle of n relative rotations with noise ``sigma`` (radians) and unit weights."""
     return _rotations(f"cycle-{n}", n, _cycle_edges(n), sigma, rng, d)
+
+
+def orbital(n: int, sigma: float, rng: np.random.Generator, closures: int = 0) -> Instance:
+    """Cameras that go once around the z axis: a cycle of n, as Eriksson et al. draw it, section 6.
+
+    Consecutive true rotations differ by 2 pi / n about z. A measurement is turned about a uniformly
+    random axis by an angle whose standard deviation is ``sigma`` (radians), where `cycle` turns it
+    by that much about each axis. Unit weights.
+
+    Parameters
+    ----------
+    closures : random further measurements between cameras up to three apart, which make the graph a
+        near-cycle
+    """
+    edges = _cycle_edges(n)
+    truth = Estimate(_turns(2.0 * np.pi * np.arange(n) / n, 3))
+    if closures:
+        i = rng.integers(0, n, closures)
+        edges = np.concatenate([edges, np.stack([i, (i + rng.integers(2, 4, closures)) % n], 1)])
+    return _instance(f"orbital-{n}", _axis_noise(truth, edges, sigma, rng), truth)
+
+
+def viewing_graph(name: str, sigma: float, rng: np.random.Generator) -> Instance:
+    """Simulated rotations on a real scene's viewing graph, noise ``sigma`` per axis, unit weights.
+
+    Parameters
+    ----------
+    name : a dataset whose graph counts, its measurements not; the largest component
+
+    Raises
+    ------
+    InputError
+        Its file is not here.
+    """
+    from certpgo import datasets
+
+    path = datasets.find(name)
+    if path is None:
+        raise InputError("not run: file not here")
+    graph = read(path, quiet=True).graph
+    graph = graph.rotation if isinstance(graph, PoseGraph) else graph
+    sizes = np.array(graph.component_sizes)
+    graph = graph.subgraph(np.flatnonzero(graph.components == int(np.argmax(sizes))))
+    return _rotations(f"{path.stem}-simulated", graph.num_nodes, graph.edges, sigma, rng, 3)
 
 
 def complete(n: int, sigma: float, rng: np.random.Generator, d: int = 3) -> Instance:
@@ -196,6 +241,18 @@ def _measured_rotations(
     i, j = edges.T
     noise = sigma * rng.standard_normal((len(edges), so.tangent_dim(R.shape[-1])))
     return np.asarray(np.swapaxes(R[i], 1, 2) @ R[j] @ so.exp(noise))
+
+
+def _axis_noise(
+    truth: Estimate, edges: IntArray, sigma: float, rng: np.random.Generator
+) -> RotationGraph:
+    """Measurements turned about uniformly random axes by normally distributed angles."""
+    R, (i, j), m = truth.rotations, edges.T, len(edges)
+    axis = rng.standard_normal((m, 3))
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    noise = so.exp(sigma * rng.standard_normal((m, 1)) * axis)
+    measured = np.swapaxes(R[i], 1, 2) @ R[j] @ noise
+    return RotationGraph(truth.num_nodes, edges, measured, np.ones(m))
 
 
 def _instance(name: str, graph: Graph, truth: Estimate) -> Instance:

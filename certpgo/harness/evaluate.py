@@ -5,25 +5,70 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from certpgo import metrics, spectral
-from certpgo.certify import Certificate
-from certpgo.certify.bounds import fiedler_value
+from certpgo import metrics, newton, spectral
+from certpgo.certify import Certificate, Verdict
+from certpgo.certify.bounds import alpha_max, fiedler_value, normalized_fiedler_value
 from certpgo.errors import SpecError
 from certpgo.estimate import Estimate
-from certpgo.harness.spec import GRAPH_METRICS
+from certpgo.harness.spec import GRAPH_METRICS, SAFE_ANGLES
 from certpgo.problem import PoseProblem, Problem
+from certpgo.solve import solve
+
+#: F within this part of the optimum, or this part of W, is the optimum.
+SAME, SAME_SCALE = 1e-6, 1e-12
 
 
 def of_graph(keys: Iterable[str], problem: Problem) -> dict[str, float]:
-    """Eigenvalues of the problem: the smallest of the connection Laplacian, and Fiedler's."""
-    wanted = [key for key in keys if key in GRAPH_METRICS]
+    """Eigenvalues of the problem: the smallest of the connection Laplacian, and Fiedler's.
+
+    And the angles that follow from Fiedler's.
+    """
+    wanted = [key for key in keys if key in GRAPH_METRICS + SAFE_ANGLES]
     values: dict[str, float] = {}
     if any(key.startswith("lambda") for key in wanted):
         smallest = spectral.smallest_eigenpairs(problem.rotation).values
         values = {f"lambda{k}": float(value) for k, value in enumerate(smallest, start=1)}
-    if "fiedler" in wanted:
+    if {"fiedler", "alpha_max_deg"} & set(wanted):
         values["fiedler"] = fiedler_value(problem.rotation)
+        connectivity = values["fiedler"] / float(problem.rotation.node_weights.max())
+        values["alpha_max_deg"] = math.degrees(alpha_max(connectivity))
+    if "normalized_alpha_max_deg" in wanted:
+        nu = normalized_fiedler_value(problem.rotation)
+        values["normalized_alpha_max_deg"] = math.degrees(alpha_max(nu))
     return {key: values[key] for key in wanted if key in values}
+
+
+def optimum(problem: Problem) -> float | None:
+    """F of the optimum to rounding; None where none is certified."""
+    found = solve(problem.graph)
+    if found.verdict is not Verdict.CERTIFIED:
+        return None
+    return min(found.cost, newton.newton(problem, found.estimate, near=True).cost)
+
+
+def certified_by(problem: Problem, certificate: Certificate) -> str:
+    """Which bounds show the stationary point beside an answer, or itself, to be optimal.
+
+    Those by angles speak of rotations alone, and say nothing of poses.
+    """
+    b = certificate.bounds
+    holding = []
+    if b is not None and not isinstance(problem, PoseProblem):
+        largest = float(problem.residual_angles(certificate.refined).max())
+        holding = [
+            name
+            for name, holds in (
+                ("Theorem 4.1", largest <= b.alpha_max),
+                ("normalized", largest <= b.normalized_alpha_max),
+                ("rows", b.row_bound_holds),
+                ("Theorem 4.2", b.cycle is not None and largest <= b.cycle),
+                ("cycle sum", b.cycle_sum_holds),
+            )
+            if holds
+        ]
+    if certificate.verdict is Verdict.CERTIFIED or certificate.basin_is_global:
+        holding.append("factorization")
+    return ", ".join(holding) or "none"
 
 
 def of_estimate(
@@ -33,6 +78,7 @@ def of_estimate(
     estimate: Estimate,
     certificate: Certificate | None,
     certify_seconds: float = 0.0,
+    best: float | None = None,
 ) -> dict[str, float]:
     """The metrics asked for.
 
@@ -41,8 +87,20 @@ def of_estimate(
     problem : the problem that was solved; F, bounds and gaps refer to it
     judge : the problem whose graph the thesis' metrics are evaluated on
     certificate : of the estimate for ``problem``, or None
+    best : F of the optimum, or None
     """
-    values = {"cost": problem.cost(estimate)}
+    keys = tuple(keys)
+    cost = problem.cost(estimate)
+    values = {"cost": cost}
+    if "max_residual_deg" in keys:
+        largest = float(problem.residual_angles(estimate).max())
+        values["max_residual_deg"] = math.degrees(largest)
+    if best is not None:
+        values["error"] = cost - best
+        reached = cost - best <= SAME * best + SAME_SCALE * problem.scale
+        values["global_percent"] = 100.0 * reached
+    if set(keys) & set(SAFE_ANGLES):
+        values.update(of_graph(SAFE_ANGLES, problem))
     for key in keys:
         if key == "f_ml":
             values[key] = metrics.f_ml(judge.graph, estimate)

@@ -57,7 +57,7 @@ def printed_number(table: Table, row: Row, method: Method, metric: str) -> str |
 
 @cache
 def published(name: str, key: str) -> dict[str, dict[str, str]]:
-    """The lines of a file of published numbers, by their key column.
+    """The lines of a file of published numbers, by their key, see `Table`.
 
     Raises
     ------
@@ -74,6 +74,8 @@ def published(name: str, key: str) -> dict[str, dict[str, str]]:
 def _lines(path: Path, key: str) -> dict[str, dict[str, str]]:
     with path.open(encoding="utf-8", newline="") as stream:
         reader = csv.DictReader(stream)
-        if key not in (reader.fieldnames or ()):
-            raise FormatError(path, 1, f"a column called {key}")
-        return {line[key]: line for line in reader}
+        columns = key.split(",")
+        for column in columns:
+            if column not in (reader.fieldnames or ()):
+                raise FormatError(path, 1, f"a column called {column}")
+        return {"/".join(line[column] for column in columns): line for line in reader}

@@ -42,6 +42,7 @@ class Record:
     d, n, m : dimension, nodes, edges
     metrics : metric to value
     verdict, tier, reason : of the certificate, or empty
+    certified_by : the bounds that show the answer, or the stationary one beside it, to be optimal
     status, iterations, seconds, counts, note : as the method reported them
     error : why there is no answer, or empty
     provenance : versions, machine, engine, threads, commit, date
@@ -61,6 +62,7 @@ class Record:
     m: int | None = None
     metrics: Mapping[str, float] = field(default_factory=dict)
     verdict: str = ""
+    certified_by: str = ""
     tier: str = ""
     reason: str = ""
     status: str = ""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from certpgo.harness.averages import averaged
 from certpgo.harness.published import compare, printed_number
 from certpgo.harness.records import Record
 from certpgo.harness.spec import FIELDS, Column, Method, Row, Table
@@ -37,7 +38,8 @@ def sections(table: Table, records: Iterable[Record]) -> tuple[Section, ...]:
     """The table's sections in the order of its records."""
     groups: dict[tuple[str, ...], list[Record]] = {}
     for record in records:
-        key = (record.row, record.part, _reading(record), str(record.seed))
+        seed = "" if table.averaged else str(record.seed)
+        key = (record.row, record.part, _reading(record), seed)
         groups.setdefault(key, []).append(record)
     return tuple(_section(table, group) for group in groups.values())
 
@@ -82,6 +84,10 @@ def _section(table: Table, group: Sequence[Record]) -> Section:
     first = group[0]
     size = "" if first.n is None else _size(first)
     seed = "" if first.seed is None else f", seed {first.seed}"
+    if table.averaged:
+        count = len({record.seed for record in group})
+        seed = "" if first.seed is None else f", mean of {counted(count, 'instance{s}')}"
+        group = averaged(group)
     lines = [_line(table, record) for record in group]
     if len({line[1:] for line in lines}) == 1 and first.error:
         lines = [("every method", *lines[0][1:])]
@@ -162,7 +168,8 @@ def _comparisons(table: Table, record: Record) -> Iterable[str]:
             continue
         ours = record.metrics.get(metric)
         title = titles.get(metric, metric)
-        yield f"{title} {printed}" if ours is None else f"{title} {compare(printed, ours)}"
+        shown = printed if ours is None or not table.comparable else compare(printed, ours)
+        yield f"{title} {shown}"
 
 
 def _found(table: Table, record: Record) -> tuple[Row | None, Method | None]:

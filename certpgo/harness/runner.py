@@ -29,7 +29,7 @@ from certpgo.harness.instances import (
 )
 from certpgo.harness.methods import build
 from certpgo.harness.records import Record, of_certificate, of_solution, provenance
-from certpgo.harness.spec import Method, Row, Table
+from certpgo.harness.spec import OPTIMUM_METRICS, Method, Row, Table
 from certpgo.linalg.factor import default_engine
 from certpgo.problem import Problem, problem_of
 from certpgo.solution import Solution, Solver, Status
@@ -102,6 +102,8 @@ def _run_row(
 ) -> Iterator[Record]:
     announce(f"{row.label}: reading")
     try:
+        if row.absent:
+            raise InputError(f"not run: {row.absent}")
         complete = load_row(replace(row, rotations=False), data, seed)
         instance = rotations_alone(complete) if row.rotations else complete
         judged = instance if row.judging is None else _rejudged(row, data, seed)
@@ -111,6 +113,7 @@ def _run_row(
         return
     for part in _parts(row, instance):
         whole = part is instance
+        best = _optimum(table, part, announce)
         for method in table.methods:
             if method.takes not in ("", _kind(part.graph)):
                 continue
@@ -118,10 +121,21 @@ def _run_row(
             with _engine(method.engine):
                 judge, timed = (judged, complete.graph) if whole else (part, part.graph)
                 yield replace(
-                    _run_method(table, row, method, part, judge, timed),
+                    _run_method(table, row, method, part, judge, timed, best),
                     part="" if whole else part.name,
                     provenance=provenance(default_engine(), _root()),
                 )
+
+
+def _optimum(table: Table, part: Instance, announce: Announce) -> float | None:
+    """F of the part's optimum, where the table compares with it."""
+    if not set(table.metrics) & set(OPTIMUM_METRICS):
+        return None
+    announce(f"{part.name}: the optimum")
+    try:
+        return evaluate.optimum(problem_of(part.graph))
+    except CertPGOError:
+        return None  # every method then says why
 
 
 def _parts(row: Row, instance: Instance) -> list[Instance]:
@@ -159,6 +173,7 @@ def _run_method(
     instance: Instance,
     judged: Instance,
     complete: Graph,
+    best: float | None = None,
 ) -> Record:
     graph = instance.graph
     record = replace(
@@ -169,6 +184,8 @@ def _run_method(
         n=graph.num_nodes,
         m=graph.num_edges,
     )
+    if method.max_nodes is not None and graph.num_nodes > method.max_nodes:
+        return replace(record, error=f"not run: above {method.max_nodes} nodes")
     try:
         problem = problem_of(graph)
         if not method.solver:
@@ -187,12 +204,14 @@ def _run_method(
         certificate, seconds = _certified(problem, solution) if table.certify else (None, 0.0)
         judge = problem if judged is instance else problem_of(judged.graph)
         metrics = evaluate.of_estimate(
-            table.metrics, problem, judge, solution.estimate, certificate, seconds
+            table.metrics, problem, judge, solution.estimate, certificate, seconds, best
         )
-        record = replace(record, metrics={**times, **metrics})
+        spent = {"total_seconds": sum(solution.seconds.values())}
+        record = replace(record, metrics={**times, **metrics, **spent})
         if certificate is None:
             return record
-        return replace(record, **of_certificate(certificate))
+        by = evaluate.certified_by(problem, certificate)
+        return replace(record, certified_by=by, **of_certificate(certificate))
     except CertPGOError as error:
         return replace(record, error=str(error))
     except Exception as error:  # a table survives whatever a method raises

@@ -24,17 +24,28 @@ METRICS = (
     "lambda2",
     "lambda3",
     "fiedler",
+    "error",
+    "global_percent",
+    "max_residual_deg",
+    "alpha_max_deg",
+    "normalized_alpha_max_deg",
+    "total_seconds",
     "ratio",
     "median_seconds",
     "reference_seconds",
 )
 #: Metrics of the graph itself, which need no estimate.
 GRAPH_METRICS = ("lambda1", "lambda2", "lambda3", "fiedler")
+#: Angles up to which residuals of stationary rotations are safe; of the graph, with or without one.
+SAFE_ANGLES = ("alpha_max_deg", "normalized_alpha_max_deg")
+#: Metrics that compare with the optimum, which the certified pipeline finds first: F above it, and
+#: 100 where F is it, so that the mean is a share.
+OPTIMUM_METRICS = ("error", "global_percent")
 #: Metrics measured under the timing protocol, against the table's reference.
 TIMING_METRICS = ("ratio", "median_seconds", "reference_seconds")
 #: A reference that is no method: one numeric factorization of the optimum's certificate matrix.
 FACTORIZATION = "factorization"
-FIELDS = ("verdict", "seconds", "status", "iterations", "counts")
+FIELDS = ("verdict", "certified_by", "seconds", "status", "iterations", "counts")
 
 
 def _frozen(mapping: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -58,6 +69,7 @@ class Row:
     components : of a graph that is not connected: ``"refuse"`` it, run ``"each"`` or the
         ``"largest"``
     settings : settings of single methods in this row alone, by the method's label
+    absent : why the row cannot be run by anybody, where that is known; it is shown nevertheless
     """
 
     dataset: str = ""
@@ -70,6 +82,7 @@ class Row:
     published: str = ""
     components: Components = "refuse"
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    absent: str = ""
 
     def __post_init__(self) -> None:
         if bool(self.dataset) == bool(self.generator):
@@ -94,6 +107,7 @@ class Method:
     takes : ``"poses"`` or ``"rotations"``: run on such graphs alone
     reads_source : the method reads the row's file itself, for what our graphs do not keep (the full
         information matrices); it is told the path as its setting ``source``
+    max_nodes : larger graphs are not for it, or would take too long; None for any
     published : metric to the column of the published numbers that holds it
     """
 
@@ -104,6 +118,7 @@ class Method:
     engine: str = ""
     takes: Literal["", "poses", "rotations"] = ""
     reads_source: bool = False
+    max_nodes: int | None = None
     published: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -145,7 +160,10 @@ class Table:
     stand_ins : rows that are run when no row's file is here (files in the gtsam wheel)
     optional : leave rows out whose file is not here, instead of showing them as not run
     published : file of ``reports/published``, without suffix; empty for none
-    key : its column that holds a row's ``published`` key
+    key : its column that holds a row's ``published`` key; several, joined by commas, make keys that
+        are joined by slashes
+    comparable : the printed numbers are of the same instances; others are shown, never compared
+    averaged : of the instances of a synthetic row only means are shown
     certify : judge every estimate with a certificate
     reference : the method that the others are timed against, or None
     seed, seeds : base seed, and how many instances a synthetic row stands for
@@ -163,6 +181,8 @@ class Table:
     optional: bool = False
     published: str = ""
     key: str = "dataset"
+    comparable: bool = True
+    averaged: bool = False
     certify: bool = True
     reference: Method | None = None
     seed: int = 0

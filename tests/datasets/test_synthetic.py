@@ -42,6 +42,8 @@ def test_the_truth_of_a_winding_cycle_is_the_unwound_one():
 FAMILIES = {
     "cycle": lambda sigma: synthetic.cycle(12, sigma, rng()),
     "cycle in the plane": lambda sigma: synthetic.cycle(12, sigma, rng(), d=2),
+    "orbital": lambda sigma: synthetic.orbital(12, sigma, rng()),
+    "orbital with closures": lambda sigma: synthetic.orbital(12, sigma, rng(), closures=4),
     "complete": lambda sigma: synthetic.complete(9, sigma, rng()),
     "random": lambda sigma: synthetic.random_graph(40, 5.0, sigma, rng()),
     "random in the plane": lambda sigma: synthetic.random_graph(40, 5.0, sigma, rng(), d=2),
@@ -69,6 +71,29 @@ def test_rotation_noise_has_the_stated_deviation_per_axis():
     noise = so.log(np.swapaxes(np.swapaxes(R[i], 1, 2) @ R[j], 1, 2) @ instance.graph.rotations)
     standard_error = 0.1 / np.sqrt(2 * noise.size)
     assert noise.std() == pytest.approx(0.1, abs=4 * standard_error)
+
+
+def test_orbital_cameras_go_once_around_and_noise_is_an_angle_of_the_stated_deviation():
+    instance = synthetic.orbital(4000, 0.1, rng())
+    i, j = instance.graph.edges.T
+    R = instance.truth.rotations
+    steps = np.swapaxes(R[i], 1, 2) @ R[j]
+    np.testing.assert_allclose(so.log(steps), [[0, 0, 2 * np.pi / 4000]] * 4000, atol=1e-9)
+    noise = so.angle(np.swapaxes(steps, 1, 2) @ instance.graph.rotations)
+    assert np.sqrt(np.mean(noise**2)) == pytest.approx(0.1, rel=4 / np.sqrt(2 * 4000))
+
+
+def test_simulated_rotations_on_a_viewing_graph(dataset_path):
+    dataset_path("Ellis_Island.mat")
+    graph = synthetic.viewing_graph("Ellis_Island.mat", 0.0, rng()).graph
+    assert (graph.num_nodes, graph.num_edges) == (247, 20297)
+    assert np.abs(graph.rotations - np.eye(3)).max() > 1.0
+
+
+def test_a_viewing_graph_that_is_not_here_is_refused(monkeypatch):
+    monkeypatch.setattr("certpgo.datasets.find", lambda name: None)
+    with pytest.raises(InputError, match="file not here"):
+        synthetic.viewing_graph("Ellis_Island.mat", 0.1, rng())
 
 
 @given(n=st.integers(2, 30), data=st.data())
