@@ -47,7 +47,9 @@ def cycle(n: int, sigma: float, rng: np.random.Generator, d: int = 3) -> Instanc
     return _rotations(f"cycle-{n}", n, _cycle_edges(n), sigma, rng, d)
 
 
-def orbital(n: int, sigma: float, rng: np.random.Generator, closures: int = 0) -> Instance:
+def orbital(
+    n: int, sigma: float, rng: np.random.Generator, closures: int = 0, reach: int = 3
+) -> Instance:
     """Cameras that go once around the z axis: a cycle of n, as Eriksson et al. draw it, section 6.
 
     Consecutive true rotations differ by 2 pi / n about z. A measurement is turned about a uniformly
@@ -56,14 +58,22 @@ def orbital(n: int, sigma: float, rng: np.random.Generator, closures: int = 0) -
 
     Parameters
     ----------
-    closures : random further measurements between cameras up to three apart, which make the graph a
-        near-cycle
+    closures : random further measurements, which make the graph a near-cycle
+    reach : how far apart along the orbit the cameras of those are at most, at least 2
+
+    Raises
+    ------
+    InputError
+        Such cameras there are none.
     """
+    if closures and not 2 <= reach <= n // 2:
+        raise InputError(f"cameras at most {reach} apart, of {n}: give 2 to half of them")
     edges = _cycle_edges(n)
     truth = Estimate(_turns(2.0 * np.pi * np.arange(n) / n, 3))
     if closures:
         i = rng.integers(0, n, closures)
-        edges = np.concatenate([edges, np.stack([i, (i + rng.integers(2, 4, closures)) % n], 1)])
+        j = (i + rng.integers(2, reach + 1, closures)) % n
+        edges = np.concatenate([edges, np.stack([i, j], axis=1)])
     return _instance(f"orbital-{n}", _axis_noise(truth, edges, sigma, rng), truth)
 
 
