@@ -55,11 +55,13 @@ class MissingDependency(CertPGOError, ImportError):  # noqa: N818 - the conditio
     ----------
     what : the feature that needs it
     extra : the extra of this package that brings it, e.g. ``"baselines"``
+    package : what to install instead, where no extra does
     """
 
-    def __init__(self, what: str, extra: str) -> None:
+    def __init__(self, what: str, extra: str = "", *, package: str = "") -> None:
         self.extra = extra
-        super().__init__(f"{what} is not installed: pip install 'certpgo[{extra}]'")
+        wanted = package or f"'certpgo[{extra}]'"
+        super().__init__(f"{what} is not installed: pip install {wanted}")
 
 
 class SpecError(CertPGOError, LookupError):

@@ -1,0 +1,155 @@
+"""Solutions of the convex relaxation: scaled for a solver, made feasible, rounded to rotations."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from certpgo import spectral
+from certpgo.errors import NumericalError
+from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.eigen import krylov_schur
+from certpgo.linalg.factor import Factor
+from certpgo.problem import RotationProblem
+
+#: Eigenvalues of Y count towards its rank from this part of the largest.
+RANK_TOLERANCE = 1e-4
+#: First shift tried, over a node's weight; its growth; and halvings of its logarithm afterwards.
+FIRST_SHIFT, GROWTH, BISECTIONS = 4e-15, 8.0, 5
+#: Power iterations for leading eigenvectors, the next eigenvalues being so much smaller.
+POWERS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Scaled:
+    """A rotation problem's matrix with the weights of the nodes divided out.
+
+    With s_i the weight of node i and D = blkdiag(s_i^(-1/2) I), A = D L D has identities on its
+    diagonal: a solver's tolerances mean the same whatever the weights.
+    """
+
+    problem: RotationProblem
+
+    @cached_property
+    def weights(self) -> FloatArray:
+        """(n,) s_i; 1 for a node without edges."""
+        weights = self.problem.node_weights
+        return np.where(weights > 0.0, weights, 1.0)
+
+    @property
+    def unit(self) -> float:
+        """What the scaled program's value is multiplied by to be in units of F."""
+        return float(self.weights.mean())
+
+    @property
+    def shares(self) -> FloatArray:
+        """(n,) s_i over their mean, the size of the diagonal blocks that Y gets."""
+        return self.weights / self.unit
+
+    @property
+    def matrix(self) -> CSC:
+        """A, (dn, dn)."""
+        L = self.problem.connection_laplacian
+        root = np.sqrt(np.repeat(self.weights, self.problem.d))
+        column = np.repeat(np.arange(L.shape[0]), np.diff(L.indptr))
+        return CSC((L.data / (root[L.indices] * root[column]), L.indices, L.indptr), shape=L.shape)
+
+    def multipliers(self, scaled: FloatArray) -> FloatArray:
+        """Lam (n, d, d) from the scaled program's D Lam D."""
+        return np.asarray(scaled * self.weights[:, None, None])
+
+    def gram(self, scaled: FloatArray) -> FloatArray:
+        """Y (dn, dn) from the scaled program's, whose diagonal blocks are ``shares`` I."""
+        root = np.sqrt(np.repeat(self.shares, self.problem.d))
+        return np.asarray(scaled / root / root[:, None])
+
+
+@dataclass(frozen=True, eq=False)
+class Feasible:
+    """Multipliers made feasible for (D): L - blkdiag(Lam - shift s I) is positive definite.
+
+    Attributes
+    ----------
+    value : tr(Lam) - d shift sum(s) <= F*, or 0 if that is larger
+    shift : in units of the nodes' weights s
+    matrix, factor : L - blkdiag(Lam - shift s I), (dn, dn), and its factor
+    """
+
+    value: float
+    shift: float
+    matrix: CSC
+    factor: Factor
+
+
+def made_feasible(data: Scaled, multipliers: FloatArray) -> Feasible:
+    """The best bound, near enough, that multipliers (n, d, d) give when shifted.
+
+    That the matrix is positive is what its factorization says, rounding aside.
+
+    Raises
+    ------
+    NumericalError
+        No reasonable shift suffices.
+    """
+    found, failed, shift = _shifted(data, multipliers, FIRST_SHIFT), 0.0, FIRST_SHIFT
+    while found is None:
+        if not shift < 1.0:
+            raise NumericalError("the multipliers are far from feasible")
+        failed, shift = shift, GROWTH * shift
+        found = _shifted(data, multipliers, shift)
+    for _ in range(BISECTIONS if failed else 0):
+        middle = math.sqrt(failed * found.shift)
+        sharper = _shifted(data, multipliers, middle)
+        if sharper is None:
+            failed = middle
+        else:
+            found = sharper
+    return found
+
+
+def _shifted(data: Scaled, multipliers: FloatArray, shift: float) -> Feasible | None:
+    problem, s = data.problem, data.weights
+    graph, d = problem.graph, problem.d
+    diagonal = (problem.node_weights + shift * s)[:, None, None] * np.eye(d) - multipliers
+    matrix = problem.pattern.assemble(diagonal, -graph.kappa[:, None, None] * graph.rotations)
+    factor = problem.symbolic(matrix).factor(matrix)
+    if factor is None:
+        return None
+    value = float(np.trace(multipliers, axis1=1, axis2=2).sum()) - d * shift * float(s.sum())
+    return Feasible(max(value, 0.0), shift, matrix, factor)
+
+
+def leading_rows(Y: FloatArray, d: int) -> FloatArray:
+    """Rows (n, r, d) with Y_ij = rows_i^T rows_j, of Y's r >= d eigenvalues that count.
+
+    By subspace iteration: Y is dense, and its rank low.
+    """
+    N = len(Y)
+    width, rng = min(2 * d + 4, N), np.random.default_rng(0)
+    while True:
+        basis = rng.standard_normal((N, width))
+        for _ in range(POWERS):
+            basis = np.linalg.qr(Y @ basis)[0]
+        values, vectors = np.linalg.eigh(basis.T @ Y @ basis)
+        counts = values >= RANK_TOLERANCE * values[-1]
+        if width == N or not counts[0]:
+            break
+        width = min(2 * width, N)
+    rank = max(int(counts.sum()), d)
+    factor = (basis @ vectors[:, -rank:]) * np.sqrt(np.maximum(values[-rank:], 0.0))
+    return np.ascontiguousarray(np.swapaxes(factor.reshape(-1, d, rank), 1, 2))
+
+
+def null_space_rotations(problem: RotationProblem, feasible: Feasible) -> FloatArray:
+    """Rotations (n, d, d) from the d smallest eigenvectors of L - blkdiag(Lam).
+
+    Raises
+    ------
+    NumericalError
+        No convergence.
+    """
+    pairs = krylov_schur(feasible.matrix, feasible.factor.solve, problem.d, tol=1e-6)
+    return spectral.round_to_rotations(pairs.vectors, problem.d)

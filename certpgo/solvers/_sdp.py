@@ -1,0 +1,240 @@
+"""What the two semidefinite programs share: settings, CVXPY's solvers, the way to a solution."""
+
+from __future__ import annotations
+
+import importlib.util
+import warnings
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from certpgo.errors import InputError, MissingDependency, NumericalError, SpecError
+from certpgo.estimate import Estimate
+from certpgo.lift import Lift, rounded
+from certpgo.linalg.arrays import FloatArray
+from certpgo.monitor import Monitor, Stopwatch, silent
+from certpgo.problem import Problem, RotationProblem
+from certpgo.solution import Relaxation, Solution, Status
+from certpgo.solvers import _memory
+from certpgo.solvers._relaxed import Scaled, leading_rows, made_feasible, null_space_rotations
+
+#: What CVXPY calls the ends that come with an answer.
+STATUSES = {
+    "optimal": Status.CONVERGED,
+    "optimal_inaccurate": Status.STALLED,
+    "user_limit": Status.ITERATION_LIMIT,
+}
+
+
+@dataclass(frozen=True)
+class Program:
+    """A solver of semidefinite programs that CVXPY calls.
+
+    Attributes
+    ----------
+    package : what pip installs
+    module : what Python imports
+    tolerances : its settings that a tolerance goes to
+    iterations : its setting that limits iterations
+    group : the setting of CVXPY's that those are part of, if any
+    """
+
+    package: str
+    module: str
+    tolerances: tuple[str, ...] = ()
+    iterations: str = ""
+    group: str = ""
+
+
+_MOSEK = "MSK_DPAR_INTPNT_CO_TOL_"
+#: By CVXPY's names.
+PROGRAMS = {
+    "CLARABEL": Program(
+        "clarabel", "clarabel", ("tol_gap_abs", "tol_gap_rel", "tol_feas"), "max_iter"
+    ),
+    "COPT": Program("coptpy", "coptpy"),
+    "CVXOPT": Program("cvxopt", "cvxopt", ("abstol", "reltol", "feastol"), "max_iters"),
+    "MOSEK": Program(
+        "mosek",
+        "mosek",
+        (f"{_MOSEK}REL_GAP", f"{_MOSEK}PFEAS", f"{_MOSEK}DFEAS"),
+        "MSK_IPAR_INTPNT_MAX_ITERATIONS",
+        "mosek_params",
+    ),
+    "SCS": Program("scs", "scs", ("eps_abs", "eps_rel"), "max_iters"),
+    "SDPA": Program("sdpa-python", "sdpap", ("epsilonStar", "epsilonDash"), "maxIteration"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a program's solver returned, in the scaled problem's terms.
+
+    Attributes
+    ----------
+    multipliers : (n, d, d), or None
+    gram : (dn, dn), or None
+    """
+
+    multipliers: FloatArray | None
+    gram: FloatArray | None
+
+
+@dataclass(frozen=True, eq=False)
+class Posed:
+    """A program as CVXPY takes it.
+
+    Attributes
+    ----------
+    problem : the cvxpy.Problem
+    read : what its variables hold once it is solved
+    """
+
+    problem: Any
+    read: Callable[[], Answer]
+
+
+@dataclass(frozen=True)
+class Semidefinite(ABC):
+    """Settings of the programs, and what is made of their answers.
+
+    Attributes
+    ----------
+    program : the solver, by CVXPY's name: CLARABEL, SCS, or one of `PROGRAMS` that is installed
+    chordal : whether Clarabel decomposes a sparse matrix into its cliques; no other program does
+    tolerance : what the solver is to reach, in its own measures; None is its own default
+    max_iterations : stop the solver then; None is its own default
+    force : solve what memory seems too small for, too
+    """
+
+    program: str = "CLARABEL"
+    chordal: bool = True
+    tolerance: float | None = None
+    max_iterations: int | None = None
+    force: bool = False
+
+    poses: ClassVar[bool] = True
+    rotations: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        if self.program not in PROGRAMS:
+            raise SpecError.unknown("program", self.program, PROGRAMS)
+        if self.tolerance is not None and not 0.0 < self.tolerance < 1.0:
+            raise SpecError(f"tolerance must lie between 0 and 1, not {self.tolerance}")
+        if self.max_iterations is not None and self.max_iterations < 1:
+            raise SpecError("max_iterations must be at least 1")
+        self.options()
+
+    @abstractmethod
+    def pose(self, data: Scaled) -> Posed:
+        """The program in CVXPY's terms, about a scaled problem."""
+
+    @abstractmethod
+    def bytes_needed(self, problem: RotationProblem) -> float:
+        """Memory that solving takes, roughly."""
+
+    def solve(
+        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+    ) -> Solution:
+        """Rotations rounded from the program's solution, and translations where there are any.
+
+        The program is convex and its solver cannot be watched: ``initial`` and ``monitor`` are
+        not used.
+
+        Raises
+        ------
+        MissingDependency
+            The solver is not installed.
+        InputError
+            Memory is too small, and ``force`` is not set.
+        NumericalError
+            The solver has no answer.
+        """
+        if initial is not None:
+            problem.check(initial)
+        self._require()
+        rotation, d = problem.rotation, problem.d
+        if not self.force:
+            _memory.refuse(self.bytes_needed(rotation), f"{type(self).__name__}, {self.program}")
+        watch, data = Stopwatch(), Scaled(rotation)
+        with watch.phase("model"):
+            posed = self.pose(data)
+        with watch.phase("solve"):
+            answer = self._run(posed)
+        multipliers = feasible = rows = None
+        with watch.phase("bound"):
+            if answer.multipliers is not None:
+                multipliers = data.multipliers(answer.multipliers)
+                feasible = made_feasible(data, multipliers)
+        with watch.phase("round"):
+            if answer.gram is not None:
+                rows = leading_rows(data.gram(answer.gram), d)
+                R = rounded(Lift(rows)).rotations
+            elif feasible is not None:
+                R = null_space_rotations(rotation, feasible)
+            else:
+                raise NumericalError(f"{self.program} returned neither Lambda nor Y")
+            estimate = problem.complete(R)
+        value, said = data.unit * float(posed.problem.value), str(posed.problem.status)
+        rank = None if rows is None else rows.shape[1]
+        return Solution(
+            estimate=estimate,
+            cost=problem.cost(estimate),
+            status=STATUSES[said],
+            iterations=int(posed.problem.solver_stats.num_iters or 0),
+            lower_bound=None if feasible is None else feasible.value,
+            seconds=watch.seconds,
+            note=f"{self.program}: {said}, relaxation {value:.10g}, rank {rank or 'unknown'}",
+            relaxation=Relaxation(value, said, multipliers, rows, rank),
+        )
+
+    def options(self) -> dict[str, Any]:
+        """The settings as the solver takes them through CVXPY.
+
+        Raises
+        ------
+        SpecError
+            This solver's name for a setting is not known here.
+        """
+        program = PROGRAMS[self.program]
+        inner: dict[str, Any] = {}
+        for value, names, what in (
+            (self.tolerance, program.tolerances, "tolerance"),
+            (self.max_iterations, (program.iterations,) * bool(program.iterations), "iterations"),
+        ):
+            if value is not None and not names:
+                raise SpecError(f"{self.program} is not told a limit of {what} here: leave it none")
+            if value is not None:
+                inner.update(dict.fromkeys(names, value))
+        outer = {program.group: inner} if program.group and inner else inner
+        if self.program == "CLARABEL":
+            # An answer that progresses no more is inaccurate, but there.
+            return {
+                **outer,
+                "chordal_decomposition_enable": self.chordal,
+                "accept_unknown": True,
+            }
+        return outer
+
+    def _require(self) -> None:
+        program = PROGRAMS[self.program]
+        if importlib.util.find_spec(program.module) is None:
+            raise MissingDependency(self.program, package=program.package)
+
+    def _run(self, posed: Posed) -> Answer:
+        """Solve in silence."""
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            try:
+                # SciPy's back end is the faster one for few, large, sparse constraints.
+                posed.problem.solve(solver=self.program, canon_backend="SCIPY", **self.options())
+            except Exception as error:  # every solver has its own kinds
+                line = (str(error) or type(error).__name__).partition("\n")[0]
+                raise NumericalError(f"{self.program} failed: {line}") from error
+            said, value = posed.problem.status, posed.problem.value
+            if said not in STATUSES or value is None or not np.isfinite(value):
+                raise NumericalError(f"{self.program} has no answer: {said}")
+            return posed.read()

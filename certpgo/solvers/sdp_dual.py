@@ -1,0 +1,54 @@
+"""(D), the dual semidefinite program: Eriksson et al., eq. 18."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from certpgo.problem import RotationProblem
+from certpgo.solvers import _memory
+from certpgo.solvers._relaxed import Scaled
+from certpgo.solvers._sdp import Answer, Posed, Semidefinite
+
+
+@dataclass(frozen=True)
+class DualSDP(Semidefinite):
+    """(D): max tr(Lam) such that L - blkdiag(Lam) is positive semidefinite.
+
+    Lam has 6n scalars in space, 3n in the plane. Settings: see `Semidefinite`.
+    """
+
+    def pose(self, data: Scaled) -> Posed:
+        """Maximise sum_i share_i tr(Lam_i) subject to A - blkdiag(Lam) >= 0."""
+        import cvxpy as cp
+
+        n, d = data.problem.n, data.problem.d
+        N, (a, b) = d * n, np.triu_indices(d)
+        entries = cp.Variable(n * len(a))
+        row, column = ((d * np.arange(n)[:, None] + index).ravel() for index in (a, b))
+        which, off = np.arange(len(row)), row != column
+        places = np.concatenate([row + N * column, (column + N * row)[off]])
+        spread = sparse.csc_array(
+            (np.ones(len(places)), (places, np.concatenate([which, which[off]]))),
+            shape=(N * N, len(row)),
+        )
+        blocks = cp.reshape(spread @ entries, (N, N), order="F")
+        positive = cp.Constant(data.matrix) - blocks >> 0
+        traces = np.outer(data.shares, a == b).ravel()
+        problem = cp.Problem(cp.Maximize(traces @ entries), [positive])
+
+        def read() -> Answer:
+            multipliers = np.empty((n, d, d))
+            multipliers[:, a, b] = multipliers[:, b, a] = entries.value.reshape(n, -1)
+            return Answer(multipliers, positive.dual_value)
+
+        return Posed(problem, read)
+
+    def bytes_needed(self, problem: RotationProblem) -> float:
+        """By the program's kind, and the cliques where they are made use of."""
+        return 0.0
+
+
+SOLVER = DualSDP

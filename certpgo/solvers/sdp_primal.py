@@ -1,0 +1,58 @@
+"""(DD), the primal semidefinite program: Eriksson et al., eq. 45."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from certpgo.problem import RotationProblem
+from certpgo.solvers import _memory
+from certpgo.solvers._relaxed import Scaled
+from certpgo.solvers._sdp import Answer, Posed, Semidefinite
+
+
+@dataclass(frozen=True)
+class PrimalSDP(Semidefinite):
+    """(DD): min tr(L Y) over positive semidefinite Y with identities as diagonal blocks.
+
+    Y has (dn)(dn + 1)/2 scalars, so that (D) is the cheaper of the two. Settings: see
+    `Semidefinite`.
+    """
+
+    def pose(self, data: Scaled) -> Posed:
+        """Minimise tr(A Y) subject to Y_ii = share_i I and Y >= 0."""
+        import cvxpy as cp
+
+        n, d = data.problem.n, data.problem.d
+        N, (a, b) = d * n, np.triu_indices(d)
+        Y = cp.Variable((N, N), PSD=True)
+        flat = cp.reshape(Y, (N * N,), order="F")
+        row, column = ((d * np.arange(n)[:, None] + index).ravel() for index in (a, b))
+        chosen = sparse.csr_array(
+            (np.ones(len(row)), (np.arange(len(row)), row + N * column)), shape=(len(row), N * N)
+        )
+        fixed = chosen @ flat == np.outer(data.shares, a == b).ravel()
+        A = data.matrix.tocoo()
+        places = A.row + N * A.col.astype(np.int64)
+        weigh = sparse.csr_array((A.data, (np.zeros(A.nnz, int), places)), shape=(1, N * N))
+        problem = cp.Problem(cp.Minimize(cp.sum(weigh @ flat)), [fixed])
+
+        def read() -> Answer:
+            if fixed.dual_value is None:
+                return Answer(None, Y.value)
+            # The constraint names an entry of each pair off the diagonal once.
+            prices = -fixed.dual_value.reshape(n, -1) * np.where(a == b, 1.0, 0.5)
+            multipliers = np.empty((n, d, d))
+            multipliers[:, a, b] = multipliers[:, b, a] = prices
+            return Answer(multipliers, Y.value)
+
+        return Posed(problem, read)
+
+    def bytes_needed(self, problem: RotationProblem) -> float:
+        """One dense cone of all of Y."""
+        return 0.0
+
+
+SOLVER = PrimalSDP
