@@ -6,12 +6,12 @@ import importlib.util
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from certpgo.errors import InputError, MissingDependency, NumericalError, SpecError
+from certpgo.errors import MissingDependency, NumericalError, SpecError
 from certpgo.estimate import Estimate
 from certpgo.lift import Lift, rounded
 from certpgo.linalg.arrays import FloatArray
@@ -39,6 +39,7 @@ class Program:
     module : what Python imports
     tolerances : its settings that a tolerance goes to
     iterations : its setting that limits iterations
+    tolerance : the default; None is the solver's own
     group : the setting of CVXPY's that those are part of, if any
     """
 
@@ -46,14 +47,16 @@ class Program:
     module: str
     tolerances: tuple[str, ...] = ()
     iterations: str = ""
+    tolerance: float | None = None
     group: str = ""
 
 
 _MOSEK = "MSK_DPAR_INTPNT_CO_TOL_"
 #: By CVXPY's names.
 PROGRAMS = {
+    # Its own 1e-8, three iterations less, is 1e-6 of F at best.
     "CLARABEL": Program(
-        "clarabel", "clarabel", ("tol_gap_abs", "tol_gap_rel", "tol_feas"), "max_iter"
+        "clarabel", "clarabel", ("tol_gap_abs", "tol_gap_rel", "tol_feas"), "max_iter", 1e-10
     ),
     "COPT": Program("coptpy", "coptpy"),
     "CVXOPT": Program("cvxopt", "cvxopt", ("abstol", "reltol", "feastol"), "max_iters"),
@@ -62,7 +65,7 @@ PROGRAMS = {
         "mosek",
         (f"{_MOSEK}REL_GAP", f"{_MOSEK}PFEAS", f"{_MOSEK}DFEAS"),
         "MSK_IPAR_INTPNT_MAX_ITERATIONS",
-        "mosek_params",
+        group="mosek_params",
     ),
     "SCS": Program("scs", "scs", ("eps_abs", "eps_rel"), "max_iters"),
     "SDPA": Program("sdpa-python", "sdpap", ("epsilonStar", "epsilonDash"), "maxIteration"),
@@ -105,7 +108,8 @@ class Semidefinite(ABC):
     ----------
     program : the solver, by CVXPY's name: CLARABEL, SCS, or one of `PROGRAMS` that is installed
     chordal : whether Clarabel decomposes a sparse matrix into its cliques; no other program does
-    tolerance : what the solver is to reach, in its own measures; None is its own default
+    tolerance : what the solver is to reach, in its own measures; None is the solver's default,
+        for Clarabel 1e-10
     max_iterations : stop the solver then; None is its own default
     force : solve what memory seems too small for, too
     """
@@ -118,6 +122,8 @@ class Semidefinite(ABC):
 
     poses: ClassVar[bool] = True
     rotations: ClassVar[bool] = True
+    #: Whether the matrix that is to be semidefinite is as sparse as the graph.
+    sparse: ClassVar[bool]
 
     def __post_init__(self) -> None:
         if self.program not in PROGRAMS:
@@ -133,8 +139,8 @@ class Semidefinite(ABC):
         """The program in CVXPY's terms, about a scaled problem."""
 
     @abstractmethod
-    def bytes_needed(self, problem: RotationProblem) -> float:
-        """Memory that solving takes, roughly."""
+    def scalars(self, n: int, d: int) -> int:
+        """Number of the program's unknowns."""
 
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
@@ -158,7 +164,7 @@ class Semidefinite(ABC):
         self._require()
         rotation, d = problem.rotation, problem.d
         if not self.force:
-            _memory.refuse(self.bytes_needed(rotation), f"{type(self).__name__}, {self.program}")
+            self._refuse_too_large(rotation)
         watch, data = Stopwatch(), Scaled(rotation)
         with watch.phase("model"):
             posed = self.pose(data)
@@ -201,23 +207,34 @@ class Semidefinite(ABC):
         """
         program = PROGRAMS[self.program]
         inner: dict[str, Any] = {}
-        for value, names, what in (
-            (self.tolerance, program.tolerances, "tolerance"),
-            (self.max_iterations, (program.iterations,) * bool(program.iterations), "iterations"),
+        tolerance = program.tolerance if self.tolerance is None else self.tolerance
+        limit = (program.iterations,) if program.iterations else ()
+        for what, value, names in (
+            ("tolerance", tolerance, program.tolerances),
+            ("max_iterations", self.max_iterations, limit),
         ):
-            if value is not None and not names:
-                raise SpecError(f"{self.program} is not told a limit of {what} here: leave it none")
             if value is not None:
+                if not names:
+                    raise SpecError(f"{what} cannot be set for {self.program}: leave it none")
                 inner.update(dict.fromkeys(names, value))
-        outer = {program.group: inner} if program.group and inner else inner
         if self.program == "CLARABEL":
-            # An answer that progresses no more is inaccurate, but there.
-            return {
-                **outer,
-                "chordal_decomposition_enable": self.chordal,
-                "accept_unknown": True,
-            }
-        return outer
+            inner["chordal_decomposition_enable"] = self.chordal
+            inner["accept_unknown"] = True  # where progress ends there is an answer, too
+        return {program.group: inner} if program.group and inner else inner
+
+    def bytes_needed(self, problem: RotationProblem) -> float:
+        """Peak memory of solving, roughly; see `_memory`."""
+        N, m = problem.n * problem.d, self.scalars(problem.n, problem.d)
+        cones = [N]
+        if self.program == "CLARABEL" and self.chordal and self.sparse:
+            cones = [problem.d * size for size in _memory.clique_sizes(problem)]
+        return _memory.bytes_needed(self.program, N, m, cones)
+
+    def _refuse_too_large(self, problem: RotationProblem) -> None:
+        what, N = f"{type(self).__name__} with {self.program}", problem.n * problem.d
+        # At the very least; cliques take a while to find where even that is too much.
+        _memory.refuse(_memory.bytes_needed(self.program, N, N, ()), what)
+        _memory.refuse(self.bytes_needed(problem), what)
 
     def _require(self) -> None:
         program = PROGRAMS[self.program]

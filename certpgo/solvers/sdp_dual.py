@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy import sparse
 
-from certpgo.problem import RotationProblem
-from certpgo.solvers import _memory
 from certpgo.solvers._relaxed import Scaled
 from certpgo.solvers._sdp import Answer, Posed, Semidefinite
 
@@ -19,6 +18,8 @@ class DualSDP(Semidefinite):
 
     Lam has 6n scalars in space, 3n in the plane. Settings: see `Semidefinite`.
     """
+
+    sparse: ClassVar[bool] = True
 
     def pose(self, data: Scaled) -> Posed:
         """Maximise sum_i share_i tr(Lam_i) subject to A - blkdiag(Lam) >= 0."""
@@ -46,9 +47,9 @@ class DualSDP(Semidefinite):
 
         return Posed(problem, read)
 
-    def bytes_needed(self, problem: RotationProblem) -> float:
-        """By the program's kind, and the cliques where they are made use of."""
-        return 0.0
+    def scalars(self, n: int, d: int) -> int:
+        """Those of Lam."""
+        return n * d * (d + 1) // 2
 
 
 SOLVER = DualSDP

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy import sparse
 
-from certpgo.problem import RotationProblem
-from certpgo.solvers import _memory
 from certpgo.solvers._relaxed import Scaled
 from certpgo.solvers._sdp import Answer, Posed, Semidefinite
 
@@ -20,6 +19,8 @@ class PrimalSDP(Semidefinite):
     Y has (dn)(dn + 1)/2 scalars, so that (D) is the cheaper of the two. Settings: see
     `Semidefinite`.
     """
+
+    sparse: ClassVar[bool] = False
 
     def pose(self, data: Scaled) -> Posed:
         """Minimise tr(A Y) subject to Y_ii = share_i I and Y >= 0."""
@@ -50,9 +51,9 @@ class PrimalSDP(Semidefinite):
 
         return Posed(problem, read)
 
-    def bytes_needed(self, problem: RotationProblem) -> float:
-        """One dense cone of all of Y."""
-        return 0.0
+    def scalars(self, n: int, d: int) -> int:
+        """Those of Y."""
+        return n * d * (n * d + 1) // 2
 
 
 SOLVER = PrimalSDP
