@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from certpgo import spectral
-from certpgo.errors import NumericalError
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.eigen import krylov_schur
 from certpgo.linalg.factor import Factor
@@ -33,11 +31,10 @@ class Scaled:
 
     problem: RotationProblem
 
-    @cached_property
+    @property
     def weights(self) -> FloatArray:
-        """(n,) s_i; 1 for a node without edges."""
-        weights = self.problem.node_weights
-        return np.where(weights > 0.0, weights, 1.0)
+        """(n,) s_i."""
+        return self.problem.node_weights
 
     @property
     def unit(self) -> float:
@@ -85,19 +82,13 @@ class Feasible:
 
 
 def made_feasible(data: Scaled, multipliers: FloatArray) -> Feasible:
-    """The best bound, near enough, that multipliers (n, d, d) give when shifted.
+    """The best bound, near enough, that finite multipliers (n, d, d) give when shifted.
 
     That the matrix is positive is what its factorization says, rounding aside.
-
-    Raises
-    ------
-    NumericalError
-        No reasonable shift suffices.
     """
-    found, failed, shift = _shifted(data, multipliers, FIRST_SHIFT), 0.0, FIRST_SHIFT
+    failed, shift = 0.0, FIRST_SHIFT
+    found = _shifted(data, multipliers, shift)
     while found is None:
-        if not shift < 1.0:
-            raise NumericalError("the multipliers are far from feasible")
         failed, shift = shift, GROWTH * shift
         found = _shifted(data, multipliers, shift)
     for _ in range(BISECTIONS if failed else 0):
@@ -113,7 +104,7 @@ def made_feasible(data: Scaled, multipliers: FloatArray) -> Feasible:
 def _shifted(data: Scaled, multipliers: FloatArray, shift: float) -> Feasible | None:
     problem, s = data.problem, data.weights
     graph, d = problem.graph, problem.d
-    diagonal = (problem.node_weights + shift * s)[:, None, None] * np.eye(d) - multipliers
+    diagonal = ((1.0 + shift) * s)[:, None, None] * np.eye(d) - multipliers
     matrix = problem.pattern.assemble(diagonal, -graph.kappa[:, None, None] * graph.rotations)
     factor = problem.symbolic(matrix).factor(matrix)
     if factor is None:

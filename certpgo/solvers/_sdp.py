@@ -250,7 +250,8 @@ class Semidefinite(ABC):
                 posed.problem.solve(solver=self.program, canon_backend="SCIPY", **self.options())
             except Exception as error:  # every solver has its own kinds
                 line = (str(error) or type(error).__name__).partition("\n")[0]
-                raise NumericalError(f"{self.program} failed: {line}") from error
+                sentence = line.partition(". ")[0]  # CVXPY goes on with its own advice
+                raise NumericalError(f"{self.program} gave up: {sentence}") from error
             said, value = posed.problem.status, posed.problem.value
             if said not in STATUSES or value is None or not np.isfinite(value):
                 raise NumericalError(f"{self.program} has no answer: {said}")
