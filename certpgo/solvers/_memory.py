@@ -57,8 +57,8 @@ def refuse(needed: float, what: str) -> None:
     available = available_bytes()
     if available is not None and needed > available:
         raise InputError(
-            f"{what} would take about {needed / GIGA:.2g} GB for this graph, and "
-            f"{available / GIGA:.2g} GB are free; force=True (--set force=true) tries anyway"
+            f"{what} would take about {needed / GIGA:.1f} GB for this graph, and "
+            f"{available / GIGA:.1f} GB are free; force=True (--set force=true) tries anyway"
         )
 
 

@@ -123,7 +123,7 @@ class Semidefinite(ABC):
     poses: ClassVar[bool] = True
     rotations: ClassVar[bool] = True
     #: Whether the matrix that is to be semidefinite is as sparse as the graph.
-    sparse: ClassVar[bool]
+    decomposable: ClassVar[bool]
 
     def __post_init__(self) -> None:
         if self.program not in PROGRAMS:
@@ -135,8 +135,12 @@ class Semidefinite(ABC):
         self.options()
 
     @abstractmethod
-    def pose(self, data: Scaled) -> Posed:
-        """The program in CVXPY's terms, about a scaled problem."""
+    def library(self) -> Any:
+        """CVXPY, which is imported by nothing but the programs' own files."""
+
+    @abstractmethod
+    def pose(self, cp: Any, data: Scaled) -> Posed:
+        """The program in the terms of CVXPY, ``cp``, about a scaled problem."""
 
     @abstractmethod
     def scalars(self, n: int, d: int) -> int:
@@ -165,9 +169,10 @@ class Semidefinite(ABC):
         rotation, d = problem.rotation, problem.d
         if not self.force:
             self._refuse_too_large(rotation)
+        cp = self.library()  # its import is nobody's phase
         watch, data = Stopwatch(), Scaled(rotation)
         with watch.phase("model"):
-            posed = self.pose(data)
+            posed = self.pose(cp, data)
         with watch.phase("solve"):
             answer = self._run(posed)
         multipliers = feasible = rows = None
@@ -226,12 +231,13 @@ class Semidefinite(ABC):
         """Peak memory of solving, roughly; see `_memory`."""
         N, m = problem.n * problem.d, self.scalars(problem.n, problem.d)
         cones = [N]
-        if self.program == "CLARABEL" and self.chordal and self.sparse:
+        if self.program == "CLARABEL" and self.chordal and self.decomposable:
             cones = [problem.d * size for size in _memory.clique_sizes(problem)]
         return _memory.bytes_needed(self.program, N, m, cones)
 
     def _refuse_too_large(self, problem: RotationProblem) -> None:
-        what, N = f"{type(self).__name__} with {self.program}", problem.n * problem.d
+        method = type(self).__module__.rpartition(".")[2]
+        what, N = f"{method} with {self.program}", problem.n * problem.d
         # At the very least; cliques take a while to find where even that is too much.
         _memory.refuse(_memory.bytes_needed(self.program, N, N, ()), what)
         _memory.refuse(self.bytes_needed(problem), what)

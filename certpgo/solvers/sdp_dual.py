@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy import sparse
@@ -16,15 +16,20 @@ from certpgo.solvers._sdp import Answer, Posed, Semidefinite
 class DualSDP(Semidefinite):
     """(D): max tr(Lam) such that L - blkdiag(Lam) is positive semidefinite.
 
-    Lam has 6n scalars in space, 3n in the plane. Settings: see `Semidefinite`.
+    Lam has 6n scalars in space, 3n in the plane. The settings are those of
+    `Semidefinite`.
     """
 
-    sparse: ClassVar[bool] = True
+    decomposable: ClassVar[bool] = True
 
-    def pose(self, data: Scaled) -> Posed:
+    def library(self) -> Any:
+        """CVXPY."""
+        import cvxpy
+
+        return cvxpy
+
+    def pose(self, cp: Any, data: Scaled) -> Posed:
         """Maximise sum_i share_i tr(Lam_i) subject to A - blkdiag(Lam) >= 0."""
-        import cvxpy as cp
-
         n, d = data.problem.n, data.problem.d
         N, (a, b) = d * n, np.triu_indices(d)
         entries = cp.Variable(n * len(a))

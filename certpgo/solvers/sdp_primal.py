@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy import sparse
@@ -16,16 +16,20 @@ from certpgo.solvers._sdp import Answer, Posed, Semidefinite
 class PrimalSDP(Semidefinite):
     """(DD): min tr(L Y) over positive semidefinite Y with identities as diagonal blocks.
 
-    Y has (dn)(dn + 1)/2 scalars, so that (D) is the cheaper of the two. Settings: see
-    `Semidefinite`.
+    Y has (dn)(dn + 1)/2 scalars, so that (D) is the cheaper of the two. The
+    settings are those of `Semidefinite`.
     """
 
-    sparse: ClassVar[bool] = False
+    decomposable: ClassVar[bool] = False
 
-    def pose(self, data: Scaled) -> Posed:
+    def library(self) -> Any:
+        """CVXPY."""
+        import cvxpy
+
+        return cvxpy
+
+    def pose(self, cp: Any, data: Scaled) -> Posed:
         """Minimise tr(A Y) subject to Y_ii = share_i I and Y >= 0."""
-        import cvxpy as cp
-
         n, d = data.problem.n, data.problem.d
         N, (a, b) = d * n, np.triu_indices(d)
         Y = cp.Variable((N, N), PSD=True)
