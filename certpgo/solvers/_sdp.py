@@ -224,7 +224,6 @@ class Semidefinite(ABC):
                 inner.update(dict.fromkeys(names, value))
         if self.program == "CLARABEL":
             inner["chordal_decomposition_enable"] = self.chordal
-            inner["accept_unknown"] = True  # where progress ends there is an answer, too
         return {program.group: inner} if program.group and inner else inner
 
     def bytes_needed(self, problem: RotationProblem) -> float:

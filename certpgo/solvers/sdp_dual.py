@@ -16,8 +16,7 @@ from certpgo.solvers._sdp import Answer, Posed, Semidefinite
 class DualSDP(Semidefinite):
     """(D): max tr(Lam) such that L - blkdiag(Lam) is positive semidefinite.
 
-    Lam has 6n scalars in space, 3n in the plane. The settings are those of
-    `Semidefinite`.
+    Lam has 6n scalars in space, 3n in the plane. The settings are those of `Semidefinite`.
     """
 
     decomposable: ClassVar[bool] = True
