@@ -21,6 +21,8 @@ from certpgo.solution import Status
 
 #: CERTIFIED means gap <= rtol F + atol W.
 RTOL, ATOL = 1e-5, 1e-12
+#: Of atol W, what costs of optimal points may differ by: residuals of a billionth, squared.
+FLOOR = 1e-6
 #: Steps that descent may take; what has not settled by then is no basin of its own.
 MAX_STEPS = 200
 #: Stationarity, radians, at which a stalled descent counts as settled.
@@ -86,6 +88,14 @@ class Case:
         """The gap up to which a point of this cost counts as optimal."""
         return self.rtol * cost + self.atol * self.problem.scale
 
+    def difference(self, cost: float) -> float:
+        """By how much more than rounding the cost of a better point is lower."""
+        return self.rtol * cost + FLOOR * self.atol * self.problem.scale
+
+    def is_sharp(self, basin: Basin) -> bool:
+        """Whether no better point exists that would be told from the basin's."""
+        return basin.cost - basin.value <= self.difference(basin.cost)
+
     def is_optimal(self, basin: Basin) -> bool:
         """Whether the basin's cost is within the tolerance of its bound."""
         return basin.cost - basin.value <= self.tolerance(basin.cost)
@@ -143,14 +153,14 @@ class Case:
         gap = cost - best.value
         finite = math.isfinite(cost) and math.isfinite(tolerance)
         basin_is_global = self.rigorous and own.cost - best.value <= self.tolerance(own.cost)
-        better = None
-        if other is not None and own.settled and math.isfinite(other.cost):
-            elsewhere = other.cost < own.cost - self.tolerance(own.cost)
-            better = other if elsewhere and other.cost < cost - tolerance else None
-        if finite and self.rigorous and gap <= tolerance:
-            verdict = Verdict.CERTIFIED
-        elif better is not None:
+        better, elsewhere = None, False
+        if other is not None and other.cost < min(own.cost, cost - self.difference(cost)):
+            better = other
+            elsewhere = own.settled and other.cost < own.cost - self.difference(own.cost)
+        if elsewhere:
             verdict = Verdict.REFUTED
+        elif finite and self.rigorous and gap <= tolerance:
+            verdict = Verdict.CERTIFIED
         elif finite and (best.value > 0.0 or basin_is_global):
             verdict = Verdict.BOUNDED
         else:
@@ -231,7 +241,15 @@ def _reason(c: Certificate) -> str:
         within = f"{floor}; {yours}, within {c.gap:.2g} of the best possible"
         if c.gap <= c.rtol * c.cost:
             return within
-        return f"{within}, which is rounding beside the weights of its terms, {c.scale:.2g} in all"
+        return (
+            f"{within}; that is a large part of it, and little only beside the weights of its "
+            f"terms, {c.scale:.2g} in all"
+            if c.gap > 0.1 * c.cost
+            else f"{within}, which is little beside the weights of its terms, {c.scale:.2g} in all"
+        )
+    if c.better_cost is not None and c.verdict is not Verdict.REFUTED:
+        also = f"another estimate costs {c.better_cost:.10g}"
+        return f"{floor}; {improved if lower else yours}; {also}"
     if c.better_cost is not None:
         return (
             f"another estimate costs {c.better_cost:.10g}; {improved if lower else yours}, and "

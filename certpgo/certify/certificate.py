@@ -55,7 +55,8 @@ class Certificate:
         best translations
     refined_cost : F of ``refined``
     basin_is_global : whether ``refined`` is itself within the tolerance of the lower bound
-    better : a feasible estimate in another basin, better by more than the tolerance, or None
+    better : a feasible estimate that is better, from another start, or None; of a REFUTED one,
+        descent does not lead there
     better_cost : its F
     bounds : bounds that need no factorization, at ``refined``; None where they failed
     engine : factorization engine

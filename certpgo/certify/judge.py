@@ -8,8 +8,9 @@ from certpgo import spectral
 from certpgo.certify.bounds import Bounds, bounds
 from certpgo.certify.case import ATOL, RTOL, Basin, Case
 from certpgo.certify.certificate import Certificate, Tier
-from certpgo.errors import NumericalError
+from certpgo.errors import InputError, NumericalError
 from certpgo.estimate import Estimate
+from certpgo.objective import Objective
 from certpgo.problem import Problem
 
 
@@ -63,6 +64,11 @@ class Judge:
         atol: float = ATOL,
         refine: bool = True,
     ) -> None:
+        if not isinstance(problem, Objective):
+            raise InputError(
+                "a PoseProblem(graph) or RotationProblem(graph) is judged, not a "
+                f"{type(problem).__name__}"
+            )
         self._problem, self._refine = problem, refine
         self._case = Case.of(problem, tier, rtol, atol)
         self._best: Basin | None = None
@@ -80,7 +86,7 @@ class Judge:
         self._problem.check(estimate)
         with np.errstate(over="ignore", invalid="ignore"):  # infinite costs are judged, not warned
             own, other = case.basin(estimate, self._refine, self._best), None
-            if self._refine and not case.is_optimal(own):
+            if self._refine and not case.is_sharp(own):
                 other = self._elsewhere()
             for basin in (own, other):
                 if basin is not None and (self._best is None or basin.value > self._best.value):
@@ -89,7 +95,7 @@ class Judge:
 
     def _elsewhere(self) -> Basin:
         """A basin known to be the best, or what descent from the eigenvectors reaches."""
-        if self._best is not None and self._case.is_optimal(self._best):
+        if self._best is not None and self._case.is_sharp(self._best):
             return self._best
         if self._spectral is None:
             self._spectral = self._case.basin(_spectral_start(self._case.problem), True)

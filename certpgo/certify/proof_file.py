@@ -154,7 +154,7 @@ def _evidence(
 ) -> tuple[FloatArray, Witness]:
     """Multipliers that prove a bound on the file's own numbers, and how."""
     if certificate.multipliers is None:
-        raise NumericalError(f"there is no lower bound to prove: {certificate.reason}")
+        raise NumericalError("there is no lower bound above zero to prove")
     case = Case.of(problem_of(instance.graph), Tier.PROOF, certificate.rtol, certificate.atol)
     graph = graph._replace(kappa=graph.kappa / case.unit, tau=graph.tau / case.unit)
     point = case.problem.complete(certificate.refined.rotations)

@@ -6,6 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from certpgo.cli._show import facts, notice, working
+from certpgo.errors import NumericalError
+
+#: Exit code of a proof that is refused, or could not be had.
+REFUSED = 6
 
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
@@ -34,14 +38,22 @@ def prove(
     certificate: Certificate,
     *,
     json: bool,
-) -> None:
-    """Write the proof, and say what the checker said of it (on stderr beside a JSON document)."""
+) -> bool:
+    """Write the proof, and say what the checker said of it (on stderr beside a JSON document).
+
+    Where there is none, that is said, and False returned: the verdict stands without it.
+    """
     from certpgo.certify.proof_file import write_proof
 
-    with working(f"proving the answer for {instance.name}"):
-        answer = write_proof(out, source, instance, estimate, certificate)
+    try:
+        with working(f"proving the answer for {instance.name}"):
+            answer = write_proof(out, source, instance, estimate, certificate)
+    except NumericalError as reason:
+        notice(f"no proof was written to {out}: {reason}")
+        return False
     said = f"{out}: {answer} (certpgo check)"
     if json:
         notice(said)
     else:
         facts([("proof", said), ("about", answer.about)])
+    return True

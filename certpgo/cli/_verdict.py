@@ -28,6 +28,7 @@ _MEANINGS = {
     "UNDECIDED": "nothing useful could be proven, for or against",
 }
 _RIGHT_BASIN = "not the best answer, but improving it reaches the best, and this is proven"
+_HINT = "a hint of how far this answer can be from the best; at this tier nothing is proven"
 _TRUSTS = {
     "screen": "a factorization as it is, its rounding errors unbounded: a hint, no proof",
     "standard": (
@@ -57,6 +58,8 @@ def show(
     """Print the verdict, its reason, the numbers behind it, and by which reading it is judged."""
     verdict = certificate.verdict.value
     meaning = _RIGHT_BASIN if _is_near(certificate) else _MEANINGS[verdict]
+    if certificate.tier.value == "screen" and verdict == "BOUNDED":
+        meaning = _HINT
     facts(
         [
             (verdict, meaning),
@@ -88,7 +91,9 @@ def _part(share: float) -> str:
 def _numbers(certificate: Certificate) -> Iterable[tuple[str, str]]:
     yield "cost F", f"{certificate.cost:.12g}"
     if math.isfinite(certificate.lower_bound):
-        yield "lower bound", f"{certificate.lower_bound:.12g}  (no answer of this graph costs less)"
+        said = "no answer of this graph costs less"
+        said = f"likely: {said}" if certificate.tier.value == "screen" else said
+        yield "lower bound", f"{certificate.lower_bound:.12g}  ({said})"
         share = (
             "" if certificate.cost <= 0.0 else f"  ({_part(certificate.relative_gap)} of the cost)"
         )

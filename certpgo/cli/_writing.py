@@ -35,9 +35,12 @@ def refuse_overwriting(
     Raises
     ------
     InputError
-        An output is an input, under this or another path.
+        An output is an input, under this or another path, or is named twice.
     """
     wanted = [out for out in outputs if out is not None]
+    for k, out in enumerate(wanted):
+        if any(_is_same(out, earlier) for earlier in wanted[:k]):
+            raise InputError(f"{out}: named for two outputs; one would overwrite the other")
     read = [path for source in inputs if wanted and source for path in _files(source, data)]
     for out in wanted:
         for path in read:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from certpgo.cli import _verdict
-from certpgo.cli._proving import prove, refuse_unprovable
+from certpgo.cli._proving import REFUSED, prove, refuse_unprovable
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, notice, noticing, working
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
@@ -92,26 +92,25 @@ def command(
     if csv is not None:
         return _batch(estimates, instance, parts, timestamps, csv, json, reading)
     path = reading.locate(estimates[0])
-    assessments = _single(path, instance, parts, timestamps, json, source, proof)
+    given = _read(path, instance, parts, timestamps)
+    assessments = _single(path, given, parts, json)
     if polish is not None:
         _polish(polish, parts[0], assessments[0])
     elif any(a.excess > a.certificate.tolerance for a in assessments):
         notice("--polish OUT writes the better answer")
-    return _verdict.exit_code(a.certificate for a in assessments)
+    code = _verdict.exit_code(a.certificate for a in assessments)
+    if proof is not None and not prove(
+        proof, source, parts[0].instance, given[0], assessments[0].certificate, json=json
+    ):
+        return code or REFUSED
+    return code
 
 
 def _single(
-    path: Path,
-    instance: Instance,
-    parts: Sequence[Part],
-    timestamps: str,
-    json: bool,
-    source: Path,
-    proof: Path | None,
+    path: Path, given: Sequence[Estimate], parts: Sequence[Part], json: bool
 ) -> list[Assessment]:
     from certpgo.io.digits import writing_of
 
-    given = _read(path, instance, parts, timestamps)
     writing = writing_of(path)
     assessments = []
     for part, estimate in zip(parts, given, strict=True):
@@ -121,8 +120,6 @@ def _single(
             if len(parts) > 1:
                 typer.echo(part.instance.name)
             _verdict.show(assessments[-1].certificate, part.instance.options, assessments[-1])
-        if proof is not None:
-            prove(proof, source, part.instance, estimate, assessments[-1].certificate, json=json)
     if json:
         reports = [
             {

@@ -9,11 +9,9 @@ from typing import Annotated
 
 import typer
 
+from certpgo.cli._proving import REFUSED
 from certpgo.cli._show import document, working
 from certpgo.errors import FormatError
-
-#: Exit code of a proof that is refused.
-REFUSED = 6
 
 
 def command(

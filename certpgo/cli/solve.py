@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from certpgo.cli import _verdict
-from certpgo.cli._proving import prove, refuse_unprovable
+from certpgo.cli._proving import REFUSED, prove, refuse_unprovable
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, facts, notice, noticing, working
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
@@ -97,6 +97,7 @@ def command(
         for part in parts:
             refuse_other_problems(method, solver, part.graph)
     answers: list[_Answer] = []
+    proven = True
     for part, target in zip(parts, targets, strict=True):
         begin = _restricted(start, instance, part)
         with working(f"solving {part.name}") as status:
@@ -111,9 +112,9 @@ def command(
         answers.append(answer)
         if not json:
             answer.show(part, target)
-        if proof is not None and answer.certificate is not None:
+        if proof is not None and answer.certificate is not None and not answer.interrupted:
             estimate = answer.solution.estimate
-            prove(proof, source, part, estimate, answer.certificate, json=json)
+            proven = prove(proof, source, part, estimate, answer.certificate, json=json)
         if answer.interrupted:
             break
     if json:
@@ -124,7 +125,8 @@ def command(
         document(reports[0] if len(reports) == 1 else reports)
     if answers[-1].interrupted:
         return _verdict.INTERRUPTED
-    return _verdict.exit_code(a.certificate for a in answers if a.certificate is not None)
+    code = _verdict.exit_code(a.certificate for a in answers if a.certificate is not None)
+    return code if proven else code or REFUSED
 
 
 @dataclass(frozen=True)

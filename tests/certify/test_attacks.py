@@ -192,3 +192,44 @@ def test_the_spectral_bound_is_below_the_optimum_even_so():
         problem = RotationProblem(graph)
         best = newton(problem, right).cost
         assert EigenRA().solve(problem).lower_bound <= best
+
+
+@pytest.mark.parametrize("tier", ["standard", "proof"])
+def test_a_long_bridge_hides_no_winding(tier):
+    # W is large, for one edge is 4,600 km long; what is wound up costs little beside it.
+    rng = np.random.default_rng(0)
+    n, step = 60, 2.0 * np.pi / 60
+    ring = so.exp((step * np.arange(n))[:, None])
+    i, j = np.arange(n), (np.arange(n) + 1) % n
+    noise = so.exp(0.02 * rng.standard_normal((n, 1)))
+    measured = np.swapaxes(ring[i], 1, 2) @ ring[j] @ noise
+    t = 10.0 * np.stack([np.sin(i * step), -np.cos(i * step)], axis=1)
+    moves = np.einsum("nba,nb->na", ring[i], t[j] - t[i])
+    edges = np.concatenate([np.stack([i, j], axis=1), [[0, n]]])
+    rotation = RotationGraph(
+        n + 1, edges, np.concatenate([measured, np.eye(2)[None]]), np.full(n + 1, 1000.0)
+    )
+    graph = PoseGraph(rotation, np.concatenate([moves, [[4.6e6, 0.0]]]), np.full(n + 1, 100.0))
+    problem = PoseProblem(graph)
+    twice = np.concatenate([so.exp((2.0 * step * np.arange(n))[:, None]), np.eye(2)[None]])
+    wound = newton(problem, problem.complete(twice)).estimate
+    certificate = certify(problem, wound, tier=tier)
+    assert certificate.verdict is Verdict.REFUTED
+    assert certificate.better_cost < 0.1 * certificate.cost
+
+
+def test_a_better_point_in_hand_is_given_even_where_descent_did_not_settle():
+    instance, _ = winding_cycle(200, 0.1, 1)
+    graph = PoseGraph(instance.graph, np.tile([1.0, 0.0, 0.0], (200, 1)), np.ones(200))
+    problem = PoseProblem(graph)
+    line = Estimate(np.tile(np.eye(3), (200, 1, 1)), np.arange(200)[:, None] * np.eye(1, 3))
+    certificate = certify(problem, line)
+    assert certificate.verdict is not Verdict.CERTIFIED
+    best = certificate.better_cost or certificate.refined_cost
+    assert best <= certificate.refined_cost
+
+
+def test_problems_are_judged_and_not_graphs():
+    instance, wound = winding_cycle(5, 0.0, 0)
+    with pytest.raises(InputError, match="RotationProblem"):
+        certify(instance.graph, wound)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from strategies import random_edges
 
-from certpgo.certify import certificate_matrix
 from certpgo.certify.bounds import alpha_max, normalized_fiedler_value, row_bound
 from certpgo.estimate import Estimate
 from certpgo.graph import RotationGraph
@@ -129,7 +128,7 @@ class Attack:
 
     @property
     def smallest(self):
-        S = certificate_matrix(self.problem, self.problem.multipliers(self.point)).toarray()
+        S = self.problem.certificate_matrix(self.problem.multipliers(self.point)).toarray()
         return np.linalg.eigvalsh(S)[0] / self.problem.node_weights.max()
 
 

@@ -26,12 +26,12 @@ Matrix = dict[tuple[int, int], Any]
 
 def cost(problem: Problem, estimate: Estimate) -> tuple[float, float]:
     """A lower and an upper bound on F of an estimate."""
-    with _flint().ctx.workprec(BITS):
+    with library().ctx.workprec(BITS):
         return _cost(problem, estimate)
 
 
 def _cost(problem: Problem, estimate: Estimate) -> tuple[float, float]:
-    flint = _flint()
+    flint = library()
     R, measured = _rotations(estimate.rotations), _rotations(problem.rotation.graph.rotations)
     total = flint.arb(0)
     for e, (i, j) in enumerate(problem.graph.edges.tolist()):
@@ -52,7 +52,7 @@ def lower_bound(problem: Problem, point: Estimate, allowed: float) -> float:
     certificate matrix positive semidefinite: the relaxation is loose, or the point not optimal.
     """
     multipliers = problem.multipliers(point)
-    with _flint().ctx.workprec(BITS):
+    with library().ctx.workprec(BITS):
         M = _objective(problem)
         for shift in SHIFTS:
             loss = shift * np.asarray(problem.curvature)
@@ -71,7 +71,7 @@ def is_proof(problem: Problem, multipliers: FloatArray) -> bool | None:
     None where the balls do not tell.
     """
     for bits in (BITS, MORE_BITS):
-        with _flint().ctx.workprec(bits):
+        with library().ctx.workprec(bits):
             S = _certificate_matrix(problem, _objective(problem), multipliers)
             found = _is_definite(S)
         if found is not None:
@@ -81,7 +81,7 @@ def is_proof(problem: Problem, multipliers: FloatArray) -> bool | None:
 
 def _certificate_matrix(problem: Problem, M: Matrix, multipliers: FloatArray) -> Matrix:
     """M - blkdiag(0, Lam), the first translation cut off."""
-    flint, d = _flint(), problem.d
+    flint, d = library(), problem.d
     poses = isinstance(problem, PoseProblem)
     width = d + poses
     S = dict(M)
@@ -95,7 +95,7 @@ def _certificate_matrix(problem: Problem, M: Matrix, multipliers: FloatArray) ->
 
 def _objective(problem: Problem) -> Matrix:
     """M with F = tr(X M X^T), by the definition of F, edge by edge."""
-    flint, d = _flint(), problem.d
+    flint, d = library(), problem.d
     poses = isinstance(problem, PoseProblem)
     width = d + poses
     M: Matrix = {}
@@ -145,7 +145,7 @@ def _is_definite(S: Matrix) -> bool | None:
 
 def _rotations(R: FloatArray) -> list[Any]:
     """The rotations nearest to stored matrices, in balls."""
-    flint, d = _flint(), R.shape[-1]
+    flint, d = library(), R.shape[-1]
     identity = flint.arb_mat(np.eye(d).tolist())
     enclosed = []
     for stored in R.tolist():
@@ -161,7 +161,7 @@ def _rotations(R: FloatArray) -> list[Any]:
 
 
 def _column(v: FloatArray) -> Any:
-    return _flint().arb_mat([[float(x)] for x in v])
+    return library().arb_mat([[float(x)] for x in v])
 
 
 def _below(ball: Any) -> float:
@@ -169,7 +169,7 @@ def _below(ball: Any) -> float:
     return math.nextafter(float(ball.lower()), -math.inf)
 
 
-def _flint() -> Any:
+def library() -> Any:
     """The library.
 
     Raises
