@@ -72,10 +72,8 @@ class Case:
             An unknown tier.
         """
         tier = _tier(tier)
-        if not (0.0 <= rtol < math.inf and 0.0 <= atol < math.inf):
-            raise InputError(
-                f"tolerances must be finite and not negative: rtol={rtol}, atol={atol}"
-            )
+        if not (0.0 <= rtol < 1.0 and 0.0 <= atol < 1.0):
+            raise InputError(f"tolerances must lie within 0 ... 1: rtol={rtol}, atol={atol}")
         unit = _unit(problem)
         return Case(problem.scaled(1.0 / unit), unit, tier, rtol, atol)
 

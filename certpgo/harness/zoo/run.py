@@ -16,7 +16,7 @@ from typing import Any
 from certpgo import registry
 from certpgo.errors import NumericalError, SpecError
 from certpgo.harness.records import Ledger, Record, provenance
-from certpgo.harness.zoo import campaign
+from certpgo.harness.zoo import campaign, oracle
 from certpgo.harness.zoo.families import FAMILIES
 from certpgo.harness.zoo.judging import FALSE, Tally, certifiers, judged
 from certpgo.linalg.factor import default_engine
@@ -63,6 +63,7 @@ def run(
     processes : how many work at once, each with one thread
     announce : told how many jobs are done
     """
+    oracle.library()  # what is missing is said here, not by a process that dies of it
     names = list(certifiers())
     found = {job: ledger.find(job.row, job.seed, default_engine()) for job in wanted}
     left = [job for job in wanted if not _is_of(found[job], job, names)]
