@@ -38,7 +38,7 @@ Ints = npt.NDArray[np.intp]
 
 U = 2.0**-53  # unit of rounding
 SPARE = 1.0 + 2.0**-20  # more than the rounding of any sum of fewer than 2^30 positive numbers
-POINT = 128  # bits after the point, where rotations are integers
+POINT = 160  # bits after the point, where rotations are integers
 BITS = 25  # after the point, in the high parts of factors
 FAR = 2.0**400  # numbers beyond might underflow or overflow in products
 ATTEMPTS = 3  # at a factorization whose residual is small enough

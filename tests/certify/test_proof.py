@@ -137,3 +137,15 @@ def test_what_cannot_be_proven_is_said_and_nothing_is_written(tmp_path):
 def test_public_names():
     assert certpgo.check is checker.check
     assert certpgo.write_proof is write_proof
+
+
+@pytest.mark.parametrize("weight", [1.0, 0.999, 1.0 - 1e-9])
+@pytest.mark.parametrize("d", [2, 3])
+def test_measurements_that_nearly_cancel_are_still_proven(d, weight):
+    half = so.exp(np.pi * np.eye(so.tangent_dim(d))[-1:])[0]
+    graph = certpgo.RotationGraph(
+        2, [[0, 1], [0, 1]], np.stack([np.eye(d), half]), np.array([1.0, weight])
+    )
+    answer = certpgo.solve(graph)
+    certificate = certify(problem_of(graph), answer.estimate, tier="proof")
+    assert certificate.verdict is Verdict.CERTIFIED
