@@ -462,7 +462,7 @@ def certificate_matrix(graph: Graph, proof: Proof) -> Blocks:
     turned = i > j
     upper[turned] = np.swapaxes(upper[turned], 1, 2)
     distinct, place = np.unique(np.minimum(i, j) * n + np.maximum(i, j), return_inverse=True)
-    pairs, between = np.stack(np.divmod(distinct, n), axis=1), upper
+    pairs = np.stack(np.divmod(distinct, n), axis=1)
     if len(pairs) < len(upper):
         between = np.zeros((len(pairs), b, b), dtype=object)
         np.add.at(between, place, upper)

@@ -15,8 +15,8 @@ from certpgo.estimate import Estimate
 from certpgo.linalg import so
 from certpgo.problem import PoseProblem, RotationProblem
 from certpgo.solution import Status
-from certpgo.solvers._coordinates import Coordinates, _coloring
-from certpgo.solvers.block_coordinate_descent import BlockCoordinateDescent, stacked
+from certpgo.solvers._coordinates import Coordinates, _coloring, stacked
+from certpgo.solvers.block_coordinate_descent import BlockCoordinateDescent
 from certpgo.solvers.rotation_coordinate_descent import RotationCoordinateDescent
 
 ORDERS = ["colors", "cyclic", "random"]

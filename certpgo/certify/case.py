@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
+from certpgo import checker
 from certpgo.certify import rounding
 from certpgo.certify.bounds import Bounds
 from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound, dual_bound
-from certpgo.certify.proof import exact_cost, proven_bound
+from certpgo.certify.proof import exact_cost, exact_graph, proven_bound
 from certpgo.errors import InputError, NumericalError, SpecError
 from certpgo.estimate import Estimate
 from certpgo.linalg import factor
@@ -94,10 +96,6 @@ class Case:
         """Whether no better point exists that would be told from the basin's."""
         return basin.cost - basin.value <= self.difference(basin.cost)
 
-    def is_optimal(self, basin: Basin) -> bool:
-        """Whether the basin's cost is within the tolerance of its bound."""
-        return basin.cost - basin.value <= self.tolerance(basin.cost)
-
     def basin(self, start: Estimate, refine: bool, known: Basin | None = None) -> Basin:
         """Where descent from an estimate ends, or the estimate with its best translations.
 
@@ -129,12 +127,18 @@ class Case:
         if self.tier is not Tier.PROOF:
             return dual_bound(self.problem, point, rounding=self.rigorous, enough=enough)
         bound = dual_bound(self.problem, point)
-        return None if bound is None else proven_bound(self.problem, point, bound)
+        return None if bound is None else proven_bound(self.problem, self._exact, point, bound)
 
     def cost_upper(self, estimate: Estimate) -> float:
         """F of the estimate, rounded up."""
-        upper = exact_cost if self.tier is Tier.PROOF else rounding.cost_upper
-        return upper(self.problem, estimate)
+        if self.tier is Tier.PROOF:
+            return exact_cost(self.problem, self._exact, estimate)
+        return rounding.cost_upper(self.problem, estimate)
+
+    @cached_property
+    def _exact(self) -> checker.Graph:
+        """The measurements as the checker takes them."""
+        return exact_graph(self.problem)
 
     def certificate(
         self,

@@ -8,8 +8,7 @@ for which the rotations pay through the gauge), with a margin, until the checker
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -66,7 +65,10 @@ def prove(
     point : near-stationary, with translations optimal for its rotations
     fallback : multipliers that do, less exactly; another point's, where the relaxation is loose
     """
-    with _one_thread():
+    from threadpoolctl import threadpool_limits
+
+    # For the checker's many small products, threads cost more than they save.
+    with threadpool_limits(limits=1):
         prover = _Prover(problem, graph, point)
         shift = FIRST_SHIFT * prover.shifted.unit * (1.0 if prover.shifted.pin is None else GROWTH)
         for _ in range(SHIFTS):
@@ -77,9 +79,11 @@ def prove(
         return prover.settle(lambda _: fallback)
 
 
-def proven_bound(problem: Problem, point: Estimate, bound: DualBound) -> DualBound | None:
+def proven_bound(
+    problem: Problem, graph: checker.Graph, point: Estimate, bound: DualBound
+) -> DualBound | None:
     """A bound of the standard tier, proven without trust in a factorization; None if that fails."""
-    found = prove(problem, exact_graph(problem), point, bound.multipliers)
+    found = prove(problem, graph, point, bound.multipliers)
     if found is None:
         return None
     diagonal = np.einsum("naa->na", found[0])
@@ -88,11 +92,11 @@ def proven_bound(problem: Problem, point: Estimate, bound: DualBound) -> DualBou
     return replace(bound, value=value, multipliers=found[0], shift=float(taken.max()))
 
 
-def exact_cost(problem: Problem, estimate: Estimate) -> float:
+def exact_cost(problem: Problem, graph: checker.Graph, estimate: Estimate) -> float:
     """F of the estimate, rounded up; infinite beyond the range of doubles."""
     try:
         t = estimate.translations if isinstance(problem, PoseProblem) else None
-        return checker.upper_bound(exact_graph(problem), quaternions(estimate.rotations), t)
+        return checker.upper_bound(graph, quaternions(estimate.rotations), t)
     except (checker.Refused, OverflowError):
         return math.inf
 
@@ -192,12 +196,3 @@ def proof_of(point: Estimate, multipliers: FloatArray, witness: Witness) -> chec
         witness.pin,
         witness.exponent,
     )
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """For the checker's many small products, threads cost more than they save."""
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(limits=1):
-        yield

@@ -13,12 +13,13 @@ REFUSED = 6
 
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
+    from certpgo.cli._reading import Reading
     from certpgo.estimate import Estimate
     from certpgo.graph import Instance
 
 
-def refuse_unprovable(source: Path) -> None:
-    """Refuse a graph file that the checker does not read, before the work and not after.
+def provable_source(graph: str, reading: Reading) -> Path:
+    """The graph's file, if the checker reads it: said before the work and not after.
 
     Raises
     ------
@@ -27,7 +28,7 @@ def refuse_unprovable(source: Path) -> None:
     """
     from certpgo.certify.proof_file import provable
 
-    provable(source)
+    return provable(reading.locate(graph))
 
 
 def prove(

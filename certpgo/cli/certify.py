@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from certpgo.cli import _verdict
-from certpgo.cli._proving import REFUSED, prove, refuse_unprovable
+from certpgo.cli._proving import REFUSED, provable_source, prove
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, notice, noticing, working
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
@@ -76,9 +76,7 @@ def command(
     for out in (polish, csv, proof):
         refuse_unwritable(out)
     refuse_overwriting([polish, csv, proof], [graph, *estimates, timestamps], reading.data)
-    source = reading.locate(graph)
-    if proof is not None:
-        refuse_unprovable(source)
+    source = None if proof is None else provable_source(graph, reading)
     instance = reading.open(graph)
     parts = []
     for connected in reading.parts(instance):
@@ -99,10 +97,10 @@ def command(
     elif any(a.excess > a.certificate.tolerance for a in assessments):
         notice("--polish OUT writes the better answer")
     code = _verdict.exit_code(a.certificate for a in assessments)
-    if proof is not None and not prove(
-        proof, source, parts[0].instance, given[0], assessments[0].certificate, json=json
-    ):
-        return code or REFUSED
+    if proof and source:
+        certificate = assessments[0].certificate
+        if not prove(proof, source, parts[0].instance, given[0], certificate, json=json):
+            return code or REFUSED
     return code
 
 

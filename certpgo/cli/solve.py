@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from certpgo.cli import _verdict
-from certpgo.cli._proving import REFUSED, prove, refuse_unprovable
+from certpgo.cli._proving import REFUSED, provable_source, prove
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, facts, notice, noticing, working
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
@@ -80,9 +80,7 @@ def command(
     refuse_unwritable(out)
     refuse_unwritable(proof)
     refuse_overwriting([out, proof], [graph, initial], reading.data)
-    source = reading.locate(graph)
-    if proof is not None:
-        refuse_unprovable(source)
+    source = None if proof is None else provable_source(graph, reading)
     instance = reading.open(graph)
     parts = reading.parts(instance)
     if proof is not None and (len(parts) > 1 or not certify):
@@ -112,9 +110,9 @@ def command(
         answers.append(answer)
         if not json:
             answer.show(part, target)
-        if proof is not None and answer.certificate is not None and not answer.interrupted:
-            estimate = answer.solution.estimate
-            proven = prove(proof, source, part, estimate, answer.certificate, json=json)
+        certificate, estimate = answer.certificate, answer.solution.estimate
+        if proof and source and certificate is not None and not answer.interrupted:
+            proven = prove(proof, source, part, estimate, certificate, json=json)
         if answer.interrupted:
             break
     if json:

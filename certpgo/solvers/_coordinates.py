@@ -15,6 +15,7 @@ import numpy as np
 from scipy import sparse
 
 from certpgo.errors import SpecError
+from certpgo.estimate import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.problem import RotationProblem
@@ -68,17 +69,26 @@ class Coordinates:
     rng: np.random.Generator
 
     def __post_init__(self) -> None:
-        n, d = self.problem.n, self.problem.d
+        self.n, self.d = self.problem.n, self.problem.d
+        self._rows = [
+            (nodes[:, None] * self.d + np.arange(self.d)).ravel() for nodes in self._partition()
+        ]
+        self._by_dense_rows = self._dense_rows_pay
+        self._groups = self._grouped()
+
+    @property
+    def _dense_rows_pay(self) -> bool:
+        """Whether products with X are faster with dense rows of Rtilde."""
         L = self.problem.matrix
         full = L.nnz > DENSE * L.shape[0] ** 2 and L.shape[0] ** 2 < LARGEST
-        pays = full and self.X.shape[1] > 4 * d
+        return bool(full and self.X.shape[1] > 4 * self.d)
+
+    def _grouped(self) -> list[tuple[IntArray, FloatArray | sparse.csr_array]]:
+        """Rows of X that are improved at once, with those rows of Rtilde."""
+        L = self.problem.matrix
         Rtilde = -L + sparse.diags_array(L.diagonal())
-        self._groups: list[tuple[IntArray, FloatArray | sparse.csr_array]] = []
-        rows_of = Rtilde.toarray() if pays else sparse.csr_array(Rtilde)
-        for nodes in self._partition():
-            rows = (nodes[:, None] * d + np.arange(d)).ravel()
-            self._groups.append((rows, rows_of[rows]))
-        self.n, self.d = n, d
+        rows_of = Rtilde.toarray() if self._by_dense_rows else sparse.csr_array(Rtilde)
+        return [(rows, rows_of[rows]) for rows in self._rows]
 
     def _partition(self) -> Iterator[IntArray]:
         """Blocks that are improved at once."""
@@ -123,7 +133,9 @@ class Coordinates:
         kept[-2 * self.d :] = True
         if kept.sum() < 0.8 * len(kept):
             self.X = np.ascontiguousarray(self.X @ vectors[:, kept])
-            self.__post_init__()
+            if self._by_dense_rows and not self._dense_rows_pay:
+                self._by_dense_rows = False
+                self._groups = self._grouped()
 
     @property
     def blocks(self) -> FloatArray:
@@ -140,6 +152,12 @@ def _polar(G: FloatArray) -> tuple[FloatArray, float]:
     # A missing direction may be any: the singular vectors complete it.
     U, singular, Vt = np.linalg.svd(G, full_matrices=False)
     return U @ Vt, float(singular.sum())
+
+
+def stacked(estimate: Estimate) -> FloatArray:
+    """X (dn, d) of an estimate: R_i^T below one another."""
+    R = estimate.rotations
+    return np.swapaxes(R, 1, 2).reshape(-1, R.shape[1]).copy()
 
 
 def _coloring(n: int, edges: IntArray) -> IntArray:

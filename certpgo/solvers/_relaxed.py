@@ -102,10 +102,8 @@ def made_feasible(data: Scaled, multipliers: FloatArray) -> Feasible:
 
 
 def _shifted(data: Scaled, multipliers: FloatArray, shift: float) -> Feasible | None:
-    problem, s = data.problem, data.weights
-    graph, d = problem.graph, problem.d
-    diagonal = ((1.0 + shift) * s)[:, None, None] * np.eye(d) - multipliers
-    matrix = problem.pattern.assemble(diagonal, -graph.kappa[:, None, None] * graph.rotations)
+    problem, s, d = data.problem, data.weights, data.problem.d
+    matrix = problem.certificate_matrix(multipliers - (shift * s)[:, None, None] * np.eye(d))
     factor = problem.symbolic(matrix).factor(matrix)
     if factor is None:
         return None

@@ -13,7 +13,7 @@ from certpgo.linalg.arrays import FloatArray
 from certpgo.monitor import Iteration, Monitor, Stopwatch, silent
 from certpgo.problem import Problem, RotationProblem
 from certpgo.solution import Relaxation, Solution, Status
-from certpgo.solvers._coordinates import Sweeping
+from certpgo.solvers._coordinates import Sweeping, stacked
 
 #: The gap is looked at when a sweep gains less than this many tolerances, and then ever less often.
 WORTH_A_LOOK, SPACING = 10.0, 1.25
@@ -68,7 +68,7 @@ class BlockCoordinateDescent(Sweeping):
             point = self.coordinates(rotation, rows)
         trace: list[Iteration] = []
         status, bound, look = Status.ITERATION_LIMIT, None, 0
-        cost, Lam = point.evaluate()
+        cost, _ = point.evaluate()
         for sweep in range(1, self.max_iterations + 1):
             with watch.phase("sweeps"):
                 fallen, moved = point.sweep()
@@ -107,12 +107,6 @@ class BlockCoordinateDescent(Sweeping):
             trace=tuple(trace),
             relaxation=Relaxation(cost, said, Lam, blocks, _rank(blocks)),
         )
-
-
-def stacked(estimate: Estimate) -> FloatArray:
-    """X (dn, d) of an estimate: R_i^T below one another."""
-    R = estimate.rotations
-    return np.swapaxes(R, 1, 2).reshape(-1, R.shape[1]).copy()
 
 
 def _identity(problem: RotationProblem) -> FloatArray:

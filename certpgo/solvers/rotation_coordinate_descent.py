@@ -11,8 +11,7 @@ from certpgo.linalg import so
 from certpgo.monitor import Iteration, Monitor, Stopwatch, silent
 from certpgo.problem import Problem
 from certpgo.solution import Solution, Status
-from certpgo.solvers._coordinates import Sweeping
-from certpgo.solvers.block_coordinate_descent import stacked
+from certpgo.solvers._coordinates import Sweeping, stacked
 from certpgo.trees import compose, spanning_tree
 
 

@@ -58,9 +58,9 @@ def test_exact_costs_are_costs_rounded_up(seed, d):
     graph, _, _ = pose_graph(rng, 5, d)
     estimate = Estimate(so.random(rng, 5, d), rng.standard_normal((5, d)))
     problem = problem_of(graph)
-    upper = exact_cost(problem, estimate)
-    assert upper == pytest.approx(problem.cost(estimate), rel=1e-12)
     mine = exact_graph(problem)
+    upper = exact_cost(problem, mine, estimate)
+    assert upper == pytest.approx(problem.cost(estimate), rel=1e-12)
     exact = checker.upper_bound(mine, *_numbers(estimate))
     measured = [proofs.exact_rotation(q) for q in quaternions(graph.rotation.rotations)]
     assert proofs.exact_cost(mine, measured, *_numbers(estimate)) <= exact == upper
