@@ -1,0 +1,101 @@
+"""The thesis' block matrices of measurements, and what a block column of theirs says of poses.
+
+Moreira 2020, section 2.3: with M_i the inverse of pose i, measured blocks are M_ij = M_i M_j^-1,
+[R_ij t_ij; 0 1] for poses (b = d + 1) and R_ij for rotations alone (b = d), and the block column
+M_C of the M_i makes the complete matrix M_B = M_C M_C^-b of rank b. Edges weigh alike, parallel
+ones are averaged.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import sparse
+
+from certpgo.estimate import Estimate
+from certpgo.linalg import so
+from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.problem import PoseProblem, Problem
+
+
+def block_size(problem: Problem) -> int:
+    """b: d + 1 for poses, d for rotations alone."""
+    return problem.d + isinstance(problem, PoseProblem)
+
+
+def measured_blocks(problem: Problem) -> tuple[IntArray, FloatArray]:
+    """Pairs (p, 2) i < j, each once, and its blocks M_ij (p, b, b); of parallel edges the mean.
+
+    Backward measurements count by their inverses. The mean of several is no pose, which the
+    methods do not ask for.
+    """
+    graph = problem.rotation.graph
+    d, b = problem.d, block_size(problem)
+    blocks = np.zeros((graph.num_edges, b, b))
+    blocks[:, :d, :d] = graph.rotations
+    if isinstance(problem, PoseProblem):
+        blocks[:, :d, d] = problem.graph.translations
+        blocks[:, d, d] = 1.0
+    i, j = graph.edges.T
+    turned = i > j
+    blocks[turned] = inverses(blocks[turned], d)
+    codes = np.minimum(i, j) * problem.n + np.maximum(i, j)
+    distinct, place, count = np.unique(codes, return_inverse=True, return_counts=True)
+    summed = np.zeros((len(distinct), b, b))
+    np.add.at(summed, place, blocks)
+    pairs = np.stack(np.divmod(distinct, problem.n), axis=1)
+    return pairs, summed / count[:, None, None]
+
+
+def inverses(blocks: FloatArray, d: int) -> FloatArray:
+    """Inverses of rotations (..., d, d), or of poses (..., d + 1, d + 1) [R t; 0 1]."""
+    R = np.swapaxes(blocks[..., :d, :d], -1, -2)
+    inverse = np.array(blocks)
+    inverse[..., :d, :d] = R
+    if blocks.shape[-1] > d:
+        inverse[..., :d, d] = -(R @ blocks[..., :d, d:])[..., 0]
+    return inverse
+
+
+def block_matrix(
+    n: int, pairs: IntArray, forward: FloatArray, backward: FloatArray, diagonal: FloatArray
+) -> sparse.csr_array:
+    """(bn, bn): blocks ``forward`` at (i, j), ``backward`` at (j, i), ``diagonal`` (n, b, b)."""
+    b = diagonal.shape[-1]
+    k = np.arange(n)
+    i, j = pairs.T
+    data = np.concatenate([diagonal, forward, backward])
+    row, column = np.concatenate([k, i, j]), np.concatenate([k, j, i])
+    order = np.lexsort((column, row))
+    indptr = np.searchsorted(row[order], np.arange(n + 1))
+    matrix = sparse.bsr_array((data[order], column[order], indptr), shape=(b * n, b * n))
+    return matrix.tocsr()
+
+
+def poses_of(column: FloatArray, problem: Problem) -> Estimate:
+    """The estimate nearest to a block column (bn, b), the M_i times an unknown invertible b x b.
+
+    For poses that matrix is found first: it brings the last line of each block nearest to
+    [0 ... 0 1]. Then blocks are projected, their common reflection undone, and inverted.
+    """
+    d, b = problem.d, block_size(problem)
+    blocks = column.reshape(problem.n, b, b)
+    if b > d:
+        blocks = blocks @ _homogenizing(blocks[:, d])
+    rotations = blocks[:, :d, :d]
+    if so.is_mostly_reflected(rotations):
+        rotations = rotations * np.r_[-np.ones(1), np.ones(d - 1)]
+    R = np.swapaxes(so.project(rotations), 1, 2)
+    if b == d:
+        return Estimate(R)
+    return Estimate(R, -(R @ blocks[:, :d, d:])[:, :, 0])
+
+
+def _homogenizing(last: FloatArray) -> FloatArray:
+    """(b, b) matrix Q that brings lines (n, b) nearest to [0 ... 0 1].
+
+    Its first columns are the b - 1 directions in which the lines are smallest; the last is the
+    least-squares solution of last Q_b = 1.
+    """
+    directions = np.linalg.svd(last, full_matrices=True)[2][::-1]
+    solved = np.linalg.lstsq(last, np.ones(len(last)), rcond=None)[0]
+    return np.column_stack([*directions[: last.shape[1] - 1], solved])
