@@ -24,6 +24,11 @@ def frozen_indices(values: ArrayLike) -> IntArray:
     return _freeze(values, np.intp)
 
 
+def frozen_flags(values: ArrayLike) -> BoolArray:
+    """A read-only, C-contiguous array of booleans; the input is copied unless it is already one."""
+    return _freeze(values, np.bool_)
+
+
 def _freeze(values: ArrayLike, dtype: Any) -> NDArray[Any]:
     array = np.ascontiguousarray(values, dtype=dtype)
     if array.flags.writeable:
