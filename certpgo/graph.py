@@ -22,6 +22,7 @@ from certpgo.linalg.arrays import (
     BoolArray,
     FloatArray,
     IntArray,
+    frozen_flags,
     frozen_floats,
     frozen_indices,
 )
@@ -247,6 +248,7 @@ class Instance:
     options : the reading options that made the problem (parallel edges, weights, ...)
     notices : what the reader assumed, skipped or found unusual, one sentence each
     names : (n,) the source's own names of the nodes, e.g. of images; empty where it has none
+    outliers : (m,) whether each measurement is known to be wrong, or None where nobody knows
     """
 
     name: str
@@ -259,6 +261,7 @@ class Instance:
     options: Mapping[str, str] = field(default_factory=dict)
     notices: tuple[str, ...] = ()
     names: tuple[str, ...] = ()
+    outliers: BoolArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ids", frozen_indices(self.ids))
@@ -271,6 +274,10 @@ class Instance:
         for what, value in (("truth", self.truth), ("initial", self.initial)):
             if value is not None and (value.num_nodes, value.d) != (n, self.graph.d):
                 raise GraphError(f"{what} is for another graph: {value.num_nodes} nodes, not {n}")
+        if self.outliers is not None:
+            object.__setattr__(self, "outliers", frozen_flags(self.outliers))
+            if self.outliers.shape != (self.graph.num_edges,):
+                raise GraphError(f"outliers must be {self.graph.num_edges} flags, one an edge")
 
 
 def _check_edges(edges: IntArray, n: int) -> None:

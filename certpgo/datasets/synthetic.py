@@ -7,15 +7,13 @@ translation by a Gaussian vector, each of the given standard deviation per axis.
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csgraph
 
+from certpgo.datasets.edges import connected_choice, random_edges, viewing_edges
 from certpgo.errors import InputError
 from certpgo.estimate import Estimate
 from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
-from certpgo.io import read
 from certpgo.linalg import so
-from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.linalg.blocks import adjacency
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 
 def winding_cycle(n: int, theta: float, winding: int, d: int = 3) -> tuple[Instance, Estimate]:
@@ -39,7 +37,7 @@ def winding_cycle(n: int, theta: float, winding: int, d: int = 3) -> tuple[Insta
     def stationary(k: int) -> Estimate:
         return Estimate(_turns(-np.arange(n) * (theta + 2.0 * np.pi * k) / n, d))
 
-    return _instance(f"winding_cycle-{n}", graph, stationary(0)), stationary(winding)
+    return instance(f"winding_cycle-{n}", graph, stationary(0)), stationary(winding)
 
 
 def cycle(n: int, sigma: float, rng: np.random.Generator, d: int = 3) -> Instance:
@@ -74,7 +72,7 @@ def orbital(
         i = rng.integers(0, n, closures)
         j = (i + rng.integers(2, reach + 1, closures)) % n
         edges = np.concatenate([edges, np.stack([i, j], axis=1)])
-    return _instance(f"orbital-{n}", _axis_noise(truth, edges, sigma, rng), truth)
+    return instance(f"orbital-{n}", _axis_noise(truth, edges, sigma, rng), truth)
 
 
 def viewing_graph(name: str, sigma: float, rng: np.random.Generator) -> Instance:
@@ -89,21 +87,13 @@ def viewing_graph(name: str, sigma: float, rng: np.random.Generator) -> Instance
     InputError
         Its file is not here.
     """
-    from certpgo import datasets
-
-    path = datasets.find(name)
-    if path is None:
-        raise InputError("not run: file not here")
-    graph = read(path, quiet=True).graph
-    graph = graph.rotation if isinstance(graph, PoseGraph) else graph
-    sizes = np.array(graph.component_sizes)
-    graph = graph.subgraph(np.flatnonzero(graph.components == int(np.argmax(sizes))))
-    return _rotations(f"{path.stem}-simulated", graph.num_nodes, graph.edges, sigma, rng, 3)
+    stem, n, edges = viewing_edges(name)
+    return _rotations(f"{stem}-simulated", n, edges, sigma, rng, 3)
 
 
 def complete(n: int, sigma: float, rng: np.random.Generator, d: int = 3) -> Instance:
     """Relative rotations between all pairs of n nodes, noise ``sigma``, unit weights."""
-    _at_least(2, n)
+    at_least(2, n)
     return _rotations(f"complete-{n}", n, np.argwhere(np.tri(n, k=-1).T), sigma, rng, d)
 
 
@@ -120,22 +110,14 @@ def random_graph(
     InputError
         The mean degree is below that of a tree or above that of the complete graph.
     """
-    _at_least(2, n)
+    at_least(2, n)
     m = round(n * mean_degree / 2)
     if not n - 1 <= m <= n * (n - 1) // 2:
         raise InputError(
             f"a connected graph of {n} nodes has a mean degree of {2 - 2 / n:g} to {n - 1}, "
             f"not {mean_degree:g}"
         )
-    label = rng.permutation(n)
-    earlier = rng.integers(0, np.arange(1, n))
-    codes = _pair_codes(n, label[1:], label[earlier])
-    while len(codes) < m:
-        # Codes found first stay: the tree, then each new pair in the order drawn.
-        i, j = rng.integers(0, n, (2, 2 * (m - len(codes)) + 16))
-        drawn = np.concatenate([codes, _pair_codes(n, i[i != j], j[i != j])])
-        codes = drawn[np.sort(np.unique(drawn, return_index=True)[1])][:m]
-    edges = np.stack(np.divmod(np.sort(codes), n), axis=1)
+    edges = random_edges(n, m, rng)
     return _rotations(f"random-{n}-{m}", n, edges, sigma, rng, d)
 
 
@@ -158,7 +140,7 @@ def helix(
     uneven : steps along have random lengths between 0 and turns / 2 instead, so that rotations act
         on long lever arms and links lead anywhere around the cylinder
     """
-    _at_least(3, turns)
+    at_least(3, turns)
     k = np.arange(turns**2)
     arc = np.cumsum(rng.uniform(0.0, turns / 2.0, len(k))) if uneven else k
     angle, radius = 2.0 * np.pi * arc / turns, turns / (2.0 * np.pi)
@@ -187,7 +169,7 @@ def grid3d(
     InputError
         The fraction is too small to connect the grid, or above 1.
     """
-    _at_least(2, side)
+    at_least(2, side)
     n = side**3
     index = np.arange(n).reshape(side, side, side)
     pairs = [
@@ -198,19 +180,9 @@ def grid3d(
     kept = round(fraction * len(edges))
     if not n - 1 <= kept <= len(edges):
         raise InputError(f"{fraction:g} of the edges do not make a connected grid of side {side}")
-    chosen = _connected_choice(n, edges, kept, rng)
+    chosen = connected_choice(n, edges, kept, rng)
     t = np.stack(np.unravel_index(np.arange(n), index.shape), axis=1).astype(float)
     return _poses(f"grid3d-{side}", t, edges[chosen], rotation_noise, translation_noise, rng)
-
-
-def _connected_choice(n: int, edges: IntArray, kept: int, rng: np.random.Generator) -> IntArray:
-    """``kept`` random edges that contain the tree of the lowest draws."""
-    draw = rng.permutation(len(edges))
-    tree = csgraph.minimum_spanning_tree(
-        adjacency(n, edges[:, 0], edges[:, 1], (draw + 1).astype(np.float64))
-    )
-    draw[np.argsort(draw)[tree.data.astype(np.intp) - 1]] -= len(edges)
-    return np.sort(np.argsort(draw)[:kept])
 
 
 def _rotations(
@@ -218,7 +190,7 @@ def _rotations(
 ) -> Instance:
     truth = Estimate(so.random(rng, n, d))
     measured = _measured_rotations(truth.rotations, edges, sigma, rng)
-    return _instance(name, RotationGraph(n, edges, measured, np.ones(len(edges))), truth)
+    return instance(name, RotationGraph(n, edges, measured, np.ones(len(edges))), truth)
 
 
 def _poses(
@@ -242,7 +214,7 @@ def _poses(
     steps = np.einsum("mba,mb->ma", R[i], t[j] - t[i])
     steps += translation_noise * rng.standard_normal((m, d))
     graph = PoseGraph(rotation, steps, np.full(m, 1.0 / translation_noise**2))
-    return _instance(name, graph, Estimate(R, t))
+    return instance(name, graph, Estimate(R, t))
 
 
 def _measured_rotations(
@@ -265,7 +237,10 @@ def _axis_noise(
     return RotationGraph(truth.num_nodes, edges, measured, np.ones(m))
 
 
-def _instance(name: str, graph: Graph, truth: Estimate) -> Instance:
+def instance(
+    name: str, graph: Graph, truth: Estimate, outliers: BoolArray | None = None
+) -> Instance:
+    """A made graph with what is known of it."""
     return Instance(
         name,
         graph,
@@ -273,11 +248,12 @@ def _instance(name: str, graph: Graph, truth: Estimate) -> Instance:
         truth=truth,
         source="synthetic",
         options={"weights": "synthetic"},
+        outliers=outliers,
     )
 
 
 def _cycle_edges(n: int) -> IntArray:
-    _at_least(3, n)
+    at_least(3, n)
     k = np.arange(n)
     return np.stack([k, (k + 1) % n], axis=1)
 
@@ -287,10 +263,13 @@ def _turns(angles: FloatArray, d: int) -> FloatArray:
     return so.exp(angles[:, None] * np.eye(so.tangent_dim(d))[-1])
 
 
-def _pair_codes(n: int, i: IntArray, j: IntArray) -> IntArray:
-    return np.asarray(np.minimum(i, j) * n + np.maximum(i, j))
+def at_least(smallest: int, size: int) -> None:
+    """Refuse a smaller size.
 
-
-def _at_least(smallest: int, size: int) -> None:
+    Raises
+    ------
+    InputError
+        It is smaller.
+    """
     if size < smallest:
         raise InputError(f"the size must be at least {smallest}, not {size}")

@@ -110,18 +110,21 @@ def connected_parts(instance: Instance, components: Components) -> list[Instance
 
 def component(instance: Instance, label: int) -> Instance:
     """One connected component of an instance."""
-    nodes = np.flatnonzero(instance.graph.components == label)
+    graph = instance.graph
+    nodes = np.flatnonzero(graph.components == label)
+    inside = graph.components[graph.edges[:, 0]] == label
     place = {int(node): k for k, node in enumerate(nodes)}
     ids = instance.ids[nodes]
     return replace(
         instance,
         name=f"{instance.name} [{len(nodes)} nodes from id {int(ids.min())}]",
-        graph=instance.graph.subgraph(nodes),
+        graph=graph.subgraph(nodes),
         ids=ids,
         truth=None if instance.truth is None else instance.truth.subset(nodes),
         initial=None if instance.initial is None else instance.initial.subset(nodes),
         fixed=tuple(place[node] for node in instance.fixed if node in place),
         names=tuple(instance.names[node] for node in nodes) if instance.names else (),
+        outliers=None if instance.outliers is None else instance.outliers[inside],
     )
 
 
@@ -131,9 +134,10 @@ def seed_of(base: int, row: int, repetition: int) -> np.random.SeedSequence:
 
 
 def _generate(row: Row, seed: np.random.SeedSequence) -> Instance:
-    from certpgo.datasets import synthetic
+    from certpgo.datasets import synthetic, thesis
 
-    families = {name: f for name, f in vars(synthetic).items() if _is_family(name, f)}
+    public = {**vars(synthetic), **vars(thesis)}
+    families = {name: f for name, f in public.items() if _is_family(name, f)}
     if row.generator not in families:
         raise SpecError.unknown("generator", row.generator, families)
     instance: Instance = families[row.generator](**row.arguments, rng=np.random.default_rng(seed))
@@ -144,5 +148,6 @@ def _is_family(name: str, value: Any) -> bool:
     return (
         callable(value)
         and not name.startswith("_")
-        and "rng" in getattr(value, "__annotations__", {})
+        and "rng" in (taken := getattr(value, "__annotations__", {}))
+        and taken.get("return") == "Instance"
     )

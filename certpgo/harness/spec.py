@@ -63,7 +63,8 @@ class Row:
     reading : options for `certpgo.io.read`
     judging : options for reading the graph that metrics are evaluated on, where it is another
     rotations : of a pose graph, the rotations alone
-    generator : function of `certpgo.datasets.synthetic`, called with ``arguments`` and ``rng``
+    generator : function of `certpgo.datasets.synthetic` or `certpgo.datasets.thesis`, called with
+        ``arguments`` and ``rng``
     arguments : its keyword arguments
     published : the key of this row in the table's published numbers
     components : of a graph that is not connected: ``"refuse"`` it, run ``"each"`` or the

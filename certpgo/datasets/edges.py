@@ -1,0 +1,137 @@
+"""Which nodes are measured against which: edges of random graphs and of real scenes, (m, 2)."""
+
+from __future__ import annotations
+
+import bisect
+from pathlib import Path
+
+import numpy as np
+from scipy import linalg
+from scipy.sparse import csgraph
+
+from certpgo.errors import InputError
+from certpgo.graph import PoseGraph
+from certpgo.io import read
+from certpgo.linalg.arrays import IntArray
+from certpgo.linalg.blocks import adjacency
+
+
+def viewing_edges(name: str) -> tuple[str, int, IntArray]:
+    """A dataset's stem, nodes and edges, of its largest component; its measurements do not count.
+
+    Raises
+    ------
+    InputError
+        Its file is not here.
+    """
+    from certpgo import datasets
+
+    path = datasets.find(name)
+    if path is None:
+        raise InputError("not run: file not here")
+    graph = read(path, quiet=True).graph
+    graph = graph.rotation if isinstance(graph, PoseGraph) else graph
+    sizes = np.array(graph.component_sizes)
+    graph = graph.subgraph(np.flatnonzero(graph.components == int(np.argmax(sizes))))
+    return Path(path).stem, graph.num_nodes, graph.edges
+
+
+def random_edges(n: int, m: int, rng: np.random.Generator) -> IntArray:
+    """A random tree on n nodes and uniformly random further pairs, m edges without repetition."""
+    codes = _tree_codes(n, rng)
+    while len(codes) < m:
+        # Codes found first stay: the tree, then each new pair in the order drawn.
+        i, j = rng.integers(0, n, (2, 2 * (m - len(codes)) + 16))
+        drawn = np.concatenate([codes, _pair_codes(n, i[i != j], j[i != j])])
+        codes = drawn[np.sort(np.unique(drawn, return_index=True)[1])][:m]
+    return _pairs(n, codes)
+
+
+def edges_of_connectivity(
+    n: int, fiedler: float, rng: np.random.Generator, *, rtol: float = 0.03, draws: int = 25
+) -> IntArray:
+    """A random tree on n nodes and uniformly random further pairs, of a wished Fiedler value.
+
+    That is the second eigenvalue of the graph Laplacian with every edge weighing 1. Pairs are added
+    in one random order, and no added edge lowers an eigenvalue: bisection finds how many. Where the
+    edge that crosses the wish also jumps over it, another tree and order are drawn. Eigenvalues
+    come from dense algebra, for some thousand nodes at most.
+
+    Parameters
+    ----------
+    rtol : largest relative difference from the wish
+    draws : trees and orders to try
+
+    Raises
+    ------
+    InputError
+        No graph drawn comes as near to the wish.
+    """
+    nearest = np.inf
+    for _ in range(draws):
+        edges, value = _bisected(n, fiedler, rng)
+        if abs(value - fiedler) <= rtol * fiedler:
+            return edges
+        nearest = min(nearest, value, key=lambda x: abs(x - fiedler))
+    raise InputError(
+        f"no random graph of {n} nodes has a Fiedler value within {100 * rtol:g} percent of "
+        f"{fiedler:g}; the nearest of {draws} has {nearest:g}"
+    )
+
+
+def _bisected(n: int, fiedler: float, rng: np.random.Generator) -> tuple[IntArray, float]:
+    """The edges of one random order whose Fiedler value is nearest to the wish, and that value."""
+    tree = _tree_codes(n, rng)
+    others = np.setdiff1d(_pair_codes(n, *np.triu_indices(n, 1)), tree)
+    codes = np.concatenate([tree, rng.permutation(others)])
+
+    def reached(m: int) -> float:
+        return _fiedler_value(n, _pairs(n, codes[:m]))
+
+    counts = range(n - 1, len(codes) + 1)
+    place = bisect.bisect_left(counts, fiedler, key=reached)
+    near = {m: reached(m) for m in counts[max(place - 1, 0) : place + 1]}
+    m = min(near, key=lambda m: abs(near[m] - fiedler))
+    return _pairs(n, codes[:m]), near[m]
+
+
+def connected_choice(n: int, edges: IntArray, kept: int, rng: np.random.Generator) -> IntArray:
+    """Which ``kept`` random edges, ascending; they contain the tree of the lowest draws."""
+    draw = rng.permutation(len(edges))
+    tree = csgraph.minimum_spanning_tree(
+        adjacency(n, edges[:, 0], edges[:, 1], (draw + 1).astype(np.float64))
+    )
+    draw[np.argsort(draw)[tree.data.astype(np.intp) - 1]] -= len(edges)
+    return np.sort(np.argsort(draw)[:kept])
+
+
+def path_with_closures(n: int, m: int, rng: np.random.Generator) -> IntArray:
+    """The path 0, 1, ..., n-1 and uniformly random further pairs, m edges without repetition."""
+    i, j = np.triu_indices(n, 2)
+    chosen = rng.choice(len(i), m - (n - 1), replace=False)
+    steps = np.arange(n - 1) * n + np.arange(1, n)
+    return _pairs(n, np.concatenate([steps, _pair_codes(n, i[chosen], j[chosen])]))
+
+
+def _tree_codes(n: int, rng: np.random.Generator) -> IntArray:
+    """Each node after the first tied to an earlier one, in random order."""
+    label = rng.permutation(n)
+    earlier = rng.integers(0, np.arange(1, n))
+    return _pair_codes(n, label[1:], label[earlier])
+
+
+def _pair_codes(n: int, i: IntArray, j: IntArray) -> IntArray:
+    return np.asarray(np.minimum(i, j) * n + np.maximum(i, j))
+
+
+def _pairs(n: int, codes: IntArray) -> IntArray:
+    """The pairs (i, j), i < j, of codes, in the order of the nodes."""
+    return np.stack(np.divmod(np.sort(codes), n), axis=1)
+
+
+def _fiedler_value(n: int, edges: IntArray) -> float:
+    i, j = edges.T
+    L = np.zeros((n, n))
+    L[i, j] = L[j, i] = -1.0
+    L[np.diag_indices(n)] = -L.sum(axis=1)
+    return float(linalg.eigh(L, eigvals_only=True, subset_by_index=[1, 1])[0])
