@@ -10,11 +10,11 @@ from certpgo import operators
 from certpgo.errors import NumericalError
 from certpgo.estimate import Estimate
 from certpgo.linalg import so
-from certpgo.linalg.arrays import FloatArray
-from certpgo.linalg.blocks import pinned
+from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.blocks import add_to_diagonal, pinned
 from certpgo.linalg.eigen import Eigenpairs, arpack, krylov_schur
 from certpgo.problem import PoseProblem, Problem, RotationProblem
-from certpgo.reduced import Reduced, factor_shifted
+from certpgo.reduced import SHIFTS, Reduced, factor_shifted
 
 
 def smallest_eigenpairs(
@@ -24,6 +24,7 @@ def smallest_eigenpairs(
     tol: float = 1e-5,
     method: str = "krylov_schur",
     start: Estimate | None = None,
+    shift: float | None = None,
 ) -> Eigenpairs:
     """The k (by default d) smallest eigenpairs of the connection Laplacian; thesis section 4.2.
 
@@ -32,6 +33,9 @@ def smallest_eigenpairs(
     tol : relative accuracy asked of the pairs, as residual of the inverse
     method : ``"krylov_schur"`` or ``"arpack"``
     start : an estimate whose rotations span the first block of the former, by default a random one
+    shift : added to the diagonal, by default what it takes to factorize; for more than d pairs of
+        nearly perfect measurements, a small share of the others' eigenvalues, which rounding of the
+        inverse drowns otherwise
 
     Raises
     ------
@@ -41,10 +45,41 @@ def smallest_eigenpairs(
     k = min(k or problem.d, problem.d * problem.n)
     build = functools.partial(operators.connection_laplacian, problem.pattern, problem.graph)
     mean = float(problem.node_weights.mean())
-    A, shift, factor = factor_shifted(problem, build, mean)
+    unit, shifts = (mean, SHIFTS) if shift is None else (shift, (1.0,))
+    A, shift, factor = factor_shifted(problem, build, unit, shifts)
     if method == "arpack":
         return arpack(A, factor.solve, k, shift=shift, tol=tol)
     return krylov_schur(A, factor.solve, k, shift=shift, tol=tol, start=_block(start))
+
+
+def deflated_eigenvalues(problem: RotationProblem, A: CSC, null: FloatArray, k: int) -> FloatArray:
+    """The k smallest eigenvalues but one of a semidefinite n x n matrix with this null vector.
+
+    Parameters
+    ----------
+    A : of the graph's pattern, such as the graph Laplacian
+    null : (n,) the null vector, such as ones
+    k : at most n - 1
+
+    Raises
+    ------
+    NumericalError
+        No factorization, or no convergence.
+    """
+    mean = float(A.diagonal().mean())
+    build = functools.partial(add_to_diagonal, A)
+    shifted, shift, factor = factor_shifted(problem, build, mean)
+    unit = null[:, None] / np.linalg.norm(null)
+    solve = factor.solve
+
+    def deflated(B: FloatArray) -> FloatArray:
+        X = solve(B - unit @ (unit.T @ B))
+        return np.asarray(X - unit @ (unit.T @ X))
+
+    start = np.random.default_rng(0).standard_normal((problem.n, k + 1))
+    start -= unit @ (unit.T @ start)
+    start = start[:, : problem.n - 1]
+    return krylov_schur(shifted, deflated, k, shift=shift, start=start, tol=1e-8).values
 
 
 def eliminated_eigenpairs(

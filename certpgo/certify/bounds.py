@@ -7,7 +7,6 @@ They never certify an estimate by themselves.
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,10 +17,8 @@ from certpgo.estimate import Estimate
 from certpgo.graph import RotationGraph
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
-from certpgo.linalg.blocks import add_to_diagonal, scatter_sum
-from certpgo.linalg.eigen import krylov_schur
+from certpgo.linalg.blocks import scatter_sum
 from certpgo.problem import RotationProblem
-from certpgo.reduced import factor_shifted
 
 #: Residuals count as sharing an axis, and weights as equal, up to this.
 SAME = 1e-6
@@ -98,7 +95,9 @@ def alpha_max(connectivity: float) -> float:
 
 def fiedler_value(problem: RotationProblem) -> float:
     """lambda_2 of the graph Laplacian weighted by kappa."""
-    return _second_eigenvalue(problem, problem.laplacian, np.ones(problem.n))
+    return float(
+        spectral.deflated_eigenvalues(problem, problem.laplacian, np.ones(problem.n), 1)[0]
+    )
 
 
 def normalized_fiedler_value(problem: RotationProblem) -> float:
@@ -107,7 +106,7 @@ def normalized_fiedler_value(problem: RotationProblem) -> float:
     root = np.sqrt(problem.node_weights)
     column = np.repeat(np.arange(problem.n), np.diff(L.indptr))
     scaled = CSC((L.data / (root[L.indices] * root[column]), L.indices, L.indptr), shape=L.shape)
-    return _second_eigenvalue(problem, scaled, root)
+    return float(spectral.deflated_eigenvalues(problem, scaled, root, 1)[0])
 
 
 def row_bound(problem: RotationProblem, estimate: Estimate) -> FloatArray:
@@ -155,23 +154,3 @@ def cycle_sum_holds(problem: RotationProblem, estimate: Estimate) -> bool | None
     total = np.linalg.norm(residual, axis=1).sum()
     aligned = np.linalg.norm(residual.sum(axis=0))
     return bool(total <= np.pi and aligned >= (1.0 - SAME) * total)
-
-
-def _second_eigenvalue(problem: RotationProblem, A: CSC, null: FloatArray) -> float:
-    """Second smallest eigenvalue of a semidefinite n x n matrix with this null vector."""
-    mean = float(A.diagonal().mean())
-    build = functools.partial(add_to_diagonal, A)
-    shifted, shift, factor = factor_shifted(problem, build, mean)
-    unit = null[:, None] / np.linalg.norm(null)
-    solve = factor.solve
-
-    def deflated(B: FloatArray) -> FloatArray:
-        X = solve(B - unit @ (unit.T @ B))
-        return np.asarray(X - unit @ (unit.T @ X))
-
-    start = np.random.default_rng(0).standard_normal((problem.n, 2))
-    start -= unit @ (unit.T @ start)
-    if problem.n == 2:
-        start = start[:, :1]
-    pairs = krylov_schur(shifted, deflated, 1, shift=shift, start=start, tol=1e-8)
-    return float(pairs.values[0])

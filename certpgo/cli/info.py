@@ -110,6 +110,10 @@ def _spectrum_lines(spectrum: Spectrum) -> Iterable[tuple[str, str]]:
     yield "smallest eigenvalues", f"{values}  (0 if the measurements were perfect)"
     yield "connectivity", f"{spectrum.fiedler:.6g}  (second eigenvalue of the graph Laplacian)"
     yield (
+        "inconsistency",
+        f"{spectrum.inconsistency:.3g}  (the smallest over the connectivity, 0 if perfect)",
+    )
+    yield (
         "safe angle",
         f"{math.degrees(spectrum.alpha_max):.4g} degrees by the largest degree, "
         f"{math.degrees(spectrum.normalized_alpha_max):.4g} by the normalized Laplacian",

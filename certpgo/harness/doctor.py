@@ -9,6 +9,7 @@ import numpy as np
 
 from certpgo import spectral
 from certpgo.certify.bounds import alpha_max, fiedler_value, normalized_fiedler_value
+from certpgo.consistency import inconsistency
 from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.harness.bridges import bridges
 from certpgo.linalg.factor import default_engine, engines
@@ -52,12 +53,14 @@ class Spectrum:
     ----------
     smallest : the d smallest eigenvalues of the connection Laplacian
     fiedler : second smallest eigenvalue of the graph Laplacian
+    inconsistency : the smallest of the former over the latter; see `certpgo.consistency`
     alpha_max : residual angle up to which stationary rotations are optimal, by the largest degree
     normalized_alpha_max : the same by the normalized Laplacian, never smaller
     """
 
     smallest: tuple[float, ...]
     fiedler: float
+    inconsistency: float
     alpha_max: float
     normalized_alpha_max: float
 
@@ -107,9 +110,11 @@ def engines_in_words() -> str:
 
 def _spectrum(problem: RotationProblem) -> Spectrum:
     fiedler = fiedler_value(problem)
+    smallest = tuple(float(x) for x in spectral.smallest_eigenpairs(problem).values)
     return Spectrum(
-        smallest=tuple(float(x) for x in spectral.smallest_eigenpairs(problem).values),
+        smallest=smallest,
         fiedler=fiedler,
+        inconsistency=inconsistency(smallest[0], fiedler),
         alpha_max=alpha_max(fiedler / float(problem.node_weights.max())),
         normalized_alpha_max=alpha_max(normalized_fiedler_value(problem)),
     )

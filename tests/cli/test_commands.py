@@ -35,6 +35,7 @@ def test_info_in_words(certpgo, square):
     assert done.code == 0
     assert "poses in 2D" in done.out
     assert "4, ids 0 to 3" in done.out
+    assert "inconsistency" in done.out
 
 
 def test_info_is_one_json_document(certpgo, square):
@@ -43,6 +44,7 @@ def test_info_is_one_json_document(certpgo, square):
     spectrum = found["spectra"]["square"]["unit"]
     assert spectrum["fiedler"] == pytest.approx(2.0, rel=1e-9)  # lambda_2 of a 4-cycle
     assert len(spectrum["smallest"]) == 2
+    assert spectrum["inconsistency"] == pytest.approx(spectrum["smallest"][0] / 2.0, rel=1e-9)
 
 
 def test_list_is_one_json_document(certpgo):

@@ -70,3 +70,11 @@ def test_spectrum_of_the_complete_graph_in_closed_form(n):
     closed = 2 * np.arcsin(np.sqrt(0.25 + n / (2 * (n - 1))) - 0.5)
     assert unit.alpha_max == pytest.approx(closed, rel=1e-9)
     assert unit.normalized_alpha_max == pytest.approx(closed, rel=1e-9)
+
+
+def test_inconsistency_of_half_turns_about_a_plane_cycle_in_closed_form():
+    # theta = pi is as inconsistent as a cycle gets: 1 - cos(pi/n) over 1 - cos(2 pi/n).
+    instance, _ = synthetic.winding_cycle(6, np.pi, 0, 2)
+    for spectrum in spectra(instance.graph).values():
+        expected = (1 - np.cos(np.pi / 6)) / (1 - np.cos(np.pi / 3))
+        assert spectrum.inconsistency == pytest.approx(expected, rel=1e-9)
