@@ -1,11 +1,14 @@
 """The thesis' synthetic data: counts, the law of the noise, outliers, wished connectivities."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from certpgo.datasets import edges, thesis
-from certpgo.errors import InputError
-from certpgo.harness.instances import component, rotations_alone
+from certpgo.errors import GraphError, InputError, SpecError
+from certpgo.harness.instances import component, load_row, rotations_alone
+from certpgo.harness.spec import Row
 from certpgo.linalg import so
 from certpgo.problem import PoseProblem, RotationProblem
 
@@ -70,6 +73,27 @@ def test_outliers_stay_with_their_edges_in_a_component():
             (e,) = np.flatnonzero((graph.edges == edge).all(axis=1))
             np.testing.assert_array_equal(graph.rotations[e], R)
             assert instance.outliers[e] == wrong
+
+
+def test_outliers_are_one_read_only_flag_an_edge_and_outlast_the_translations():
+    path = thesis.spherical_path(0.5, 1.0, 0.1, rng(), n=20)
+    assert path.outliers is None
+    marked = replace(path, outliers=np.arange(path.graph.num_edges) % 2)
+    assert marked.outliers.dtype == bool
+    with pytest.raises(ValueError, match="read-only"):
+        marked.outliers[0] = True
+    np.testing.assert_array_equal(rotations_alone(marked).outliers, marked.outliers)
+    with pytest.raises(GraphError, match="95 flags, one an edge"):
+        replace(path, outliers=np.zeros(94))
+
+
+def test_a_table_finds_the_families_by_name():
+    arguments = {"missing": 0.9, "sigma_deg": 1.0, "sigma_t": 0.01, "n": 40}
+    row = Row(generator="spherical_path", arguments=arguments)
+    one, same = (load_row(row, None, np.random.SeedSequence(3)).graph for _ in range(2))
+    np.testing.assert_array_equal(one.translations, same.translations)
+    with pytest.raises(SpecError, match="generator"):
+        load_row(Row(generator="edges_of_connectivity"), None, None)
 
 
 @pytest.mark.parametrize(("n", "fiedler"), [(20, 0.1), (60, 2.0), (60, 20.0), (200, 7.0), (60, 60)])
