@@ -114,7 +114,10 @@ class RotationGraph:
 
     def without_parallel_edges(self, keep: Keep) -> RotationGraph:
         """Keep ``"all"`` parallel edges, or the ``"first"`` or ``"last"`` of each pair {i, j}."""
-        chosen = _simple_edges(self.num_nodes, self.edges, keep)
+        return self.with_edges(_simple_edges(self.num_nodes, self.edges, keep))
+
+    def with_edges(self, chosen: IntArray | BoolArray) -> RotationGraph:
+        """All nodes with the ``chosen`` edges alone, given by place or by a mask (m,)."""
         return RotationGraph(
             self.num_nodes, self.edges[chosen], self.rotations[chosen], self.kappa[chosen]
         )
@@ -201,9 +204,12 @@ class PoseGraph:
 
     def without_parallel_edges(self, keep: Keep) -> PoseGraph:
         """Keep ``"all"`` parallel edges, or the ``"first"`` or ``"last"`` of each pair {i, j}."""
-        chosen = _simple_edges(self.num_nodes, self.edges, keep)
+        return self.with_edges(_simple_edges(self.num_nodes, self.edges, keep))
+
+    def with_edges(self, chosen: IntArray | BoolArray) -> PoseGraph:
+        """All nodes with the ``chosen`` edges alone, given by place or by a mask (m,)."""
         return PoseGraph(
-            self.rotation.without_parallel_edges(keep), self.translations[chosen], self.tau[chosen]
+            self.rotation.with_edges(chosen), self.translations[chosen], self.tau[chosen]
         )
 
     def subgraph(self, nodes: IntArray) -> PoseGraph:

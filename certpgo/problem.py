@@ -79,6 +79,11 @@ class RotationProblem(Objective):
         """F, from the residuals (m, r, d)."""
         return float(self.graph.kappa @ np.einsum("mab,mab->m", residuals, residuals))
 
+    def edge_costs(self, point: Point) -> FloatArray:
+        """(m,) terms of F, one an edge."""
+        E = self.residuals(point.rotations)
+        return np.asarray(self.graph.kappa * np.einsum("mab,mab->m", E, E))
+
     def gradient(self, point: Point) -> FloatArray:
         """Half the Euclidean gradient of F, (n, r, d); in the papers' notation X M by blocks."""
         return self.gradient_of(self.residuals(point.rotations))
@@ -129,7 +134,15 @@ class RotationProblem(Objective):
 
     def scaled(self, factor: float) -> RotationProblem:
         """The same measurements with all weights times ``factor``; pattern and order are shared."""
-        return self._shared(RotationProblem(self.graph.with_weights(factor * self.graph.kappa)))
+        return self.reweighted(np.full(self.graph.num_edges, factor))
+
+    def reweighted(self, factors: FloatArray) -> RotationProblem:
+        """The problem with each edge's weight times a factor (m,); edges at zero are dropped."""
+        kept = factors > 0.0
+        graph = self.graph.with_weights(np.where(kept, factors, 1.0) * self.graph.kappa)
+        if kept.all():
+            return self._shared(RotationProblem(graph))
+        return RotationProblem(graph.with_edges(kept))
 
     def with_unit_weights(self) -> RotationProblem:
         """The same measurements with kappa = 1, as the thesis weighs them."""
@@ -218,6 +231,12 @@ class PoseProblem(Objective):
     def _cost_of(self, E: FloatArray, r: FloatArray) -> float:
         return self.rotation.cost_of(E) + float(self.graph.tau @ np.einsum("ma,ma->m", r, r))
 
+    def edge_costs(self, point: Point) -> FloatArray:
+        """(m,) terms of F, one an edge."""
+        r = self.translation_residuals(point)
+        moved = self.graph.tau * np.einsum("ma,ma->m", r, r)
+        return np.asarray(self.rotation.edge_costs(point) + moved)
+
     def gradient(self, point: Point) -> FloatArray:
         """Half the Euclidean gradient of F, (n, r, d + 1): translation column, then rotation."""
         E, r = self.rotation.residuals(point.rotations), self.translation_residuals(point)
@@ -279,8 +298,18 @@ class PoseProblem(Objective):
 
     def scaled(self, factor: float) -> PoseProblem:
         """The same measurements with all weights times ``factor``; pattern and order are shared."""
-        kappa, tau = self.graph.rotation.kappa, self.graph.tau
-        return self._shared(PoseProblem(self.graph.with_weights(factor * kappa, factor * tau)))
+        return self.reweighted(np.full(self.graph.num_edges, factor))
+
+    def reweighted(self, factors: FloatArray) -> PoseProblem:
+        """The problem with each edge's weights times a factor (m,); edges at zero are dropped."""
+        kept = factors > 0.0
+        positive = np.where(kept, factors, 1.0)
+        graph = self.graph.with_weights(
+            positive * self.graph.rotation.kappa, positive * self.graph.tau
+        )
+        if kept.all():
+            return self._shared(PoseProblem(graph))
+        return PoseProblem(graph.with_edges(kept))
 
     def with_unit_weights(self) -> PoseProblem:
         """The same measurements with kappa = tau = 1, as the thesis weighs them."""

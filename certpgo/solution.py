@@ -65,6 +65,9 @@ class Solution:
     counts : deterministic counts of the work done, e.g. factorizations and products
     note : what a reader of the answer should know, e.g. which information a baseline used
     relaxation : of methods that solve the convex relaxation, what they found there
+    weights : (m,) of robust methods, the factors on the edges' weights that they ended with; an
+        edge at zero was rejected. What such a method proposes is an answer to the problem with
+        these weights, see `judged`
     """
 
     estimate: Estimate
@@ -77,6 +80,15 @@ class Solution:
     counts: Mapping[str, int] = field(default_factory=dict)
     note: str = ""
     relaxation: Relaxation | None = None
+    weights: FloatArray | None = None
+
+    def judged(self, problem: Problem) -> Problem:
+        """The problem that the answer is to be judged by: with the weights the method ended with.
+
+        A certificate for it says that no other answer fits the measurements that were kept better,
+        not that the right ones were kept.
+        """
+        return problem if self.weights is None else problem.reweighted(self.weights)
 
 
 class Solver(Protocol):

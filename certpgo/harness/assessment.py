@@ -156,12 +156,10 @@ def costly_edges(
     problem: Problem, estimate: Estimate, ids: IntArray, count: int = EDGES
 ) -> tuple[CostlyEdge, ...]:
     """The edges that add most to F; none where F is zero or not finite."""
-    E = problem.rotation.residuals(estimate.rotations)
-    terms = problem.rotation.graph.kappa * np.einsum("mab,mab->m", E, E)
+    terms = problem.edge_costs(estimate)
     lengths: FloatArray | None = None
     if isinstance(problem, PoseProblem):
         lengths = np.linalg.norm(problem.translation_residuals(estimate), axis=1)
-        terms = terms + problem.graph.tau * lengths**2
     total = float(terms.sum())
     if not 0.0 < total < math.inf:
         return ()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from certpgo.problem import Problem
 from certpgo.solution import Solution, Status
 from certpgo.trees import compose, spanning_tree
 
-Tree = Literal["breadth_first", "odometry", "maximum_weight"]
+Tree = Literal["breadth_first", "odometry", "earliest", "maximum_weight"]
 
 
 @dataclass(frozen=True)
@@ -26,8 +26,9 @@ class SpanningTree:
     Attributes
     ----------
     tree : ``"breadth_first"`` from node 0; ``"odometry"`` prefers edges between nearby node
-        numbers, hence the chain of consecutive poses where there is one; ``"maximum_weight"``
-        prefers large kappa
+        numbers, hence the chain of consecutive poses where there is one; ``"earliest"`` prefers
+        edges in their order, as files mostly state odometry before they close loops;
+        ``"maximum_weight"`` prefers large kappa
     """
 
     tree: Tree = "breadth_first"
@@ -36,7 +37,7 @@ class SpanningTree:
     rotations: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        known = ("breadth_first", "odometry", "maximum_weight")
+        known = get_args(Tree)
         if self.tree not in known:
             raise SpecError.unknown("tree", self.tree, known)
 
@@ -55,6 +56,8 @@ class SpanningTree:
             return None
         if self.tree == "odometry":
             return np.abs(np.diff(graph.edges, axis=1)[:, 0]).astype(np.float64)
+        if self.tree == "earliest":
+            return np.arange(1.0, graph.num_edges + 1.0)
         # Only the order of lengths matters to a minimum spanning tree.
         return np.asarray(np.unique(-graph.kappa, return_inverse=True)[1] + 1, dtype=np.float64)
 

@@ -1,0 +1,107 @@
+"""Rotation averaging that leaves out what fits worst, ever more, down to the noise of the rest.
+
+Truncated least squares: minimise sum min(r_e^2, c^2) over the rotations, r_e^2 the terms of F,
+by alternating between the edges below c and the rotations that fit them. The threshold starts above
+all residuals and shrinks slowly, which is what keeps the descent out of poor local minima, as in
+graduated non-convexity (Yang et al., RA-L 2020) and adaptive trimming (Tzoumas, Antonante, Carlone,
+IROS 2019). It ends at a multiple of the noise, which is measured by the kept residuals themselves,
+so that nothing must be known of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from scipy import stats
+
+from certpgo import newton
+from certpgo.averaging import laplacian_gauss_newton
+from certpgo.errors import SpecError
+from certpgo.estimate import Estimate
+from certpgo.linalg import so
+from certpgo.monitor import Monitor, Stopwatch, silent
+from certpgo.problem import Problem
+from certpgo.progress import Progress
+from certpgo.robust import connected
+from certpgo.solution import Solution
+from certpgo.solvers._iterative import Iterative
+from certpgo.solvers.eigen_ra import EigenRA
+
+#: Weight of a rejected measurement while the threshold shrinks: it says where nodes stand of which
+#: nothing better is known.
+FAINT = 1e-9
+#: Residuals (radians) below which measurements are exact, whatever their noise.
+EXACT = 1e-7
+
+
+@dataclass(frozen=True)
+class AdaptiveTrimming(Iterative):
+    """Robust rotation averaging by truncated least squares; d = 2 and 3.
+
+    Attributes
+    ----------
+    multiple : the last threshold, in standard deviations of the kept residuals
+    rate : what the threshold is multiplied by in each step
+    tolerance : turn of a rotation below which the last step is one, radians
+    max_iterations : stop anyway
+    """
+
+    multiple: float = 3.0
+    rate: float = 0.9
+    tolerance: float = 1e-6
+    max_iterations: int = 300
+
+    poses: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not (self.multiple >= 2.0 and 0.0 < self.rate < 1.0):
+            raise SpecError("multiple must be at least 2, and rate between 0 and 1")
+
+    def solve(
+        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+    ) -> Solution:
+        """Rotations, and weights: 1 for the measurements that were kept, 0 for the others."""
+        watch = Stopwatch()
+        rotation = problem.rotation
+        if initial is None:
+            R, _ = EigenRA().rotations_of(rotation, watch)
+            initial = Estimate(R)
+        problem.check(initial)
+        point = Estimate(initial.rotations)
+        # kappa |E|^2 is about 2 kappa times the squared angle, which has one term an axis.
+        median = np.sqrt(stats.chi2.median(so.tangent_dim(problem.d)))
+        exact = EXACT * np.sqrt(2.0 * rotation.graph.kappa.mean())
+        r = np.sqrt(rotation.edge_costs(point))
+        threshold, kept, moved = np.inf, np.ones(len(r), dtype=bool), np.inf
+        progress = Progress(monitor, self.tolerance, self.max_iterations, watch)
+        while not progress.ends(rotation.cost(point), moved, moved):
+            with watch.phase("trim"):
+                noise = float(np.median(r[kept])) / median
+                shrunk = self.rate * min(threshold, float(r.max()) / self.rate)
+                threshold = min(max(shrunk, self.multiple * noise, exact), threshold)
+                before, kept = kept, r <= threshold
+                settled = np.array_equal(before, kept) and threshold > shrunk
+                weighted = rotation.reweighted(np.where(kept, 1.0, FAINT))
+                following = laplacian_gauss_newton(weighted, point, max_iterations=1).estimate
+                turn = np.swapaxes(point.rotations, 1, 2) @ following.rotations
+                moved = float(so.angle(turn).max()) if settled else np.inf
+                point = following
+                r = np.sqrt(rotation.edge_costs(point))
+        weights = connected(rotation, np.where(kept, 1.0, 0.0), r)
+        with watch.phase("newton"):
+            point = newton.newton(rotation.reweighted(weights), point, tolerance=1e-9).estimate
+        return Solution(
+            estimate=point,
+            cost=rotation.cost(point),
+            status=progress.status,
+            iterations=progress.steps,
+            seconds=watch.seconds,
+            trace=tuple(progress.trace),
+            weights=weights,
+        )
+
+
+SOLVER = AdaptiveTrimming

@@ -1,0 +1,143 @@
+"""EigenRAO: EigenRA with outliers, reweighted until the smallest eigenvalue settles.
+
+Moreira 2020, section 4.5 and Algorithm 3. What its text leaves open is decided so:
+
+- *Which matrix is weighted.* The off-diagonal blocks of (Laplacian x 1) o Rtilde; its diagonal
+  blocks stay at the degrees, which W_ii = 1 says and row sums restored to the degrees mean.
+- *The loss.* Eq. 4.9 reads a + b exp(pi - e/2) and never vanishes for the default a and b. Read as
+  a + b exp((pi - e)/2), and clipped at zero, it vanishes at 97 degrees, beside the threshold of 90,
+  and rejects outliers in half the iterations: the default. ``loss="printed"`` is the former.
+- *The error e.* The Frobenius norm of a logarithm is sqrt(2) times the angle; as the threshold
+  pi/2 is an angle, so is e. ``frobenius=True`` is the other reading, for the loss and the threshold
+  alike.
+- *W or E.* The text sets the row sums of the accumulated weights W; Algorithm 3 prints E in line
+  12, the weights of the last iteration alone, which leaves outliers their part of the weight.
+  ``accumulate=False`` is that.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from certpgo import operators, spectral
+from certpgo.errors import SpecError
+from certpgo.estimate import Estimate
+from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.eigen import Eigenpairs, krylov_schur
+from certpgo.monitor import Monitor, Stopwatch, silent
+from certpgo.problem import Problem, RotationProblem
+from certpgo.progress import Progress
+from certpgo.reduced import factor_shifted
+from certpgo.robust import connected
+from certpgo.solution import Solution
+from certpgo.solvers._iterative import Iterative
+
+#: Shifts that make a reweighted matrix definite, in units of the mean degree: its row sums are the
+#: degrees only nearly, so that it may be slightly indefinite.
+SHIFTS = (1e-3, 1e-2, 1e-1, 1.0, 10.0)
+
+
+@dataclass(frozen=True)
+class EigenRAO(Iterative):
+    """Rotation averaging with outliers, by eigenvectors; d = 2 and 3.
+
+    Attributes
+    ----------
+    a, b : of the loss a + b exp((pi - e)/2)
+    eta : measurements whose error is larger are replaced by their estimates, radians
+    loss, frobenius, accumulate : how Algorithm 3 is read, see above
+    tolerance : change of the smallest eigenvalue, over the mean degree, at which to stop
+    max_iterations : stop anyway
+    """
+
+    a: float = -1.75
+    b: float = 0.85
+    eta: float = math.pi / 2
+    loss: Literal["halved", "printed"] = "halved"
+    frobenius: bool = False
+    accumulate: bool = True
+    tolerance: float = 2e-5
+    max_iterations: int = 20
+
+    poses: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.loss not in ("halved", "printed"):
+            raise SpecError.unknown("loss", self.loss, ("halved", "printed"))
+        if not (self.eta > 0.0 and self.b > 0.0 and self.a + self.b * math.exp(math.pi / 2) > 0.0):
+            raise SpecError("eta and b must be positive, and the loss at no error, too")
+
+    def solve(
+        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+    ) -> Solution:
+        """Rotations of the problem, and the weights W of the measurements that were kept."""
+        watch = Stopwatch()
+        rotation = problem.rotation
+        i, j = rotation.graph.edges.T
+        measured = Rbar = rotation.graph.rotations
+        W, replaced = np.ones(len(i)), np.zeros(len(i), dtype=bool)
+        progress = Progress(monitor, self.tolerance, self.max_iterations, watch)
+        vectors, eigenvalue = None, math.inf
+        while True:
+            with watch.phase("eigen"):
+                pairs = _smallest_eigenpairs(rotation, W, Rbar, vectors)
+                vectors = pairs.vectors
+                R = spectral.round_to_rotations(vectors, problem.d)
+            here = Estimate.trusted(R)
+            change = abs(float(pairs.values[0]) - eigenvalue) / float(rotation.node_weights.mean())
+            eigenvalue = float(pairs.values[0])
+            if progress.ends(rotation.cost(here), change, change):
+                break
+            with watch.phase("reweight"):
+                e = rotation.residual_angles(here) * (math.sqrt(2.0) if self.frobenius else 1.0)
+                replaced = e > self.eta
+                Rbar = np.where(replaced[:, None, None], np.swapaxes(R[i], 1, 2) @ R[j], measured)
+                rho = self.rho(e)
+                W = _restored(rotation, W * rho if self.accumulate else rho)
+        return Solution(
+            estimate=Estimate(R),
+            cost=rotation.cost(here),
+            status=progress.status,
+            iterations=progress.steps,
+            seconds=watch.seconds,
+            trace=tuple(progress.trace),
+            weights=connected(rotation, np.where(replaced, 0.0, W), rotation.edge_costs(here)),
+        )
+
+    def rho(self, e: FloatArray) -> FloatArray:
+        """The loss of errors (radians), eq. 4.9; see above for its two readings."""
+        exponent = (math.pi - e) / 2.0 if self.loss == "halved" else math.pi - e / 2.0
+        return np.maximum(self.a + self.b * np.exp(exponent), 0.0)
+
+
+def _smallest_eigenpairs(
+    problem: RotationProblem, W: FloatArray, Rbar: FloatArray, start: FloatArray | None
+) -> Eigenpairs:
+    """Of the matrix with the degrees on its diagonal and -kappa W Rbar_ij beside it."""
+    degree = problem.node_weights
+    beside = -(problem.graph.kappa * W)[:, None, None] * Rbar
+
+    def build(shift: float) -> CSC:
+        return problem.pattern.assemble((degree + shift)[:, None, None] * np.eye(problem.d), beside)
+
+    A, shift, factor = factor_shifted(problem, build, float(degree.mean()), SHIFTS)
+    return krylov_schur(A, factor.solve, problem.d, shift=shift, tol=1e-4, start=start)
+
+
+def _restored(problem: RotationProblem, W: FloatArray) -> FloatArray:
+    """W with its row sums brought to the degrees, then made symmetric: lines 12 to 14.
+
+    A node whose measurements all have no weight keeps none.
+    """
+    i, j = problem.graph.edges.T
+    sums = operators.degrees(problem.graph.edges, problem.graph.kappa * W, problem.n)
+    scale = problem.node_weights / np.where(sums > 0.0, sums, np.inf)
+    return np.asarray(0.5 * W * (scale[i] + scale[j]))
+
+
+SOLVER = EigenRAO
