@@ -22,12 +22,8 @@ def block_size(problem: Problem) -> int:
     return problem.d + isinstance(problem, PoseProblem)
 
 
-def measured_blocks(problem: Problem) -> tuple[IntArray, FloatArray]:
-    """Pairs (p, 2) i < j, each once, and its blocks M_ij (p, b, b); of parallel edges the mean.
-
-    Backward measurements count by their inverses. The mean of several is no pose, which the
-    methods do not ask for.
-    """
+def edge_blocks(problem: Problem) -> tuple[IntArray, FloatArray]:
+    """Edges (m, 2) and their blocks M_ij (m, b, b), one a measurement."""
     graph = problem.rotation.graph
     d, b = problem.d, block_size(problem)
     blocks = np.zeros((graph.num_edges, b, b))
@@ -35,7 +31,19 @@ def measured_blocks(problem: Problem) -> tuple[IntArray, FloatArray]:
     if isinstance(problem, PoseProblem):
         blocks[:, :d, d] = problem.graph.translations
         blocks[:, d, d] = 1.0
-    i, j = graph.edges.T
+    return graph.edges, blocks
+
+
+def measured_blocks(problem: Problem) -> tuple[IntArray, FloatArray]:
+    """Pairs (p, 2) i < j, each once, and its blocks M_ij (p, b, b); of parallel edges the mean.
+
+    Backward measurements count by their inverses. The mean of several is no pose, which the
+    methods do not ask for.
+    """
+    d = problem.d
+    edges, blocks = edge_blocks(problem)
+    b = blocks.shape[1]
+    i, j = edges.T
     turned = i > j
     blocks[turned] = inverses(blocks[turned], d)
     codes = np.minimum(i, j) * problem.n + np.maximum(i, j)
@@ -59,7 +67,10 @@ def inverses(blocks: FloatArray, d: int) -> FloatArray:
 def block_matrix(
     n: int, pairs: IntArray, forward: FloatArray, backward: FloatArray, diagonal: FloatArray
 ) -> sparse.csr_array:
-    """(bn, bn): blocks ``forward`` at (i, j), ``backward`` at (j, i), ``diagonal`` (n, b, b)."""
+    """(bn, bn): blocks ``forward`` at (i, j), ``backward`` at (j, i), ``diagonal`` (n, b, b).
+
+    Blocks of one place are summed.
+    """
     b = diagonal.shape[-1]
     k = np.arange(n)
     i, j = pairs.T
@@ -96,6 +107,7 @@ def _homogenizing(last: FloatArray) -> FloatArray:
     Its first columns are the b - 1 directions in which the lines are smallest; the last is the
     least-squares solution of last Q_b = 1.
     """
-    directions = np.linalg.svd(last, full_matrices=True)[2][::-1]
+    few = len(last) < last.shape[1]
+    directions = np.linalg.svd(last, full_matrices=few)[2][::-1]
     solved = np.linalg.lstsq(last, np.ones(len(last)), rcond=None)[0]
     return np.column_stack([*directions[: last.shape[1] - 1], solved])
