@@ -8,9 +8,9 @@ and projected, see `_blocks`.
 
 Thesis eq. 2.19 takes singular vectors of L, left ones in its words and right ones by its eq. 2.20.
 Its Table 5.7 does not: the printed digits of Sphere, -516589.2, are those of the leading
-*eigenvectors* of (D + I)^-1 (A + I), which is what the default computes. There one of the four is
-the Fiedler vector of the graph, as noise has lifted a rotation's eigenvalue above the Fiedler
-value: that is how EIG-SE(3) fails on sparse graphs.
+*eigenvectors* of (D + I)^-1 (A + I), which is what the default computes. There none of the four
+is a rotation's: noise has lifted those eigenvalues of L above the smallest of the graph Laplacian,
+which are eigenvalues of L too. That is how EIG-SE(3) fails on sparse graphs.
 """
 
 from __future__ import annotations
