@@ -3,7 +3,9 @@
 Arrigoni, Rossi and Fusiello, "Spectral synchronization of multiple views in SE(3)" (SIAM J. Imaging
 Sciences 9, 2016); Moreira 2020, section 2.3 and Table 5.4. Weights are those of Cauchy's function,
 w = 1 / (1 + (r / (2.385 s))^2), r = ||M_ij - M_i M_j^-1||_F the residual of an edge and
-s = 1.4826 MAD(r) their scale. The identities M_ii weigh as much as the best edge.
+s = 1.4826 MAD(r) their scale. As in the authors' programs the identities M_ii weigh as much as the
+best edge. On sparse graphs less weight lowers the graph Laplacian's eigenvalues until they displace
+those of the rotations, see `_eig_se3`, and the iterations go astray.
 """
 
 from __future__ import annotations
