@@ -2,8 +2,7 @@
 
 Moreira 2020, section 2.3: with M_i the inverse of pose i, measured blocks are M_ij = M_i M_j^-1,
 [R_ij t_ij; 0 1] for poses (b = d + 1) and R_ij for rotations alone (b = d), and the block column
-M_C of the M_i makes the complete matrix M_B = M_C M_C^-b of rank b. Edges weigh alike, parallel
-ones are averaged.
+M_C of the M_i makes the complete matrix M_B = M_C M_C^-b of rank b.
 """
 
 from __future__ import annotations

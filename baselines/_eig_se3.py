@@ -61,7 +61,7 @@ def leading_eigenvectors(
     turns = _normalized(operators.connection_laplacian(rotation.pattern, graph), roots)
     R, factor = _smallest(rotation, turns, d, tol)
     if not isinstance(problem, PoseProblem):
-        return roots[:, None] * R.vectors
+        return _unit(roots[:, None] * R.vectors)
     scalars = _normalized(operators.laplacian(rotation.pattern, weights), root)
     G, _ = _smallest(rotation, scalars, d + 1, tol)
 
@@ -77,8 +77,7 @@ def leading_eigenvectors(
             columns.append(_interleaved(roots * R.vectors[:, k], np.zeros(n)))
         else:
             columns.append(posed(root * G.vectors[:, k - d + 1], float(G.values[k - d + 1])))
-    column = np.column_stack(columns)
-    return np.asarray(column / np.linalg.norm(column, axis=0))
+    return _unit(np.column_stack(columns))
 
 
 def trailing_singular_vectors(problem: Problem, weights: FloatArray, *, tol: float) -> FloatArray:
@@ -106,6 +105,11 @@ def trailing_singular_vectors(problem: Problem, weights: FloatArray, *, tol: flo
 
     square = CSC(L.T @ L + s * eye)
     return krylov_schur(square, solve, b, shift=s * s, tol=tol).vectors
+
+
+def _unit(V: FloatArray) -> FloatArray:
+    """V with columns of norm 1."""
+    return np.asarray(V / np.linalg.norm(V, axis=0))
 
 
 def _normalized(A: CSC, root: FloatArray) -> CSC:
