@@ -27,10 +27,10 @@ def connected(problem: Problem, weights: FloatArray, costs: FloatArray) -> Float
     cheapest = _one_a_pair(count, part[i[crossing]], part[j[crossing]], costs[crossing])
     crossing = crossing[cheapest]
     # A minimum spanning tree by rank, as trees take zeros for missing edges.
-    rank = np.argsort(np.argsort(costs[crossing], kind="stable")) + 1.0
-    tree = csgraph.minimum_spanning_tree(
-        adjacency(count, part[i[crossing]], part[j[crossing]], rank)
-    )
+    rank = np.empty(len(crossing))
+    rank[np.argsort(costs[crossing], kind="stable")] = np.arange(1.0, len(crossing) + 1.0)
+    ends = part[i[crossing]], part[j[crossing]]
+    tree = csgraph.minimum_spanning_tree(adjacency(count, *ends, rank))
     believed = np.array(weights)
     believed[crossing[np.isin(rank, tree.data)]] = 1.0
     return believed
