@@ -1,0 +1,222 @@
+"""Completing the block matrix M_B of rank b from its known blocks (Moreira 2020, section 2.3).
+
+What is not known is never stored: a matrix is C D, of rank b, plus what differs from it on known
+blocks, so that a step costs O(m + n) where the published methods fill (bn)^2 entries. Diagonal
+blocks are known to be identities, although the adjacency that masks eq. 2.13 to 2.18 leaves them
+out: without them a bipartite graph, as are grids and trees, ties C_i of even nodes to D_j of odd
+ones only, and nothing relates the two halves.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, get_args
+
+import numpy as np
+from scipy import sparse
+
+from certpgo.errors import SpecError
+from certpgo.estimate import Estimate
+from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.blocks import BlockPattern
+from certpgo.monitor import Monitor, Stopwatch, silent
+from certpgo.problem import PoseProblem, Problem
+from certpgo.progress import Progress
+from certpgo.solution import Solution
+from certpgo.solvers._iterative import Iterative
+from certpgo.trees import compose, spanning_tree
+
+from ._blocks import block_size, inverses, measured_blocks, poses_of
+
+#: Where to start: poses along a spanning tree, or what is known alone, with zeros for the rest.
+Start = Literal["tree", "measurements"]
+
+NOTE = "all edges weigh alike: matrix completion knows no weights"
+
+#: Costs below this share of that of M_B = 0 are zero but for rounding.
+NOTHING = 1e-16
+#: Growth of the squared singular values, relative, at which they are found, and rounds at most.
+FOUND, ROUNDS = 1e-13, 100
+
+
+@dataclass(frozen=True, eq=False)
+class LowRank:
+    """A matrix C D of rank b, as its factors ``C`` (bn, b) and ``V`` (bn, b), the transpose of D."""
+
+    C: FloatArray
+    V: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """The known blocks of M_B: measurements in both directions, and identities.
+
+    Attributes
+    ----------
+    n : block rows
+    rows, columns : (k,) places of the blocks, in order
+    blocks : (k, b, b)
+    """
+
+    n: int
+    rows: IntArray
+    columns: IntArray
+    blocks: FloatArray
+
+    @classmethod
+    def of(cls, problem: Problem) -> Known:
+        """The known blocks of a problem."""
+        n, d, b = problem.n, problem.d, block_size(problem)
+        pairs, forward = measured_blocks(problem)
+        (i, j), k = pairs.T, np.arange(n)
+        rows, columns = np.concatenate([k, i, j]), np.concatenate([k, j, i])
+        identities = np.broadcast_to(np.eye(b), (n, b, b))
+        blocks = np.concatenate([identities, forward, inverses(forward, d)])
+        order = np.lexsort((columns, rows))
+        return cls(n, rows[order], columns[order], blocks[order])
+
+    @cached_property
+    def size(self) -> float:
+        """Frobenius norm of what is known."""
+        return float(np.linalg.norm(self.blocks))
+
+    @cached_property
+    def pattern(self) -> BlockPattern:
+        """Where symmetric matrices with blocks at the known places stand."""
+        upper = self.rows < self.columns
+        return BlockPattern(self.n, np.stack([self.rows, self.columns], axis=1)[upper])
+
+    @cached_property
+    def _indptr(self) -> IntArray:
+        return np.searchsorted(self.rows, np.arange(self.n + 1))
+
+    def at(self, L: LowRank) -> FloatArray:
+        """(k, b, b) blocks of C D at the known places."""
+        b = self.blocks.shape[-1]
+        C, V = L.C.reshape(self.n, b, b), L.V.reshape(self.n, b, b)
+        return np.asarray(C[self.rows] @ np.swapaxes(V[self.columns], 1, 2))
+
+    def matrix(self, blocks: FloatArray) -> sparse.bsr_array:
+        """(bn, bn) matrix of ``blocks`` (k, b, b) at the known places, zero elsewhere."""
+        N = self.n * blocks.shape[-1]
+        return sparse.bsr_array((blocks, self.columns, self._indptr), shape=(N, N))
+
+
+def nearest(change: sparse.bsr_array, L: LowRank) -> LowRank:
+    """The matrix of rank b nearest to L + change, its truncated SVD; C has orthonormal columns.
+
+    Block power iteration from L: no round is farther from L + change than L was.
+    """
+    V, back = L.V, change.T
+    grown, reached = np.inf, 0.0
+    for _ in range(ROUNDS):
+        C = np.linalg.qr(change @ V + L.C @ (L.V.T @ V))[0]
+        V = back @ C + L.V @ (L.C.T @ C)
+        grown, reached = float((V * V).sum()) - reached, float((V * V).sum())
+        if grown <= FOUND * reached:
+            break
+    return LowRank(C, V)
+
+
+@dataclass(frozen=True)
+class Completion(Iterative):
+    """A method that completes M_B and takes poses, or rotations, from its column space."""
+
+    start: Start = "tree"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.start not in get_args(Start):
+            raise SpecError.unknown("start", self.start, get_args(Start))
+
+    def solve(
+        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+    ) -> Solution:
+        """Poses or rotations of the completed matrix, each projected on its own.
+
+        The trace tells the method's own cost, which is not F, and for a gradient what the tolerance
+        is about.
+
+        Raises
+        ------
+        InputError
+            An initial estimate of another graph, or a graph too large for the method.
+        """
+        self.check(problem)
+        watch = Stopwatch()
+        with watch.phase("start"):
+            known = Known.of(problem)
+            estimate = initial or compose(
+                problem.graph, spanning_tree(problem.graph, root="center")
+            )
+            problem.check(estimate)
+            L = low_rank(estimate, problem)
+            if initial is None and self.start == "measurements":
+                L = nearest(known.matrix(known.blocks), LowRank(np.zeros_like(L.C), L.V))
+        progress = Progress(monitor, self.tolerance, self.max_iterations, watch)
+        column = self.complete(problem, known, L, progress)
+        with watch.phase("poses"):
+            # Any other basis would do, but for the rotations, which must differ by a rotation.
+            estimate = poses_of(np.linalg.qr(column)[0], problem)
+        return Solution(
+            estimate=estimate,
+            cost=problem.cost(estimate),
+            status=progress.status,
+            iterations=progress.steps,
+            seconds=watch.seconds,
+            trace=tuple(progress.trace),
+            note=NOTE,
+        )
+
+    def check(self, problem: Problem) -> None:
+        """Refuse what the method cannot do: by default nothing."""
+
+    @abstractmethod
+    def complete(
+        self, problem: Problem, known: Known, L: LowRank, progress: Progress
+    ) -> FloatArray:
+        """Complete the matrix from L; its block column (bn, b)."""
+
+
+@dataclass(frozen=True)
+class Alternation(Completion):
+    """Fill what is missing from the matrix of rank b, take the one nearest to that, and again.
+
+    No step raises the cost.
+    """
+
+    @abstractmethod
+    def loss(self, residuals: FloatArray) -> tuple[float, FloatArray]:
+        """Cost of residuals on known blocks, and what of them the next matrix is to make good."""
+
+    def complete(
+        self, problem: Problem, known: Known, L: LowRank, progress: Progress
+    ) -> FloatArray:
+        """Alternate until the cost falls no more."""
+        nothing = NOTHING * known.size**2
+        blocks = known.at(L)
+        cost, wanted = self.loss(known.blocks - blocks)
+        fall, moved = np.inf, 0.0
+        while not progress.ends(cost, fall, moved):
+            before = cost, blocks
+            with progress.watch.phase("completion"):
+                L = nearest(known.matrix(wanted), L)
+                blocks = known.at(L)
+                cost, wanted = self.loss(known.blocks - blocks)
+            fall = (before[0] - cost) / max(before[0], nothing)
+            moved = float(np.linalg.norm(blocks - before[1]))
+        return L.C
+
+
+def low_rank(estimate: Estimate, problem: Problem) -> LowRank:
+    """The matrix M_B of an estimate."""
+    n, d, b = problem.n, problem.d, block_size(problem)
+    poses = np.zeros((n, b, b))
+    poses[:, :d, :d] = estimate.rotations
+    if isinstance(problem, PoseProblem):
+        poses[:, :d, d] = estimate.translations
+        poses[:, d, d] = 1.0
+    C, V = inverses(poses, d), np.swapaxes(poses, 1, 2)
+    return LowRank(C.reshape(-1, b), V.reshape(-1, b))
