@@ -13,6 +13,7 @@ from scipy import sparse
 from certpgo.estimate import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.blocks import scatter_sum
 from certpgo.problem import PoseProblem, Problem
 
 
@@ -33,24 +34,22 @@ def edge_blocks(problem: Problem) -> tuple[IntArray, FloatArray]:
     return graph.edges, blocks
 
 
-def measured_blocks(problem: Problem) -> tuple[IntArray, FloatArray]:
-    """Pairs (p, 2) i < j, each once, and its blocks M_ij (p, b, b); of parallel edges the mean.
+def measured_both_ways(problem: Problem) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Pairs (p, 2) i < j, each once, their blocks M_ij (p, b, b), and their blocks M_ji.
 
-    Backward measurements count by their inverses. The mean of several is no pose, which the
-    methods do not ask for.
+    Backward measurements count by their inverses, and of parallel ones the mean is taken: of poses
+    no pose, and the inverse of a mean is not the mean of the inverses, which alone makes no
+    difference between i and j.
     """
-    d = problem.d
     edges, blocks = edge_blocks(problem)
-    b = blocks.shape[1]
     i, j = edges.T
-    turned = i > j
-    blocks[turned] = inverses(blocks[turned], d)
+    ways = np.stack([blocks, inverses(blocks, problem.d)], axis=1)
+    ways[i > j] = ways[i > j, ::-1]
     codes = np.minimum(i, j) * problem.n + np.maximum(i, j)
     distinct, place, count = np.unique(codes, return_inverse=True, return_counts=True)
-    summed = np.zeros((len(distinct), b, b))
-    np.add.at(summed, place, blocks)
+    means = scatter_sum(place, ways, len(distinct)) / count[:, None, None, None]
     pairs = np.stack(np.divmod(distinct, problem.n), axis=1)
-    return pairs, summed / count[:, None, None]
+    return pairs, means[:, 0], means[:, 1]
 
 
 def inverses(blocks: FloatArray, d: int) -> FloatArray:
@@ -82,10 +81,10 @@ def block_matrix(
 
 
 def poses_of(column: FloatArray, problem: Problem) -> Estimate:
-    """The estimate nearest to a block column (bn, b), the M_i times an unknown invertible b x b.
+    """The estimate nearest to a block column (bn, b) of orthonormal columns that the M_i span.
 
-    For poses that matrix is found first: it brings the last line of each block nearest to
-    [0 ... 0 1]. Then blocks are projected, their common reflection undone, and inverted.
+    For poses the last lines of the blocks are brought nearest to [0 ... 0 1] first. Then blocks are
+    projected, their common reflection undone, and inverted.
     """
     d, b = problem.d, block_size(problem)
     blocks = column.reshape(problem.n, b, b)

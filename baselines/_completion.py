@@ -28,7 +28,7 @@ from certpgo.solution import Solution
 from certpgo.solvers._iterative import Iterative
 from certpgo.trees import compose, spanning_tree
 
-from ._blocks import block_size, inverses, measured_blocks, poses_of
+from ._blocks import block_size, inverses, measured_both_ways, poses_of
 
 #: Where to start: poses along a spanning tree, or what is known alone, with zeros for the rest.
 Start = Literal["tree", "measurements"]
@@ -43,7 +43,7 @@ FOUND, ROUNDS = 1e-13, 100
 
 @dataclass(frozen=True, eq=False)
 class LowRank:
-    """A matrix C D of rank b, as its factors ``C`` (bn, b) and ``V`` (bn, b), the transpose of D."""
+    """A matrix C D of rank b: ``C`` (bn, b), and ``V`` (bn, b), the transpose of D."""
 
     C: FloatArray
     V: FloatArray
@@ -68,12 +68,12 @@ class Known:
     @classmethod
     def of(cls, problem: Problem) -> Known:
         """The known blocks of a problem."""
-        n, d, b = problem.n, problem.d, block_size(problem)
-        pairs, forward = measured_blocks(problem)
+        n, b = problem.n, block_size(problem)
+        pairs, forward, backward = measured_both_ways(problem)
         (i, j), k = pairs.T, np.arange(n)
         rows, columns = np.concatenate([k, i, j]), np.concatenate([k, j, i])
         identities = np.broadcast_to(np.eye(b), (n, b, b))
-        blocks = np.concatenate([identities, forward, inverses(forward, d)])
+        blocks = np.concatenate([identities, forward, backward])
         order = np.lexsort((columns, rows))
         return cls(n, rows[order], columns[order], blocks[order])
 
