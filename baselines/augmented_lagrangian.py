@@ -46,7 +46,7 @@ class AugmentedLagrangian(Completion):
     growth : of mu, each iteration
     """
 
-    tolerance: float = 1e-6
+    tolerance: float = 1e-7
     max_iterations: int = 1000
     start: Start = "measurements"
     regularizer: float = 1e-3

@@ -277,7 +277,7 @@ def test_exact_measurements_give_the_truth(name, d, kind):
     assert solution.status is Status.CONVERGED
     assert solution.iterations > 1
     assert_same(solution.estimate, truth, 1e-7)
-    assert solver(name).solve(problem).cost < 1e-9
+    assert solver(name, **options).solve(problem).cost < 1e-9
 
 
 @pytest.mark.parametrize("name", DESCENTS)
