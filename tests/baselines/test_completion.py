@@ -258,6 +258,36 @@ def test_newtons_derivatives_are_those_of_its_cost(d, kind, alpha):
         np.testing.assert_allclose(H @ direction, bend, rtol=0, atol=1e-7 * np.abs(bend).max())
 
 
+@pytest.mark.parametrize("name", DESCENTS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_measurements_alone_are_a_start_with_zeros_for_the_rest(name, kind):
+    problem, truth = instance(rng(), kind, 3, extra=40, noise=0.2)
+    M, W = matrices(problem)
+    residual = W * (M - truncated(M, of_estimate(truth)[1]))
+    # So that no residual counts as an outlier's.
+    options = {"threshold": 1e3} if name == "low_rank_sparse" else {}
+    solution = solver(name, start="measurements", **options).solve(problem)
+    expected = 0.5 * np.linalg.norm(residual) ** 2
+    assert solution.trace[0].cost == pytest.approx(expected, rel=1e-5)
+    assert solution.trace[0].cost > 2 * solution.trace[-1].cost
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("edges", [[[1, 0]], [[0, 1], [0, 1]], [[2, 1], [0, 2]]])
+def test_the_smallest_graphs(name, d, kind, edges):
+    edges = np.array(edges)
+    m, n = len(edges), edges.max() + 1
+    R = np.broadcast_to(so.random(rng(), 1, d), (m, d, d))
+    graph = RotationGraph(n, edges, R, np.ones(m))
+    if kind == "poses":
+        graph = PoseGraph(graph, np.ones((m, d)), np.ones(m))
+    solution = solver(name, start="tree").solve(problem_of(graph))
+    assert solution.cost < 1e-9
+    assert solution.status is Status.CONVERGED
+
+
 def test_balanced_factors_make_the_same_matrix():
     problem, truth = instance(rng(), "poses", 3)
     L = module().low_rank(truth, problem)
