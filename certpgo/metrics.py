@@ -115,6 +115,26 @@ def angular_errors(
     )
 
 
+def f_gt(estimate: Estimate, truth: Estimate) -> float:
+    """The thesis' ground-truth error, eq. 5.1: sum ||M_i - Mhat_i||_F^2 over poses.
+
+    M_i is the inverse of pose i, [R_i^T, -R_i^T t_i]. The estimate's world is moved first so that
+    the sum is least, which is one rotation and one shift, each in closed form; of rotations alone
+    the sum of their part.
+    """
+    S = align(estimate, truth)
+    R, true = S @ estimate.rotations, truth.rotations
+    total = float(((R - true) ** 2).sum())
+    if estimate.translations is None or truth.translations is None:
+        return total
+    # The shift moves R_i^T t_i by R_i^T s: the best s is the mean of R_i times what is amiss.
+    wanted = np.einsum("nba,nb->na", true, truth.translations)
+    amiss = wanted - np.einsum("nba,nb->na", R, estimate.translations @ S.T)
+    shift = np.einsum("nab,nb->na", R, amiss).mean(axis=0)
+    left = amiss - np.einsum("nba,b->na", R, shift)
+    return total + float((left**2).sum())
+
+
 def position_errors(estimate: Estimate, truth: Estimate) -> PositionErrors:
     """Mean, root mean square and worst distance to the true positions, metres.
 

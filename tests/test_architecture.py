@@ -31,6 +31,7 @@ RANKS = {
     "progress": 6,
     "reduced": 6,
     "averaging": 7,
+    "robust": 7,
     "consistency": 8,
     "newton": 7,
     "spectral": 7,

@@ -10,13 +10,16 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
 
 from certpgo.datasets import lookup
 from certpgo.datasets.catalogue import KINDS, Entry, entries, entry
 from certpgo.errors import InputError, SpecError
 from certpgo.estimate import Estimate
 from certpgo.graph import Instance
-from certpgo.linalg.arrays import IntArray
+from certpgo.linalg.arrays import BoolArray, IntArray
 
 __all__ = ["Entry", "entry", "fetch", "find", "load", "names", "truth"]
 
@@ -77,6 +80,8 @@ def load(
 ) -> Instance:
     """Read the dataset, with its ground truth where that is here too and covers every node.
 
+    Where a file says which of its edges are wrong, and all were read, that comes along.
+
     Parameters
     ----------
     data : folder to look in first
@@ -97,6 +102,7 @@ def load(
     from certpgo import io
 
     instance = replace(io.read(path, **options), name=wanted.name)
+    instance = replace(instance, outliers=_outliers(wanted, instance, data))
     known = None if instance.truth is not None else truth(name, instance, data)
     if known is None or len(known[0]) < instance.graph.num_nodes:
         return instance
@@ -124,3 +130,18 @@ def truth(
     from certpgo import io
 
     return io.read_truth(path, instance)
+
+
+def _outliers(wanted: Entry, instance: Instance, data: str | Path | None) -> BoolArray | None:
+    """(m,) True at the edges that the dataset's labels call wrong; None without labels."""
+    labels = f"{wanted.name}_labels"
+    if labels not in names("labels"):
+        return None
+    path = find(labels, data)
+    if path is None or instance.graph.num_edges != wanted.edges:
+        return None
+    wrong = np.zeros(instance.graph.num_edges, dtype=bool)
+    # Loop closures by their line, counted from 1.
+    found = ElementTree.parse(path).iter("outlier_lc_indices")
+    wrong[np.array([int(line.text or "") for line in found], dtype=np.intp) - 1] = True
+    return wrong

@@ -1,35 +1,41 @@
-"""Many instances of a row as one record a method: means, and how many of each verdict."""
+"""Many instances of a row as one record a method: means or medians, and tallies of verdicts."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from statistics import fmean
+from statistics import fmean, quantiles
+from typing import Literal
 
 from certpgo.harness.records import Record
 
+#: What the metrics of lower and upper quartiles are called, after the metric.
+LOWER, UPPER = ".lower", ".upper"
 
-def averaged(records: Iterable[Record]) -> list[Record]:
+
+def summarized(records: Iterable[Record], summary: Literal["mean", "median"]) -> list[Record]:
     """One record a method, in the order of their first ones.
 
-    Numbers are means over the records that have them; of texts, each with how many have it.
+    Metrics are means or medians over the records that have them, the latter with quartiles beside;
+    times and counts are means; of texts, each with how many have it.
     """
     by_method: dict[str, list[Record]] = {}
     for record in records:
         by_method.setdefault(record.method, []).append(record)
-    return [_mean(group) for group in by_method.values()]
+    return [_summary(group, summary) for group in by_method.values()]
 
 
-def _mean(group: Sequence[Record]) -> Record:
+def _summary(group: Sequence[Record], summary: Literal["mean", "median"]) -> Record:
     if len(group) == 1:
         return group[0]
+    of_metrics = _means if summary == "mean" else _quartiles
     steps = [r.iterations for r in group if r.iterations is not None]
     counts = _means([r.counts for r in group])
     failed = [r.error for r in group if r.error]
     return replace(
         group[0],
-        metrics=_means([r.metrics for r in group]),
+        metrics=of_metrics([r.metrics for r in group]),
         seconds=_means([r.seconds for r in group]),
         counts={key: round(value) for key, value in counts.items()},
         iterations=round(fmean(steps)) if steps else None,
@@ -44,6 +50,16 @@ def _mean(group: Sequence[Record]) -> Record:
 def _means(mappings: Sequence[Mapping[str, float]]) -> dict[str, float]:
     keys = dict.fromkeys(key for mapping in mappings for key in mapping)
     return {key: fmean(m[key] for m in mappings if key in m) for key in keys}
+
+
+def _quartiles(mappings: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    keys = dict.fromkeys(key for mapping in mappings for key in mapping)
+    found: dict[str, float] = {}
+    for key in keys:
+        values = [m[key] for m in mappings if key in m]
+        cuts = quantiles(values, n=4, method="inclusive") if len(values) > 1 else values * 3
+        found |= {key: cuts[1], key + LOWER: cuts[0], key + UPPER: cuts[2]}
+    return found
 
 
 def _tally(texts: Iterable[str]) -> str:

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from typing import Literal
+
+import numpy as np
 
 from certpgo import metrics, newton, spectral
 from certpgo.certify import Certificate, Verdict
 from certpgo.certify.bounds import alpha_max, fiedler_value, normalized_fiedler_value
 from certpgo.errors import SpecError
 from certpgo.estimate import Estimate
-from certpgo.harness.spec import GRAPH_METRICS, SAFE_ANGLES
+from certpgo.harness.spec import GRAPH_METRICS, SAFE_ANGLES, TRUTH_METRICS
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.problem import PoseProblem, Problem
+from certpgo.solution import Solution
 from certpgo.solve import solve
+
+#: Nodes of which the truth is known, and theirs.
+Truth = tuple[IntArray, Estimate]
 
 #: F within this part of the optimum, or this part of W, is the optimum.
 SAME, SAME_SCALE = 1e-6, 1e-12
@@ -75,10 +83,13 @@ def of_estimate(
     keys: Iterable[str],
     problem: Problem,
     judge: Problem,
-    estimate: Estimate,
+    solution: Solution,
     certificate: Certificate | None,
     certify_seconds: float = 0.0,
     best: float | None = None,
+    truth: Truth | None = None,
+    outliers: BoolArray | None = None,
+    other: Estimate | None = None,
 ) -> dict[str, float]:
     """The metrics asked for.
 
@@ -86,21 +97,34 @@ def of_estimate(
     ----------
     problem : the problem that was solved; F, bounds and gaps refer to it
     judge : the problem whose graph the thesis' metrics are evaluated on
-    certificate : of the estimate for ``problem``, or None
+    certificate : of the estimate, or None; of a robust method's, for the measurements it kept
     best : F of the optimum, or None
+    truth : the nodes of which it is known, and theirs, or None
+    outliers : (m,) True where a measurement is known to be wrong, or None
+    other : another answer, which this one is compared with, or None
     """
-    keys = tuple(keys)
+    keys, estimate = tuple(keys), solution.estimate
     cost = problem.cost(estimate)
     values = {"cost": cost}
-    if "max_residual_deg" in keys:
-        largest = float(problem.residual_angles(estimate).max())
-        values["max_residual_deg"] = math.degrees(largest)
+    if {"max_residual_deg", "median_residual_deg", "within_2_deg_percent"} & set(keys):
+        angles = np.degrees(problem.residual_angles(estimate))
+        values["max_residual_deg"] = float(angles.max())
+        values["median_residual_deg"] = float(np.median(angles))
+        values["within_2_deg_percent"] = 100.0 * float(np.mean(angles <= 2.0))
+    if other is not None and "apart_deg" in keys:
+        values["apart_deg"] = metrics.angular_errors(estimate, other, norm="l1").median_deg
     if best is not None:
         values["error"] = cost - best
         reached = cost - best <= SAME * best + SAME_SCALE * problem.scale
         values["global_percent"] = 100.0 * reached
     if set(keys) & set(SAFE_ANGLES):
         values.update(of_graph(SAFE_ANGLES, problem))
+    if truth is not None and set(keys) & set(TRUTH_METRICS):
+        values.update(_against_truth(estimate, truth))
+    if solution.weights is not None:
+        values.update(_kept(solution.weights, outliers))
+    if solution.lower_bound is not None:
+        values["own_bound"] = solution.lower_bound
     for key in keys:
         if key == "f_ml":
             values[key] = metrics.f_ml(judge.graph, estimate)
@@ -114,3 +138,29 @@ def of_estimate(
         values["relative_gap"] = certificate.relative_gap
         values["certify_seconds"] = certify_seconds
     return {key: value for key, value in values.items() if math.isfinite(value)}
+
+
+def _against_truth(estimate: Estimate, truth: Truth) -> dict[str, float]:
+    nodes, true = truth
+    known = estimate.subset(nodes)
+    values = {"f_gt": metrics.f_gt(known, true)}
+    norms: tuple[tuple[str, Literal["l2", "l1"]], ...] = (("", "l2"), ("_l1", "l1"))
+    for suffix, norm in norms:
+        errors = metrics.angular_errors(known, true, norm=norm)
+        values |= {
+            f"mean{suffix}_deg": errors.mean_deg,
+            f"median{suffix}_deg": errors.median_deg,
+            f"rmse{suffix}_deg": errors.rmse_deg,
+        }
+    return values
+
+
+def _kept(weights: FloatArray, outliers: BoolArray | None) -> dict[str, float]:
+    """The share of measurements kept; of the rejected, and of the wrong, the share that is both."""
+    rejected = weights <= 0.0
+    values = {"kept_percent": 100.0 * float(np.mean(~rejected))}
+    if outliers is not None and outliers.any():
+        both = float((rejected & outliers).sum())
+        values["precision"] = both / float(rejected.sum()) if rejected.any() else 1.0
+        values["recall"] = both / float(outliers.sum())
+    return values

@@ -11,9 +11,11 @@ import numpy as np
 
 from certpgo import datasets
 from certpgo.errors import InputError, SpecError
+from certpgo.estimate import Estimate
 from certpgo.graph import Instance, PoseGraph, require_connected
 from certpgo.harness.spec import Components, Row
 from certpgo.io import read
+from certpgo.linalg.arrays import IntArray
 
 
 def open_graph(
@@ -70,6 +72,14 @@ def load_row(row: Row, data: Path | None, seed: np.random.SeedSequence | None) -
         The generator is unknown.
     """
     instance = _load(row, data, seed)
+    if row.known:
+        truth = known_truth(row, instance, data)
+        if truth is None:
+            raise InputError("not run: no truth here")
+        nodes = np.sort(truth[0])
+        instance = restricted(
+            instance, nodes, f"{instance.name} [{len(nodes)} nodes of known truth]"
+        )
     return rotations_alone(instance) if row.rotations else instance
 
 
@@ -86,6 +96,17 @@ def _load(row: Row, data: Path | None, seed: np.random.SeedSequence | None) -> I
     if not is_here(row, data):
         raise InputError("not run: file not here")
     return open_graph(row.dataset, data=data, download=False, quiet=True, **row.reading)
+
+
+def known_truth(
+    row: Row, instance: Instance, data: Path | None
+) -> tuple[IntArray, Estimate] | None:
+    """The nodes of a row's instance, or of a part of it, whose truth is known, and theirs."""
+    if instance.truth is not None:
+        return np.arange(instance.graph.num_nodes), instance.truth
+    if row.generator or Path(row.dataset).exists():
+        return None
+    return datasets.truth(row.dataset, instance, data)
 
 
 def connected_parts(instance: Instance, components: Components) -> list[Instance]:
@@ -110,16 +131,21 @@ def connected_parts(instance: Instance, components: Components) -> list[Instance
 
 def component(instance: Instance, label: int) -> Instance:
     """One connected component of an instance."""
+    nodes = np.flatnonzero(instance.graph.components == label)
+    first = int(instance.ids[nodes].min())
+    return restricted(instance, nodes, f"{instance.name} [{len(nodes)} nodes from id {first}]")
+
+
+def restricted(instance: Instance, nodes: IntArray, name: str) -> Instance:
+    """The instance of some nodes, ascending, and the edges between them."""
     graph = instance.graph
-    nodes = np.flatnonzero(graph.components == label)
-    inside = graph.components[graph.edges[:, 0]] == label
+    inside = np.isin(graph.edges, nodes).all(axis=1)
     place = {int(node): k for k, node in enumerate(nodes)}
-    ids = instance.ids[nodes]
     return replace(
         instance,
-        name=f"{instance.name} [{len(nodes)} nodes from id {int(ids.min())}]",
+        name=name,
         graph=graph.subgraph(nodes),
-        ids=ids,
+        ids=instance.ids[nodes],
         truth=None if instance.truth is None else instance.truth.subset(nodes),
         initial=None if instance.initial is None else instance.initial.subset(nodes),
         fixed=tuple(place[node] for node in instance.fixed if node in place),

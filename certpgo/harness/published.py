@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from functools import cache
 from pathlib import Path
+from typing import Literal
 
 from certpgo import registry
 from certpgo.errors import FormatError, InputError, SpecError
@@ -21,17 +22,24 @@ class Comparison:
     ----------
     printed : as the paper prints it
     agrees : whether ours rounds to the printed digits
+    is_better : whether it does not, and is the better for it
     """
 
     printed: str
     agrees: bool
+    is_better: bool = False
 
     def __str__(self) -> str:
-        return f"{self.printed} {'agrees' if self.agrees else 'differs'}"
+        found = "agrees" if self.agrees else "differs, better" if self.is_better else "differs"
+        return f"{self.printed} {found}"
 
 
-def compare(printed: str, ours: float) -> Comparison:
+def compare(printed: str, ours: float, better: Literal["", "lower", "higher"] = "") -> Comparison:
     """Compare to the printed digits: within half a unit of the last one (and rounding's worth).
+
+    Parameters
+    ----------
+    better : which numbers are better than the printed one, if any
 
     Raises
     ------
@@ -43,15 +51,18 @@ def compare(printed: str, ours: float) -> Comparison:
         exponent = int(number.as_tuple().exponent)
     except (InvalidOperation, ValueError):
         raise InputError(f"{printed!r} is no printed number") from None
-    half = 0.5 * 10.0**exponent
-    return Comparison(printed, abs(ours - float(number)) <= half * (1.0 + 1e-9))
+    difference = ours - float(number)
+    agrees = abs(difference) <= 0.5 * 10.0**exponent * (1.0 + 1e-9)
+    wanted = {"": 0.0, "lower": -1.0, "higher": 1.0}[better]
+    return Comparison(printed, agrees, not agrees and wanted * difference > 0.0)
 
 
 def printed_number(table: Table, row: Row, method: Method, metric: str) -> str | None:
     """What the paper prints for this metric, or None where it prints nothing."""
     if not (table.published and row.published and metric in method.published):
         return None
-    line = published(table.published, table.key).get(row.published, {})
+    key = f"{row.published}/{method.printed}" if method.printed else row.published
+    line = published(table.published, table.key).get(key, {})
     return line.get(method.published[metric]) or None
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from certpgo.harness.averages import averaged
+from certpgo.harness.averages import LOWER, UPPER, summarized
 from certpgo.harness.published import compare, printed_number
 from certpgo.harness.records import Record
 from certpgo.harness.spec import FIELDS, Column, Method, Row, Table
@@ -38,7 +38,7 @@ def sections(table: Table, records: Iterable[Record]) -> tuple[Section, ...]:
     """The table's sections in the order of its records."""
     groups: dict[tuple[str, ...], list[Record]] = {}
     for record in records:
-        seed = "" if table.averaged else str(record.seed)
+        seed = "" if table.summary else str(record.seed)
         key = (record.row, record.part, _reading(record), seed)
         groups.setdefault(key, []).append(record)
     return tuple(_section(table, group) for group in groups.values())
@@ -84,10 +84,10 @@ def _section(table: Table, group: Sequence[Record]) -> Section:
     first = group[0]
     size = "" if first.n is None else _size(first)
     seed = "" if first.seed is None else f", seed {first.seed}"
-    if table.averaged:
+    if table.summary:
         count = len({record.seed for record in group})
-        seed = "" if first.seed is None else f", mean of {counted(count, 'instance{s}')}"
-        group = averaged(group)
+        seed = "" if first.seed is None else f", {table.summary} of {counted(count, 'instance{s}')}"
+        group = summarized(group, table.summary)
     lines = [_line(table, record) for record in group]
     if len({line[1:] for line in lines}) == 1 and first.error:
         lines = [("every method", *lines[0][1:])]
@@ -142,7 +142,13 @@ def _cell(column: Column, record: Record) -> str:
         value = getattr(record, column.key)
         return "" if value is None else str(value)
     number = record.metrics.get(column.key)
-    return "" if number is None else format(number, column.format)
+    if number is None:
+        return ""
+    shown = format(number, column.format)
+    lower, upper = (record.metrics.get(column.key + end) for end in (LOWER, UPPER))
+    if lower is None or upper is None:
+        return shown
+    return f"{shown} ({format(lower, column.format)} to {format(upper, column.format)})"
 
 
 def work(record: Record) -> str:
@@ -161,15 +167,18 @@ def _comparisons(table: Table, record: Record) -> Iterable[str]:
     row, method = _found(table, record)
     if row is None or method is None:
         return
-    titles = {column.key: column.title for column in table.columns}
+    columns = {column.key: column for column in table.columns}
     for metric in method.published:
         printed = printed_number(table, row, method, metric)
         if printed is None:
             continue
         ours = record.metrics.get(metric)
-        title = titles.get(metric, metric)
-        shown = printed if ours is None or not table.comparable else compare(printed, ours)
-        yield f"{title} {shown}"
+        column = columns.get(metric)
+        title = metric if column is None else column.title
+        if ours is None or not table.comparable:
+            yield f"{title} {printed}"
+        else:
+            yield f"{title} {compare(printed, ours, column.better if column else '')}"
 
 
 def _found(table: Table, record: Record) -> tuple[Row | None, Method | None]:

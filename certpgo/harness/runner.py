@@ -10,7 +10,7 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,11 +18,13 @@ import numpy as np
 from certpgo import registry
 from certpgo.certify import Certificate, certify
 from certpgo.errors import CertPGOError, InputError, SpecError
+from certpgo.estimate import Estimate
 from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.harness import bench, evaluate
 from certpgo.harness.instances import (
     connected_parts,
     is_here,
+    known_truth,
     load_row,
     rotations_alone,
     seed_of,
@@ -113,15 +115,20 @@ def _run_row(
         return
     for part in _parts(row, instance):
         whole = part is instance
-        best = _optimum(table, part, announce)
+        case = _Case(
+            instance=part,
+            judged=judged if whole else part,
+            timed=complete.graph if whole else part.graph,
+            best=_optimum(table, part, announce),
+            truth=known_truth(row, part, data),
+        )
         for method in table.methods:
-            if method.takes not in ("", _kind(part.graph)):
+            if method.takes not in ("", _kind(part.graph)) or not row.runs(method):
                 continue
             announce(f"{part.name}: {method.label}")
             with _engine(method.engine):
-                judge, timed = (judged, complete.graph) if whole else (part, part.graph)
                 yield replace(
-                    _run_method(table, row, method, part, judge, timed, best),
+                    _run_method(table, row, method, case),
                     part="" if whole else part.name,
                     provenance=provenance(default_engine(), _root()),
                 )
@@ -166,15 +173,29 @@ def _rejudged(row: Row, data: Path | None, seed: np.random.SeedSequence | None) 
     return load_row(replace(row, reading=row.judging or {}), data, seed)
 
 
-def _run_method(
-    table: Table,
-    row: Row,
-    method: Method,
-    instance: Instance,
-    judged: Instance,
-    complete: Graph,
-    best: float | None = None,
-) -> Record:
+@dataclass
+class _Case:
+    """An instance with all that its methods' answers are held against.
+
+    Attributes
+    ----------
+    instance, judged : the graph to solve, and the one that the thesis' metrics are evaluated on
+    timed : the graph that the reference of times is run on
+    best : F of the optimum, or None
+    truth : nodes of which it is known, and theirs, or None
+    first : the first method's answer, once there is one
+    """
+
+    instance: Instance
+    judged: Instance
+    timed: Graph
+    best: float | None
+    truth: evaluate.Truth | None
+    first: Estimate | None = None
+
+
+def _run_method(table: Table, row: Row, method: Method, case: _Case) -> Record:
+    instance, judged = case.instance, case.judged
     graph = instance.graph
     record = replace(
         _blank(table, row, method),
@@ -189,10 +210,11 @@ def _run_method(
     try:
         problem = problem_of(graph)
         if not method.solver:
-            return replace(record, metrics=evaluate.of_graph(table.metrics, problem))
+            wanted = [key for key in table.metrics if key in (method.published or table.metrics)]
+            return replace(record, metrics=evaluate.of_graph(wanted, problem))
         times: dict[str, float] = {}
         if table.reference is not None:
-            times, kept = bench.against(table.reference, method, graph, complete)
+            times, kept = bench.against(table.reference, method, graph, case.timed)
             record = replace(record, metrics=times, note=kept)
             if not table.certify:
                 return record
@@ -204,13 +226,23 @@ def _run_method(
         certificate, seconds = _certified(problem, solution) if table.certify else (None, 0.0)
         judge = problem if judged is instance else problem_of(judged.graph)
         metrics = evaluate.of_estimate(
-            table.metrics, problem, judge, solution.estimate, certificate, seconds, best
+            table.metrics,
+            problem,
+            judge,
+            solution,
+            certificate,
+            certify_seconds=seconds,
+            best=case.best,
+            truth=case.truth,
+            outliers=instance.outliers,
+            other=case.first,
         )
+        case.first = case.first or solution.estimate
         spent = {"total_seconds": sum(solution.seconds.values())}
         record = replace(record, metrics={**times, **metrics, **spent})
         if certificate is None:
             return record
-        by = evaluate.certified_by(problem, certificate)
+        by = evaluate.certified_by(solution.judged(problem), certificate)
         return replace(record, certified_by=by, **of_certificate(certificate))
     except CertPGOError as error:
         return replace(record, error=str(error))
@@ -262,7 +294,7 @@ def refuse_other_problems(name: str, solver: Solver, graph: Graph) -> None:
 
 def _certified(problem: Problem, solution: Solution) -> tuple[Certificate, float]:
     start = time.perf_counter()
-    certificate = certify(problem, solution.estimate)
+    certificate = certify(solution.judged(problem), solution.estimate)
     return certificate, time.perf_counter() - start
 
 

@@ -26,7 +26,21 @@ METRICS = (
     "fiedler",
     "error",
     "global_percent",
+    "mean_deg",
+    "median_deg",
+    "rmse_deg",
+    "mean_l1_deg",
+    "median_l1_deg",
+    "rmse_l1_deg",
+    "f_gt",
+    "kept_percent",
+    "precision",
+    "recall",
+    "own_bound",
     "max_residual_deg",
+    "median_residual_deg",
+    "within_2_deg_percent",
+    "apart_deg",
     "alpha_max_deg",
     "normalized_alpha_max_deg",
     "total_seconds",
@@ -41,6 +55,11 @@ SAFE_ANGLES = ("alpha_max_deg", "normalized_alpha_max_deg")
 #: Metrics that compare with the optimum, which the certified pipeline finds first: F above it, and
 #: 100 where F is it, so that the mean is a share.
 OPTIMUM_METRICS = ("error", "global_percent")
+#: Metrics that compare with ground truth, where that is known, on the nodes that it knows.
+TRUTH_METRICS = (
+    *(f"{which}{norm}_deg" for norm in ("", "_l1") for which in ("mean", "median", "rmse")),
+    "f_gt",
+)
 #: Metrics measured under the timing protocol, against the table's reference.
 TIMING_METRICS = ("ratio", "median_seconds", "reference_seconds")
 #: A reference that is no method: one numeric factorization of the optimum's certificate matrix.
@@ -63,6 +82,8 @@ class Row:
     reading : options for `certpgo.io.read`
     judging : options for reading the graph that metrics are evaluated on, where it is another
     rotations : of a pose graph, the rotations alone
+    known : the nodes alone whose truth is known, and the edges between them
+    methods : labels of the methods that run on this row; empty for all
     generator : function of `certpgo.datasets.synthetic` or `certpgo.datasets.thesis`, called with
         ``arguments`` and ``rng``
     arguments : its keyword arguments
@@ -78,6 +99,8 @@ class Row:
     reading: Mapping[str, Any] = field(default_factory=dict)
     judging: Mapping[str, Any] | None = None
     rotations: bool = False
+    known: bool = False
+    methods: tuple[str, ...] = ()
     generator: str = ""
     arguments: Mapping[str, Any] = field(default_factory=dict)
     published: str = ""
@@ -92,6 +115,10 @@ class Row:
             object.__setattr__(self, name, _frozen(getattr(self, name)))
         if not self.label:
             object.__setattr__(self, "label", self.dataset or self.generator)
+
+    def runs(self, method: Method) -> bool:
+        """Whether the method is among the row's."""
+        return not self.methods or method.label in self.methods
 
 
 @dataclass(frozen=True)
@@ -109,7 +136,10 @@ class Method:
     reads_source : the method reads the row's file itself, for what our graphs do not keep (the full
         information matrices); it is told the path as its setting ``source``
     max_nodes : larger graphs are not for it, or would take too long; None for any
-    published : metric to the column of the published numbers that holds it
+    published : metric to the column of the published numbers that holds it; of no solver, the
+        metrics to evaluate
+    printed : what the published numbers call the method, where they have a line a method: it is
+        joined to the row's key
     """
 
     solver: str = ""
@@ -121,6 +151,7 @@ class Method:
     reads_source: bool = False
     max_nodes: int | None = None
     published: Mapping[str, str] = field(default_factory=dict)
+    printed: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "settings", _frozen(self.settings))
@@ -138,11 +169,13 @@ class Column:
     key : one of `METRICS`, or a field of the record: one of `FIELDS`
     title : the header
     format : a format specification such as ``".6g"``
+    better : ``"lower"`` or ``"higher"`` numbers are better than printed ones, not only different
     """
 
     key: str
     title: str
     format: str = ".6g"
+    better: Literal["", "lower", "higher"] = ""
 
     def __post_init__(self) -> None:
         if self.key not in METRICS + FIELDS:
@@ -164,7 +197,8 @@ class Table:
     key : its column that holds a row's ``published`` key; several, joined by commas, make keys that
         are joined by slashes
     comparable : the printed numbers are of the same instances; others are shown, never compared
-    averaged : of the instances of a synthetic row only means are shown
+    summary : of the instances of a synthetic row only the ``"mean"`` is shown, or the ``"median"``
+        with quartiles; empty shows each
     certify : judge every estimate with a certificate
     reference : the method that the others are timed against, or None
     seed, seeds : base seed, and how many instances a synthetic row stands for
@@ -183,7 +217,7 @@ class Table:
     published: str = ""
     key: str = "dataset"
     comparable: bool = True
-    averaged: bool = False
+    summary: Literal["", "mean", "median"] = ""
     certify: bool = True
     reference: Method | None = None
     seed: int = 0

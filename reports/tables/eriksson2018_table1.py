@@ -58,7 +58,7 @@ TABLE = Table(
     published="eriksson2018_table1",
     key="n,sigma_rad",
     comparable=False,
-    averaged=True,
+    summary="mean",
     quick=("cycle of 20, sigma 0.2 rad",),
     notes=(
         "Means over the instances; the paper's are over 50 runs: --seeds 50. Cameras go once "

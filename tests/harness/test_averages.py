@@ -6,7 +6,7 @@ import pytest
 from certpgo.certify import certify
 from certpgo.datasets import synthetic
 from certpgo.harness import evaluate
-from certpgo.harness.averages import averaged
+from certpgo.harness.averages import summarized
 from certpgo.harness.published import _lines
 from certpgo.harness.records import Record
 from certpgo.harness.render import sections
@@ -30,7 +30,7 @@ def test_numbers_are_means_and_texts_are_counted():
     first = record(metrics={"cost": 1.0}, verdict="CERTIFIED", seconds={"x": 1.0}, iterations=3)
     second = record(metrics={"cost": 3.0}, verdict="REFUTED", seconds={"x": 2.0}, iterations=6)
     third = record(error="too large")
-    [mean] = averaged([first, second, third])
+    [mean] = summarized([first, second, third], "mean")
     assert mean.metrics == {"cost": 2.0}
     assert mean.seconds == {"x": 1.5}
     assert mean.verdict == "CERTIFIED (1); REFUTED (1)"
@@ -38,19 +38,25 @@ def test_numbers_are_means_and_texts_are_counted():
     assert mean.error == "1 of 3: too large"
 
 
+def test_medians_come_with_quartiles():
+    records = [record(metrics={"cost": value}) for value in (5.0, 1.0, 2.0, 9.0, 3.0)]
+    [median] = summarized(records, "median")
+    assert median.metrics == {"cost": 3.0, "cost.lower": 2.0, "cost.upper": 5.0}
+
+
 def test_bounds_are_counted_one_by_one():
     both, one = record(certified_by="rows, factorization"), record(certified_by="factorization")
-    [mean] = averaged([both, one])
+    [mean] = summarized([both, one], "mean")
     assert mean.certified_by == "rows (1), factorization"
 
 
 def test_methods_stay_apart_and_one_record_stays_as_it_is():
     first, second = record(note="x"), record("other")
-    assert averaged([first, second]) == [first, second]
+    assert summarized([first, second], "mean") == [first, second]
 
 
 def test_an_averaged_table_has_one_section_a_row():
-    spec = table(Method("cycle_closed_form"), averaged=True)
+    spec = table(Method("cycle_closed_form"), summary="mean")
     records = list(run(spec, seeds=3))
     [section] = sections(spec, records)
     assert section.title == "a (9 nodes, 9 edges, 3D), mean of 3 instances"

@@ -1,0 +1,81 @@
+"""Moreira 2020, Table 5.4: robust rotation averaging on photo collections."""
+
+from certpgo.harness.spec import Column, Method, Row, Table
+
+UNIT = {"unit_weights": True}
+PRINTED = {
+    "mean_l1_deg": "mean_deg",
+    "median_l1_deg": "median_deg",
+    "rmse_l1_deg": "rmse_deg",
+}
+NOT_PUBLIC = "its relative rotations are not public"
+OTHERS = {
+    "Madrid_Metropolis": "MM",
+    "Montreal_Notre_Dame": "MND",
+    "NYC_Library": "NY",
+    "Piazza_del_Popolo": "PP",
+    "Tower_of_London": "TL",
+    "Union_Square": "US",
+    "Yorkminster": "YM",
+}
+ABSENT = {"Alamo": "AL", "Notre_Dame": "ND", "Roman_Forum": "RF", "Vienna_Cathedral": "VC"}
+
+TABLE = Table(
+    name="moreira2020_table5_4",
+    title="Robust rotation averaging (Moreira 2020, Table 5.4)",
+    source="G. Moreira, A Unified Approach for Pose Graph Optimization, 2020, Table 5.4",
+    rows=(
+        Row("Ellis_Island", reading=UNIT, rotations=True, components="largest", published="EI"),
+        *(
+            Row(name, reading=UNIT, rotations=True, components="largest", published=printed)
+            for name, printed in OTHERS.items()
+        ),
+        *(Row(name, published=printed, absent=NOT_PUBLIC) for name, printed in ABSENT.items()),
+    ),
+    methods=(
+        Method("adaptive_trimming", "adaptive trimming"),
+        Method("eigen_rao", "EigenRAO", published=PRINTED, printed="EigenRAO"),
+        Method(
+            "chatterjee_govindu",
+            "Chatterjee and Govindu, L1-IRLS",
+            published=PRINTED,
+            printed="Chatterjee-Govindu",
+        ),
+        Method("irls_eig_se3", "IRLS EIG-SE(3)", published=PRINTED, printed="IRLS EIG-SE(3)"),
+        Method("low_rank_sparse", "low rank and sparse"),
+        Method("augmented_lagrangian", "l1 augmented Lagrangian"),
+        Method("eigen_ra", "EigenRA, not robust"),
+        Method("certified", "certified optimum, not robust"),
+    ),
+    columns=(
+        Column("mean_l1_deg", "mean, deg", ".2f", better="lower"),
+        Column("median_l1_deg", "median, deg", ".2f", better="lower"),
+        Column("rmse_l1_deg", "RMSE, deg", ".2f", better="lower"),
+        Column("mean_deg", "mean, deg (L2)", ".2f"),
+        Column("median_deg", "median, deg (L2)", ".2f"),
+        Column("rmse_deg", "RMSE, deg (L2)", ".2f"),
+        Column("apart_deg", "from adaptive trimming, deg", ".2f"),
+        Column("median_residual_deg", "median residual, deg", ".2f"),
+        Column("within_2_deg_percent", "residuals within 2 deg, %", ".1f"),
+        Column("kept_percent", "kept, %", ".1f"),
+        Column("verdict", "verdict"),
+        Column("relative_gap", "gap / F", ".1e"),
+        Column("total_seconds", "seconds", ".2f"),
+    ),
+    published="moreira2020_table5_4",
+    key="dataset,method",
+    quick=("Ellis_Island",),
+    notes=(
+        "Errors are of the cameras whose truth is here, 227 of Ellis Island's 247, after the "
+        "alignment that minimises the sum of angles, as the later literature aligns (L2: their "
+        "squares). Of the other scenes no truth is here: their rows say how far a method's cameras "
+        "lie from those of adaptive trimming (median), and what is left of the measurements.",
+        "Verdicts and gaps of robust methods are of the measurements that they kept, with the "
+        "weights they ended with; of the others, of all.",
+        "EigenRAO differs from its print in every reading of Algorithm 3 that we tried, whether "
+        "run on all cameras or on those of known truth (1.43 / 0.27 / 5.37 printed): the mean "
+        "stays near 3, the median near 0.8 degrees. L1-IRLS agrees.",
+        "NeuRoRA, which the thesis prints too (Ellis Island 2.59 / 0.64 / 12.82), needs weights "
+        "trained by its authors, and is not run.",
+    ),
+)
