@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
 from certpgo import spectral
 from certpgo.estimate import Estimate
-from certpgo.graph import RotationGraph
+from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.linalg import factor, so
 from certpgo.problem import PoseProblem, RotationProblem
 from certpgo.solvers.eigen_q import EigenQ
@@ -46,6 +47,59 @@ def test_values_and_bound_against_dense_algebra(seed, d):
     assert bound == pytest.approx(9 * dense.sum(), rel=1e-2)
     assert bound <= 9 * dense.sum()
     assert bound <= problem.cost(Estimate(R))
+
+
+def in_space(graph):
+    """A planar graph as one in space, whose residuals share the z axis."""
+    turns = np.tile(np.eye(3), (graph.num_edges, 1, 1))
+    if isinstance(graph, PoseGraph):
+        steps = np.pad(graph.translations, ((0, 0), (0, 1)))
+        return PoseGraph(in_space(graph.rotation), steps, graph.tau)
+    turns[:, :2, :2] = graph.rotations
+    return RotationGraph(graph.num_nodes, graph.edges, turns, graph.kappa)
+
+
+def bound_and_truth(problem):
+    """The spectral bound, and n times the sum of the smallest eigenvalues by dense algebra."""
+    if isinstance(problem, PoseProblem):
+        pairs, matrix = spectral.eliminated_eigenpairs(problem), dense_eliminated(problem)
+    else:
+        pairs, matrix = spectral.smallest_eigenpairs(problem), problem.matrix.toarray()
+    dense = np.linalg.eigvalsh(matrix)[: problem.d]
+    return spectral.spectral_bound(problem, pairs), problem.n * dense.sum()
+
+
+def dense_eliminated(problem):
+    """Q (dn, dn) of poses, the first of the translations fixed."""
+    M = problem.data_matrix.toarray()
+    turns = np.arange(len(M)) % (problem.d + 1) > 0
+    inner, between = M[np.ix_(~turns, ~turns)][1:, 1:], M[np.ix_(~turns, turns)][1:]
+    return M[np.ix_(turns, turns)] - between.T @ np.linalg.solve(inner, between)
+
+
+@pytest.mark.parametrize("weights", ["equal", "any"])
+@pytest.mark.parametrize("n", [2, 3, 4, 5, 30])
+def test_the_bound_holds_where_all_residuals_share_an_axis(n, weights):
+    around = np.arange(n)
+    edges = np.stack([around, (around + 1) % n], axis=1)
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        kappa = np.ones(n) if weights == "equal" else rng.uniform(0.1, 10.0, n)
+        graph = RotationGraph(n, edges, so.random(rng, n, 3), kappa)
+        bound, truth = bound_and_truth(RotationProblem(graph))
+        assert truth * (1 - 1e-4) <= bound <= truth
+
+
+@settings(max_examples=40)
+@given(seeds, st.integers(2, 9), st.sampled_from([0.05, 0.5, 2.0]), st.booleans())
+def test_the_bound_never_exceeds_the_true_eigenvalues(seed, n, noise, planar):
+    d = 2 if planar else 3
+    poses, _, _ = pose_graph(rng_of(seed), n, d, noise=noise)
+    poses = in_space(poses) if planar else poses
+    for problem in (RotationProblem(poses.rotation), PoseProblem(poses)):
+        bound, truth = bound_and_truth(problem)
+        assert bound <= truth
+        assert bound >= truth * (1 - 5e-3) - 1e-12 * problem.scale
 
 
 @given(seeds, dimensions)
