@@ -34,8 +34,8 @@ class Relaxation:
 
     Attributes
     ----------
-    value : of the program at the point found, in units of F; not proven, see ``lower_bound`` of
-        the solution
+    value : of the program at the point found, in units of F; no bound: the point is feasible up to
+        the solver's tolerance only, and may be above F*; see ``lower_bound`` of the solution
     status : what the program's solver said
     multipliers : (n, d, d) Lam, or None
     rows : (n, r, d) blocks with Y_ij = rows_i^T rows_j, or None

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Literal, TypeVar
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -25,12 +25,11 @@ from certpgo.certify.bounds import (
     row_bound,
 )
 from certpgo.cycles import is_cycle
-from certpgo.errors import CertPGOError
+from certpgo.errors import CertPGOError, NumericalError
 from certpgo.estimate import Estimate
 from certpgo.harness.methods import build, setting_fields
 from certpgo.newton import newton
 from certpgo.problem import PoseProblem, Problem
-from certpgo.solution import Solution
 from certpgo.solve import solve
 
 #: The method whose value is the rung of the semidefinite program.
@@ -113,26 +112,33 @@ def ladder(
     InputError
         An estimate of another graph.
     NumericalError
-        An eigenvalue computation failed.
+        No estimate was given, and none found.
     """
     given = estimate is not None
     point = estimate or solve(problem.graph).estimate
     problem.check(point)
-    cost = problem.cost(point)
     beside = _stationary_rotations(problem, point)
     certificate, seconds = _timed(lambda: certify(problem, point))
-    rungs = [*_spectral(problem, cost), *_angles(problem, beside)]
-    rungs.append(_program(problem, cost, force) if sdp else _unasked(cost))
-    rungs.append(_proven(certificate, cost, seconds))
+    F = _Cost(problem.cost(point), certificate.cost)
+    rungs = [*_spectral(problem, F), *_angles(problem, beside)]
+    rungs.append(_program(problem, F, force) if sdp else _unasked(F))
+    rungs.append(_proven(certificate, F, seconds))
     angles = problem.rotation.residual_angles
     return Ladder(
-        cost=cost,
+        cost=F.computed,
         given=given,
         largest=float(angles(point).max()),
         settled=None if beside is None else float(angles(beside).max()),
         certificate=certificate,
         rungs=tuple(rungs),
     )
+
+
+class _Cost(NamedTuple):
+    """F of the answer: as computed, and rounded up, which no lower bound exceeds."""
+
+    computed: float
+    upper: float
 
 
 def _stationary_rotations(problem: Problem, point: Estimate) -> Estimate | None:
@@ -147,38 +153,51 @@ def _timed(step: Callable[[], T]) -> tuple[T, float]:
     return result, time.perf_counter() - start
 
 
-def _spectral(problem: Problem, cost: float) -> Iterator[Rung]:
+def _eigenvalues(step: Callable[[], T]) -> tuple[T | None, str, float]:
+    """What a step found or why it did not, and its seconds."""
+    start = time.perf_counter()
+    found, why = None, ""
+    try:
+        found = step()
+    except (NumericalError, np.linalg.LinAlgError) as error:
+        why = f"not computed: {error}"
+    return found, why, time.perf_counter() - start
+
+
+def _spectral(problem: Problem, F: _Cost) -> Iterator[Rung]:
     rotation, alone = problem.rotation, isinstance(problem, PoseProblem)
-    value, seconds = _timed(
+    value, why, seconds = _eigenvalues(
         lambda: spectral.spectral_bound(rotation, spectral.smallest_eigenpairs(rotation))
     )
-    yield _lower(
-        "spectral",
-        "eigenvalues" + ", rotations alone" * alone,
-        value,
-        cost,
-        f"{problem.d} eigenvalues of the rotations' matrix",
-        seconds,
-    )
+    title = "eigenvalues" + ", rotations alone" * alone
+    needs = f"{problem.d} eigenvalues of the rotations' matrix"
+    yield _lower("spectral", title, value, F, needs, seconds, why)
     if isinstance(problem, PoseProblem):
         poses = problem
-        value, seconds = _timed(
+        value, why, seconds = _eigenvalues(
             lambda: spectral.spectral_bound(poses, spectral.eliminated_eigenpairs(poses))
         )
-        yield _lower(
-            "spectral_poses",
-            "eigenvalues, translations eliminated",
-            value,
-            cost,
-            f"{problem.d} eigenvalues, more costly ones",
-            seconds,
-        )
+        title, needs = "eigenvalues, translations eliminated", f"{problem.d} more costly ones"
+        yield _lower("spectral_poses", title, value, F, needs, seconds, why)
 
 
 def _lower(
-    key: str, title: str, value: float, cost: float, needs: str, seconds: float, proven: str = ""
+    key: str,
+    title: str,
+    value: float | None,
+    F: _Cost,
+    needs: str,
+    seconds: float,
+    why: str = "",
+    *,
+    proven: str = "",
 ) -> Rung:
-    """A rung that bounds F from below."""
+    """A rung that bounds F from below, or the reason why there is none."""
+    cost = F.computed
+    if value is not None and value > F.upper:
+        value, why = None, f"not a bound: the value found, {value:.10g}, is above F"
+    if value is None:
+        return Rung(key, title, "cost", None, cost, None, needs, seconds, why)
     gap = cost - value
     holds = gap <= TIGHT * cost
     if value <= 0.0 and cost > 0.0:
@@ -197,21 +216,19 @@ def _percent(part: float) -> str:
 def _angles(problem: Problem, beside: Estimate | None) -> Iterator[Rung]:
     rotation = problem.rotation
     largest = math.inf if beside is None else float(rotation.residual_angles(beside).max())
-    fiedler, seconds = _timed(lambda: fiedler_value(rotation))
-    by_degree = alpha_max(fiedler / float(rotation.node_weights.max()))
-    needs = "one eigenvalue of the Laplacian"
-    yield _angle(
-        "alpha_max", "safe angle, by the largest degree", by_degree, largest, needs, seconds
-    )
-    nu, seconds = _timed(lambda: normalized_fiedler_value(rotation))
+    fiedler, why, seconds = _eigenvalues(lambda: fiedler_value(rotation))
+    by_degree = None if fiedler is None else alpha_max(fiedler / float(rotation.node_weights.max()))
+    title, needs = "safe angle, by the largest degree", "one eigenvalue of the Laplacian"
+    yield _angle("alpha_max", title, by_degree, largest, needs, seconds, why)
+    nu, why, seconds = _eigenvalues(lambda: normalized_fiedler_value(rotation))
+    by_node = None if nu is None else alpha_max(nu)
+    title = "safe angle, by each node's degree"
     needs = "one eigenvalue of the normalized Laplacian"
-    yield _angle(
-        "normalized", "safe angle, by each node's degree", alpha_max(nu), largest, needs, seconds
-    )
+    yield _angle("normalized", title, by_node, largest, needs, seconds, why)
     rows, seconds = _timed(
         lambda: math.inf if beside is None else float(row_bound(rotation, beside).max())
     )
-    holds = rows < nu
+    holds = None if nu is None else rows < nu
     yield Rung(
         "rows",
         "each node's own residuals",
@@ -221,7 +238,7 @@ def _angles(problem: Problem, beside: Estimate | None) -> Iterator[Rung]:
         holds,
         "that eigenvalue and all residuals",
         seconds,
-        _said(holds, beside is not None, f"a node has {rows:.4g}"),
+        why if holds is None else _said(holds, beside is not None, f"a node has {rows:.4g}"),
     )
     if not is_cycle(rotation.graph):
         return
@@ -244,11 +261,22 @@ def _angles(problem: Problem, beside: Estimate | None) -> Iterator[Rung]:
     )
 
 
-def _angle(key: str, title: str, value: float, largest: float, needs: str, seconds: float) -> Rung:
+def _angle(
+    key: str,
+    title: str,
+    value: float | None,
+    largest: float,
+    needs: str,
+    seconds: float,
+    why: str = "",
+) -> Rung:
     """A rung that all residual angles of stationary rotations must stay below."""
+    if value is None:
+        return Rung(key, title, "angle", None, largest, None, needs, seconds, why)
     holds = largest <= value
-    why = f"a residual is {math.degrees(largest):.4g} degrees"
-    says = _said(holds, math.isfinite(largest), why)
+    says = _said(
+        holds, math.isfinite(largest), f"a residual is {math.degrees(largest):.4g} degrees"
+    )
     return Rung(key, title, "angle", value, largest, holds, needs, seconds, says)
 
 
@@ -258,19 +286,23 @@ def _said(holds: bool, settled: bool, otherwise: str) -> str:
     return "the stationary rotations here are the best" if holds else f"nothing: {otherwise}"
 
 
-def _unasked(cost: float) -> Rung:
-    return _no_program(cost, "not asked for: --sdp solves it")
+def _unasked(F: _Cost) -> Rung:
+    return _sdp(None, F, 0.0, "not asked for: --sdp solves it")
 
 
-def _no_program(cost: float, why: str, seconds: float = 0.0) -> Rung:
-    title, needs = "semidefinite program", "interior points, or the like"
-    return Rung("sdp", title, "cost", None, cost, None, needs, seconds, why)
+def _sdp(value: float | None, F: _Cost, seconds: float, why: str, title: str = "") -> Rung:
+    needs = "interior points, or the like"
+    return _lower("sdp", f"semidefinite program{title}", value, F, needs, seconds, why)
 
 
-def _program(problem: Problem, cost: float, force: bool) -> Rung:
-    """The value of the relaxation, of the rotations alone."""
+def _program(problem: Problem, F: _Cost, force: bool) -> Rung:
+    """The bound of the relaxation, of the rotations alone, by multipliers that are feasible.
+
+    What the program itself calls its value may lie above F*: its solver's multipliers are feasible
+    up to a tolerance only. It is told in words.
+    """
     if PROGRAM not in registry.solver_names():
-        return _no_program(cost, f"not solved: there is no method {PROGRAM} here")
+        return _sdp(None, F, 0.0, f"not solved: there is no method {PROGRAM} here")
     start = time.perf_counter()
     try:
         wanted = {"force": True} if force else {}
@@ -279,29 +311,20 @@ def _program(problem: Problem, cost: float, force: bool) -> Rung:
         found = solver.solve(problem.rotation)
     except CertPGOError as error:
         reason = " ".join(str(error).split())
-        return _no_program(cost, f"not solved: {reason}", time.perf_counter() - start)
+        return _sdp(None, F, time.perf_counter() - start, f"not solved: {reason}")
     seconds = time.perf_counter() - start
     alone = ", rotations alone" * isinstance(problem, PoseProblem)
-    value = _program_value(found)
-    if value is None:
-        return _no_program(cost, f"not solved: {found.status.value}", seconds)
-    needs = "interior points, or the like"
-    return _lower("sdp", "semidefinite program" + alone, value, cost, needs, seconds)
-
-
-def _program_value(found: Solution) -> float | None:
-    if found.relaxation is not None and np.isfinite(found.relaxation.value):
-        return float(found.relaxation.value)
-    return found.lower_bound
-
-
-def _proven(certificate: Certificate, cost: float, seconds: float) -> Rung:
-    return _lower(
-        "proven",
-        "proven bound",
-        certificate.lower_bound,
-        cost,
-        "a factorization, its rounding bounded",
-        seconds,
-        ", proven",
+    why = f"no bound from it: {found.status.value}"
+    rung = _sdp(found.lower_bound, F, seconds, why, alone)
+    if found.relaxation is None:
+        return rung
+    program = found.relaxation
+    return replace(
+        rung, says=f"{rung.says}; the program says {program.value:.10g} ({program.status})"
     )
+
+
+def _proven(certificate: Certificate, F: _Cost, seconds: float) -> Rung:
+    needs = "a factorization, its rounding bounded"
+    bound = certificate.lower_bound
+    return _lower("proven", "proven bound", bound, F, needs, seconds, proven=", proven")

@@ -5,33 +5,51 @@ import pytest
 from hypothesis import given, settings
 from strategies import dimensions, rng_of, rotation_graph, seeds
 
-from certpgo import registry
+from certpgo import registry, spectral
+from certpgo.certify import Verdict
 from certpgo.datasets import synthetic
-from certpgo.errors import InputError
+from certpgo.errors import InputError, NumericalError
 from certpgo.estimate import Estimate
 from certpgo.harness import ladder as ladder_of
 from certpgo.harness.ladder import PROGRAM, ladder
 from certpgo.problem import RotationProblem, problem_of
 from certpgo.solution import Relaxation, Solution, Status
+from certpgo.solve import solve
 
 
 def rungs(problem, *arguments, **options):
     return {rung.key: rung for rung in ladder(problem, *arguments, **options).rungs}
 
 
-@settings(max_examples=25)
+@settings(max_examples=15)
 @given(seeds, dimensions)
 def test_no_rung_is_above_the_optimum_and_angles_hold_at_optima_alone(seed, d):
     rng = rng_of(seed)
     graph, truth = rotation_graph(rng, 7, d, noise=0.3)
-    found = ladder(RotationProblem(graph), Estimate(truth))
-    optimum = found.certificate.refined_cost
+    best = solve(graph)
+    found = ladder(RotationProblem(graph), Estimate(truth), sdp=True)
     for rung in found.rungs:
-        if rung.about == "cost" and rung.value is not None:
-            assert rung.value <= found.cost * (1 + 1e-9)
+        if rung.about == "cost":
+            assert rung.value <= best.cost * (1 + 1e-12)
             assert rung.holds is (found.cost - rung.value <= 1e-6 * found.cost)
         elif rung.value is not None and rung.holds:
-            assert found.certificate.lower_bound >= optimum * (1 - 1e-4)
+            assert found.certificate.refined_cost <= best.cost * (1 + 1e-9)
+            assert best.verdict is Verdict.CERTIFIED
+
+
+def test_the_rungs_of_the_optimum_are_not_above_it():
+    above = 0
+    for seed in range(6):
+        rng = rng_of(seed)
+        graph, _ = rotation_graph(rng, 7, 3, noise=0.1)
+        problem = RotationProblem(graph.with_weights(10.0 ** rng.uniform(-4, 4, graph.num_edges)))
+        best = solve(problem.graph)
+        found = rungs(problem, best.estimate, sdp=True)
+        assert best.verdict is Verdict.CERTIFIED
+        for key in ("spectral", "sdp", "proven"):
+            assert 0.0 <= found[key].value <= best.cost * (1 + 1e-12)
+        above += float(found["sdp"].says.split()[-2]) > best.cost * (1 + 1e-9)
+    assert above  # what the program calls its value
 
 
 def test_a_cycle_has_its_own_rungs():
@@ -77,15 +95,16 @@ def test_an_estimate_of_another_graph_is_refused():
 
 
 class Program:
-    """Stands for a semidefinite program's method: its value is what it is told."""
+    """Stands for a semidefinite program's method: its bound and value are what it is told."""
 
-    value, error = 0.5, None
+    bound, value, error = 0.5, 0.5, None
 
     def solve(self, problem):
         if self.error:
             raise InputError(self.error)
         point = Estimate(np.tile(np.eye(problem.d), (problem.n, 1, 1)))
-        return Solution(point, 1.0, Status.CONVERGED, relaxation=Relaxation(self.value, "optimal"))
+        relaxation = Relaxation(self.value, "optimal_inaccurate")
+        return Solution(point, 1.0, Status.STALLED, lower_bound=self.bound, relaxation=relaxation)
 
 
 @pytest.fixture
@@ -97,12 +116,65 @@ def program(monkeypatch):
     return Program
 
 
-def test_the_program_is_solved_when_asked_for(program, monkeypatch):
+def test_the_program_is_solved_when_asked_for():
     instance, point = synthetic.winding_cycle(12, 0.7, 0)
     problem = RotationProblem(instance.graph)
     assert rungs(problem, point)["sdp"].value is None
-    monkeypatch.setattr(program, "value", problem.cost(point))
-    assert rungs(problem, point, sdp=True)["sdp"].holds is True
+    found = rungs(problem, point, sdp=True)["sdp"]
+    assert found.holds is True
+    assert found.value == pytest.approx(8 * 12 * np.sin(0.7 / 24) ** 2, rel=1e-7)
+    assert found.value <= problem.cost(point)
+
+
+def test_the_programs_own_value_is_no_bound(program, monkeypatch):
+    instance, point = synthetic.winding_cycle(12, 0.7, 0)
+    problem = RotationProblem(instance.graph)
+    cost = problem.cost(point)
+    for value in (2.0 * cost, cost):
+        monkeypatch.setattr(program, "value", value)
+        monkeypatch.setattr(program, "bound", 0.5 * cost)
+        rung = rungs(problem, point, sdp=True)["sdp"]
+        assert rung.value == 0.5 * cost
+        assert rung.holds is False
+        assert f"the program says {value:.10g} (optimal_inaccurate)" in rung.says
+        monkeypatch.setattr(program, "bound", None)
+        rung = rungs(problem, point, sdp=True)["sdp"]
+        assert (rung.value, rung.holds) == (None, None)
+        assert rung.says.startswith("no bound from it: stalled; the program says")
+
+
+def test_what_is_above_the_cost_is_no_bound(program, monkeypatch):
+    instance, point = synthetic.winding_cycle(12, 0.7, 0)
+    problem = RotationProblem(instance.graph)
+    monkeypatch.setattr(program, "bound", problem.cost(point) * (1 + 1e-9))
+    rung = rungs(problem, point, sdp=True)["sdp"]
+    assert (rung.value, rung.holds) == (None, None)
+    assert rung.says.startswith("not a bound: the value found")
+
+
+@pytest.mark.parametrize(
+    ("where", "name", "lost"),
+    [
+        (spectral, "smallest_eigenpairs", {"spectral"}),
+        (spectral, "eliminated_eigenpairs", {"spectral_poses"}),
+        (ladder_of, "fiedler_value", {"alpha_max"}),
+        (ladder_of, "normalized_fiedler_value", {"normalized", "rows"}),
+    ],
+)
+def test_a_rung_that_fails_leaves_the_others(where, name, lost, monkeypatch):
+    problem = problem_of(synthetic.grid3d(2, np.random.default_rng(0)).graph)
+    point = solve(problem.graph).estimate
+
+    def failing(*arguments, **options):
+        raise NumericalError("no factor")
+
+    monkeypatch.setattr(where, name, failing)
+    found = rungs(problem, point)
+    for key, rung in found.items():
+        if key in lost:
+            assert (rung.value, rung.holds, rung.says) == (None, None, "not computed: no factor")
+        else:
+            assert rung.value is not None or key == "sdp"
 
 
 def test_a_program_that_is_not_solved_is_a_rung_with_its_reason(program, monkeypatch):
