@@ -109,6 +109,29 @@ def test_the_same_descent_at_rank_d(order, d):
     assert dense.cost == pytest.approx(sparse.cost, rel=1e-9)
 
 
+@pytest.mark.parametrize("noise", [0.8, 1.2, 3.0])
+def test_what_has_converged_at_rank_d_is_stationary(noise):
+    for seed in range(15):
+        problem = RotationProblem(random_graph(12, 4.0, noise, rng_of(seed)).graph)
+        found = RotationCoordinateDescent().solve(problem)
+        assert found.status is Status.CONVERGED
+        assert problem.stationarity(found.estimate) < 1e-6
+        assert found.trace[-1].cost == pytest.approx(found.cost, rel=1e-9)
+
+
+@given(seeds, dimensions)
+def test_steps_at_rank_d_go_from_rotations_to_rotations(seed, d):
+    rng = rng_of(seed)
+    problem = RotationProblem(rotation_graph(rng, 8, d, noise=3.0)[0])
+    point = Coordinates(problem, stacked(Estimate(so.random(rng, 8, d))), "colors", rng)
+    for _ in range(3):
+        before = point.evaluate()[0]
+        fallen, _ = point.sweep()
+        assert so.determinants(point.blocks) == pytest.approx(np.ones(8))
+        assert fallen == pytest.approx(before - point.evaluate()[0], rel=1e-9, abs=1e-9)
+        assert fallen >= 0.0
+
+
 @pytest.mark.parametrize("winding", [1, 2])
 def test_a_wound_up_cycle_holds_rank_d_and_not_the_identity(winding):
     instance, wound = winding_cycle(20, 0.1, winding)

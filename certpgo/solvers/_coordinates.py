@@ -2,7 +2,9 @@
 
 A block X_i (d x r) has orthonormal rows, so that Y is positive semidefinite with identity blocks on
 its diagonal, whatever the rank r. Minimising tr(L Y) over the k-th block row and column of Y alone,
-Lemma 5.1 of Eriksson et al., puts X_k at (G G^T)^(-1/2) G with G = sum_j Rtilde_kj X_j.
+Lemma 5.1 of Eriksson et al., puts X_k at (G G^T)^(-1/2) G with G = sum_j Rtilde_kj X_j. At rank d
+that may be a reflection, and a point of rotations and reflections need not be near any stationary
+rotations: there X_k becomes the rotation nearest to G, which minimises over rotations.
 """
 
 from __future__ import annotations
@@ -108,8 +110,8 @@ class Coordinates:
         for rows, Rtilde in groups:
             G = np.asarray(Rtilde @ self.X).reshape(-1, self.d, self.X.shape[1])
             before = self.X[rows].reshape(G.shape)
-            after, gain = _polar(G)
-            fallen += 2.0 * (gain - float(np.vdot(G, before)))
+            after = _rotations(G) if self.X.shape[1] == self.d else _polar(G)
+            fallen += 2.0 * float(np.vdot(G, after - before))
             moved = max(moved, float(np.abs(after - before).max()))
             self.X[rows] = after.reshape(len(rows), -1)
         return fallen, moved
@@ -143,15 +145,24 @@ class Coordinates:
         return np.ascontiguousarray(np.swapaxes(self.X.reshape(self.n, self.d, -1), 1, 2))
 
 
-def _polar(G: FloatArray) -> tuple[FloatArray, float]:
-    """(G G^T)^(-1/2) G of blocks (k, d, r), and the sum of tr((G G^T)^(1/2))."""
+def _polar(G: FloatArray) -> FloatArray:
+    """(G G^T)^(-1/2) G of blocks (k, d, r)."""
     gram = G @ np.swapaxes(G, 1, 2)
     values = np.linalg.eigvalsh(gram)
     if np.all(values[:, 0] > SINGULAR * values[:, -1]):
-        return so.inverse_square_roots(gram) @ G, float(np.sqrt(values).sum())
+        return so.inverse_square_roots(gram) @ G
     # A missing direction may be any: the singular vectors complete it.
-    U, singular, Vt = np.linalg.svd(G, full_matrices=False)
-    return U @ Vt, float(singular.sum())
+    U, _, Vt = np.linalg.svd(G, full_matrices=False)
+    return np.asarray(U @ Vt)
+
+
+def _rotations(G: FloatArray) -> FloatArray:
+    """The rotations nearest to blocks (k, d, d), most of which are near some."""
+    X = _polar(G)
+    reflected = so.determinants(X) < 0.0
+    if reflected.any():
+        X[reflected] = so.project(G[reflected])
+    return X
 
 
 def stacked(estimate: Estimate) -> FloatArray:

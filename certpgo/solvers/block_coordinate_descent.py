@@ -33,7 +33,7 @@ class BlockCoordinateDescent(Sweeping):
     minimises tr(W^T S) and (DD) minimises -tr(Rtilde Y), hence W is the block column of -Rtilde;
     the algorithm as printed has +Rtilde and the row, and would maximise. Y is kept as X X^T, and a
     step costs O(n) for each neighbour. From an initial estimate R, X = R^T, the descent stays at
-    rank d: that is `rotation_coordinate_descent`.
+    rank d and on rotations: that is `rotation_coordinate_descent`.
 
     It stops when the relaxation's own duality gap is within the tolerance: with the multipliers
     Lam of the current Y, L - blkdiag(Lam) + shift I has a Cholesky factor, so that

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from certpgo.estimate import Estimate
 from certpgo.linalg import so
 from certpgo.monitor import Iteration, Monitor, Stopwatch, silent
@@ -20,9 +18,10 @@ class RotationCoordinateDescent(Sweeping):
     """Block coordinate descent at rank d, without a dense Y; Parra et al., CVPR 2021.
 
     From the same estimate it takes the very steps of `block_coordinate_descent`, in O(d) memory a
-    node besides the graph. It starts from rotations composed along a spanning tree unless told
-    otherwise. At rank d there are local minima, such as wound-up cycles, that a start from Y = I
-    does not know: judge what it returns.
+    node besides the graph; a step takes the nearest rotation, not the polar factor, which may be a
+    reflection. It starts from rotations composed along a spanning tree unless told otherwise. At
+    rank d there are local minima, such as wound-up cycles, that a start from Y = I does not know:
+    judge what it returns.
 
     Attributes
     ----------
@@ -61,11 +60,7 @@ class RotationCoordinateDescent(Sweeping):
                 status = Status.CONVERGED
                 break
         with watch.phase("rounding"):
-            # Polar factors may be reflections, all of them or none in a connected graph.
-            R = point.blocks
-            if so.is_mostly_reflected(R):
-                R = R * np.r_[np.ones(problem.d - 1), -1.0][:, None]
-            estimate = problem.complete(so.project(R))
+            estimate = problem.complete(so.project(point.blocks))
         return Solution(
             estimate=estimate,
             cost=problem.cost(estimate),
