@@ -63,18 +63,24 @@ TABLE = Table(
     notes=(
         "Means over the instances; the paper's are over 50 runs: --seeds 50. Cameras go once "
         "around the z axis; each measurement is turned about a random axis by a normally "
-        "distributed angle. Instances, machines and years differ: printed figures stand beside "
-        "ours and are not compared. SeDuMi's stand beside Clarabel's without its chordal "
-        "decomposition.",
+        "distributed angle. Sigma is its standard deviation here; the paper speaks of variance. "
+        "Instances, machines and years differ: printed figures stand beside ours and are not "
+        "compared. SeDuMi's stand beside Clarabel's without its chordal decomposition.",
         "The error is F less the proven optimum's F; the paper takes the lowest value found. "
         "Global: F within 1e-6 of the optimum. Levenberg-Marquardt (GTSAM on the chordal cost) "
-        "starts at one random turn a camera; what it misses is wound around the cycle. Its time is "
-        "low because it proves nothing; the others' answers come with a bound.",
+        "starts at one random turn a camera; what it misses is wound around the cycle. It has no "
+        "bound, nor have rotation_coordinate_descent and riemannian_gradient. The others end with "
+        "one: Algorithm 1 when its own duality gap is small, Clarabel by multipliers made "
+        "feasible, the staircase by a proof, which it reaches in most rows before "
+        "Levenberg-Marquardt is done. The verdicts are the judge's, on each answer alike, and "
+        "their time is nobody's.",
         "On long cycles Algorithm 1 is slow, as the paper's own times say: a change at one camera "
-        "travels one camera an update. Clarabel with its chordal decomposition, which splits a "
-        "cycle into triangles, is faster there; without it times grow too fast, and it is run up "
-        "to 20 cameras only. From a rank-d start rotation coordinate descent may stall in a cycle "
-        "that is wound up, as any local method does; Algorithm 1 from the identity does not.",
+        "travels one camera an update. Like rotation_coordinate_descent it stops at 10,000 sweeps: "
+        "where it ended at that limit, its seconds are not those to a small gap, and it has no "
+        "bound. Clarabel with its chordal decomposition, which splits a cycle into triangles, is "
+        "faster there; without it times grow too fast, and it is run up to 20 cameras only. From "
+        "a rank-d start rotation coordinate descent may stall in a cycle that is wound up, as any "
+        "local method does; Algorithm 1 from the identity does not.",
         "A cycle needs none of this: the closed form shares the closing error out, and is optimal "
         "by Theorem 4.2.",
     ),
