@@ -106,6 +106,41 @@ def test_a_weak_edge_may_turn_by_more_than_a_right_angle():
     assert (kappa * (1 - np.cos(angles))).sum() <= cost.min()
 
 
+@pytest.mark.parametrize("missed", [0.0, 1e-15, 1e-9, 1e-6, 1e-3])
+@pytest.mark.parametrize("kappa", [(1, 2, 2), (1, 3, 3, 3), (2, 3, 6), (3, 5, 7.5), (1, 1, 5)])
+def test_closing_errors_near_half_a_turn(kappa, missed):
+    """The weakest edge's sine equals the sum of the others': the slope vanishes at pi."""
+    kappa = np.array(kappa, dtype=float)
+    total = np.pi - missed
+    angles = shares(kappa, total)
+    assert angles.sum() == pytest.approx(total, rel=4e-16 * len(kappa))
+    pulls = kappa * np.sin(angles)
+    np.testing.assert_allclose(pulls, pulls[0], rtol=1e-9, atol=1e-15 * kappa.max())
+    turns = so.exp(np.r_[np.zeros((len(kappa) - 1, 3)), [[0.0, 0.0, total]]])
+    around = np.arange(len(kappa))
+    graph = RotationGraph(len(kappa), np.c_[around, np.roll(around, -1)], turns, kappa)
+    solution = CycleClosedForm().solve(RotationProblem(graph))
+    assert solution.cost == pytest.approx((4.0 * kappa * (1 - np.cos(angles))).sum(), rel=1e-12)
+    assert solution.cost == pytest.approx(solve(graph).cost, rel=1e-12)
+
+
+@given(seeds, st.integers(3, 40), dimensions, st.sampled_from([0.0, 1e-9, 1.0]))
+def test_the_bound_is_below_the_optimum_by_rounding(seed, n, d, size):
+    rng = rng_of(seed)
+    angles = size * rng.standard_normal(n)
+    graph = RotationGraph(
+        n,
+        np.c_[np.arange(n), np.roll(np.arange(n), -1)],
+        so.exp(angles[:, None] * np.eye(so.tangent_dim(d))[-1]),
+        np.ones(n),
+    )
+    solution = CycleClosedForm().solve(RotationProblem(graph))
+    theta = abs(np.remainder(np.sum(angles) + np.pi, 2.0 * np.pi) - np.pi)
+    exact = 8.0 * n * np.sin(theta / (2.0 * n)) ** 2
+    assert 0.0 <= solution.lower_bound <= exact * (1 + 1e-15)
+    assert solution.lower_bound >= exact * (1 - 1e-9) - 1e-20 * n
+
+
 def test_perfect_measurements_cost_nothing():
     instance = synthetic.cycle(30, 0.0, np.random.default_rng(0))
     assert CycleClosedForm().solve(RotationProblem(instance.graph)).cost < 1e-25
