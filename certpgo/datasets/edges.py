@@ -16,7 +16,7 @@ from certpgo.linalg.arrays import IntArray
 from certpgo.linalg.blocks import adjacency
 
 
-def viewing_edges(name: str) -> tuple[str, int, IntArray]:
+def viewing_edges(name: str, data: str | Path | None = None) -> tuple[str, int, IntArray]:
     """A dataset's stem, nodes and edges, of its largest component; its measurements do not count.
 
     Raises
@@ -26,7 +26,7 @@ def viewing_edges(name: str) -> tuple[str, int, IntArray]:
     """
     from certpgo import datasets
 
-    path = datasets.find(name)
+    path = datasets.find(name, data)
     if path is None:
         raise InputError("not run: file not here")
     graph = read(path, quiet=True).graph

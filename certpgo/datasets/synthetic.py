@@ -6,6 +6,8 @@ translation by a Gaussian vector, each of the given standard deviation per axis.
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from certpgo.datasets.edges import connected_choice, random_edges, viewing_edges
@@ -75,19 +77,22 @@ def orbital(
     return instance(f"orbital-{n}", _axis_noise(truth, edges, sigma, rng), truth)
 
 
-def viewing_graph(name: str, sigma: float, rng: np.random.Generator) -> Instance:
+def viewing_graph(
+    name: str, sigma: float, rng: np.random.Generator, data: str | Path | None = None
+) -> Instance:
     """Simulated rotations on a real scene's viewing graph, noise ``sigma`` per axis, unit weights.
 
     Parameters
     ----------
     name : a dataset whose graph counts, its measurements not; the largest component
+    data : folder to look in first
 
     Raises
     ------
     InputError
         Its file is not here.
     """
-    stem, n, edges = viewing_edges(name)
+    stem, n, edges = viewing_edges(name, data)
     return _rotations(f"{stem}-simulated", n, edges, sigma, rng, 3)
 
 

@@ -8,6 +8,8 @@ sigma_R/sqrt(2) per axis, see `certpgo.linalg.so.langevin`.
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
@@ -21,7 +23,12 @@ from certpgo.linalg.arrays import FloatArray, IntArray
 
 
 def langevin_scene(
-    name: str, sigma_deg: float, rng: np.random.Generator, *, outliers: float = 0.0
+    name: str,
+    sigma_deg: float,
+    rng: np.random.Generator,
+    *,
+    outliers: float = 0.0,
+    data: str | Path | None = None,
 ) -> Instance:
     """Rotations on a real scene's viewing graph; 553 nodes and 103932 edges are Notre_Dame.mat's.
 
@@ -30,13 +37,14 @@ def langevin_scene(
     name : a dataset whose graph counts, its measurements not; the largest component
     sigma_deg : sigma_R, degrees
     outliers : probability of a measurement to be a uniformly random rotation
+    data : folder to look in first
 
     Raises
     ------
     InputError
         Its file is not here, sigma_R is negative, or the probability is none.
     """
-    stem, n, edges = viewing_edges(name)
+    stem, n, edges = viewing_edges(name, data)
     return _rotations(f"{stem}-langevin", so.random(rng, n, 3), edges, sigma_deg, outliers, rng)
 
 

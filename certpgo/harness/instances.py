@@ -92,7 +92,7 @@ def rotations_alone(instance: Instance) -> Instance:
 
 def _load(row: Row, data: Path | None, seed: np.random.SeedSequence | None) -> Instance:
     if row.generator:
-        return _generate(row, seed or np.random.SeedSequence(0))
+        return _generate(row, data, seed or np.random.SeedSequence(0))
     if not is_here(row, data):
         raise InputError("not run: file not here")
     return open_graph(row.dataset, data=data, download=False, quiet=True, **row.reading)
@@ -159,14 +159,17 @@ def seed_of(base: int, row: int, repetition: int) -> np.random.SeedSequence:
     return np.random.SeedSequence(base, spawn_key=(row, repetition))
 
 
-def _generate(row: Row, seed: np.random.SeedSequence) -> Instance:
+def _generate(row: Row, data: Path | None, seed: np.random.SeedSequence) -> Instance:
     from certpgo.datasets import synthetic, thesis
 
     public = {**vars(synthetic), **vars(thesis)}
     families = {name: f for name, f in public.items() if _is_family(name, f)}
     if row.generator not in families:
         raise SpecError.unknown("generator", row.generator, families)
-    instance: Instance = families[row.generator](**row.arguments, rng=np.random.default_rng(seed))
+    family = families[row.generator]
+    # Of families that read a file, the folder to look in first.
+    folder = {"data": data} if "data" in family.__annotations__ else {}
+    instance: Instance = family(**row.arguments, **folder, rng=np.random.default_rng(seed))
     return instance
 
 

@@ -85,7 +85,7 @@ class Row:
     known : the nodes alone whose truth is known, and the edges between them
     methods : labels of the methods that run on this row; empty for all
     generator : function of `certpgo.datasets.synthetic` or `certpgo.datasets.thesis`, called with
-        ``arguments`` and ``rng``
+        ``arguments``, ``rng`` and, if it takes that, ``data``, the folder to look in first
     arguments : its keyword arguments
     published : the key of this row in the table's published numbers
     components : of a graph that is not connected: ``"refuse"`` it, run ``"each"`` or the

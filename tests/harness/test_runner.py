@@ -3,7 +3,7 @@ import sys
 import pytest
 
 from certpgo.errors import InputError, SpecError
-from certpgo.harness.instances import seed_of
+from certpgo.harness.instances import load_row, seed_of
 from certpgo.harness.methods import parse_settings
 from certpgo.harness.runner import run
 from certpgo.harness.spec import Column, Method, Row, Table
@@ -64,6 +64,18 @@ def test_a_failure_is_a_record_with_its_reason_and_the_next_one_runs(
     assert reason in bad.error
     assert bad.metrics == {}
     assert good.error == ""
+
+
+def test_a_family_that_reads_a_file_finds_it_in_the_data_folder(
+    monkeypatch, tmp_path, dataset_path
+):
+    here = dataset_path("Ellis_Island.mat").parent
+    row = Row(generator="viewing_graph", arguments={"name": "Ellis_Island.mat", "sigma": 0.0})
+    monkeypatch.setenv("CERTPGO_DATA", str(tmp_path))
+    monkeypatch.setattr("certpgo.datasets.lookup.cache_folder", lambda: tmp_path)
+    assert load_row(row, here, None).graph.num_edges == 20297
+    with pytest.raises(InputError, match="not run: file not here"):
+        load_row(row, None, None)
 
 
 def test_gtsam_missing_is_a_record_with_the_install_line(monkeypatch):
