@@ -393,7 +393,7 @@ def test_what_does_not_fit_is_refused_unless_forced(method, monkeypatch):
         with pytest.raises(InputError) as caught:
             method().solve(problem)
         assert "GB" in str(caught.value)
-        assert "force=True (--set force=true)" in str(caught.value)
+        assert "force=True, solve --set force=true, bounds --force" in str(caught.value)
         assert "\n" not in str(caught.value)
         assert method(force=True).solve(problem).status is Status.CONVERGED
     monkeypatch.setattr(_memory, "available_bytes", lambda: None)
@@ -421,6 +421,56 @@ def test_the_guard_knows_what_decides():
     with pytest.raises(InputError, match="sdp_dual with CLARABEL would take about"):
         DualSDP().solve(RotationProblem(large))
     assert _memory.available_bytes() > 1e6
+
+
+@pytest.fixture
+def machine(tmp_path, monkeypatch):
+    """Writes the files by which Linux tells of memory."""
+    monkeypatch.setattr(_memory, "PROC", tmp_path / "proc")
+    monkeypatch.setattr(_memory, "CGROUP", tmp_path / "cgroup")
+
+    def write(**texts):
+        for name, text in texts.items():
+            path = tmp_path / name.replace("__", "/").replace("_dot_", ".")
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text)
+
+    write(proc__meminfo="MemTotal: 9000 kB\nMemAvailable:  4000 kB\n")
+    return write
+
+
+def test_memory_is_the_machines_where_no_group_limits_it(machine):
+    assert _memory.available_bytes() == 4000 * 1024
+    machine(proc__self__cgroup="1:cpu:/\n0::/\n")
+    assert _memory.available_bytes() == 4000 * 1024
+    machine(cgroup__memory_dot_max="max\n", cgroup__memory_dot_current="5\n")
+    assert _memory.available_bytes() == 4000 * 1024
+
+
+def test_memory_is_what_the_control_group_leaves(machine):
+    machine(
+        proc__self__cgroup="0::/job/step\n",
+        cgroup__job__memory_dot_max="1000000\n",
+        cgroup__job__memory_dot_current="400000\n",
+        cgroup__job__memory_dot_stat="anon 7\ninactive_file 50000\n",
+    )
+    assert _memory.available_bytes() == 650_000
+    machine(
+        cgroup__job__step__memory_dot_max="100000\n",
+        cgroup__job__step__memory_dot_current="100001\n",
+        cgroup__job__step__memory_dot_stat="",
+    )
+    assert _memory.available_bytes() == 0.0
+
+
+def test_memory_is_what_a_group_of_version_1_leaves(machine):
+    machine(
+        proc__self__cgroup="4:cpuset,memory:/docker/abc\n",
+        cgroup__memory__memory_dot_limit_in_bytes="1000000\n",
+        cgroup__memory__memory_dot_usage_in_bytes="400000\n",
+        cgroup__memory__memory_dot_stat="inactive_file 1\ntotal_inactive_file 50000\n",
+    )
+    assert _memory.available_bytes() == 650_000
 
 
 def test_cliques_of_known_graphs():

@@ -15,7 +15,8 @@ about 170 N^2; on random graphs, cycles and grids they are within a factor of tw
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,8 @@ from certpgo.errors import InputError
 from certpgo.problem import RotationProblem
 
 GIGA = 1e9
+#: Where Linux tells of memory, and of the limits of control groups.
+PROC, CGROUP = Path("/proc"), Path("/sys/fs/cgroup")
 
 
 def bytes_needed(program: str, N: int, scalars: int, cones: Iterable[int]) -> float:
@@ -58,14 +61,24 @@ def refuse(needed: float, what: str) -> None:
     if available is not None and needed > available:
         raise InputError(
             f"{what} would take about {needed / GIGA:.1f} GB for this graph, and "
-            f"{available / GIGA:.1f} GB are free; force=True (--set force=true) tries anyway"
+            f"{available / GIGA:.1f} GB are free; to try anyway, force it: force=True, "
+            "solve --set force=true, bounds --force"
         )
 
 
 def available_bytes() -> float | None:
-    """Memory to be had without swapping; all there is where only that is known; or None."""
+    """Memory to be had without swapping; all there is where only that is known; or None.
+
+    Where the machine has more than the process's control group may use, as in containers, what is
+    left of that.
+    """
+    known = [found for found in (_machine_bytes(), *_group_bytes()) if found is not None]
+    return min(known, default=None)
+
+
+def _machine_bytes() -> float | None:
     try:
-        for line in Path("/proc/meminfo").read_text().splitlines():
+        for line in (PROC / "meminfo").read_text().splitlines():
             if line.startswith("MemAvailable:"):
                 return 1024.0 * float(line.split()[1])
     except OSError:
@@ -74,6 +87,35 @@ def available_bytes() -> float | None:
         return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):  # not on Windows
         return None
+
+
+def _group_bytes() -> Iterator[float]:
+    """What the limits of the control group and of those around it leave, version 2 and 1."""
+    try:
+        lines = (PROC / "self" / "cgroup").read_text().splitlines()
+    except OSError:  # Linux alone has them
+        return
+    for line in lines:
+        _, controllers, path = line.split(":", 2)
+        if controllers == "":
+            root, names = CGROUP, ("memory.max", "memory.current")
+        elif "memory" in controllers.split(","):
+            root, names = CGROUP / "memory", ("memory.limit_in_bytes", "memory.usage_in_bytes")
+        else:
+            continue
+        group = root / path.lstrip("/")
+        for folder in (group, *group.parents):
+            with suppress(OSError, ValueError):  # not here, or "max"
+                limit, used = (float((folder / name).read_text()) for name in names)
+                yield max(limit - used + _cached_bytes(folder), 0.0)
+            if folder == root:
+                break
+
+
+def _cached_bytes(folder: Path) -> float:
+    """Of files, and given up when memory is short."""
+    entries = dict(line.split() for line in (folder / "memory.stat").read_text().splitlines())
+    return float(entries.get("total_inactive_file", entries.get("inactive_file", 0)))
 
 
 def clique_sizes(problem: RotationProblem) -> list[int]:

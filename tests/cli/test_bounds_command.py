@@ -48,6 +48,17 @@ def test_bounds_of_an_estimate_given(certpgo, wound):
     assert not any(rung["holds"] for rung in found["bounds"])
 
 
+def test_a_program_too_large_for_memory_says_how_to_force_it(certpgo, wound, monkeypatch):
+    monkeypatch.setattr("certpgo.solvers._memory.available_bytes", lambda: 1000.0)
+    refused = certpgo("bounds", wound[0], "--sdp", "--json").json["bounds"]
+    [rung] = [rung for rung in refused if rung["key"] == "sdp"]
+    assert rung["value"] is None
+    assert rung["says"].endswith("bounds --force")
+    forced = certpgo("bounds", wound[0], "--sdp", "--force", "--json").json["bounds"]
+    [rung] = [rung for rung in forced if rung["key"] == "sdp"]
+    assert rung["holds"] is True
+
+
 def test_a_graph_that_is_not_connected_is_refused_or_taken_apart(certpgo, tmp_path):
     path = tmp_path / "parts.g2o"
     path.write_text(TWO_PARTS)
