@@ -27,7 +27,7 @@ RTOL, ATOL = 1e-5, 1e-12
 FLOOR = 1e-6
 #: Steps that descent may take; what has not settled by then is no basin of its own.
 MAX_STEPS = 200
-#: Stationarity, radians, at which a stalled descent counts as settled.
+#: Stationarity, radians, at which a stalled descent counts as settled, and a point as stationary.
 SETTLED = 1e-6
 
 

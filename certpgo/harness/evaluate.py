@@ -11,6 +11,7 @@ import numpy as np
 from certpgo import metrics, newton, spectral
 from certpgo.certify import Certificate, Verdict
 from certpgo.certify.bounds import alpha_max, fiedler_value, normalized_fiedler_value
+from certpgo.certify.case import SETTLED
 from certpgo.errors import SpecError
 from certpgo.estimate import Estimate
 from certpgo.harness.spec import GRAPH_METRICS, SAFE_ANGLES, TRUTH_METRICS
@@ -57,12 +58,13 @@ def optimum(problem: Problem) -> float | None:
 def certified_by(problem: Problem, certificate: Certificate) -> str:
     """Which bounds show the stationary point beside an answer, or itself, to be optimal.
 
-    Those by angles speak of rotations alone, and say nothing of poses.
+    Those by angles speak of stationary rotations alone, and say nothing of poses.
     """
-    b = certificate.bounds
+    b, point = certificate.bounds, certificate.refined
     holding = []
-    if b is not None and not isinstance(problem, PoseProblem):
-        largest = float(problem.residual_angles(certificate.refined).max())
+    rotations = not isinstance(problem, PoseProblem)
+    if b is not None and rotations and problem.stationarity(point) <= SETTLED:
+        largest = float(problem.residual_angles(point).max())
         holding = [
             name
             for name, holds in (

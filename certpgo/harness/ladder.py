@@ -24,6 +24,7 @@ from certpgo.certify.bounds import (
     normalized_fiedler_value,
     row_bound,
 )
+from certpgo.certify.case import SETTLED
 from certpgo.cycles import is_cycle
 from certpgo.errors import CertPGOError, NumericalError
 from certpgo.estimate import Estimate
@@ -34,8 +35,6 @@ from certpgo.solve import solve
 
 #: The method whose value is the rung of the semidefinite program.
 PROGRAM = "sdp_dual"
-#: Stationarity (radians) up to which rotations count as stationary.
-SETTLED = 1e-6
 #: Lower bounds within this part of F are as good as F.
 TIGHT = 1e-6
 
