@@ -81,7 +81,7 @@ def alpha_max(connectivity: float) -> float:
 
     2 arcsin(sqrt(1/4 + connectivity/2) - 1/2), with connectivity lambda_2 / d_max for Theorem 4.1
     of Eriksson et al. (eq. 22), or nu_2, the second eigenvalue of the normalized Laplacian
-    D^-1/2 L_G D^-1/2, for the stronger normalized bound.
+    D^-1/2 L_G D^-1/2, for the stronger normalized bound. Both are at most 2.
 
     Proof of the latter. In the gauge of R, S' = L_G x I + Delta with S' (1 x I) = 0. Scaled by
     D^-1/2 on both sides, Delta becomes a symmetric matrix similar to D^-1 Delta, whose block rows
@@ -89,8 +89,8 @@ def alpha_max(connectivity: float) -> float:
     The null space D^1/2 1 x I splits off, and on its complement the form is at least
     nu_2 - 2 s (1 + s). Since nu_2 >= lambda_2 / d_max it is never weaker.
     """
-    s = np.sqrt(0.25 + max(connectivity, 0.0) / 2.0) - 0.5
-    return float(2.0 * np.arcsin(min(s, np.sin(np.pi / 4))))
+    x = max(connectivity, 0.0) / 2.0
+    return float(2.0 * np.arcsin(x / (np.sqrt(0.25 + x) + 0.5)))
 
 
 def fiedler_value(problem: RotationProblem) -> float:

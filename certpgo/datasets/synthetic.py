@@ -66,6 +66,8 @@ def orbital(
     InputError
         Such cameras there are none.
     """
+    if closures < 0:
+        raise InputError(f"the number of closures must not be negative: {closures}")
     if closures and not 2 <= reach <= n // 2:
         raise InputError(f"cameras at most {reach} apart, of {n}: give 2 to half of them")
     edges = _cycle_edges(n)

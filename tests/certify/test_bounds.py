@@ -48,6 +48,10 @@ def test_closed_forms_of_alpha_max():
     assert np.degrees(published_alpha(cycle_graph(6))) == pytest.approx(23.9057, abs=5e-5)
     assert np.degrees(alpha_max(1.0)) == pytest.approx(42.9414, abs=5e-5)
     assert np.degrees(published_alpha(complete_graph(40))) > 42.9414
+    # Two nodes have the largest connectivity, 2; small ones keep all digits.
+    assert alpha_max(2.0) == pytest.approx(2.0 * np.arcsin((np.sqrt(5.0) - 1.0) / 2.0), rel=1e-12)
+    assert published_alpha(complete_graph(2)) == pytest.approx(alpha_max(2.0), rel=1e-9)
+    assert alpha_max(1e-13) == pytest.approx(1e-13, rel=1e-12)
 
 
 @pytest.mark.parametrize("n", [3, 8, 25])
@@ -150,10 +154,11 @@ def test_weighted_cycles_may_exceed_pi_over_n_and_still_be_optimal():
     problem = RotationProblem(RotationGraph(n, edges, R, weights))
     assert cycle_bound(problem.graph) is None
     point = newton(problem, Estimate(np.tile(np.eye(3), (n, 1, 1)))).estimate
-    if problem.residual_angles(point).sum() <= np.pi:
-        assert cycle_sum_holds(problem, point) is True
-        assert problem.residual_angles(point).max() > np.pi / n
-        assert smallest_certificate_eigenvalue(problem, point) > -1e-9
+    angles = problem.residual_angles(point)
+    assert angles.sum() == pytest.approx(2.5, rel=1e-9)
+    assert angles.max() > np.pi / n
+    assert cycle_sum_holds(problem, point) is True
+    assert smallest_certificate_eigenvalue(problem, point) > -1e-9
 
 
 def test_graphs_that_are_no_cycle_have_no_cycle_bound():
