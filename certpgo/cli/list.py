@@ -96,12 +96,19 @@ def _text(value: object) -> str:
     return str(value).lower() if value is None or isinstance(value, bool) else str(value)
 
 
+#: What a method's name begins with, the package it then calls, and what brings that.
+_CALLED = {
+    "gtsam": ("gtsam", "'certpgo[baselines]'"),
+    "pymanopt": ("pymanopt", "'certpgo[test]'"),
+    "sdp": ("cvxpy", "cvxpy"),
+}
+
+
 def _missing_package(method: str) -> str:
-    # A baseline is named after the package it calls.
-    package = method.partition("_")[0]
-    if package != "gtsam" or importlib.util.find_spec(package) is not None:
+    package, wanted = _CALLED.get(method.partition("_")[0], ("", ""))
+    if not package or importlib.util.find_spec(package) is not None:
         return ""
-    return "no: pip install 'certpgo[baselines]'"
+    return f"no: pip install {wanted}"
 
 
 def _datasets(data: Path | None) -> Rows:

@@ -157,7 +157,7 @@ class Semidefinite(ABC):
         Raises
         ------
         MissingDependency
-            The solver is not installed.
+            The solver or CVXPY is not installed.
         InputError
             Memory is too small, and ``force`` is not set.
         NumericalError
@@ -245,6 +245,8 @@ class Semidefinite(ABC):
         program = PROGRAMS[self.program]
         if importlib.util.find_spec(program.module) is None:
             raise MissingDependency(self.program, package=program.package)
+        if importlib.util.find_spec("cvxpy") is None:
+            raise MissingDependency("CVXPY", package="cvxpy")
 
     def _run(self, posed: Posed) -> Answer:
         """Solve in silence."""

@@ -61,16 +61,35 @@ def test_list_in_words(certpgo):
         assert word in done.out
 
 
-def test_list_says_why_a_method_is_not_here(certpgo, monkeypatch):
+@pytest.mark.parametrize(
+    ("module", "method", "wanted"),
+    [
+        ("gtsam", "gtsam_chordal", "'certpgo[baselines]'"),
+        ("pymanopt", "pymanopt_trust_region", "'certpgo[test]'"),
+        ("cvxpy", "sdp_dual", "cvxpy"),
+    ],
+)
+def test_list_says_why_a_method_is_not_here(certpgo, monkeypatch, module, method, wanted):
     from importlib import util
 
     find = util.find_spec
     monkeypatch.setattr(
-        "importlib.util.find_spec", lambda name: None if name == "gtsam" else find(name)
+        "importlib.util.find_spec", lambda name: None if name == module else find(name)
     )
     rows = certpgo("list", "methods", "--json").json["methods"]
-    [row] = [row for row in rows if row["name"] == "gtsam_chordal"]
-    assert row["here"] == "no: pip install 'certpgo[baselines]'"
+    here = {row["name"]: row["here"] for row in rows}
+    assert here[method] == f"no: pip install {wanted}"
+    assert here["eigen_ra"] == "yes"
+
+
+def test_without_cvxpy_the_programs_say_what_to_install(certpgo, square, monkeypatch):
+    monkeypatch.setitem(sys.modules, "cvxpy", None)
+    done = certpgo("solve", square, "--method", "sdp_dual")
+    assert done.code == 1
+    assert done.err.strip().endswith("CVXPY is not installed: pip install cvxpy")
+    rungs = certpgo("bounds", square, "--sdp", "--json").json["bounds"]
+    [says] = [rung["says"] for rung in rungs if rung["key"] == "sdp"]
+    assert says == "not solved: CVXPY is not installed: pip install cvxpy"
 
 
 def test_fetch_prints_the_path(certpgo, dataset_path):
