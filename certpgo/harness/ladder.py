@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple, TypeVar
 import numpy as np
 
 from certpgo import registry, spectral
-from certpgo.certify import Certificate, certify
+from certpgo.certify import Certificate, Verdict, certify
 from certpgo.certify.bounds import (
     alpha_max,
     cycle_bound,
@@ -113,24 +113,50 @@ def ladder(
     NumericalError
         No estimate was given, and none found.
     """
-    given = estimate is not None
-    point = estimate or solve(problem.graph).estimate
-    problem.check(point)
+    if estimate is None:
+        found, seconds = _timed(lambda: solve(problem.graph))
+        point, certificate, proven = found.estimate, found.certificate, found.certificate
+    else:
+        problem.check(point := estimate)
+        (certificate, proven), seconds = _timed(lambda: _certificates(problem, point))
     beside = _stationary_rotations(problem, point)
-    certificate, seconds = _timed(lambda: certify(problem, point))
     F = _Cost(problem.cost(point), certificate.cost)
     rungs = [*_spectral(problem, F), *_angles(problem, beside)]
     rungs.append(_program(problem, F, force) if sdp else _unasked(F))
-    rungs.append(_proven(certificate, F, seconds))
+    rungs.append(_proven(proven, F, seconds))
     angles = problem.rotation.residual_angles
     return Ladder(
         cost=F.computed,
-        given=given,
+        given=estimate is not None,
         largest=float(angles(point).max()),
         settled=None if beside is None else float(angles(beside).max()),
         certificate=certificate,
-        rungs=tuple(rungs),
+        rungs=tuple(_in_view_of_earlier(rungs)),
     )
+
+
+def _certificates(problem: Problem, point: Estimate) -> tuple[Certificate, Certificate]:
+    """That of the point, and the one with the higher bound: it, or that of our own answer."""
+    own = certify(problem, point)
+    if own.verdict is Verdict.CERTIFIED or own.basin_is_global:
+        return own, own
+    searched = solve(problem.graph, initial=point).certificate
+    return own, max(own, searched, key=lambda certificate: certificate.lower_bound)
+
+
+def _in_view_of_earlier(rungs: list[Rung]) -> Iterator[Rung]:
+    """The rungs; of a bound on F below an earlier one it is said that it takes nothing away."""
+    highest: Rung | None = None
+    for rung in rungs:
+        if rung.about != "cost" or rung.value is None:
+            yield rung
+        elif highest and highest.value and rung.value < highest.value * (1 - TIGHT):
+            unproven = ", not proven" * (rung.key == "proven")
+            higher = f"the bound by {highest.title} is higher{unproven}"
+            yield replace(rung, says=f"{rung.says}; {higher}")
+        else:
+            highest = rung
+            yield rung
 
 
 class _Cost(NamedTuple):
@@ -324,6 +350,6 @@ def _program(problem: Problem, F: _Cost, force: bool) -> Rung:
 
 
 def _proven(certificate: Certificate, F: _Cost, seconds: float) -> Rung:
-    needs = "a factorization, its rounding bounded"
+    needs = "a search, and factorizations, their rounding bounded"
     bound = certificate.lower_bound
     return _lower("proven", "proven bound", bound, F, needs, seconds, proven=", proven")

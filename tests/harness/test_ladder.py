@@ -88,6 +88,26 @@ def test_poses_have_the_bound_with_translations_eliminated():
     assert found["proven"].holds is True
 
 
+@pytest.mark.parametrize("seed", [0, 3])
+def test_the_proven_rung_is_the_best_proof_in_hand_where_the_relaxation_is_loose(seed):
+    graph = synthetic.random_graph(8, 4.0, 2.0, rng_of(seed)).graph
+    best = solve(graph)
+    assert best.verdict is Verdict.BOUNDED
+    for point in (None, best.estimate):
+        found = rungs(RotationProblem(graph), point)
+        assert found["proven"].value == pytest.approx(best.certificate.lower_bound, rel=1e-6)
+        assert found["proven"].value > found["spectral"].value
+
+
+def test_a_rung_below_an_earlier_one_says_that_it_adds_nothing():
+    graph = synthetic.grid3d(2, np.random.default_rng(0)).graph
+    found = rungs(problem_of(graph), sdp=True)
+    assert found["sdp"].value < found["spectral_poses"].value
+    higher = "the bound by eigenvalues, translations eliminated is higher"
+    assert found["sdp"].says.endswith(higher)
+    assert "higher" not in found["proven"].says
+
+
 def test_an_estimate_of_another_graph_is_refused():
     graph = synthetic.cycle(5, 0.1, np.random.default_rng(0)).graph
     with pytest.raises(InputError, match="the estimate has 3 nodes"):
