@@ -44,8 +44,8 @@ class Relaxation:
 
     value: float
     status: str
-    multipliers: FloatArray | None = None
-    rows: FloatArray | None = None
+    multipliers: FloatArray | None = field(default=None, repr=False)
+    rows: FloatArray | None = field(default=None, repr=False)
     rank: int | None = None
 
 

@@ -16,6 +16,7 @@ from certpgo.linalg import so
 from certpgo.problem import PoseProblem, RotationProblem
 from certpgo.solution import Status
 from certpgo.solvers._coordinates import Coordinates, _coloring, stacked
+from certpgo.solvers._relaxed import ALONE
 from certpgo.solvers.block_coordinate_descent import BlockCoordinateDescent
 from certpgo.solvers.rotation_coordinate_descent import RotationCoordinateDescent
 
@@ -91,6 +92,8 @@ def test_a_loose_relaxation_stays_below_every_estimate():
     found = BlockCoordinateDescent().solve(RotationProblem(graph))
     assert found.status is Status.CONVERGED
     assert found.relaxation.rank > 3
+    assert found.note.startswith("duality gap within 1e-06, relaxation ")
+    assert found.note.endswith(f"rank {found.relaxation.rank}")
     assert found.relaxation.value < best.cost * (1 - 1e-4)
     assert found.lower_bound == pytest.approx(best.certificate.lower_bound, rel=1e-5)
     assert found.cost >= best.cost
@@ -185,6 +188,7 @@ def test_poses_are_completed_by_translations():
         found = solver.solve(PoseProblem(graph))
         assert found.estimate.translations.shape == (8, 3)
         assert found.cost == pytest.approx(PoseProblem(graph).cost(found.estimate))
+        assert found.note.endswith(ALONE)
 
 
 def test_a_missing_direction_is_completed():

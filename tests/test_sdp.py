@@ -22,7 +22,13 @@ from certpgo.linalg import so
 from certpgo.problem import PoseProblem, RotationProblem
 from certpgo.solution import Status
 from certpgo.solvers import _memory, _sdp
-from certpgo.solvers._relaxed import Scaled, leading_rows, made_feasible, null_space_rotations
+from certpgo.solvers._relaxed import (
+    ALONE,
+    Scaled,
+    leading_rows,
+    made_feasible,
+    null_space_rotations,
+)
 from certpgo.solvers.fixed_point import FixedPoint
 from certpgo.solvers.sdp_dual import DualSDP
 from certpgo.solvers.sdp_primal import PrimalSDP
@@ -312,6 +318,9 @@ def test_poses_get_the_translations_that_suit_the_rotations(method):
     )
     assert solution.relaxation.value == pytest.approx(alone.cost, rel=1e-6)
     assert solution.lower_bound <= solve(graph).cost <= solution.cost
+    assert solution.note.endswith(ALONE)
+    assert "alone" not in alone.note
+    assert len(repr(solution.relaxation)) < 200
     with pytest.raises(InputError, match="the estimate has 5 nodes"):
         method().solve(problem, initial=solution.estimate.subset(np.arange(5)))
 

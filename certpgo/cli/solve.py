@@ -160,9 +160,18 @@ class _Answer:
             "counts": dict(solution.counts),
             "seconds": dict(solution.seconds),
             "note": solution.note,
+            "lower_bound": solution.lower_bound,
             "written": None if written is None else str(written),
             "certificate": None if certificate is None else _verdict.as_json(certificate),
         }
+
+    def _own_bound(self) -> str:
+        """How far the method itself says that its answer is from the best possible."""
+        bound = self.solution.lower_bound
+        if bound is None:
+            return "how far this is from the best possible is not known"
+        said = f"no answer costs less than {bound:.12g}"
+        return f"the method's own bound, not proven against rounding, is that {said}"
 
     def show(self, part: Instance, written: Path | None) -> None:
         """For people."""
@@ -178,7 +187,7 @@ class _Answer:
             lines.append(("written", str(written)))
         facts(lines)
         if self.certificate is None:
-            notice("how far this is from the best possible is not known without --certify")
+            notice(f"{self._own_bound()}; --certify judges it")
             return
         typer.echo()
         _verdict.show(self.certificate, part.options)

@@ -11,12 +11,15 @@ from certpgo import spectral
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.eigen import krylov_schur
 from certpgo.linalg.factor import Factor
-from certpgo.problem import RotationProblem
+from certpgo.problem import PoseProblem, Problem, RotationProblem
+from certpgo.solution import Relaxation
 
 #: Eigenvalues of Y count towards its rank from this part of the largest.
 RANK_TOLERANCE = 1e-4
 #: First shift tried, over a node's weight; its growth; and halvings of its logarithm afterwards.
 FIRST_SHIFT, GROWTH, BISECTIONS = 4e-15, 8.0, 5
+#: What is to be known of poses from methods that work on their rotations.
+ALONE = "of the rotations alone; the translations are the best for them"
 #: Power iterations for leading eigenvectors, the next eigenvalues being so much smaller.
 POWERS = 4
 
@@ -109,6 +112,13 @@ def _shifted(data: Scaled, multipliers: FloatArray, shift: float) -> Feasible | 
         return None
     value = float(np.trace(multipliers, axis1=1, axis2=2).sum()) - d * shift * float(s.sum())
     return Feasible(max(value, 0.0), shift, matrix, factor)
+
+
+def told(problem: Problem, found: Relaxation) -> str:
+    """What a reader of an answer should know of the relaxation behind it."""
+    value = f"relaxation {found.value:.10g}, rank {found.rank or 'unknown'}"
+    alone = f"; the relaxation is {ALONE}" if isinstance(problem, PoseProblem) else ""
+    return f"{found.status}, {value}{alone}"
 
 
 def leading_rows(Y: FloatArray, d: int) -> FloatArray:

@@ -19,7 +19,13 @@ from certpgo.monitor import Monitor, Stopwatch, silent
 from certpgo.problem import Problem, RotationProblem
 from certpgo.solution import Relaxation, Solution, Status
 from certpgo.solvers import _memory
-from certpgo.solvers._relaxed import Scaled, leading_rows, made_feasible, null_space_rotations
+from certpgo.solvers._relaxed import (
+    Scaled,
+    leading_rows,
+    made_feasible,
+    null_space_rotations,
+    told,
+)
 
 #: What CVXPY calls the ends that come with an answer.
 STATUSES = {
@@ -191,6 +197,7 @@ class Semidefinite(ABC):
             estimate = problem.complete(R)
         value, said = data.unit * float(posed.problem.value), str(posed.problem.status)
         rank = None if rows is None else rows.shape[1]
+        relaxation = Relaxation(value, said, multipliers, rows, rank)
         return Solution(
             estimate=estimate,
             cost=problem.cost(estimate),
@@ -198,8 +205,8 @@ class Semidefinite(ABC):
             iterations=int(posed.problem.solver_stats.num_iters or 0),
             lower_bound=None if feasible is None else feasible.value,
             seconds=watch.seconds,
-            note=f"{self.program}: {said}, relaxation {value:.10g}, rank {rank or 'unknown'}",
-            relaxation=Relaxation(value, said, multipliers, rows, rank),
+            note=f"{self.program}: {told(problem, relaxation)}",
+            relaxation=relaxation,
         )
 
     def options(self) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from certpgo.monitor import Iteration, Monitor, Stopwatch, silent
 from certpgo.problem import Problem, RotationProblem
 from certpgo.solution import Relaxation, Solution, Status
 from certpgo.solvers._coordinates import Sweeping, stacked
+from certpgo.solvers._relaxed import told
 
 #: The gap is looked at when a sweep gains less than this many tolerances, and then ever less often.
 WORTH_A_LOOK, SPACING = 10.0, 1.25
@@ -96,7 +97,8 @@ class BlockCoordinateDescent(Sweeping):
             cost, Lam = point.evaluate()
             blocks = point.blocks
             estimate = problem.complete(rounded(Lift(blocks)).rotations)
-        said = f"duality gap {'within' if bound is not None else 'not within'} {self.tolerance:.0e}"
+        gap = f"duality gap {'within' if bound is not None else 'not within'} {self.tolerance:.0e}"
+        relaxation = Relaxation(cost, gap, Lam, blocks, _rank(blocks))
         return Solution(
             estimate=estimate,
             cost=problem.cost(estimate),
@@ -105,7 +107,8 @@ class BlockCoordinateDescent(Sweeping):
             lower_bound=None if bound is None else max(bound, 0.0),
             seconds=watch.seconds,
             trace=tuple(trace),
-            relaxation=Relaxation(cost, said, Lam, blocks, _rank(blocks)),
+            note=told(problem, relaxation),
+            relaxation=relaxation,
         )
 
 

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from certpgo.estimate import Estimate
 from certpgo.linalg import so
 from certpgo.monitor import Iteration, Monitor, Stopwatch, silent
-from certpgo.problem import Problem
+from certpgo.problem import PoseProblem, Problem
 from certpgo.solution import Solution, Status
 from certpgo.solvers._coordinates import Sweeping, stacked
+from certpgo.solvers._relaxed import ALONE
 from certpgo.trees import compose, spanning_tree
 
 
@@ -68,6 +69,7 @@ class RotationCoordinateDescent(Sweeping):
             iterations=len(trace),
             seconds=watch.seconds,
             trace=tuple(trace),
+            note=f"descent {ALONE}" if isinstance(problem, PoseProblem) else "",
         )
 
 

@@ -140,6 +140,16 @@ def test_a_time_limit_ends_the_search_honestly(certpgo, square):
     assert "stopped before a useful bound was found" in done.out
 
 
+def test_a_methods_own_bound_is_told_where_nothing_is_judged(certpgo, square):
+    judged = ("solve", square, "--method", "block_coordinate_descent", "--no-certify")
+    done = certpgo(*judged)
+    assert "the method's own bound, not proven against rounding" in done.err
+    found = certpgo(*judged, "--json").json
+    assert 0.0 <= found["lower_bound"] <= found["cost"]
+    done = certpgo("solve", square, "--method", "spanning_tree", "--no-certify")
+    assert "is not known; --certify judges it" in done.err
+
+
 def test_solve_by_a_method_without_a_judge_says_so(certpgo, square):
     done = certpgo("solve", square, "--method", "eigen_ma", "--no-certify")
     assert done.code == 0
