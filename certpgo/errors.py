@@ -6,6 +6,9 @@ import difflib
 from collections.abc import Iterable
 from pathlib import Path
 
+#: Names that are all shown where another was given.
+FEW = 8
+
 
 class CertPGOError(Exception):
     """Base of every error this package raises on purpose; the text is one line."""
@@ -69,10 +72,13 @@ class SpecError(CertPGOError, LookupError):
 
     @classmethod
     def unknown(cls, kind: str, name: str, known: Iterable[str]) -> SpecError:
-        """The error for ``name`` not being among ``known``, suggesting the nearest."""
+        """The error for ``name`` not being among ``known``: the nearest, or all if they are few."""
         names = sorted(known)
         near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
-        hint = f"did you mean {' or '.join(near)}?" if near else f"known: {', '.join(names)}"
+        hint = f"did you mean {' or '.join(near)}?" if near else ""
+        if not near or len(names) <= FEW:
+            known_are = f"known: {', '.join(names)}" if names else "there are none"
+            hint = f"{hint} {known_are}".lstrip()
         return cls(f"unknown {kind} {name!r}; {hint}")
 
 

@@ -365,7 +365,8 @@ def test_no_answer_is_one_line(monkeypatch):
 def test_settings_are_checked_at_construction(method):
     for settings, message in (
         ({"program": "CLARABELL"}, "unknown program 'CLARABELL'; did you mean CLARABEL"),
-        ({"program": "GLPK"}, "unknown program"),
+        ({"program": "GLPK"}, "unknown program 'GLPK'; known: CLARABEL, COPT, CVXOPT"),
+        ({"program": "NOPE"}, r"did you mean COPT\? known: CLARABEL, COPT, CVXOPT"),
         ({"tolerance": 0.0}, "tolerance must lie"),
         ({"max_iterations": 0}, "at least 1"),
         ({"program": "COPT", "tolerance": 1e-6}, "tolerance cannot be set for COPT"),
@@ -407,6 +408,16 @@ def test_what_does_not_fit_is_refused_unless_forced(method, monkeypatch):
         assert method(force=True).solve(problem).status is Status.CONVERGED
     monkeypatch.setattr(_memory, "available_bytes", lambda: None)
     method().solve(problem)
+
+
+def test_a_refusal_names_a_program_that_would_fit(monkeypatch):
+    problem = RotationProblem(synthetic.complete(30, 0.1, np.random.default_rng(0)).graph)
+    monkeypatch.setattr(_memory, "available_bytes", lambda: 1e8)
+    with pytest.raises(InputError, match=r"free; program=SCS would take 0\.0 GB; to try anyway"):
+        DualSDP().solve(problem)
+    monkeypatch.setattr(_memory, "available_bytes", lambda: 1e3)
+    with pytest.raises(InputError, match="free; to try anyway"):
+        DualSDP().solve(problem)
 
 
 def test_the_guard_knows_what_decides():

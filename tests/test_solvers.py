@@ -157,6 +157,7 @@ def test_newton_starts_from_the_eigenvectors_or_where_told():
         (SpanningTree, {"tree": "breadth"}, "did you mean breadth_first"),
         (FixedPoint, {"max_iterations": 0}, "at least 1"),
         (Newton, {"tolerance": -1.0}, "not be negative"),
+        (Newton, {"tolerance": float("nan")}, "not be negative"),
     ],
 )
 def test_settings_are_checked_at_construction(solver, kwargs, message):

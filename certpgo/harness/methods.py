@@ -69,14 +69,14 @@ def _converted(what: str, text: str, wanted: Any) -> Any:
             raise SpecError.unknown(f"value of {what}", text, map(str, get_args(wanted)))
         return text
     if origin in (Union, types.UnionType):
-        if text == "none" and type(None) in get_args(wanted):
+        if text.lower() == "none" and type(None) in get_args(wanted):
             return None
         [wanted] = [kind for kind in get_args(wanted) if kind is not type(None)][:1]
         return _converted(what, text, wanted)
     if wanted is bool:
-        if text not in ("true", "false"):
+        if text.lower() not in ("true", "false"):
             raise SpecError(f"{what} is true or false, not {text!r}")
-        return text == "true"
+        return text.lower() == "true"
     if wanted in (int, float):
         try:
             return wanted(text)

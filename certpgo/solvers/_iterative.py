@@ -19,5 +19,5 @@ class Iterative:
     rotations: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        if self.tolerance < 0.0 or self.max_iterations < 1:
+        if not self.tolerance >= 0.0 or self.max_iterations < 1:
             raise SpecError("tolerance must not be negative and max_iterations at least 1")

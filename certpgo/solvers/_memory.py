@@ -14,6 +14,7 @@ about 170 N^2; on random graphs, cycles and grids they are within a factor of tw
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -49,8 +50,12 @@ def bytes_needed(program: str, N: int, scalars: int, cones: Iterable[int]) -> fl
     return 24.0 * m**2 + 400.0 * square
 
 
-def refuse(needed: float, what: str) -> None:
+def refuse(needed: float, what: str, instead: str = "", others: float = math.inf) -> None:
     """Refuse what takes more bytes than can be had.
+
+    Parameters
+    ----------
+    instead, others : something else to be done, and the bytes it takes; told where it fits
 
     Raises
     ------
@@ -59,10 +64,11 @@ def refuse(needed: float, what: str) -> None:
     """
     available = available_bytes()
     if available is not None and needed > available:
+        smaller = f"; {instead} would take {others / GIGA:.1f} GB" if others < available else ""
         raise InputError(
             f"{what} would take about {needed / GIGA:.1f} GB for this graph, and "
-            f"{available / GIGA:.1f} GB are free; to try anyway, force it: force=True, "
-            "solve --set force=true, bounds --force"
+            f"{available / GIGA:.1f} GB are free{smaller}; to try anyway, force it: "
+            "force=True, solve --set force=true, bounds --force"
         )
 
 

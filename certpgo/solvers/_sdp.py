@@ -245,8 +245,9 @@ class Semidefinite(ABC):
         method = type(self).__module__.rpartition(".")[2]
         what, N = f"{method} with {self.program}", problem.n * problem.d
         # At the very least; cliques take a while to find where even that is too much.
-        _memory.refuse(_memory.bytes_needed(self.program, N, N, ()), what)
-        _memory.refuse(self.bytes_needed(problem), what)
+        instead = "program=SCS", _memory.bytes_needed("SCS", N, N, ())
+        _memory.refuse(_memory.bytes_needed(self.program, N, N, ()), what, *instead)
+        _memory.refuse(self.bytes_needed(problem), what, *instead)
 
     def _require(self) -> None:
         program = PROGRAMS[self.program]

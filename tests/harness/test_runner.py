@@ -107,3 +107,13 @@ def test_settings_are_read_by_their_type():
     ]:
         with pytest.raises(SpecError, match=said):
             parse_settings("newton", [wrong])
+    python = ["chordal=False", "force=TRUE", "tolerance=None"]
+    assert parse_settings("sdp_dual", python) == {
+        "chordal": False,
+        "force": True,
+        "tolerance": None,
+    }
+    with pytest.raises(
+        SpecError, match="unknown setting of cycle_closed_form 'tol'; there are none"
+    ):
+        parse_settings("cycle_closed_form", ["tol=1"])
