@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from certpgo import operators
-from certpgo.errors import GraphError, NumericalError
+from certpgo.errors import GraphError, InputError, NumericalError
 from certpgo.estimate import Estimate
 from certpgo.graph import PoseGraph, RotationGraph, require_connected
 from certpgo.lift import Point
@@ -34,11 +34,14 @@ class RotationProblem(Objective):
     ------
     GraphError
         The graph is not connected.
+    InputError
+        It is no rotation graph.
     """
 
     graph: RotationGraph
 
     def __post_init__(self) -> None:
+        _require(self, RotationGraph, "a PoseGraph has one of its own: RotationProblem(g.rotation)")
         require_connected(self.graph)
 
     @property
@@ -159,11 +162,14 @@ class PoseProblem(Objective):
     ------
     GraphError
         The graph is not connected.
+    InputError
+        It is no pose graph.
     """
 
     graph: PoseGraph
 
     def __post_init__(self) -> None:
+        _require(self, PoseGraph, "a RotationGraph has no translations: RotationProblem(g)")
         require_connected(self.graph)
 
     @cached_property
@@ -322,6 +328,12 @@ Problem = RotationProblem | PoseProblem
 def problem_of(graph: RotationGraph | PoseGraph) -> Problem:
     """The problem that a graph poses."""
     return PoseProblem(graph) if isinstance(graph, PoseGraph) else RotationProblem(graph)
+
+
+def _require(problem: Problem, kind: type, otherwise: str) -> None:
+    if not isinstance(problem.graph, kind):
+        found, asked = type(problem.graph).__name__, type(problem).__name__
+        raise InputError(f"{asked} takes a {kind.__name__}, not a {found}; {otherwise}")
 
 
 def _translations(point: Point) -> FloatArray:

@@ -211,3 +211,11 @@ def test_unit_weights_tie_cost_to_likelihood(name, dataset):
     x = problem.complete(np.tile(np.eye(3), (graph.num_nodes, 1, 1)))
     expected = 6 * GOLDEN_SCALES[name] - 2 * metrics.f_ml(graph, x)
     assert problem.cost(x) == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_problem_of_another_kind_of_graph_is_refused():
+    graph, _, _ = pose_graph(rng_of(0), 4, 3)
+    with pytest.raises(InputError, match="RotationProblem takes a RotationGraph, not a PoseGraph"):
+        RotationProblem(graph)
+    with pytest.raises(InputError, match="PoseProblem takes a PoseGraph, not a RotationGraph"):
+        PoseProblem(graph.rotation)
