@@ -19,6 +19,14 @@ def figure():
     del sys.modules["figure1"]
 
 
+@pytest.mark.parametrize("starts", ["0", "-3"])
+def test_figure_1_refuses_to_start_nowhere(figure, tmp_path, starts, capsys):
+    with pytest.raises(SystemExit) as ended:
+        figure.main([str(tmp_path / "figure.svg"), "--starts", starts])
+    assert ended.value.code == 2
+    assert f"--starts must be at least 1, not {starts}" in capsys.readouterr().err
+
+
 def test_figure_1_shows_three_minima_of_which_the_lowest_is_certified(figure, tmp_path):
     out = tmp_path / "figure.svg"
     found = figure.main([str(out), "--starts", "25"])

@@ -17,6 +17,7 @@ import numpy as np
 
 from certpgo import Certificate, Estimate, RotationProblem, certify, metrics
 from certpgo.datasets import synthetic
+from certpgo.io.wording import counted
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.newton import newton
@@ -99,7 +100,7 @@ def draw(found: list[Minimum], out: Path) -> None:
         axes.set_title(
             f"F = {minimum.cost:.4g}, residuals up to {angle:.3g} degrees\n"
             f"{WORDS.get(minimum.certificate.verdict.value, minimum.certificate.verdict.value)}\n"
-            f"{minimum.starts} random starts end here",
+            f"{counted(minimum.starts, 'random start{s}')} ended here",
             fontsize=9,
         )
     figure.tight_layout()
@@ -141,10 +142,15 @@ def main(arguments: list[str] | None = None) -> list[Minimum]:
     parser.add_argument("out", type=Path, nargs="?", default=default, help="an SVG or PNG file")
     parser.add_argument("--starts", type=int, default=STARTS)
     options = parser.parse_args(arguments)
+    if options.starts < 1:
+        parser.error(f"--starts must be at least 1, not {options.starts}")
     found = minima(options.starts)[:3]
+    if not found:
+        parser.exit(1, f"no minimum from {counted(options.starts, 'start{s}')}: try more\n")
     draw(found, options.out)
     for minimum in found:
-        print(f"F {minimum.cost:.6g} {minimum.certificate.verdict.value} {minimum.starts} starts")
+        ended = counted(minimum.starts, "start{s}")
+        print(f"F {minimum.cost:.6g} {minimum.certificate.verdict.value} {ended}")
     print(f"written to {options.out}")
     return found
 
