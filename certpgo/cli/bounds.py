@@ -70,6 +70,7 @@ def _as_json(part: Instance, found: Ladder) -> dict[str, Any]:
         "options": dict(part.options),
         "cost": found.cost,
         "given": found.given,
+        "angles": "radians",
         "max_residual_angle": found.largest,
         "max_residual_angle_of_stationary_rotations": found.settled,
         "verdict": found.certificate.verdict.value,
@@ -93,7 +94,7 @@ def _head(part: Instance, found: Ladder) -> Iterable[tuple[str, str]]:
     yield "cost F", f"{found.cost:.12g}  ({whose}: {found.certificate.verdict.value})"
     yield "worst residual", f"{math.degrees(found.largest):.4g} degrees"
     if found.settled is not None:
-        said = "of the stationary rotations beside it, which angles speak of"
+        said = "after descent from it; bounds on angles speak of the rotations there alone"
         yield "", f"{math.degrees(found.settled):.4g} degrees {said}"
     yield "judged by", judged_by(part.options)
 
@@ -103,7 +104,7 @@ def _value(rung: Rung) -> str:
         return "-"
     if rung.about == "angle":
         return f"{math.degrees(rung.value):.4g} deg"
-    return f"{rung.value:.10g}" if rung.about == "cost" else f"{rung.value:.4g}"
+    return f"{rung.value:.10g}" if rung.about == "cost" else f"{rung.value:.4g} of its weight"
 
 
 def _seconds(rung: Rung) -> str:

@@ -263,7 +263,9 @@ def _angles(problem: Problem, beside: Estimate | None) -> Iterator[Rung]:
         holds,
         "that eigenvalue and all residuals",
         seconds,
-        why if holds is None else _said(holds, beside is not None, f"a node has {rows:.4g}"),
+        why
+        if holds is None
+        else _said(holds, beside is not None, f"a node has {rows:.4g} of its weight"),
     )
     if not is_cycle(rotation.graph):
         return

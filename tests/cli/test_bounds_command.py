@@ -41,6 +41,7 @@ def test_bounds_of_an_estimate_given(certpgo, wound):
     found = certpgo("bounds", *wound, "--json").json
     assert found["given"] is True
     assert found["verdict"] == "REFUTED"
+    assert found["angles"] == "radians"
     by_key = {rung["key"]: rung for rung in found["bounds"]}
     assert by_key["cycle"]["value"] == pytest.approx(np.pi / 12)
     assert by_key["cycle"]["against"] == pytest.approx((0.7 + 2 * np.pi) / 12)
