@@ -168,9 +168,10 @@ def _next_block(W: FloatArray, V: FloatArray) -> tuple[FloatArray, FloatArray, F
 
 def _pairs(A: CSC | Symmetric, X: FloatArray, shift: float, solves: int) -> Eigenpairs:
     """Rayleigh-Ritz on the columns of X, orthonormal or nearly, for values accurate for A."""
-    X = np.linalg.qr(X)[0]
     AX = A @ X
     values, Y = np.linalg.eigh(X.T @ AX)
     X, AX = X @ Y, AX @ Y
     residuals = np.linalg.norm(AX - X * values, axis=0)
-    return Eigenpairs(values - shift, X, residuals, values - shift - residuals, solves)
+    defect = np.linalg.norm(X.T @ X - np.eye(len(values)))
+    lower = values * (1.0 - defect) - residuals - shift
+    return Eigenpairs(values - shift, X, residuals, lower, solves)
