@@ -36,8 +36,8 @@ TABLE = Table(
     seeds=10,
     quick=("99 % missing, sigma_R 1 deg",),
     notes=(
-        "Means over the seeds, 1000 poses on a sphere of radius 100, sigma_t 0.01. The thesis shows "
-        "the path without defining it, and f_GT grows with the squared distance of poses from the "
-        "origin: compare the order of the methods, not the size of the numbers.",
+        "Means over the seeds, 1000 poses on a sphere of radius 100, sigma_t 0.01. The thesis "
+        "shows the path without defining it, and f_GT grows with the squared distance of poses "
+        "from the origin: compare the order of the methods, not the size of the numbers.",
     ),
 )
