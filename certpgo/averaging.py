@@ -13,6 +13,7 @@ from certpgo.errors import NumericalError
 from certpgo.estimate import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.factor import Factor
 from certpgo.monitor import Monitor, Stopwatch, silent
 from certpgo.problem import RotationProblem
 from certpgo.progress import Progress
@@ -58,15 +59,14 @@ def laplacian_gauss_newton(
     step_norm, slow = 0.0, 0
     while not progress.ends(first.cost, first.stationarity, step_norm):
         with watch.phase("averaging"):
-            delta = -0.5 * factor.solve(_in_world(point.rotations, first.tangent))
-            candidate = Estimate.trusted(so.exp(delta) @ point.rotations)
+            candidate, step_norm = _stepped(factor, point, first.tangent)
             following = problem.first_order(candidate)
         lasting = following.stationarity > SLOW * first.stationarity
         slow = slow + 1 if lasting and following.cost > SLOW * first.cost else 0
         if slow > patience or not following.cost <= first.cost * (1.0 + 1e-12):
             progress.status = Status.STALLED
             break
-        point, first, step_norm = candidate, following, float(np.linalg.norm(delta))
+        point, first = candidate, following
     return Solution(
         estimate=Estimate(point.rotations),
         cost=first.cost,
@@ -76,6 +76,25 @@ def laplacian_gauss_newton(
         trace=tuple(progress.trace),
         counts={"factorizations": 1},
     )
+
+
+def laplacian_step(problem: RotationProblem, point: Estimate) -> tuple[Estimate, float]:
+    """One such step, whatever it does to F, and its norm.
+
+    Raises
+    ------
+    NumericalError
+        The Laplacian could not be factorized.
+    """
+    factor = problem.grounded_factor(problem.laplacian)
+    if factor is None:
+        raise NumericalError("the graph Laplacian could not be factorized")
+    return _stepped(factor, point, problem.tangent_gradient(point))
+
+
+def _stepped(factor: Factor, point: Estimate, tangent: FloatArray) -> tuple[Estimate, float]:
+    delta = -0.5 * factor.solve(_in_world(point.rotations, tangent))
+    return Estimate.trusted(so.exp(delta) @ point.rotations), float(np.linalg.norm(delta))
 
 
 def _in_world(R: FloatArray, tangent: FloatArray) -> FloatArray:

@@ -82,6 +82,11 @@ class Solution:
     relaxation: Relaxation | None = None
     weights: FloatArray | None = None
 
+    @property
+    def kept(self) -> int | None:
+        """How many measurements a robust method kept; None for others."""
+        return None if self.weights is None else int((self.weights > 0.0).sum())
+
     def judged(self, problem: Problem) -> Problem:
         """The problem that the answer is to be judged by: with the weights the method ended with.
 

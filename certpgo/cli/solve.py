@@ -111,7 +111,10 @@ def command(
         if not json:
             answer.show(part, target)
         certificate, estimate = answer.certificate, answer.solution.estimate
-        if proof and source and certificate is not None and not answer.interrupted:
+        if proof and answer.solution.kept is not None:
+            notice("no proof is written: it would be of all measurements, not of those kept")
+            proven = False
+        elif proof and source and certificate is not None and not answer.interrupted:
             proven = prove(proof, source, part, estimate, certificate, json=json)
         if answer.interrupted:
             break
@@ -160,6 +163,7 @@ class _Answer:
             "counts": dict(solution.counts),
             "seconds": dict(solution.seconds),
             "note": solution.note,
+            "kept": solution.kept,
             "lower_bound": solution.lower_bound,
             "written": None if written is None else str(written),
             "certificate": None if certificate is None else _verdict.as_json(certificate),
@@ -183,6 +187,8 @@ class _Answer:
         lines += [("cost F", f"{solution.cost:.12g}"), ("seconds", seconds)]
         if solution.note:
             lines.append(("note", solution.note))
+        if solution.kept is not None:
+            lines.append(("kept", f"{solution.kept} of {part.graph.num_edges} measurements"))
         if written is not None:
             lines.append(("written", str(written)))
         facts(lines)
@@ -190,6 +196,8 @@ class _Answer:
             notice(f"{self._own_bound()}; --certify judges it")
             return
         typer.echo()
+        if solution.kept is not None:
+            typer.echo("Of the measurements that were kept, with the weights they ended with:")
         _verdict.show(self.certificate, part.options)
         if self.start is None and self.certificate.verdict.value != "CERTIFIED":
             notice("without --method the best answer is searched for")
@@ -239,7 +247,7 @@ def _by_method(
     if not judge:
         return _Answer(name, solution, None)
     status.update(f"certifying the answer for {part.name}")
-    return _Answer(name, solution, certify(problem, solution.estimate))
+    return _Answer(name, solution, certify(solution.judged(problem), solution.estimate))
 
 
 def _refuse_mixtures(

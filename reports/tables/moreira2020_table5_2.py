@@ -3,6 +3,8 @@
 from certpgo.harness.spec import Column, Method, Row, Table
 
 SIGMAS = (0.0, 0.5, 1.5, 2.5)
+#: Shares of outliers from which adaptive trimming is run too.
+TRIMMED = 0.05
 OUTLIERS = (0.0, 0.01, 0.02, 0.05, 0.1, 0.15)
 
 TABLE = Table(
@@ -15,6 +17,7 @@ TABLE = Table(
             label=f"sigma_R {sigma:g} deg, {p:.0%} outliers",
             arguments={"name": "Notre_Dame.mat", "sigma_deg": sigma, "outliers": p},
             published=f"{p:.2f}/{sigma:g}",
+            methods=("EigenRA", "EigenRAO") + ("adaptive trimming",) * (p >= TRIMMED),
         )
         for sigma in SIGMAS
         for p in OUTLIERS
