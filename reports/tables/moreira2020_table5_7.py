@@ -45,16 +45,21 @@ TABLE = Table(
     columns=(
         Column("f_ml", "f_ML", ".1f"),
         Column("mean_symmetry", "s", ".2f"),
+        Column("cost", "F", ".7g"),
+        Column("lower_bound", "proven bound", ".7g"),
+        Column("relative_gap", "gap / F", ".1e"),
+        Column("verdict", "verdict"),
         Column("seconds", "seconds (by phase)"),
     ),
     published="moreira2020_table5_7",
-    certify=False,
     quick=("parking-garage",),
     notes=(
         "f_ML weighs every edge 1. EigenMA's translations are the thesis' own (eq. 4.12, which "
         "counts each edge in both directions); the second row minimises F exactly. cubicle: "
         "estimated from the last of parallel edges, evaluated on all. sphere_bignoise_vertex3: "
         "projected after anchoring the first camera (Appendix B.6).",
+        "F, of the measurements that were read, weighs every edge 1 too; bounds are proven by the "
+        "standard tier. Few closed forms are optimal to its tolerance of 1e-5.",
         "The thesis' chordal and Gauss-Newton are other implementations (its own, and g2o with at "
         "most 10 iterations), so that their numbers need not agree.",
         "EIG-SE(3) takes the leading eigenvectors of the block matrix with identities on its "
