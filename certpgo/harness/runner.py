@@ -60,11 +60,12 @@ def run(
     ----------
     data : folder to look for files in first
     seeds : how many instances a synthetic row stands for, by default the table's
-    quick : run the quick profile's rows alone
+    quick : run the quick profile's rows alone, with one seed by default
     announce : told what is about to run
     """
+    usual = 1 if quick else table.seeds
     for place, row in enumerate(chosen_rows(table, data=data, quick=quick)):
-        for repetition in range((seeds or table.seeds) if row.generator else 1):
+        for repetition in range((seeds or usual) if row.generator else 1):
             seed = seed_of(table.seed, place, repetition) if row.generator else None
             for record in _run_row(table, row, data, seed, announce):
                 yield replace(record, seed=repetition if row.generator else None)

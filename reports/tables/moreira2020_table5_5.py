@@ -22,7 +22,6 @@ TABLE = Table(
     methods=(
         Method("eigen_ma", "EigenMA", published={"f_gt": "eigenma_f_gt"}),
         Method("eig_se3", "EIG-SE(3)", published={"f_gt": "eig_se3_f_gt"}),
-        Method("eig_se3", "EIG-SE(3), singular vectors", {"vectors": "singular"}),
     ),
     columns=(
         Column("f_gt", "f_GT", ".3e", better="lower"),
