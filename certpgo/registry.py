@@ -2,8 +2,9 @@
 
 A method is one file of ``certpgo/solvers`` or, in a checkout, ``baselines``, exposing ``SOLVER``;
 a competitor's rule for certifying is one file of ``baselines/certifiers`` exposing ``CERTIFIER``;
-a table is one file of ``reports/tables`` exposing ``TABLE``. Files whose names start with an
-underscore are shared code. The checkout's folders are not in the wheel and are loaded by path.
+a table is one file of ``reports/tables`` exposing ``TABLE``, a figure one of ``reports/figures``
+exposing ``FIGURE``. Files whose names start with an underscore are shared code. The checkout's
+folders are not in the wheel and are loaded by path.
 """
 
 from __future__ import annotations
@@ -94,11 +95,39 @@ def get_table(name: str) -> Any:
     SpecError
         No checkout, no such table (with the nearest names), or a file that exposes no ``TABLE``.
     """
-    folder = repository() / "reports" / "tables"
-    name = name.replace("-", "_").replace(".", "_")
-    if name not in _stems(folder):
-        raise SpecError.unknown("table", name, _stems(folder))
-    return _exposed(_load(folder, name), "TABLE")
+    return _report("tables", "table", name)
+
+
+def figure_names() -> tuple[str, ...]:
+    """Names of the figures that `reproduce` knows; none without a checkout."""
+    return _stems(_checkout_folder("reports/figures"))
+
+
+def get_figure(name: str) -> Any:
+    """The specification of the figure called ``name``, as ``moreira2020-figure5.1`` or with ``_``.
+
+    Raises
+    ------
+    SpecError
+        No checkout, no such figure (with the nearest names), or a file that exposes no ``FIGURE``.
+    """
+    return _report("figures", "figure", name)
+
+
+def get_report(name: str) -> Any:
+    """The table or figure called ``name``.
+
+    Raises
+    ------
+    SpecError
+        No checkout, or nothing of that name, with the nearest names of both kinds.
+    """
+    repository()
+    if _stem(name) in figure_names():
+        return get_figure(name)
+    if _stem(name) in table_names():
+        return get_table(name)
+    raise SpecError.unknown("table or figure", _stem(name), (*table_names(), *figure_names()))
 
 
 def repository() -> Path:
@@ -112,7 +141,7 @@ def repository() -> Path:
     SpecError
         There is none.
     """
-    root = _checkout()
+    root = checkout()
     if root is None:
         raise SpecError(
             "compare and reproduce need the repository: run them in a checkout of certpgo, "
@@ -121,14 +150,26 @@ def repository() -> Path:
     return root
 
 
-def _checkout() -> Path | None:
+def _report(folder_name: str, kind: str, name: str) -> Any:
+    folder = repository() / "reports" / folder_name
+    if _stem(name) not in _stems(folder):
+        raise SpecError.unknown(kind, _stem(name), _stems(folder))
+    return _exposed(_load(folder, _stem(name)), kind.upper())
+
+
+def _stem(name: str) -> str:
+    return name.replace("-", "_").replace(".", "_")
+
+
+def checkout() -> Path | None:
+    """The root of the checkout, or None; see `repository`."""
     root = Path(os.environ.get(REPOSITORY_VARIABLE) or _PACKAGE.parent).resolve()
     complete = (root / "baselines").is_dir() and (root / "reports").is_dir()
     return root if complete else None
 
 
 def _checkout_folder(relative: str) -> Path | None:
-    root = _checkout()
+    root = checkout()
     return None if root is None else root / relative
 
 

@@ -65,6 +65,7 @@ HOMES = {
     "rich": ("cli/",),
     "threadpoolctl": ("harness/timing.py", "certify/proof.py"),
     "flint": ("harness/zoo/oracle.py",),
+    "matplotlib": ("harness/figure.py",),
     "gtsam": (),
 }
 

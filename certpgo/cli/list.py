@@ -24,6 +24,7 @@ class Kind(StrEnum):
     METHODS = "methods"
     DATASETS = "datasets"
     TABLES = "tables"
+    FIGURES = "figures"
     FORMATS = "formats"
     ENGINES = "engines"
 
@@ -37,7 +38,7 @@ def command(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
-    """List methods, datasets, tables, formats and engines, and which are available here."""
+    """List methods, datasets, tables, figures, formats and engines, and which are here."""
     listed = {kind.value: _rows(kind, data) for kind in kinds or list(Kind)}
     if json:
         document(listed)
@@ -57,6 +58,8 @@ def _rows(kind: Kind, data: Path | None) -> Rows:
         return _datasets(data)
     if kind is Kind.TABLES:
         return _tables()
+    if kind is Kind.FIGURES:
+        return _figures()
     return _formats() if kind is Kind.FORMATS else _engines()
 
 
@@ -136,6 +139,14 @@ def _tables() -> Rows:
 
     return [
         {"name": name, "title": registry.get_table(name).title} for name in registry.table_names()
+    ]
+
+
+def _figures() -> Rows:
+    from certpgo import registry
+
+    return [
+        {"name": name, "title": registry.get_figure(name).title} for name in registry.figure_names()
     ]
 
 

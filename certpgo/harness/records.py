@@ -95,7 +95,7 @@ def of_certificate(certificate: Certificate) -> dict[str, Any]:
 
 def as_data(record: Record) -> dict[str, Any]:
     """The record as plain data; numbers that are not finite become None."""
-    return {f.name: _plain(getattr(record, f.name)) for f in fields(record)}
+    return {f.name: plain(getattr(record, f.name)) for f in fields(record)}
 
 
 def to_line(record: Record) -> str:
@@ -279,11 +279,12 @@ def _commit(root: Path | None) -> str:
     return done.stdout.strip()
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """Data as JSON has it; numbers that are not finite become None."""
     if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
+        return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
+        return [plain(v) for v in value]
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value

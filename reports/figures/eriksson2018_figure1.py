@@ -1,4 +1,4 @@
-"""Three local minima of one orbital camera problem; ``python eriksson2018_figure1.py [OUT]``.
+"""Three local minima of one orbital camera problem.
 
 After Eriksson et al. 2018, Figure 1, whose problem is not public: cameras once around an object, a
 cycle of measurements and one more across, seen from random starts. Each independent loop of
@@ -8,29 +8,29 @@ two have four; the three lowest are drawn, each with the verdict of the certific
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 
 from certpgo import Certificate, Estimate, RotationProblem, certify, metrics
 from certpgo.datasets import synthetic
-from certpgo.io.wording import counted
+from certpgo.harness.figure import Data, Figure
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.newton import newton
 
-CAMERAS, SIGMA, SEED, STARTS = 40, 0.1, 0, 60
+from . import _style
+
+CAMERAS, SIGMA, SEED, STARTS, QUICK_STARTS = 40, 0.1, 0, 60, 25
 #: Costs that differ by less than this part are of one minimum.
 SAME = 1e-6
 #: Smallest eigenvalue of the Hessian at a minimum, over the largest weight of a node; its gauge has
 #: three zeros.
 DEFINITE, GAUGE = 1e-9, 3
 WORDS = {
-    "CERTIFIED": "CERTIFIED: no other answer is better",
-    "REFUTED": "REFUTED: a better answer is in hand",
+    "CERTIFIED": "CERTIFIED: none is better",
+    "REFUTED": "REFUTED: a better one is in hand",
 }
 
 
@@ -51,7 +51,7 @@ def problem() -> tuple[RotationProblem, Estimate]:
     return RotationProblem(instance.graph), instance.truth
 
 
-def minima(starts: int = STARTS) -> list[Minimum]:
+def minima(starts: int) -> list[Minimum]:
     """The local minima that Newton's method reaches from random starts, lowest first."""
     cameras, truth = problem()
     rng = np.random.default_rng(SEED)
@@ -85,46 +85,56 @@ def is_minimum(cameras: RotationProblem, point: Estimate) -> bool:
     return bool(scaled[0] > -DEFINITE and scaled[GAUGE] > DEFINITE)
 
 
-def draw(found: list[Minimum], out: Path) -> None:
-    """Cameras by their rotations alone: each looks along its own x axis at the object."""
-    matplotlib.use("Agg")
-    matplotlib.rcParams["svg.hashsalt"] = "certpgo"  # the same file every time
-    from matplotlib import pyplot
-
+def compute(quick: bool, data: Path | None) -> Data:
+    """The three lowest minima."""
+    starts = QUICK_STARTS if quick else STARTS
     cameras, _ = problem()
-    figure = pyplot.figure(figsize=(12.0, 4.8))
-    for place, minimum in enumerate(found, start=1):
-        axes = figure.add_subplot(1, len(found), place, projection="3d")
-        _draw_cameras(axes, cameras, minimum.estimate)
-        angle = np.degrees(cameras.residual_angles(minimum.estimate).max())
+    found = minima(starts)[:3]
+    return {
+        "cameras": CAMERAS,
+        "starts": starts,
+        "edges": cameras.graph.edges.tolist(),
+        "minima": [
+            {
+                "cost": minimum.cost,
+                "verdict": minimum.certificate.verdict.value,
+                "starts": minimum.starts,
+                "residuals_deg": np.degrees(cameras.residual_angles(minimum.estimate)).tolist(),
+                "rotations": minimum.estimate.rotations.tolist(),
+            }
+            for minimum in found
+        ],
+    }
+
+
+def draw(figure, record: Data) -> None:
+    """Cameras by their rotations alone: each looks along its own x axis at the object."""
+    figure.set_size_inches(_style.PAGE, 0.36 * _style.PAGE)
+    for place, minimum in enumerate(record["minima"], start=1):
+        axes = figure.add_subplot(1, len(record["minima"]), place, projection="3d")
+        _draw_cameras(axes, record["edges"], minimum)
         axes.set_title(
-            f"F = {minimum.cost:.4g}, residuals up to {angle:.3g} degrees\n"
-            f"{WORDS.get(minimum.certificate.verdict.value, minimum.certificate.verdict.value)}\n"
-            f"{counted(minimum.starts, 'random start{s}')} ended here",
-            fontsize=9,
+            f"F = {minimum['cost']:.4g}, residuals to {max(minimum['residuals_deg']):.3g} deg\n"
+            f"{WORDS.get(minimum['verdict'], minimum['verdict'])}\n"
+            f"{minimum['starts']} of {record['starts']} random starts end here"
         )
-    figure.tight_layout()
-    out.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None)
-    pyplot.close(figure)
 
 
-def _draw_cameras(axes, cameras: RotationProblem, estimate: Estimate) -> None:
+def _draw_cameras(axes, edges: list[list[int]], minimum: Data) -> None:
     """Cameras on a sphere around the object, in the order of the orbit; measurements as lines."""
-    R = estimate.rotations
+    R = np.array(minimum["rotations"])
     centres = R[:, :, 0]
-    colours = matplotlib.colormaps["viridis"](np.linspace(0.0, 1.0, len(R)))
-    residuals = cameras.residual_angles(estimate)
-    for (i, j), angle in zip(cameras.graph.edges, residuals, strict=True):
-        shade = min(angle / 0.5, 1.0)
-        axes.plot(*centres[[i, j]].T, color=(shade, 0.1, 0.1), linewidth=0.8 + shade, alpha=0.8)
-    for rotation, colour in zip(R, colours, strict=True):
+    for (i, j), angle in zip(edges, minimum["residuals_deg"], strict=True):
+        shade = min(angle / 30.0, 1.0)
+        axes.plot(*centres[[i, j]].T, color=(shade, 0.1, 0.1), linewidth=0.6 + shade, alpha=0.8)
+    for k, rotation in enumerate(R):
+        colour = (0.0, 0.25 + 0.5 * k / len(R), 0.75 - 0.3 * k / len(R))
         corners = _frustum(rotation)
         for a, b in ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1)):
-            axes.plot(*corners[[a, b]].T, color=colour, linewidth=0.8)
-    axes.scatter([0.0], [0.0], [0.0], color="black", s=12)
-    axes.set_box_aspect((1, 1, 1), zoom=1.4)
+            axes.plot(*corners[[a, b]].T, color=colour, linewidth=0.6)
+    axes.scatter([0.0], [0.0], [0.0], color=_style.BLACK, s=8)
     axes.set(xlim=(-1, 1), ylim=(-1, 1), zlim=(-1, 1))
+    axes.set_box_aspect((1, 1, 1), zoom=1.4)
     axes.set_axis_off()
 
 
@@ -135,25 +145,15 @@ def _frustum(rotation: FloatArray) -> FloatArray:
     return np.array([x, *image])
 
 
-def main(arguments: list[str] | None = None) -> list[Minimum]:
-    """Find, draw, and say what was drawn."""
-    default = Path(__file__).parents[1] / "results" / "eriksson2018_figure1.svg"
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("out", type=Path, nargs="?", default=default, help="an SVG or PNG file")
-    parser.add_argument("--starts", type=int, default=STARTS)
-    options = parser.parse_args(arguments)
-    if options.starts < 1:
-        parser.error(f"--starts must be at least 1, not {options.starts}")
-    found = minima(options.starts)[:3]
-    if not found:
-        parser.exit(1, f"no minimum from {counted(options.starts, 'start{s}')}: try more\n")
-    draw(found, options.out)
-    for minimum in found:
-        ended = counted(minimum.starts, "start{s}")
-        print(f"F {minimum.cost:.6g} {minimum.certificate.verdict.value} {ended}")
-    print(f"written to {options.out}")
-    return found
-
-
-if __name__ == "__main__":
-    main()
+FIGURE = Figure(
+    name="eriksson2018_figure1",
+    title="Three local minima of one orbital camera problem",
+    source="Eriksson, Olsson, Kahl, Chin, CVPR 2018, Figure 1, whose problem is not public",
+    compute=compute,
+    draw=draw,
+    caption=(
+        "{cameras} cameras once around an object, a cycle of measurements and one more across, the "
+        "redder the larger their residuals; the three lowest of the minima that Newton's method "
+        "reaches from {starts} random starts, with the verdicts of their certificates."
+    ),
+)

@@ -1,0 +1,150 @@
+"""What a figure is: a record, computed once, and a drawing that is a function of it alone."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from certpgo.errors import InputError
+from certpgo.harness.records import plain, provenance
+from certpgo.linalg.factor import default_engine
+from certpgo.registry import checkout
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Canvas
+
+#: Numbers, texts, lists and mappings of such, as JSON has them.
+Data = dict[str, Any]
+
+#: Matplotlib's settings for every figure: small type that stays legible in a column of 8.8 cm, thin
+#: lines, and dense artists at the resolution of a screen.
+STYLE = {
+    "font.size": 8.0,
+    "axes.titlesize": 8.0,
+    "axes.labelsize": 8.0,
+    "xtick.labelsize": 7.0,
+    "ytick.labelsize": 7.0,
+    "legend.fontsize": 7.0,
+    "legend.frameon": False,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 3.5,
+    "grid.linewidth": 0.4,
+    "savefig.dpi": 150,
+}
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of a report.
+
+    Attributes
+    ----------
+    name : name of its file
+    title, source : heading, and the citation of the figure it is compared with
+    compute : the record: everything that is drawn, and the numbers that the caption states. Told
+        whether to make the quick profile's small one, and the folder to look for files in first;
+        raises InputError where they are not here
+    draw : draws the record, told a Matplotlib figure and the record
+    caption : a format string whose fields are the record's
+    notes : sentences printed below the caption
+    """
+
+    name: str
+    title: str
+    source: str
+    compute: Callable[[bool, Path | None], Data]
+    draw: Callable[[Canvas, Data], None]
+    caption: str
+    notes: tuple[str, ...] = ()
+
+    def captioned(self, record: Data) -> str:
+        """The caption with the record's numbers."""
+        return self.caption.format_map(record)
+
+
+def computed(figure: Figure, *, quick: bool = False, data: Path | None = None) -> Data:
+    """The figure's record, as it is when read from its file.
+
+    Parameters
+    ----------
+    quick : the small profile
+    data : folder to look for files in first
+
+    Raises
+    ------
+    InputError
+        The files are not here.
+    """
+    record: Data = json.loads(_text(figure.compute(quick, data)))
+    return record
+
+
+def document(figure: Figure, record: Data) -> Data:
+    """The record with what it is of, and what made it."""
+    return {
+        "figure": figure.name,
+        "title": figure.title,
+        "source": figure.source,
+        "caption": figure.captioned(record),
+        "notes": list(figure.notes),
+        "data": record,
+        "provenance": provenance(default_engine(), checkout()),
+    }
+
+
+def rendered(figure: Figure, record: Data, form: str = "svg") -> bytes:
+    """The drawing, the same bytes every time.
+
+    Parameters
+    ----------
+    form : ``"svg"``, or ``"png"`` to look at
+    """
+    import matplotlib as mpl
+    from matplotlib.figure import Figure as Canvas
+
+    stream = io.BytesIO()
+    with mpl.rc_context():
+        mpl.rcdefaults()  # whatever the reader's own settings are
+        settings: Any = {**STYLE, "svg.hashsalt": figure.name}
+        mpl.rcParams.update(settings)
+        canvas = Canvas(layout="constrained")
+        figure.draw(canvas, record)
+        dated: Mapping[str, Any] = {"Date": None} if form == "svg" else {}
+        canvas.savefig(stream, format=form, metadata={**dated, "Title": figure.title})
+    return stream.getvalue()
+
+
+def publish(figure: Figure, record: Data, folder: Path) -> Path:
+    """Write ``NAME.json`` and ``NAME.svg``, each whole or not at all; returns the drawing's path.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written to.
+    """
+    drawing = rendered(figure, record)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        _replace(folder / f"{figure.name}.json", _text(document(figure, record)).encode() + b"\n")
+        return _replace(folder / f"{figure.name}.svg", drawing)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot write there: {error.strerror}") from None
+
+
+def _replace(path: Path, content: bytes) -> Path:
+    beside = path.with_name(f"{path.name}.part")
+    beside.write_bytes(content)
+    os.replace(beside, path)
+    return path
+
+
+def _text(data: Data) -> str:
+    return json.dumps(plain(data), allow_nan=False, separators=(",", ":"))
