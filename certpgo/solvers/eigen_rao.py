@@ -18,6 +18,7 @@ Moreira 2020, section 4.5 and Algorithm 3. What its text leaves open is decided 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -26,7 +27,7 @@ import numpy as np
 from certpgo import operators, spectral
 from certpgo.errors import SpecError
 from certpgo.estimate import Estimate
-from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.arrays import CSC, BoolArray, FloatArray
 from certpgo.linalg.eigen import Eigenpairs, krylov_schur
 from certpgo.monitor import Monitor, Stopwatch, silent
 from certpgo.problem import Problem, RotationProblem
@@ -39,6 +40,24 @@ from certpgo.solvers._iterative import Iterative
 #: Shifts that make a reweighted matrix definite, in units of the mean degree: its row sums are the
 #: degrees only nearly, so that it may be slightly indefinite.
 SHIFTS = (1e-3, 1e-2, 1e-1, 1.0, 10.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """An iteration of EigenRAO.
+
+    Attributes
+    ----------
+    estimate : rotations from the weighted matrix
+    eigenvalue : its smallest
+    weights : (m,) W of the measurements in it
+    replaced : (m,) which of them were replaced by their estimates
+    """
+
+    estimate: Estimate
+    eigenvalue: float
+    weights: FloatArray
+    replaced: BoolArray
 
 
 @dataclass(frozen=True)
@@ -78,36 +97,44 @@ class EigenRAO(Iterative):
         """Rotations of the problem, and the weights W of the measurements that were kept."""
         watch = Stopwatch()
         rotation = problem.rotation
+        progress = Progress(monitor, self.tolerance, self.max_iterations, watch)
+        eigenvalue = math.inf
+        for step in self.steps(rotation, watch):
+            change = abs(step.eigenvalue - eigenvalue) / float(rotation.node_weights.mean())
+            eigenvalue = step.eigenvalue
+            if progress.ends(rotation.cost(step.estimate), change, change):
+                break
+        W = np.where(step.replaced, 0.0, step.weights)
+        return Solution(
+            estimate=Estimate(step.estimate.rotations),
+            cost=rotation.cost(step.estimate),
+            status=progress.status,
+            iterations=progress.steps,
+            seconds=watch.seconds,
+            trace=tuple(progress.trace),
+            weights=connected(rotation, W, rotation.edge_costs(step.estimate)),
+        )
+
+    def steps(self, rotation: RotationProblem, watch: Stopwatch | None = None) -> Iterator[Step]:
+        """The iterations of Algorithm 3, without end; the first is EigenRA's answer."""
+        watch = watch or Stopwatch()
         i, j = rotation.graph.edges.T
         measured = Rbar = rotation.graph.rotations
         W, replaced = np.ones(len(i)), np.zeros(len(i), dtype=bool)
-        progress = Progress(monitor, self.tolerance, self.max_iterations, watch)
-        vectors, eigenvalue = None, math.inf
+        vectors = None
         while True:
             with watch.phase("eigen"):
                 pairs = _smallest_eigenpairs(rotation, W, Rbar, vectors)
                 vectors = pairs.vectors
-                R = spectral.round_to_rotations(vectors, problem.d)
+                R = spectral.round_to_rotations(vectors, rotation.d)
             here = Estimate.trusted(R)
-            change = abs(float(pairs.values[0]) - eigenvalue) / float(rotation.node_weights.mean())
-            eigenvalue = float(pairs.values[0])
-            if progress.ends(rotation.cost(here), change, change):
-                break
+            yield Step(here, float(pairs.values[0]), W, replaced)
             with watch.phase("reweight"):
                 e = rotation.residual_angles(here) * (math.sqrt(2.0) if self.frobenius else 1.0)
                 replaced = e > self.eta
                 Rbar = np.where(replaced[:, None, None], np.swapaxes(R[i], 1, 2) @ R[j], measured)
                 rho = self.rho(e)
                 W = _restored(rotation, W * rho if self.accumulate else rho)
-        return Solution(
-            estimate=Estimate(R),
-            cost=rotation.cost(here),
-            status=progress.status,
-            iterations=progress.steps,
-            seconds=watch.seconds,
-            trace=tuple(progress.trace),
-            weights=connected(rotation, np.where(replaced, 0.0, W), rotation.edge_costs(here)),
-        )
 
     def rho(self, e: FloatArray) -> FloatArray:
         """The loss of errors (radians), eq. 4.9; see above for its two readings."""

@@ -1,0 +1,82 @@
+"""Measurements the figures share: files that are here, and Langevin noise on exact rotations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from certpgo import Instance, RotationGraph, RotationProblem, datasets
+from certpgo.consistency import consistency
+from certpgo.datasets import thesis
+from certpgo.errors import InputError
+from certpgo.estimate import Estimate
+from certpgo.linalg import so
+
+#: The viewing graph of 553 nodes and 103932 edges that the thesis' synthetic scenes have.
+NOTRE_DAME = "Notre_Dame_viewing_graph"
+
+
+def load(name: str, data: Path | None, **reading: bool | str) -> Instance:
+    """A dataset whose file is here; nothing is downloaded.
+
+    Raises
+    ------
+    InputError
+        It is not.
+    """
+    if datasets.find(name, data) is None:
+        raise InputError(f"not run: file not here ({name}); see certpgo fetch, or --data")
+    return datasets.load(name, data, download=False, quiet=True, **reading)
+
+
+def here(names: tuple[str, ...], data: Path | None) -> tuple[str, ...]:
+    """Those of the datasets whose files are here.
+
+    Raises
+    ------
+    InputError
+        None is.
+    """
+    found = tuple(name for name in names if datasets.find(name, data) is not None)
+    if not found:
+        raise InputError(f"not run: files not here ({', '.join(names)})")
+    return found
+
+
+def generator(*key: int) -> np.random.Generator:
+    """The random numbers of one sample, by its place in the figure."""
+    return np.random.default_rng(np.random.SeedSequence(0, spawn_key=key))
+
+
+def exact_notre_dame(data: Path | None) -> Instance:
+    """Random rotations, measured without noise along the edges of Notre Dame's viewing graph."""
+    graph = load(NOTRE_DAME, data).graph
+    R = so.random(generator(0), graph.num_nodes, 3)
+    i, j = graph.edges.T
+    measured = np.swapaxes(R[i], 1, 2) @ R[j]
+    exact = RotationGraph(graph.num_nodes, graph.edges, measured, np.ones(len(i)))
+    return Instance("notre_dame-exact", exact, np.arange(len(R)), truth=Estimate(R))
+
+
+def exact_random(n: int, fiedler: float) -> Instance:
+    """A random graph of a wished Fiedler value, measured without noise."""
+    return thesis.langevin_graph(n, fiedler, 0.0, generator(0))
+
+
+def fiedler(exact: Instance) -> float:
+    """The second eigenvalue of the graph Laplacian."""
+    return float(consistency(RotationProblem(exact.graph)).graph[1])
+
+
+def noisy(
+    exact: Instance, sigma_deg: float, rng: np.random.Generator, *, outliers: float = 0.0
+) -> RotationProblem:
+    """The measurements with noise of Lang(I, 1/sigma_R^2), thesis eq. 2.5, and outliers."""
+    graph = exact.graph
+    concentration = np.inf if sigma_deg == 0.0 else float(np.radians(sigma_deg) ** -2.0)
+    measured = so.langevin(rng, concentration, graph.num_edges, 3) @ graph.rotations
+    wrong = rng.random(graph.num_edges) < outliers
+    measured[wrong] = so.random(rng, int(wrong.sum()), 3)
+    return RotationProblem(replace(graph, rotations=measured))
