@@ -27,7 +27,7 @@ def load(name: str, data: Path | None, **reading: bool | str) -> Instance:
         It is not.
     """
     if datasets.find(name, data) is None:
-        raise InputError(f"not run: file not here ({name}); see certpgo fetch, or --data")
+        raise not_here(name)
     return datasets.load(name, data, download=False, quiet=True, **reading)
 
 
@@ -41,8 +41,13 @@ def here(names: tuple[str, ...], data: Path | None) -> tuple[str, ...]:
     """
     found = tuple(name for name in names if datasets.find(name, data) is not None)
     if not found:
-        raise InputError(f"not run: files not here ({', '.join(names)})")
+        raise not_here(*names)
     return found
+
+
+def not_here(*names: str) -> InputError:
+    """The error for files that a figure cannot do without."""
+    return InputError(f"not run: file not here ({', '.join(names)}); certpgo fetch or --data")
 
 
 def generator(*key: int) -> np.random.Generator:

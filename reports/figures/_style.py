@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 #: Widths of a column and of a page, inches.
 COLUMN, PAGE = 8.8 / 2.54, 18.0 / 2.54
 
@@ -17,3 +19,20 @@ MARKERS = "osD^vP*"
 def panel(axes, letter: str, text: str = "") -> None:
     """Name the panel, as ``(a) text``."""
     axes.set_title(f"({letter}) {text}".strip(), loc="left")
+
+
+def ball(axes, radius: float) -> None:
+    """Three-dimensional axes for rotation vectors: a ball's outline and its axes, no box."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 73)
+    c, s, o = radius * np.cos(turn), radius * np.sin(turn), 0.0 * turn
+    for circle in ((c, s, o), (c, o, s), (o, c, s)):
+        axes.plot(*circle, color=GREY, linewidth=0.4)
+    for k, name in enumerate("xyz"):
+        end = radius * np.eye(3)[k]
+        axes.plot(*np.stack([-end, end], axis=1), color=GREY, linewidth=0.4)
+        axes.text(*(1.12 * end), name, fontsize=7, ha="center", va="center")
+    limits = (-radius, radius)
+    axes.set(xlim=limits, ylim=limits, zlim=limits)
+    axes.set_box_aspect((1, 1, 1), zoom=1.6)
+    axes.view_init(elev=20, azim=-55)
+    axes.set_axis_off()

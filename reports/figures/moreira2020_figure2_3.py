@@ -48,25 +48,26 @@ def compute(quick: bool, data: Path | None) -> Data:
 def draw(figure, record: Data) -> None:
     """Each component, and the angle to the truth, against the iteration."""
     figure.set_size_inches(_style.PAGE, 0.36 * _style.PAGE)
-    panels = figure.subplots(2, 3, sharex=True).ravel()
+    grid = figure.add_gridspec(2, 3, width_ratios=(1.0, 1.0, 1.1))
+    panels = [figure.add_subplot(grid[k // 2, k % 2]) for k in range(SHOWN)]
+    angle = figure.add_subplot(grid[:, 2])
     vectors, errors = np.array(record["vectors"]), np.array(record["errors_deg"])
     steps = range(len(vectors))
-    for k, axes in enumerate(panels[:SHOWN]):
+    for k, axes in enumerate(panels):
         for a, name in enumerate("xyz"):
             colour = _style.COLOURS[a]
             axes.plot(steps, _unwrapped(vectors[:, k, a], vectors[:, k]), color=colour, label=name)
             axes.axhline(record["truth"][k][a], color=colour, linestyle=":", linewidth=0.8)
         _style.panel(axes, "abcd"[k], f"node {record['nodes'][k]}")
-        axes.set(ylim=(-3.4, 3.4), ylabel="vector (rad)")
-    panels[0].legend(ncols=3, loc="upper right", handlelength=1.0, columnspacing=0.8)
-    panels[4].semilogy(steps, errors, color=_style.GREY, linewidth=0.8)
-    panels[4].semilogy(steps, record["mean_errors_deg"], color=_style.BLACK)
-    _style.panel(panels[4], "e", "angle to the truth")
-    panels[4].set(ylabel="degrees")
-    for axes in panels[2:5]:
+        axes.set(ylim=(-3.4, 3.4), yticks=(-3, 0, 3), ylabel="vector (rad)")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    angle.semilogy(steps, errors, color=_style.GREY, linewidth=0.8)
+    angle.semilogy(steps, record["mean_errors_deg"], color=_style.BLACK)
+    angle.set_yticks([1, 10, 100], labels=["1", "10", "100"])
+    angle.set(ylabel="angle to the truth (degrees)")
+    _style.panel(angle, "e", "four nodes, and the mean")
+    for axes in (*panels[2:], angle):
         axes.set_xlabel("iteration")
-    panels[2].xaxis.set_tick_params(labelbottom=True)
-    panels[5].set_axis_off()
 
 
 def _unwrapped(component, vectors):
