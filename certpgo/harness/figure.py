@@ -37,7 +37,7 @@ STYLE = {
     "lines.linewidth": 1.2,
     "lines.markersize": 3.5,
     "grid.linewidth": 0.4,
-    "savefig.dpi": 150,
+    "savefig.dpi": 130,
 }
 
 

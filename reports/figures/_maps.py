@@ -1,4 +1,4 @@
-"""Trajectories and loop closures: prepared for a record, aligned, and drawn from one side."""
+"""Trajectories and loop closures: kept in a record, aligned, and drawn from one side."""
 
 from __future__ import annotations
 
@@ -10,16 +10,8 @@ from certpgo.linalg.arrays import FloatArray
 
 from . import _style
 
-#: The four of the thesis' six sets whose files can be had, as its tables name them, with the
-#: options that reproduce its Table 5.7: (reading, EigenMA's projection).
-SETS = {
-    "parking-garage": ("Garage", {}, "none"),
-    "cubicle": ("Cubicle", {"keep": "last"}, "none"),
-    "sphere_bignoise_vertex3": ("Sphere", {}, "first"),
-    "torus3D": ("Torus3D", {}, "none"),
-}
-#: Whose camera looks down by this angle and turns by that one, degrees.
-ELEVATION, AZIMUTH = 35.0, -50.0
+#: How far the view looks down on the plane that positions lie nearest to, degrees.
+ELEVATION = 60.0
 #: Positions are kept to this part of the largest extent, far below a pixel.
 RESOLUTION = 1e-4
 
@@ -50,11 +42,12 @@ def distance(estimate: Estimate, onto: Estimate) -> float:
     return metrics.position_errors(estimate, onto).rmse
 
 
-def draw_map(axes, trajectories, edges=(), *, colours=(_style.BLUE,), widths=(0.7,)) -> None:
+def draw_map(axes, trajectories, edges=(), *, colours=(_style.BLUE,), widths=(0.5,)) -> None:
     """Trajectories (each (n, 3)) over loop closures of the first, and a bar of known length."""
     from matplotlib.collections import LineCollection
 
-    flat = [_seen(np.array(t)) for t in trajectories]
+    frame = _frame(np.array(trajectories[0]))
+    flat = [_seen(np.array(t), frame) for t in trajectories]
     if len(edges):
         lines = LineCollection(flat[0][np.array(edges)], colors=_style.GREY, linewidths=0.15)
         lines.set(rasterized=True, alpha=0.6)
@@ -66,12 +59,18 @@ def draw_map(axes, trajectories, edges=(), *, colours=(_style.BLUE,), widths=(0.
     _bar(axes, np.ptp(flat[0][:, 0]), flat[0].min(axis=0))
 
 
-def _seen(t: FloatArray) -> FloatArray:
+def _seen(t: FloatArray, frame: FloatArray) -> FloatArray:
     """Positions (n, 3) in the plane of the picture, (n, 2)."""
-    up, turn = np.radians(ELEVATION), np.radians(AZIMUTH)
-    right = np.array([-np.sin(turn), np.cos(turn), 0.0])
-    ahead = np.array([np.cos(turn), np.sin(turn), 0.0])
-    return t @ np.stack([right, np.cos(up) * np.array([0.0, 0.0, 1.0]) - np.sin(up) * ahead], axis=1)
+    along, across, up = (t @ frame.T).T
+    tilt = np.radians(ELEVATION)
+    return np.stack([along, np.sin(tilt) * across + np.cos(tilt) * up], axis=1)
+
+
+def _frame(t: FloatArray) -> FloatArray:
+    """Principal axes of positions as rows, each with its largest component positive."""
+    axes = np.linalg.svd(t - t.mean(axis=0), full_matrices=False)[2]
+    largest = np.argmax(np.abs(axes), axis=1)
+    return axes * np.sign(axes[range(3), largest])[:, None]
 
 
 def _bar(axes, extent: float, corner: FloatArray) -> None:

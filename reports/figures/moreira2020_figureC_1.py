@@ -1,0 +1,47 @@
+"""Moreira 2020, Figure C.1: trajectories of EigenMA and the loop closures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from certpgo import metrics
+from certpgo.harness.figure import Data, Figure
+
+from . import _maps, _slam, _style
+
+
+def compute(quick: bool, data: Path | None) -> Data:
+    """EigenMA's positions, set by set."""
+    sets = []
+    for name, problem, graph, method in _slam.problems(quick, data):
+        answer = method.solve(problem).estimate
+        sets.append(
+            {
+                "name": name,
+                "n": problem.n,
+                "m": problem.graph.num_edges,
+                "f_ml": metrics.f_ml(graph, answer),
+                "eigen_ma": _maps.positions(answer),
+                "closures": _maps.closures(problem.graph),
+            }
+        )
+    return {
+        "sets": sets,
+        "values": ", ".join(f"{entry['f_ml']:.1f} on {entry['name']}" for entry in sets),
+    }
+
+
+def draw(figure, record: Data) -> None:
+    """Trajectories over loop closures."""
+    _slam.draw(figure, record, ("eigen_ma",), (_style.BLUE,))
+
+
+FIGURE = Figure(
+    name="moreira2020_figureC_1",
+    title="Trajectories of EigenMA and loop closures (Moreira 2020, Figure C.1)",
+    source="G. Moreira, A Unified Approach for Pose Graph Optimization, 2020, Figure C.1",
+    compute=compute,
+    draw=draw,
+    caption="EigenMA (blue) over the loop closures (grey); f_ML is {values}.",
+    notes=(_slam.LEFT_OUT, "Of parallel edges of Cubicle the last counts; f_ML has all of them."),
+)
