@@ -116,7 +116,7 @@ def draw(figure, record: Data) -> None:
         axes.set_title(
             f"F = {minimum['cost']:.4g}, residuals to {max(minimum['residuals_deg']):.3g} deg\n"
             f"{WORDS.get(minimum['verdict'], minimum['verdict'])}\n"
-            f"{minimum['starts']} of {record['starts']} random starts end here"
+            f"{minimum['starts']} of {record['starts']} random starts ended here"
         )
 
 
