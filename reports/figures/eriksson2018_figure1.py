@@ -28,6 +28,8 @@ SAME = 1e-6
 #: Smallest eigenvalue of the Hessian at a minimum, over the largest weight of a node; its gauge has
 #: three zeros.
 DEFINITE, GAUGE = 1e-9, 3
+#: Which corners of a camera its lines join.
+FRUSTUM = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1))
 WORDS = {
     "CERTIFIED": "CERTIFIED: none is better",
     "REFUTED": "REFUTED: a better one is in hand",
@@ -122,16 +124,21 @@ def draw(figure, record: Data) -> None:
 
 def _draw_cameras(axes, edges: list[list[int]], minimum: Data) -> None:
     """Cameras on a sphere around the object, in the order of the orbit; measurements as lines."""
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
     R = np.array(minimum["rotations"])
     centres = R[:, :, 0]
-    for (i, j), angle in zip(edges, minimum["residuals_deg"], strict=True):
-        shade = min(angle / 30.0, 1.0)
-        axes.plot(*centres[[i, j]].T, color=(shade, 0.1, 0.1), linewidth=0.6 + shade, alpha=0.8)
+    shade = np.minimum(np.array(minimum["residuals_deg"]) / 30.0, 1.0)
+    reds = [(s, 0.1, 0.1, 0.8) for s in shade]
+    axes.add_collection(
+        Line3DCollection(centres[np.array(edges)], colors=reds, linewidths=0.6 + shade)
+    )
+    lines, colours = [], []
     for k, rotation in enumerate(R):
-        colour = (0.0, 0.25 + 0.5 * k / len(R), 0.75 - 0.3 * k / len(R))
-        corners = _frustum(rotation)
-        for a, b in ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 3), (3, 4), (4, 1)):
-            axes.plot(*corners[[a, b]].T, color=colour, linewidth=0.6)
+        lines.extend(_frustum(rotation)[np.array(FRUSTUM)])
+        along = k / len(R)
+        colours.extend([(0.0, 0.25 + 0.5 * along, 0.75 - 0.3 * along)] * len(FRUSTUM))
+    axes.add_collection(Line3DCollection(lines, colors=colours, linewidths=0.6))
     axes.scatter([0.0], [0.0], [0.0], color=_style.BLACK, s=8)
     axes.set(xlim=(-1, 1), ylim=(-1, 1), zlim=(-1, 1))
     axes.set_box_aspect((1, 1, 1), zoom=1.4)
