@@ -49,15 +49,21 @@ def problems(quick: bool, data: Path | None) -> Iterator[Entry]:
         yield Entry(title, PoseProblem(simple), complete, method)
 
 
-def draw(figure, record: Data, names: tuple[str, ...], colours: tuple[str, ...]) -> None:
-    """A panel a set: its closures, if it has them, and the trajectories called so."""
+def draw(figure, record: Data, lines: dict[str, tuple[str, str]]) -> None:
+    """A panel a set: its closures, if it has them, and trajectories, by name: (label, colour)."""
     rows = (len(record["sets"]) + 1) // 2
     figure.set_size_inches(_style.PAGE, 0.33 * _style.PAGE * rows)
     panels = figure.subplots(rows, 2, squeeze=False).ravel()
     for axes, letter, entry in zip(panels, "abcdef", record["sets"], strict=False):
-        lines = [entry[name] for name in names]
-        widths = (1.0, 0.4) if len(names) > 1 else (0.5,)
-        _maps.draw_map(axes, lines, entry.get("closures", ()), colours=colours, widths=widths)
+        _maps.draw_map(
+            axes,
+            [entry[name] for name in lines],
+            entry.get("closures", ()),
+            colours=[colour for _, colour in lines.values()],
+            widths=(1.0, 0.4) if len(lines) > 1 else (0.5,),
+        )
         _style.panel(axes, letter, f"{entry['name']} (n = {entry['n']})")
     for axes in panels[len(record["sets"]) :]:
         axes.set_axis_off()
+    if len(lines) > 1:
+        _style.key(figure, dict(lines.values()))

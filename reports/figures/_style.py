@@ -21,6 +21,14 @@ def panel(axes, letter: str, text: str = "") -> None:
     axes.set_title(f"({letter}) {text}".strip(), loc="left")
 
 
+def key(figure, lines: dict[str, str]) -> None:
+    """What lines are, by their colours, above all panels."""
+    from matplotlib.lines import Line2D
+
+    handles = [Line2D([], [], color=colour, label=label) for label, colour in lines.items()]
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
+
+
 def ball(axes, radius: float) -> None:
     """Three-dimensional axes for rotation vectors: a ball's outline and its axes, no box."""
     turn = np.linspace(0.0, 2.0 * np.pi, 73)

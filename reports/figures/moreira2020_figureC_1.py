@@ -33,7 +33,7 @@ def compute(quick: bool, data: Path | None) -> Data:
 
 def draw(figure, record: Data) -> None:
     """Trajectories over loop closures."""
-    _slam.draw(figure, record, ("eigen_ma",), (_style.BLUE,))
+    _slam.draw(figure, record, {"eigen_ma": ("EigenMA", _style.BLUE)})
 
 
 FIGURE = Figure(

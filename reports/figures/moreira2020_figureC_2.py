@@ -55,7 +55,11 @@ def _refined(problem: PoseProblem, start: Estimate, gtsam: bool) -> Estimate:
 
 def draw(figure, record: Data) -> None:
     """Two trajectories a panel."""
-    _slam.draw(figure, record, ("eigen_ma", "refined"), (_style.BLUE, _style.VERMILION))
+    lines = {
+        "eigen_ma": ("EigenMA", _style.BLUE),
+        "refined": (record["by"], _style.VERMILION),
+    }
+    _slam.draw(figure, record, lines)
 
 
 FIGURE = Figure(

@@ -34,7 +34,7 @@ def compute(quick: bool, data: Path | None) -> Data:
 
 def draw(figure, record: Data) -> None:
     """Trajectories over loop closures."""
-    _slam.draw(figure, record, ("eig_se3",), (_style.VERMILION,))
+    _slam.draw(figure, record, {"eig_se3": ("EIG-SE(3)", _style.VERMILION)})
 
 
 FIGURE = Figure(

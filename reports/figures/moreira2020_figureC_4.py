@@ -59,6 +59,10 @@ def draw(figure, record: Data) -> None:
             widths=(1.4, 0.7, 0.5),
         )
         _style.panel(axes, letter, f"{panel['sigma_deg']:g} deg, {panel['sigma_t']:g} m")
+    _style.key(
+        figure,
+        {"truth": _style.GREEN, "EigenMA": _style.BLUE, "EIG-SE(3)": _style.VERMILION},
+    )
 
 
 FIGURE = Figure(
