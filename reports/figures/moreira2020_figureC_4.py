@@ -78,10 +78,10 @@ FIGURE = Figure(
         "EIG-SE(3) {eig_se3} m."
     ),
     notes=(
-        "The thesis shows EIG-SE(3) falling apart from sigma_R = 1 degree on. With eigenvectors "
-        "that have converged it does not: it is somewhat farther from the truth than EigenMA at "
-        "all noise of the thesis (a to d), and at much more (e and f) both fail. The thesis' "
-        "vectors can be what an eigensolver has that has not converged.",
+        "The thesis has these as failures of EIG-SE(3). With eigenvectors that have converged it "
+        "does not fail at such noise (a to d), but is somewhat farther from the truth than "
+        "EigenMA; at much more (e and f) both do. The thesis' vectors may not have converged, as "
+        "those of its Table 5.7.",
         "Of the noise in the thesis' six panels that of four is legible in our copy, (a) and (f) "
         "the same, two draws here. It does not define the path; see "
         "certpgo.datasets.thesis.spherical_path.",
