@@ -41,6 +41,6 @@ def ball(axes, radius: float) -> None:
         axes.text(*(1.12 * end), name, fontsize=7, ha="center", va="center")
     limits = (-radius, radius)
     axes.set(xlim=limits, ylim=limits, zlim=limits)
-    axes.set_box_aspect((1, 1, 1), zoom=1.6)
+    axes.set_box_aspect((1, 1, 1), zoom=1.45)
     axes.view_init(elev=20, azim=-55)
     axes.set_axis_off()

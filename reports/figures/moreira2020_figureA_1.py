@@ -66,7 +66,7 @@ def _share(k: float, angle: FloatArray) -> FloatArray:
 
 def draw(figure, record: Data) -> None:
     """Vectors in the ball of radius pi above, the distribution of angles below."""
-    figure.set_size_inches(_style.PAGE, 0.46 * _style.PAGE)
+    figure.set_size_inches(_style.PAGE, 0.48 * _style.PAGE)
     grid = figure.add_gridspec(2, len(record["panels"]), height_ratios=(1.5, 1.0))
     for place, panel in enumerate(record["panels"]):
         cloud = figure.add_subplot(grid[0, place], projection="3d")
