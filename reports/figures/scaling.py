@@ -38,7 +38,7 @@ METHODS = (
 )
 SIZES, QUICK_SIZES = (200, 400, 800, 1600, 3000), (30, 60)
 MEAN_DEGREE, SIGMA, SIGMA_T = 8.0, np.radians(3.0), 0.02
-RUNS, BUDGET = 3, 20.0
+RUNS, BUDGET = 3, 10.0
 
 
 def compute(quick: bool, data: Path | None) -> Data:
