@@ -61,7 +61,7 @@ class ChatterjeeGovindu:
     def __post_init__(self) -> None:
         if self.l1_iterations < 0 or self.inner_iterations < 1 or self.max_iterations < 1:
             raise SpecError("l1_iterations must not be negative, and other iterations at least 1")
-        if self.tolerance < 0.0:
+        if not self.tolerance >= 0.0:
             raise SpecError("tolerance must not be negative")
 
     def solve(

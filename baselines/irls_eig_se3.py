@@ -52,7 +52,7 @@ class IrlsEigSE3:
     rotations: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        if self.tolerance < 0.0 or self.max_iterations < 1:
+        if not self.tolerance >= 0.0 or self.max_iterations < 1:
             raise SpecError("tolerance must not be negative and max_iterations at least 1")
         if not 0.0 < self.tol < 1.0:
             raise SpecError(f"tol must lie between 0 and 1, not {self.tol}")

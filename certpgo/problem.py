@@ -141,8 +141,9 @@ class RotationProblem(Objective):
 
     def reweighted(self, factors: FloatArray) -> RotationProblem:
         """The problem with each edge's weight times a factor (m,); edges at zero are dropped."""
-        kept = factors > 0.0
-        graph = self.graph.with_weights(np.where(kept, factors, 1.0) * self.graph.kappa)
+        weights = factors * self.graph.kappa
+        kept = weights > 0.0
+        graph = self.graph.with_weights(np.where(kept, weights, 1.0))
         if kept.all():
             return self._shared(RotationProblem(graph))
         return RotationProblem(graph.with_edges(kept))
@@ -308,11 +309,9 @@ class PoseProblem(Objective):
 
     def reweighted(self, factors: FloatArray) -> PoseProblem:
         """The problem with each edge's weights times a factor (m,); edges at zero are dropped."""
-        kept = factors > 0.0
-        positive = np.where(kept, factors, 1.0)
-        graph = self.graph.with_weights(
-            positive * self.graph.rotation.kappa, positive * self.graph.tau
-        )
+        kappa, tau = factors * self.graph.rotation.kappa, factors * self.graph.tau
+        kept = (kappa > 0.0) & (tau > 0.0)
+        graph = self.graph.with_weights(np.where(kept, kappa, 1.0), np.where(kept, tau, 1.0))
         if kept.all():
             return self._shared(PoseProblem(graph))
         return PoseProblem(graph.with_edges(kept))

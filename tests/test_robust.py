@@ -11,6 +11,7 @@ from strategies import rng_of, rotation_graph
 from certpgo import metrics
 from certpgo.certify import Verdict, certify
 from certpgo.datasets import synthetic, thesis, truth
+from certpgo.errors import GraphError, SpecError
 from certpgo.estimate import Estimate
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.linalg import so
@@ -18,7 +19,11 @@ from certpgo.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.robust import connected
 from certpgo.solvers.adaptive_trimming import AdaptiveTrimming
 from certpgo.solvers.eigen_rao import EigenRAO, _restored
-from certpgo.solvers.graduated_non_convexity import GraduatedNonConvexity, surrogate_weights
+from certpgo.solvers.graduated_non_convexity import (
+    GraduatedNonConvexity,
+    quantile,
+    surrogate_weights,
+)
 
 ROBUST = [EigenRAO(), AdaptiveTrimming()]
 
@@ -118,6 +123,27 @@ def test_a_certificate_is_of_what_was_kept():
     assert kept.cost(solution.estimate) < 0.1 * problem.cost(solution.estimate)
 
 
+def test_few_measurements_are_not_trimmed(dataset):
+    graph, *_ = rotation_graph(rng_of(8), 30, 3, extra=20)
+    with pytest.raises(GraphError, match="adaptive trimming needs 4 a node"):
+        AdaptiveTrimming().solve(RotationProblem(graph))
+
+
+@pytest.mark.parametrize("degree", [10, 20])
+def test_right_measurements_are_kept(degree):
+    instance = synthetic.random_graph(100, degree, 0.05, rng_of(9))
+    solution = AdaptiveTrimming().solve(RotationProblem(instance.graph))
+    assert solution.kept > 0.9 * instance.graph.num_edges
+
+
+def test_edges_whose_weights_vanish_are_dropped():
+    graph, *_ = rotation_graph(rng_of(10), 6, 3, extra=6)
+    problem = RotationProblem(graph.with_weights(1e-200))
+    factors = np.ones(graph.num_edges)
+    factors[-1] = 1e-200
+    assert problem.reweighted(factors).graph.num_edges == graph.num_edges - 1
+
+
 def test_a_graph_stays_in_one_piece_by_its_cheapest_edges():
     edges = np.array([[0, 1], [1, 2], [2, 0], [3, 4], [0, 3], [1, 4], [4, 5], [5, 3], [0, 3]])
     graph = RotationGraph(6, edges, np.tile(np.eye(3), (9, 1, 1)), np.ones(9))
@@ -126,6 +152,31 @@ def test_a_graph_stays_in_one_piece_by_its_cheapest_edges():
     believed = connected(RotationProblem(graph), weights, costs)
     assert believed.tolist() == [1.0, 1.0, 0.5, 1.0, 0.0, 1.0, 1.0, 0.0, 0.0]
     assert connected(RotationProblem(graph), np.ones(9), costs).tolist() == [1.0] * 9
+
+
+@pytest.mark.parametrize("poses", [False, True])
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_quantile_keeps_the_share_it_says(d, poses):
+    rng, m, sigma = rng_of(11), 20_000, 0.01
+    v = sigma * rng.standard_normal((m, so.tangent_dim(d)))
+    # One star of measurements of the identity: residuals are the noise itself.
+    edges = np.stack([np.zeros(m, dtype=int), np.arange(1, m + 1)], axis=1)
+    kappa = np.full(m, (1.0 if d == 2 else 0.5) / sigma**2)
+    rotation = RotationGraph(m + 1, edges, so.exp(v), kappa)
+    moved = sigma * rng.standard_normal((m, d))
+    graph = PoseGraph(rotation, moved, np.full(m, sigma**-2)) if poses else rotation
+    still = Estimate(np.tile(np.eye(d), (m + 1, 1, 1)), np.zeros((m + 1, d)) if poses else None)
+    costs = problem_of(graph).edge_costs(still)
+    for share in (0.9, 0.99):
+        assert np.mean(costs <= quantile(problem_of(graph), share)) == pytest.approx(
+            share, abs=0.006
+        )
+
+
+@pytest.mark.parametrize("settings", [{"scale": 1e-200}, {"rate": np.inf}, {"probability": 1.0}])
+def test_extreme_settings_are_refused(settings):
+    with pytest.raises(SpecError):
+        GraduatedNonConvexity(**settings)
 
 
 def test_surrogate_weights_between_least_squares_and_truncation():
@@ -156,7 +207,7 @@ def test_graduated_non_convexity_finds_wrong_closures(d):
     wrong = np.zeros(len(edges), dtype=bool)
     wrong[rng.choice(np.arange(n, len(edges)), 8, replace=False)] = True
     measured[wrong] = so.random(rng, 8, d)
-    kappa = np.full(len(edges), 0.5 * 1e4)
+    kappa = np.full(len(edges), (1.0 if d == 2 else 0.5) * 1e4)
     graph = PoseGraph(RotationGraph(n, edges, measured, kappa), steps, np.full(len(edges), 1e4))
     problem = PoseProblem(graph)
     solution = GraduatedNonConvexity(probability=0.9999).solve(problem)
@@ -189,7 +240,7 @@ def test_ellis_island_is_better_averaged_than_by_the_printed_methods(dataset, da
     # L1-IRLS prints 2.87, 0.51 and 10.36, IRLS EIG-SE(3) 3.07, 0.81 and 10.50.
     assert found.mean_deg < 2.2
     assert found.median_deg < 0.45
-    assert found.rmse_deg < 7.5
+    assert found.rmse_deg < 8.3
 
 
 def test_table_5_2_at_its_most_outliers(dataset_path):

@@ -164,6 +164,7 @@ class _Answer:
             "seconds": dict(solution.seconds),
             "note": solution.note,
             "kept": solution.kept,
+            "certificate_of": "all measurements" if solution.kept is None else "those kept",
             "lower_bound": solution.lower_bound,
             "written": None if written is None else str(written),
             "certificate": None if certificate is None else _verdict.as_json(certificate),
@@ -197,9 +198,13 @@ class _Answer:
             return
         typer.echo()
         if solution.kept is not None:
-            typer.echo("Of the measurements that were kept, with the weights they ended with:")
+            typer.echo(
+                "What follows is of the measurements that were kept, with the weights they ended "
+                "with, as if there were no others:"
+            )
         _verdict.show(self.certificate, part.options)
-        if self.start is None and self.certificate.verdict.value != "CERTIFIED":
+        uncertified = self.certificate.verdict.value != "CERTIFIED"
+        if self.start is None and solution.kept is None and uncertified:
             notice("without --method the best answer is searched for")
 
 

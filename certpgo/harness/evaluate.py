@@ -161,8 +161,9 @@ def _kept(weights: FloatArray, outliers: BoolArray | None) -> dict[str, float]:
     """The share of measurements kept; of the rejected, and of the wrong, the share that is both."""
     rejected = weights <= 0.0
     values = {"kept_percent": 100.0 * float(np.mean(~rejected))}
-    if outliers is not None and outliers.any():
+    if outliers is not None:
         both = float((rejected & outliers).sum())
         values["precision"] = both / float(rejected.sum()) if rejected.any() else 1.0
-        values["recall"] = both / float(outliers.sum())
+        if outliers.any():
+            values["recall"] = both / float(outliers.sum())
     return values

@@ -87,7 +87,8 @@ def rotations_alone(instance: Instance) -> Instance:
     """The instance without its translations, if it has any."""
     if not isinstance(instance.graph, PoseGraph):
         return instance
-    return replace(instance, graph=instance.graph.rotation, truth=None, initial=None)
+    truth = None if instance.truth is None else instance.truth.with_translations(None)
+    return replace(instance, graph=instance.graph.rotation, truth=truth, initial=None)
 
 
 def _load(row: Row, data: Path | None, seed: np.random.SeedSequence | None) -> Instance:

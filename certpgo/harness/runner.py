@@ -121,7 +121,7 @@ def _run_row(
             judged=judged if whole else part,
             timed=complete.graph if whole else part.graph,
             best=_optimum(table, part, announce),
-            truth=known_truth(row, part, data),
+            truth=_truth(row, part, data),
         )
         for method in table.methods:
             if method.takes not in ("", _kind(part.graph)) or not row.runs(method):
@@ -144,6 +144,13 @@ def _optimum(table: Table, part: Instance, announce: Announce) -> float | None:
         return evaluate.optimum(problem_of(part.graph))
     except CertPGOError:
         return None  # every method then says why
+
+
+def _truth(row: Row, part: Instance, data: Path | None) -> evaluate.Truth | None:
+    try:
+        return known_truth(row, part, data)
+    except CertPGOError:
+        return None  # of none of the part's nodes
 
 
 def _parts(row: Row, instance: Instance) -> list[Instance]:
@@ -184,7 +191,7 @@ class _Case:
     timed : the graph that the reference of times is run on
     best : F of the optimum, or None
     truth : nodes of which it is known, and theirs, or None
-    first : the first method's answer, once there is one
+    first : the answer of the table's first method, once there is one
     """
 
     instance: Instance
@@ -238,7 +245,8 @@ def _run_method(table: Table, row: Row, method: Method, case: _Case) -> Record:
             outliers=instance.outliers,
             other=case.first,
         )
-        case.first = case.first or solution.estimate
+        if method is table.methods[0]:
+            case.first = solution.estimate
         spent = {"total_seconds": sum(solution.seconds.values())}
         record = replace(record, metrics={**times, **metrics, **spent})
         if certificate is None:

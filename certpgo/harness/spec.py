@@ -196,7 +196,8 @@ class Table:
     published : file of ``reports/published``, without suffix; empty for none
     key : its column that holds a row's ``published`` key; several, joined by commas, make keys that
         are joined by slashes
-    comparable : the printed numbers are of the same instances; others are shown, never compared
+    comparable : the printed numbers are of the same instances, or of draws of the same kind;
+        others are shown, never compared
     summary : of the instances of a synthetic row only the ``"mean"`` is shown, or the ``"median"``
         with quartiles; empty shows each
     certify : judge every estimate with a certificate

@@ -5,11 +5,14 @@ by alternating between the edges below c and the rotations that fit them. The th
 all residuals and shrinks slowly, which is what keeps the descent out of poor local minima, as in
 graduated non-convexity (Yang et al., RA-L 2020) and adaptive trimming (Tzoumas, Antonante, Carlone,
 IROS 2019). It ends at a multiple of the noise, which is measured by the kept residuals themselves,
-so that nothing must be known of it.
+so that nothing must be known of it but that there are plenty of measurements. Where few are
+redundant, as in most pose graphs, those that are left fit exactly whatever their noise: such
+graphs are refused, and trimming stops before it makes one.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -18,7 +21,7 @@ from scipy import stats
 
 from certpgo import newton
 from certpgo.averaging import laplacian_step
-from certpgo.errors import SpecError
+from certpgo.errors import GraphError, SpecError
 from certpgo.estimate import Estimate
 from certpgo.linalg import so
 from certpgo.monitor import Monitor, Stopwatch, silent
@@ -32,6 +35,8 @@ from certpgo.solvers.eigen_ra import EigenRA
 #: Weight of a rejected measurement while the threshold shrinks: it says where nodes stand of which
 #: nothing better is known.
 FAINT = 1e-9
+#: Measurements a node, below which residuals tell little of the noise.
+PLENTY = 4
 #: Residuals (radians) below which measurements are exact, whatever their noise.
 EXACT = 1e-7
 
@@ -64,14 +69,25 @@ class AdaptiveTrimming(Iterative):
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
-        """Rotations, and weights: 1 for the measurements that were kept, 0 for the others."""
+        """Rotations, and weights: 1 for the measurements that were kept, 0 for the others.
+
+        Raises
+        ------
+        GraphError
+            There are fewer than four measurements a node.
+        """
         watch = Stopwatch()
         rotation = problem.rotation
         if initial is None:
             R, _ = EigenRA().rotations_of(rotation, watch)
             initial = Estimate(R)
         problem.check(initial)
-        point = Estimate(initial.rotations)
+        point, plenty = Estimate(initial.rotations), PLENTY * rotation.n
+        if rotation.graph.num_edges < plenty:
+            raise GraphError(
+                f"{rotation.graph.num_edges} measurements of {rotation.n} nodes are too few to "
+                f"tell their noise from: adaptive trimming needs {PLENTY} a node"
+            )
         # kappa |E|^2 is about 2 kappa times the squared angle, which has one term an axis.
         median = np.sqrt(stats.chi2.median(so.tangent_dim(problem.d)))
         exact = EXACT * np.sqrt(2.0 * rotation.graph.kappa.mean())
@@ -80,9 +96,12 @@ class AdaptiveTrimming(Iterative):
         progress = Progress(monitor, self.tolerance, self.max_iterations, watch)
         while not progress.ends(rotation.cost(point), moved, moved):
             with watch.phase("trim"):
-                noise = float(np.median(r[kept])) / median
+                count = int(kept.sum())
+                redundant = (count - rotation.n + 1) / count
+                noise = float(np.median(r[kept])) / (median * math.sqrt(redundant))
                 shrunk = self.rate * min(threshold, float(r.max()) / self.rate)
-                threshold = min(max(shrunk, self.multiple * noise, exact), threshold)
+                least = float(np.partition(r, plenty - 1)[plenty - 1])
+                threshold = min(max(shrunk, self.multiple * noise, exact, least), threshold)
                 before, kept = kept, r <= threshold
                 settled = np.array_equal(before, kept) and threshold > shrunk
                 weighted = rotation.reweighted(np.where(kept, 1.0, FAINT))

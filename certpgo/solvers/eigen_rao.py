@@ -10,9 +10,12 @@ Moreira 2020, section 4.5 and Algorithm 3. What its text leaves open is decided 
 - *The error e.* The Frobenius norm of a logarithm is sqrt(2) times the angle; as the threshold
   pi/2 is an angle, so is e. ``frobenius=True`` is the other reading, for the loss and the threshold
   alike.
-- *W or E.* The text sets the row sums of the accumulated weights W; Algorithm 3 prints E in line
-  12, the weights of the last iteration alone, which leaves outliers their part of the weight.
-  ``accumulate=False`` is that.
+- *W or E.* The text brings the row sums of the accumulated weights W to the degrees; line 12 of
+  Algorithm 3 prints E above the sums of W (and sums over i), which brings nothing to anything.
+  ``accumulate=False`` takes the weights of the last iteration alone, in both places: outliers then
+  keep a part of their weight.
+
+A measurement counts as rejected when it is replaced, or its weight is negligible.
 """
 
 from __future__ import annotations
@@ -40,6 +43,10 @@ from certpgo.solvers._iterative import Iterative
 #: Shifts that make a reweighted matrix definite, in units of the mean degree: its row sums are the
 #: degrees only nearly, so that it may be slightly indefinite.
 SHIFTS = (1e-3, 1e-2, 1e-1, 1.0, 10.0)
+
+
+#: Weights below this, of a mean of about 1, reject a measurement.
+NEGLIGIBLE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +95,9 @@ class EigenRAO(Iterative):
         super().__post_init__()
         if self.loss not in ("halved", "printed"):
             raise SpecError.unknown("loss", self.loss, ("halved", "printed"))
-        if not (self.eta > 0.0 and self.b > 0.0 and self.a + self.b * math.exp(math.pi / 2) > 0.0):
-            raise SpecError("eta and b must be positive, and the loss at no error, too")
+        largest = self.a + self.b * math.exp(math.pi / 2)
+        if not (self.eta > 0.0 and self.b > 0.0 and 0.0 < largest < 1e6):
+            raise SpecError("eta, b and the loss at no error must be positive, and below a million")
 
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
@@ -97,6 +105,8 @@ class EigenRAO(Iterative):
         """Rotations of the problem, and the weights W of the measurements that were kept."""
         watch = Stopwatch()
         rotation = problem.rotation
+        if initial is not None:
+            problem.check(initial)
         progress = Progress(monitor, self.tolerance, self.max_iterations, watch)
         eigenvalue = math.inf
         for step in self.steps(rotation, watch):
@@ -104,7 +114,7 @@ class EigenRAO(Iterative):
             eigenvalue = step.eigenvalue
             if progress.ends(rotation.cost(step.estimate), change, change):
                 break
-        W = np.where(step.replaced, 0.0, step.weights)
+        W = np.where(step.replaced | (step.weights < NEGLIGIBLE), 0.0, step.weights)
         return Solution(
             estimate=Estimate(step.estimate.rotations),
             cost=rotation.cost(step.estimate),

@@ -16,6 +16,7 @@ from scipy import stats
 from certpgo import newton
 from certpgo.errors import SpecError
 from certpgo.estimate import Estimate
+from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.monitor import Monitor, Stopwatch, silent
 from certpgo.problem import PoseProblem, Problem
@@ -37,9 +38,8 @@ class GraduatedNonConvexity(Iterative):
 
     Attributes
     ----------
-    probability : with which a right measurement is kept, where the weights state its noise: r_e^2
-        then has a chi-square distribution of about d degrees of freedom for the rotation and d for
-        the translation, and c^2 is its quantile
+    probability : with which a right measurement is kept, where the weights state its noise; c^2 is
+        the quantile of r_e^2, see `quantile`
     scale : standard deviations of the noise, in units that the weights state
     rate : what mu is multiplied by in each step; 1.4 in the paper
     tolerance : distance of the weights from 0 and 1 at which to stop
@@ -54,8 +54,10 @@ class GraduatedNonConvexity(Iterative):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not (0.0 < self.probability < 1.0 and self.scale > 0.0 and self.rate > 1.0):
-            raise SpecError("probability lies between 0 and 1, scale above 0 and rate above 1")
+        if not (0.0 < self.probability < 1.0 and 1.0 < self.rate < 1e3):
+            raise SpecError("probability lies between 0 and 1, and rate between 1 and 1000")
+        if not 1e-100 < self.scale < 1e100:
+            raise SpecError(f"scale must be positive, and no more extreme than {self.scale}")
 
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
@@ -64,8 +66,7 @@ class GraduatedNonConvexity(Iterative):
         watch = Stopwatch()
         point = initial or SpanningTree("earliest").solve(problem).estimate
         problem.check(point)
-        freedom = problem.d * (1 + isinstance(problem, PoseProblem))
-        c = self.scale * float(np.sqrt(stats.chi2.ppf(self.probability, freedom)))
+        c = self.scale * float(np.sqrt(quantile(problem, self.probability)))
         r = np.sqrt(problem.edge_costs(point))
         mu = 1.0 / max(2.0 * float(r.max() / c) ** 2 - 1.0, 1e-6)
         progress = Progress(monitor, self.tolerance, self.max_iterations, watch)
@@ -92,6 +93,21 @@ class GraduatedNonConvexity(Iterative):
             trace=tuple(progress.trace),
             weights=weights,
         )
+
+
+def quantile(problem: Problem, probability: float) -> float:
+    """Of a right measurement's r_e^2, where the weights state its noise.
+
+    A rotation adds the square of a normal variable an axis, twice that in 2D, where kappa |E|^2 is
+    2 kappa times the squared angle and kappa the angle's information; a translation adds d
+    squares. The distribution of the sum is taken for a multiple of a chi-square one with the same
+    mean and variance (Welch and Satterthwaite), which is exact but for poses in 2D.
+    """
+    axes = np.full(so.tangent_dim(problem.d), 2.0 if problem.d == 2 else 1.0)
+    terms = np.r_[axes, np.ones(problem.d)] if isinstance(problem, PoseProblem) else axes
+    unit = float((terms**2).sum() / terms.sum())
+    freedom = float(terms.sum()) / unit
+    return unit * float(stats.chi2.ppf(probability, freedom))
 
 
 def surrogate_weights(r: FloatArray, c: float, mu: float) -> FloatArray:

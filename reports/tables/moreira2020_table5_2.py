@@ -49,7 +49,8 @@ TABLE = Table(
         "A camera of two or three measurements is lost when most of these are wrong, whatever the "
         "method: Notre Dame has four of at most four. At 10 and 15 % that happens in a part of the "
         "draws, which the upper quartile shows.",
-        "EigenRAO is read as its module says. Precision and recall are of rejected measurements "
-        "against those drawn wrong.",
+        "EigenRAO is read as its module says: rejected are measurements that it replaced, and "
+        "those of negligible weight. Precision and recall are of rejected measurements against "
+        "those drawn wrong.",
     ),
 )

@@ -20,16 +20,23 @@ TABLE = Table(
         for sigma in SIGMAS
     ),
     methods=(
-        Method("eigen_ma", "EigenMA", published={"f_gt": "eigenma_f_gt"}),
+        Method(
+            "eigen_ma",
+            "EigenMA",
+            {"translations": "thesis"},
+            published={"f_gt": "eigenma_f_gt"},
+        ),
+        Method("eigen_ma", "EigenMA (translations minimise F)"),
         Method("eig_se3", "EIG-SE(3)", published={"f_gt": "eig_se3_f_gt"}),
     ),
     columns=(
-        Column("f_gt", "f_GT", ".3e", better="lower"),
+        Column("f_gt", "f_GT", ".3e"),
         Column("rmse_deg", "RMSE, deg", ".3f"),
         Column("total_seconds", "seconds", ".2f"),
     ),
     published="moreira2020_table5_5",
     key="missing_percent,sigma_R_deg",
+    comparable=False,
     summary="mean",
     certify=False,
     seeds=10,
@@ -37,6 +44,7 @@ TABLE = Table(
     notes=(
         "Means over the seeds, 1000 poses on a sphere of radius 100, sigma_t 0.01. The thesis "
         "shows the path without defining it, and f_GT grows with the squared distance of poses "
-        "from the origin: compare the order of the methods, not the size of the numbers.",
+        "from the origin, so that only the order of the methods can be compared. Here f_GT is what "
+        "the rotation and shift of the world that make it least leave.",
     ),
 )

@@ -28,9 +28,9 @@ TABLE = Table(
     ),
     quick=("grid1000_10p_outliers",),
     notes=(
-        "Precision: of the rejected measurements, the share that the labels call wrong; recall: of "
-        "the wrong ones, the share rejected. Verdicts and gaps are of the measurements kept, F is "
-        "of all. Iterations start from the tree of the earliest measurements, the odometry, unless "
-        "said otherwise.",
+        "Precision: of the rejected measurements, the share that the labels call wrong; recall: "
+        "of the wrong ones, the share rejected. Verdicts and gaps of graduated non-convexity are "
+        "of the measurements it kept; F, and the others' verdicts, are of all. Iterations start "
+        "from the tree of the earliest measurements, the odometry, unless said otherwise.",
     ),
 )
