@@ -9,6 +9,9 @@ from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.linalg.blocks import adjacency
 from certpgo.problem import Problem
 
+#: Measurements over those of a tree, below which a fit says little.
+MEANINGFUL = 1.1
+
 
 def connected(problem: Problem, weights: FloatArray, costs: FloatArray) -> FloatArray:
     """The weights (m,) with as many zeros made ones as keep the graph connected.
@@ -34,6 +37,18 @@ def connected(problem: Problem, weights: FloatArray, costs: FloatArray) -> Float
     believed = np.array(weights)
     believed[crossing[np.isin(rank, tree.data)]] = 1.0
     return believed
+
+
+def remark(problem: Problem, weights: FloatArray) -> str:
+    """What a reader should know of what was kept; empty where that is as it should be."""
+    kept, n = int((weights > 0.0).sum()), problem.n
+    if kept == problem.graph.num_edges:
+        return "no measurement was rejected"
+    if kept < MEANINGFUL * (n - 1):
+        return (
+            f"{kept} measurements of {n} nodes are hardly more than a tree, which any answer fits"
+        )
+    return ""
 
 
 def _one_a_pair(n: int, i: IntArray, j: IntArray, costs: FloatArray) -> IntArray:

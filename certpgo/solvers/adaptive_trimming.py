@@ -27,7 +27,7 @@ from certpgo.linalg import so
 from certpgo.monitor import Monitor, Stopwatch, silent
 from certpgo.problem import Problem
 from certpgo.progress import Progress
-from certpgo.robust import connected
+from certpgo.robust import connected, remark
 from certpgo.solution import Solution
 from certpgo.solvers._iterative import Iterative
 from certpgo.solvers.eigen_ra import EigenRA
@@ -118,6 +118,7 @@ class AdaptiveTrimming(Iterative):
             iterations=progress.steps,
             seconds=watch.seconds,
             trace=tuple(progress.trace),
+            note=remark(rotation, weights),
             weights=weights,
         )
 

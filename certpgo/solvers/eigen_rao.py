@@ -36,7 +36,7 @@ from certpgo.monitor import Monitor, Stopwatch, silent
 from certpgo.problem import Problem, RotationProblem
 from certpgo.progress import Progress
 from certpgo.reduced import factor_shifted
-from certpgo.robust import connected
+from certpgo.robust import connected, remark
 from certpgo.solution import Solution
 from certpgo.solvers._iterative import Iterative
 
@@ -115,6 +115,7 @@ class EigenRAO(Iterative):
             if progress.ends(rotation.cost(step.estimate), change, change):
                 break
         W = np.where(step.replaced | (step.weights < NEGLIGIBLE), 0.0, step.weights)
+        weights = connected(rotation, W, rotation.edge_costs(step.estimate))
         return Solution(
             estimate=Estimate(step.estimate.rotations),
             cost=rotation.cost(step.estimate),
@@ -122,7 +123,8 @@ class EigenRAO(Iterative):
             iterations=progress.steps,
             seconds=watch.seconds,
             trace=tuple(progress.trace),
-            weights=connected(rotation, W, rotation.edge_costs(step.estimate)),
+            note=remark(rotation, weights),
+            weights=weights,
         )
 
     def steps(self, rotation: RotationProblem, watch: Stopwatch | None = None) -> Iterator[Step]:

@@ -21,7 +21,7 @@ from certpgo.linalg.arrays import FloatArray
 from certpgo.monitor import Monitor, Stopwatch, silent
 from certpgo.problem import PoseProblem, Problem
 from certpgo.progress import Progress
-from certpgo.robust import connected
+from certpgo.robust import connected, remark
 from certpgo.solution import Solution
 from certpgo.solvers._iterative import Iterative
 from certpgo.solvers.spanning_tree import SpanningTree
@@ -91,8 +91,18 @@ class GraduatedNonConvexity(Iterative):
             iterations=progress.steps,
             seconds=watch.seconds,
             trace=tuple(progress.trace),
+            note="; ".join(filter(None, (_threshold(problem, c), remark(problem, weights)))),
             weights=weights,
         )
+
+
+def _threshold(problem: Problem, c: float) -> str:
+    """Which angle alone has the residual c, at the median weight."""
+    sine = c / float(np.sqrt(8.0 * np.median(problem.rotation.graph.kappa)))
+    if sine >= 1.0:
+        return "no angle alone is rejected: set scale, if the weights do not state the noise"
+    degrees = np.degrees(2.0 * np.arcsin(sine))
+    return f"residuals of {degrees:.3g} degrees and more are rejected, at the median weight"
 
 
 def quantile(problem: Problem, probability: float) -> float:

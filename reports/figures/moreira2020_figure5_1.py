@@ -112,10 +112,10 @@ FIGURE = Figure(
     caption=(
         "Means over {samples} samples, {n} nodes and {m} edges. (a) Costs and lower bounds. (b) "
         "How far answers lie above the certified optimum: EigenRA {low_excess_percent:.2g} "
-        "percent at {low_sigma_deg:g} degrees, {last_excess_percent:.2g} at {last_sigma_deg:g}. Of {runs} optima "
-        "{all_certified} are certified; gradient descent from EigenRA's answer ends in "
-        "{all_optimal} of them. At {last_sigma_deg:g} degrees the spectral bound is "
-        "{last_bound_percent:.2g} percent of the optimum."
+        "percent at {low_sigma_deg:g} degrees, {last_excess_percent:.2g} at "
+        "{last_sigma_deg:g}. Of {runs} optima {all_certified} are certified; gradient descent "
+        "from EigenRA's answer ends in {all_optimal} of them. At {last_sigma_deg:g} degrees the "
+        "spectral bound is {last_bound_percent:.2g} percent of the optimum."
     ),
     notes=(
         "Differences below 1e-6 percent stand at the foot of (b). The thesis asks by descent "

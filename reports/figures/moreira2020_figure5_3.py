@@ -46,6 +46,8 @@ def compute(quick: bool, data: Path | None) -> Data:
         "replaced_percent": [100.0 * float(step.replaced.mean()) for step in steps],
         "trimmed": trimmed,
         "stopped": stopped,
+        "stop": "the quick profile stops" if quick else "EigenRAO's defaults stop",
+        "steps": " after three steps" if quick else "",
         "first": dict(zip(MEASURES, errors[0].tolist(), strict=True)),
         "last": dict(zip(MEASURES, errors[stopped].tolist(), strict=True)),
     }
@@ -89,7 +91,7 @@ FIGURE = Figure(
         "{known} cameras: mean {first[mean_deg]:.3g}, median {first[median_deg]:.3g} and RMSE "
         "{first[rmse_deg]:.3g} degrees at the start, {last[mean_deg]:.3g}, "
         "{last[median_deg]:.3g} and {last[rmse_deg]:.3g} at iteration {stopped}, where "
-        "EigenRAO's defaults stop (grey line); dashed, adaptive trimming: {trimmed[mean_deg]:.3g}, "
+        "{stop} (grey line); dashed, adaptive trimming{steps}: {trimmed[mean_deg]:.3g}, "
         "{trimmed[median_deg]:.3g} and {trimmed[rmse_deg]:.3g}. (b) The smallest eigenvalue of the "
         "weighted block matrix."
     ),
