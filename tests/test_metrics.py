@@ -119,3 +119,26 @@ def test_refusals():
         metrics.f_ml(graph, Estimate(R))
     with pytest.raises(InputError, match="4 nodes, the ground truth 3"):
         metrics.align(Estimate(R), Estimate(R[:3]))
+
+
+@given(seeds, dimensions)
+def test_f_gt_is_the_least_over_all_moves_of_the_world(seed, d):
+    rng = rng_of(seed)
+    true = Estimate(so.random(rng, 6, d), rng.standard_normal((6, d)))
+    noise = so.exp(0.1 * rng.standard_normal((6, so.tangent_dim(d))))
+    found = Estimate(true.rotations @ noise, true.translations + 0.1 * rng.standard_normal((6, d)))
+
+    def unaligned(estimate):
+        """Eq. 5.1 as printed, in the thesis' frame."""
+        Q, s = in_the_thesis_frame(estimate.rotations, estimate.translations)
+        P, r = in_the_thesis_frame(true.rotations, true.translations)
+        return ((Q - P) ** 2).sum() + ((s - r) ** 2).sum()
+
+    least = metrics.f_gt(found, true)
+    S, shift = so.random(rng, 1, d)[0], rng.standard_normal(d)
+    assert metrics.f_gt(true.moved(S, shift), true) == pytest.approx(0.0, abs=1e-12)
+    assert metrics.f_gt(found.moved(S, shift), true) == pytest.approx(least)
+    for _ in range(5):
+        turn = so.exp(0.05 * rng.standard_normal((1, so.tangent_dim(d))))[0]
+        assert unaligned(found.moved(turn, 0.05 * rng.standard_normal(d))) >= least - 1e-12
+    assert metrics.f_gt(Estimate(found.rotations), true) < least

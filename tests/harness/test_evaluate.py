@@ -1,41 +1,70 @@
-"""The judge of tables: which bounds it names."""
+"""Metrics against ground truth, and of what robust methods kept."""
 
 import numpy as np
+import pytest
 
-from certpgo.certify import certify
-from certpgo.datasets import synthetic
-from certpgo.estimate import Estimate
-from certpgo.harness.evaluate import certified_by
-from certpgo.linalg import so
-from certpgo.problem import RotationProblem, problem_of
-from certpgo.solve import solve
+from certpgo.datasets import thesis
+from certpgo.harness import evaluate
+from certpgo.harness.runner import run
+from certpgo.harness.spec import Column, Method, Row, Table
+from certpgo.problem import RotationProblem
+from certpgo.solution import Solution, Status
+
+KEYS = ("rmse_deg", "median_l1_deg", "f_gt", "kept_percent", "precision", "recall", "apart_deg")
 
 
-def test_every_bound_that_holds_at_the_optimum_is_named():
-    instance, point = synthetic.winding_cycle(12, 0.7, 0)
+@pytest.fixture(scope="module")
+def instance():
+    return thesis.langevin_graph(40, 8.0, 1.0, np.random.default_rng(0), outliers=0.1)
+
+
+def values(instance, weights=None, truth=None, outliers=None, other=None):
     problem = RotationProblem(instance.graph)
-    named = certified_by(problem, certify(problem, point)).split(", ")
-    assert {"Theorem 4.2", "cycle sum", "factorization"} <= set(named)
-
-
-def test_angles_name_no_point_that_is_not_stationary():
-    """K_4 with exact data has one with residuals below Theorem 4.1's angle, and F above 1."""
-    instance = synthetic.complete(4, 0.0, np.random.default_rng(0))
-    problem, rng = RotationProblem(instance.graph), np.random.default_rng(0)
-    turned = (
-        Estimate(so.exp(0.4 * rng.standard_normal((4, 3))) @ instance.truth.rotations)
-        for _ in range(500)
+    solution = Solution(instance.truth, 0.0, Status.CLOSED_FORM, weights=weights)
+    return evaluate.of_estimate(
+        KEYS, problem, problem, solution, None, truth=truth, outliers=outliers, other=other
     )
-    near = next(
-        x
-        for x in turned
-        if np.degrees(problem.residual_angles(x).max()) < 44.0 and problem.cost(x) > 1.0
+
+
+def test_without_truth_and_weights_nothing_is_said(instance):
+    assert set(values(instance)) == {"cost"}
+
+
+def test_the_truth_of_some_nodes_is_enough(instance):
+    nodes = np.array([3, 5, 8])
+    found = values(instance, truth=(nodes, instance.truth.subset(nodes)))
+    assert found["rmse_deg"] == pytest.approx(0.0, abs=1e-5)
+    assert found["f_gt"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_precision_and_recall_by_hand(instance):
+    m = instance.graph.num_edges
+    wrong, weights = np.zeros(m, dtype=bool), np.ones(m)
+    wrong[:10] = True
+    weights[6:14] = 0.0
+    found = values(instance, weights, outliers=wrong)
+    assert (found["precision"], found["recall"]) == (0.5, 0.4)
+    assert found["kept_percent"] == pytest.approx(100.0 * (1 - 8 / m))
+    clean = values(instance, weights, outliers=np.zeros(m, dtype=bool))
+    assert clean["precision"] == 0.0
+    assert "recall" not in clean
+    assert values(instance, np.ones(m), outliers=wrong)["precision"] == 1.0
+
+
+def test_answers_are_compared_with_the_first_methods():
+    columns = tuple(Column(key, key) for key in KEYS)
+    row = Row(
+        generator="langevin_graph",
+        label="a",
+        arguments={"n": 30, "fiedler": 8.0, "sigma_deg": 1.0, "outliers": 0.1},
     )
-    assert certified_by(problem, certify(problem, near, refine=False)) == "none"
-    assert "Theorem 4.1" in certified_by(problem, certify(problem, near))
-
-
-def test_angles_say_nothing_of_poses():
-    problem = problem_of(synthetic.grid3d(2, np.random.default_rng(0)).graph)
-    found = certify(problem, solve(problem.graph).estimate)
-    assert certified_by(problem, found) == "factorization"
+    methods = (Method("adaptive_trimming"), Method("eigen_ra"), Method("cycle_closed_form"))
+    first, second, failed = run(Table("t", "T", (row,), methods, columns, certify=False))
+    assert "apart_deg" not in first.metrics
+    assert second.metrics["apart_deg"] > 0.0
+    assert first.metrics["rmse_deg"] < second.metrics["rmse_deg"]
+    assert first.metrics["recall"] == 1.0
+    assert failed.error
+    # A first method that fails leaves nothing to compare with.
+    _, alone = run(Table("t", "T", (row,), methods[:0:-1], columns, certify=False))
+    assert "apart_deg" not in alone.metrics
