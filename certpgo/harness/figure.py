@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from certpgo.errors import InputError
+from certpgo.harness.claims import Claim
 from certpgo.harness.records import plain, provenance
 from certpgo.linalg.factor import default_engine
 from certpgo.registry import checkout
@@ -55,6 +56,7 @@ class Figure:
     draw : draws the record, told a Matplotlib figure and the record
     caption : a format string whose fields are the record's
     notes : sentences printed below the caption
+    claims : what the paper says of it in words, asked of the record
     """
 
     name: str
@@ -64,6 +66,7 @@ class Figure:
     draw: Callable[[Canvas, Data], None]
     caption: str
     notes: tuple[str, ...] = ()
+    claims: tuple[Claim, ...] = ()
 
     def captioned(self, record: Data) -> str:
         """The caption with the record's numbers."""

@@ -10,6 +10,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from certpgo.harness.averages import LOWER, UPPER, summarized
+from certpgo.harness.citations import citation
+from certpgo.harness.findings import findings
+from certpgo.harness.markup import markdown_table
 from certpgo.harness.published import compare, printed_number
 from certpgo.harness.records import Record
 from certpgo.harness.spec import FIELDS, Column, Method, Row, Table
@@ -36,12 +39,17 @@ class Section:
 
 def sections(table: Table, records: Iterable[Record]) -> tuple[Section, ...]:
     """The table's sections in the order of its records."""
+    return tuple(_section(table, group) for group in grouped(table, records))
+
+
+def grouped(table: Table, records: Iterable[Record]) -> tuple[list[Record], ...]:
+    """The records of each section: of one instance, or of all that a row is a summary of."""
     groups: dict[tuple[str, ...], list[Record]] = {}
     for record in records:
         seed = "" if table.summary else str(record.seed)
         key = (record.row, record.part, _reading(record), seed)
         groups.setdefault(key, []).append(record)
-    return tuple(_section(table, group) for group in groups.values())
+    return tuple(groups.values())
 
 
 def markdown(table: Table, records: Sequence[Record], *, interrupted: bool = False) -> str:
@@ -53,10 +61,12 @@ def markdown(table: Table, records: Sequence[Record], *, interrupted: bool = Fal
         lines += [f"Published numbers: {table.source}.", ""]
     for section in sections(table, records):
         lines += [f"## {section.title}", "", section.caption, ""]
-        lines += [bar(section.header), "|" + " --- |" * len(section.header)]
-        lines += [bar(row) for row in section.rows] + [""]
+        lines += [*markdown_table(section.header, section.rows), ""]
+    lines += findings(table, records)
     for note in table.notes:
         lines += [note, ""]
+    if entry := citation(table.published or table.name):
+        lines += ["```bibtex", entry, "```", ""]
     if records:
         origin = records[0].provenance
         lines += ["; ".join(f"{key}: {origin[key]}" for key in sorted(origin)), ""]
@@ -129,11 +139,12 @@ def _reading(record: Record) -> str:
 
 def _line(table: Table, record: Record) -> tuple[str, ...]:
     """One record's cells; the last two are the printed numbers and the error, or empty."""
-    cells = [_cell(column, record) for column in table.columns]
+    cells = [cell_text(column, record) for column in table.columns]
     return (record.method, *cells, "; ".join(_comparisons(table, record)), record.error)
 
 
-def _cell(column: Column, record: Record) -> str:
+def cell_text(column: Column, record: Record) -> str:
+    """What stands in the column for the record."""
     if column.key == "seconds":
         return _seconds(record.seconds)
     if column.key == "counts":
@@ -185,8 +196,3 @@ def _found(table: Table, record: Record) -> tuple[Row | None, Method | None]:
     rows = {row.label: row for row in table.rows + table.stand_ins}
     methods = {method.label: method for method in table.methods}
     return rows.get(record.row), methods.get(record.method)
-
-
-def bar(cells: Iterable[str]) -> str:
-    """A row of a Markdown table."""
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"

@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 from certpgo.errors import SpecError
+from certpgo.harness.claims import Claim
 
 Components = Literal["refuse", "each", "largest"]
 
@@ -205,6 +206,9 @@ class Table:
     seed, seeds : base seed, and how many instances a synthetic row stands for
     quick : labels of the rows that the quick profile keeps
     notes : sentences printed below the table
+    claims : what the paper says of it in words
+    explained : why printed numbers differ or cannot be had, by row, by method or by both with a
+        slash between; of lines that none of the rows stands for, by their key or a part of it
     """
 
     name: str
@@ -225,14 +229,17 @@ class Table:
     seeds: int = 1
     quick: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    claims: tuple[Claim, ...] = ()
+    explained: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "explained", _frozen(self.explained))
         if not (self.rows and self.methods and self.columns):
             raise SpecError(f"table {self.name}: rows, methods and columns must not be empty")
         labels = [row.label for row in self.rows + self.stand_ins]
         for kind, names in (("row", labels), ("method", [m.label for m in self.methods])):
             _refuse_repetition(self.name, kind, names)
-        for label in self.quick:
+        for label in (*self.quick, *(label for claim in self.claims for label in claim.rows)):
             if label not in labels:
                 raise SpecError.unknown(f"row of table {self.name}", label, labels)
         if self.reference is None and set(self.metrics) & set(TIMING_METRICS):

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
+from certpgo.harness.markup import bar
 from certpgo.harness.records import Record
-from certpgo.harness.render import bar
 from certpgo.harness.zoo.case import Known
 
 OUTCOMES = (

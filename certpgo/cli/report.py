@@ -1,0 +1,31 @@
+"""certpgo report: every table and figure from its records, and an index of what was found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from certpgo.cli._show import notice, working
+
+
+def command(
+    results: Annotated[
+        Path | None,
+        typer.Option("--results", metavar="DIR", help="Records; the checkout's by default."),
+    ] = None,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Folder for the rendered files.")
+    ] = Path("report"),
+) -> None:
+    """Render tables (Markdown, CSV, LaTeX), figures and an index, from records alone."""
+    from certpgo import registry
+    from certpgo.harness.index import summary
+    from certpgo.harness.report import gather, write
+
+    with working("reading the results"):
+        report = gather(results or registry.repository() / "reports" / "results")
+        path = write(report, out)
+    typer.echo(summary(report.tables, report.figures))
+    notice(f"written to {path}, with the tables and figures beside it")

@@ -1,0 +1,70 @@
+"""A table's printed cells and claims as text, to stand below it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from certpgo.harness import cells, claims
+from certpgo.harness.cells import Cell
+from certpgo.harness.claims import Outcome
+from certpgo.harness.markup import markdown_table
+from certpgo.harness.records import Record
+from certpgo.harness.spec import Table
+from certpgo.io.wording import counted
+
+
+def findings(table: Table, records: Sequence[Record]) -> list[str]:
+    """Lines of Markdown: what became of the printed values, and of the claims."""
+    lines: list[str] = []
+    if printed := cells.cells(table, records):
+        lines += ["## Printed values", "", in_words(printed), ""]
+        lines += differing(printed)
+        lines += not_run(printed)
+    if found := claims.of_table(table, records):
+        lines += ["## Claims", "", *claims_table(found)]
+    return lines
+
+
+def in_words(found: Sequence[Cell]) -> str:
+    """How many values are printed, and what became of them."""
+    counts = cells.tally(found)
+    return (
+        f"Of {counted(len(found), 'printed value{s}')} {counts[cells.Found.REPRODUCED]} "
+        f"reproduced, {counts[cells.Found.BETTER]} better, {counts[cells.Found.DIFFERS]} different, "
+        f"{counts[cells.Found.NOT_RUN]} not run."
+    )
+
+
+def differing(found: Iterable[Cell]) -> list[str]:
+    """The values that differ, with ours and why."""
+    rows = [
+        (c.row, c.method, c.metric, c.printed, our_number(c), c.reason or "not explained")
+        for c in found
+        if c.found is cells.Found.DIFFERS
+    ]
+    header = ("row", "method", "metric", "printed", "ours", "why they differ")
+    return [*markdown_table(header, rows), ""] if rows else []
+
+
+def not_run(found: Iterable[Cell]) -> list[str]:
+    """The reasons why values were not run, and of how many."""
+    reasons: dict[str, int] = {}
+    for cell in found:
+        if cell.found is cells.Found.NOT_RUN:
+            reasons[cell.reason] = reasons.get(cell.reason, 0) + 1
+    rows = [(reason, str(count)) for reason, count in reasons.items()]
+    return [*markdown_table(("not run, because", "values"), rows), ""] if rows else []
+
+
+def claims_table(found: Iterable[Outcome]) -> list[str]:
+    """Claims, where they stand, and what became of them."""
+    rows = [(outcome.claim.text, outcome.claim.source, outcome.told) for outcome in found]
+    return [*markdown_table(("claim", "where", "found"), rows), ""]
+
+
+def our_number(cell: Cell) -> str:
+    """Our number, with its standard error over the seeds."""
+    if cell.ours is None:
+        return ""
+    error = cell.standard_error
+    return f"{cell.ours:.7g}" + ("" if error is None else f" (standard error {error:.1g})")

@@ -1,0 +1,157 @@
+"""The report: every table and figure rendered from its records, and an index of what was found."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from certpgo import registry
+from certpgo.errors import FormatError, InputError
+from certpgo.harness import cells, citations, claims
+from certpgo.harness.cells import Cell
+from certpgo.harness.claims import Outcome
+from certpgo.harness.figure import Data, Figure
+from certpgo.harness.formats import forms
+from certpgo.harness.index import index
+from certpgo.harness.records import Record, read_records
+from certpgo.harness.spec import Table
+
+
+@dataclass(frozen=True)
+class TableResult:
+    """A table with its records, and what they say of the paper.
+
+    Attributes
+    ----------
+    records : the current ones, see `current`; none where it was not run
+    cells, claims : what became of the printed values and of the claims
+    """
+
+    table: Table
+    records: tuple[Record, ...]
+    cells: tuple[Cell, ...]
+    claims: tuple[Outcome, ...]
+
+
+@dataclass(frozen=True)
+class FigureResult:
+    """A figure with its document and drawing, or without where it was not made.
+
+    Attributes
+    ----------
+    document : what stands in ``NAME.json``, or None
+    drawing : the SVG's bytes, or None
+    claims : what became of its claims
+    """
+
+    figure: Figure
+    document: Data | None
+    drawing: bytes | None
+    claims: tuple[Outcome, ...]
+
+
+@dataclass(frozen=True)
+class Report:
+    """Every table and figure of the checkout, in the order of their names."""
+
+    tables: tuple[TableResult, ...]
+    figures: tuple[FigureResult, ...]
+
+
+def gather(results: Path) -> Report:
+    """Read the results of a folder.
+
+    Raises
+    ------
+    InputError
+        There is no such folder, or nothing in it is of a table or figure.
+    FormatError
+        A file of results holds something else.
+    """
+    if not results.is_dir():
+        raise InputError(f"{results}: no such folder; certpgo reproduce writes one")
+    tables = tuple(_table(registry.get_table(n), results) for n in registry.table_names())
+    figures = tuple(_figure(registry.get_figure(n), results) for n in registry.figure_names())
+    if not any(t.records for t in tables) and not any(f.document for f in figures):
+        raise InputError(f"{results}: no results; certpgo reproduce makes some")
+    return Report(tables, figures)
+
+
+def current(records: Iterable[Record]) -> tuple[Record, ...]:
+    """The last record of every key and part, in the order of the first ones.
+
+    Older records, without a key, are told apart by row, part, method and seed.
+    """
+    latest: dict[tuple[object, ...], Record] = {}
+    for record in records:
+        key = getattr(record, "key", "")
+        name = (key,) if key else (record.row, record.method, record.seed)
+        latest[*name, record.part] = record
+    return tuple(latest.values())
+
+
+def rendered(report: Report) -> Iterator[tuple[str, bytes]]:
+    """Names and contents of the report's files, the same bytes every time."""
+    for result in report.tables:
+        for form in forms().values() if result.records else ():
+            text = form.render(result.table, result.records)
+            yield f"{result.table.name}.{form.suffix}", text.encode()
+    for drawn in report.figures:
+        if drawn.drawing is not None:
+            yield f"{drawn.figure.name}.svg", drawn.drawing
+    sources = _sources()
+    if sources:
+        yield "sources.bib", sources
+    yield "index.md", index(report.tables, report.figures).encode()
+
+
+def write(report: Report, folder: Path) -> Path:
+    """Write the report's files, each whole or not at all; returns the index's path.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written to.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, content in rendered(report):
+            beside = folder / f"{name}.part"
+            beside.write_bytes(content)
+            os.replace(beside, folder / name)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot write there: {error.strerror}") from None
+    return folder / "index.md"
+
+
+def _table(table: Table, results: Path) -> TableResult:
+    path = results / f"{table.name}.jsonl"
+    records = current(read_records(path)) if path.is_file() else ()
+    return TableResult(table, records, cells.cells(table, records), claims.of_table(table, records))
+
+
+def _figure(figure: Figure, results: Path) -> FigureResult:
+    path, drawing = (results / f"{figure.name}.{suffix}" for suffix in ("json", "svg"))
+    document = _document(path) if path.is_file() else None
+    drawn = drawing.read_bytes() if drawing.is_file() else None
+    data = None if document is None else document["data"]
+    return FigureResult(figure, document, drawn, claims.of_figure(figure, data))
+
+
+def _document(path: Path) -> Data:
+    try:
+        document: Data = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError:
+        document = {}
+    if not isinstance(document, Mapping) or not isinstance(document.get("data"), Mapping):
+        raise FormatError(path, None, "a figure's record, as reproduce writes it")
+    return document
+
+
+def _sources() -> bytes:
+    root = registry.checkout()
+    path = None if root is None else root / citations.SOURCES
+    return path.read_bytes() if path is not None and path.is_file() else b""
