@@ -123,8 +123,8 @@ def _judged(
         )
 
     if not values:
-        failed = next((r.error for r in mine if r.error), "") or "no record"
-        return cell(Found.NOT_RUN, said or failed.removeprefix("not run: "))
+        failed = next((r.error for r in mine if r.error), "").removeprefix("not run: ")
+        return cell(Found.NOT_RUN, failed or (said if mine else "") or "no record")
     if not (table.comparable or table.summary):
         return cell(Found.NOT_RUN, said or "of another instance")
     result = cell(Found.DIFFERS, said)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from certpgo.harness import cells, claims
@@ -18,7 +19,7 @@ def findings(table: Table, records: Sequence[Record]) -> list[str]:
     lines: list[str] = []
     if printed := cells.cells(table, records):
         lines += ["## Printed values", "", in_words(printed), ""]
-        lines += differing(printed)
+        lines += disagreeing(printed)
         lines += not_run(printed)
     if found := claims.of_table(table, records):
         lines += ["## Claims", "", *claims_table(found)]
@@ -30,28 +31,25 @@ def in_words(found: Sequence[Cell]) -> str:
     counts = cells.tally(found)
     return (
         f"Of {counted(len(found), 'printed value{s}')} {counts[cells.Found.REPRODUCED]} "
-        f"reproduced, {counts[cells.Found.BETTER]} better, {counts[cells.Found.DIFFERS]} different, "
-        f"{counts[cells.Found.NOT_RUN]} not run."
+        f"reproduced, {counts[cells.Found.BETTER]} better, {counts[cells.Found.DIFFERS]} "
+        f"different, {counts[cells.Found.NOT_RUN]} not run."
     )
 
 
-def differing(found: Iterable[Cell]) -> list[str]:
-    """The values that differ, with ours and why."""
+def disagreeing(found: Iterable[Cell]) -> list[str]:
+    """The values that differ or are better, with ours and why."""
     rows = [
-        (c.row, c.method, c.metric, c.printed, our_number(c), c.reason or "not explained")
+        (c.row, c.method, c.metric, c.printed, our_number(c), c.found.value, _why(c))
         for c in found
-        if c.found is cells.Found.DIFFERS
+        if c.found in (cells.Found.DIFFERS, cells.Found.BETTER)
     ]
-    header = ("row", "method", "metric", "printed", "ours", "why they differ")
+    header = ("row", "method", "metric", "printed", "ours", "found", "why they differ")
     return [*markdown_table(header, rows), ""] if rows else []
 
 
 def not_run(found: Iterable[Cell]) -> list[str]:
     """The reasons why values were not run, and of how many."""
-    reasons: dict[str, int] = {}
-    for cell in found:
-        if cell.found is cells.Found.NOT_RUN:
-            reasons[cell.reason] = reasons.get(cell.reason, 0) + 1
+    reasons = Counter(cell.reason for cell in found if cell.found is cells.Found.NOT_RUN)
     rows = [(reason, str(count)) for reason, count in reasons.items()]
     return [*markdown_table(("not run, because", "values"), rows), ""] if rows else []
 
@@ -60,6 +58,10 @@ def claims_table(found: Iterable[Outcome]) -> list[str]:
     """Claims, where they stand, and what became of them."""
     rows = [(outcome.claim.text, outcome.claim.source, outcome.told) for outcome in found]
     return [*markdown_table(("claim", "where", "found"), rows), ""]
+
+
+def _why(cell: Cell) -> str:
+    return cell.reason or ("not explained" if cell.found is cells.Found.DIFFERS else "")
 
 
 def our_number(cell: Cell) -> str:

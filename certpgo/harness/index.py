@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -9,7 +10,6 @@ from certpgo.harness import cells, claims
 from certpgo.harness.cells import Cell
 from certpgo.harness.citations import citation
 from certpgo.harness.claims import Outcome
-from certpgo.harness.findings import our_number
 from certpgo.harness.formats import forms
 from certpgo.harness.markup import markdown_table
 from certpgo.io.wording import counted
@@ -20,9 +20,11 @@ if TYPE_CHECKING:
 INTRODUCTION = """\
 Rendered from the records by `certpgo report`, a pure function of them. A printed value is
 reproduced when ours rounds to the printed digits or, of a mean over seeds, when it lies within two
-standard errors of our mean; it is better where lower or higher numbers are, and ours is. Every
-value of the papers' tables counts, whether or not it could be run. Times are no such values, nor is
-what says what a row is of: of times the order that is claimed is looked at, among the claims."""
+standard errors of our mean; it is better where lower or higher numbers are, and ours is. Where
+several of our readings stand for one value, the nearest counts. Every value of the papers' tables
+is counted, whether or not it could be run. Times are no such values, nor is what says what a row is
+of: of times the order that is claimed is looked at, among the claims. Where a claim names no
+tolerance, the one in its sentence is ours."""
 
 
 def index(tables: Sequence[TableResult], figures: Sequence[FigureResult]) -> str:
@@ -32,8 +34,8 @@ def index(tables: Sequence[TableResult], figures: Sequence[FigureResult]) -> str
     if any(getattr(r, "profile", "") == "quick" for t in tables for r in t.records):
         lines += ["**Results of the quick profile: of a part of the rows alone.**", ""]
     lines += ["## Printed values by table", "", *_by_table(tables), ""]
-    lines += ["## Printed values that differ", "", *_differing(tables), ""]
-    lines += ["## Printed values not run", "", *_not_run(tables), ""]
+    lines += ["## Printed values that differ", "", *_reasons(tables, cells.Found.DIFFERS), ""]
+    lines += ["## Printed values not run", "", *_reasons(tables, cells.Found.NOT_RUN), ""]
     lines += ["## Claims", "", *_claims(tables, figures), ""]
     lines += ["## Tables", "", *_tables(tables), ""]
     lines += ["## Figures", "", *_figures(figures), ""]
@@ -92,26 +94,16 @@ def _numbers(printed: int, counts: Mapping[cells.Found, int]) -> tuple[str, ...]
     return str(printed), *(str(count) for count in counts.values())
 
 
-def _differing(tables: Iterable[TableResult]) -> list[str]:
-    rows = [
-        (t.table.name, c.row, c.method, c.metric, c.printed, our_number(c), c.reason)
-        for t in tables
-        for c in t.cells
-        if c.found is cells.Found.DIFFERS
-    ]
-    header = ("table", "row", "method", "metric", "printed", "ours", "why they differ")
-    return markdown_table(header, rows) if rows else ["None."]
-
-
-def _not_run(tables: Iterable[TableResult]) -> list[str]:
-    reasons: dict[tuple[str, str], int] = {}
-    for table in tables:
-        for cell in table.cells:
-            if cell.found is cells.Found.NOT_RUN:
-                key = (table.table.name, cell.reason)
-                reasons[key] = reasons.get(key, 0) + 1
-    rows = [(name, reason, str(count)) for (name, reason), count in reasons.items()]
-    return markdown_table(("table", "because", "values"), rows) if rows else ["None."]
+def _reasons(tables: Iterable[TableResult], found: cells.Found) -> list[str]:
+    """Why values differ or were not run, and how many of each table."""
+    counts = Counter(
+        (result.table.name, cell.reason or "not explained")
+        for result in tables
+        for cell in result.cells
+        if cell.found is found
+    )
+    rows = [(name, str(count), reason) for (name, reason), count in counts.items()]
+    return markdown_table(("table", "values", "because"), rows) if rows else ["None."]
 
 
 def _claims(tables: Iterable[TableResult], figures: Iterable[FigureResult]) -> list[str]:

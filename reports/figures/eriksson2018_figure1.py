@@ -15,6 +15,7 @@ import numpy as np
 
 from certpgo import Certificate, Estimate, RotationProblem, certify, metrics
 from certpgo.datasets import synthetic
+from certpgo.harness.claims import Claim
 from certpgo.harness.figure import Data, Figure
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
@@ -152,6 +153,20 @@ def _frustum(rotation: FloatArray) -> FloatArray:
     return np.array([x, *image])
 
 
+def has_local_minima(record: Data) -> bool:
+    """Whether one minimum is certified and the others are refuted."""
+    first, *others = (minimum["verdict"] for minimum in record["minima"])
+    return first == "CERTIFIED" and set(others) == {"REFUTED"}
+
+
+CLAIMS = (
+    Claim(
+        "One rotation averaging problem has several local minima, of which one is global",
+        has_local_minima,
+        "section 1, Figure 1",
+    ),
+)
+
 FIGURE = Figure(
     name="eriksson2018_figure1",
     title="Three local minima of one orbital camera problem",
@@ -163,4 +178,5 @@ FIGURE = Figure(
         "redder the larger their residuals; the three lowest of the minima that Newton's method "
         "reaches from {starts} random starts, with the verdicts of their certificates."
     ),
+    claims=CLAIMS,
 )

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from certpgo.harness.claims import Claim
 from certpgo.harness.figure import Data, Figure
 from certpgo.spectral import smallest_eigenpairs
 
@@ -78,6 +79,26 @@ def draw(figure, record: Data) -> None:
     axes.legend(loc="center right", bbox_to_anchor=(1.0, 0.73))
 
 
+CLAIMS = (
+    Claim(
+        "Conjecture 3.2.1: the mean of the smallest eigenvalue grows monotonically with sigma_R "
+        "(to 3 standard errors)",
+        lambda record: record["fall"] <= 3.0,
+        "section 3.2 (p. 29)",
+    ),
+    Claim(
+        "Conjecture 3.2.1: it converges to the Fiedler value (2 standard errors at 180 degrees)",
+        lambda record: record["missing"] <= 2.0,
+        "section 3.2 (p. 29)",
+        remark="The means rise to a plateau about a percent below it, by many standard errors",
+    ),
+    Claim(
+        "No smallest eigenvalue is above the Fiedler value",
+        lambda record: record["largest"] <= 1.0,
+        "section 5.3.4 (p. 51)",
+    ),
+)
+
 FIGURE = Figure(
     name="moreira2020_figure3_1",
     title="The smallest eigenvalue as noise grows (Moreira 2020, Figure 3.1)",
@@ -98,4 +119,5 @@ FIGURE = Figure(
         "by one edge come to more than 100 times their Fiedler value, and the Sphere of Table 5.6 "
         "to 14 times. The thesis does not print the Fiedler values of its graphs.",
     ),
+    claims=CLAIMS,
 )

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo import Estimate, Instance, RotationProblem, metrics
+from certpgo.harness.claims import Claim
 from certpgo.harness.figure import Data, Figure
 from certpgo.solvers.eigen_ra import EigenRA
 from certpgo.solvers.riemannian_gradient import RiemannianGradient
@@ -100,6 +101,40 @@ def draw(figure, record: Data) -> None:
         axes.set_xlabel("$\\sigma_R$ (degrees)")
 
 
+def factors(record: Data) -> list[list[float]]:
+    """Of each graph, by growing Fiedler value, the RMSE over sigma_R."""
+    graphs = sorted(record["graphs"], key=lambda graph: graph["fiedler"])
+    noises = record["low_sigma_deg"]
+    return [
+        [rmse / sigma for rmse, sigma in zip(graph["rmse_deg"], noises, strict=True) if sigma]
+        for graph in graphs
+    ]
+
+
+def is_proportional(record: Data) -> bool:
+    """Whether each graph's factors lie within a tenth of one another."""
+    return all(max(ratios) <= 1.1 * min(ratios) for ratios in factors(record))
+
+
+def connectivity_helps(record: Data) -> bool:
+    """Whether the factors fall from graph to graph."""
+    last = [ratios[-1] for ratios in factors(record)]
+    return last == sorted(last, reverse=True)
+
+
+CLAIMS = (
+    Claim(
+        "Errors are proportional to sigma_R (the RMSE over sigma_R, to 10 %, up to 10 degrees)",
+        is_proportional,
+        "section 5.3.2, Figure 5.2 (p. 49)",
+    ),
+    Claim(
+        "The factor increases as the Fiedler value decreases",
+        connectivity_helps,
+        "section 5.3.2, Figure 5.2 (p. 49)",
+    ),
+)
+
 FIGURE = Figure(
     name="moreira2020_figure5_2",
     title="Errors against the truth as noise grows (Moreira 2020, Figure 5.2)",
@@ -113,4 +148,5 @@ FIGURE = Figure(
         "on four random graphs of {n} nodes; their RMSE at 5 degrees is {slopes} times sigma_R."
     ),
     notes=("The thesis does not print the Fiedler values of its four graphs.",),
+    claims=CLAIMS,
 )

@@ -21,6 +21,19 @@ OTHERS = (
 )
 
 
+#: Of which SE-Sync's authors print the optimum.
+PRINTED = (
+    "sphere2500",
+    "torus3D",
+    "parking-garage",
+    "cubicle",
+    "city10000",
+    "ais2klinik",
+    "manhattan",
+    "intel",
+)
+
+
 def rows(*names: str, rotations: bool = False) -> tuple[Row, ...]:
     """One row a set."""
     return tuple(Row(name, rotations=rotations) for name in names)

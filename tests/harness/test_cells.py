@@ -1,0 +1,158 @@
+"""Printed values beside ours, on a small paper made by hand."""
+
+import pytest
+
+from certpgo import registry
+from certpgo.harness import cells
+from certpgo.harness.cells import Found
+from certpgo.harness.findings import findings
+from certpgo.harness.published import published
+from certpgo.harness.records import Record
+from certpgo.harness.spec import Column, Method, Row, Table
+
+#: f: the lower the better; g: neither; x_time_s: a time.
+PRINTED = "set,edges,x_f,x_g,x_time_s\none,5,1.50,2.0,9.1\ntwo,6,3.0,4.0,9.2\nthree,7,5.0,,9.3\n"
+
+
+@pytest.fixture(autouse=True)
+def checkout(tmp_path, monkeypatch):
+    for name in ("baselines", "reports/published"):
+        (tmp_path / name).mkdir(parents=True)
+    (tmp_path / "reports/published/paper_table1.csv").write_text(PRINTED)
+    monkeypatch.setenv(registry.REPOSITORY_VARIABLE, str(tmp_path))
+    published.cache_clear()
+    yield
+    published.cache_clear()
+
+
+def table(**more):
+    return Table(
+        "t",
+        "A title",
+        (Row("a", published="one"), Row("b", published="two")),
+        (Method("m", published={"cost": "x_f", "f_ml": "x_g", "total_seconds": "x_time_s"}),),
+        (Column("cost", "f", better="lower"), Column("f_ml", "g")),
+        **{"published": "paper_table1", "key": "set", **more},
+    )
+
+
+def record(row="a", error="", seed=None, **metrics):
+    return Record("t", row, "m", seed=seed, metrics=metrics, error=error)
+
+
+def found(records, **more):
+    return {(c.key, c.column): c for c in cells.cells(table(**more), records)}
+
+
+def test_every_printed_value_is_counted_and_nothing_else():
+    assert cells.value_columns(table()) == ("x_f", "x_g")
+    # five: what is empty, the number of edges and times are no values
+    keys = [("one", "x_f"), ("one", "x_g"), ("two", "x_f"), ("two", "x_g"), ("three", "x_f")]
+    assert list(found([])) == keys
+
+
+def test_values_are_reproduced_better_different_or_not_run():
+    records = [record(cost=1.504, f_ml=2.06), record("b", cost=2.9)]
+    values = found(records, explained={"a": "read otherwise", "three": "lost", "m": "no g"})
+    assert {key: (c.found, c.reason) for key, c in values.items()} == {
+        ("one", "x_f"): (Found.REPRODUCED, ""),
+        ("one", "x_g"): (Found.DIFFERS, "read otherwise"),
+        ("two", "x_f"): (Found.BETTER, ""),
+        ("two", "x_g"): (Found.NOT_RUN, "no g"),
+        ("three", "x_f"): (Found.NOT_RUN, "lost"),
+    }
+    assert values["one", "x_g"].ours == 2.06
+    assert cells.tally(values.values()) == dict(zip(Found, (1, 1, 1, 2), strict=True))
+
+
+def test_what_is_worse_is_not_better():
+    assert found([record("b", cost=3.1)])["two", "x_f"].found is Found.DIFFERS
+
+
+def test_a_failure_says_why_before_any_explanation():
+    values = found([record(error="not run: file not here")], explained={"m": "another program"})
+    assert values["one", "x_f"].reason == "file not here"
+    assert values["two", "x_f"].reason == "no record"
+    assert values["three", "x_f"].reason == "not among our rows"
+
+
+def test_explanations_are_of_both_then_the_row_then_the_method():
+    said = {"a/m": "both", "a": "the row", "m": "the method"}
+    spec = table(explained=said)
+    assert cells.explanation(spec, "a", "m") == "both"
+    assert cells.explanation(spec, "a", "other") == "the row"
+    assert cells.explanation(spec, "b", "m") == "the method"
+    assert cells.explanation(spec, "b", "other") == ""
+
+
+@pytest.mark.parametrize(
+    ("offset", "expected"), [(0.199, Found.REPRODUCED), (0.201, Found.DIFFERS)]
+)
+def test_two_standard_errors_of_the_mean_over_the_seeds(offset, expected):
+    # Mean 4 + offset; deviation 0.2 of four, hence a standard error of 0.1.
+    spread = 0.2 * 0.75**0.5
+    values = [4.0 + offset + side * spread for side in (-1.0, -1.0, 1.0, 1.0)]
+    records = [record("b", seed=k, f_ml=value) for k, value in enumerate(values)]
+    value = found(records, summary="mean")["two", "x_g"]
+    assert value.standard_error == pytest.approx(0.1)
+    assert value.ours == pytest.approx(4.0 + offset)
+    assert value.found is expected
+    # of one instance nobody knows the spread
+    assert found(records[:1], summary="mean")["two", "x_g"].standard_error is None
+
+
+def test_ours_is_the_median_where_the_table_shows_medians():
+    records = [record("b", seed=k, f_ml=value) for k, value in enumerate((4.0, 4.02, 90.0))]
+    value = found(records, summary="median")["two", "x_g"]
+    assert (value.ours, value.found) == (4.02, Found.REPRODUCED)
+
+
+def test_other_instances_are_never_compared():
+    value = found([record(cost=1.5)], comparable=False)["one", "x_f"]
+    assert (value.found, value.reason) == (Found.NOT_RUN, "of another instance")
+
+
+def test_the_nearest_of_several_readings_counts():
+    rows = (Row("a", published="one"), Row("b", published="one"))
+    method = Method("m", published={"f_ml": "x_g"})
+    spec = Table(
+        "t", "", rows, (method,), (Column("f_ml", "g"),), published="paper_table1", key="set"
+    )
+    first, *others = cells.cells(spec, [record(f_ml=9.0), record("b", f_ml=2.0)])
+    assert (first.row, first.found) == ("b", Found.REPRODUCED)
+    assert [cell.key for cell in others] == ["two"]
+
+
+def test_of_lines_of_methods_the_key_names_both(tmp_path):
+    lines = "set,by,f\none,us,1.0\none,them,2.0\n"
+    (tmp_path / "reports/published/paper_table2.csv").write_text(lines)
+    method = Method("m", published={"cost": "f"}, printed="us")
+    spec = Table(
+        *("t", "", (Row("a", published="one"),), (method,), (Column("cost", "f"),)),
+        published="paper_table2",
+        key="set,by",
+        explained={"them": "weights are not public"},
+    )
+    ours, theirs = cells.cells(spec, [record(cost=1.0)])
+    assert ours.found is Found.REPRODUCED
+    assert (theirs.key, theirs.reason) == ("one/them", "weights are not public")
+
+
+def test_the_findings_to_the_byte():
+    records = [record(cost=1.504, f_ml=2.06), record("b", cost=2.9)]
+    assert findings(table(explained={"a": "read | otherwise"}), records) == [
+        "## Printed values",
+        "",
+        "Of 5 printed values 1 reproduced, 1 better, 1 different, 2 not run.",
+        "",
+        "| row | method | metric | printed | ours | found | why they differ |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+        "| a | m | f_ml | 2.0 | 2.06 | differs | read \\| otherwise |",
+        "| b | m | cost | 3.0 | 2.9 | better |  |",
+        "",
+        "| not run, because | values |",
+        "| --- | --- |",
+        "| no record | 1 |",
+        "| not among our rows | 1 |",
+        "",
+    ]
