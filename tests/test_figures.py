@@ -8,6 +8,7 @@ import pytest
 
 from certpgo import registry
 from certpgo.errors import InputError, SpecError
+from certpgo.harness import claims
 from certpgo.harness.figure import Figure, computed, publish, rendered
 
 
@@ -42,6 +43,18 @@ def test_every_figure_keeps_the_contract(name, quick, tmp_path):
     assert drawing.startswith(b"<?xml")
     assert len(drawing) < 400_000
     assert rendered(figure, kept["data"]) == drawing
+    assert all(o.found is not claims.Found.NOT_RUN for o in claims.of_figure(figure, record))
+
+
+@pytest.mark.parametrize("name", registry.figure_names())
+def test_every_committed_claim_that_differs_is_remarked_upon(name):
+    path = registry.repository() / "reports" / "results" / f"{name}.json"
+    if not path.is_file():
+        pytest.skip(f"{name} was not made here")
+    outcomes = claims.of_figure(registry.get_figure(name), json.loads(path.read_text())["data"])
+    assert all(outcome.claim.source for outcome in outcomes)
+    differing = [o for o in outcomes if o.found is claims.Found.DIFFERS]
+    assert [o.claim.text for o in differing if not o.claim.remark] == []
 
 
 @pytest.fixture

@@ -1,17 +1,27 @@
 """Every table of the checkout validates, builds its methods and runs its quick profile."""
 
+import re
+
 import pytest
 
 from certpgo import registry
 from certpgo.errors import InputError
+from certpgo.harness import cells, claims
+from certpgo.harness.citations import citation
+from certpgo.harness.figure import Figure
+from certpgo.harness.formats import forms
 from certpgo.harness.methods import build
 from certpgo.harness.published import printed_number, published
-from certpgo.harness.records import from_line, to_line
+from certpgo.harness.records import from_line, read_records, to_line
 from certpgo.harness.render import markdown, sections
+from certpgo.harness.report import current
 from certpgo.harness.runner import chosen_rows, run
 from certpgo.harness.spec import FACTORIZATION
 
 NAMES = registry.table_names()
+RESULTS = registry.repository() / "reports" / "results"
+#: Printed columns that say what a line is of, besides its key.
+DESCRIPTIVE = {"abbreviation", "n", "vertices", "edges", "poses", "sigma_t"}
 
 
 @pytest.fixture(params=NAMES, scope="module")
@@ -58,6 +68,72 @@ def test_published_keys_and_columns_exist(table):
                 assert printed_number(table, row, method, metric)
 
 
+def test_every_printed_column_is_a_value_a_time_or_says_what_a_line_is(table):
+    if not table.published:
+        return
+    lines = published(table.published, table.key)
+    columns = set().union(*lines.values())
+    known = {*cells.value_columns(table), *table.key.split(","), *DESCRIPTIVE}
+    assert all(name.endswith(("_time_s", "_ratio")) for name in columns - known)
+    # but for lines that hold none, each line has its values counted
+    printed = cells.cells(table, ())
+    assert len(printed) == sum(
+        bool(line[name]) for line in lines.values() for name in cells.value_columns(table)
+    )
+
+
+def test_explanations_are_of_something(table):
+    rows = [row.label for row in table.rows + table.stand_ins]
+    methods = [method.label for method in table.methods]
+    both = {f"{row}/{method}" for row in rows for method in methods}
+    lines = published(table.published, table.key) if table.published else {}
+    of_lines = {*lines, *(part for key in lines for part in key.split("/"))}
+    assert set(table.explained) <= both | {*rows, *methods} | of_lines
+
+
+def committed(table):
+    path = RESULTS / f"{table.name}.jsonl"
+    if not path.is_file():
+        pytest.skip(f"no results of {table.name} here")
+    return current(read_records(path))
+
+
+def test_every_committed_value_that_differs_is_explained(table):
+    found = cells.cells(table, committed(table))
+    assert [c for c in found if c.found is cells.Found.DIFFERS and not c.reason] == []
+
+
+def test_every_committed_claim_that_differs_is_remarked_upon(table):
+    outcomes = claims.of_table(table, committed(table))
+    differing = [o for o in outcomes if o.found is claims.Found.DIFFERS]
+    assert [o.claim.text for o in differing if not o.claim.remark] == []
+
+
+def test_rows_of_committed_latex_have_one_cell_a_column(table):
+    text = forms()["tex"].render(table, committed(table))
+    kinds = re.search(r"@\{\}(\w+)@\{\}", text)[1]
+    rows = [line for line in text.split("\n") if line.endswith(" \\\\")]
+    assert rows
+    assert {len(re.findall(r"(?<!\\)&", row)) for row in rows} == {len(kinds) - 1}
+    bare = re.sub(r"\\[{}]", "", text)
+    assert bare.count("{") == bare.count("}")
+    assert bare.count("$") % 2 == 0
+
+
+def test_claims_can_be_asked_of_any_records(table, records):
+    for found in (claims.of_table(table, records), claims.of_table(table, ())):
+        assert len(found) == len(table.claims)
+    assert {outcome.found for outcome in found} <= {claims.Found.NOT_RUN}
+    assert all(claim.source for claim in table.claims)
+
+
+def test_a_paper_s_table_or_figure_can_be_cited():
+    for name in (*NAMES, *registry.figure_names()):
+        spec = registry.get_report(name)
+        printed = "" if isinstance(spec, Figure) else spec.published
+        assert bool(citation(printed or name)) == ("20" in (printed or name)), name
+
+
 def test_quick_profile_runs_and_renders(table, records):
     rows = chosen_rows(table, data=None, quick=True)
     assert len({(record.row, record.method) for record in records}) == len(records)
@@ -74,7 +150,8 @@ def test_quick_profile_runs_and_renders(table, records):
 
 def test_rendering_is_a_function_of_the_records_alone(table, records):
     again = [from_line(to_line(record)) for record in records]
-    assert markdown(table, again) == markdown(table, records)
+    for form in forms().values():
+        assert form.render(table, again) == form.render(table, records)
 
 
 def test_moreira_table_5_6_agrees_with_its_printed_eigenvalues(dataset_path):
