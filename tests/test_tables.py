@@ -42,6 +42,11 @@ def test_a_table_is_called_as_its_file(table):
     assert table.name in NAMES
 
 
+def test_columns_are_told_apart_by_their_titles(table):
+    titles = ["method", *(column.title for column in table.columns)]
+    assert len(set(titles)) == len(titles)
+
+
 def test_methods_and_their_settings_exist(table):
     for method in (*table.methods, *filter(None, [table.reference])):
         while method is not None:

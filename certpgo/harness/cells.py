@@ -7,7 +7,7 @@ looked at, see `certpgo.harness.claims`. Nor are the columns that say what a row
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from statistics import fmean, median, stdev
 
@@ -106,35 +106,23 @@ def _judged(
     mine = [r for r in records if (r.row, r.method) == (row.label, method.label)]
     values = [value for r in mine if (value := r.metrics.get(metric)) is not None]
     said = explanation(table, row.label, method.label)
-
-    def cell(found: Found, reason: str = "") -> Cell:
-        middle = median if table.summary == "median" else fmean
-        return Cell(
-            blank.key,
-            blank.column,
-            blank.printed,
-            found,
-            row.label,
-            method.label,
-            metric,
-            middle(values) if values else None,
-            _standard_error(values),
-            reason,
-        )
-
+    cell = replace(blank, row=row.label, method=method.label, metric=metric)
     if not values:
         failed = next((r.error for r in mine if r.error), "").removeprefix("not run: ")
-        return cell(Found.NOT_RUN, failed or (said if mine else "") or "no record")
+        return replace(cell, reason=failed or (said if mine else "") or "no record")
+    ours = median(values) if table.summary == "median" else fmean(values)
+    error = _standard_error(values)
+    cell = replace(cell, ours=ours, standard_error=error, reason="")
     if not (table.comparable or table.summary):
-        return cell(Found.NOT_RUN, said or "of another instance")
-    result = cell(Found.DIFFERS, said)
+        return replace(cell, reason=said or "of another instance")
     better = {column.key: column.better for column in table.columns}
-    comparison = compare(blank.printed, result.ours or 0.0, better.get(metric, ""))
+    comparison = compare(blank.printed, ours, better.get(metric, ""))
     away = abs(fmean(values) - float(blank.printed))
-    near = result.standard_error is not None and away <= ERRORS * result.standard_error
-    if comparison.agrees or near:
-        return cell(Found.REPRODUCED)
-    return cell(Found.BETTER) if comparison.is_better else result
+    if comparison.agrees or (error is not None and away <= ERRORS * error):
+        return replace(cell, found=Found.REPRODUCED)
+    if comparison.is_better:
+        return replace(cell, found=Found.BETTER)
+    return replace(cell, found=Found.DIFFERS, reason=said)
 
 
 def _standard_error(values: Sequence[float]) -> float | None:

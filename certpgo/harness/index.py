@@ -127,7 +127,8 @@ def _tables(tables: Iterable[TableResult]) -> list[str]:
     for result in tables:
         ends = (f"[{f.title}]({result.table.name}.{f.suffix})" for f in forms().values())
         files = ", ".join(ends) if result.records else "not run"
-        rows.append((result.table.name, result.table.title, files, _cite(result.table.name)))
+        cited = result.table.published or result.table.name
+        rows.append((result.table.name, result.table.title, files, _cite(cited)))
     return markdown_table(("table", "title", "files", "cite"), rows)
 
 
@@ -151,7 +152,7 @@ def _link(result: TableResult) -> str:
 
 def _environment(tables: Iterable[TableResult], figures: Iterable[FigureResult]) -> Iterator[str]:
     origins = [r.provenance for t in tables for r in t.records if r.provenance]
-    origins += [f.document["provenance"] for f in figures if f.document is not None]
+    origins += [f.document.get("provenance", {}) for f in figures if f.document is not None]
     for key in sorted({key for origin in origins for key in origin}):
         values = dict.fromkeys(sorted(str(origin[key]) for origin in origins if key in origin))
         if key == "date" and len(values) > 1:

@@ -28,8 +28,9 @@ def text(table: Table, records: Sequence[Record]) -> str:
     """The table as LaTeX, to be read into a document."""
     shown = sections(table, records)
     header = _header(shown)
-    of_words = {c.title for c in table.columns if c.key in FIELDS}
-    kinds = "".join("r" if name in _numeric(table) - of_words else "l" for name in header)
+    of_words = set(FIELDS) - {"iterations"}
+    numeric = {column.title for column in table.columns if column.key not in of_words}
+    kinds = "".join("r" if name in numeric else "l" for name in header)
     return "\n".join(
         [
             "% needs \\usepackage{booktabs,longtable}",
@@ -47,10 +48,6 @@ def text(table: Table, records: Sequence[Record]) -> str:
             "",
         ]
     )
-
-
-def _numeric(table: Table) -> set[str]:
-    return {column.title for column in table.columns}
 
 
 def _header(shown: Iterable[Section]) -> tuple[str, ...]:
