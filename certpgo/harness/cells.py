@@ -40,7 +40,7 @@ class Cell:
     row, method, metric : ours that come nearest, or empty
     ours : our number, or None
     standard_error : of our mean over the seeds, or None of a single instance
-    reason : why it differs or was not run
+    reason : why it differs, is better or was not run
     """
 
     key: str
@@ -120,9 +120,8 @@ def _judged(
     away = abs(fmean(values) - float(blank.printed))
     if comparison.agrees or (error is not None and away <= ERRORS * error):
         return replace(cell, found=Found.REPRODUCED)
-    if comparison.is_better:
-        return replace(cell, found=Found.BETTER)
-    return replace(cell, found=Found.DIFFERS, reason=said)
+    found = Found.BETTER if comparison.is_better else Found.DIFFERS
+    return replace(cell, found=found, reason=said)
 
 
 def _standard_error(values: Sequence[float]) -> float | None:

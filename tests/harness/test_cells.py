@@ -53,12 +53,14 @@ def test_every_printed_value_is_counted_and_nothing_else():
 
 def test_values_are_reproduced_better_different_or_not_run():
     records = [record(cost=1.504, f_ml=2.06), record("b", cost=2.9)]
-    values = found(records, explained={"a": "read otherwise", "three": "lost", "m": "no g"})
+    values = found(
+        records, explained={"a": "read otherwise", "three": "lost", "b": "a program of today"}
+    )
     assert {key: (c.found, c.reason) for key, c in values.items()} == {
         ("one", "x_f"): (Found.REPRODUCED, ""),
         ("one", "x_g"): (Found.DIFFERS, "read otherwise"),
-        ("two", "x_f"): (Found.BETTER, ""),
-        ("two", "x_g"): (Found.NOT_RUN, "no g"),
+        ("two", "x_f"): (Found.BETTER, "a program of today"),
+        ("two", "x_g"): (Found.NOT_RUN, "a program of today"),
         ("three", "x_f"): (Found.NOT_RUN, "lost"),
     }
     assert values["one", "x_g"].ours == 2.06

@@ -96,6 +96,7 @@ def test_what_tex_would_act_upon_is_harmless(words, expected):
     [
         ("1.5", "1.5"),
         ("-1.5", "$-1.5$"),
+        ("1.58e+00", "1.58"),
         ("1.20e-05", r"$1.20\times 10^{-5}$"),
         ("-5e+10 (1e-3 to 2)", r"$-5\times 10^{10}$ ($1\times 10^{-3}$ to 2)"),
         ("3D, v1.2-3, x_1e-5", r"3D, v1.2-3, x\_1e-5"),

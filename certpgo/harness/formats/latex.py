@@ -95,7 +95,7 @@ def numbered(words: str) -> str:
     end = 0
     for match in _NUMBER.finditer(words):
         digits, exponent = match.groups()
-        power = "" if exponent is None else f"\\times 10^{{{int(exponent)}}}"
+        power = "" if int(exponent or 0) == 0 else f"\\times 10^{{{int(exponent)}}}"
         parts.append(escaped(words[end : match.start()]))
         plain = not power and not digits.startswith("-")
         parts.append(digits if plain else f"${digits}{power}$")
