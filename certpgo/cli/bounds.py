@@ -87,7 +87,7 @@ def _show(part: Instance, found: Ladder) -> None:
 
 
 def _head(part: Instance, found: Ladder) -> Iterable[tuple[str, str]]:
-    from certpgo.cli._verdict import judged_by
+    from certpgo.harness.verdicts import judged_by
 
     yield "graph", part.name
     whose = "of the answer given" if found.given else "of our own answer"

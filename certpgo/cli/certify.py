@@ -107,6 +107,7 @@ def command(
 def _single(
     path: Path, given: Sequence[Estimate], parts: Sequence[Part], json: bool
 ) -> list[Assessment]:
+    from certpgo.harness.verdicts import judged_by
     from certpgo.io.digits import writing_of
 
     writing = writing_of(path)
@@ -123,7 +124,7 @@ def _single(
             {
                 "graph": part.instance.name,
                 "options": dict(part.instance.options),
-                "judged_by": _verdict.judged_by(part.instance.options),
+                "judged_by": judged_by(part.instance.options),
                 **_verdict.as_json(assessment.certificate),
                 **_verdict.comparison_as_json(assessment),
             }
