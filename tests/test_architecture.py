@@ -66,6 +66,7 @@ HOMES = {
     "threadpoolctl": ("harness/timing.py", "certify/proof.py"),
     "flint": ("harness/zoo/oracle.py",),
     "matplotlib": ("harness/figure.py",),
+    "jinja2": ("harness/html/page.py",),
     "gtsam": (),
 }
 

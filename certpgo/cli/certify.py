@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from certpgo.cli import _verdict
+from certpgo.cli._paging import origin_of, write_page
 from certpgo.cli._proving import REFUSED, provable_source, prove
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, notice, noticing, working
@@ -57,6 +58,10 @@ def command(
         Path | None,
         typer.Option("--proof", metavar="OUT", help="Write a proof that certpgo check checks."),
     ] = None,
+    html: Annotated[
+        Path | None,
+        typer.Option("--html", metavar="OUT", help="Write a page about the answer, with a view."),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
     *,
     reading: Reading,
@@ -69,13 +74,13 @@ def command(
 
     if len(estimates) > 1 and csv is None:
         raise InputError("several estimates need --csv OUT, for a row each")
-    if csv is not None and (polish is not None or proof is not None):
-        raise InputError("--polish and --proof write one answer, and do not go with --csv")
+    if csv is not None and not (polish is None and proof is None and html is None):
+        raise InputError("--polish, --proof and --html are of one answer: not with --csv")
     if polish is not None:
         format_to_write(polish, None)  # a wrong suffix is said before the work, not after
-    for out in (polish, csv, proof):
+    for out in (polish, csv, proof, html):
         refuse_unwritable(out)
-    refuse_overwriting([polish, csv, proof], [graph, *estimates, timestamps], reading.data)
+    refuse_overwriting([polish, csv, proof, html], [graph, *estimates, timestamps], reading.data)
     source = None if proof is None else provable_source(graph, reading)
     instance = reading.open(graph)
     parts = []
@@ -87,6 +92,8 @@ def command(
         raise InputError("--polish writes one answer; choose one with --components largest")
     if proof is not None and len(parts) > 1:
         raise InputError("--proof is about a connected graph; write each component to a file")
+    if html is not None and len(parts) > 1:
+        raise InputError("--html shows one answer; choose one with --components largest")
     if csv is not None:
         return _batch(estimates, instance, parts, timestamps, csv, json, reading)
     path = reading.locate(estimates[0])
@@ -97,11 +104,16 @@ def command(
     elif any(a.excess > a.certificate.tolerance for a in assessments):
         notice("--polish OUT writes the better answer")
     code = _verdict.exit_code(a.certificate for a in assessments)
+    proven = True
     if proof and source:
         certificate = assessments[0].certificate
-        if not prove(proof, source, parts[0].instance, given[0], certificate, json=json):
-            return code or REFUSED
-    return code
+        proven = prove(proof, source, parts[0].instance, given[0], certificate, json=json)
+    if html is not None:
+        part = parts[0]
+        written = proof if proven else None
+        origin = origin_of(graph, reading, estimate=estimates[0], proof=written)
+        write_page(html, part.instance, part.problem, given[0], assessments[0], origin)
+    return code if proven else code or REFUSED
 
 
 def _single(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from certpgo.cli import _verdict
+from certpgo.cli._paging import origin_of, write_page
 from certpgo.cli._proving import REFUSED, provable_source, prove
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, facts, notice, noticing, working
@@ -48,6 +49,10 @@ def command(
         Path | None,
         typer.Option("--proof", metavar="OUT", help="Write a proof that certpgo check checks."),
     ] = None,
+    html: Annotated[
+        Path | None,
+        typer.Option("--html", metavar="OUT", help="Write a page about the answer, with a view."),
+    ] = None,
     certify: Annotated[
         bool, typer.Option("--certify/--no-certify", help="Judge the answer of --method as well.")
     ] = True,
@@ -77,14 +82,16 @@ def command(
     _refuse_mixtures(method, settings, certify, time_limit, max_rank)
     if out is not None:
         format_to_write(out, format)  # a wrong suffix is said before the work, not after
-    refuse_unwritable(out)
-    refuse_unwritable(proof)
-    refuse_overwriting([out, proof], [graph, initial], reading.data)
+    for written in (out, proof, html):
+        refuse_unwritable(written)
+    refuse_overwriting([out, proof, html], [graph, initial], reading.data)
     source = None if proof is None else provable_source(graph, reading)
     instance = reading.open(graph)
     parts = reading.parts(instance)
     if proof is not None and (len(parts) > 1 or not certify):
         raise InputError("--proof is about a connected graph, and an answer that is certified")
+    if html is not None and (len(parts) > 1 or not certify):
+        raise InputError("--html is about a connected graph, and an answer that is certified")
     targets = _targets(out, parts)
     refuse_overwriting(targets, [graph, initial], reading.data)
     with noticing():
@@ -116,6 +123,9 @@ def command(
             proven = False
         elif proof and source and certificate is not None and not answer.interrupted:
             proven = prove(proof, source, part, estimate, certificate, json=json)
+        if html is not None and certificate is not None:
+            checked = proof if proven and not answer.interrupted else None
+            _page(html, graph, part, answer, target, checked, reading)
         if answer.interrupted:
             break
     if json:
@@ -253,6 +263,35 @@ def _by_method(
         return _Answer(name, solution, None)
     status.update(f"certifying the answer for {part.name}")
     return _Answer(name, solution, certify(solution.judged(problem), solution.estimate))
+
+
+def _page(
+    out: Path,
+    graph: str,
+    part: Instance,
+    answer: _Answer,
+    written: Path | None,
+    proof: Path | None,
+    reading: Reading,
+) -> None:
+    from certpgo.harness.assessment import assess
+    from certpgo.problem import problem_of
+
+    solution, certificate = answer.solution, answer.certificate
+    if certificate is None:
+        return
+    remarks = [f"It ended: {solution.status.value}; {solution.note}."] if solution.note else []
+    if solution.kept is not None:
+        remarks.append(
+            f"The verdict is of the {solution.kept} of {part.graph.num_edges} measurements that "
+            "the method kept, with the weights they ended with; the view shows these."
+        )
+    problem = solution.judged(problem_of(part.graph))
+    assessment = assess(problem, solution.estimate, certificate, ids=part.ids)
+    origin = origin_of(
+        graph, reading, estimate=written, proof=proof, method=answer.name, remarks=remarks
+    )
+    write_page(out, part, problem, solution.estimate, assessment, origin, solution.trace)
 
 
 def _refuse_mixtures(

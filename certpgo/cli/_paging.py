@@ -1,0 +1,83 @@
+"""Writing the page of a certificate, where a command is asked to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import fields
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from certpgo.cli._show import notice, working
+
+if TYPE_CHECKING:
+    from certpgo.cli._reading import Reading
+    from certpgo.estimate import Estimate
+    from certpgo.graph import Instance
+    from certpgo.harness.assessment import Assessment
+    from certpgo.harness.html.certificate import Origin
+    from certpgo.monitor import Iteration
+    from certpgo.problem import Problem
+
+
+def origin_of(
+    graph: str,
+    reading: Reading,
+    *,
+    estimate: str | Path | None = None,
+    proof: Path | None = None,
+    method: str = "",
+    remarks: Sequence[str] = (),
+) -> Origin:
+    """Where an answer came from; of what made it, all but the date, so that a page is repeated."""
+    from certpgo.harness.html.certificate import Origin
+    from certpgo.harness.records import provenance
+    from certpgo.linalg.factor import default_engine
+    from certpgo.registry import checkout
+
+    made = provenance(default_engine(), checkout())
+    return Origin(
+        graph=graph,
+        estimate="" if estimate is None else str(estimate),
+        reading=tuple(_arguments(reading)),
+        proof="" if proof is None else str(proof),
+        method=method,
+        remarks=tuple(remarks),
+        environment={key: said for key, said in made.items() if key != "date"},
+    )
+
+
+def write_page(
+    out: Path,
+    instance: Instance,
+    problem: Problem,
+    estimate: Estimate,
+    assessment: Assessment,
+    origin: Origin,
+    trace: Sequence[Iteration] = (),
+) -> None:
+    """Write the page of a certificate.
+
+    Raises
+    ------
+    InputError
+        It cannot be written.
+    """
+    from certpgo.harness.html.certificate import certificate_page
+    from certpgo.io.writing import atomically
+
+    with working(f"drawing {instance.name}"):
+        text = certificate_page(instance, problem, estimate, assessment, origin, trace)
+    atomically(out, lambda beside: beside.write_text(text, encoding="utf-8", newline="\n"))
+    notice(f"the page is in {out}")
+
+
+def _arguments(reading: Reading) -> Iterator[str]:
+    """The options of a command line that read a graph so."""
+    for field in fields(reading):
+        value = getattr(reading, field.name)
+        if value == field.default or field.name == "data":
+            continue
+        yield "--" + field.name.replace("_", "-")
+        if value is not True:
+            yield str(value.value if isinstance(value, Enum) else value)

@@ -1,0 +1,217 @@
+"""The page of one certificate: what is proven, on what it rests, and where the residuals are."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from certpgo.certify.bounds import Bounds
+from certpgo.certify.certificate import Certificate
+from certpgo.certify.curvature import smallest_eigenvalues
+from certpgo.errors import NumericalError
+from certpgo.estimate import Estimate
+from certpgo.graph import Instance
+from certpgo.harness.assessment import Assessment, CostlyEdge
+from certpgo.harness.html.page import page
+from certpgo.harness.html.plots import Bars, Curve, Lines, bars, lines
+from certpgo.harness.html.scene import scene
+from certpgo.harness.verdicts import digits, distances, judged_by, meaning, numbers, trusts
+from certpgo.io.wording import counted
+from certpgo.monitor import Iteration
+from certpgo.problem import PoseProblem, Problem
+
+#: Eigenvalues that are shown beyond the d of the gauge.
+EIGENVALUES = 5
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a judged answer came from, and how to judge it again.
+
+    Attributes
+    ----------
+    graph, estimate : as they were named; an answer of our own that was not written has none
+    reading : options of the command line that say how the graph was read
+    proof : the proof file, if one was written
+    method : that found the answer, or empty
+    remarks : sentences that a reader of the verdict should know
+    environment : versions, machine and engine
+    """
+
+    graph: str
+    estimate: str = ""
+    reading: tuple[str, ...] = ()
+    proof: str = ""
+    method: str = ""
+    remarks: tuple[str, ...] = ()
+    environment: Mapping[str, str] | None = None
+
+
+def certificate_page(
+    instance: Instance,
+    problem: Problem,
+    estimate: Estimate,
+    assessment: Assessment,
+    origin: Origin,
+    trace: Sequence[Iteration] = (),
+) -> str:
+    """The page, one HTML file; the same bytes for the same arguments.
+
+    Parameters
+    ----------
+    instance, problem : the connected graph, and the problem that the estimate is judged by
+    assessment : of the estimate, with its certificate
+    trace : of the method that found it, if it kept one
+    """
+    certificate = assessment.certificate
+    spectrum, spectrum_said = _spectrum(problem, certificate)
+    recheck_said, recheck = _recheck(origin, certificate)
+    return page(
+        "certificate.html",
+        verdict=certificate.verdict.value,
+        graph=instance.name,
+        meaning=meaning(certificate),
+        reason=certificate.reason,
+        remarks=origin.remarks,
+        numbers=[*_head(instance, origin), *_facts(instance, assessment)],
+        scene=scene(problem, estimate, instance.ids),
+        edge_header=_EDGE_HEADER[: None if isinstance(problem, PoseProblem) else -1],
+        edges=[_edge(edge) for edge in assessment.edges],
+        angles=[*_angles(certificate)],
+        spectrum=spectrum,
+        spectrum_said=spectrum_said,
+        charts=_charts(trace, certificate),
+        no_charts=_no_trace(origin),
+        recheck_said=recheck_said,
+        recheck=recheck,
+        environment=dict(origin.environment or {}),
+    )
+
+
+_EDGE_HEADER = ("edge", "nodes", "term of F", "share of F", "off by, degrees", "off by, m")
+
+
+def _head(instance: Instance, origin: Origin) -> Iterable[tuple[str, str]]:
+    graph = instance.graph
+    nodes, edges = counted(graph.num_nodes, "node{s}"), counted(graph.num_edges, "edge{s}")
+    yield "graph", f"{origin.graph} ({nodes}, {edges}, {graph.d}D)"
+    if origin.estimate:
+        yield "estimate", origin.estimate
+    if origin.method:
+        yield "method", origin.method
+
+
+def _facts(instance: Instance, assessment: Assessment) -> Iterable[tuple[str, str]]:
+    certificate = assessment.certificate
+    yield from numbers(certificate)
+    yield from distances(assessment)
+    yield from digits(assessment)
+    yield "proof rests on", trusts(certificate)
+    yield "judged by", f"{judged_by(instance.options)} (other tools minimise other errors)"
+
+
+def _edge(edge: CostlyEdge) -> tuple[str, ...]:
+    cells = (
+        str(edge.edge),
+        f"{edge.ids[0]} to {edge.ids[1]}",
+        f"{edge.cost:.6g}",
+        f"{100.0 * edge.share:.3g} %",
+        f"{math.degrees(edge.angle):.4g}",
+    )
+    return cells if edge.metres is None else (*cells, f"{edge.metres:.4g}")
+
+
+def _angles(certificate: Certificate) -> Iterable[tuple[str, str, str]]:
+    bounds = certificate.bounds
+    if bounds is None:
+        return
+    largest = certificate.max_residual_angle
+    for title, angle in _angle_bounds(bounds):
+        said = "no residual exceeds it" if largest <= angle else "the worst residual exceeds it"
+        yield title, f"{math.degrees(angle):.4g} degrees", said
+    holds = "holds after descent" if bounds.row_bound_holds else "does not hold after descent"
+    yield "each node's own residuals against the normalized bound", "", holds
+    if bounds.cycle_sum_holds is not None:
+        said = "are of one axis and sign, and add up to at most 180 degrees"
+        yield "the residuals around the cycle", "", said if bounds.cycle_sum_holds else "do not"
+    yield "eigenvalues of the connection Laplacian", f"{bounds.spectral:.10g}", "F is at least that"
+
+
+def _angle_bounds(bounds: Bounds) -> Iterable[tuple[str, float]]:
+    yield "Eriksson et al. 2018, Theorem 4.1", bounds.alpha_max
+    yield "the same, of the normalized Laplacian", bounds.normalized_alpha_max
+    if bounds.cycle is not None:
+        yield "Eriksson et al. 2018, Theorem 4.2 (cycles)", bounds.cycle
+
+
+def _spectrum(problem: Problem, certificate: Certificate) -> tuple[Bars | None, str]:
+    """A picture, and what it shows; or why there is none."""
+    if certificate.multipliers is None:
+        return None, "There is no certificate matrix: no lower bound was found."
+    d = problem.d
+    try:
+        values = smallest_eigenvalues(problem, certificate.multipliers, d + EIGENVALUES)
+    except (NumericalError, np.linalg.LinAlgError) as error:
+        return None, f"They could not be computed: {error}."
+    gauge = set(np.argsort(np.abs(values), kind="stable")[:d].tolist())
+    # What rounding leaves of a zero is not shown: its digits say nothing.
+    floor = 1e-12 * float(problem.curvature.max())
+    shown = [0.0 if k in gauge and abs(v) < floor else v for k, v in enumerate(values.tolist())]
+    names = [f"{k + 1}" + (" (gauge)" if k in gauge else "") for k in range(len(shown))]
+    said = (
+        "Translations are eliminated. Where none is negative, no answer is better than the point "
+        f"that they are of; the {d} that are nearest to zero are the gauge's, as the whole world "
+        "may be turned. Computed eigenvalues are a picture; the proof is a factorization with "
+        f"{certificate.shift:.3g} added to each, which the bound accounts for."
+    )
+    return bars(shown, names), said
+
+
+def _charts(trace: Sequence[Iteration], certificate: Certificate) -> list[Lines]:
+    steps = [float(k) for k in range(len(trace))]
+    costs = [iteration.cost for iteration in trace]
+    gaps = [cost - certificate.lower_bound for cost in costs]
+    drawn = (
+        lines("Cost F", "iteration", [Curve("F", steps, costs)]),
+        lines(
+            "Gap to the proven lower bound",
+            "iteration",
+            [Curve("gap", steps, gaps)],
+            logarithmic=True,
+        ),
+    )
+    return [chart for chart in drawn if chart is not None]
+
+
+def _no_trace(origin: Origin) -> str:
+    if origin.method:
+        return "The method kept fewer than two iterations."
+    return "The estimate came from a file, which does not say how it was found."
+
+
+def _recheck(origin: Origin, certificate: Certificate) -> tuple[str, list[str]]:
+    quoted = shlex.quote
+    if origin.proof:
+        said = "The proof file is checked by a program of its own, which trusts nothing of ours:"
+        return said, [f"certpgo check {quoted(origin.graph)} {quoted(origin.proof)}"]
+    options = " ".join(quoted(option) for option in origin.reading)
+    estimate = origin.estimate
+    lines_ = []
+    if not estimate:
+        estimate = "best.g2o"
+        by = f" --method {quoted(origin.method)}" if origin.method not in ("", "certified") else ""
+        lines_ = [
+            f"certpgo solve {quoted(origin.graph)}{by} {options}".rstrip() + f" -o {estimate}"
+        ]
+    judged = f"certpgo certify {quoted(origin.graph)} {quoted(estimate)} {options}".rstrip()
+    tier = "" if certificate.tier.value == "standard" else f" --tier {certificate.tier.value}"
+    said = "No proof file was written. To judge the answer again, with one:"
+    return said, [
+        *lines_,
+        f"{judged}{tier} --proof answer.cert",
+        f"certpgo check {quoted(origin.graph)} answer.cert",
+    ]

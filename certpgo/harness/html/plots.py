@@ -1,0 +1,171 @@
+"""Small drawings as SVG: lines of numbers over steps, and bars of either sign."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+#: Size of a drawing, and its margins: left, top, right, bottom.
+WIDTH, HEIGHT = 560.0, 240.0
+MARGINS = (74.0, 12.0, 14.0, 40.0)
+#: Marks on an axis, about.
+MARKS = 5
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One line of a drawing.
+
+    Attributes
+    ----------
+    label : what it is of
+    x, y : its points
+    """
+
+    label: str
+    x: Sequence[float]
+    y: Sequence[float]
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A place on an axis and its text."""
+
+    at: float
+    text: str
+
+
+@dataclass(frozen=True)
+class Lines:
+    """A drawing of curves, in its own units.
+
+    Attributes
+    ----------
+    title, x_title : what is drawn, over what
+    x_marks, y_marks : of the axes
+    curves : label and the ``points`` of a polyline
+    """
+
+    title: str
+    x_title: str
+    x_marks: tuple[Mark, ...]
+    y_marks: tuple[Mark, ...]
+    curves: tuple[tuple[str, str], ...]
+
+    width, height = WIDTH, HEIGHT
+    left, top = MARGINS[:2]
+    right, bottom = WIDTH - MARGINS[2], HEIGHT - MARGINS[3]
+
+
+def lines(
+    title: str, x_title: str, curves: Sequence[Curve], *, logarithmic: bool = False
+) -> Lines | None:
+    """The drawing of some curves; None where there is nothing to draw.
+
+    Parameters
+    ----------
+    logarithmic : of y; points that are not positive are left out
+    """
+    shown = []
+    for curve in curves:
+        points = [
+            (float(x), float(y))
+            for x, y in zip(curve.x, curve.y, strict=True)
+            if math.isfinite(x) and math.isfinite(y) and not (logarithmic and y <= 0.0)
+        ]
+        if len(points) > 1:
+            shown.append((curve.label, points))
+    if not shown:
+        return None
+    left, top, right, bottom = MARGINS
+    xs = _Axis([x for _, points in shown for x, _ in points], left, WIDTH - right)
+    ys = _Axis([y for _, points in shown for _, y in points], HEIGHT - bottom, top, logarithmic)
+    return Lines(
+        title=title,
+        x_title=x_title,
+        x_marks=xs.marks,
+        y_marks=ys.marks,
+        curves=tuple(
+            (label, " ".join(f"{xs(x):.1f},{ys(y):.1f}" for x, y in points))
+            for label, points in shown
+        ),
+    )
+
+
+class _Axis:
+    """Numbers to places between two ends."""
+
+    def __init__(
+        self, values: Sequence[float], start: float, end: float, logarithmic: bool = False
+    ) -> None:
+        self._start, self._end = start, end
+        self._logarithmic = logarithmic
+        scaled = [self._scale(value) for value in values]
+        low, high = min(scaled), max(scaled)
+        if high - low <= 1e-12 * max(abs(low), abs(high), 1e-300):
+            pad = 0.5 if logarithmic else 0.5 * abs(low) or 0.5
+            low, high = low - pad, high + pad
+        self._low, self._high = low, high
+
+    def __call__(self, value: float) -> float:
+        share = (self._scale(value) - self._low) / (self._high - self._low)
+        return self._start + share * (self._end - self._start)
+
+    def _scale(self, value: float) -> float:
+        return math.log10(value) if self._logarithmic else value
+
+    @property
+    def marks(self) -> tuple[Mark, ...]:
+        """Round numbers within the axis; powers of ten where it is logarithmic."""
+        span = self._high - self._low
+        if self._logarithmic:
+            stride = max(1, math.ceil(span / MARKS))
+            within = range(math.ceil(self._low), math.floor(self._high) + 1)
+            powers = [power for power in within if power % stride == 0]
+            if powers:
+                return tuple(Mark(self(10.0**power), f"1e{power}") for power in powers)
+            ends = (10.0**self._low, 10.0**self._high)
+            return tuple(Mark(self(value), f"{value:.3g}") for value in ends)
+        unit = 10.0 ** math.floor(math.log10(span / MARKS))
+        step = next(k * unit for k in (1, 2, 5, 10) if span / (k * unit) <= MARKS)
+        first, last = math.ceil(self._low / step), math.floor(self._high / step)
+        digits = max(3, math.ceil(math.log10(max(abs(self._low), abs(self._high)) / step)) + 1)
+        return tuple(Mark(self(k * step), f"{k * step:.{digits}g}") for k in range(first, last + 1))
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A number as a bar from zero.
+
+    Attributes
+    ----------
+    x, width : where it is, in percent of the drawing
+    text : the number
+    label : which it is
+    """
+
+    x: float
+    width: float
+    text: str
+    label: str
+
+
+@dataclass(frozen=True)
+class Bars:
+    """Bars below one another; ``zero`` is where they start, in percent of the drawing."""
+
+    zero: float
+    bars: tuple[Bar, ...]
+
+
+def bars(values: Sequence[float], labels: Sequence[str]) -> Bars:
+    """The bars of numbers of either sign."""
+    low, high = min(0.0, *values), max(0.0, *values)
+    span = high - low or 1.0
+    zero = -100.0 * low / span
+    drawn = []
+    for value, label in zip(values, labels, strict=True):
+        end = 100.0 * (value - low) / span
+        drawn.append(Bar(min(zero, end), abs(end - zero), f"{value:.3g}", label))
+    return Bars(zero, tuple(drawn))

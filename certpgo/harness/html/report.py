@@ -1,0 +1,209 @@
+"""The report as one page: every table and figure, what they claim, and what made them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from markupsafe import Markup
+
+from certpgo.harness.html.page import data_uri, page
+from certpgo.harness.html.plots import Curve, Lines, lines
+from certpgo.harness.records import Record
+from certpgo.harness.render import sections
+from certpgo.harness.spec import Table
+from certpgo.io.wording import counted
+
+#: What a claim came to: its sentence, and "holds", "differs" or "not run".
+Outcome = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Trace:
+    """How a method went on.
+
+    Attributes
+    ----------
+    label : of the method and what it was run on
+    seconds, costs : at each of its iterations
+    lower_bound : on F*, or None where none is known
+    """
+
+    label: str
+    seconds: Sequence[float]
+    costs: Sequence[float]
+    lower_bound: float | None = None
+
+
+@dataclass(frozen=True)
+class TableResults:
+    """A table and what came out.
+
+    Attributes
+    ----------
+    table, records : the specification, and every record of it that counts
+    csv : its text as a CSV file; empty for none
+    bibtex : the entries of its sources; empty for none
+    claims : of its source
+    cells : how many published cells came to what, such as ``{"reproduced": 3, "differs": 1}``
+    traces : of its iterative methods
+    """
+
+    table: Table
+    records: Sequence[Record]
+    csv: str = ""
+    bibtex: str = ""
+    claims: Sequence[Outcome] = ()
+    cells: Mapping[str, int] = field(default_factory=dict)
+    traces: Sequence[Trace] = ()
+
+
+@dataclass(frozen=True)
+class FigureResults:
+    """A figure and what came out.
+
+    Attributes
+    ----------
+    document : what ``NAME.json`` holds, see `certpgo.harness.figure.document`
+    svg : what ``NAME.svg`` holds
+    bibtex, claims : as of tables
+    """
+
+    document: Mapping[str, Any]
+    svg: str
+    bibtex: str = ""
+    claims: Sequence[Outcome] = ()
+
+
+@dataclass(frozen=True)
+class View:
+    """A trajectory to look at: its title, and what `certpgo.harness.html.scene.scene` made."""
+
+    title: str
+    scene: Mapping[str, Any]
+
+
+def report_page(
+    tables: Sequence[TableResults],
+    figures: Sequence[FigureResults],
+    *,
+    title: str = "Tables and figures reproduced by certpgo",
+    summary: Sequence[str] = (),
+    views: Sequence[View] = (),
+    environment: Mapping[str, str] | None = None,
+) -> str:
+    """The report, one HTML file; the same bytes for the same arguments.
+
+    Parameters
+    ----------
+    summary : sentences at the top
+    environment : what made the page; by default, what made the first results that say so
+    """
+    shown = [_table(results) for results in tables]
+    drawn = [_figure(results) for results in figures]
+    made = [part["environment"] for part in (*shown, *drawn) if part["environment"]]
+    return page(
+        "report.html",
+        title=title,
+        summary=[*summary, *_claims_said([*tables, *figures])],
+        index=[*shown, *drawn],
+        tables=shown,
+        figures=drawn,
+        views=views,
+        environment=dict(environment or (made[0] if made else {})),
+    )
+
+
+def traces_of(records: Iterable[Record]) -> tuple[Trace, ...]:
+    """The traces of records that keep one: rows of number, cost and seconds."""
+    found = []
+    for record in records:
+        rows = getattr(record, "trace", ())
+        if len(rows) > 1:
+            _, costs, seconds = zip(*rows, strict=True)
+            label = f"{record.method}, {record.part or record.row}"
+            bound = record.metrics.get("lower_bound")
+            found.append(Trace(label, seconds, costs, bound))
+    return tuple(found)
+
+
+def _table(results: TableResults) -> dict[str, Any]:
+    table, records = results.table, results.records
+    return {
+        "name": table.name,
+        "anchor": table.name,
+        "title": table.title,
+        "source": table.source,
+        "results": _results(records),
+        "sections": sections(table, records),
+        "notes": table.notes,
+        "claims": results.claims,
+        "cells": ", ".join(f"{count:,} {name}" for name, count in results.cells.items()),
+        "charts": _charts(results.traces or traces_of(records)),
+        "csv": data_uri(results.csv, "text/csv") if results.csv else "",
+        "bibtex": results.bibtex,
+        "environment": dict(records[0].provenance) if records else {},
+    }
+
+
+def _results(records: Sequence[Record]) -> str:
+    if not records:
+        return "not run"
+    failed = sum(bool(record.error) for record in records)
+    said = counted(len(records), "record{s}")
+    return f"{said}, {failed} not run or failed" if failed else said
+
+
+def _figure(results: FigureResults) -> dict[str, Any]:
+    document = results.document
+    return {
+        "name": document["figure"],
+        "anchor": document["figure"],
+        "title": document["title"],
+        "results": "drawn",
+        "caption": document["caption"],
+        "notes": document["notes"],
+        "claims": results.claims,
+        "svg": inlined(results.svg, document["figure"], document["title"]),
+        "csv": "",
+        "bibtex": results.bibtex,
+        "environment": document.get("provenance", {}),
+    }
+
+
+def _claims_said(parts: Sequence[TableResults | FigureResults]) -> Iterable[str]:
+    outcomes = [outcome for part in parts for _, outcome in part.claims]
+    if outcomes:
+        counts = {name: outcomes.count(name) for name in dict.fromkeys(outcomes)}
+        said = ", ".join(f"{name}: {count}" for name, count in sorted(counts.items()))
+        yield f"Claims: {said}."
+
+
+def _charts(traces: Sequence[Trace]) -> list[Lines]:
+    """Cost over time, and gap over time where a bound is known."""
+    costs = [Curve(trace.label, trace.seconds, trace.costs) for trace in traces]
+    gaps = [
+        Curve(trace.label, trace.seconds, [cost - trace.lower_bound for cost in trace.costs])
+        for trace in traces
+        if trace.lower_bound is not None
+    ]
+    drawn = (
+        lines("Cost F", "seconds", costs),
+        lines("Gap to the lower bound", "seconds", gaps, logarithmic=True),
+    )
+    return [chart for chart in drawn if chart is not None]
+
+
+def inlined(svg: str, name: str, title: str) -> Markup:
+    """A drawing of Matplotlib as part of a page: its ids and styles stay its own."""
+    prefix = re.sub(r"\W", "-", name)
+    body = svg[svg.index("<svg") :]
+    body = re.sub(r"<metadata>.*?</metadata>\s*", "", body, flags=re.DOTALL)
+    body = re.sub(r'\bid="([^"]*)"', rf'id="{prefix}-\1"', body)
+    body = re.sub(r'\bxlink:href="#', f'xlink:href="#{prefix}-', body)
+    body = body.replace("url(#", f"url(#{prefix}-")
+    body = body.replace(">*{", f">#{prefix}-drawing *{{")
+    label = Markup('<svg id="{}-drawing" role="img" aria-label="{}"').format(prefix, title)
+    return label + Markup(body.removeprefix("<svg"))

@@ -1,0 +1,266 @@
+// A view of points and edges: an orthographic camera that turns, moves and zooms.
+const Scene = (function () {
+  "use strict";
+
+  // Viridis, sampled; told apart whatever the kind of colour blindness.
+  const STOPS = [
+    [68, 1, 84], [71, 44, 122], [59, 81, 139], [44, 113, 142], [33, 144, 141],
+    [39, 173, 129], [92, 200, 99], [170, 220, 50], [253, 231, 37],
+  ];
+  const COLOURS = 32;
+
+  // The colour of a share in 0 ... 1: large residuals stand out from light and dark paper alike.
+  function colour(share, dark) {
+    const at = Math.min(Math.max(share, 0), 1);
+    const place = (dark ? 0.2 + 0.8 * at : 0.88 * (1 - at)) * (STOPS.length - 1);
+    const k = Math.min(Math.floor(place), STOPS.length - 2);
+    const mix = (c) => Math.round(STOPS[k][c] + (place - k) * (STOPS[k + 1][c] - STOPS[k][c]));
+    return "rgb(" + mix(0) + "," + mix(1) + "," + mix(2) + ")";
+  }
+
+  const bucket = (value, top) =>
+    top > 0 ? Math.min(COLOURS - 1, Math.max(0, Math.floor((value / top) * COLOURS))) : 0;
+
+  // Rows of the camera's rotation: right, up, towards the eye.
+  function camera(turn, tilt) {
+    const [c, s, ct, st] = [Math.cos(turn), Math.sin(turn), Math.cos(tilt), Math.sin(tilt)];
+    return [[c, s, 0], [-s * st, c * st, ct], [s * ct, -c * ct, st]];
+  }
+
+  // Centre and half the extent of the points.
+  function frame(points) {
+    const d = points.length ? points[0].length : 2;
+    const low = Array(d).fill(Infinity), high = Array(d).fill(-Infinity);
+    for (const p of points) {
+      for (let k = 0; k < d; k++) {
+        low[k] = Math.min(low[k], p[k]);
+        high[k] = Math.max(high[k], p[k]);
+      }
+    }
+    const centre = low.map((v, k) => (v + high[k]) / 2);
+    const radius = Math.hypot(...low.map((v, k) => (high[k] - v) / 2));
+    return { centre: centre, radius: radius > 0 ? radius : 1 };
+  }
+
+  // Places of all points on a screen, x and y in turn.
+  function project(points, box, view, width, height) {
+    const flat = new Float64Array(2 * points.length);
+    const size = (0.48 * view.zoom * Math.min(width, height)) / box.radius;
+    const [right, up] = camera(view.turn, view.tilt);
+    for (let n = 0; n < points.length; n++) {
+      const p = points[n];
+      let x = p[0] - box.centre[0], y = p[1] - box.centre[1];
+      if (p.length === 3) {
+        const z = p[2] - box.centre[2];
+        [x, y] = [right[0] * x + right[1] * y + right[2] * z, up[0] * x + up[1] * y + up[2] * z];
+      }
+      flat[2 * n] = width / 2 + view.x + size * x;
+      flat[2 * n + 1] = height / 2 + view.y - size * y;
+    }
+    return flat;
+  }
+
+  // Distance of a place to a line between two others.
+  function distance(x, y, ax, ay, bx, by) {
+    const dx = bx - ax, dy = by - ay, length = dx * dx + dy * dy;
+    const t = length > 0 ? Math.min(1, Math.max(0, ((x - ax) * dx + (y - ay) * dy) / length)) : 0;
+    return Math.hypot(x - ax - t * dx, y - ay - t * dy);
+  }
+
+  // The edge nearest to a place, within a reach; -1 where there is none.
+  function nearest(edges, flat, x, y, reach) {
+    let best = -1, least = reach;
+    for (let e = 0; e < edges.length; e++) {
+      const a = 2 * edges[e][0], b = 2 * edges[e][1];
+      const far = distance(x, y, flat[a], flat[a + 1], flat[b], flat[b + 1]);
+      if (far < least) { least = far; best = e; }
+    }
+    return best;
+  }
+
+  // Edges from the largest residual down.
+  const ranking = (values) => values.map((_, e) => e).sort((a, b) => values[b] - values[a] || a - b);
+
+  function sentence(data, e) {
+    const [i, j] = data.edges[e];
+    const residuals = data.measures.map((m) => m.values[e] + " " + m.unit).join(", ");
+    const kind = data.loop[e] ? "loop closure" : "consecutive nodes";
+    return "Edge " + data.numbers[e] + ", " + data.ids[i] + " to " + data.ids[j] + " (" + kind +
+      "): residual " + residuals + ".";
+  }
+
+  function start(data) {
+    return { turn: data.dimensions === 3 ? 0.6 : 0, tilt: data.dimensions === 3 ? 0.6 : Math.PI / 2,
+      zoom: 1, x: 0, y: 0 };
+  }
+
+  function show(element) {
+    const data = JSON.parse(element.querySelector("script").textContent);
+    const canvas = element.querySelector("canvas"), context = canvas.getContext("2d");
+    const said = element.querySelector(".said"), select = element.querySelector(".measure");
+    const every = element.querySelector(".every"), box = frame(data.points);
+    const consecutive = data.loop.filter((loop) => !loop).length;
+    let view = start(data), flat = null, picked = -1, place = -1, waiting = false;
+    if (consecutive === 0) every.parentElement.hidden = true;
+
+    const measure = () => data.measures[Number(select.value) || 0];
+    const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+    // The paper's lightness decides, whichever way the theme was chosen.
+    const isDark = () => parseInt(style("--paper").slice(1, 3), 16) < 128;
+
+    function stroke(list, paint, thickness) {
+      context.beginPath();
+      for (const e of list) {
+        const a = 2 * data.edges[e][0], b = 2 * data.edges[e][1];
+        context.moveTo(flat[a], flat[a + 1]);
+        context.lineTo(flat[b], flat[b + 1]);
+      }
+      context.strokeStyle = paint;
+      context.lineWidth = thickness;
+      context.stroke();
+    }
+
+    function draw() {
+      waiting = false;
+      const ratio = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
+      if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
+        canvas.width = Math.round(width * ratio);
+        canvas.height = Math.round(height * ratio);
+      }
+      context.setTransform(ratio, 0, 0, ratio, 0, 0);
+      context.fillStyle = style("--paper");
+      context.fillRect(0, 0, width, height);
+      flat = project(data.points, box, view, width, height);
+      const { values, top } = measure(), dark = isDark();
+      const plain = [], buckets = Array.from({ length: COLOURS }, () => []);
+      for (let e = 0; e < data.edges.length; e++) {
+        if (data.loop[e] || every.checked) buckets[bucket(values[e], top)].push(e);
+        else plain.push(e);
+      }
+      const thin = data.edges.length > 5000 ? 0.7 : 1.2;
+      const colours = () => buckets.forEach((list, k) => stroke(list, colour((k + 0.5) / COLOURS, dark), thin));
+      colours();
+      stroke(plain, style("--soft"), thin + 0.3);
+      if (data.points.length <= 2000) {
+        context.fillStyle = style("--ink");
+        const r = data.points.length <= 300 ? 2.2 : 1.2;
+        for (let n = 0; n < data.points.length; n++) context.fillRect(flat[2 * n] - r / 2, flat[2 * n + 1] - r / 2, r, r);
+      }
+      if (picked >= 0) {
+        stroke([picked], style("--paper"), 6);
+        stroke([picked], style("--bad"), 3);
+      }
+    }
+
+    function legend() {
+      const scale = element.querySelector(".scale"), paint = scale.getContext("2d"), dark = isDark();
+      for (let x = 0; x < scale.width; x++) {
+        paint.fillStyle = colour((Math.floor((x / scale.width) * COLOURS) + 0.5) / COLOURS, dark);
+        paint.fillRect(x, 0, 1, scale.height);
+      }
+      const { values, top, unit } = measure();
+      const beyond = values.some((value) => value > top) ? " or more" : "";
+      element.querySelector(".high").textContent = top + " " + unit + beyond;
+    }
+
+    function redraw() {
+      if (waiting) return;
+      waiting = true;
+      requestAnimationFrame(draw);
+    }
+
+    function pick(e) {
+      if (e === picked) return;
+      picked = e;
+      if (e >= 0) said.textContent = sentence(data, e);
+      redraw();
+    }
+
+    function zoom(factor, x, y) {
+      const bounded = Math.min(1e4, Math.max(0.1, view.zoom * factor)) / view.zoom;
+      const cx = canvas.clientWidth / 2, cy = canvas.clientHeight / 2;
+      view.x = x - cx - bounded * (x - cx - view.x);
+      view.y = y - cy - bounded * (y - cy - view.y);
+      view.zoom *= bounded;
+      redraw();
+    }
+
+    const middle = () => [canvas.clientWidth / 2, canvas.clientHeight / 2];
+    const turns = (event) => data.dimensions === 3 && !event.shiftKey && event.buttons !== 2;
+    function drag(dx, dy, turning) {
+      if (turning) {
+        view.turn += 0.01 * dx;
+        view.tilt = Math.min(Math.PI / 2, Math.max(-Math.PI / 2, view.tilt + 0.01 * dy));
+      } else {
+        view.x += dx;
+        view.y += dy;
+      }
+      redraw();
+    }
+
+    const pointers = new Map();
+    const at = (event) => [event.offsetX, event.offsetY];
+    canvas.addEventListener("pointerdown", (event) => {
+      canvas.setPointerCapture(event.pointerId);
+      pointers.set(event.pointerId, at(event));
+      if (flat && pointers.size === 1) pick(nearest(data.edges, flat, ...at(event), 12));
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      const now = at(event), before = pointers.get(event.pointerId);
+      if (!before) {
+        if (flat) pick(nearest(data.edges, flat, ...now, 6));
+        return;
+      }
+      pointers.set(event.pointerId, now);
+      if (pointers.size === 1) {
+        drag(now[0] - before[0], now[1] - before[1], turns(event));
+        return;
+      }
+      const other = [...pointers.entries()].find(([id]) => id !== event.pointerId)[1];
+      const was = Math.hypot(before[0] - other[0], before[1] - other[1]);
+      if (was > 0) zoom(Math.hypot(now[0] - other[0], now[1] - other[1]) / was, ...other);
+    });
+    for (const name of ["pointerup", "pointercancel"]) {
+      canvas.addEventListener(name, (event) => pointers.delete(event.pointerId));
+    }
+    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    canvas.addEventListener("wheel", (event) => {
+      if (document.activeElement !== canvas) return;
+      event.preventDefault();
+      zoom(Math.exp(-0.0015 * event.deltaY), ...at(event));
+    }, { passive: false });
+    canvas.addEventListener("keydown", (event) => {
+      const step = { ArrowLeft: [-12, 0], ArrowRight: [12, 0], ArrowUp: [0, -12], ArrowDown: [0, 12] }[event.key];
+      if (step) drag(...step, data.dimensions === 3 && !event.shiftKey);
+      else if (event.key === "+" || event.key === "=") zoom(1.2, ...middle());
+      else if (event.key === "-") zoom(1 / 1.2, ...middle());
+      else if (event.key === "0") reset();
+      else return;
+      event.preventDefault();
+    });
+    function reset() {
+      view = start(data);
+      redraw();
+    }
+    element.querySelector(".reset").addEventListener("click", reset);
+    element.querySelector(".next").addEventListener("click", () => {
+      place = (place + 1) % data.edges.length;
+      pick(ranking(measure().values)[place]);
+    });
+    select.addEventListener("change", () => { place = -1; legend(); redraw(); });
+    every.addEventListener("change", redraw);
+    const repaint = () => { legend(); redraw(); };
+    document.addEventListener("themechange", repaint);
+    window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
+    // On paper at once: no frame is awaited there.
+    window.addEventListener("beforeprint", () => { legend(); draw(); });
+    window.addEventListener("afterprint", repaint);
+    new ResizeObserver(redraw).observe(canvas);
+    element.querySelector(".tools").hidden = false;
+    legend();
+    draw();
+  }
+
+  return { bucket, camera, colour, distance, frame, nearest, project, ranking, sentence, start, show };
+})();
+if (typeof document !== "undefined") document.querySelectorAll(".scene").forEach(Scene.show);

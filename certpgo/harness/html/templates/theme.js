@@ -1,0 +1,21 @@
+(function () {
+  "use strict";
+  const names = ["system", "light", "dark"];
+  const button = document.getElementById("theme");
+  const read = () => { try { return localStorage.getItem("theme"); } catch (error) { return null; } };
+  const keep = (name) => { try { localStorage.setItem("theme", name); } catch (error) { /* not allowed here */ } };
+  function apply(name) {
+    if (name === "system") delete document.documentElement.dataset.theme;
+    else document.documentElement.dataset.theme = name;
+    button.textContent = "Theme: " + name;
+    button.dataset.name = name;
+    document.dispatchEvent(new Event("themechange"));
+  }
+  button.hidden = false;
+  button.addEventListener("click", () => {
+    const name = names[(names.indexOf(button.dataset.name) + 1) % names.length];
+    keep(name);
+    apply(name);
+  });
+  apply(names.includes(read()) ? read() : "system");
+})();
