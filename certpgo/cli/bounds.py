@@ -80,9 +80,7 @@ def _as_json(part: Instance, found: Ladder) -> dict[str, Any]:
 
 def _show(part: Instance, found: Ladder) -> None:
     facts(_head(part, found))
-    rows = [
-        (rung.title, _value(rung), rung.says, rung.needs, _seconds(rung)) for rung in found.rungs
-    ]
+    rows = [(rung.title, rung.shown, rung.says, rung.needs, _seconds(rung)) for rung in found.rungs]
     table("", ("bound", "value", "what it says here", "what it needs", "seconds"), rows)
 
 
@@ -97,14 +95,6 @@ def _head(part: Instance, found: Ladder) -> Iterable[tuple[str, str]]:
         said = "after descent from it; bounds on angles speak of the rotations there alone"
         yield "", f"{math.degrees(found.settled):.4g} degrees {said}"
     yield "judged by", judged_by(part.options)
-
-
-def _value(rung: Rung) -> str:
-    if rung.value is None:
-        return "-"
-    if rung.about == "angle":
-        return f"{math.degrees(rung.value):.4g} deg"
-    return f"{rung.value:.10g}" if rung.about == "cost" else f"{rung.value:.4g} of its weight"
 
 
 def _seconds(rung: Rung) -> str:

@@ -71,6 +71,15 @@ class Rung:
     seconds: float
     says: str
 
+    @property
+    def shown(self) -> str:
+        """The value with its unit, or a dash."""
+        if self.value is None:
+            return "-"
+        if self.about == "angle":
+            return f"{math.degrees(self.value):.4g} deg"
+        return f"{self.value:.10g}" if self.about == "cost" else f"{self.value:.4g} of its weight"
+
 
 @dataclass(frozen=True, eq=False)
 class Ladder:
@@ -133,6 +142,15 @@ def ladder(
         certificate=certificate,
         rungs=tuple(_in_view_of_earlier(rungs)),
     )
+
+
+def rungs_of_eigenvalues(
+    problem: Problem, estimate: Estimate, certificate: Certificate
+) -> tuple[Rung, ...]:
+    """The rungs that a few eigenvalues give, for an estimate that is certified already."""
+    F = _Cost(problem.cost(estimate), certificate.cost)
+    beside = _stationary_rotations(problem, estimate)
+    return tuple(_in_view_of_earlier([*_spectral(problem, F), *_angles(problem, beside)]))
 
 
 def _certificates(problem: Problem, point: Estimate) -> tuple[Certificate, Certificate]:

@@ -1,4 +1,4 @@
-"""The page of one certificate: what is proven, on what it rests, and where the residuals are."""
+"""The page of one certificate: what is proven, on what it rests, where the residuals are."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from certpgo.certify.bounds import Bounds
 from certpgo.certify.certificate import Certificate
 from certpgo.certify.curvature import smallest_eigenvalues
 from certpgo.errors import NumericalError
@@ -19,6 +18,7 @@ from certpgo.harness.assessment import Assessment, CostlyEdge
 from certpgo.harness.html.page import page
 from certpgo.harness.html.plots import Bars, Curve, Lines, bars, lines
 from certpgo.harness.html.scene import scene
+from certpgo.harness.ladder import rungs_of_eigenvalues
 from certpgo.harness.verdicts import digits, distances, judged_by, meaning, numbers, trusts
 from certpgo.io.wording import counted
 from certpgo.monitor import Iteration
@@ -68,6 +68,7 @@ def certificate_page(
     trace : of the method that found it, if it kept one
     """
     certificate = assessment.certificate
+    rungs = rungs_of_eigenvalues(problem, estimate, certificate)
     spectrum, spectrum_said = _spectrum(problem, certificate)
     recheck_said, recheck = _recheck(origin, certificate)
     return page(
@@ -75,13 +76,13 @@ def certificate_page(
         verdict=certificate.verdict.value,
         graph=instance.name,
         meaning=meaning(certificate),
-        reason=certificate.reason,
+        reason=certificate.reason[:1].upper() + certificate.reason[1:],
         remarks=origin.remarks,
         numbers=[*_head(instance, origin), *_facts(instance, assessment)],
         scene=scene(problem, estimate, instance.ids),
         edge_header=_EDGE_HEADER[: None if isinstance(problem, PoseProblem) else -1],
         edges=[_edge(edge) for edge in assessment.edges],
-        angles=[*_angles(certificate)],
+        bounds=[(rung.title, rung.shown, rung.says, rung.needs) for rung in rungs],
         spectrum=spectrum,
         spectrum_said=spectrum_said,
         charts=_charts(trace, certificate),
@@ -125,29 +126,6 @@ def _edge(edge: CostlyEdge) -> tuple[str, ...]:
     return cells if edge.metres is None else (*cells, f"{edge.metres:.4g}")
 
 
-def _angles(certificate: Certificate) -> Iterable[tuple[str, str, str]]:
-    bounds = certificate.bounds
-    if bounds is None:
-        return
-    largest = certificate.max_residual_angle
-    for title, angle in _angle_bounds(bounds):
-        said = "no residual exceeds it" if largest <= angle else "the worst residual exceeds it"
-        yield title, f"{math.degrees(angle):.4g} degrees", said
-    holds = "holds after descent" if bounds.row_bound_holds else "does not hold after descent"
-    yield "each node's own residuals against the normalized bound", "", holds
-    if bounds.cycle_sum_holds is not None:
-        said = "are of one axis and sign, and add up to at most 180 degrees"
-        yield "the residuals around the cycle", "", said if bounds.cycle_sum_holds else "do not"
-    yield "eigenvalues of the connection Laplacian", f"{bounds.spectral:.10g}", "F is at least that"
-
-
-def _angle_bounds(bounds: Bounds) -> Iterable[tuple[str, float]]:
-    yield "Eriksson et al. 2018, Theorem 4.1", bounds.alpha_max
-    yield "the same, of the normalized Laplacian", bounds.normalized_alpha_max
-    if bounds.cycle is not None:
-        yield "Eriksson et al. 2018, Theorem 4.2 (cycles)", bounds.cycle
-
-
 def _spectrum(problem: Problem, certificate: Certificate) -> tuple[Bars | None, str]:
     """A picture, and what it shows; or why there is none."""
     if certificate.multipliers is None:
@@ -158,17 +136,14 @@ def _spectrum(problem: Problem, certificate: Certificate) -> tuple[Bars | None, 
     except (NumericalError, np.linalg.LinAlgError) as error:
         return None, f"They could not be computed: {error}."
     gauge = set(np.argsort(np.abs(values), kind="stable")[:d].tolist())
-    # What rounding leaves of a zero is not shown: its digits say nothing.
-    floor = 1e-12 * float(problem.curvature.max())
-    shown = [0.0 if k in gauge and abs(v) < floor else v for k, v in enumerate(values.tolist())]
-    names = [f"{k + 1}" + (" (gauge)" if k in gauge else "") for k in range(len(shown))]
+    names = [f"{k + 1}" + (" (gauge)" if k in gauge else "") for k in range(len(values))]
     said = (
         "Translations are eliminated. Where none is negative, no answer is better than the point "
         f"that they are of; the {d} that are nearest to zero are the gauge's, as the whole world "
         "may be turned. Computed eigenvalues are a picture; the proof is a factorization with "
         f"{certificate.shift:.3g} added to each, which the bound accounts for."
     )
-    return bars(shown, names), said
+    return bars(values.tolist(), names), said
 
 
 def _charts(trace: Sequence[Iteration], certificate: Certificate) -> list[Lines]:

@@ -130,8 +130,9 @@ class _Axis:
         unit = 10.0 ** math.floor(math.log10(span / MARKS))
         step = next(k * unit for k in (1, 2, 5, 10) if span / (k * unit) <= MARKS)
         first, last = math.ceil(self._low / step), math.floor(self._high / step)
-        digits = max(3, math.ceil(math.log10(max(abs(self._low), abs(self._high)) / step)) + 1)
-        return tuple(Mark(self(k * step), f"{k * step:.{digits}g}") for k in range(first, last + 1))
+        decimals = max(0, -math.floor(math.log10(step) + 1e-9))
+        form = f",.{decimals}f" if decimals <= 6 and abs(last * step) < 1e7 else ".3g"
+        return tuple(Mark(self(k * step), f"{k * step:{form}}") for k in range(first, last + 1))
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ const Scene = (function () {
     return [[c, s, 0], [-s * st, c * st, ct], [s * ct, -c * ct, st]];
   }
 
-  // Centre and half the extent of the points.
+  // Centre of the points, half their extents, and how far the farthest is from it.
   function frame(points) {
     const d = points.length ? points[0].length : 2;
     const low = Array(d).fill(Infinity), high = Array(d).fill(-Infinity);
@@ -38,14 +38,24 @@ const Scene = (function () {
       }
     }
     const centre = low.map((v, k) => (v + high[k]) / 2);
-    const radius = Math.hypot(...low.map((v, k) => (high[k] - v) / 2));
-    return { centre: centre, radius: radius > 0 ? radius : 1 };
+    const half = low.map((v, k) => (high[k] - v) / 2);
+    let radius = 0;
+    for (const p of points) radius = Math.max(radius, Math.hypot(...p.map((v, k) => v - centre[k])));
+    return { centre: centre, half: half, radius: radius };
+  }
+
+  // Pixels a unit at zoom 1: all of it is seen, in 3D from everywhere.
+  function fitted(box, width, height) {
+    const across = box.half.length === 3
+      ? Math.min(width, height) / (2 * box.radius)
+      : Math.min(width / (2 * box.half[0]), height / (2 * box.half[1]));
+    return 0.94 * (Number.isFinite(across) ? across : Math.min(width, height) / 2);
   }
 
   // Places of all points on a screen, x and y in turn.
   function project(points, box, view, width, height) {
     const flat = new Float64Array(2 * points.length);
-    const size = (0.48 * view.zoom * Math.min(width, height)) / box.radius;
+    const size = view.zoom * fitted(box, width, height);
     const [right, up] = camera(view.turn, view.tilt);
     for (let n = 0; n < points.length; n++) {
       const p = points[n];
@@ -138,9 +148,9 @@ const Scene = (function () {
         else plain.push(e);
       }
       const thin = data.edges.length > 5000 ? 0.7 : 1.2;
-      const colours = () => buckets.forEach((list, k) => stroke(list, colour((k + 0.5) / COLOURS, dark), thin));
-      colours();
-      stroke(plain, style("--soft"), thin + 0.3);
+      // Large residuals last, where nothing hides them.
+      stroke(plain, style("--edge"), thin);
+      buckets.forEach((list, k) => stroke(list, colour((k + 0.5) / COLOURS, dark), thin + 0.2));
       if (data.points.length <= 2000) {
         context.fillStyle = style("--ink");
         const r = data.points.length <= 300 ? 2.2 : 1.2;
@@ -261,6 +271,6 @@ const Scene = (function () {
     draw();
   }
 
-  return { bucket, camera, colour, distance, frame, nearest, project, ranking, sentence, start, show };
+  return { bucket, camera, colour, distance, fitted, frame, nearest, project, ranking, sentence, start, show };
 })();
 if (typeof document !== "undefined") document.querySelectorAll(".scene").forEach(Scene.show);
