@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import re
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from markupsafe import Markup
 
 from certpgo.harness.records import plain
 
-#: Cells that stand at the right.
+#: Cells of columns that stand at the right.
 NUMBER = re.compile(r"[-+]?[\d.,]+(e[-+]?\d+)?( %)?")
 TEMPLATES = Path(__file__).parent / "templates"
 
@@ -41,6 +42,12 @@ def embedded(data: Any) -> Markup:
     return Markup(text.replace("<", "\\u003c"))
 
 
+def numeric(rows: Sequence[Sequence[str]]) -> list[bool]:
+    """Which columns hold numbers alone, or nothing."""
+    columns = zip(*rows, strict=True)
+    return [all(not cell or NUMBER.fullmatch(cell) for cell in column) for column in columns]
+
+
 def source(name: str) -> Markup:
     """One of our own files, as it is."""
     return Markup((TEMPLATES / name).read_text(encoding="utf-8"))
@@ -56,6 +63,6 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     made.filters["embedded"] = embedded
-    made.tests["number_like"] = lambda cell: NUMBER.fullmatch(cell) is not None
+    made.globals["numeric"] = numeric
     made.globals["source"] = source
     return made

@@ -1,0 +1,105 @@
+"""solve --html and certify --html."""
+
+import json
+import re
+
+import pytest
+
+
+def scene_of(page):
+    """The data of the page's view."""
+    (text,) = re.findall(r'<script type="application/json">(.*?)</script>', page, re.DOTALL)
+    return json.loads(text)
+
+
+def test_solve_writes_a_page_the_same_each_time(certpgo, square, tmp_path):
+    out = tmp_path / "page.html"
+    done = certpgo("solve", square, "--html", out, "--json")
+    assert done.code == 0
+    assert f"the page is in {out}" in done.err
+    page = out.read_text()
+    assert "<strong>CERTIFIED</strong>" in page
+    assert f"{done.json['cost']:.10g}"[:9] in page
+    assert "Gap to the proven lower bound" in page
+    assert scene_of(page)["ids"] == [0, 1, 2, 3]
+    assert f"certpgo solve {square} -o best.g2o" in page
+    certpgo("solve", square, "--html", out)
+    assert out.read_text() == page
+
+
+def test_the_page_says_how_to_check_a_proof(certpgo, square, tmp_path):
+    out, proof = tmp_path / "page.html", tmp_path / "square.cert"
+    done = certpgo("solve", square, "--proof", proof, "--html", out)
+    assert done.code == 0
+    assert f"certpgo check {square} {proof}" in out.read_text()
+
+
+def test_certify_writes_a_page_of_the_answer_as_given(certpgo, square, tmp_path):
+    out = tmp_path / "page.html"
+    done = certpgo("certify", square, square, "--unit-weights", "--html", out)
+    assert done.code == 3
+    page = out.read_text()
+    assert "<strong>BOUNDED</strong>" in page
+    assert "The estimate came from a file" in page
+    assert f"certpgo certify {square} {square} --unit-weights --proof answer.cert" in page
+    assert "all weights 1, whatever the file says" in page
+
+
+def test_a_method_that_keeps_no_trace(certpgo, square, tmp_path):
+    out = tmp_path / "page.html"
+    done = certpgo("solve", square, "--method", "eigen_ma", "--html", out)
+    assert done.code == 3
+    page = out.read_text()
+    assert "The method kept fewer than two iterations." in page
+    assert f"certpgo solve {square} --method eigen_ma -o best.g2o" in page
+
+
+def test_the_page_of_a_robust_method_is_of_what_it_kept(certpgo, square, tmp_path):
+    out = tmp_path / "page.html"
+    done = certpgo("solve", square, "--method", "graduated_non_convexity", "--html", out, "--json")
+    kept = done.json["kept"]
+    assert f"The verdict is of the {kept} of 4 measurements" in out.read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("solve", "{graph}", "--html", "{out}", "--method", "eigen_ma", "--no-certify"), "--html"),
+        (("certify", "{graph}", "{graph}", "--html", "{out}", "--csv", "{csv}"), "--csv"),
+        (("certify", "{graph}", "{graph}", "--html", "{graph}"), "lost"),
+        (("solve", "{graph}", "--html", "{graph}"), "lost"),
+        (("solve", "{graph}", "--html", "{out}", "--proof", "{out}"), "two outputs"),
+        (("solve", "{graph}", "--html", "{nowhere}"), "no such folder"),
+        (("certify", "{graph}", "{graph}", "--html", "{nowhere}"), "no such folder"),
+    ],
+)
+def test_refusals(certpgo, square, tmp_path, arguments, said):
+    names = {
+        "graph": square,
+        "out": tmp_path / "page.html",
+        "csv": tmp_path / "rows.csv",
+        "nowhere": tmp_path / "nowhere" / "page.html",
+    }
+    before = square.read_text()
+    done = certpgo(*(argument.format(**names) for argument in arguments))
+    assert done.code == 1
+    assert said in done.err
+    assert done.err.count("\n") == 1
+    assert not names["out"].exists()
+    assert square.read_text() == before
+
+
+def test_several_components_have_no_page(certpgo, square, tmp_path):
+    graph = tmp_path / "two.g2o"
+    edges = [line for line in square.read_text().splitlines() if line.startswith("EDGE")]
+    moved = [re.sub(r"^(EDGE_SE2) (\d) (\d)", r"\1 1\2 1\3", line) for line in edges]
+    graph.write_text("\n".join(edges + moved) + "\n")
+    out = tmp_path / "page.html"
+    for command in (("solve", graph), ("certify", graph, graph)):
+        done = certpgo(*command, "--components", "each", "--html", out)
+        assert done.code == 1
+        assert "--html" in done.err
+        assert not out.exists()
+    done = certpgo("solve", graph, "--components", "largest", "--html", out)
+    assert done.code == 0
+    assert "--components largest" in out.read_text()

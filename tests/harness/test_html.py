@@ -1,0 +1,346 @@
+"""Pages: whole, escaped, needing no network, the same bytes each time; and their scripts."""
+
+import csv
+import json
+import math
+import re
+import shutil
+import subprocess
+from base64 import b64decode
+from html.parser import HTMLParser
+from urllib.parse import unquote
+
+import numpy as np
+import pytest
+
+from certpgo.certify import certify
+from certpgo.certify.curvature import smallest_eigenvalues
+from certpgo.datasets import synthetic
+from certpgo.estimate import Estimate
+from certpgo.graph import Instance, RotationGraph
+from certpgo.harness.assessment import assess
+from certpgo.harness.html.certificate import Origin, certificate_page
+from certpgo.harness.html.page import embedded, numeric
+from certpgo.harness.html.report import (
+    FigureResults,
+    TableResults,
+    Trace,
+    View,
+    inlined,
+    report_page,
+)
+from certpgo.harness.html.scene import scene
+from certpgo.harness.records import Record
+from certpgo.harness.spec import Column, Method, Row, Table
+from certpgo.problem import problem_of
+from certpgo.solve import solve
+
+HOSTILE = "<b>&\"'</script><script>alert(1)</script>"
+VOID = {"meta", "br", "input", "img", "link", "hr"}
+
+
+class Reader(HTMLParser):
+    """What a page is made of; refuses tags that do not match."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.tags, self.scripts, self.words = [], [], [], []
+        self.feed(text)
+        self.close()
+        assert not self.open, self.open
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append((tag, dict(attributes)))
+        if tag not in VOID:
+            self.open.append(tag)
+        if tag == "script":
+            self.scripts.append("")
+
+    def handle_startendtag(self, tag, attributes):
+        self.tags.append((tag, dict(attributes)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag, (tag, self.getpos())
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] == "script":
+            self.scripts[-1] += data
+        else:
+            self.words.append(data)
+
+    def values(self, name):
+        return [attributes[name] for _, attributes in self.tags if attributes.get(name)]
+
+    @property
+    def text(self):
+        return " ".join(" ".join(self.words).split())
+
+
+def read(page):
+    """The parts of a page that fetches nothing and names no element twice."""
+    reader = Reader(page)
+    for name in ("src", "href", "xlink:href", "action", "data"):
+        assert all(value.startswith(("#", "data:")) for value in reader.values(name)), name
+    assert not {"link", "iframe", "object", "embed", "base"} & {tag for tag, _ in reader.tags}
+    assert "@import" not in page
+    assert not re.search(r"url\((?!#)", page)
+    ids = reader.values("id")
+    assert len(ids) == len(set(ids))
+    for value in reader.values("aria-labelledby") + reader.values("aria-describedby"):
+        assert value in ids
+    for value in reader.values("href"):
+        assert value.startswith("data:") or value[1:] in ids
+    return reader
+
+
+def winding(n, k):
+    """The cycle of identity measurements, and its stationary point of winding k."""
+    edges = np.stack([np.arange(n), (np.arange(n) + 1) % n], axis=1)
+    graph = RotationGraph(n, edges, np.tile(np.eye(3), (n, 1, 1)), np.ones(n))
+    angle = 2.0 * np.pi * k * np.arange(n) / n
+    R = np.tile(np.eye(3), (n, 1, 1))
+    R[:, 0, 0] = R[:, 1, 1] = np.cos(angle)
+    R[:, 1, 0], R[:, 0, 1] = np.sin(angle), -np.sin(angle)
+    return graph, R
+
+
+@pytest.fixture(scope="module")
+def solved():
+    """A small grid of poses, its solution and its page."""
+    instance = synthetic.grid3d(3, np.random.default_rng(0))
+    instance = Instance(HOSTILE, instance.graph, instance.ids, options=instance.options)
+    found = solve(instance.graph)
+    problem = problem_of(instance.graph)
+    assessment = assess(problem, found.estimate, found.certificate, ids=instance.ids)
+    return instance, problem, found, assessment
+
+
+def page_of(solved, **origin):
+    instance, problem, found, assessment = solved
+    made = Origin(
+        graph="a graph.g2o", method="certified", environment={"versions": HOSTILE}, **origin
+    )
+    trace = found.solution.trace
+    return certificate_page(instance, problem, found.estimate, assessment, made, trace)
+
+
+def test_a_certificate_page_is_whole(solved):
+    page = page_of(solved)
+    reader = read(page)
+    headings = re.findall(r"<h2[^>]*>([^<]*)</h2>", page)
+    assert headings == [
+        "Numbers",
+        "Where the residuals are",
+        "Costliest edges",
+        "Bounds by eigenvalues and angles",
+        "Smallest eigenvalues of the certificate matrix",
+        "Cost and gap over iterations",
+        "How to check this again",
+        "Environment",
+    ]
+    certificate = solved[2].certificate
+    assert certificate.verdict.value == "CERTIFIED"
+    for said in (certificate.verdict.value, f"{certificate.cost:.12g}", "is proven", HOSTILE):
+        assert said in reader.text
+    assert f"{certificate.lower_bound:.12g} (no answer of this graph costs less)" in reader.text
+    assert "certpgo certify 'a graph.g2o' best.g2o --proof answer.cert" in reader.text
+    assert len(re.findall(r"<polyline", page)) == 2
+
+
+def test_names_cannot_leave_their_place(solved):
+    page = page_of(solved, remarks=(HOSTILE,), estimate=HOSTILE)
+    assert "alert(1)</script>" not in page
+    assert len(read(page).scripts) == len(read(page_of(solved)).scripts) == 3
+
+
+def test_the_same_input_gives_the_same_bytes(solved):
+    assert page_of(solved) == page_of(solved)
+
+
+def test_a_proof_is_named(solved):
+    text = read(page_of(solved, proof="the proof.cert")).text
+    assert "certpgo check 'a graph.g2o' 'the proof.cert'" in text
+    assert "No proof file" not in text
+
+
+def test_data_cannot_end_its_script():
+    assert "</" not in embedded({"a": "</script>"})
+    assert json.loads(embedded({"a": "</script>", "b": math.inf})) == {"a": "</script>", "b": None}
+
+
+def test_eigenvalues_of_a_winding_cycle():
+    """Closed form: the certificate matrix of winding k has smallest 2 cos(2 pi k/n) - 2."""
+    n, k = 12, 1
+    graph, R = winding(n, k)
+    problem = problem_of(graph)
+    multipliers = problem.multipliers(Estimate(R))
+    values = smallest_eigenvalues(problem, multipliers, 8)
+    assert values[0] == pytest.approx(2.0 * math.cos(2.0 * math.pi * k / n) - 2.0, rel=1e-6)
+    assert np.sort(np.abs(values))[:3] == pytest.approx(0.0, abs=1e-9)
+    dense = np.linalg.eigvalsh(problem.certificate_matrix(multipliers).toarray())
+    assert values == pytest.approx(dense[:8], abs=1e-6)
+
+
+def test_a_refuted_answer_shows_a_negative_eigenvalue_and_its_cycle_bounds():
+    graph, R = winding(12, 1)
+    estimate, problem = Estimate(R), problem_of(graph)
+    certificate = certify(problem, estimate)
+    instance = Instance("cycle", graph, np.arange(12))
+    assessment = assess(problem, estimate, certificate)
+    page = certificate_page(instance, problem, estimate, assessment, Origin("c.g2o", "e.g2o"))
+    text = read(page).text
+    assert "REFUTED" in text
+    assert "half a turn over the nodes 15 deg nothing: a residual is 30 degrees" in text
+    assert "The estimate came from a file" in text
+    assert "off by, m" not in text
+
+
+def test_columns_of_numbers():
+    rows = [("a", "1.5", "-", "2 %", ""), ("1", "-3e-05", "2", "1,000", "")]
+    assert numeric(rows) == [False, True, False, True, True]
+
+
+TABLE = Table(
+    "t",
+    f"A title {HOSTILE}",
+    (Row("a", label=HOSTILE),),
+    (Method("m"), Method("other")),
+    (Column("cost", "F", ".3f"), Column("verdict", "verdict")),
+    source="A paper",
+    notes=(f"A note {HOSTILE}.",),
+)
+SVG = """<?xml version="1.0"?>
+<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" width="9">
+<metadata><a href="https://elsewhere.org"></a></metadata>
+<defs><style type="text/css">*{stroke-linejoin: round}</style><path id="p"></path></defs>
+<use xlink:href="#p"></use><g clip-path="url(#p)"></g></svg>"""
+DOCUMENT = {"figure": "f", "title": "F <i>", "caption": "C <i>", "notes": ["N <i>"]}
+
+
+def results(**more):
+    records = [
+        Record("t", HOSTILE, "m", d=3, n=4, m=5, metrics={"cost": 1.5}, provenance={"engine": "e"}),
+        Record("t", HOSTILE, "other", d=3, n=4, m=5, error="it failed"),
+    ]
+    return TableResults(TABLE, records, csv="row,F\na,1.5\n", bibtex="@book{a & b}", **more)
+
+
+def test_a_report_is_whole(solved):
+    instance, problem, found, _ = solved
+    table = results(
+        claims=[("It is <i>fast</i>", "holds"), ("So is that", "not run")],
+        cells={"reproduced": 2, "differs": 1},
+        traces=[Trace("m", [0.0, 0.1, 0.2], [3.0, 2.0, 1.5], 1.0), Trace("n", [0, 1], [2, 1])],
+    )
+    view = View("A view", scene(problem, found.estimate, instance.ids))
+    figures = [FigureResults(DOCUMENT, SVG), FigureResults({**DOCUMENT, "figure": "g"}, SVG)]
+    page = report_page([table], figures, summary=["Sentence <i>"], views=[view])
+    reader = read(page)
+    for said in (
+        "Sentence <i>",
+        "Claims: holds: 1, not run: 1.",
+        "2 records, 1 not run or failed",
+        "1.500",
+        "it failed",
+        "2 reproduced, 1 differs",
+        "It is <i>fast</i>",
+        f"A note {HOSTILE}.",
+        "@book{a & b}",
+        "C <i>",
+        "N <i>",
+        "Gap to the lower bound",
+    ):
+        assert said in reader.text, said
+    assert len(re.findall("<polyline", page)) == 3
+    link = next(value for value in reader.values("href") if value.startswith("data:text/csv"))
+    rows = list(csv.reader(b64decode(unquote(link).split(",", 1)[1]).decode().splitlines()))
+    assert rows == [["row", "F"], ["a", "1.5"]]
+    assert ("download", "t.csv") in [(k, v) for _, a in reader.tags for k, v in a.items()]
+    assert page == report_page([table], figures, summary=["Sentence <i>"], views=[view])
+
+
+def test_a_report_of_nothing_and_of_a_table_that_was_not_run():
+    assert "There is nothing to report." in read(report_page([], [])).text
+    page = report_page([TableResults(TABLE, ())], [])
+    assert "Not run." in read(page).text
+    assert "Claims" not in page
+
+
+def test_traces_that_records_keep():
+    kept = [Record("t", "a", "m", metrics={"lower_bound": 1.0}), Record("t", "a", "other")]
+    object.__setattr__(kept[0], "trace", ((0, 3.0, 0.0), (1, 2.0, 0.5)))
+    page = report_page([TableResults(TABLE, kept)], [])
+    assert len(re.findall("<polyline", page)) == 2
+
+
+def test_a_drawing_keeps_its_ids_and_style_to_itself():
+    drawn = str(inlined(SVG, "f", 'a "title"'))
+    assert "elsewhere" not in drawn
+    assert "<?xml" not in drawn
+    assert 'id="f-p"' in drawn
+    assert 'xlink:href="#f-p"' in drawn
+    assert "url(#f-p)" in drawn
+    assert "#f-drawing *{" in drawn
+    assert 'aria-label="a &#34;title&#34;"' in drawn
+
+
+@pytest.fixture
+def node():
+    """The program of that name."""
+    program = shutil.which("node")
+    if program is None:
+        pytest.skip("node is not installed")
+    return program
+
+
+def test_every_script_parses(solved, node):
+    for script in read(page_of(solved)).scripts:
+        if not script.strip().startswith("{"):
+            code = f"new Function({json.dumps(script)})"
+            done = subprocess.run([node, "-e", code], capture_output=True, text=True, check=False)
+            assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture
+def browser():
+    """A page of headless Chromium that keeps what its console says."""
+    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with api.sync_playwright() as playwright:
+        found = shutil.which("chromium") or shutil.which("google-chrome")
+        try:
+            chromium = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
+        except api.Error as error:
+            pytest.skip(f"no Chromium: {str(error).splitlines()[0]}")
+        page = chromium.new_page()
+        page.said = []
+        page.on("console", lambda message: page.said.append(message.text))
+        page.on("pageerror", lambda error: page.said.append(str(error)))
+        yield page
+        chromium.close()
+
+
+DRAWN = """() => {
+  const canvas = document.querySelector(".scene > canvas");
+  const pixels = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+  return new Set(new Uint32Array(pixels.buffer)).size;
+}"""
+
+
+def test_the_page_in_a_browser(solved, browser, tmp_path):
+    path = tmp_path / "page.html"
+    path.write_text(page_of(solved), encoding="utf-8")
+    browser.goto(path.as_uri())
+    assert browser.evaluate(DRAWN) > 10
+    browser.click(".next")
+    assert re.match(r"Edge \d+, \d+ to \d+ ", browser.inner_text(".said"))
+    before = browser.evaluate("getComputedStyle(document.body).backgroundColor")
+    for _ in range(2):
+        browser.click("#theme")
+    assert browser.inner_text("#theme") == "Theme: dark"
+    assert browser.evaluate("getComputedStyle(document.body).backgroundColor") != before
+    canvas = browser.locator(".scene > canvas")
+    canvas.focus()
+    for key in ("ArrowLeft", "+", "-", "0"):
+        canvas.press(key)
+    canvas.hover()
+    assert browser.said == []

@@ -1,0 +1,179 @@
+"""What is drawn on pages: the view of a trajectory, curves and bars, and the view's script."""
+
+import json
+import math
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from certpgo.datasets import synthetic
+from certpgo.estimate import Estimate
+from certpgo.graph import RotationGraph
+from certpgo.harness.html.page import TEMPLATES
+from certpgo.harness.html.plots import Curve, bars, lines
+from certpgo.harness.html.scene import scene
+from certpgo.problem import problem_of
+
+
+@pytest.fixture(scope="module")
+def grid():
+    """A small grid of poses, at its truth."""
+    instance = synthetic.grid3d(3, np.random.default_rng(0))
+    return instance, problem_of(instance.graph), instance.truth
+
+
+def test_scene_of_poses(grid):
+    instance, problem, truth = grid
+    drawn = scene(problem, truth, instance.ids)
+    n, m = instance.graph.num_nodes, instance.graph.num_edges
+    assert np.shape(drawn["points"]) == (n, 3)
+    assert np.array_equal(drawn["edges"], instance.graph.edges)
+    degrees, metres = drawn["measures"]
+    angles = np.degrees(problem.residual_angles(truth))
+    assert degrees["values"] == pytest.approx(angles, rel=1e-3)
+    assert metres["unit"] == "metres"
+    assert len(metres["values"]) == m
+    consecutive = np.abs(np.diff(instance.ids[instance.graph.edges], axis=1))[:, 0] == 1
+    assert drawn["loop"] == (~consecutive).astype(int).tolist()
+    assert np.allclose(drawn["points"], truth.translations, rtol=0, atol=1e-4)
+
+
+def test_many_edges_are_thinned_and_it_is_said(grid):
+    instance, problem, truth = grid
+    limit = 20
+    drawn = scene(problem, truth, instance.ids, limit=limit)
+    assert len(drawn["edges"]) == len(set(drawn["numbers"])) == limit
+    costs = problem.edge_costs(truth)
+    assert set(np.argsort(-costs, kind="stable")[:2].tolist()) <= set(drawn["numbers"])
+    for numbered, (i, j) in zip(drawn["numbers"], drawn["edges"], strict=True):
+        ends = [drawn["ids"][i], drawn["ids"][j]]
+        assert ends == instance.ids[instance.graph.edges[numbered]].tolist()
+    m = instance.graph.num_edges
+    assert drawn["sentences"][1].startswith(f"{limit} of {m} edges are drawn: the 2 costliest")
+    assert "nodes" in drawn["sentences"][2]
+
+
+def test_rotations_stand_at_their_vectors_or_angles():
+    edges = np.stack([np.arange(8), (np.arange(8) + 1) % 8], axis=1)
+    angle = 2.0 * np.pi * np.arange(8) / 8
+    turned = np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], axis=1)
+    planar = RotationGraph(8, edges, np.tile(np.eye(2), (8, 1, 1)), np.ones(8))
+    flat = scene(problem_of(planar), Estimate(turned.reshape(8, 2, 2)), np.arange(8))
+    assert np.linalg.norm(flat["points"], axis=1) == pytest.approx(1.0, abs=1e-4)
+    assert [measure["unit"] for measure in flat["measures"]] == ["degrees"]
+    assert flat["measures"][0]["values"] == [45.0] * 8
+    graph = RotationGraph(8, edges, np.tile(np.eye(3), (8, 1, 1)), np.ones(8))
+    solid = scene(problem_of(graph), Estimate(np.tile(np.eye(3), (8, 1, 1))), np.arange(8))
+    assert np.allclose(solid["points"], 0.0, rtol=0, atol=1e-12)
+    assert solid["measures"][0]["top"] == 0.0
+
+
+def test_lines_and_bars():
+    drawn = lines("F", "iteration", [Curve("a", [0, 1, 2], [3.0, math.nan, 1.0])])
+    (label, points) = drawn.curves[0]
+    assert label == "a"
+    places = [tuple(map(float, place.split(","))) for place in points.split()]
+    assert places == [(drawn.left, drawn.top), (drawn.right, drawn.bottom)]
+    assert [mark.text for mark in drawn.x_marks] == ["0.0", "0.5", "1.0", "1.5", "2.0"]
+    gap = lines("gap", "s", [Curve("a", [0, 1, 2], [1e2, 1e-4, -1.0])], logarithmic=True)
+    assert [mark.text for mark in gap.y_marks] == ["1e-4", "1e-2", "1e0", "1e2"]
+    assert len(gap.curves[0][1].split()) == 2
+    assert lines("F", "iteration", [Curve("a", [0], [1.0])]) is None
+    assert lines("F", "i", [Curve("a", [0, 1], [5.0, 5.0])]).y_marks
+    shown = bars([-1.0, 0.0, 3.0], ["a", "b", "c"])
+    assert shown.zero == 25.0
+    assert [(bar.x, bar.width) for bar in shown.bars] == [(0, 25), (25, 0), (25, 75)]
+    assert bars([0.0], ["a"]).bars[0].width == 0.0
+
+
+@pytest.fixture
+def node():
+    """Runs a script after the view's, and returns what it prints as JSON."""
+    program = shutil.which("node")
+    if program is None:
+        pytest.skip("node is not installed")
+
+    def run(script):
+        code = (TEMPLATES / "scene.js").read_text() + f"\nconsole.log(JSON.stringify({script}));"
+        done = subprocess.run([program, "-e", code], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout)
+
+    return run
+
+
+def test_the_camera_turns_without_stretching(node):
+    for turn, tilt in ((0.0, 0.0), (0.6, 0.6), (-2.0, 1.5)):
+        C = np.array(node(f"Scene.camera({turn}, {tilt})"))
+        assert np.allclose(C @ C.T, np.eye(3), rtol=0, atol=1e-12)
+        assert np.linalg.det(C) == pytest.approx(1.0)
+
+
+def test_all_points_are_seen_from_everywhere(node):
+    points = np.random.default_rng(0).standard_normal((50, 3)).tolist()
+    flat = node(
+        "(() => { const p = "
+        + json.dumps(points)
+        + "; const box = Scene.frame(p), out = [];"
+        + "for (const turn of [0, 1, 2]) for (const tilt of [-1.5, 0, 0.7])"
+        + " out.push(...Scene.project(p, box, {turn, tilt, zoom: 1, x: 0, y: 0}, 400, 300));"
+        + " return out; })()"
+    )
+    places = np.reshape(flat, (-1, 2))
+    assert places.min() >= 0.0
+    assert np.all(places.max(axis=0) <= [400, 300])
+    alone = "[[2, 3]], Scene.frame([[2, 3]]), Scene.start({dimensions: 2})"
+    one = node(f"[...Scene.project({alone}, 400, 300)]")
+    assert one == [200, 150]
+
+
+def test_planar_points_fill_the_view_upright(node):
+    flat = node(
+        "(() => { const p = [[0, 0], [4, 0], [4, 1]]; return [...Scene.project(p, Scene.frame(p),"
+        " Scene.start({dimensions: 2}), 400, 300)]; })()"
+    )
+    x, y = np.reshape(flat, (-1, 2)).T
+    assert x.tolist() == pytest.approx([12, 388, 388])
+    assert y[2] < y[1] == pytest.approx(197)
+
+
+def test_the_nearest_edge_is_named(node):
+    data = json.dumps(
+        {
+            "edges": [[0, 1], [1, 2]],
+            "ids": [7, 8, 12],
+            "numbers": [3, 5],
+            "loop": [0, 1],
+            "measures": [
+                {"unit": "degrees", "values": [1.5, 2]},
+                {"unit": "metres", "values": [0.1, 0.2]},
+            ],
+        }
+    )
+    places = "[0, 0, 10, 0, 10, 10]"
+    edges = "[[0, 1], [1, 2]]"
+    assert node(f"Scene.nearest({edges}, {places}, 11, 6, 6)") == 1
+    assert node(f"Scene.nearest({edges}, {places}, 4, -2, 6)") == 0
+    assert node(f"Scene.nearest({edges}, {places}, 40, 40, 6)") == -1
+    assert (
+        node(f"Scene.sentence({data}, 1)")
+        == "Edge 5, 8 to 12 (loop closure): residual 2 degrees, 0.2 metres."
+    )
+    assert node("Scene.ranking([1, 3, 2, 3])") == [1, 3, 2, 0]
+
+
+def test_colours_keep_their_order_in_lightness(node):
+    """Told apart by lightness alone, whatever the kind of colour blindness."""
+    for dark in ("true", "false"):
+        shades = node(
+            f"[0, .1, .2, .3, .4, .5, .6, .7, .8, .9, 1].map(s => Scene.colour(s, {dark}))"
+        )
+        rgb = np.array([re.findall(r"\d+", shade) for shade in shades], dtype=float)
+        lightness = rgb @ [0.2126, 0.7152, 0.0722]
+        steps = np.diff(lightness)
+        assert np.all(steps > 0) if dark == "true" else np.all(steps < 0)
+    assert node("Scene.bucket(0, 0)") == 0
+    assert node("Scene.bucket(9, 2)") == 31
