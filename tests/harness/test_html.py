@@ -22,8 +22,9 @@ from certpgo.harness.assessment import assess
 from certpgo.harness.html.certificate import Origin, certificate_page
 from certpgo.harness.html.page import embedded, numeric
 from certpgo.harness.html.report import (
-    FigureResults,
-    TableResults,
+    ClaimPart,
+    FigurePart,
+    TablePart,
     Trace,
     View,
     inlined,
@@ -222,18 +223,21 @@ def results(**more):
         Record("t", HOSTILE, "m", d=3, n=4, m=5, metrics={"cost": 1.5}, provenance={"engine": "e"}),
         Record("t", HOSTILE, "other", d=3, n=4, m=5, error="it failed"),
     ]
-    return TableResults(TABLE, records, csv="row,F\na,1.5\n", bibtex="@book{a & b}", **more)
+    return TablePart(TABLE, records, csv="row,F\na,1.5\n", bibtex="@book{a & b}", **more)
 
 
 def test_a_report_is_whole(solved):
     instance, problem, found, _ = solved
     table = results(
-        claims=[("It is <i>fast</i>", "holds"), ("So is that", "not run")],
+        claims=[
+            ClaimPart("It is <i>fast</i>", "holds", "holds in 2 of 2 rows", "page 3"),
+            ClaimPart("So is that", "not run"),
+        ],
         cells={"reproduced": 2, "differs": 1},
         traces=[Trace("m", [0.0, 0.1, 0.2], [3.0, 2.0, 1.5], 1.0), Trace("n", [0, 1], [2, 1])],
     )
     view = View("A view", scene(problem, found.estimate, instance.ids))
-    figures = [FigureResults(DOCUMENT, SVG), FigureResults({**DOCUMENT, "figure": "g"}, SVG)]
+    figures = [FigurePart(DOCUMENT, SVG), FigurePart({**DOCUMENT, "figure": "g"}, SVG)]
     page = report_page([table], figures, summary=["Sentence <i>"], views=[view])
     reader = read(page)
     for said in (
@@ -243,7 +247,8 @@ def test_a_report_is_whole(solved):
         "1.500",
         "it failed",
         "2 reproduced, 1 differs",
-        "It is <i>fast</i>",
+        "holds in 2 of 2 rows : It is <i>fast</i> (page 3)",
+        "not run : So is that",
         f"A note {HOSTILE}.",
         "@book{a & b}",
         "C <i>",
@@ -261,7 +266,7 @@ def test_a_report_is_whole(solved):
 
 def test_a_report_of_nothing_and_of_a_table_that_was_not_run():
     assert "There is nothing to report." in read(report_page([], [])).text
-    page = report_page([TableResults(TABLE, ())], [])
+    page = report_page([TablePart(TABLE, ())], [])
     assert "Not run." in read(page).text
     assert "Claims" not in page
 
@@ -269,7 +274,7 @@ def test_a_report_of_nothing_and_of_a_table_that_was_not_run():
 def test_traces_that_records_keep():
     kept = [Record("t", "a", "m", metrics={"lower_bound": 1.0}), Record("t", "a", "other")]
     object.__setattr__(kept[0], "trace", ((0, 3.0, 0.0), (1, 2.0, 0.5)))
-    page = report_page([TableResults(TABLE, kept)], [])
+    page = report_page([TablePart(TABLE, kept)], [])
     assert len(re.findall("<polyline", page)) == 2
 
 

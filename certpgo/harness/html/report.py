@@ -16,8 +16,23 @@ from certpgo.harness.render import sections
 from certpgo.harness.spec import Table
 from certpgo.io.wording import counted
 
-#: What a claim came to: its sentence, and "holds", "differs" or "not run".
-Outcome = tuple[str, str]
+
+@dataclass(frozen=True)
+class ClaimPart:
+    """A claim and what became of it.
+
+    Attributes
+    ----------
+    text : the sentence
+    found : ``"holds"``, ``"differs"`` or ``"not run"``
+    said : the same in more words; empty for none
+    source : where it stands, or empty
+    """
+
+    text: str
+    found: str
+    said: str = ""
+    source: str = ""
 
 
 @dataclass(frozen=True)
@@ -38,7 +53,7 @@ class Trace:
 
 
 @dataclass(frozen=True)
-class TableResults:
+class TablePart:
     """A table and what came out.
 
     Attributes
@@ -55,13 +70,13 @@ class TableResults:
     records: Sequence[Record]
     csv: str = ""
     bibtex: str = ""
-    claims: Sequence[Outcome] = ()
+    claims: Sequence[ClaimPart] = ()
     cells: Mapping[str, int] = field(default_factory=dict)
     traces: Sequence[Trace] = ()
 
 
 @dataclass(frozen=True)
-class FigureResults:
+class FigurePart:
     """A figure and what came out.
 
     Attributes
@@ -74,7 +89,7 @@ class FigureResults:
     document: Mapping[str, Any]
     svg: str
     bibtex: str = ""
-    claims: Sequence[Outcome] = ()
+    claims: Sequence[ClaimPart] = ()
 
 
 @dataclass(frozen=True)
@@ -86,8 +101,8 @@ class View:
 
 
 def report_page(
-    tables: Sequence[TableResults],
-    figures: Sequence[FigureResults],
+    tables: Sequence[TablePart],
+    figures: Sequence[FigurePart],
     *,
     title: str = "Tables and figures reproduced by certpgo",
     summary: Sequence[str] = (),
@@ -129,7 +144,7 @@ def traces_of(records: Iterable[Record]) -> tuple[Trace, ...]:
     return tuple(found)
 
 
-def _table(results: TableResults) -> dict[str, Any]:
+def _table(results: TablePart) -> dict[str, Any]:
     table, records = results.table, results.records
     return {
         "name": table.name,
@@ -156,7 +171,7 @@ def _results(records: Sequence[Record]) -> str:
     return f"{said}, {failed} not run or failed" if failed else said
 
 
-def _figure(results: FigureResults) -> dict[str, Any]:
+def _figure(results: FigurePart) -> dict[str, Any]:
     document = results.document
     return {
         "name": document["figure"],
@@ -173,8 +188,8 @@ def _figure(results: FigureResults) -> dict[str, Any]:
     }
 
 
-def _claims_said(parts: Sequence[TableResults | FigureResults]) -> Iterable[str]:
-    outcomes = [outcome for part in parts for _, outcome in part.claims]
+def _claims_said(parts: Sequence[TablePart | FigurePart]) -> Iterable[str]:
+    outcomes = [claim.found for part in parts for claim in part.claims]
     if outcomes:
         counts = {name: outcomes.count(name) for name in dict.fromkeys(outcomes)}
         said = ", ".join(f"{name}: {count}" for name, count in sorted(counts.items()))
