@@ -259,12 +259,9 @@ const Scene = (function () {
     });
     select.addEventListener("change", () => { place = -1; legend(); redraw(); });
     every.addEventListener("change", redraw);
-    const repaint = () => { legend(); redraw(); };
+    const repaint = () => { legend(); draw(); };
     document.addEventListener("themechange", repaint);
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
-    // On paper at once: no frame is awaited there.
-    window.addEventListener("beforeprint", () => { legend(); draw(); });
-    window.addEventListener("afterprint", repaint);
     new ResizeObserver(redraw).observe(canvas);
     element.querySelector(".tools").hidden = false;
     legend();

@@ -4,12 +4,15 @@
   const button = document.getElementById("theme");
   const read = () => { try { return localStorage.getItem("theme"); } catch (error) { return null; } };
   const keep = (name) => { try { localStorage.setItem("theme", name); } catch (error) { /* not allowed here */ } };
-  function apply(name) {
+  function paint(name) {
     if (name === "system") delete document.documentElement.dataset.theme;
     else document.documentElement.dataset.theme = name;
+    document.dispatchEvent(new Event("themechange"));
+  }
+  function apply(name) {
     button.textContent = "Theme: " + name;
     button.dataset.name = name;
-    document.dispatchEvent(new Event("themechange"));
+    paint(name);
   }
   button.hidden = false;
   button.addEventListener("click", () => {
@@ -17,5 +20,8 @@
     keep(name);
     apply(name);
   });
+  // Paper is white, and what scripts have drawn must suit it.
+  window.addEventListener("beforeprint", () => paint("light"));
+  window.addEventListener("afterprint", () => paint(button.dataset.name));
   apply(names.includes(read()) ? read() : "system");
 })();
