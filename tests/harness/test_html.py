@@ -32,6 +32,7 @@ from certpgo.harness.html.report import (
 )
 from certpgo.harness.html.scene import scene
 from certpgo.harness.records import Record
+from certpgo.harness.render import Section
 from certpgo.harness.spec import Column, Method, Row, Table
 from certpgo.problem import problem_of
 from certpgo.solve import solve
@@ -234,6 +235,7 @@ def test_a_report_is_whole(solved):
             ClaimPart("So is that", "not run"),
         ],
         cells={"reproduced": 2, "differs": 1},
+        findings=[Section("Cells that differ", "", ("row", "why"), (("a", "too <i>few</i>"),))],
         traces=[Trace("m", [0.0, 0.1, 0.2], [3.0, 2.0, 1.5], 1.0), Trace("n", [0, 1], [2, 1])],
     )
     view = View("A view", scene(problem, found.estimate, instance.ids))
@@ -242,7 +244,7 @@ def test_a_report_is_whole(solved):
     reader = read(page)
     for said in (
         "Sentence <i>",
-        "Claims: holds: 1, not run: 1.",
+        "too <i>few</i>",
         "2 records, 1 not run or failed",
         "1.500",
         "it failed",
@@ -262,6 +264,11 @@ def test_a_report_is_whole(solved):
     assert rows == [["row", "F"], ["a", "1.5"]]
     assert ("download", "t.csv") in [(k, v) for _, a in reader.tags for k, v in a.items()]
     assert page == report_page([table], figures, summary=["Sentence <i>"], views=[view])
+
+
+def test_a_report_counts_its_claims_where_nothing_else_is_said():
+    claims = [ClaimPart("A", "holds"), ClaimPart("B", "not run"), ClaimPart("C", "holds")]
+    assert "Claims: holds: 2, not run: 1." in read(report_page([results(claims=claims)], [])).text
 
 
 def test_a_report_of_nothing_and_of_a_table_that_was_not_run():

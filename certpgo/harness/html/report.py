@@ -12,7 +12,7 @@ from markupsafe import Markup
 from certpgo.harness.html.page import data_uri, page
 from certpgo.harness.html.plots import Curve, Lines, lines
 from certpgo.harness.records import Record
-from certpgo.harness.render import sections
+from certpgo.harness.render import Section, sections
 from certpgo.harness.spec import Table
 from certpgo.io.wording import counted
 
@@ -63,6 +63,7 @@ class TablePart:
     bibtex : the entries of its sources; empty for none
     claims : of its source
     cells : how many published cells came to what, such as ``{"reproduced": 3, "differs": 1}``
+    findings : what else is to be said of these cells, such as those that differ, and why
     traces : of its iterative methods
     """
 
@@ -72,6 +73,7 @@ class TablePart:
     bibtex: str = ""
     claims: Sequence[ClaimPart] = ()
     cells: Mapping[str, int] = field(default_factory=dict)
+    findings: Sequence[Section] = ()
     traces: Sequence[Trace] = ()
 
 
@@ -113,7 +115,7 @@ def report_page(
 
     Parameters
     ----------
-    summary : sentences at the top
+    summary : sentences at the top; by default, what became of the claims
     environment : what made the page; by default, what made the first results that say so
     """
     shown = [_table(results) for results in tables]
@@ -122,7 +124,7 @@ def report_page(
     return page(
         "report.html",
         title=title,
-        summary=[*summary, *_claims_said([*tables, *figures])],
+        summary=summary or [*_claims_said([*tables, *figures])],
         index=[*shown, *drawn],
         tables=shown,
         figures=drawn,
@@ -156,6 +158,7 @@ def _table(results: TablePart) -> dict[str, Any]:
         "notes": table.notes,
         "claims": results.claims,
         "cells": ", ".join(f"{count:,} {name}" for name, count in results.cells.items()),
+        "findings": results.findings,
         "charts": _charts(results.traces or traces_of(records)),
         "csv": data_uri(results.csv, "text/csv") if results.csv else "",
         "bibtex": results.bibtex,
