@@ -159,6 +159,21 @@ def test_the_same_input_gives_the_same_bytes(solved):
     assert page_of(solved) == page_of(solved)
 
 
+def test_an_infinite_cost_is_shown():
+    instance = synthetic.grid3d(2, np.random.default_rng(0))
+    far = instance.truth.translations.copy()
+    far[3, 0] = 1e200
+    estimate, problem = instance.truth.with_translations(far), problem_of(instance.graph)
+    certificate = certify(problem, estimate)
+    with np.errstate(over="ignore", invalid="ignore"):
+        assessment = assess(problem, estimate, certificate)
+    page = certificate_page(instance, problem, estimate, assessment, Origin("g", "e"))
+    text = read(page).text
+    assert "UNDECIDED" in text
+    assert "No edge is told apart" in text
+    assert "Infinity" not in page.split("<script>")[0]
+
+
 def test_a_proof_is_named(solved):
     text = read(page_of(solved, proof="the proof.cert")).text
     assert "certpgo check 'a graph.g2o' 'the proof.cert'" in text

@@ -67,6 +67,18 @@ def certificate_page(
     assessment : of the estimate, with its certificate
     trace : of the method that found it, if it kept one
     """
+    with np.errstate(over="ignore", invalid="ignore"):  # infinite costs are shown, not warned of
+        return _page(instance, problem, estimate, assessment, origin, trace)
+
+
+def _page(
+    instance: Instance,
+    problem: Problem,
+    estimate: Estimate,
+    assessment: Assessment,
+    origin: Origin,
+    trace: Sequence[Iteration],
+) -> str:
     certificate = assessment.certificate
     rungs = rungs_of_eigenvalues(problem, estimate, certificate)
     spectrum, spectrum_said = _spectrum(problem, certificate)

@@ -111,4 +111,5 @@ def _rounded(points: FloatArray) -> list[list[float]]:
 
 def _top(values: FloatArray) -> float:
     """The residual that has the last colour: of a few outliers, not theirs."""
-    return float(np.quantile(values, TOP)) or float(values.max())
+    finite = values[np.isfinite(values)]
+    return float(np.quantile(finite, TOP)) or float(finite.max()) if len(finite) else 0.0

@@ -106,6 +106,8 @@ const Scene = (function () {
 
   function show(element) {
     const data = JSON.parse(element.querySelector("script").textContent);
+    // JSON has no number for a residual that is not finite.
+    for (const m of data.measures) m.values = m.values.map((v) => (v === null ? Infinity : v));
     const canvas = element.querySelector("canvas"), context = canvas.getContext("2d");
     const said = element.querySelector(".said"), select = element.querySelector(".measure");
     const every = element.querySelector(".every"), box = frame(data.points);
