@@ -18,14 +18,23 @@ def command(
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Folder for the rendered files.")
     ] = Path("report"),
+    html: Annotated[
+        Path | None, typer.Option("--html", metavar="OUT", help="Write it all as one page, too.")
+    ] = None,
 ) -> None:
     """Render tables (Markdown, CSV, LaTeX), figures and an index, from records alone."""
     from certpgo import registry
+    from certpgo.cli._writing import refuse_unwritable
     from certpgo.harness.index import summary
-    from certpgo.harness.report import gather, write
+    from certpgo.harness.report import gather, page, write
+    from certpgo.io.writing import atomically
 
+    refuse_unwritable(html)
     with working("reading the results"):
         report = gather(results or registry.repository() / "reports" / "results")
         path = write(report, out)
+        if html is not None:
+            text = page(report)
+            atomically(html, lambda beside: beside.write_text(text, "utf-8", newline="\n"))
     typer.echo(summary(report.tables, report.figures))
     notice(f"written to {path}, with the tables and figures beside it")

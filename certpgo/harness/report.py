@@ -14,9 +14,12 @@ from certpgo.harness import cells, citations, claims
 from certpgo.harness.cells import Cell
 from certpgo.harness.claims import Outcome
 from certpgo.harness.figure import Data, Figure
-from certpgo.harness.formats import forms
-from certpgo.harness.index import index
+from certpgo.harness.findings import our_number
+from certpgo.harness.formats import csv, forms
+from certpgo.harness.html.report import ClaimPart, FigurePart, TablePart, report_page
+from certpgo.harness.index import index, summary
 from certpgo.harness.records import Record, read_records
+from certpgo.harness.render import Section
 from certpgo.harness.spec import Table
 
 
@@ -125,6 +128,47 @@ def write(report: Report, folder: Path) -> Path:
     except OSError as error:
         raise InputError(f"{folder}: cannot write there: {error.strerror}") from None
     return folder / "index.md"
+
+
+def page(report: Report) -> str:
+    """The report as one HTML page, the same bytes every time."""
+    tables = [
+        TablePart(
+            result.table,
+            result.records,
+            csv=csv.FORM.render(result.table, result.records) if result.records else "",
+            bibtex=citations.citation(result.table.published or result.table.name),
+            claims=_claim_parts(result.claims),
+            cells={kind.value: n for kind, n in cells.tally(result.cells).items() if n},
+            findings=_differing(result.cells),
+        )
+        for result in report.tables
+    ]
+    figures = [
+        FigurePart(
+            result.document,
+            result.drawing.decode(),
+            bibtex=citations.citation(result.figure.name),
+            claims=_claim_parts(result.claims),
+        )
+        for result in report.figures
+        if result.document is not None and result.drawing is not None
+    ]
+    return report_page(tables, figures, summary=[summary(report.tables, report.figures)])
+
+
+def _differing(found: Iterable[Cell]) -> tuple[Section, ...]:
+    rows = tuple(
+        (c.row, c.method, c.metric, c.printed, our_number(c), c.found.value, c.reason)
+        for c in found
+        if c.found in (cells.Found.DIFFERS, cells.Found.BETTER)
+    )
+    header = ("row", "method", "metric", "printed", "ours", "found", "why they differ")
+    return (Section("Published values that ours differ from", "", header, rows),) if rows else ()
+
+
+def _claim_parts(outcomes: Iterable[Outcome]) -> list[ClaimPart]:
+    return [ClaimPart(o.claim.text, o.found.value, o.told, o.claim.source) for o in outcomes]
 
 
 def _table(table: Table, results: Path) -> TableResult:
