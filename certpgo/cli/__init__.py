@@ -22,7 +22,7 @@ Command = Callable[..., int | None]
 
 _EPILOG = (
     "Exit codes: 0 done or CERTIFIED, 1 unusable input, 2 usage, 3 BOUNDED, 4 REFUTED, "
-    "5 UNDECIDED, 130 interrupted."
+    "5 UNDECIDED, 6 proof refused, 7 gate failed, 130 interrupted."
 )
 
 
