@@ -1,5 +1,6 @@
 # make compare   methods side by side, each answer certified; needs Python 3.11 or newer, nothing else
 # make test      lint, types and tests
+# make gate      quick results of some tables against the committed ones
 # make setup     the environment alone
 
 PYTHON ?= python3
@@ -12,7 +13,7 @@ MADE := $(VENV)/.made
 COMPARE := $(VENV)/.installed-baselines
 DEVELOP := $(VENV)/.installed-dev
 
-.PHONY: compare test setup clean
+.PHONY: compare test gate setup clean
 
 compare: $(COMPARE)
 	@$(BIN)/certpgo compare
@@ -22,6 +23,9 @@ test: $(DEVELOP)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy certpgo
 	$(BIN)/python -m pytest -n 2
+
+gate: $(DEVELOP)
+	@$(BIN)/certpgo gate
 
 setup: $(DEVELOP)
 

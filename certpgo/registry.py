@@ -144,7 +144,7 @@ def repository() -> Path:
     root = checkout()
     if root is None:
         raise SpecError(
-            "compare and reproduce need the repository: run them in a checkout of certpgo, "
+            "compare, reproduce and gate need the repository: run them in a checkout of certpgo, "
             f"or let {REPOSITORY_VARIABLE} name one"
         )
     return root

@@ -68,7 +68,7 @@ def test_without_a_checkout_the_package_still_lists_its_own_methods(tmp_path, mo
     assert registry.table_names() == ()
     assert not any(name.startswith("gtsam_") for name in registry.solver_names())
     for call in (registry.repository, lambda: registry.get_table("first")):
-        with pytest.raises(SpecError, match="compare and reproduce need the repository"):
+        with pytest.raises(SpecError, match="compare, reproduce and gate need the repository"):
             call()
 
 
