@@ -26,7 +26,7 @@ def command(
     new: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[NEW]",
+            metavar="NEW",
             help="A folder of results, or one file of records; by default a small fixed set is "
             "run, the quick profiles of some tables.",
         ),
