@@ -113,7 +113,7 @@ def _judged(
     ours = median(values) if table.summary == "median" else fmean(values)
     error = _standard_error(values)
     cell = replace(cell, ours=ours, standard_error=error, reason="")
-    if not (table.comparable or table.summary):
+    if not (table.comparable and row.comparable):
         return replace(cell, reason=said or "of another instance")
     better = {column.key: column.better for column in table.columns}
     comparison = compare(blank.printed, ours, better.get(metric, ""))

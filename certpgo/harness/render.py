@@ -186,7 +186,7 @@ def _comparisons(table: Table, record: Record) -> Iterable[str]:
         ours = record.metrics.get(metric)
         column = columns.get(metric)
         title = metric if column is None else column.title
-        if ours is None or not table.comparable:
+        if ours is None or not (table.comparable and row.comparable):
             yield f"{title} {printed}"
         else:
             yield f"{title} {compare(printed, ours, column.better if column else '')}"

@@ -89,6 +89,7 @@ class Row:
         ``arguments``, ``rng`` and, if it takes that, ``data``, the folder to look in first
     arguments : its keyword arguments
     published : the key of this row in the table's published numbers
+    comparable : those are of this very instance; others are shown, never compared
     components : of a graph that is not connected: ``"refuse"`` it, run ``"each"`` or the
         ``"largest"``
     settings : settings of single methods in this row alone, by the method's label
@@ -105,6 +106,7 @@ class Row:
     generator: str = ""
     arguments: Mapping[str, Any] = field(default_factory=dict)
     published: str = ""
+    comparable: bool = True
     components: Components = "refuse"
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     absent: str = ""

@@ -124,7 +124,6 @@ TABLE = Table(
     ),
     published="eriksson2018_table1",
     key="n,sigma_rad",
-    comparable=False,
     summary="mean",
     quick=("cycle of 20, sigma 0.2 rad",),
     notes=(

@@ -94,6 +94,7 @@ TABLE = Table(
                 components="largest",
                 methods=("the measurements",),
                 published=printed,
+                comparable=False,
             )
             for name, printed in MEASURED.items()
         ),
@@ -104,6 +105,7 @@ TABLE = Table(
                 components="largest",
                 methods=("the viewing graph",),
                 published=printed,
+                comparable=name == "Notre_Dame",
             )
             for name, printed in DRAWN.items()
         ),
