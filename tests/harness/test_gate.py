@@ -191,6 +191,7 @@ def test_a_verdict_is_never_worse_and_a_refutation_is_told(before, after, direct
         ({"certified_by": "factorization"}, "worse"),
         ({"certified_by": "none"}, "worse"),
         ({"certified_by": "rows, Theorem 4.1, factorization"}, "better"),
+        ({"certified_by": "rows, factorization"}, "worse"),
         ({"status": "iteration limit"}, "worse"),
         ({"settings": {"tol": 1e-6}}, "different"),
         ({"n": 11}, "different"),
