@@ -1,9 +1,10 @@
 import warnings
+from textwrap import dedent
 
 import pytest
 from hypothesis import settings
 
-from certpgo import datasets
+from certpgo import datasets, registry
 from certpgo.errors import InputNotice
 
 settings.register_profile("ci", derandomize=True, deadline=None)
@@ -34,3 +35,75 @@ def dataset(dataset_path):
             return datasets.load(name, download=False, **options)
 
     return load
+
+
+#: A method that logs each run, waits for a file from some run on, and sleeps, dies or fails on
+#: graphs of as many nodes as it is told.
+MISCHIEF = """
+    import os
+    import signal
+    import time
+    from dataclasses import dataclass
+    from pathlib import Path
+
+    from certpgo.solvers.spanning_tree import SpanningTree
+
+    @dataclass(frozen=True)
+    class Mischief(SpanningTree):
+        deed: str = ""
+        nodes: int = 0
+
+        def solve(self, problem, **more):
+            n = problem.graph.num_nodes
+            log = Path(os.environ["CERTPGO_TEST_LOG"])
+            with log.open("a") as stream:
+                stream.write(f"{n}\\n")
+                stream.flush()
+                place = stream.tell() // 2  # nobody else's lines count that come after
+            if place >= int(os.environ.get("CERTPGO_TEST_STOP", "1000")):
+                log.with_suffix(".pid").write_text(str(os.getpid()))
+                while not log.with_suffix(".go").exists():
+                    time.sleep(0.02)
+            if self.deed == "die" and n == self.nodes:
+                os.kill(os.getpid(), signal.SIGKILL)
+            if self.deed == "sleep" and n == self.nodes:
+                time.sleep(600)
+            if self.deed == "swell" and n == self.nodes:
+                raise MemoryError
+            if self.deed == "err" and n == self.nodes:
+                raise RuntimeError("by design")
+            return super().solve(problem, **more)
+
+    SOLVER = Mischief
+"""
+
+#: A table of six cycles of 4 to 9 nodes.
+CYCLES = """
+    from certpgo.harness.spec import Column, Method, Row, Table
+
+    TABLE = Table(
+        "cycles",
+        "Cycles",
+        tuple(
+            Row(label=f"n = {n}", generator="cycle", arguments={"n": n, "sigma": 0.1})
+            for n in range(4, 10)
+        ),
+        (Method("mischief"), Method("eigen_ra")),
+        (Column("cost", "F"), Column("seconds", "s")),
+        quick=("n = 4",),
+    )
+"""
+
+
+@pytest.fixture
+def small_checkout(tmp_path, monkeypatch):
+    """A checkout of one mischievous method and one table; the path of the method's log."""
+    for name, text in (("baselines/mischief", MISCHIEF), ("reports/tables/cycles", CYCLES)):
+        path = tmp_path / "checkout" / f"{name}.py"
+        path.parent.mkdir(parents=True)
+        path.write_text(dedent(text))
+    monkeypatch.setenv(registry.REPOSITORY_VARIABLE, str(tmp_path / "checkout"))
+    log = tmp_path / "runs.log"
+    log.touch()
+    monkeypatch.setenv("CERTPGO_TEST_LOG", str(log))
+    return log

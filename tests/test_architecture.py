@@ -67,6 +67,9 @@ HOMES = {
     "flint": ("harness/zoo/oracle.py",),
     "matplotlib": ("harness/figure.py",),
     "jinja2": ("harness/html/page.py",),
+    "joblib": ("harness/execute.py",),
+    "distributed": ("harness/execute.py",),
+    "ray": ("harness/execute.py",),
     "gtsam": (),
 }
 
@@ -173,4 +176,4 @@ def test_import_certpgo_loads_numpy_and_scipy_alone():
 
 def test_the_checker_and_the_command_line_do_not_load_the_heavy_optional_packages():
     loaded = third_party_after("import certpgo.cli; certpgo.cli.application()")
-    assert not loaded & {"gtsam", "cvxopt", "cvxpy", "pooch", "matplotlib"}
+    assert not loaded & {"gtsam", "cvxopt", "cvxpy", "pooch", "matplotlib", "joblib"}

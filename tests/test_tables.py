@@ -7,15 +7,15 @@ import pytest
 from certpgo import registry
 from certpgo.errors import InputError
 from certpgo.harness import cells, claims
+from certpgo.harness.cases import chosen_rows
 from certpgo.harness.citations import citation
 from certpgo.harness.figure import Figure
 from certpgo.harness.formats import forms
 from certpgo.harness.methods import build
 from certpgo.harness.published import printed_number, published
-from certpgo.harness.records import from_line, read_records, to_line
+from certpgo.harness.records import from_line, latest, read_records, to_line
 from certpgo.harness.render import markdown, sections
-from certpgo.harness.report import current
-from certpgo.harness.runner import chosen_rows, run
+from certpgo.harness.runner import run
 from certpgo.harness.spec import FACTORIZATION
 
 NAMES = registry.table_names()
@@ -100,7 +100,7 @@ def committed(table):
     path = RESULTS / f"{table.name}.jsonl"
     if not path.is_file():
         pytest.skip(f"no results of {table.name} here")
-    return current(read_records(path))
+    return latest(read_records(path))
 
 
 def test_every_committed_value_that_differs_is_explained(table):

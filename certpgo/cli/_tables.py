@@ -1,59 +1,54 @@
-"""Running a table from the command line: progress, files, and what is printed."""
+"""Running tables and figures from the command line: one, or all of them."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Iterable, Mapping
+from contextlib import closing
 from typing import TYPE_CHECKING
 
 import typer
 
-from certpgo.cli._show import document, notice, table, working
+from certpgo.cli._live import watching
+from certpgo.cli._reports import FigureReport, Order, Report, TableReport
+from certpgo.cli._show import document, notice
 from certpgo.cli._verdict import INTERRUPTED
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
-    from certpgo.harness.records import Journal, Record
+    from certpgo.harness.execute import Pool
+    from certpgo.harness.figure import Figure
     from certpgo.harness.spec import Table
 
 
-def run_table(
-    spec: Table,
-    out: Path,
-    *,
-    data: Path | None,
-    seeds: int | None = None,
-    quick: bool = False,
-    json: bool = False,
-    named: bool = False,
+def run_report(
+    spec: Table | Figure, order: Order, pool: Pool, *, json: bool, lines: bool = True
 ) -> int:
-    """Run a table; print it, and write its records and Markdown into ``out``.
+    """Run a table or figure, print it, and write it into a folder.
 
     Parameters
     ----------
-    named : the rows were asked for by name, so that one that cannot be read is an error
+    pool : where it runs
+    lines : where stderr is no terminal, print a line a finished row
     """
-    from certpgo.harness.records import Journal
-    from certpgo.harness.runner import chosen_rows, run
-
-    chosen_rows(spec, data=data, quick=quick)  # that there are any is said before files are opened
-    journal = Journal(out, spec.name)
-    records: list[Record] = []
-    interrupted = False
-    with working(spec.title) as status:
-        try:
-            for record in run(spec, data=data, seeds=seeds, quick=quick, announce=status.update):
-                records.append(record)
-                journal.add(record)
-        except KeyboardInterrupt:
-            interrupted = True
-    failed = [record for record in records if named and record.n is None]
-    unread = tuple(dict.fromkeys(record.error for record in failed))
-    if len(failed) == len(records):
-        journal.discard()
+    report = _report(spec, order)
+    interrupted = _run({spec.name: report}, pool, lines=lines)
+    path = report.close(interrupted=interrupted)
+    unread = report.unread
+    if not report.is_any:
         if interrupted:
             raise KeyboardInterrupt
         raise InputError("; ".join(unread) or "nothing to run")
-    _publish(spec, records, journal, interrupted, json)
+    if json:
+        document(report.data())
+    else:
+        report.show()
+    if interrupted:
+        hint = "" if order.named else "; the same command goes on from there"
+        notice(f"interrupted with {report.line()}{hint}")
+    elif not report.tasks:
+        notice("nothing was left to do; --again does it anew")
+    if interrupted or not json:
+        notice(f"written to {path} and {path.stem}.{report.beside} beside it")
     for reason in unread:
         notice(f"not read: {reason}")
     if interrupted:
@@ -61,26 +56,55 @@ def run_table(
     return 1 if unread else 0
 
 
-def _publish(
-    spec: Table, records: list[Record], journal: Journal, interrupted: bool, json: bool
-) -> None:
-    from certpgo.harness.records import as_data
-    from certpgo.harness.render import markdown, sections
-    from certpgo.io.wording import counted
-
-    path = journal.publish(markdown(spec, records, interrupted=interrupted), partial=interrupted)
+def run_all(specs: Iterable[Table | Figure], order: Order, pool: Pool, *, json: bool) -> int:
+    """Run tables and figures as one, print a line each, and write them into a folder."""
+    reports: dict[str, Report] = {}
+    skipped: dict[str, str] = {}
+    for spec in specs:
+        try:
+            reports[spec.name] = _report(spec, order)
+        except InputError as error:
+            skipped[spec.name] = str(error)
+    interrupted = _run(reports, pool, lines=True)
+    for report in reports.values():
+        report.close(interrupted=interrupted and bool(report.tasks))
     if json:
-        document([as_data(record) for record in records])
+        document({name: report.data() for name, report in reports.items()})
     else:
-        typer.echo(spec.title)
-        for section in sections(spec, records):
-            typer.echo()
-            table(section.title, section.header, section.rows, section.caption)
-        for sentence in spec.notes:
-            typer.echo(sentence)
-    if interrupted:
-        notice(
-            f"interrupted with {counted(len(records), 'result{s}')}; earlier files are as before"
-        )
-    if interrupted or not json:
-        notice(f"written to {path} and {path.stem}.md beside it")
+        for report in reports.values():
+            typer.echo(report.line())
+    for name, reason in skipped.items():
+        notice(f"{name}: {reason}")
+    if not any(report.tasks for report in reports.values()):
+        notice("nothing was left to do; --again does it anew")
+    if not interrupted:
+        notice(f"written to {order.out}")
+        return 0
+    notice(f"interrupted; the same command goes on from what is in {order.out}")
+    return INTERRUPTED
+
+
+def _report(spec: Table | Figure, order: Order) -> Report:
+    from certpgo.harness.figure import Figure
+
+    return FigureReport(spec, order) if isinstance(spec, Figure) else TableReport(spec, order)
+
+
+def _run(reports: Mapping[str, Report], pool: Pool, *, lines: bool) -> bool:
+    """Keep the result of each task when it is there; returns whether that was interrupted."""
+    from certpgo.harness.execute import execute
+
+    tasks = [task for report in reports.values() for task in report.tasks]
+    try:
+        with (
+            watching(tasks, lines=lines) as view,
+            closing(
+                execute(tasks, pool, announce=view.announce, starting=view.starting)
+            ) as outcomes,
+        ):
+            for outcome in outcomes:
+                reports[outcome.task.report].keep(outcome)
+                view.show(outcome)
+    except KeyboardInterrupt:
+        return True
+    return False

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from certpgo.cli._reading import Components, Reading, takes_reading
-from certpgo.cli._tables import run_table
+from certpgo.cli._reports import Order
+from certpgo.cli._tables import run_report
 from certpgo.errors import SpecError
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ def command(
 ) -> int:
     """Run methods on graphs and print cost, proven gap, verdict and time of each."""
     from certpgo import registry
+    from certpgo.harness.execute import Pool
 
     table: Table = registry.get_table("compare")
     options = {key: value for key, value in reading.options.items() if value not in (None, False)}
@@ -49,7 +51,8 @@ def command(
         rows=_read_with(table.rows, options, reading.components),
         stand_ins=_read_with(table.stand_ins, options, reading.components),
     )
-    return run_table(table, out, data=reading.data, quick=quick, json=json, named=bool(graphs))
+    order = Order(out, reading.data, quick=quick, again=True, named=bool(graphs))
+    return run_report(table, order, Pool(), json=json, lines=False)
 
 
 def _read_with(

@@ -1,26 +1,36 @@
-"""certpgo reproduce: a paper's table, our numbers beside the printed ones, or figure."""
+"""certpgo reproduce: papers' tables, our numbers beside the printed ones, and figures."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from certpgo.cli._show import document, notice, working
-from certpgo.cli._tables import run_table
+from certpgo.cli._reports import Order
+from certpgo.cli._tables import run_all, run_report
 from certpgo.errors import InputError
-
-if TYPE_CHECKING:
-    from certpgo.harness.figure import Figure
 
 
 def command(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="See list tables, list figures.")],
+    name: Annotated[
+        str | None, typer.Argument(metavar="[NAME]", help="See list tables, list figures.")
+    ] = None,
+    every: Annotated[bool, typer.Option("--all", help="All tables and figures.")] = False,
     seeds: Annotated[
         int | None, typer.Option("--seeds", min=1, help="Instances a synthetic row stands for.")
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="The small profile only.")] = False,
+    jobs: Annotated[int, typer.Option("--jobs", min=1, help="Rows to run at once.")] = 1,
+    scheduler: Annotated[
+        str,
+        typer.Option("--scheduler", metavar="ADDR", help="Of a cluster: tcp://... or ray://..."),
+    ] = "",
+    again: Annotated[bool, typer.Option("--again", help="Do anew what is there.")] = False,
+    time_limit: Annotated[
+        float,
+        typer.Option("--time-limit", min=0.001, metavar="S", help="Seconds, of each method."),
+    ] = 1800.0,
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Folder for the results.")
     ] = Path("reproduce-results"),
@@ -29,34 +39,24 @@ def command(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> int:
-    """Run a table of a paper and say which printed numbers ours agree with, or draw a figure."""
+    """Run tables of papers and say which printed numbers ours agree with; draw figures.
+
+    Only what has no result yet is run: a run that was stopped goes on.
+    """
     from certpgo import registry
+    from certpgo.harness.execute import Pool
     from certpgo.harness.figure import Figure
 
-    spec = registry.get_report(name)
+    if every == (name is not None):
+        raise InputError("give the name of a table or figure, or --all")
+    pool = Pool(jobs, scheduler)
     # A quick run is no result of the report, and must not pass for one.
     folder = out / "quick" if quick else out
-    if not isinstance(spec, Figure):
-        return run_table(spec, folder, data=data, seeds=seeds, quick=quick, json=json)
-    if seeds is not None:
+    order = Order(folder, data, seeds, quick=quick, again=again, seconds=time_limit)
+    if name is None:
+        names = (*registry.table_names(), *registry.figure_names())
+        return run_all(map(registry.get_report, names), order, pool, json=json)
+    spec = registry.get_report(name)
+    if seeds is not None and isinstance(spec, Figure):
         raise InputError(f"--seeds is for tables; the seeds of {spec.name} are fixed")
-    return _draw_figure(spec, folder, data=data, quick=quick, json=json)
-
-
-def _draw_figure(
-    figure: Figure, folder: Path, *, data: Path | None, quick: bool, json: bool
-) -> int:
-    from certpgo.harness.figure import computed, publish
-    from certpgo.harness.figure import document as record_of
-
-    with working(figure.title):
-        record = computed(figure, quick=quick, data=data)
-        path = publish(figure, record, folder)
-    if json:
-        document(record_of(figure, record))
-        return 0
-    typer.echo(figure.title)
-    for sentence in (figure.captioned(record), *figure.notes):
-        typer.echo(sentence)
-    notice(f"written to {path} and {path.stem}.json beside it")
-    return 0
+    return run_report(spec, order, pool, json=json)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from certpgo.errors import InputError
 from certpgo.harness.claims import Claim
-from certpgo.harness.records import plain, provenance
+from certpgo.harness.keys import Profile, content_key
+from certpgo.harness.records import plain, provenance, replace_file
 from certpgo.linalg.factor import default_engine
 from certpgo.registry import checkout
 
@@ -57,6 +57,7 @@ class Figure:
     caption : a format string whose fields are the record's
     notes : sentences printed below the caption
     claims : what the paper says of it in words, asked of the record
+    timed : it shows times, so that nothing else may run while it is computed
     """
 
     name: str
@@ -67,6 +68,7 @@ class Figure:
     caption: str
     notes: tuple[str, ...] = ()
     claims: tuple[Claim, ...] = ()
+    timed: bool = False
 
     def captioned(self, record: Data) -> str:
         """The caption with the record's numbers."""
@@ -90,10 +92,19 @@ def computed(figure: Figure, *, quick: bool = False, data: Path | None = None) -
     return record
 
 
-def document(figure: Figure, record: Data) -> Data:
+def figure_key(figure: Figure, profile: Profile) -> str:
+    """What a figure's record is of: its name, its profile and the version that computed it."""
+    from certpgo import __version__
+
+    return content_key({"figure": figure.name, "profile": profile, "version": __version__})
+
+
+def document(figure: Figure, record: Data, *, profile: Profile = "full") -> Data:
     """The record with what it is of, and what made it."""
     return {
         "figure": figure.name,
+        "key": figure_key(figure, profile),
+        "profile": profile,
         "title": figure.title,
         "source": figure.source,
         "caption": figure.captioned(record),
@@ -125,7 +136,17 @@ def rendered(figure: Figure, record: Data, form: str = "svg") -> bytes:
     return stream.getvalue()
 
 
-def publish(figure: Figure, record: Data, folder: Path) -> Path:
+def read_figure(figure: Figure, folder: Path) -> Data | None:
+    """The figure's document in the folder, or None where there is none, or half of one."""
+    try:
+        kept = json.loads((folder / f"{figure.name}.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    whole = isinstance(kept, dict) and "data" in kept and (folder / f"{figure.name}.svg").exists()
+    return kept if whole else None
+
+
+def publish(figure: Figure, record: Data, folder: Path, *, profile: Profile = "full") -> Path:
     """Write ``NAME.json`` and ``NAME.svg``, each whole or not at all; returns the drawing's path.
 
     Raises
@@ -136,17 +157,11 @@ def publish(figure: Figure, record: Data, folder: Path) -> Path:
     drawing = rendered(figure, record)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        _replace(folder / f"{figure.name}.json", _text(document(figure, record)).encode() + b"\n")
-        return _replace(folder / f"{figure.name}.svg", drawing)
+        text = _text(document(figure, record, profile=profile))
+        replace_file(folder / f"{figure.name}.json", text.encode() + b"\n")
+        return replace_file(folder / f"{figure.name}.svg", drawing)
     except OSError as error:
         raise InputError(f"{folder}: cannot write there: {error.strerror}") from None
-
-
-def _replace(path: Path, content: bytes) -> Path:
-    beside = path.with_name(f"{path.name}.part")
-    beside.write_bytes(content)
-    os.replace(beside, path)
-    return path
 
 
 def _text(data: Data) -> str:

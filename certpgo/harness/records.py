@@ -10,9 +10,9 @@ import math
 import os
 import platform
 import subprocess
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from functools import cache
 from importlib import metadata
@@ -45,6 +45,10 @@ class Record:
     certified_by : the bounds that show the answer, or the stationary one beside it, to be optimal
     status, iterations, seconds, counts, note : as the method reported them
     error : why there is no answer, or empty
+    kind : ``"poses"`` or ``"rotations"``, of the graph
+    key : what was asked for, see `certpgo.harness.keys`; empty in older records
+    profile : ``"quick"`` or ``"full"``
+    parts : how many records have the key, one a component
     provenance : versions, machine, engine, threads, commit, date
     """
 
@@ -71,6 +75,10 @@ class Record:
     counts: Mapping[str, int] = field(default_factory=dict)
     note: str = ""
     error: str = ""
+    kind: str = ""
+    key: str = ""
+    profile: str = ""
+    parts: int = 1
     provenance: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -140,60 +148,34 @@ def read_records(path: Path) -> tuple[Record, ...]:
     return tuple(records)
 
 
-class Journal:
-    """Records on their way to a file: kept line by line, named when the run is over.
+def latest(records: Iterable[Record]) -> list[Record]:
+    """The last record of each key and part, in the order of the first ones.
 
-    Until then they stand in ``NAME.jsonl.part``, so that a crash loses none and earlier results
-    of that name stay as they are.
-
-    Parameters
-    ----------
-    folder, name : where the results go, and what they are called
-
-    Raises
-    ------
-    InputError
-        The folder cannot be written to.
+    Older records, without a key, are told apart by row, method, part and seed, and give way to any
+    that has one.
     """
-
-    def __init__(self, folder: Path, name: str) -> None:
-        self._folder, self._name = folder, name
-        self._made = not folder.exists()
-        self._part = folder / f"{name}.jsonl.part"
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            self._stream = self._part.open("w", encoding="utf-8")
-        except OSError as error:
-            raise InputError(f"{folder}: cannot write there: {error.strerror}") from None
-
-    def add(self, record: Record) -> None:
-        """Keep a record."""
-        self._stream.write(to_line(record) + "\n")
-        self._stream.flush()
-
-    def publish(self, markdown: str, *, partial: bool = False) -> Path:
-        """Replace the results of that name, or of ``NAME.partial``; returns the records' path."""
-        self._stream.close()
-        name = f"{self._name}.partial" if partial else self._name
-        text = self._folder / f"{name}.md"
-        beside = text.with_name(f"{text.name}.part")
-        beside.write_text(markdown, encoding="utf-8")
-        os.replace(beside, text)
-        records = self._folder / f"{name}.jsonl"
-        os.replace(self._part, records)
-        return records
-
-    def discard(self) -> None:
-        """Leave nothing behind."""
-        self._stream.close()
-        self._part.unlink(missing_ok=True)
-        if self._made:
-            with suppress(OSError):
-                self._folder.rmdir()
+    found: dict[object, Record] = {}
+    keyed: set[object] = set()
+    for record in records:
+        place = (record.row, record.method, record.part, record.seed)
+        if record.key:
+            keyed.add(place)
+        found[(record.key, record.part) if record.key else place] = record
+    return [record for name, record in found.items() if record.key or name not in keyed]
 
 
-class Ledger:
-    """Records appended to ``NAME.jsonl``, so that a run can go on: found by row, seed and engine.
+def replace_file(path: Path, content: bytes) -> Path:
+    """Write a file whole or not at all; returns its path."""
+    beside = path.with_name(f"{path.name}.part")
+    beside.write_bytes(content)
+    os.replace(beside, path)
+    return path
+
+
+class Appended:
+    """Records appended to ``NAME.jsonl``, so that a run can be killed and go on.
+
+    A last line that was cut short is cut off.
 
     Parameters
     ----------
@@ -209,26 +191,71 @@ class Ledger:
 
     def __init__(self, folder: Path, name: str) -> None:
         self.path = folder / f"{name}.jsonl"
+        self._made = not folder.exists()
         try:
             folder.mkdir(parents=True, exist_ok=True)
             with self.path.open("a+b") as stream:
                 stream.seek(0)
-                text = stream.read()
-                stream.truncate(text.rfind(b"\n") + 1)  # a line that was cut short
+                stream.truncate(stream.read().rfind(b"\n") + 1)
         except OSError as error:
             raise InputError(f"{folder}: cannot write there: {error.strerror}") from None
-        self._records = {_key(r): r for r in read_records(self.path)}
+        self.records = list(read_records(self.path))
+
+    def add(self, record: Record) -> None:
+        """Keep a record."""
+        self.records.append(record)
+        with self.path.open("a", encoding="utf-8") as stream:
+            stream.write(to_line(record) + "\n")
+
+    def close(self) -> None:
+        """Leave nothing behind where nothing was kept."""
+        if not self.records:
+            self.path.unlink(missing_ok=True)
+            if self._made:
+                with suppress(OSError):
+                    self.path.parent.rmdir()
+
+
+class Journal(Appended):
+    """Records found by their content keys."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        super().__init__(folder, name)
+        self._found: dict[str, dict[str, Record]] = {}
+        for record in self.records:
+            self._index(record)
+
+    def find(self, key: str) -> tuple[Record, ...]:
+        """The last record of each part that has the key."""
+        return tuple(self._found.get(key, {}).values()) if key else ()
+
+    def add(self, record: Record) -> None:
+        """Keep a record, unless it says what the last one of its key and part says."""
+        known = self._found.get(record.key, {}).get(record.part)
+        if known is None or replace(known, provenance=record.provenance) != record:
+            super().add(record)
+        self._index(record)
+
+    def _index(self, record: Record) -> None:
+        self._found.setdefault(record.key, {})[record.part] = record
+
+
+class Ledger(Appended):
+    """Records found by row, seed and engine."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        super().__init__(folder, name)
+        self._found = {_key(record): record for record in self.records}
 
     def find(self, row: str, seed: int | None, engine: str) -> Record | None:
         """The record of that row, seed and engine, unless it failed."""
-        record = self._records.get((row, seed, engine))
+        record = self._found.get((row, seed, engine))
         return None if record is None or record.error else record
 
     def add(self, record: Record) -> None:
         """Keep a record."""
-        self._records[_key(record)] = record
-        with self.path.open("a", encoding="utf-8") as stream:
-            stream.write(to_line(record) + "\n")
+        super().add(record)
+        self._found[_key(record)] = record
 
 
 def _key(record: Record) -> tuple[str, int | None, str]:

@@ -14,9 +14,15 @@ from certpgo.harness.citations import citation
 from certpgo.harness.findings import findings
 from certpgo.harness.markup import markdown_table
 from certpgo.harness.published import compare, printed_number
-from certpgo.harness.records import Record
-from certpgo.harness.spec import FIELDS, Column, Method, Row, Table
+from certpgo.harness.records import Record, latest
+from certpgo.harness.spec import FIELDS, TIMES, Column, Method, Row, Table
 from certpgo.io.wording import counted
+
+#: Said of times that were taken while more ran than there are cores, or nobody knows what.
+CROWDED = (
+    "Not every run had a core to itself: its times are longer than they need be, and not to be "
+    "compared."
+)
 
 
 @dataclass(frozen=True)
@@ -38,18 +44,41 @@ class Section:
 
 
 def sections(table: Table, records: Iterable[Record]) -> tuple[Section, ...]:
-    """The table's sections in the order of its records."""
+    """The table's sections, in the order of its rows."""
     return tuple(_section(table, group) for group in grouped(table, records))
 
 
 def grouped(table: Table, records: Iterable[Record]) -> tuple[list[Record], ...]:
     """The records of each section: of one instance, or of all that a row is a summary of."""
     groups: dict[tuple[str, ...], list[Record]] = {}
-    for record in records:
+    for record in arranged(table, records):
         seed = "" if table.summary else str(record.seed)
         key = (record.row, record.part, _reading(record), seed)
         groups.setdefault(key, []).append(record)
     return tuple(groups.values())
+
+
+def arranged(table: Table, records: Iterable[Record]) -> list[Record]:
+    """The last record of each key and part, in the order of the table's rows and methods.
+
+    The order in which they were made is that of the processes that made them.
+    """
+    rows = {row.label: k for k, row in enumerate(table.rows + table.stand_ins)}
+    methods = {method.label: k for k, method in enumerate(table.methods)}
+
+    def place(record: Record) -> tuple[int, int, int]:
+        row = rows.get(record.row, len(rows))
+        return row, record.seed or 0, methods.get(record.method, len(methods))
+
+    return sorted(latest(records), key=place)
+
+
+def notes(table: Table, records: Iterable[Record]) -> tuple[str, ...]:
+    """The sentences below the table: its own, and a warning of times that were not taken alone."""
+    said = [record.provenance.get("alone", "yes") for record in records if record.seconds]
+    if not any(column.key in TIMES for column in table.columns) or set(said) <= {"yes"}:
+        return table.notes
+    return (*table.notes, CROWDED)
 
 
 def markdown(table: Table, records: Sequence[Record], *, interrupted: bool = False) -> str:
@@ -62,13 +91,13 @@ def markdown(table: Table, records: Sequence[Record], *, interrupted: bool = Fal
     for section in sections(table, records):
         lines += [f"## {section.title}", "", section.caption, ""]
         lines += [*markdown_table(section.header, section.rows), ""]
-    lines += findings(table, records)
-    for note in table.notes:
+    lines += findings(table, latest(records))
+    for note in notes(table, records):
         lines += [note, ""]
     if entry := citation(table.published or table.name):
         lines += ["```bibtex", entry, "```", ""]
     if records:
-        origin = records[0].provenance
+        origin = arranged(table, records)[0].provenance
         lines += ["; ".join(f"{key}: {origin[key]}" for key in sorted(origin)), ""]
     return "\n".join(lines)
 

@@ -18,7 +18,7 @@ from certpgo.harness.findings import our_number
 from certpgo.harness.formats import csv, forms
 from certpgo.harness.html.report import ClaimPart, FigurePart, TablePart, report_page
 from certpgo.harness.index import index, summary
-from certpgo.harness.records import Record, read_records
+from certpgo.harness.records import Record, latest, read_records
 from certpgo.harness.render import Section
 from certpgo.harness.spec import Table
 
@@ -29,7 +29,7 @@ class TableResult:
 
     Attributes
     ----------
-    records : the current ones, see `current`; none where it was not run
+    records : the current ones, see `latest`; none where it was not run
     cells, claims : what became of the printed values and of the claims
     """
 
@@ -81,19 +81,6 @@ def gather(results: Path) -> Report:
     if not any(t.records for t in tables) and not any(f.document for f in figures):
         raise InputError(f"{results}: no results; certpgo reproduce makes some")
     return Report(tables, figures)
-
-
-def current(records: Iterable[Record]) -> tuple[Record, ...]:
-    """The last record of every key and part, in the order of the first ones.
-
-    Older records, without a key, are told apart by row, part, method and seed.
-    """
-    latest: dict[tuple[object, ...], Record] = {}
-    for record in records:
-        key = getattr(record, "key", "")
-        name = (key,) if key else (record.row, record.method, record.seed)
-        latest[*name, record.part] = record
-    return tuple(latest.values())
 
 
 def rendered(report: Report) -> Iterator[tuple[str, bytes]]:
@@ -173,7 +160,7 @@ def _claim_parts(outcomes: Iterable[Outcome]) -> list[ClaimPart]:
 
 def _table(table: Table, results: Path) -> TableResult:
     path = results / f"{table.name}.jsonl"
-    records = current(read_records(path)) if path.is_file() else ()
+    records = tuple(latest(read_records(path))) if path.is_file() else ()
     return TableResult(table, records, cells.cells(table, records), claims.of_table(table, records))
 
 

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -21,17 +22,17 @@ from certpgo.errors import CertPGOError, InputError, SpecError
 from certpgo.estimate import Estimate
 from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.harness import bench, evaluate
+from certpgo.harness.cases import Case, cases
 from certpgo.harness.instances import (
     connected_parts,
-    is_here,
     known_truth,
     load_row,
     rotations_alone,
-    seed_of,
 )
+from certpgo.harness.limits import NO_LIMIT, Limit, OutOfTime
 from certpgo.harness.methods import build
 from certpgo.harness.records import Record, of_certificate, of_solution, provenance
-from certpgo.harness.spec import OPTIMUM_METRICS, Method, Row, Table
+from certpgo.harness.spec import COMPARING, OPTIMUM_METRICS, Method, Row, Table
 from certpgo.linalg.factor import default_engine
 from certpgo.problem import Problem, problem_of
 from certpgo.solution import Solution, Solver, Status
@@ -63,76 +64,69 @@ def run(
     quick : run the quick profile's rows alone, with one seed by default
     announce : told what is about to run
     """
-    usual = 1 if quick else table.seeds
-    for place, row in enumerate(chosen_rows(table, data=data, quick=quick)):
-        for repetition in range((seeds or usual) if row.generator else 1):
-            seed = seed_of(table.seed, place, repetition) if row.generator else None
-            for record in _run_row(table, row, data, seed, announce):
-                yield replace(record, seed=repetition if row.generator else None)
+    for case in cases(table, data=data, seeds=seeds, quick=quick):
+        yield from run_case(case, data=data, announce=announce)
 
 
-def chosen_rows(table: Table, *, data: Path | None, quick: bool) -> tuple[Row, ...]:
-    """The rows to run: those of the profile, and the stand-ins when no file is here.
-
-    Raises
-    ------
-    InputError
-        Rows are optional, and the files of none of them are here.
-    """
-    rows = table.rows
-    if table.optional:
-        here = [
-            tuple(row for row in group if is_here(row, data))
-            for group in (table.rows, table.stand_ins)
-        ]
-        rows = here[0] or here[1]
-    if not rows:
-        raise InputError(
-            f"none of the files of table {table.name} is here: pip install 'certpgo[baselines]' "
-            "brings some, certpgo fetch others; --data names a folder of your own"
-        )
-    if quick and table.quick:
-        rows = tuple(row for row in rows if row.label in table.quick) or rows[:1]
-    return rows
-
-
-def _run_row(
-    table: Table,
-    row: Row,
-    data: Path | None,
-    seed: np.random.SeedSequence | None,
-    announce: Announce,
+def run_case(
+    case: Case,
+    *,
+    data: Path | None = None,
+    methods: Collection[str] | None = None,
+    limit: Limit = NO_LIMIT,
+    announce: Announce = _quiet,
 ) -> Iterator[Record]:
+    """Run methods on the instance, and yield a record of each on each component.
+
+    Parameters
+    ----------
+    data : folder to look for files in first
+    methods : labels of those to run; by default all
+    limit : on the time of each
+    """
+    table, row = case.table, case.row
+    wanted = [m for m in table.methods if methods is None or m.label in methods]
     announce(f"{row.label}: reading")
     try:
         if row.absent:
             raise InputError(f"not run: {row.absent}")
-        complete = load_row(replace(row, rotations=False), data, seed)
+        complete = load_row(replace(row, rotations=False), data, case.seed)
         instance = rotations_alone(complete) if row.rotations else complete
-        judged = instance if row.judging is None else _rejudged(row, data, seed)
+        judged = instance if row.judging is None else _rejudged(row, data, case.seed)
     except CertPGOError as error:
-        for method in table.methods:
-            yield replace(_blank(table, row, method), error=str(error))
+        for method in wanted:
+            yield replace(case.blank(method), error=str(error))
         return
-    for part in _parts(row, instance):
+    parts = _parts(row, instance)
+    for part in parts:
         whole = part is instance
-        case = _Case(
+        trial = _Trial(
+            case,
             instance=part,
             judged=judged if whole else part,
             timed=complete.graph if whole else part.graph,
-            best=_optimum(table, part, announce),
             truth=_truth(row, part, data),
+            limit=limit,
+            announce=announce,
         )
-        for method in table.methods:
-            if method.takes not in ("", _kind(part.graph)) or not row.runs(method):
+        suited = [m for m in table.methods if suits(row, m, kind(part.graph))]
+        for method in suited:
+            if method not in wanted:
+                trial.remember(method)
                 continue
             announce(f"{part.name}: {method.label}")
             with _engine(method.engine):
                 yield replace(
-                    _run_method(table, row, method, case),
+                    _run_method(method, trial),
                     part="" if whole else part.name,
+                    parts=len(parts),
                     provenance=provenance(default_engine(), _root()),
                 )
+
+
+def suits(row: Row, method: Method, kind: str) -> bool:
+    """Whether the method is run on the row, whose graph is of that kind."""
+    return row.runs(method) and method.takes in ("", kind)
 
 
 def _optimum(table: Table, part: Instance, announce: Announce) -> float | None:
@@ -158,7 +152,8 @@ def _parts(row: Row, instance: Instance) -> list[Instance]:
     return [instance] if row.components == "refuse" else connected_parts(instance, row.components)
 
 
-def _kind(graph: Graph) -> str:
+def kind(graph: Graph) -> str:
+    """``"poses"`` or ``"rotations"``."""
     return "poses" if isinstance(graph, PoseGraph) else "rotations"
 
 
@@ -182,82 +177,114 @@ def _rejudged(row: Row, data: Path | None, seed: np.random.SeedSequence | None) 
 
 
 @dataclass
-class _Case:
+class _Trial:
     """An instance with all that its methods' answers are held against.
 
     Attributes
     ----------
+    case : the row that it is of
     instance, judged : the graph to solve, and the one that the thesis' metrics are evaluated on
     timed : the graph that the reference of times is run on
-    best : F of the optimum, or None
     truth : nodes of which it is known, and theirs, or None
+    limit : on the time of a method
     first : the answer of the table's first method, once there is one
     """
 
+    case: Case
     instance: Instance
     judged: Instance
     timed: Graph
-    best: float | None
     truth: evaluate.Truth | None
+    limit: Limit
+    announce: Announce
     first: Estimate | None = None
 
+    @cached_property
+    def best(self) -> float | None:
+        """F of the optimum, where the table compares with it."""
+        return _optimum(self.case.table, self.instance, self.announce)
 
-def _run_method(table: Table, row: Row, method: Method, case: _Case) -> Record:
-    instance, judged = case.instance, case.judged
+    def remember(self, method: Method) -> None:
+        """Solve again what others are compared with, where its record is there already."""
+        table = self.case.table
+        if method is not table.methods[0] or not set(table.metrics) & set(COMPARING):
+            return
+        self.announce(f"{self.instance.name}: {method.label} again")
+        with suppress(Exception, OutOfTime), _engine(method.engine), self.limit.kept():
+            problem, source = problem_of(self.instance.graph), self.instance.source
+            self.first = solve(method, problem, self.case.row, source).estimate
+
+
+def _run_method(method: Method, trial: _Trial) -> Record:
+    instance, judged = trial.instance, trial.judged
     graph = instance.graph
     record = replace(
-        _blank(table, row, method),
+        trial.case.blank(method),
         reading=dict(instance.options),
         judging=None if judged is instance else dict(judged.options),
         d=graph.d,
         n=graph.num_nodes,
         m=graph.num_edges,
+        kind=kind(graph),
     )
     if method.max_nodes is not None and graph.num_nodes > method.max_nodes:
         return replace(record, error=f"not run: above {method.max_nodes} nodes")
     try:
-        problem = problem_of(graph)
-        if not method.solver:
-            wanted = [key for key in table.metrics if key in (method.published or table.metrics)]
-            return replace(record, metrics=evaluate.of_graph(wanted, problem))
-        times: dict[str, float] = {}
-        if table.reference is not None:
-            times, kept = bench.against(table.reference, method, graph, case.timed)
-            record = replace(record, metrics=times, note=kept)
-            if not table.certify:
-                return record
-        solution = solve(method, problem, row, instance.source)
-        if solution.status is Status.INTERRUPTED:
-            raise KeyboardInterrupt
-        note = "; ".join(filter(None, (record.note, solution.note)))
-        record = replace(record, **of_solution(solution), note=note)
-        certificate, seconds = _certified(problem, solution) if table.certify else (None, 0.0)
-        judge = problem if judged is instance else problem_of(judged.graph)
-        metrics = evaluate.of_estimate(
-            table.metrics,
-            problem,
-            judge,
-            solution,
-            certificate,
-            certify_seconds=seconds,
-            best=case.best,
-            truth=case.truth,
-            outliers=instance.outliers,
-            other=case.first,
-        )
-        if method is table.methods[0]:
-            case.first = solution.estimate
-        spent = {"total_seconds": sum(solution.seconds.values())}
-        record = replace(record, metrics={**times, **metrics, **spent})
-        if certificate is None:
-            return record
-        by = evaluate.certified_by(solution.judged(problem), certificate)
-        return replace(record, certified_by=by, **of_certificate(certificate))
+        best = trial.best
+        with trial.limit.kept():
+            return _judged(method, trial, best, record)
+    except OutOfTime:
+        return replace(record, error=f"not finished within {trial.limit.seconds:g} s")
+    except MemoryError:
+        return replace(record, error="not enough memory")
     except CertPGOError as error:
         return replace(record, error=str(error))
     except Exception as error:  # a table survives whatever a method raises
         first = str(error).partition("\n")[0]
         return replace(record, error=f"{type(error).__name__}: {first}")
+
+
+def _judged(method: Method, trial: _Trial, best: float | None, record: Record) -> Record:
+    """The record completed by what the method answers."""
+    case, instance, judged = trial.case, trial.instance, trial.judged
+    table = case.table
+    problem = problem_of(instance.graph)
+    if not method.solver:
+        wanted = [key for key in table.metrics if key in (method.published or table.metrics)]
+        return replace(record, metrics=evaluate.of_graph(wanted, problem))
+    times: dict[str, float] = {}
+    if table.reference is not None:
+        times, kept = bench.against(table.reference, method, instance.graph, trial.timed)
+        record = replace(record, metrics=times, note=kept)
+        if not table.certify:
+            return record
+    solution = solve(method, problem, case.row, instance.source)
+    if solution.status is Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    note = "; ".join(filter(None, (record.note, solution.note)))
+    record = replace(record, **of_solution(solution), note=note)
+    certificate, seconds = _certified(problem, solution) if table.certify else (None, 0.0)
+    judge = problem if judged is instance else problem_of(judged.graph)
+    metrics = evaluate.of_estimate(
+        table.metrics,
+        problem,
+        judge,
+        solution,
+        certificate,
+        certify_seconds=seconds,
+        best=best,
+        truth=trial.truth,
+        outliers=instance.outliers,
+        other=trial.first,
+    )
+    if method is table.methods[0]:
+        trial.first = solution.estimate
+    spent = {"total_seconds": sum(solution.seconds.values())}
+    record = replace(record, metrics={**times, **metrics, **spent})
+    if certificate is None:
+        return record
+    by = evaluate.certified_by(solution.judged(problem), certificate)
+    return replace(record, certified_by=by, **of_certificate(certificate))
 
 
 def solve(method: Method, problem: Problem, row: Row | None = None, source: str = "") -> Solution:
@@ -294,10 +321,10 @@ def refuse_other_problems(name: str, solver: Solver, graph: Graph) -> None:
     SpecError
         The method takes poses only, or rotations only.
     """
-    kind = _kind(graph)
-    if kind == "poses" and not solver.poses:
+    measured = kind(graph)
+    if measured == "poses" and not solver.poses:
         raise SpecError(f"{name} takes rotation graphs only; this graph measures poses")
-    if kind == "rotations" and not solver.rotations:
+    if measured == "rotations" and not solver.rotations:
         raise SpecError(f"{name} takes pose graphs only; this graph measures rotations")
 
 
@@ -305,11 +332,6 @@ def _certified(problem: Problem, solution: Solution) -> tuple[Certificate, float
     start = time.perf_counter()
     certificate = certify(solution.judged(problem), solution.estimate)
     return certificate, time.perf_counter() - start
-
-
-def _blank(table: Table, row: Row, method: Method) -> Record:
-    settings = {**method.settings, **row.settings.get(method.label, {})}
-    return Record(table.name, row.label, method.label, solver=method.solver, settings=settings)
 
 
 def _root() -> Path | None:

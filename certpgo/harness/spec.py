@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -63,13 +64,21 @@ TRUTH_METRICS = (
 )
 #: Metrics measured under the timing protocol, against the table's reference.
 TIMING_METRICS = ("ratio", "median_seconds", "reference_seconds")
+#: Metrics that compare with the answer of the row's first method.
+COMPARING = ("apart_deg",)
+#: Columns of times, under the protocol or not.
+TIMES = ("seconds", "certify_seconds", "total_seconds", *TIMING_METRICS)
 #: A reference that is no method: one numeric factorization of the optimum's certificate matrix.
 FACTORIZATION = "factorization"
 FIELDS = ("verdict", "certified_by", "seconds", "status", "iterations", "counts")
 
 
-def _frozen(mapping: Mapping[str, Any]) -> Mapping[str, Any]:
+def _frozen(mapping: Mapping[str, Any]) -> MappingProxyType[str, Any]:
     return MappingProxyType(dict(mapping))
+
+
+# Specifications travel to other processes.
+copyreg.pickle(MappingProxyType, lambda mapping: (_frozen, (dict(mapping),)))
 
 
 @dataclass(frozen=True)

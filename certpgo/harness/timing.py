@@ -60,7 +60,7 @@ def paired(first: Step, second: Step, *, rounds: int = 7) -> Ratio:
 def one_core() -> Iterator[str]:
     """Pin the process to one core and thread pools to one thread; yields what was achieved."""
     with ExitStack() as stack:
-        said = [_pinned(stack), _single_threaded(stack)]
+        said = [_pinned(stack), single_threaded(stack)]
         yield ", ".join(said)
 
 
@@ -74,7 +74,8 @@ def _pinned(stack: ExitStack) -> str:
     return f"pinned to core {core}"
 
 
-def _single_threaded(stack: ExitStack) -> str:
+def single_threaded(stack: ExitStack) -> str:
+    """Limit thread pools to one thread until the stack unwinds; returns what was achieved."""
     if importlib.util.find_spec("threadpoolctl") is not None:
         from threadpoolctl import threadpool_limits
 

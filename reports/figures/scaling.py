@@ -155,4 +155,5 @@ FIGURE = Figure(
     notes=(
         "Everything counts: the assembly and analysis of matrices, the start of iterative methods.",
     ),
+    timed=True,
 )

@@ -9,7 +9,7 @@ from certpgo.errors import FormatError, InputError
 from certpgo.harness import citations, report
 from certpgo.harness.citations import citation
 from certpgo.harness.published import published
-from certpgo.harness.records import Record, to_line
+from certpgo.harness.records import Record, latest, to_line
 
 TABLE = """\
 from certpgo.harness.claims import Claim, within
@@ -125,8 +125,8 @@ def test_the_last_record_of_a_kind_counts(results):
 
 def test_parts_seeds_and_methods_are_told_apart():
     kept = (record("a", 1.0, part="x"), record("a", 2.0, part="y"), record("a", 3.0, seed=1))
-    assert report.current(kept) == kept
-    assert report.current((*kept, kept[0])) == kept
+    assert latest(kept) == list(kept)
+    assert latest((*kept, kept[0])) == list(kept)
 
 
 def test_what_was_not_run_is_counted_and_said(results):

@@ -1,9 +1,18 @@
 import os
+from dataclasses import replace
 
 import pytest
 
 from certpgo.errors import FormatError, InputError
-from certpgo.harness.records import Journal, Record, from_line, provenance, read_records, to_line
+from certpgo.harness.records import (
+    Journal,
+    Record,
+    from_line,
+    latest,
+    provenance,
+    read_records,
+    to_line,
+)
 
 RECORD = Record(
     "t",
@@ -43,28 +52,55 @@ def test_numbers_that_are_not_finite_are_null():
     assert '"cost": null' in to_line(Record("t", "r", "m", metrics={"cost": float("inf")}))
 
 
-def test_results_appear_when_the_run_is_over(tmp_path):
+def keyed(key="k", part="", **more):
+    return replace(RECORD, key=key, part=part, **more)
+
+
+def test_records_are_appended_and_found_by_their_key(tmp_path):
+    journal = Journal(tmp_path / "new", "r")
+    made = [keyed(), keyed(part="b", parts=2), keyed("other"), keyed(iterations=7)]
+    for record in made:
+        journal.add(record)
+    assert read_records(journal.path) == tuple(made)
+    for found in (journal, Journal(tmp_path / "new", "r")):
+        assert found.find("k") == (made[3], made[1])
+        assert found.find("none") == ()
+
+
+def test_what_says_the_same_again_is_not_appended(tmp_path):
+    journal = Journal(tmp_path, "r")
+    journal.add(keyed(provenance={"date": "today"}))
+    journal.add(keyed(provenance={"date": "tomorrow"}))
+    assert [r.provenance["date"] for r in read_records(journal.path)] == ["today"]
+
+
+def test_a_last_line_cut_short_is_cut_off(tmp_path):
+    path = tmp_path / "r.jsonl"
+    path.write_text(to_line(keyed()) + "\n" + to_line(RECORD)[:40])
+    Journal(tmp_path, "r").add(keyed("next"))
+    assert [record.key for record in read_records(path)] == ["k", "next"]
+
+
+def test_records_without_a_key_stay_and_are_not_found(tmp_path):
+    (tmp_path / "r.jsonl").write_text(to_line(RECORD) + "\n")
+    journal = Journal(tmp_path, "r")
+    assert journal.find("") == ()
+    journal.add(keyed())
+    assert read_records(journal.path) == (RECORD, keyed())
+
+
+def test_the_last_of_a_key_and_part_counts():
+    records = [RECORD, keyed(), keyed(part="b"), RECORD, keyed(iterations=7)]
+    assert latest(records) == [RECORD, keyed(iterations=7), keyed(part="b"), RECORD]
+
+
+def test_a_file_without_records_is_not_left_behind(tmp_path):
+    Journal(tmp_path / "new", "r").close()
+    assert not (tmp_path / "new").exists()
     journal = Journal(tmp_path / "new", "r")
     journal.add(RECORD)
-    assert [path.name for path in (tmp_path / "new").iterdir()] == ["r.jsonl.part"]
-    path = journal.publish("text")
-    assert read_records(path) == (RECORD,)
-    assert {p.name for p in (tmp_path / "new").iterdir()} == {"r.jsonl", "r.md"}
-
-
-def test_an_interrupted_run_leaves_the_results_before_it(tmp_path):
-    for text, partial in (("whole", False), ("less", True)):
-        journal = Journal(tmp_path, "r")
-        journal.add(RECORD)
-        journal.publish(text, partial=partial)
-    assert (tmp_path / "r.md").read_text() == "whole"
-    assert (tmp_path / "r.partial.md").read_text() == "less"
-    assert read_records(tmp_path / "r.partial.jsonl") == (RECORD,)
-
-
-def test_a_discarded_run_leaves_nothing(tmp_path):
-    Journal(tmp_path / "new", "r").discard()
-    assert not (tmp_path / "new").exists()
+    journal.close()
+    assert read_records(journal.path) == (RECORD,)
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path):

@@ -1,9 +1,11 @@
+from dataclasses import replace
+
 import pytest
 
 from certpgo.errors import InputError
 from certpgo.harness.published import compare
 from certpgo.harness.records import Record
-from certpgo.harness.render import markdown, sections
+from certpgo.harness.render import CROWDED, markdown, notes, sections
 from certpgo.harness.spec import Column, Method, Row, Table
 
 TABLE = Table(
@@ -77,3 +79,22 @@ def test_agreement_is_to_the_printed_digits(printed, ours, agrees):
 def test_what_is_no_number_cannot_be_compared():
     with pytest.raises(InputError, match="no printed number"):
         compare("n/a", 1.0)
+
+
+def test_the_order_in_which_records_were_made_does_not_show():
+    first, second = record(key="1", seed=0), record("other", key="2", seed=0)
+    later = [record(key="3", seed=1), record("other", key="4", seed=1)]
+    text = markdown(TABLE, [first, second, *later])
+    assert markdown(TABLE, [*reversed(later), second, first]) == text
+    assert markdown(TABLE, [record(key="1", seed=0, error="old"), *later, second, first]) == text
+
+
+def test_times_that_were_not_taken_alone_are_warned_of():
+    def origin(alone):
+        return record(seconds={"x": 1.0}, provenance={"alone": alone})
+
+    assert notes(TABLE, [origin("yes"), record(seconds={"x": 1.0})]) == TABLE.notes
+    for alone in ("no", "unknown"):
+        assert notes(TABLE, [origin("yes"), origin(alone)]) == (*TABLE.notes, CROWDED)
+    timeless = replace(TABLE, columns=TABLE.columns[:2])
+    assert notes(timeless, [origin("no")]) == TABLE.notes

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from certpgo.harness.citations import citation
 from certpgo.harness.formats import Form
 from certpgo.harness.records import Record
-from certpgo.harness.render import Section, sections
+from certpgo.harness.render import Section, notes, sections
 from certpgo.harness.spec import FIELDS, Table
 
 _SPECIAL = {
@@ -44,7 +44,7 @@ def text(table: Table, records: Sequence[Record]) -> str:
             "\\endlastfoot",
             *_body(shown, header),
             "\\end{longtable}",
-            *(f"\n\\noindent {escaped(note)}" for note in table.notes),
+            *(f"\n\\noindent {escaped(note)}" for note in notes(table, records)),
             "",
         ]
     )

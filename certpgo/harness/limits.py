@@ -1,0 +1,62 @@
+"""A limit on the time of one run of a method."""
+
+from __future__ import annotations
+
+import faulthandler
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from types import FrameType
+
+#: How much longer than its limit a worker may be deaf to the alarm before it is ended.
+PATIENCE = 1.25
+
+
+class OutOfTime(BaseException):
+    """The limit has passed; no `Exception`, so that no method takes it for one of its own."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """How long one run of a method may take.
+
+    Attributes
+    ----------
+    seconds : None for as long as it takes
+    expendable : end the process when it stays deaf to the alarm inside compiled code; of workers
+    """
+
+    seconds: float | None = None
+    expendable: bool = False
+
+    @contextmanager
+    def kept(self) -> Iterator[None]:
+        """Raise `OutOfTime` inside the block when the seconds have passed.
+
+        The alarm rings between two steps of Python, in a process's main thread; elsewhere, and on
+        systems without alarms, there is no limit.
+        """
+        main = threading.current_thread() is threading.main_thread()
+        if self.seconds is None or not main or not hasattr(signal, "setitimer"):
+            yield
+            return
+        with ExitStack() as stack:
+            if self.expendable:
+                nowhere = stack.enter_context(open(os.devnull, "w"))
+                late = PATIENCE * self.seconds
+                faulthandler.dump_traceback_later(late, exit=True, file=nowhere)
+                stack.callback(faulthandler.cancel_dump_traceback_later)
+            stack.callback(signal.signal, signal.SIGALRM, signal.signal(signal.SIGALRM, _ring))
+            stack.callback(signal.setitimer, signal.ITIMER_REAL, 0.0)
+            signal.setitimer(signal.ITIMER_REAL, self.seconds)
+            yield
+
+
+NO_LIMIT = Limit()
+
+
+def _ring(signum: int, frame: FrameType | None) -> None:
+    raise OutOfTime
