@@ -237,7 +237,7 @@ def _read(path: Path) -> Iterator[Record]:
 
 
 def _key(record: Record, folder: str) -> Key:
-    profile = getattr(record, "profile", "") or (QUICK if folder == QUICK else "full")
+    profile = record.profile or (QUICK if folder == QUICK else "full")
     return Key(profile, record.table, record.row, record.part, record.method, record.seed)
 
 
