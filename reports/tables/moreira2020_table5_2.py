@@ -60,8 +60,8 @@ CLAIMS = (
         "Outliers have a greater impact for larger sigma_R: EigenRA's error at 15 % grows with it",
         outliers_hurt_more_with_noise,
         WHERE,
-        remark="up to 1.5 degrees the draw of the outliers decides: EigenRA's medians at 15 % differ "
-        "by less than their standard errors",
+        remark="up to 1.5 degrees the draw of the outliers decides: EigenRA's medians at 15 % "
+        "differ by less than their standard errors",
     ),
 )
 
