@@ -19,12 +19,17 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from certpgo.certify import Certificate
 from certpgo.errors import FormatError, InputError
 from certpgo.solution import Solution
 
 #: Distributions whose versions a record names.
 DISTRIBUTIONS = ("certpgo", "numpy", "scipy", "gtsam", "cvxopt")
+
+#: Iterations that a record keeps of a method.
+TRACED = 40
 
 
 @dataclass(frozen=True)
@@ -44,6 +49,7 @@ class Record:
     verdict, tier, reason : of the certificate, or empty
     certified_by : the bounds that show the answer, or the stationary one beside it, to be optimal
     status, iterations, seconds, counts, note : as the method reported them
+    trace : at most `TRACED` rows of seconds and cost as the method went on, of the first seed alone
     error : why there is no answer, or empty
     kind : ``"poses"`` or ``"rotations"``, of the graph
     key : what was asked for, see `certpgo.harness.keys`; empty in older records
@@ -74,6 +80,7 @@ class Record:
     seconds: Mapping[str, float] = field(default_factory=dict)
     counts: Mapping[str, int] = field(default_factory=dict)
     note: str = ""
+    trace: tuple[tuple[float, float], ...] = ()
     error: str = ""
     kind: str = ""
     key: str = ""
@@ -90,6 +97,19 @@ def of_solution(solution: Solution) -> dict[str, Any]:
         "seconds": dict(solution.seconds),
         "counts": dict(solution.counts),
     }
+
+
+def trace_of(solution: Solution) -> tuple[tuple[float, float], ...]:
+    """Seconds and cost as the method went on; early iterations stand closer than late ones.
+
+    Of robust methods none: theirs is another cost.
+    """
+    kept = () if solution.weights is not None else solution.trace
+    told = [iteration for iteration in kept if math.isfinite(iteration.cost)]
+    if len(told) > TRACED:
+        places = np.geomspace(1, len(told), TRACED).round().astype(int) - 1
+        told = [told[place] for place in np.unique(places)]
+    return tuple((float(f"{it.seconds:.6g}"), float(f"{it.cost:.12g}")) for it in told)
 
 
 def of_certificate(certificate: Certificate) -> dict[str, Any]:
@@ -123,7 +143,8 @@ def from_line(line: str) -> Record:
     known = {f.name for f in fields(Record)}
     if not isinstance(data, dict) or not {"table", "row", "method"} <= set(data):
         raise ValueError("not a record")
-    return Record(**{key: value for key, value in data.items() if key in known})
+    record = Record(**{key: value for key, value in data.items() if key in known})
+    return replace(record, trace=tuple((seconds, cost) for seconds, cost in record.trace))
 
 
 def read_records(path: Path) -> tuple[Record, ...]:

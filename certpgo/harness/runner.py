@@ -31,7 +31,7 @@ from certpgo.harness.instances import (
 )
 from certpgo.harness.limits import NO_LIMIT, Limit, OutOfTime
 from certpgo.harness.methods import build
-from certpgo.harness.records import Record, of_certificate, of_solution, provenance
+from certpgo.harness.records import Record, of_certificate, of_solution, provenance, trace_of
 from certpgo.harness.spec import COMPARING, OPTIMUM_METRICS, Method, Row, Table
 from certpgo.linalg.factor import default_engine
 from certpgo.problem import Problem, problem_of
@@ -262,7 +262,8 @@ def _judged(method: Method, trial: _Trial, best: float | None, record: Record) -
     if solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     note = "; ".join(filter(None, (record.note, solution.note)))
-    record = replace(record, **of_solution(solution), note=note)
+    trace = () if record.seed else trace_of(solution)
+    record = replace(record, **of_solution(solution), note=note, trace=trace)
     certificate, seconds = _certified(problem, solution) if table.certify else (None, 0.0)
     judge = problem if judged is instance else problem_of(judged.graph)
     metrics = evaluate.of_estimate(

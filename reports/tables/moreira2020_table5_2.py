@@ -7,6 +7,8 @@ from certpgo.harness.spec import Column, Method, Row, Table
 SIGMAS = (0.0, 0.5, 1.5, 2.5)
 #: Shares of outliers from which adaptive trimming is run too.
 TRIMMED = 0.05
+#: EigenRAO's tolerance where there is no noise.
+SETTLED = 1e-6
 OUTLIERS = (0.0, 0.01, 0.02, 0.05, 0.1, 0.15)
 
 
@@ -76,6 +78,7 @@ TABLE = Table(
             arguments={"name": "Notre_Dame.mat", "sigma_deg": sigma, "outliers": p},
             published=f"{p:.2f}/{sigma:g}",
             methods=("EigenRA", "EigenRAO") + ("adaptive trimming",) * (p >= TRIMMED),
+            settings={} if sigma else {"EigenRAO": {"tolerance": SETTLED}},
         )
         for sigma in SIGMAS
         for p in OUTLIERS
@@ -107,6 +110,9 @@ TABLE = Table(
         "A camera of two or three measurements is lost when most of these are wrong, whatever the "
         "method: Notre Dame has four of at most four. At 10 and 15 % that happens in a part of the "
         "draws, which the upper quartile shows.",
+        f"Without noise EigenRAO's eigenvalue is let settle to {SETTLED:g} of the mean degree, for "
+        "what remains of an outlier is then all its error; with noise it stops at its default, for "
+        "more iterations sharpen the weights and raise the error (by 0.01 degrees at sigma 2.5).",
         "EigenRAO is read as its module says: rejected are measurements that it replaced, and "
         "those of negligible weight. Precision and recall are of rejected measurements against "
         "those drawn wrong.",

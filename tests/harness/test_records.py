@@ -1,10 +1,13 @@
 import os
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from certpgo.errors import FormatError, InputError
+from certpgo.estimate import Estimate
 from certpgo.harness.records import (
+    TRACED,
     Journal,
     Record,
     from_line,
@@ -12,7 +15,10 @@ from certpgo.harness.records import (
     provenance,
     read_records,
     to_line,
+    trace_of,
 )
+from certpgo.monitor import Iteration
+from certpgo.solution import Solution, Status
 
 RECORD = Record(
     "t",
@@ -23,11 +29,26 @@ RECORD = Record(
     seed=3,
     metrics={"cost": 0.1 + 0.2},
     seconds={"eigen": 0.25},
+    trace=((0.0, 3.0), (0.25, 2.5)),
 )
 
 
 def test_a_record_survives_its_line():
     assert from_line(to_line(RECORD)) == RECORD
+
+
+def test_a_trace_is_thinned_and_keeps_its_ends():
+    told = tuple(Iteration(k, 1000.0 / (k + 1), 0.0, 0.0, 0.5 * k) for k in range(1000))
+    estimate = Estimate(np.eye(2)[None])
+    trace = trace_of(Solution(estimate, 1.0, Status.CONVERGED, trace=told))
+    assert TRACED // 2 < len(trace) <= TRACED
+    assert (trace[0], trace[-1]) == ((0.0, 1000.0), (499.5, 1.0))
+    assert set(trace) <= {(it.seconds, float(f"{it.cost:.12g}")) for it in told}
+    assert trace_of(Solution(estimate, 1.0, Status.CONVERGED)) == ()
+    short = Solution(estimate, 1.0, Status.CONVERGED, trace=told[:7])
+    assert len(trace_of(short)) == 7
+    robust = replace(short, weights=np.ones(1))
+    assert trace_of(robust) == ()
 
 
 def test_a_field_of_a_later_version_is_dropped():

@@ -36,23 +36,6 @@ class ClaimPart:
 
 
 @dataclass(frozen=True)
-class Trace:
-    """How a method went on.
-
-    Attributes
-    ----------
-    label : of the method and what it was run on
-    seconds, costs : at each of its iterations
-    lower_bound : on F*, or None where none is known
-    """
-
-    label: str
-    seconds: Sequence[float]
-    costs: Sequence[float]
-    lower_bound: float | None = None
-
-
-@dataclass(frozen=True)
 class TablePart:
     """A table and what came out.
 
@@ -64,7 +47,6 @@ class TablePart:
     claims : of its source
     cells : how many published cells came to what, such as ``{"reproduced": 3, "differs": 1}``
     findings : what else is to be said of these cells, such as those that differ, and why
-    traces : of its iterative methods
     """
 
     table: Table
@@ -74,7 +56,6 @@ class TablePart:
     claims: Sequence[ClaimPart] = ()
     cells: Mapping[str, int] = field(default_factory=dict)
     findings: Sequence[Section] = ()
-    traces: Sequence[Trace] = ()
 
 
 @dataclass(frozen=True)
@@ -133,19 +114,6 @@ def report_page(
     )
 
 
-def traces_of(records: Iterable[Record]) -> tuple[Trace, ...]:
-    """The traces of records that keep one: rows of number, cost and seconds."""
-    found = []
-    for record in records:
-        rows = getattr(record, "trace", ())
-        if len(rows) > 1:
-            _, costs, seconds = zip(*rows, strict=True)
-            label = f"{record.method}, {record.part or record.row}"
-            bound = record.metrics.get("lower_bound")
-            found.append(Trace(label, seconds, costs, bound))
-    return tuple(found)
-
-
 def _table(results: TablePart) -> dict[str, Any]:
     table, records = results.table, results.records
     return {
@@ -159,7 +127,7 @@ def _table(results: TablePart) -> dict[str, Any]:
         "claims": results.claims,
         "cells": ", ".join(f"{count:,} {name}" for name, count in results.cells.items()),
         "findings": results.findings,
-        "charts": _charts(results.traces or traces_of(records)),
+        "charts": _charts(records),
         "csv": data_uri(results.csv, "text/csv") if results.csv else "",
         "bibtex": results.bibtex,
         "environment": dict(records[0].provenance) if records else {},
@@ -199,19 +167,25 @@ def _claims_said(parts: Sequence[TablePart | FigurePart]) -> Iterable[str]:
         yield f"Claims: {said}."
 
 
-def _charts(traces: Sequence[Trace]) -> list[Lines]:
-    """Cost over time, and gap over time where a bound is known."""
-    costs = [Curve(trace.label, trace.seconds, trace.costs) for trace in traces]
-    gaps = [
-        Curve(trace.label, trace.seconds, [cost - trace.lower_bound for cost in trace.costs])
-        for trace in traces
-        if trace.lower_bound is not None
-    ]
-    drawn = (
-        lines("Cost F", "seconds", costs),
-        lines("Gap to the lower bound", "seconds", gaps, logarithmic=True),
-    )
+def _charts(records: Iterable[Record]) -> list[Lines]:
+    """Cost over time of what each row's methods did, and gap where a bound was proven."""
+    rows: dict[str, list[Record]] = {}
+    for record in records:
+        if len(record.trace) > 1:
+            rows.setdefault(record.part or record.row, []).append(record)
+    drawn = []
+    for row, traced in rows.items():
+        bounds = [r.metrics["lower_bound"] for r in traced if "lower_bound" in r.metrics]
+        drawn.append(lines(f"{row}: cost F", "seconds", [_curve(r) for r in traced]))
+        gaps = [_curve(r, above=max(bounds)) for r in traced] if bounds else []
+        title = f"{row}: cost F above the best proven bound"
+        drawn.append(lines(title, "seconds", gaps, logarithmic=True))
     return [chart for chart in drawn if chart is not None]
+
+
+def _curve(record: Record, above: float = 0.0) -> Curve:
+    seconds, costs = zip(*record.trace, strict=True)
+    return Curve(record.method, seconds, [cost - above for cost in costs])
 
 
 def inlined(svg: str, name: str, title: str) -> Markup:
