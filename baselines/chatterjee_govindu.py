@@ -30,6 +30,7 @@ from certpgo.monitor import Monitor, Stopwatch, silent
 from certpgo.problem import Problem, RotationProblem
 from certpgo.progress import Progress
 from certpgo.solution import Solution
+from certpgo.solvers._iterative import Iterative
 from certpgo.trees import compose, spanning_tree
 
 #: The largest weight of an edge, which keeps the least squares well conditioned.
@@ -37,7 +38,7 @@ HEAVIEST = 1e8
 
 
 @dataclass(frozen=True)
-class ChatterjeeGovindu:
+class ChatterjeeGovindu(Iterative):
     """L1-IRLS on rotations, d = 2 and 3; it is local, and starts from a breadth-first tree.
 
     The graph's own weights are not used.
@@ -56,13 +57,11 @@ class ChatterjeeGovindu:
     max_iterations: int = 250
 
     poses: ClassVar[bool] = False
-    rotations: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        if self.l1_iterations < 0 or self.inner_iterations < 1 or self.max_iterations < 1:
-            raise SpecError("l1_iterations must not be negative, and other iterations at least 1")
-        if not self.tolerance >= 0.0:
-            raise SpecError("tolerance must not be negative")
+        super().__post_init__()
+        if self.l1_iterations < 0 or self.inner_iterations < 1:
+            raise SpecError("l1_iterations must not be negative, inner_iterations at least 1")
 
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent

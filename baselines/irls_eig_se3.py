@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from certpgo.monitor import Monitor, Stopwatch, silent
 from certpgo.problem import PoseProblem, Problem
 from certpgo.progress import Progress
 from certpgo.solution import Solution
+from certpgo.solvers._iterative import Iterative
 
 from ._blocks import poses_of
 from ._eig_se3 import leading_eigenvectors
@@ -32,7 +32,7 @@ CAUCHY, CONSISTENT = 2.385, 1.4826
 
 
 @dataclass(frozen=True)
-class IrlsEigSE3:
+class IrlsEigSE3(Iterative):
     """Robust EIG-SE(3) on poses, EIG-SO(3) on rotations alone; d = 2 and 3.
 
     The graph's own weights are not used; all edges weigh alike in the beginning.
@@ -48,12 +48,8 @@ class IrlsEigSE3:
     max_iterations: int = 30
     tol: float = 1e-9
 
-    poses: ClassVar[bool] = True
-    rotations: ClassVar[bool] = True
-
     def __post_init__(self) -> None:
-        if not self.tolerance >= 0.0 or self.max_iterations < 1:
-            raise SpecError("tolerance must not be negative and max_iterations at least 1")
+        super().__post_init__()
         if not 0.0 < self.tol < 1.0:
             raise SpecError(f"tol must lie between 0 and 1, not {self.tol}")
 

@@ -135,10 +135,10 @@ def f_gt(estimate: Estimate, truth: Estimate) -> float:
     return total + float((left**2).sum())
 
 
-def position_errors(estimate: Estimate, truth: Estimate) -> PositionErrors:
-    """Mean, root mean square and worst distance to the true positions, metres.
+def align_positions(estimate: Estimate, truth: Estimate) -> Estimate:
+    """The estimate moved so that the sum of squared distances to the true positions is smallest.
 
-    After the rotation and shift that minimise the sum of squared distances (Horn, in closed form).
+    Horn's closed form.
 
     Raises
     ------
@@ -149,9 +149,19 @@ def position_errors(estimate: Estimate, truth: Estimate) -> PositionErrors:
         raise InputError(
             f"the estimate has {estimate.num_nodes} nodes, the ground truth {truth.num_nodes}"
         )
-    given, true = (t - t.mean(axis=0) for t in map(_translations, (estimate, truth)))
-    S = so.project((true.T @ given)[None])[0]
-    distances = np.linalg.norm(given @ S.T - true, axis=1)
+    given, true = map(_translations, (estimate, truth))
+    centre, origin = given.mean(axis=0), true.mean(axis=0)
+    S = so.project(((true - origin).T @ (given - centre))[None])[0]
+    return estimate.moved(S, origin - S @ centre)
+
+
+def position_errors(estimate: Estimate, truth: Estimate) -> PositionErrors:
+    """Mean, root mean square and worst distance to the true positions, metres.
+
+    After `align_positions`, which says what is raised.
+    """
+    moved = align_positions(estimate, truth)
+    distances = np.linalg.norm(_translations(moved) - _translations(truth), axis=1)
     return PositionErrors(
         mean=float(distances.mean()),
         rmse=float(np.sqrt(np.mean(distances**2))),

@@ -28,18 +28,26 @@ def spanning_tree(
         breadth-first one, whose paths are shortest
     root : a node, or ``"center"`` for one that is far from none: errors add up along paths
     """
-    n, (i, j) = graph.num_nodes, graph.edges.T
-    low, high = np.minimum(i, j), np.maximum(i, j)
-    values = np.ones(graph.num_edges) if lengths is None else lengths
-    # Of parallel edges the shortest: csgraph would add them up.
-    order = np.lexsort((values, high, low))
-    low, high = low[order], high[order]
-    first = np.r_[True, (np.diff(low) != 0) | (np.diff(high) != 0)]
-    tree = adjacency(n, low[first], high[first], values[order][first])
-    if lengths is not None:
-        tree = csgraph.minimum_spanning_tree(tree)
+    if lengths is None:
+        tree = _simple(graph, np.ones(graph.num_edges))
+    else:
+        tree = minimum_spanning_tree(graph, lengths)
     start = _center(tree) if root == "center" else root
     return _breadth_first(tree, start)[1]
+
+
+def minimum_spanning_tree(graph: RotationGraph | PoseGraph, lengths: FloatArray) -> csr_array:
+    """(n, n) the positive lengths (m,) of the edges of a tree whose sum is smallest."""
+    return csgraph.minimum_spanning_tree(_simple(graph, lengths))
+
+
+def _simple(graph: RotationGraph | PoseGraph, lengths: FloatArray) -> csr_array:
+    """(n, n) lengths of the edges, of parallel ones the shortest: csgraph would add them up."""
+    low, high = np.sort(graph.edges, axis=1).T
+    order = np.lexsort((lengths, high, low))
+    low, high = low[order], high[order]
+    first = np.r_[True, (np.diff(low) != 0) | (np.diff(high) != 0)]
+    return adjacency(graph.num_nodes, low[first], high[first], lengths[order][first])
 
 
 def _center(graph: csr_array) -> int:

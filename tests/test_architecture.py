@@ -31,7 +31,6 @@ RANKS = {
     "progress": 6,
     "reduced": 6,
     "averaging": 7,
-    "robust": 7,
     "consistency": 8,
     "newton": 7,
     "spectral": 7,

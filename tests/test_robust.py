@@ -16,7 +16,7 @@ from certpgo.estimate import Estimate
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.linalg import so
 from certpgo.problem import PoseProblem, RotationProblem, problem_of
-from certpgo.robust import connected
+from certpgo.solvers._robust import connected
 from certpgo.solvers.adaptive_trimming import AdaptiveTrimming
 from certpgo.solvers.eigen_rao import EigenRAO, _restored
 from certpgo.solvers.graduated_non_convexity import (

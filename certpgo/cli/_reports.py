@@ -110,14 +110,14 @@ class TableReport:
 
     def close(self, *, interrupted: bool) -> Path:
         """Render what there is; returns the path of the records."""
-        from certpgo.harness.records import replace_file
         from certpgo.harness.render import markdown
+        from certpgo.io.writing import write_whole
 
         if self.is_any:
             for record in self._unread:
                 self._journal.add(record)
             text = markdown(self.spec, self.records, interrupted=interrupted)
-            replace_file(self._journal.path.with_suffix(".md"), text.encode())
+            write_whole(self._journal.path.with_suffix(".md"), text.encode())
         self._journal.close()
         return self._journal.path
 

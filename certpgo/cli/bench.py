@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -69,15 +68,13 @@ def command(
 def _zoo(campaign: int, quick: bool, processes: int, out: Path, shown: bool) -> list[Record]:
     from certpgo.harness.records import Ledger
     from certpgo.harness.zoo import report, run
+    from certpgo.io.writing import write_whole
 
     ledger = Ledger(out, run.TABLE)
     with working("zoo") as status:
         jobs = run.jobs(campaign, quick)
         records = list(run.run(ledger, jobs, processes=processes, announce=status.update))
-    text = out / f"{run.TABLE}.md"
-    beside = text.with_name(f"{text.name}.part")
-    beside.write_text(report.markdown(records), encoding="utf-8")
-    os.replace(beside, text)
+    write_whole(out / f"{run.TABLE}.md", report.markdown(records).encode())
     if shown:
         table("points judged, and what was false", *report.totals(records))
     return records

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from certpgo.errors import InputError
 from certpgo.harness.claims import Claim
 from certpgo.harness.keys import Profile, content_key
-from certpgo.harness.records import plain, provenance, replace_file
+from certpgo.harness.records import plain, provenance
+from certpgo.io.writing import folder_to_write, write_whole
 from certpgo.linalg.factor import default_engine
 from certpgo.registry import checkout
 
@@ -155,13 +155,10 @@ def publish(figure: Figure, record: Data, folder: Path, *, profile: Profile = "f
         The folder cannot be written to.
     """
     drawing = rendered(figure, record)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        text = _text(document(figure, record, profile=profile))
-        replace_file(folder / f"{figure.name}.json", text.encode() + b"\n")
-        return replace_file(folder / f"{figure.name}.svg", drawing)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot write there: {error.strerror}") from None
+    text = _text(document(figure, record, profile=profile))
+    folder_to_write(folder)
+    write_whole(folder / f"{figure.name}.json", text.encode() + b"\n")
+    return write_whole(folder / f"{figure.name}.svg", drawing)
 
 
 def _text(data: Data) -> str:

@@ -30,6 +30,8 @@ DISTRIBUTIONS = ("certpgo", "numpy", "scipy", "gtsam", "cvxopt")
 
 #: Iterations that a record keeps of a method.
 TRACED = 40
+#: How near to the answer's cost the last one told must be, relative: rotations are projected.
+ENDS = 1e-3
 
 
 @dataclass(frozen=True)
@@ -102,10 +104,12 @@ def of_solution(solution: Solution) -> dict[str, Any]:
 def trace_of(solution: Solution) -> tuple[tuple[float, float], ...]:
     """Seconds and cost as the method went on; early iterations stand closer than late ones.
 
-    Of robust methods none: theirs is another cost.
+    Nothing of methods that tell another cost: robust ones, and those that do not end at F.
     """
-    kept = () if solution.weights is not None else solution.trace
-    told = [iteration for iteration in kept if math.isfinite(iteration.cost)]
+    told = [iteration for iteration in solution.trace if math.isfinite(iteration.cost)]
+    ends = told and math.isclose(told[-1].cost, solution.cost, rel_tol=ENDS)
+    if not ends or solution.weights is not None:
+        return ()
     if len(told) > TRACED:
         places = np.geomspace(1, len(told), TRACED).round().astype(int) - 1
         told = [told[place] for place in np.unique(places)]
@@ -183,14 +187,6 @@ def latest(records: Iterable[Record]) -> list[Record]:
             keyed.add(place)
         found[(record.key, record.part) if record.key else place] = record
     return [record for name, record in found.items() if record.key or name not in keyed]
-
-
-def replace_file(path: Path, content: bytes) -> Path:
-    """Write a file whole or not at all; returns its path."""
-    beside = path.with_name(f"{path.name}.part")
-    beside.write_bytes(content)
-    os.replace(beside, path)
-    return path
 
 
 class Appended:

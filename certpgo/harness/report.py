@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +20,7 @@ from certpgo.harness.index import index, summary
 from certpgo.harness.records import Record, latest, read_records
 from certpgo.harness.render import Section
 from certpgo.harness.spec import Table
+from certpgo.io.writing import folder_to_write, write_whole
 
 
 @dataclass(frozen=True)
@@ -106,14 +106,9 @@ def write(report: Report, folder: Path) -> Path:
     InputError
         The folder cannot be written to.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, content in rendered(report):
-            beside = folder / f"{name}.part"
-            beside.write_bytes(content)
-            os.replace(beside, folder / name)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot write there: {error.strerror}") from None
+    folder_to_write(folder)
+    for name, content in rendered(report):
+        write_whole(folder / name, content)
     return folder / "index.md"
 
 

@@ -120,7 +120,7 @@ def run_case(
                     _run_method(method, trial),
                     part="" if whole else part.name,
                     parts=len(parts),
-                    provenance=provenance(default_engine(), _root()),
+                    provenance=provenance(default_engine(), registry.checkout()),
                 )
 
 
@@ -333,10 +333,3 @@ def _certified(problem: Problem, solution: Solution) -> tuple[Certificate, float
     start = time.perf_counter()
     certificate = certify(solution.judged(problem), solution.estimate)
     return certificate, time.perf_counter() - start
-
-
-def _root() -> Path | None:
-    try:
-        return registry.repository()
-    except SpecError:
-        return None

@@ -128,6 +128,33 @@ def _same_pose(a: Estimate, b: Estimate, node: int) -> bool:
     return np.array_equal(a.translations[node], b.translations[node])
 
 
+def write_whole(path: Path, content: bytes) -> Path:
+    """Write a file whole or not at all; returns its path.
+
+    Raises
+    ------
+    InputError
+        It cannot be written.
+    """
+    atomically(path, lambda beside: beside.write_bytes(content))
+    return path
+
+
+def folder_to_write(folder: Path) -> Path:
+    """The folder, made where it was not.
+
+    Raises
+    ------
+    InputError
+        It cannot be.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot write there: {error.strerror}") from None
+    return folder
+
+
 def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
     """Write a file beside its place, and rename it when it is whole.
 

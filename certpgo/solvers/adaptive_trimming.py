@@ -19,7 +19,6 @@ from typing import ClassVar
 import numpy as np
 from scipy import stats
 
-from certpgo import newton
 from certpgo.averaging import laplacian_step
 from certpgo.errors import GraphError, SpecError
 from certpgo.estimate import Estimate
@@ -27,14 +26,11 @@ from certpgo.linalg import so
 from certpgo.monitor import Monitor, Stopwatch, silent
 from certpgo.problem import Problem
 from certpgo.progress import Progress
-from certpgo.robust import connected, remark
 from certpgo.solution import Solution
 from certpgo.solvers._iterative import Iterative
+from certpgo.solvers._robust import FAINT, fitted
 from certpgo.solvers.eigen_ra import EigenRA
 
-#: Weight of a rejected measurement while the threshold shrinks: it says where nodes stand of which
-#: nothing better is known.
-FAINT = 1e-9
 #: Measurements a node, below which residuals tell little of the noise.
 PLENTY = 4
 #: Residuals (radians) below which measurements are exact, whatever their noise.
@@ -108,19 +104,7 @@ class AdaptiveTrimming(Iterative):
                 point, step = laplacian_step(weighted, point)
                 moved = step if settled else np.inf
                 r = np.sqrt(rotation.edge_costs(point))
-        weights = connected(rotation, np.where(kept, 1.0, 0.0), r)
-        with watch.phase("newton"):
-            point = newton.newton(rotation.reweighted(weights), point, tolerance=1e-9).estimate
-        return Solution(
-            estimate=point,
-            cost=rotation.cost(point),
-            status=progress.status,
-            iterations=progress.steps,
-            seconds=watch.seconds,
-            trace=tuple(progress.trace),
-            note=remark(rotation, weights),
-            weights=weights,
-        )
+        return fitted(rotation, kept, point, progress)
 
 
 SOLVER = AdaptiveTrimming

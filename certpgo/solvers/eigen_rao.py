@@ -36,9 +36,9 @@ from certpgo.monitor import Monitor, Stopwatch, silent
 from certpgo.problem import Problem, RotationProblem
 from certpgo.progress import Progress
 from certpgo.reduced import factor_shifted
-from certpgo.robust import connected, remark
 from certpgo.solution import Solution
 from certpgo.solvers._iterative import Iterative
+from certpgo.solvers._robust import connected, remark
 
 #: Shifts that make a reweighted matrix definite, in units of the mean degree: its row sums are the
 #: degrees only nearly, so that it may be slightly indefinite.

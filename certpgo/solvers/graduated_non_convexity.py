@@ -21,13 +21,13 @@ from certpgo.linalg.arrays import FloatArray
 from certpgo.monitor import Monitor, Stopwatch, silent
 from certpgo.problem import PoseProblem, Problem
 from certpgo.progress import Progress
-from certpgo.robust import connected, remark
 from certpgo.solution import Solution
 from certpgo.solvers._iterative import Iterative
+from certpgo.solvers._robust import FAINT, fitted
 from certpgo.solvers.spanning_tree import SpanningTree
 
-#: Weight of a measurement rejected for now, and steps of Newton's method for each mu.
-FAINT, STEPS = 1e-9, 3
+#: Steps of Newton's method for each mu.
+STEPS = 3
 
 
 @dataclass(frozen=True)
@@ -81,19 +81,7 @@ class GraduatedNonConvexity(Iterative):
                 r = np.sqrt(problem.edge_costs(point))
                 undecided = float(np.minimum(weights, 1.0 - weights).max())
                 mu *= self.rate
-        weights = connected(problem, np.where(r <= c, 1.0, 0.0), r)
-        with watch.phase("newton"):
-            point = newton.newton(problem.reweighted(weights), point, tolerance=1e-9).estimate
-        return Solution(
-            estimate=point,
-            cost=problem.cost(point),
-            status=progress.status,
-            iterations=progress.steps,
-            seconds=watch.seconds,
-            trace=tuple(progress.trace),
-            note="; ".join(filter(None, (_threshold(problem, c), remark(problem, weights)))),
-            weights=weights,
-        )
+        return fitted(problem, r <= c, point, progress, note=_threshold(problem, c))
 
 
 def _threshold(problem: Problem, c: float) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from certpgo import Estimate, PoseGraph, metrics
-from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 
 from . import _style
@@ -27,14 +26,6 @@ def positions(estimate: Estimate) -> list[list[float]]:
     t = estimate.translations - estimate.translations.mean(axis=0)
     decimals = max(0, int(np.ceil(-np.log10(RESOLUTION * np.ptp(t, axis=0).max()))))
     return np.round(t, decimals).tolist()
-
-
-def aligned(estimate: Estimate, onto: Estimate) -> Estimate:
-    """The estimate moved so that its positions lie nearest to the other's."""
-    given, wished = (e.translations - e.translations.mean(axis=0) for e in (estimate, onto))
-    S = so.project((wished.T @ given)[None])[0]
-    shift = onto.translations.mean(axis=0) - S @ estimate.translations.mean(axis=0)
-    return estimate.moved(S, shift)
 
 
 def distance(estimate: Estimate, onto: Estimate) -> float:

@@ -13,6 +13,7 @@ from certpgo.datasets import thesis
 from certpgo.errors import InputError
 from certpgo.estimate import Estimate
 from certpgo.linalg import so
+from certpgo.linalg.arrays import IntArray
 
 #: The viewing graph of 553 nodes and 103932 edges that the thesis' synthetic scenes have.
 NOTRE_DAME = "Notre_Dame_viewing_graph"
@@ -29,6 +30,21 @@ def load(name: str, data: Path | None, **reading: bool | str) -> Instance:
     if datasets.find(name, data) is None:
         raise not_here(name)
     return datasets.load(name, data, download=False, quiet=True, **reading)
+
+
+def with_truth(name: str, data: Path | None) -> tuple[Instance, IntArray, Estimate]:
+    """A dataset, the nodes of which the truth is known, and theirs.
+
+    Raises
+    ------
+    InputError
+        Its file or the truth's is not here.
+    """
+    instance = load(name, data)
+    known = datasets.truth(name, instance, data)
+    if known is None:
+        raise not_here(f"{name}_truth")
+    return instance, *known
 
 
 def here(names: tuple[str, ...], data: Path | None) -> tuple[str, ...]:

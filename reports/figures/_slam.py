@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from certpgo import PoseGraph, PoseProblem
+from certpgo import PoseGraph, PoseProblem, metrics
 from certpgo.harness.figure import Data
+from certpgo.solution import Solver
 from certpgo.solvers.eigen_ma import EigenMA
 
 from . import _maps, _scenes, _style
@@ -47,6 +48,25 @@ def problems(quick: bool, data: Path | None) -> Iterator[Entry]:
         simple = _scenes.load(name, data, unit_weights=True, **reading).graph
         method = EigenMA(translations="thesis", anchor=anchor, tol=1e-10)
         yield Entry(title, PoseProblem(simple), complete, method)
+
+
+def maps(key: str, method: Callable[[Entry], Solver], quick: bool, data: Path | None) -> Data:
+    """Positions of a method's answers, kept as ``key``, with closures and f_ML, set by set."""
+    sets = []
+    for entry in problems(quick, data):
+        answer = method(entry).solve(entry.problem).estimate
+        sets.append(
+            {
+                "name": entry.name,
+                "n": entry.problem.n,
+                "m": entry.problem.graph.num_edges,
+                "f_ml": metrics.f_ml(entry.graph, answer),
+                key: _maps.positions(answer),
+                "closures": _maps.closures(entry.problem.graph),
+            }
+        )
+    values = ", ".join(f"{entry['f_ml']:.1f} on {entry['name']}" for entry in sets)
+    return {"sets": sets, "values": values}
 
 
 def draw(figure, record: Data, lines: dict[str, tuple[str, str]]) -> None:

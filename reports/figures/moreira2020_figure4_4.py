@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import Estimate, RotationProblem, datasets
+from certpgo import Estimate, RotationProblem
 from certpgo.harness.figure import Data, Figure
 from certpgo.solvers.eigen_ra import EigenRA
 
@@ -20,11 +20,7 @@ LEVELS = 16
 
 def compute(quick: bool, data: Path | None) -> Data:
     """The angular errors of the measurements between cameras whose truth is known."""
-    instance = _scenes.load(NAME, data)
-    known = datasets.truth(NAME, instance, data)
-    if known is None:
-        raise _scenes.not_here(f"{NAME}_truth")
-    nodes, truth = known
+    instance, nodes, truth = _scenes.with_truth(NAME, data)
     answer = EigenRA(weights="unit").solve(RotationProblem(instance.graph)).estimate
     graph = instance.graph.subgraph(nodes)
     degrees = np.bincount(graph.edges.ravel(), minlength=len(nodes))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import RotationProblem, datasets, metrics
+from certpgo import RotationProblem, metrics
 from certpgo.harness.figure import Data, Figure
 from certpgo.solvers.adaptive_trimming import AdaptiveTrimming
 from certpgo.solvers.eigen_rao import EigenRAO
@@ -20,11 +20,7 @@ MEASURES = {"mean_deg": "mean", "median_deg": "median", "rmse_deg": "RMSE"}
 
 def compute(quick: bool, data: Path | None) -> Data:
     """Errors of each iterate, and of adaptive trimming."""
-    instance = _scenes.load(NAME, data)
-    known = datasets.truth(NAME, instance, data)
-    if known is None:
-        raise _scenes.not_here(f"{NAME}_truth")
-    nodes, truth = known
+    instance, nodes, truth = _scenes.with_truth(NAME, data)
     problem = RotationProblem(instance.graph).with_unit_weights()
 
     def errors_of(estimate) -> list[float]:

@@ -4,31 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from certpgo import metrics
 from certpgo.harness.figure import Data, Figure
 
-from . import _maps, _slam, _style
+from . import _slam, _style
 
 
 def compute(quick: bool, data: Path | None) -> Data:
     """EigenMA's positions, set by set."""
-    sets = []
-    for name, problem, graph, method in _slam.problems(quick, data):
-        answer = method.solve(problem).estimate
-        sets.append(
-            {
-                "name": name,
-                "n": problem.n,
-                "m": problem.graph.num_edges,
-                "f_ml": metrics.f_ml(graph, answer),
-                "eigen_ma": _maps.positions(answer),
-                "closures": _maps.closures(problem.graph),
-            }
-        )
-    return {
-        "sets": sets,
-        "values": ", ".join(f"{entry['f_ml']:.1f} on {entry['name']}" for entry in sets),
-    }
+    return _slam.maps("eigen_ma", lambda entry: entry.method, quick, data)
 
 
 def draw(figure, record: Data) -> None:

@@ -21,7 +21,7 @@ def compute(quick: bool, data: Path | None) -> Data:
     sets = []
     for name, problem, graph, method in _slam.problems(quick, data):
         start = method.solve(problem).estimate
-        refined = _maps.aligned(_refined(problem, start, gtsam), start)
+        refined = metrics.align_positions(_refined(problem, start, gtsam), start)
         sets.append(
             {
                 "name": name,

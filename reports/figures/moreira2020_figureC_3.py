@@ -4,32 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from certpgo import metrics
 from certpgo.harness.figure import Data, Figure
 from certpgo.registry import get_solver
 
-from . import _maps, _slam, _style
+from . import _slam, _style
 
 
 def compute(quick: bool, data: Path | None) -> Data:
     """EIG-SE(3)'s positions, set by set."""
-    sets = []
-    for name, problem, graph, _ in _slam.problems(quick, data):
-        answer = get_solver("eig_se3")().solve(problem).estimate
-        sets.append(
-            {
-                "name": name,
-                "n": problem.n,
-                "m": problem.graph.num_edges,
-                "f_ml": metrics.f_ml(graph, answer),
-                "eig_se3": _maps.positions(answer),
-                "closures": _maps.closures(problem.graph),
-            }
-        )
-    return {
-        "sets": sets,
-        "values": ", ".join(f"{entry['f_ml']:.1f} on {entry['name']}" for entry in sets),
-    }
+    return _slam.maps("eig_se3", lambda _: get_solver("eig_se3")(), quick, data)
 
 
 def draw(figure, record: Data) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from certpgo import PoseProblem
+from certpgo import PoseProblem, metrics
 from certpgo.datasets import thesis
 from certpgo.harness.claims import Claim
 from certpgo.harness.figure import Data, Figure
@@ -36,7 +36,7 @@ def compute(quick: bool, data: Path | None) -> Data:
             ("eig_se3", get_solver("eig_se3")(tol=1e-6)),
         ):
             answer = method.solve(problem).estimate
-            panel[key] = _maps.positions(_maps.aligned(answer, scene.truth))
+            panel[key] = _maps.positions(metrics.align_positions(answer, scene.truth))
             panel[f"{key}_rmse"] = _maps.distance(answer, scene.truth)
         panels.append(panel)
     return {

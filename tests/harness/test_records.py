@@ -45,8 +45,9 @@ def test_a_trace_is_thinned_and_keeps_its_ends():
     assert (trace[0], trace[-1]) == ((0.0, 1000.0), (499.5, 1.0))
     assert set(trace) <= {(it.seconds, float(f"{it.cost:.12g}")) for it in told}
     assert trace_of(Solution(estimate, 1.0, Status.CONVERGED)) == ()
-    short = Solution(estimate, 1.0, Status.CONVERGED, trace=told[:7])
+    short = Solution(estimate, told[6].cost, Status.CONVERGED, trace=told[:7])
     assert len(trace_of(short)) == 7
+    assert trace_of(replace(short, cost=1.0)) == ()
     robust = replace(short, weights=np.ones(1))
     assert trace_of(robust) == ()
 

@@ -10,11 +10,10 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from certpgo import registry
-from certpgo.errors import NumericalError, SpecError
+from certpgo.errors import NumericalError
 from certpgo.harness.records import Ledger, Record, provenance
 from certpgo.harness.zoo import campaign, oracle
 from certpgo.harness.zoo.families import FAMILIES
@@ -97,7 +96,7 @@ def record(job: Job) -> Record:
         counts={": ".join(filter(None, key)): count for key, count in sorted(tally.items())},
         note="; ".join(faults),
         error="" if tally["", "points"] else "no points: its file is not here",
-        provenance=provenance(default_engine(), _root()),
+        provenance=provenance(default_engine(), registry.checkout()),
     )
 
 
@@ -151,10 +150,3 @@ def _one_thread_each() -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
-
-
-def _root() -> Path | None:
-    try:
-        return registry.repository()
-    except SpecError:
-        return None
