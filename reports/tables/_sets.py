@@ -1,4 +1,4 @@
-"""The sets that certified optima are measured on."""
+"""Sets that several tables are measured on, and how they are read."""
 
 from certpgo.harness.spec import Row
 
@@ -32,6 +32,18 @@ PRINTED = (
     "manhattan",
     "intel",
 )
+#: Every edge weighing 1; and of parallel edges the last.
+UNIT = {"unit_weights": True}
+SIMPLE = {**UNIT, "keep": "last"}
+#: The thesis' pose graphs, as it reads them.
+SLAM = {
+    "parking-garage": UNIT,
+    "grid3D": UNIT,
+    "cubicle": SIMPLE,
+    "sphere_bignoise_vertex3": UNIT,
+    "torus3D": UNIT,
+    "rim": SIMPLE,
+}
 
 
 def rows(*names: str, rotations: bool = False) -> tuple[Row, ...]:

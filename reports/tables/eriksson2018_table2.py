@@ -4,7 +4,8 @@ from certpgo.harness.claims import Claim, below, number, unknown
 from certpgo.harness.records import Record
 from certpgo.harness.spec import Column, Method, Row, Table
 
-UNIT = {"unit_weights": True}
+from ._sets import UNIT
+
 NOT_PUBLIC = "the paper's edge set is not public"
 
 SCENES = (

@@ -4,7 +4,8 @@ from certpgo.harness.claims import Claim
 from certpgo.harness.records import Record
 from certpgo.harness.spec import Column, Method, Row, Table
 
-UNIT = {"unit_weights": True}
+from ._sets import UNIT
+
 LAMBDAS = ("lambda1", "lambda2", "lambda3")
 ALL = {key: key for key in (*LAMBDAS, "fiedler")}
 #: Relative error that eigenvalues are allowed.

@@ -3,7 +3,8 @@
 from certpgo.harness.claims import Claim, below, together, unknown
 from certpgo.harness.spec import Column, Method, Row, Table
 
-UNIT = {"unit_weights": True}
+from ._sets import UNIT
+
 PRINTED = {
     "mean_l1_deg": "mean_deg",
     "median_l1_deg": "median_deg",

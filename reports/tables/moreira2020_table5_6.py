@@ -4,7 +4,10 @@ from certpgo.harness.claims import Claim
 from certpgo.harness.records import Record
 from certpgo.harness.spec import Column, Method, Row, Table
 
-UNIT = {"unit_weights": True}
+from ._sets import SLAM
+
+#: As the thesis calls them.
+PRINTED = ("Garage", "Grid", "Cubicle", "Sphere", "Torus", "Rim")
 
 LAMBDAS = ("lambda1", "lambda2", "lambda3")
 #: Relative error that eigenvalues are allowed.
@@ -54,13 +57,9 @@ TABLE = Table(
     name="moreira2020_table5_6",
     title="Spectral analysis of 3D data sets (Moreira 2020, Table 5.6)",
     source="G. Moreira, A Unified Approach for Pose Graph Optimization, 2020, Table 5.6",
-    rows=(
-        Row("parking-garage", reading=UNIT, published="Garage"),
-        Row("grid3D", reading=UNIT, published="Grid"),
-        Row("cubicle", reading={**UNIT, "keep": "last"}, published="Cubicle"),
-        Row("sphere_bignoise_vertex3", reading=UNIT, published="Sphere"),
-        Row("torus3D", reading=UNIT, published="Torus"),
-        Row("rim", reading={**UNIT, "keep": "last"}, published="Rim"),
+    rows=tuple(
+        Row(name, reading=reading, published=printed)
+        for (name, reading), printed in zip(SLAM.items(), PRINTED, strict=True)
     ),
     methods=(
         Method(

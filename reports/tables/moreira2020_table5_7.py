@@ -4,8 +4,7 @@ from certpgo.harness.claims import Claim, below, number, together
 from certpgo.harness.records import Record
 from certpgo.harness.spec import Column, Method, Row, Table
 
-UNIT = {"unit_weights": True}
-SIMPLE = {**UNIT, "keep": "last"}
+from ._sets import SIMPLE, UNIT
 
 EIGEN_MA = Method(
     "eigen_ma",

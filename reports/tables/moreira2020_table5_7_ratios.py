@@ -3,7 +3,11 @@
 from certpgo.harness.claims import Claim, below, within
 from certpgo.harness.spec import Column, Method, Row, Table
 
-UNIT = {"unit_weights": True}
+from ._sets import SLAM
+
+#: As the thesis calls them.
+PRINTED = ("Garage", "Grid3D", "Cubicle", "Sphere", "Torus3D", "Rim")
+
 
 WHERE = "section 5.4.2, Table 5.7 (p. 54)"
 CLAIMS = (
@@ -26,13 +30,9 @@ TABLE = Table(
     name="moreira2020_table5_7_ratios",
     title="Times of closed forms over the chordal relaxation's (Moreira 2020, Table 5.7)",
     source="G. Moreira, A Unified Approach for Pose Graph Optimization, 2020, Table 5.7",
-    rows=(
-        Row("parking-garage", reading=UNIT, published="Garage"),
-        Row("grid3D", reading=UNIT, published="Grid3D"),
-        Row("cubicle", reading={**UNIT, "keep": "last"}, published="Cubicle"),
-        Row("sphere_bignoise_vertex3", reading=UNIT, published="Sphere"),
-        Row("torus3D", reading=UNIT, published="Torus3D"),
-        Row("rim", reading={**UNIT, "keep": "last"}, published="Rim"),
+    rows=tuple(
+        Row(name, reading=reading, published=printed)
+        for (name, reading), printed in zip(SLAM.items(), PRINTED, strict=True)
     ),
     methods=(
         Method("eigen_ma", "EigenMA", published={"ratio": "eigenma_ratio"}),

@@ -4,7 +4,7 @@ from certpgo.harness.claims import Claim, number, within
 from certpgo.harness.records import Record
 from certpgo.harness.spec import Column, Method, Row, Table
 
-UNIT = {"unit_weights": True}
+from ._sets import UNIT
 
 
 def quasi_optimal(records: list[Record]) -> bool | None:
