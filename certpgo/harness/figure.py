@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 #: Numbers, texts, lists and mappings of such, as JSON has them.
 Data = dict[str, Any]
 
+#: Where a record keeps what the report shows as views to turn: a list of ``title`` and ``scene``, of
+#: `certpgo.harness.html.scene.scene`.
+VIEWS = "views"
+
 #: Matplotlib's settings for every figure: small type that stays legible in a column of 8.8 cm, thin
 #: lines, and dense artists at the resolution of a screen.
 STYLE = {

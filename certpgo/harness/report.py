@@ -12,10 +12,10 @@ from certpgo.errors import FormatError, InputError
 from certpgo.harness import cells, citations, claims
 from certpgo.harness.cells import Cell
 from certpgo.harness.claims import Outcome
-from certpgo.harness.figure import Data, Figure
+from certpgo.harness.figure import VIEWS, Data, Figure
 from certpgo.harness.findings import our_number
 from certpgo.harness.formats import csv, forms
-from certpgo.harness.html.report import ClaimPart, FigurePart, TablePart, report_page
+from certpgo.harness.html.report import ClaimPart, FigurePart, TablePart, View, report_page
 from certpgo.harness.index import index, summary
 from certpgo.harness.records import Record, latest, read_records
 from certpgo.harness.render import Section
@@ -136,7 +136,13 @@ def page(report: Report) -> str:
         for result in report.figures
         if result.document is not None and result.drawing is not None
     ]
-    return report_page(tables, figures, summary=[summary(report.tables, report.figures)])
+    views = [
+        View(view["title"], view["scene"])
+        for figure in figures
+        for view in figure.document["data"].get(VIEWS, ())
+    ]
+    said = [summary(report.tables, report.figures)]
+    return report_page(tables, figures, summary=said, views=views)
 
 
 def _differing(found: Iterable[Cell]) -> tuple[Section, ...]:
