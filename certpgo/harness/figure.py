@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 #: Numbers, texts, lists and mappings of such, as JSON has them.
 Data = dict[str, Any]
 
-#: Where a record keeps what the report shows as views to turn: a list of ``title`` and ``scene``, of
+#: Where a record keeps views for the report: a list of ``title`` and ``scene``, which is of
 #: `certpgo.harness.html.scene.scene`.
 VIEWS = "views"
 
