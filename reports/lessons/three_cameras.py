@@ -1,0 +1,460 @@
+# ---
+# jupyter:
+#   jupytext:
+#     text_representation: {extension: .py, format_name: percent}
+#   kernelspec: {display_name: Python 3, language: python, name: python3}
+# ---
+
+# %% [markdown]
+# # Three cameras
+#
+# Three cameras, and for every two of them a measured relative rotation. The three measurements
+# disagree by some angle. Which orientations fit them best, and how can one *know* that no others
+# fit better? With three cameras in the plane everything fits in 6 x 6 matrices that can be looked
+# at. What is found here is what the package does with thousands of cameras in space.
+#
+# The steps: the problem, its Lagrangian, the dual problem, the multipliers of a stationary point,
+# and the residual angle of 60 degrees at which the proof ends.
+
+# %%
+import matplotlib.pyplot as plt
+import numpy as np
+from scipy.optimize import brentq
+
+import certpgo
+from certpgo.certify.bounds import alpha_max, cycle_bound, fiedler_value
+from certpgo.datasets.synthetic import complete, cycle, winding_cycle
+
+BLUE, VERMILION, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#999999"  # Okabe and Ito's
+plt.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False})
+
+# %% [markdown]
+# ## The problem
+#
+# $R_i \in SO(2)$ turns camera $i$'s frame into the world's. An edge $(i, j)$ measures
+# $R_{ij} \approx R_i^T R_j$, here with weight 1, and the cost is
+#
+# $$F(R) = \sum_{(i,j)} \|R_j - R_i R_{ij}\|_F^2 .$$
+#
+# Each camera may choose its own axes, so two of the three measurements can be made the identity.
+# The third is then a rotation by the *closing error* $\theta$: what is left after going around
+# once.
+
+
+# %%
+def rotation(angle):
+    """The rotation of the plane by an angle, radians."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
+EDGES = [(0, 1), (1, 2), (2, 0)]
+
+
+def measurements(theta):
+    """Of the three edges, in their order."""
+    return [rotation(0.0), rotation(0.0), rotation(theta)]
+
+
+def cost(R, theta):
+    """F, edge by edge."""
+    terms = (R[j] - R[i] @ M for (i, j), M in zip(EDGES, measurements(theta), strict=True))
+    return sum((E**2).sum() for E in terms)
+
+
+# %% [markdown]
+# $F$ is quadratic in the entries of $R = [R_1\; R_2\; R_3]$, a 2 x 6 matrix. Multiplied out,
+# $F(R) = \operatorname{tr}(R L R^T)$ with the *connection Laplacian* $L$: the number of neighbours
+# times the identity on the diagonal, $-R_{ij}$ beside it.
+
+
+# %%
+def connection_laplacian(theta):
+    """L, 6 x 6."""
+    L = 2.0 * np.eye(6)
+    for (i, j), M in zip(EDGES, measurements(theta), strict=True):
+        L[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] = -M
+        L[2 * j : 2 * j + 2, 2 * i : 2 * i + 2] = -M.T
+    return L
+
+
+rng = np.random.default_rng(1)
+theta = np.radians(120.0)
+L = connection_laplacian(theta)
+R = np.stack([rotation(angle) for angle in rng.uniform(-np.pi, np.pi, 3)])
+row = np.hstack(R)  # 2 x 6
+by_edges, by_matrix = cost(R, theta), np.trace(row @ L @ row.T)
+print(f"F, edge by edge: {by_edges:.12f}")
+print(f"tr(R L R^T):     {by_matrix:.12f}")
+
+# %% [markdown]
+# ## A stationary point
+#
+# Sharing the closing error out seems fair: camera $k$ turns by $-k\theta/3$, and every residual
+# $R_i R_{ij} R_j^T$ is then a rotation by $a = \theta/3$. In angles a term of $F$ is
+# $4(1 - \cos a)$, with derivative $4\sin a$. Camera $k$ lies between two edges that pull with the
+# same strength in opposite senses, so the gradient is zero, and
+#
+# $$F = 3 \cdot 4(1 - \cos a) = 24 \sin^2\tfrac{a}{2}.$$
+#
+# This is called a *stationary point*. It might be the best point, or only the lowest one nearby.
+
+
+# %%
+def shared_out(theta):
+    """The rotations that give each edge a third of the closing error."""
+    return np.stack([rotation(-k * theta / 3.0) for k in range(3)])
+
+
+R = shared_out(theta)
+F = cost(R, theta)
+print(f"residual angle a = {np.degrees(theta) / 3:.0f} degrees")
+print(f"F = {F:.12f},  24 sin^2(a/2) = {24 * np.sin(theta / 6) ** 2:.12f}")
+
+# %% [markdown]
+# ## The Lagrangian
+#
+# What makes the problem hard are its constraints, $R_i^T R_i = I$ for each camera. (A rotation has
+# determinant 1 as well. Leaving that out admits more points, so a bound that holds without it
+# holds with it.) Lagrange's idea is to drop a constraint and charge for violating it. A symmetric
+# matrix of prices $\Lambda_i$ for each camera gives
+#
+# $$\ell(R, \Lambda) = \operatorname{tr}(R L R^T) + \sum_i \operatorname{tr}\bigl(\Lambda_i
+# (I - R_i^T R_i)\bigr) = \operatorname{tr}(R\, S\, R^T) + \operatorname{tr}\Lambda,
+# \qquad S = L - \operatorname{blkdiag}(\Lambda_1, \Lambda_2, \Lambda_3).$$
+#
+# Wherever the constraints hold, $\ell = F$, whatever the prices. (This is eq. 14 of Eriksson,
+# Olsson, Kahl and Chin, *Rotation Averaging and Strong Duality*, CVPR 2018. Their multipliers are
+# $\deg_i I - \Lambda_i$ in terms of ours; their $\Lambda^* - \tilde R$ is our $S$.)
+#
+# Now minimise $\ell$ over *all* 2 x 6 matrices. A quadratic form without constraints is easy: if
+# $S$ has a negative eigenvalue, $\ell$ falls without end; if $S$ is positive semidefinite,
+# written $S \succeq 0$, the minimum is $\operatorname{tr}\Lambda$, at $R = 0$. The minimum over
+# more points is no larger, hence **weak duality**:
+#
+# $$S \succeq 0 \quad\Longrightarrow\quad \operatorname{tr}\Lambda \le F(R') \quad
+# \text{for all rotations } R'.$$
+#
+# Any prices with $S \succeq 0$ are a proof that nothing costs less than
+# $\operatorname{tr}\Lambda$. Here are a thousand such proofs. Random symmetric blocks are made
+# feasible by adding the smallest eigenvalue of $S$ to their diagonals, which raises every
+# eigenvalue of $S$ to at least zero.
+
+
+# %%
+def certificate_matrix(L, multipliers):
+    """S = L - blkdiag(Lam)."""
+    S = L.copy()
+    for i, block in enumerate(multipliers):
+        S[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] -= block
+    return S
+
+
+def random_feasible(L):
+    """Random multipliers, shifted until S is positive semidefinite."""
+    blocks = rng.normal(scale=0.2, size=(3, 2, 2))
+    blocks = blocks + np.swapaxes(blocks, 1, 2)
+    smallest = np.linalg.eigvalsh(certificate_matrix(L, blocks))[0]
+    return blocks + smallest * np.eye(2)
+
+
+dual_values = [np.trace(random_feasible(L), axis1=1, axis2=2).sum() for _ in range(1000)]
+angles = rng.uniform(-np.pi, np.pi, (1000, 3))
+primal_values = [cost(np.stack([rotation(x) for x in triple]), theta) for triple in angles]
+print(f"largest of 1000 random lower bounds: {max(dual_values):.4f}")
+print(f"F at the stationary point:           {F:.4f}")
+print(f"smallest of 1000 random costs:       {min(primal_values):.4f}")
+
+# %% [markdown]
+# ## The dual problem
+#
+# The best lower bound of this kind is the *dual problem* (Eriksson et al., eq. 18):
+#
+# $$\text{(D)}\qquad \max_\Lambda\ \operatorname{tr}\Lambda \quad\text{such that}\quad
+# L - \operatorname{blkdiag}(\Lambda) \succeq 0 .$$
+#
+# It is a semidefinite program: convex, hence without local optima, and solvers exist. Here is what
+# one of them says, from the package.
+
+# %%
+instance, _ = winding_cycle(3, theta, 0, d=2)  # the same three measurements
+problem = certpgo.RotationProblem(instance.graph)
+same_matrix = np.abs(problem.connection_laplacian.toarray() - L).max() < 1e-15
+dual_value = certpgo.get_solver("sdp_dual")().solve(problem).relaxation.value
+print(f"the package builds the same L: {same_matrix}")
+print(f"value of (D):              {dual_value:.6f}")
+print(f"F at the stationary point: {F:.6f}")
+
+# %% [markdown]
+# The bound reaches the cost. So the stationary point is optimal: **strong duality**, no gap.
+#
+# ## The multipliers in closed form
+#
+# No solver was needed. If $R$ is stationary, the prices at which $\ell$ is stationary too follow
+# from $R$ itself. The derivative of $\ell$ in $R$ is $2RS$; setting its $i$-th block to zero gives
+# $R_i \Lambda_i = (RL)_i$, so that
+#
+# $$\Lambda_i = R_i^T (R L)_i = \deg_i I - \sum_j R_i^T R_j R_{ji}.$$
+#
+# (Eriksson et al., eq. 16 and Lemma 3.1.) Such $\Lambda_i$ are symmetric exactly where $R$ is
+# stationary. Their traces add up to $\operatorname{tr}(R L R^T) = F(R)$. Here
+# $\Lambda_i = 2(1 - \cos a)\, I$.
+
+
+# %%
+def multipliers(R, L):
+    """Lam_i = R_i^T (R L)_i, symmetrized (which changes nothing at a stationary point)."""
+    product = np.hstack(R) @ L
+    blocks = np.stack([R[i].T @ product[:, 2 * i : 2 * i + 2] for i in range(3)])
+    return (blocks + np.swapaxes(blocks, 1, 2)) / 2.0
+
+
+Lam = multipliers(R, L)
+S = certificate_matrix(L, Lam)
+eigenvalues = np.linalg.eigvalsh(S)
+trace = np.trace(Lam, axis1=1, axis2=2).sum()
+print(f"Lam_0 =\n{Lam[0].round(6) + 0.0}")
+print(f"largest entry of R S: {np.abs(np.hstack(R) @ S).max():.1e}")
+print(f"tr(Lam) = {trace:.12f}, F = {F:.12f}")
+print(f"eigenvalues of S: {eigenvalues.round(6) + 0.0}")
+
+# %% [markdown]
+# $S$ is the *certificate matrix*. Two of its eigenvalues are zero, since $RS = 0$: the world may
+# be turned without changing $F$. The others are positive, so $S \succeq 0$, $\Lambda$ is feasible
+# for (D), and its value there is $F(R)$. For any other rotations $R'$, in one line:
+#
+# $$F(R') = \operatorname{tr}(R' S R'^T) + \operatorname{tr}\Lambda \;\ge\; \operatorname{tr}\Lambda
+# = F(R).$$
+#
+# That is the whole proof of optimality, and it consists of one matrix being positive semidefinite.
+# It is what `certify` checks, by a factorization whose rounding errors it bounds.
+
+# %%
+estimate = certpgo.Estimate(R)
+certificate = certpgo.certify(problem, estimate)
+print(certificate.verdict.value)
+print(certificate.reason)
+
+# %% [markdown]
+# ## Where the proof ends
+#
+# Let the residual angle $a = \theta/3$ grow. In the gauge of $R$ (block $(i, j)$ of $S$ multiplied
+# by $R_i$ and $R_j^T$) $S$ is circulant, with $2\cos a\, I$ on the diagonal and rotations by
+# $\pm a$, negated, beside it. Its eigenvalues are, twice each, $0$ and
+#
+# $$3 \cos a \pm \sqrt3 \sin a .$$
+#
+# The smaller one is $2\sqrt3\,\cos(a + 30°)$, which changes sign at $a = 60°$. The code below
+# knows none of that: it computes eigenvalues, and looks for the zero. Adding a large multiple of
+# $R^T R$ moves the two zeros of the world's turning out of the way.
+
+
+# %%
+def smallest_eigenvalue(a):
+    """Of the certificate matrix at residual angle a, the turning of the world set aside."""
+    L, R = connection_laplacian(3.0 * a), shared_out(3.0 * a)
+    row = np.hstack(R)
+    return np.linalg.eigvalsh(certificate_matrix(L, multipliers(R, L)) + 10.0 * row.T @ row)[0]
+
+
+def closed_form(a):
+    """The same, worked out above."""
+    return 3.0 * np.cos(a) - np.sqrt(3.0) * np.sin(a)
+
+
+grid = np.radians(np.linspace(0.0, 90.0, 91))
+smallest = np.array([smallest_eigenvalue(a) for a in grid])
+zero = brentq(smallest_eigenvalue, 0.1, 1.5)
+print(f"largest difference from the closed form: {np.abs(smallest - closed_form(grid)).max():.1e}")
+print(f"the eigenvalue changes sign at {np.degrees(zero):.6f} degrees")
+
+# %% [markdown]
+# What happens at 60 degrees? There $\theta = 180°$. Beyond, it is cheaper to go around the other
+# way: the closing error is just as well $\theta - 360°$, with residuals $a - 120°$. That is a
+# second stationary point, a *rival*, and from $a = 60°$ on it is the better one. The certificate
+# matrix stops being positive semidefinite at the very angle where the point stops being optimal.
+#
+# The first point stays a local minimum: turning the cameras by small angles $x$ changes $F$ by
+# $2 \cos a\; x^T L_G\, x$ to second order, with $L_G$ the triangle's graph Laplacian, and this is
+# not negative up to $a = 90°$. Descent from the point does not find the rival.
+
+# %%
+for degrees in (50.0, 70.0):
+    wound, _ = winding_cycle(3, 3.0 * np.radians(degrees), 0, d=2)
+    judged = certpgo.certify(
+        certpgo.RotationProblem(wound.graph),
+        certpgo.Estimate(shared_out(3.0 * np.radians(degrees))),
+    )
+    print(f"residuals of {degrees:.0f} degrees: {judged.verdict.value}")
+    print(f"  {judged.reason}")
+refuted = judged
+
+# %% [markdown]
+# With a negative eigenvalue $-\eta$ the multipliers still prove something. $\Lambda - \eta I$ is
+# feasible for (D), and its value is $F - d n \eta$, here with $d n = 6$. The picture shows this
+# bound, the cost of the point and of its rival, and the value of (D) from the solver of
+# semidefinite programs.
+
+# %%
+point = 24.0 * np.sin(grid / 2.0) ** 2
+rival = 24.0 * np.sin((2.0 * np.pi / 3.0 - grid) / 2.0) ** 2
+own_bound = point - 6.0 * np.maximum(-smallest, 0.0)
+solved_at = np.radians(np.arange(5.0, 90.0, 10.0))
+program = certpgo.get_solver("sdp_dual")()
+dual_curve = np.array(
+    [
+        program.solve(
+            certpgo.RotationProblem(winding_cycle(3, 3.0 * a, 0, d=2)[0].graph)
+        ).relaxation.value
+        for a in solved_at
+    ]
+)
+
+
+def guarantee(a):
+    """What the proof of Theorem 4.1 leaves of the eigenvalue; see below."""
+    s = np.sin(a / 2.0)
+    return 3.0 - 4.0 * s * (1.0 + s)
+
+
+figure, (left, right) = plt.subplots(1, 2, figsize=(7.4, 2.9), layout="constrained")
+left.plot(np.degrees(grid), smallest, color=BLUE, label="computed")
+left.plot(np.degrees(grid), guarantee(grid), color=VERMILION, ls="--", label="guaranteed")
+left.axhline(0.0, color=GREY, lw=0.8)
+left.set(ylabel="smallest eigenvalue", title="(a) the certificate matrix")
+right.plot(np.degrees(grid), point, color=BLUE, label="F of the point")
+right.plot(np.degrees(grid), rival, color=GREEN, ls="--", label="F of its rival")
+right.plot(np.degrees(grid), own_bound, color=VERMILION, ls=":", label="bound from its multipliers")
+right.plot(np.degrees(solved_at), dual_curve, "k.", label="value of (D)")
+right.set(ylabel="cost", ylim=(-1, 19), title="(b) primal and dual values")
+for axes in (left, right):
+    axes.axvline(60.0, color=GREY, lw=0.8)
+    axes.set(xlabel="residual angle a, degrees", xticks=range(0, 91, 15), xlim=(0, 90))
+    axes.legend(frameon=False, fontsize=7.5)
+plt.show()
+
+# %% [markdown]
+# Left of 60 degrees the point, the bound from its own multipliers and the dual value are one
+# curve. Right of it the dual value follows the rival: the relaxation is tight on both sides, and
+# it is the *point* that is no longer best. A lower bound belongs to the problem, not to the point
+# whose multipliers prove it, and here even the wrong point's multipliers, shifted, prove the best
+# bound there is. (That is owed to the triangle's symmetry. In general they prove less.)
+#
+# ## Theorem 4.1 and its 60 degrees
+#
+# For other graphs there is no closed form, but a bound that holds for all of them. In the gauge of
+# $R$, $S = L_G \otimes I + \Delta$: the graph Laplacian, and a perturbation made of the residuals
+# $E_{ij} = R_i R_{ij} R_j^T$. With all residual angles at most $a$ and $s = \sin(a/2)$,
+#
+# - $\|\Delta_{ij}\| = \|I - E_{ij}\| \le 2s$ for each neighbour $j$ of $i$ (eq. 34),
+# - $\|\Delta_{ii}\| \le \deg_i (1 - \cos a) = 2 \deg_i s^2$ (eq. 29),
+#
+# so no eigenvalue of $\Delta$ is larger in size than the largest sum over a row of blocks,
+# $2 d_{\max}\, s(1 + s)$ (eq. 37). Both $S$ and $L_G \otimes I$ vanish on the turning of the
+# world. On its complement $L_G$ is at least its second eigenvalue $\lambda_2$, the *Fiedler
+# value*, which measures how well connected the graph is. So $S \succeq 0$ as long as
+#
+# $$\lambda_2 \ge 2 d_{\max}\, s (1 + s)
+# \quad\Longleftrightarrow\quad
+# a \le \alpha_{\max} = 2 \arcsin\Bigl(\sqrt{\tfrac14 + \tfrac{\lambda_2}{2 d_{\max}}}
+# - \tfrac12\Bigr),$$
+#
+# which is Theorem 4.1 (eqs. 41 and 22). A triangle has $\lambda_2 = 3$ and $d_{\max} = 2$: the
+# root is $1$, the sine $\tfrac12$, and $\alpha_{\max} = 60°$. The dashed curve of panel (a) is
+# $\lambda_2 - 2 d_{\max}\, s (1 + s)$. It lies below the computed eigenvalue and meets it at zero:
+# for three cameras the theorem gives nothing away.
+
+# %%
+triangle_bound = alpha_max(fiedler_value(problem) / problem.node_weights.max())
+print(f"lambda_2 = {fiedler_value(problem):.6f}")
+print(f"alpha_max = {np.degrees(triangle_bound):.6f} degrees")
+print(f"smallest (computed - guaranteed): {(smallest - guarantee(grid)).min():.1e}")
+
+# %% [markdown]
+# In a complete graph of $n$ cameras $\lambda_2 = n$ and $d_{\max} = n - 1$. The angle falls slowly
+# towards a limit that any complete graph may rely on (Corollary 4.1), whatever its size.
+
+
+# %%
+def complete_graph_bound(n):
+    """alpha_max of n cameras that all measure each other."""
+    graph = complete(n, 0.0, np.random.default_rng(0)).graph
+    problem = certpgo.RotationProblem(graph)
+    return alpha_max(fiedler_value(problem) / problem.node_weights.max())
+
+
+complete_bounds = {n: np.degrees(complete_graph_bound(n)) for n in (3, 4, 5, 10, 30, 100)}
+limit = np.degrees(alpha_max(1.0))
+for n, bound in complete_bounds.items():
+    print(f"K_{n:<4} {bound:8.4f} degrees")
+print(f"limit  {limit:8.4f} degrees")
+
+# %% [markdown]
+# ## Exercises
+#
+# **1.** Take perfect measurements, $\theta = 0$, and turn camera 0 by 40 degrees. All residuals
+# are below 60 degrees, and yet $F > 0 = F^*$. Why does Theorem 4.1 not call this point optimal?
+# What does the certificate matrix say of it?
+
+# %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
+# The theorem is about stationary points, and this is none: F falls as the camera turns back. The
+# multipliers exist all the same, and so does the bound F - d n eta. It is useless, as it must be:
+# S >= 0 would prove tr(Lam) = F > 0 to be a lower bound on F* = 0.
+L0 = connection_laplacian(0.0)
+turned = np.stack([rotation(np.radians(40.0)), rotation(0.0), rotation(0.0)])
+negative = np.linalg.eigvalsh(certificate_matrix(L0, multipliers(turned, L0)))[0]
+turned_cost = cost(turned, 0.0)
+turned_bound = turned_cost + 6.0 * negative
+print(f"F = {turned_cost:.4f}, smallest eigenvalue {negative:.4f}, bound {turned_bound:.4f}")
+
+# %% [markdown]
+# **2.** At $a = 60°$ the point and its rival cost the same. How many eigenvalues of $S$ are zero
+# there, and what has that to do with the two optima?
+
+# %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
+# S certifies both optima R and R' at once: F(R') = tr(R' S R'^T) + tr(Lam) = F(R) makes tr(R' S
+# R'^T) zero, so the rows of R' lie in the null space too. Two optima, two rows each, make four
+# zeros. The relaxation's solution is then not unique: any mixture of R^T R and R'^T R' has the
+# same value, and a mixture has rank 4 instead of 2.
+half_turn = np.pi
+L1, R1 = connection_laplacian(half_turn), shared_out(half_turn)
+R2 = np.stack([rotation(k * np.pi / 3.0) for k in range(3)])
+S1 = certificate_matrix(L1, multipliers(R1, L1))
+zeros = int((np.abs(np.linalg.eigvalsh(S1)) < 1e-12).sum())
+mixture = (np.hstack(R1).T @ np.hstack(R1) + np.hstack(R2).T @ np.hstack(R2)) / 2.0
+mixture_rank = int(np.linalg.matrix_rank(mixture, tol=1e-9))
+print(f"{zeros} zeros; costs {cost(R1, half_turn):.9f} and {cost(R2, half_turn):.9f}")
+print(f"the mixture: value {np.trace(L1 @ mixture):.9f}, rank {mixture_rank}")
+
+# %% [markdown]
+# **3.** Put the same three cameras in space, with rotations about the $z$ axis. Which eigenvalues
+# of the certificate matrix are new, and does the sign still change at 60 degrees?
+
+# %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
+# Residuals about z leave the z axis alone: there E_ij is 1 and S is the graph Laplacian itself,
+# with eigenvalues 0, 3, 3. Three zeros now belong to the turning of the world; the rest is as
+# before, and so is the angle.
+a3 = np.radians(40.0)
+space, best = winding_cycle(3, 3.0 * a3, 0, d=3)
+problem3 = certpgo.RotationProblem(space.graph)
+S3 = problem3.certificate_matrix(problem3.multipliers(best)).toarray()
+eigenvalues3 = np.linalg.eigvalsh(S3)
+print((eigenvalues3.round(6) + 0.0).tolist())
+print(f"3 cos a -/+ sqrt(3) sin a: {closed_form(a3):.6f}, {closed_form(-a3):.6f}")
+
+# %% [markdown]
+# **4.** A cycle of $n$ cameras has $\lambda_2 = 2(1 - \cos(2\pi/n))$ and $d_{\max} = 2$. Compare
+# $\alpha_{\max}$ with the angle $\pi/n$ up to which stationary points of a cycle are in truth
+# optimal (Theorem 4.2). For which $n$ do they agree, and by what factor do they differ for large
+# $n$?
+
+# %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
+# They agree for n = 3 alone. For large n, lambda_2 / (2 d_max) is about (pi/n)^2, and
+# alpha_max about 2 (pi/n)^2: smaller than pi/n by a factor of n / (2 pi).
+cycle_bounds = {}
+for n in (3, 6, 20, 100):
+    ring = certpgo.RotationProblem(cycle(n, 0.0, np.random.default_rng(0), d=2).graph)
+    general = alpha_max(fiedler_value(ring) / ring.node_weights.max())
+    cycle_bounds[n] = np.degrees(general), np.degrees(cycle_bound(ring.graph))
+    first, second = cycle_bounds[n]
+    print(f"C_{n:<4} alpha_max {first:8.4f}   pi/n {second:8.4f}   n/(2 pi) {n / (2 * np.pi):6.2f}")
