@@ -1,0 +1,301 @@
+# ---
+# jupyter:
+#   jupytext:
+#     text_representation: {extension: .py, format_name: percent}
+#   kernelspec: {display_name: Python 3, language: python, name: python3}
+# ---
+
+# %% [markdown]
+# # When duality fails
+#
+# The convex relaxation proves optimality as long as it is *tight*. With more and more noise it
+# stops being so. This lesson turns the noise up on one graph of ten cameras, without changing
+# anything else, and watches: what each bound says on the way, where the proof ends, and what is
+# left after that.
+
+# %%
+import matplotlib.pyplot as plt
+import numpy as np
+
+import certpgo
+from certpgo.certify.bounds import alpha_max, fiedler_value, normalized_fiedler_value, row_bound
+from certpgo.datasets.synthetic import complete, random_graph
+from certpgo.harness.ladder import ladder
+from certpgo.lift import Lift
+from certpgo.linalg import so
+from certpgo.newton import newton
+
+BLUE, VERMILION, GREEN, PURPLE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#999999"
+plt.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False})
+
+
+# %%
+def noisy(degrees):
+    """Ten cameras in space and 20 measurements, with noise of so many degrees about each axis."""
+    rng = np.random.default_rng(3)  # the same graph and the same draws, scaled
+    return certpgo.RotationProblem(random_graph(10, 4.0, np.radians(degrees), rng).graph)
+
+
+# %% [markdown]
+# ## The relaxation and its rank
+#
+# With $R = [R_1 \dots R_n]$ the cost is $F = \operatorname{tr}(L\, R^T R)$ (see *Three cameras*
+# for $L$). Of $Y = R^T R$ the relaxation keeps that it is positive semidefinite and has identities
+# as diagonal blocks, and drops that its rank is $d = 3$ (Eriksson et al. 2018, eq. 45):
+#
+# $$\text{(DD)}\qquad v = \min_Y\ \operatorname{tr}(L Y) \quad\text{such that}\quad
+# Y \succeq 0,\quad Y_{ii} = I .$$
+#
+# It is convex, its dual is (D), both have the value $v \le F^*$. If its solution has rank $d$, it
+# is some $R^T R$, and $v = F^*$: the relaxation is *tight*. If it has rank $r > d$, it consists of
+# frames in $r$ dimensions, $Y_{ij} = Y_i^T Y_j$ with $Y_i$ of size $r \times d$, which agree with
+# the measurements better than rotations in $d$ dimensions can.
+
+# %%
+program = certpgo.get_solver("sdp_dual")()
+for degrees in (20, 60):
+    problem = noisy(degrees)
+    relaxation = program.solve(problem).relaxation
+    spread = np.linalg.eigvalsh(np.einsum("nra,nsa->rs", relaxation.rows, relaxation.rows))
+    lifted_cost = problem.cost(Lift(relaxation.rows))
+    best_cost = certpgo.solve(problem.graph).cost
+    print(f"noise of {degrees} degrees: rank {relaxation.rank}, eigenvalues {spread.round(2)}")
+    print(f"  v = {relaxation.value:.6f}, F of the frames {lifted_cost:.6f}")
+    print(f"  F of the best rotations found {best_cost:.6f}")
+
+# %% [markdown]
+# ## Turning the noise up
+#
+# At each noise level: the certified pipeline's answer, ten random starts beside it in case they
+# find a better one, the relaxation, and every bound. The *gap* is the best cost known less $v$,
+# relative to the cost. The eigenvalue is the smallest of the certificate matrix at the best
+# estimate, the three zeros of the world's turning set aside. The *ratio* belongs to the last of
+# these bounds:
+#
+# - $\alpha_{\max}$ (Eriksson et al., Theorem 4.1): a stationary point whose residual angles are all
+#   below it is optimal. It depends on the graph alone, by $\lambda_2 / d_{\max}$.
+# - The *normalized* bound: the same with $\nu_2$, the second eigenvalue of the normalized Laplacian
+#   $D^{-1/2} L_G D^{-1/2}$, in place of $\lambda_2 / d_{\max}$. Never weaker.
+# - The *row* bound: each camera's own residuals in place of the worst. It needs the estimate: the
+#   sum over a camera's block row, relative to its weight, must be below $\nu_2$ for every camera.
+#   The ratio is the largest of these to $\nu_2$.
+
+
+# %%
+def besides_the_gauge(problem, estimate):
+    """Smallest eigenvalue of the certificate matrix, the turning of the world set aside."""
+    S = problem.certificate_matrix(problem.multipliers(estimate)).toarray()
+    X = np.swapaxes(estimate.rotations, 1, 2).reshape(-1, 3)
+    return np.linalg.eigvalsh(S + 10.0 * X @ X.T)[0]
+
+
+def row_ratio(problem, estimate):
+    """Of the worst camera; the row bound holds below 1."""
+    return row_bound(problem, estimate).max() / normalized_fiedler_value(problem)
+
+
+def measured(degrees):
+    """Everything at one noise level."""
+    problem = noisy(degrees)
+    answer = certpgo.solve(problem.graph)
+    rng = np.random.default_rng(0)
+    starts = [certpgo.Estimate(so.random(rng, problem.n, 3)) for _ in range(10)]
+    found = min((newton(problem, start) for start in starts), key=lambda solution: solution.cost)
+    best = min(answer.solution, found, key=lambda solution: solution.cost)
+    relaxation = program.solve(problem).relaxation
+    return {
+        "angle": np.degrees(problem.residual_angles(best.estimate).max()),
+        "ratio": row_ratio(problem, best.estimate),
+        "eigenvalue": besides_the_gauge(problem, best.estimate),
+        "rank": relaxation.rank,
+        "gap": 1.0 - relaxation.value / best.cost,
+        "proven": 1.0 - answer.certificate.lower_bound / best.cost,
+        "verdict": answer.verdict.value,
+        "improved": best is found and found.cost < (1.0 - 1e-6) * answer.cost,
+    }
+
+
+noise = np.arange(5, 95, 5)
+levels = [measured(degrees) for degrees in noise]
+print("noise  residual  ratio  eigenvalue  rank     gap  verdict")
+for degrees, level in zip(noise, levels, strict=True):
+    print(
+        f"{degrees:3} deg   {level['angle']:3.0f} deg   {level['ratio']:4.2f}"
+        f"   {level['eigenvalue']:9.3f}   {level['rank']:3}  {100 * max(level['gap'], 0):5.2f} %"
+        f"  {level['verdict']}"
+    )
+
+# %% [markdown]
+# ## Where each bound ends
+#
+# Bisection finds the noise at which each of the four stops speaking. The first three are
+# sufficient conditions, each of which implies the next; the last is what they imply, the
+# certificate matrix being positive semidefinite.
+
+# %%
+clean = noisy(0.0)
+alpha = np.degrees(alpha_max(fiedler_value(clean) / clean.node_weights.max()))
+normalized = np.degrees(alpha_max(normalized_fiedler_value(clean)))
+
+
+def last(holds):
+    """The largest noise, degrees, up to which a condition on problem and answer holds."""
+    low, high = 1.0, 60.0
+    while high - low > 0.02:
+        middle = (low + high) / 2.0
+        problem = noisy(middle)
+        if holds(problem, certpgo.solve(problem.graph).estimate):
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+def largest(problem, estimate):
+    """Residual angle, degrees."""
+    return np.degrees(problem.residual_angles(estimate).max())
+
+
+ends = {
+    "alpha_max": last(lambda problem, estimate: largest(problem, estimate) <= alpha),
+    "normalized": last(lambda problem, estimate: largest(problem, estimate) <= normalized),
+    "rows": last(lambda problem, estimate: row_ratio(problem, estimate) < 1.0),
+    "certificate": last(lambda problem, estimate: besides_the_gauge(problem, estimate) > -1e-9),
+}
+print(f"alpha_max = {alpha:.2f} degrees, normalized {normalized:.2f} degrees")
+for name, degrees in ends.items():
+    print(f"{name:12} speaks up to a noise of {degrees:5.2f} degrees")
+
+# %%
+figure, (top, middle, bottom) = plt.subplots(
+    3, 1, figsize=(5.6, 5.6), sharex=True, height_ratios=(1.5, 1.2, 0.8), layout="constrained"
+)
+column = {key: np.array([level[key] for level in levels]) for key in levels[0]}
+top.plot(noise, column["angle"], "o-", color=BLUE, ms=3.5, label="largest residual")
+top.axhline(alpha, color=VERMILION, ls="--", lw=1, label=r"$\alpha_{\max}$")
+top.axhline(normalized, color=GREEN, ls="-.", lw=1, label="normalized bound")
+top.set(ylabel="angle, degrees", yticks=range(0, 181, 30), ylim=(0, 160))
+top.legend(frameon=False, fontsize=8, loc="center right", bbox_to_anchor=(1.0, 0.4))
+middle.plot(noise, 100 * column["gap"], "o-", color=BLUE, ms=3.5, label="relaxation")
+middle.plot(noise, 100 * column["proven"], "s", mfc="none", color=PURPLE, ms=6.5, label="proven")
+middle.set(ylabel="gap, percent of F")
+middle.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(0.2, 0.6))
+bottom.plot(noise, column["rank"], "o", color=BLUE, ms=3.5)
+bottom.set(ylabel="rank of Y", yticks=(3, 4, 5, 6), ylim=(2.6, 6.4), xlim=(0, 92))
+bottom.set(xlabel="noise about each axis, degrees", xticks=range(0, 91, 15))
+for (name, degrees), across in zip(ends.items(), (-3, -1.3, 3, 0), strict=True):
+    for axes in (top, middle, bottom):
+        axes.axvline(degrees, color=GREY, lw=0.7)
+    name = {"alpha_max": r"$\alpha_{\max}$", "normalized": "norm."}.get(name, name)
+    top.annotate(
+        name,
+        (degrees, 160),
+        (degrees + across, 168),
+        ha="center",
+        fontsize=7.5,
+        annotation_clip=False,
+    )
+plt.show()
+
+# %% [markdown]
+# Three things to see.
+#
+# *The cheap bounds end early.* They are worst cases over all graphs with the same eigenvalue.
+# Between the end of the row bound and that of the certificate matrix every answer is proven
+# optimal all the same; it takes a factorization instead of an eigenvalue.
+#
+# *The relaxation fails at one point.* As long as it is tight, the eigenvalue beside the gauge's
+# zeros is positive; it falls as the noise grows. Where it reaches zero the rank of $Y$ rises above
+# 3, and the gap opens.
+#
+# *The bound does not fail.* Beyond that point the verdict is BOUNDED, and the proven bound is as
+# good as the relaxation: the squares lie on the dots. Nor does the gap grow for ever with the
+# noise.
+#
+# ## What BOUNDED does not say
+#
+# A gap of a few percent does not mean that the estimate is a few percent too costly. The optimum
+# lies anywhere between the bound and the best cost known. Sometimes a better estimate exists, as
+# random starts showed at these noise levels:
+
+# %%
+improved = [int(degrees) for degrees, level in zip(noise, levels, strict=True) if level["improved"]]
+print(f"random starts found a better estimate than the pipeline at {improved} degrees")
+bounded = certpgo.solve(noisy(60.0).graph)
+print(bounded.verdict.value)
+print(bounded.certificate.reason)
+
+# %% [markdown]
+# What to do then: look for measurements that are plainly wrong (large residuals; the robust
+# methods reject some), add measurements between parts that few measurements connect, since
+# $\lambda_2$ and $\nu_2$ grow with connectivity, or accept the estimate with its gap, which is a
+# guarantee too.
+#
+# `certpgo bounds GRAPH` prints all bounds of a graph as a ladder, cheap ones first. Here it is for
+# a noise of 10 degrees, between the ends of the first two:
+
+# %%
+climbed = ladder(noisy(10.0), sdp=True)
+rungs = {rung.key: rung for rung in climbed.rungs}
+for rung in climbed.rungs:
+    print(f"{rung.title}: {rung.shown}\n    {rung.says}")
+
+# %% [markdown]
+# ## Exercises
+#
+# **1.** Let all ten cameras measure each other. Up to which noise is the answer certified now, on
+# the same grid of levels? Why do $\alpha_{\max}$ and the normalized bound agree?
+
+# %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
+# All degrees are equal, and then nu_2 = lambda_2 / d_max. The complete graph is connected as well
+# as can be: the bound is larger, and the certificate lasts longer still.
+dense = [complete(10, np.radians(s), np.random.default_rng(3)).graph for s in noise]
+dense_problem = certpgo.RotationProblem(dense[0])
+dense_alpha = alpha_max(fiedler_value(dense_problem) / dense_problem.node_weights.max())
+dense_normalized = alpha_max(normalized_fiedler_value(dense_problem))
+dense_verdicts = [certpgo.solve(graph).verdict.value for graph in dense]
+dense_last = noise[[verdict != "CERTIFIED" for verdict in dense_verdicts].index(True) - 1]
+print(f"bounds {np.degrees(dense_alpha):.2f} and {np.degrees(dense_normalized):.2f} degrees")
+print(f"certified up to a noise of {dense_last} degrees, here up to {ends['certificate']:.1f}")
+
+# %% [markdown]
+# **2.** Is the relaxation truly loose at 60 degrees, or is there a solution of rank 3 that the
+# solver has not returned? Hint: with complementary multipliers every solution is
+# $Y_i^T X Y_j$ for one symmetric positive semidefinite $X$, and $Y_i^T X Y_i = I$ for each $i$.
+
+# %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
+# Those are linear equations in the entries of X. X = I solves them. If no other X does, Y is the
+# only solution, has rank 5, and no rotations reach v. The multipliers must leave exactly rank-many
+# zeros.
+problem = noisy(60.0)
+relaxation = program.solve(problem).relaxation
+r = relaxation.rank
+zeros = np.linalg.eigvalsh(problem.certificate_matrix(relaxation.multipliers).toarray())
+pairs = [(a, b) for a in range(r) for b in range(a, r)]
+equations = np.empty((problem.n * 9, len(pairs)))
+for k, (a, b) in enumerate(pairs):
+    X = np.zeros((r, r))
+    X[a, b] = X[b, a] = 1.0
+    equations[:, k] = (np.swapaxes(relaxation.rows, 1, 2) @ X @ relaxation.rows).ravel()
+singular = np.linalg.svd(equations, compute_uv=False)
+print(f"rank {r}; eigenvalues of S number {r} and {r + 1}: {zeros[r - 1]:.1e}, {zeros[r]:.2f}")
+print(
+    f"smallest singular value of the equations: {singular[-1]:.3f}, so X = I is the only solution"
+)
+
+# %% [markdown]
+# **3.** Take little noise, 5 degrees, and replace one measurement by one that is 170 degrees off.
+# What do the angle bounds and the certificate say? And what does the certificate not say?
+
+# %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
+# The wrong edge's residual is far beyond any angle bound, and the answer is certified: no other
+# estimate fits these measurements better. That the measurements are right nobody has claimed. The
+# edge with the largest residual is the wrong one.
+graph = noisy(5.0).graph
+measured_rotations = graph.rotations.copy()
+measured_rotations[7] = measured_rotations[7] @ so.exp(np.radians([0.0, 0.0, 170.0]))
+wrong = certpgo.RotationGraph(graph.num_nodes, graph.edges, measured_rotations, graph.kappa)
+wrong_answer = certpgo.solve(wrong)
+wrong_angles = np.degrees(certpgo.RotationProblem(wrong).residual_angles(wrong_answer.estimate))
+print(f"{wrong_answer.verdict.value}; alpha_max {alpha:.1f}, normalized {normalized:.1f} degrees")
+print(f"largest residual: edge {wrong_angles.argmax()}, {wrong_angles.max():.1f} degrees")
