@@ -244,9 +244,9 @@ print(certificate.reason)
 #
 # $$3 \cos a \pm \sqrt3 \sin a .$$
 #
-# The smaller one is $2\sqrt3\,\cos(a + 30°)$, which changes sign at $a = 60°$. The code below
-# knows none of that: it computes eigenvalues, and looks for the zero. Adding a large multiple of
-# $R^T R$ moves the two zeros of the world's turning out of the way.
+# The smaller one is $2\sqrt3\,\cos(a + 30^\circ)$, which changes sign at $a = 60^\circ$. The code
+# below knows none of that: it computes eigenvalues, and looks for the zero. Adding a large
+# multiple of $R^T R$ moves the two zeros of the world's turning out of the way.
 
 
 # %%
@@ -269,14 +269,15 @@ print(f"largest difference from the closed form: {np.abs(smallest - closed_form(
 print(f"the eigenvalue changes sign at {np.degrees(zero):.6f} degrees")
 
 # %% [markdown]
-# What happens at 60 degrees? There $\theta = 180°$. Beyond, it is cheaper to go around the other
-# way: the closing error is just as well $\theta - 360°$, with residuals $a - 120°$. That is a
-# second stationary point, a *rival*, and from $a = 60°$ on it is the better one. The certificate
-# matrix stops being positive semidefinite at the very angle where the point stops being optimal.
+# What happens at 60 degrees? There $\theta = 180^\circ$. Beyond, it is cheaper to go around the
+# other way: the closing error is just as well $\theta - 360^\circ$, with residuals
+# $a - 120^\circ$. That is a second stationary point, a *rival*, and from $a = 60^\circ$ on it is
+# the better one. The certificate matrix stops being positive semidefinite at the very angle where
+# the point stops being optimal.
 #
 # The first point stays a local minimum: turning the cameras by small angles $x$ changes $F$ by
 # $2 \cos a\; x^T L_G\, x$ to second order, with $L_G$ the triangle's graph Laplacian, and this is
-# not negative up to $a = 90°$. Descent from the point does not find the rival.
+# not negative up to $a = 90^\circ$. Descent from the point does not find the rival.
 
 # %%
 for degrees in (50.0, 70.0):
@@ -360,9 +361,9 @@ plt.show()
 # - \tfrac12\Bigr),$$
 #
 # which is Theorem 4.1 (eqs. 41 and 22). A triangle has $\lambda_2 = 3$ and $d_{\max} = 2$: the
-# root is $1$, the sine $\tfrac12$, and $\alpha_{\max} = 60°$. The dashed curve of panel (a) is
-# $\lambda_2 - 2 d_{\max}\, s (1 + s)$. It lies below the computed eigenvalue and meets it at zero:
-# for three cameras the theorem gives nothing away.
+# root is $1$, the sine $\tfrac12$, and $\alpha_{\max} = 60^\circ$. The dashed curve of panel (a)
+# is $\lambda_2 - 2 d_{\max}\, s (1 + s)$. It lies below the computed eigenvalue and meets it at
+# zero: for three cameras the theorem gives nothing away.
 
 # %%
 triangle_bound = alpha_max(fiedler_value(problem) / problem.node_weights.max())
@@ -408,8 +409,8 @@ turned_bound = turned_cost + 6.0 * negative
 print(f"F = {turned_cost:.4f}, smallest eigenvalue {negative:.4f}, bound {turned_bound:.4f}")
 
 # %% [markdown]
-# **2.** At $a = 60°$ the point and its rival cost the same. How many eigenvalues of $S$ are zero
-# there, and what has that to do with the two optima?
+# **2.** At $a = 60^\circ$ the point and its rival cost the same. How many eigenvalues of $S$ are
+# zero there, and what has that to do with the two optima?
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
 # S certifies both optima R and R' at once: F(R') = tr(R' S R'^T) + tr(Lam) = F(R) makes tr(R' S

@@ -200,9 +200,9 @@ plt.show()
 # %% [markdown]
 # Three things to see.
 #
-# *The cheap bounds end early.* They are worst cases over all graphs with the same eigenvalue.
-# Between the end of the row bound and that of the certificate matrix every answer is proven
-# optimal all the same; it takes a factorization instead of an eigenvalue.
+# *The cheap bounds end early.* They hold for every graph with the same eigenvalue, and so for the
+# worst of them. Between the end of the row bound and that of the certificate matrix every answer
+# is proven optimal all the same; it takes a factorization instead of an eigenvalue.
 #
 # *The relaxation fails at one point.* As long as it is tight, the eigenvalue beside the gauge's
 # zeros is positive; it falls as the noise grows. Where it reaches zero the rank of $Y$ rises above
@@ -215,7 +215,7 @@ plt.show()
 # ## What BOUNDED does not say
 #
 # A gap of a few percent does not mean that the estimate is a few percent too costly. The optimum
-# lies anywhere between the bound and the best cost known. Sometimes a better estimate exists, as
+# lies somewhere between the bound and the best cost known. Sometimes a better estimate exists, as
 # random starts showed at these noise levels:
 
 # %%
@@ -227,9 +227,8 @@ print(bounded.certificate.reason)
 
 # %% [markdown]
 # What to do then: look for measurements that are plainly wrong (large residuals; the robust
-# methods reject some), add measurements between parts that few measurements connect, since
-# $\lambda_2$ and $\nu_2$ grow with connectivity, or accept the estimate with its gap, which is a
-# guarantee too.
+# methods reject some), add measurements where few connect the graph, for a well connected graph
+# tolerates more noise (exercise 1), or accept the estimate with its gap, which is a guarantee too.
 #
 # `certpgo bounds GRAPH` prints all bounds of a graph as a ladder, cheap ones first. Here it is for
 # a noise of 10 degrees, between the ends of the first two:

@@ -71,9 +71,9 @@ for k, point in points.items():
 #
 # To second order, turning the cameras by small angles $x$ changes $F$ by
 # $2 \cos a_k\; x^T L_G\, x$, where $L_G$ is the cycle's graph Laplacian. That is never negative,
-# and zero only if all cameras turn together, as long as $|a_k| < 90°$. Hence every winding with
-# $|\theta + 2 \pi k| < n \pi / 2$ is a strict local minimum. The package's exact Hessian of $F/2$
-# says the same.
+# and zero only if all cameras turn together, as long as $|a_k| < 90^\circ$. Hence every winding
+# with $|\theta + 2 \pi k| < n \pi / 2$ is a strict local minimum. The package's exact Hessian of
+# $F/2$ says the same.
 
 
 # %%
