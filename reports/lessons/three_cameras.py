@@ -12,9 +12,6 @@
 # disagree by some angle. Which orientations fit them best, and how can one *know* that no others
 # fit better? With three cameras in the plane everything fits in 6 x 6 matrices that can be looked
 # at. What is found here is what the package does with thousands of cameras in space.
-#
-# The steps: the problem, its Lagrangian, the dual problem, the multipliers of a stationary point,
-# and the residual angle of 60 degrees at which the proof ends.
 
 # %%
 import matplotlib.pyplot as plt
@@ -22,8 +19,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 import certpgo
-from certpgo.certify.bounds import alpha_max, cycle_bound, fiedler_value
-from certpgo.datasets.synthetic import complete, cycle, winding_cycle
+from certpgo.certify.bounds import alpha_max, fiedler_value
+from certpgo.datasets.synthetic import complete, winding_cycle
 
 BLUE, VERMILION, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#999999"  # Okabe and Ito's
 plt.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False})
@@ -48,18 +45,14 @@ def rotation(angle):
     return np.array([[c, -s], [s, c]])
 
 
-EDGES = [(0, 1), (1, 2), (2, 0)]
-
-
 def measurements(theta):
-    """Of the three edges, in their order."""
-    return [rotation(0.0), rotation(0.0), rotation(theta)]
+    """R_ij of each edge (i, j)."""
+    return {(0, 1): rotation(0.0), (1, 2): rotation(0.0), (2, 0): rotation(theta)}
 
 
 def cost(R, theta):
     """F, edge by edge."""
-    terms = (R[j] - R[i] @ M for (i, j), M in zip(EDGES, measurements(theta), strict=True))
-    return sum((E**2).sum() for E in terms)
+    return sum(((R[j] - R[i] @ M) ** 2).sum() for (i, j), M in measurements(theta).items())
 
 
 # %% [markdown]
@@ -72,7 +65,7 @@ def cost(R, theta):
 def connection_laplacian(theta):
     """L, 6 x 6."""
     L = 2.0 * np.eye(6)
-    for (i, j), M in zip(EDGES, measurements(theta), strict=True):
+    for (i, j), M in measurements(theta).items():
         L[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] = -M
         L[2 * j : 2 * j + 2, 2 * i : 2 * i + 2] = -M.T
     return L
@@ -84,8 +77,7 @@ L = connection_laplacian(theta)
 R = np.stack([rotation(angle) for angle in rng.uniform(-np.pi, np.pi, 3)])
 row = np.hstack(R)  # 2 x 6
 by_edges, by_matrix = cost(R, theta), np.trace(row @ L @ row.T)
-print(f"F, edge by edge: {by_edges:.12f}")
-print(f"tr(R L R^T):     {by_matrix:.12f}")
+print(f"F, edge by edge {by_edges:.12f}, tr(R L R^T) {by_matrix:.12f}")
 
 # %% [markdown]
 # ## A stationary point
@@ -97,7 +89,7 @@ print(f"tr(R L R^T):     {by_matrix:.12f}")
 #
 # $$F = 3 \cdot 4(1 - \cos a) = 24 \sin^2\tfrac{a}{2}.$$
 #
-# This is called a *stationary point*. It might be the best point, or only the lowest one nearby.
+# This is called a *stationary point*. It might be the best one, or the lowest nearby, or a saddle.
 
 
 # %%
@@ -108,8 +100,7 @@ def shared_out(theta):
 
 R = shared_out(theta)
 F = cost(R, theta)
-print(f"residual angle a = {np.degrees(theta) / 3:.0f} degrees")
-print(f"F = {F:.12f},  24 sin^2(a/2) = {24 * np.sin(theta / 6) ** 2:.12f}")
+print(f"F = {F:.12f}, 24 sin^2(a/2) = {24 * np.sin(theta / 6) ** 2:.12f}")
 
 # %% [markdown]
 # ## The Lagrangian
@@ -137,8 +128,8 @@ print(f"F = {F:.12f},  24 sin^2(a/2) = {24 * np.sin(theta / 6) ** 2:.12f}")
 #
 # Any prices with $S \succeq 0$ are a proof that nothing costs less than
 # $\operatorname{tr}\Lambda$. Here are a thousand such proofs. Random symmetric blocks are made
-# feasible by adding the smallest eigenvalue of $S$ to their diagonals, which raises every
-# eigenvalue of $S$ to at least zero.
+# feasible by adding the smallest eigenvalue of $S$ to their diagonals, which moves that of $S$ to
+# zero.
 
 
 # %%
@@ -161,9 +152,8 @@ def random_feasible(L):
 dual_values = [np.trace(random_feasible(L), axis1=1, axis2=2).sum() for _ in range(1000)]
 angles = rng.uniform(-np.pi, np.pi, (1000, 3))
 primal_values = [cost(np.stack([rotation(x) for x in triple]), theta) for triple in angles]
-print(f"largest of 1000 random lower bounds: {max(dual_values):.4f}")
-print(f"F at the stationary point:           {F:.4f}")
-print(f"smallest of 1000 random costs:       {min(primal_values):.4f}")
+print(f"largest of 1000 random lower bounds {max(dual_values):.4f}")
+print(f"smallest of 1000 random costs {min(primal_values):.4f}, F at the stationary point {F:.4f}")
 
 # %% [markdown]
 # ## The dual problem
@@ -176,14 +166,17 @@ print(f"smallest of 1000 random costs:       {min(primal_values):.4f}")
 # It is a semidefinite program: convex, hence without local optima, and solvers exist. Here is what
 # one of them says, from the package.
 
+
 # %%
-instance, _ = winding_cycle(3, theta, 0, d=2)  # the same three measurements
-problem = certpgo.RotationProblem(instance.graph)
-same_matrix = np.abs(problem.connection_laplacian.toarray() - L).max() < 1e-15
-dual_value = certpgo.get_solver("sdp_dual")().solve(problem).relaxation.value
-print(f"the package builds the same L: {same_matrix}")
-print(f"value of (D):              {dual_value:.6f}")
-print(f"F at the stationary point: {F:.6f}")
+def triangle(a):
+    """The same three measurements, residual angle a, as the package's problem."""
+    return certpgo.RotationProblem(winding_cycle(3, 3.0 * a, 0, d=2)[0].graph)
+
+
+program = certpgo.get_solver("sdp_dual")()
+problem = triangle(theta / 3.0)
+dual_value = program.solve(problem).relaxation.value
+print(f"value of (D) {dual_value:.6f}, F at the stationary point {F:.6f}")
 
 # %% [markdown]
 # The bound reaches the cost. So the stationary point is optimal: **strong duality**, no gap.
@@ -214,8 +207,7 @@ S = certificate_matrix(L, Lam)
 eigenvalues = np.linalg.eigvalsh(S)
 trace = np.trace(Lam, axis1=1, axis2=2).sum()
 print(f"Lam_0 =\n{Lam[0].round(6) + 0.0}")
-print(f"largest entry of R S: {np.abs(np.hstack(R) @ S).max():.1e}")
-print(f"tr(Lam) = {trace:.12f}, F = {F:.12f}")
+print(f"largest entry of R S: {np.abs(np.hstack(R) @ S).max():.1e}; tr(Lam) = {trace:.12f}")
 print(f"eigenvalues of S: {eigenvalues.round(6) + 0.0}")
 
 # %% [markdown]
@@ -230,10 +222,8 @@ print(f"eigenvalues of S: {eigenvalues.round(6) + 0.0}")
 # It is what `certify` checks, by a factorization whose rounding errors it bounds.
 
 # %%
-estimate = certpgo.Estimate(R)
-certificate = certpgo.certify(problem, estimate)
-print(certificate.verdict.value)
-print(certificate.reason)
+certificate = certpgo.certify(problem, certpgo.Estimate(R))
+print(f"{certificate.verdict.value}: {certificate.reason}")
 
 # %% [markdown]
 # ## Where the proof ends
@@ -257,15 +247,11 @@ def smallest_eigenvalue(a):
     return np.linalg.eigvalsh(certificate_matrix(L, multipliers(R, L)) + 10.0 * row.T @ row)[0]
 
 
-def closed_form(a):
-    """The same, worked out above."""
-    return 3.0 * np.cos(a) - np.sqrt(3.0) * np.sin(a)
-
-
 grid = np.radians(np.linspace(0.0, 90.0, 91))
 smallest = np.array([smallest_eigenvalue(a) for a in grid])
+off = np.abs(smallest - (3.0 * np.cos(grid) - np.sqrt(3.0) * np.sin(grid))).max()
 zero = brentq(smallest_eigenvalue, 0.1, 1.5)
-print(f"largest difference from the closed form: {np.abs(smallest - closed_form(grid)).max():.1e}")
+print(f"largest difference from the closed form: {off:.1e}")
 print(f"the eigenvalue changes sign at {np.degrees(zero):.6f} degrees")
 
 # %% [markdown]
@@ -280,15 +266,9 @@ print(f"the eigenvalue changes sign at {np.degrees(zero):.6f} degrees")
 # not negative up to $a = 90^\circ$. Descent from the point does not find the rival.
 
 # %%
-for degrees in (50.0, 70.0):
-    wound, _ = winding_cycle(3, 3.0 * np.radians(degrees), 0, d=2)
-    judged = certpgo.certify(
-        certpgo.RotationProblem(wound.graph),
-        certpgo.Estimate(shared_out(3.0 * np.radians(degrees))),
-    )
-    print(f"residuals of {degrees:.0f} degrees: {judged.verdict.value}")
-    print(f"  {judged.reason}")
-refuted = judged
+for a in np.radians((50.0, 70.0)):
+    judged = certpgo.certify(triangle(a), certpgo.Estimate(shared_out(3.0 * a)))
+    print(f"residuals of {np.degrees(a):.0f} degrees: {judged.verdict.value}\n  {judged.reason}")
 
 # %% [markdown]
 # With a negative eigenvalue $-\eta$ the multipliers still prove something. $\Lambda - \eta I$ is
@@ -301,26 +281,13 @@ point = 24.0 * np.sin(grid / 2.0) ** 2
 rival = 24.0 * np.sin((2.0 * np.pi / 3.0 - grid) / 2.0) ** 2
 own_bound = point - 6.0 * np.maximum(-smallest, 0.0)
 solved_at = np.radians(np.arange(5.0, 90.0, 10.0))
-program = certpgo.get_solver("sdp_dual")()
-dual_curve = np.array(
-    [
-        program.solve(
-            certpgo.RotationProblem(winding_cycle(3, 3.0 * a, 0, d=2)[0].graph)
-        ).relaxation.value
-        for a in solved_at
-    ]
-)
-
-
-def guarantee(a):
-    """What the proof of Theorem 4.1 leaves of the eigenvalue; see below."""
-    s = np.sin(a / 2.0)
-    return 3.0 - 4.0 * s * (1.0 + s)
-
+dual_curve = np.array([program.solve(triangle(a)).relaxation.value for a in solved_at])
+s = np.sin(grid / 2.0)
+guaranteed = 3.0 - 4.0 * s * (1.0 + s)  # by Theorem 4.1; see below
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(7.4, 2.9), layout="constrained")
 left.plot(np.degrees(grid), smallest, color=BLUE, label="computed")
-left.plot(np.degrees(grid), guarantee(grid), color=VERMILION, ls="--", label="guaranteed")
+left.plot(np.degrees(grid), guaranteed, color=VERMILION, ls="--", label="guaranteed")
 left.axhline(0.0, color=GREY, lw=0.8)
 left.set(ylabel="smallest eigenvalue", title="(a) the certificate matrix")
 right.plot(np.degrees(grid), point, color=BLUE, label="F of the point")
@@ -363,31 +330,23 @@ plt.show()
 # which is Theorem 4.1 (eqs. 41 and 22). A triangle has $\lambda_2 = 3$ and $d_{\max} = 2$: the
 # root is $1$, the sine $\tfrac12$, and $\alpha_{\max} = 60^\circ$. The dashed curve of panel (a)
 # is $\lambda_2 - 2 d_{\max}\, s (1 + s)$. It lies below the computed eigenvalue and meets it at
-# zero: for three cameras the theorem gives nothing away.
+# zero: for three cameras the theorem gives nothing away. A complete graph of $n$ cameras has
+# $\lambda_2 = n$ and $d_{\max} = n - 1$; its angle falls towards a limit that complete graphs of
+# any size may rely on (Corollary 4.1).
 
 # %%
-triangle_bound = alpha_max(fiedler_value(problem) / problem.node_weights.max())
-print(f"lambda_2 = {fiedler_value(problem):.6f}")
-print(f"alpha_max = {np.degrees(triangle_bound):.6f} degrees")
-print(f"smallest (computed - guaranteed): {(smallest - guarantee(grid)).min():.1e}")
+fiedler = fiedler_value(problem)
+triangle_bound = alpha_max(fiedler / problem.node_weights.max())
+print(f"lambda_2 = {fiedler:.6f}, alpha_max = {np.degrees(triangle_bound):.6f} degrees")
+print(f"smallest (computed - guaranteed): {(smallest - guaranteed).min():.1e}")
 
-# %% [markdown]
-# In a complete graph of $n$ cameras $\lambda_2 = n$ and $d_{\max} = n - 1$. The angle falls slowly
-# towards a limit that any complete graph may rely on (Corollary 4.1), whatever its size.
-
-
-# %%
-def complete_graph_bound(n):
-    """alpha_max of n cameras that all measure each other."""
+complete_bounds = {}
+for n in (3, 4, 5, 10, 30, 100):
     graph = complete(n, 0.0, np.random.default_rng(0)).graph
-    problem = certpgo.RotationProblem(graph)
-    return alpha_max(fiedler_value(problem) / problem.node_weights.max())
-
-
-complete_bounds = {n: np.degrees(complete_graph_bound(n)) for n in (3, 4, 5, 10, 30, 100)}
+    bound = alpha_max(fiedler_value(certpgo.RotationProblem(graph)) / (n - 1))
+    complete_bounds[n] = np.degrees(bound)
+    print(f"K_{n:<4} {complete_bounds[n]:8.4f} degrees")
 limit = np.degrees(alpha_max(1.0))
-for n, bound in complete_bounds.items():
-    print(f"K_{n:<4} {bound:8.4f} degrees")
 print(f"limit  {limit:8.4f} degrees")
 
 # %% [markdown]
@@ -417,14 +376,13 @@ print(f"F = {turned_cost:.4f}, smallest eigenvalue {negative:.4f}, bound {turned
 # R'^T) zero, so the rows of R' lie in the null space too. Two optima, two rows each, make four
 # zeros. The relaxation's solution is then not unique: any mixture of R^T R and R'^T R' has the
 # same value, and a mixture has rank 4 instead of 2.
-half_turn = np.pi
-L1, R1 = connection_laplacian(half_turn), shared_out(half_turn)
+L1, R1 = connection_laplacian(np.pi), shared_out(np.pi)
 R2 = np.stack([rotation(k * np.pi / 3.0) for k in range(3)])
 S1 = certificate_matrix(L1, multipliers(R1, L1))
 zeros = int((np.abs(np.linalg.eigvalsh(S1)) < 1e-12).sum())
 mixture = (np.hstack(R1).T @ np.hstack(R1) + np.hstack(R2).T @ np.hstack(R2)) / 2.0
 mixture_rank = int(np.linalg.matrix_rank(mixture, tol=1e-9))
-print(f"{zeros} zeros; costs {cost(R1, half_turn):.9f} and {cost(R2, half_turn):.9f}")
+print(f"{zeros} zeros; costs {cost(R1, np.pi):.9f} and {cost(R2, np.pi):.9f}")
 print(f"the mixture: value {np.trace(L1 @ mixture):.9f}, rank {mixture_rank}")
 
 # %% [markdown]
@@ -435,27 +393,8 @@ print(f"the mixture: value {np.trace(L1 @ mixture):.9f}, rank {mixture_rank}")
 # Residuals about z leave the z axis alone: there E_ij is 1 and S is the graph Laplacian itself,
 # with eigenvalues 0, 3, 3. Three zeros now belong to the turning of the world; the rest is as
 # before, and so is the angle.
-a3 = np.radians(40.0)
-space, best = winding_cycle(3, 3.0 * a3, 0, d=3)
+space, best = winding_cycle(3, theta, 0, d=3)
 problem3 = certpgo.RotationProblem(space.graph)
 S3 = problem3.certificate_matrix(problem3.multipliers(best)).toarray()
 eigenvalues3 = np.linalg.eigvalsh(S3)
 print((eigenvalues3.round(6) + 0.0).tolist())
-print(f"3 cos a -/+ sqrt(3) sin a: {closed_form(a3):.6f}, {closed_form(-a3):.6f}")
-
-# %% [markdown]
-# **4.** A cycle of $n$ cameras has $\lambda_2 = 2(1 - \cos(2\pi/n))$ and $d_{\max} = 2$. Compare
-# $\alpha_{\max}$ with the angle $\pi/n$ up to which stationary points of a cycle are in truth
-# optimal (Theorem 4.2). For which $n$ do they agree, and by what factor do they differ for large
-# $n$?
-
-# %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
-# They agree for n = 3 alone. For large n, lambda_2 / (2 d_max) is about (pi/n)^2, and
-# alpha_max about 2 (pi/n)^2: smaller than pi/n by a factor of n / (2 pi).
-cycle_bounds = {}
-for n in (3, 6, 20, 100):
-    ring = certpgo.RotationProblem(cycle(n, 0.0, np.random.default_rng(0), d=2).graph)
-    general = alpha_max(fiedler_value(ring) / ring.node_weights.max())
-    cycle_bounds[n] = np.degrees(general), np.degrees(cycle_bound(ring.graph))
-    first, second = cycle_bounds[n]
-    print(f"C_{n:<4} alpha_max {first:8.4f}   pi/n {second:8.4f}   n/(2 pi) {n / (2 * np.pi):6.2f}")
