@@ -31,9 +31,9 @@ from certpgo.harness.figure import STYLE
 # ## Two points on a ring
 #
 # Cameras stand in a ring of $n$, and each measures its rotation relative to the next. All
-# measurements are the identity but the last, a turn of $\theta = -0.3$ about the $z$ axis. The
-# cost is Eriksson et al.'s (eq. 7), $F(R) = \sum_{(i,j)} \|R_j - R_i \tilde R_{ij}\|_F^2$. It has
-# a stationary point for every number $k$ of full turns that the rotations make around the ring: all
+# measurements are the identity but the last, a turn of $\theta = -0.3$ about the $z$ axis. The cost
+# is Eriksson et al.'s (eq. 7), $F(R) = \sum_{(i,j)} \|R_j - R_i \tilde R_{ij}\|_F^2$. It has a
+# stationary point for every number $k$ of full turns that the rotations make around the ring: all
 # residuals are turns of $(\theta + 2\pi k)/n$, and
 # $F = 8 n \sin^2\bigl((\theta + 2\pi k)/2n\bigr)$. Only $k = 0$ is optimal.
 
