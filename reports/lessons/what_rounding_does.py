@@ -164,7 +164,7 @@ print(f"{'certpgo':>18s} " + "".join(f"{verdicts[n]:>10s}" for n in SIZES))
 
 # %% [markdown]
 # Every `optimal` in this table is false. A tolerance of fixed size is no error of programming: the
-# eigenvalue simply drops below it as the ring grows, about as $-4\pi^2/n^2$. What was forgotten is
+# eigenvalue drops below it as the ring grows, for it shrinks like $1/n^2$. What was forgotten is
 # the price. A shift $\eta$ proves a gap of $d\,n\,\eta$, so what was accepted at $n = 300$ says
 
 # %%
