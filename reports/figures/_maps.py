@@ -33,11 +33,16 @@ def distance(estimate: Estimate, onto: Estimate) -> float:
     return metrics.position_errors(estimate, onto).rmse
 
 
-def draw_map(axes, trajectories, edges=(), *, colours=(_style.BLUE,), widths=(0.5,)) -> None:
-    """Trajectories (each (n, 3)) over loop closures of the first, and a bar of known length."""
+def draw_map(
+    axes, trajectories, edges=(), *, colours=(_style.BLUE,), widths=(0.5,), like=None
+) -> None:
+    """Trajectories (each (n, 3)) over loop closures of the first, and a bar of known length.
+
+    They are seen from the side of the first, or of the trajectory ``like``.
+    """
     from matplotlib.collections import LineCollection
 
-    frame = _frame(np.array(trajectories[0]))
+    frame = _frame(np.array(trajectories[0] if like is None else like))
     flat = [_seen(np.array(t), frame) for t in trajectories]
     if len(edges):
         lines = LineCollection(flat[0][np.array(edges)], colors=_style.GREY, linewidths=0.15)

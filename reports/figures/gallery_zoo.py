@@ -1,0 +1,149 @@
+"""How often certifiers are false on the zoo's points, from the committed records."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+
+from certpgo.errors import InputError
+from certpgo.harness.figure import Data, Figure
+from certpgo.harness.records import Record, read_records
+from certpgo.harness.zoo.report import certifiers
+from certpgo.registry import repository
+
+from . import _style
+
+LABELS = {
+    "certpgo standard": "certpgo, standard",
+    "certpgo proof": "certpgo, proof",
+    "certpgo standard, unrefined": "certpgo, unrefined",
+    "cora_rule": "CORA's rule",
+    "gtsam_shonan": "GTSAM, Shonan's check",
+    "gtsam_staircase": "GTSAM, staircase at rank d",
+    "se_sync_rule": "SE-Sync's rule",
+}
+#: For where there is little room.
+SHORT = {
+    "certpgo standard": "standard",
+    "certpgo proof": "proof",
+    "certpgo standard, unrefined": "unrefined",
+    "cora_rule": "CORA",
+    "gtsam_shonan": "Shonan",
+    "gtsam_staircase": "staircase",
+    "se_sync_rule": "SE-Sync",
+}
+GROUPS = {"named": "named families", "random": "random instances"}
+COLOURS = {"named": _style.BLUE, "random": _style.ORANGE}
+#: Families of points that are shown.
+WORST = 14
+
+
+def compute(quick: bool, data: Path | None) -> Data:
+    """False certificates and all, by certifier; and the families in which most are false."""
+    path = repository() / "reports" / "results" / "zoo.jsonl"
+    if not path.is_file():
+        raise InputError("not run: file not here (zoo.jsonl); certpgo bench zoo --campaign 10000")
+    records = read_records(path)
+    named = [record for record in records if record.seed is None]
+    drawn = [record for record in records if record.seed is not None]
+    names = certifiers(records)
+    outcomes = {
+        name: {"named": _outcome(named, name), "random": _outcome(drawn, name)} for name in names
+    }
+    families = {}
+    for part in dict.fromkeys(record.part for record in named):
+        members = [record for record in named if record.part == part]
+        families[part] = {name: _outcome(members, name) for name in names}
+    caught = sorted(families, key=lambda part: -_most(families[part]))
+    shown = [part for part in caught[: WORST // 2 if quick else WORST] if _most(families[part])]
+    ours = [name for name in names if name.startswith("certpgo")]
+    return {
+        "points": sum(record.counts["points"] for record in records),
+        "certifiers": outcomes,
+        "families": {part: families[part] for part in shown},
+        "families_in_all": len(families),
+        "families_shown": len(shown),
+        "ours_false": sum(outcomes[n][g]["false"] for n in ours for g in GROUPS),
+        "ours_certified": sum(outcomes[n][g]["certified"] for n in ours for g in GROUPS),
+    }
+
+
+def _outcome(records: Iterable[Record], name: str) -> dict[str, int]:
+    """Points that a certifier judged, certified, and certified falsely."""
+    total: Counter[str] = Counter()
+    for record in records:
+        total.update(record.counts)
+    yes, no = (total[f"{name}: {key}"] for key in ("certified", "not certified"))
+    return {"judged": yes + no, "certified": yes, "false": total[f"{name}: false"]}
+
+
+def _most(outcomes: dict[str, dict[str, int]]) -> float:
+    """The largest share of points that a certifier certifies falsely."""
+    return max((o["false"] / o["judged"] for o in outcomes.values() if o["judged"]), default=0.0)
+
+
+def draw(figure, record: Data) -> None:
+    """Shares of false certificates by certifier, and of falsely certified points by family."""
+    figure.set_size_inches(_style.PAGE, 0.55 * _style.PAGE)
+    left, right = figure.subplots(1, 2, width_ratios=(1.3, 0.7))
+    names = list(record["certifiers"])
+    for shift, (group, label) in zip((-0.19, 0.19), GROUPS.items(), strict=True):
+        for row, name in enumerate(names):
+            told = record["certifiers"][name][group]
+            share = 100.0 * told["false"] / max(told["certified"], 1)
+            named = label if row == 0 else None
+            left.barh(row + shift, share, 0.34, color=COLOURS[group], label=named)
+            said = f"{told['false']:,} of {told['certified']:,}"
+            left.text(share + 0.8, row + shift, said, va="center", fontsize=6.5)
+    left.set_yticks(range(len(names)), [LABELS.get(name, name) for name in names])
+    left.invert_yaxis()
+    left.set(xlabel="% of its certificates")
+    left.set_xlim(0.0, left.get_xlim()[1] * 1.4)
+    figure.legend(loc="outside upper left", ncols=2)
+    _style.panel(left, "a", "certificates that are false")
+    _families(right, record["families"], names)
+    _style.panel(right, "b", "points certified falsely")
+    shades = right.images[0]
+    bar = figure.colorbar(shades, ax=right, fraction=0.05, pad=0.02)
+    bar.set_label("% of the family's points")
+    bar.outline.set_visible(False)
+
+
+def _families(axes, families: Data, names: list[str]) -> None:
+    import numpy as np
+
+    shares = [
+        [100.0 * o["false"] / o["judged"] if o["judged"] else np.nan for o in row.values()]
+        for row in families.values()
+    ]
+    axes.imshow(shares, aspect="auto", cmap="Blues", vmin=0.0, vmax=100.0)
+    for i, j in np.argwhere(np.isnan(shares)):
+        axes.text(j, i, "–", ha="center", va="center", color=_style.GREY)  # noqa: RUF001
+    axes.set_xticks(range(len(names)), [SHORT.get(name, name) for name in names], rotation=90)
+    axes.set_yticks(range(len(families)), list(families))
+    axes.tick_params(length=0)
+    axes.spines[:].set_visible(False)
+
+
+FIGURE = Figure(
+    name="gallery_zoo",
+    title="How often certifiers are false",
+    source="`certpgo bench zoo --campaign 10000`; what each certifier is, and how the truth is "
+    "known, in zoo.md",
+    compute=compute,
+    draw=draw,
+    caption=(
+        "(a) Of {points:,} points of known truth, certificates that are false, by certifier: of "
+        "{ours_certified:,} of ours, in three modes, {ours_false}. (b) The {families_shown} of "
+        "{families_in_all} named families in which most is certified falsely; a dash where a "
+        "certifier takes none."
+    ),
+    notes=(
+        "A certificate is false when a point better by more than 1e-5 F + 1e-12 W is in hand, or "
+        "the point is no estimate at all.",
+        "SE-Sync's and CORA's rules are our reading of them on our matrices, not runs of those "
+        "programs; GTSAM's two are its wheel's, whose version the records name. All are meant for "
+        "stationary points, which those moved along the softest mode are not.",
+    ),
+)
