@@ -1,0 +1,111 @@
+"""The documentation's pages: Python is run, printed output compared, command lines parsed."""
+
+import contextlib
+import io
+import re
+import shlex
+import shutil
+import warnings
+from pathlib import Path
+
+import click
+import pytest
+import typer
+
+from certpgo.cli import application
+from certpgo.errors import InputNotice
+
+DOCS = Path(__file__).parents[1] / "docs"
+#: Pages of their own; the build's copies of lessons are run elsewhere.
+PAGES = [path for path in sorted(DOCS.rglob("*.md")) if not {"_build", "lessons"} & set(path.parts)]
+FENCE = re.compile(r"^```(?P<kind>[a-z]*)\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL)
+#: Datasets that a page's Python reads, named in a comment of the page.
+NEEDS = re.compile(r"^% needs: (.*)$", re.MULTILINE)
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+
+
+def blocks(page, *kinds):
+    return [match for match in FENCE.finditer(page.read_text()) if match["kind"] in kinds]
+
+
+def name(page):
+    return page.relative_to(DOCS).with_suffix("").as_posix()
+
+
+def stretches(page):
+    """The Python blocks in order, each with the output that the page shows right after it."""
+    text, found = page.read_text(), blocks(page, "python", "text")
+    for block, after in zip(found, [*found[1:], None], strict=True):
+        if block["kind"] == "python":
+            follows = (
+                after and after["kind"] == "text" and not text[block.end() : after.start()].strip()
+            )
+            yield (
+                text.count("\n", 0, block.start()) + 2,
+                block["text"],
+                after["text"] if follows else "",
+            )
+
+
+def same(shown, printed):
+    """Whether lines say the same; small numbers, being rounding, need only be numbers."""
+    if NUMBER.sub("#", shown).split() != NUMBER.sub("#", printed).split():
+        return False
+    pairs = zip(NUMBER.findall(shown), NUMBER.findall(printed), strict=True)
+    return all(
+        abs(float(a)) < 1e-3 > abs(float(b)) or float(b) == pytest.approx(float(a), rel=0.02)
+        for a, b in pairs
+    )
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=name)
+def test_python_runs_and_prints_what_the_page_shows(page, tmp_path, monkeypatch, dataset_path):
+    for needed in " ".join(NEEDS.findall(page.read_text())).split():
+        path = dataset_path(needed)
+        shutil.copy(path, tmp_path / path.name)
+    monkeypatch.chdir(tmp_path)
+    namespace = {"__name__": "guide"}
+    for line, code, shown in stretches(page):
+        printed = io.StringIO()
+        program = compile("\n" * (line - 1) + code, str(page), "exec")
+        with contextlib.redirect_stdout(printed), warnings.catch_warnings():
+            warnings.simplefilter("ignore", InputNotice)
+            exec(program, namespace)
+        if shown:
+            lines = printed.getvalue().splitlines()
+            wanted = [text for text in shown.splitlines() if text.strip() != "..."]
+            trimmed = len(wanted) < len(shown.splitlines())
+            assert trimmed or len(wanted) == len(lines)
+            for text in wanted:
+                assert any(same(text, other) for other in lines), f"{page.name}:{line}: {text}"
+
+
+def commands(page):
+    text = "\n".join(match["text"] for match in blocks(page, "console")).replace("\\\n", " ")
+    return [line[2:] for line in text.splitlines() if re.match(r"\$ (\w+=\S+ )*certpgo\b", line)]
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if commands(p)], ids=name)
+def test_command_lines_have_a_command_and_options_that_exist(page):
+    group = typer.main.get_command(application())
+    for line in commands(page):
+        words = shlex.split(line.partition("|")[0].partition(" > ")[0], comments=True)
+        words = words[words.index("certpgo") + 1 :]
+        if words == ["--version"]:
+            continue
+        command = group.get_command(click.Context(group), words[0])
+        assert command, f"no command {words[0]}"
+        with command.make_context(words[0], words[1:]) as parsed:  # wrong options raise
+            assert parsed.params
+
+
+def test_a_wrong_option_would_be_noticed():
+    group = typer.main.get_command(application())
+    with pytest.raises(Exception, match="--no-such"):
+        group.get_command(click.Context(group), "solve").make_context("solve", ["x", "--no-such"])
+
+
+def test_links_between_pages_lead_to_files():
+    for page in PAGES:
+        for target in re.findall(r"\]\((?!https?:|#)([^)#]+\.md)", page.read_text()):
+            assert (page.parent / target).is_file(), f"{name(page)}: {target}"
