@@ -109,3 +109,12 @@ def test_links_between_pages_lead_to_files():
     for page in PAGES:
         for target in re.findall(r"\]\((?!https?:|#)([^)#]+\.md)", page.read_text()):
             assert (page.parent / target).is_file(), f"{name(page)}: {target}"
+
+
+def test_the_entry_to_cite_is_that_of_the_citation_file():
+    cited = (DOCS / "citing.md").read_text()
+    file = (DOCS.parent / "CITATION.cff").read_text()
+    title = re.search(r'^title: "(.*)"$', file, flags=re.MULTILINE)[1]
+    version = re.search(r"^version: (.*)$", file, flags=re.MULTILINE)[1]
+    assert f"title   = {{{title}}}" in cited
+    assert f"version = {{{version}}}" in cited
