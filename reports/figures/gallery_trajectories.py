@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from certpgo import solve
-from certpgo.harness.figure import Data, Figure
+from certpgo import metrics, solve
+from certpgo.harness.figure import VIEWS, Data, Figure
+from certpgo.harness.html.scene import scene
 from certpgo.problem import PoseProblem
 from certpgo.solvers.spanning_tree import SpanningTree
 
 from . import _maps, _scenes, _style
 
 SETS = ("sphere2500", "parking-garage", "torus3D")
+#: Those that the report shows as views to turn, and edges drawn there.
+TURNED, EDGES = ("sphere2500", "parking-garage"), 5000
 
 
 def compute(quick: bool, data: Path | None) -> Data:
     """Positions before and after, set by set."""
-    sets = []
+    sets, views = [], []
     names = _scenes.here(SETS, data)
     for name in names[:1] if quick else names:
         instance = _scenes.load(name, data)
@@ -35,13 +38,18 @@ def compute(quick: bool, data: Path | None) -> Data:
                 "cost_before": problem.cost(before),
                 "cost": best.cost,
                 "lower_bound": best.certificate.lower_bound,
-                "before": _maps.positions(_maps.aligned(before, best.estimate)),
+                "before": _maps.positions(metrics.align_positions(before, best.estimate)),
                 "after": _maps.positions(best.estimate),
                 "closures": _maps.closures(instance.graph),
             }
         )
+        if name in TURNED:
+            shown = scene(problem, best.estimate, instance.ids, limit=EDGES)
+            title = f"{name}: the certified optimum, edges by residual"
+            views.append({"title": title, "scene": shown})
     return {
         "sets": sets,
+        VIEWS: views,
         "values": "; ".join(
             f"{s['name']} from F = {s['cost_before']:.4g} ({s['source']}) to {s['cost']:.7g} "
             f"({s['verdict']})"
