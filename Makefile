@@ -1,6 +1,7 @@
 # make compare   methods side by side, each answer certified; needs Python 3.11 or newer, nothing else
 # make test      lint, types and tests
 # make gate      quick results of some tables against the committed ones
+# make docs      the site, into build/docs, lessons run; make linkcheck looks its outside links up
 # make setup     the environment alone
 
 PYTHON ?= python3
@@ -12,8 +13,9 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet install
 MADE := $(VENV)/.made
 COMPARE := $(VENV)/.installed-baselines
 DEVELOP := $(VENV)/.installed-dev
+DOCS := $(VENV)/.installed-docs
 
-.PHONY: compare test gate setup clean
+.PHONY: compare test gate docs linkcheck setup clean
 
 compare: $(COMPARE)
 	@$(BIN)/certpgo compare
@@ -26,6 +28,13 @@ test: $(DEVELOP)
 
 gate: $(DEVELOP)
 	@$(BIN)/certpgo gate
+
+docs: $(DOCS)
+	@$(BIN)/python -m sphinx -q -W --keep-going -n -b html -d build/docs-doctrees docs build/docs
+	@echo build/docs/index.html
+
+linkcheck: $(DOCS)
+	@$(BIN)/python -m sphinx -q -b linkcheck -D nb_execution_mode=off docs build/linkcheck
 
 setup: $(DEVELOP)
 
@@ -41,6 +50,10 @@ $(COMPARE): pyproject.toml $(MADE)
 $(DEVELOP): pyproject.toml $(MADE)
 	$(PIP) --editable '.[dev]'
 	@touch $@ $(COMPARE)
+
+$(DOCS): pyproject.toml $(MADE)
+	$(PIP) --editable '.[docs]'
+	@touch $@
 
 clean:
 	rm -rf $(VENV) build *.egg-info

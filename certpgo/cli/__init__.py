@@ -20,10 +20,18 @@ from certpgo.errors import CertPGOError
 
 Command = Callable[..., int | None]
 
-_EPILOG = (
-    "Exit codes: 0 done or CERTIFIED, 1 unusable input, 2 usage, 3 BOUNDED, 4 REFUTED, "
-    "5 UNDECIDED, 6 proof refused, 7 gate failed, 130 interrupted."
-)
+#: What each exit code means.
+EXIT_CODES = {
+    0: "done or CERTIFIED",
+    1: "unusable input",
+    2: "usage",
+    3: "BOUNDED",
+    4: "REFUTED",
+    5: "UNDECIDED",
+    6: "proof refused",
+    7: "gate failed",
+    130: "interrupted",
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -47,7 +55,7 @@ def application() -> typer.Typer:
     app = typer.Typer(
         name="certpgo",
         help="Pose-graph optimization and rotation averaging whose answers come with a proof.",
-        epilog=_EPILOG,
+        epilog=_epilog(),
         no_args_is_help=True,
         add_completion=False,
         pretty_exceptions_enable=False,
@@ -57,6 +65,11 @@ def application() -> typer.Typer:
         function = importlib.import_module(f"{__name__}.{name}").command
         app.command(name)(_guarded(function))
     return app
+
+
+def _epilog() -> str:
+    codes = ", ".join(f"{code} {meaning}" for code, meaning in EXIT_CODES.items())
+    return f"Exit codes: {codes}."
 
 
 def command_names() -> tuple[str, ...]:

@@ -1,0 +1,79 @@
+"""The site: pages of this folder, lessons that are run, and a reference read from the package."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+ROOT = HERE.parent
+sys.path[:0] = [str(ROOT), str(HERE)]
+
+# Lessons print the same digits however many cores there are, and on every build.
+for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+    os.environ.setdefault(variable, "1")
+os.environ["PYTHONPATH"] = os.pathsep.join(
+    filter(None, (str(ROOT), os.environ.get("PYTHONPATH", "")))
+)
+
+import matplotlib.font_manager  # noqa: E402, F401 - or the first lesson tells of its cache
+
+import certpgo  # noqa: E402
+from extensions import generated  # noqa: E402
+
+project = "certpgo"
+author = "the certpgo authors"
+copyright = "the certpgo authors"
+version = release = certpgo.__version__
+
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.mathjax",
+    "sphinx.ext.viewcode",
+    "extensions.docstrings",
+    "extensions.generated",
+]
+exclude_patterns = ["conf.py", "extensions"]
+smartquotes = False  # they would make a dash of --method
+nitpicky = True
+# Types of other packages have no page here, and fetching their indices needs a network.
+nitpick_ignore_regex = [
+    (r"py:.*", r"(numpy|scipy|matplotlib|collections|pathlib)\..*"),
+]
+
+# Markdown
+myst_enable_extensions = ["amsmath", "deflist", "dollarmath", "fieldlist"]
+myst_heading_anchors = 3
+
+# Lessons: percent-format Python, run anew when it or the package changes
+nb_custom_formats = {".py": ["jupytext.reads", {"fmt": "py:percent"}]}
+nb_execution_mode = "cache"
+nb_execution_cache_path = str(ROOT / "build" / "docs-cache" / generated.package_key())
+nb_execution_in_temp = True
+nb_execution_timeout = 120
+nb_execution_raise_on_error = True
+nb_execution_show_tb = True
+nb_merge_streams = True
+nb_output_stderr = "warn"
+
+# Reference
+default_role = "name"
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+autodoc_preserve_defaults = True
+autodoc_default_options = {"members": True}
+python_use_unqualified_type_names = True
+python_display_short_literal_types = True
+
+# HTML; maths by the MathJax of a wheel, in one file, so that pages work without a network
+html_theme = "furo"
+html_title = "certpgo"
+html_static_path = ["static"]
+html_css_files = ["site.css"]
+mathjax_path = generated.MATHJAX
+mathjax3_config = {"options": {"enableMenu": False}}
+
+linkcheck_timeout = 20
+linkcheck_retries = 2

@@ -1,0 +1,85 @@
+"""Pages made before a build: copies of lessons and results, commands, methods.
+
+They are written beside the pages they belong to and are ignored by git. A file whose text has not
+changed is left alone, so that a second build has nothing to do.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import importlib.util
+from collections.abc import Mapping
+from pathlib import Path
+
+from sphinx.application import Sphinx
+from sphinx.errors import ExtensionError
+from sphinx.util.fileutil import copy_asset_file
+
+from extensions import commands, methods
+
+DOCS = Path(__file__).parents[1]
+ROOT = DOCS.parent
+
+#: One file with all of TeX and glyphs as outlines: nothing is loaded later, not even a font.
+MATHJAX = "tex-svg-full.js"
+
+#: What `reports/results` holds that pages show or link to.
+RESULTS = ("*.md", "*.svg", "*.csv", "*.tex", "*.bib")
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Connect to Sphinx."""
+    app.connect("config-inited", lambda app, config: write_pages())
+    app.connect("build-finished", _copy_mathjax)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+def write_pages() -> None:
+    """Write what is made from elsewhere."""
+    lessons = ROOT / "reports" / "lessons"
+    sync(DOCS / "lessons", {p.name: p.read_bytes() for p in lessons.glob("*.py")}, ("*.py",))
+    results = ROOT / "reports" / "results"
+    found = (path for pattern in RESULTS for path in results.glob(pattern))
+    sync(DOCS / "results", {p.name: p.read_bytes() for p in found})
+    sync(DOCS / "reference" / "cli", encoded(commands.pages()))
+    sync(DOCS / "reference" / "methods", encoded(methods.pages()))
+
+
+def encoded(pages: Mapping[str, str]) -> dict[str, bytes]:
+    """Texts as they are stored."""
+    return {name: text.encode() for name, text in pages.items()}
+
+
+def sync(folder: Path, files: Mapping[str, bytes], patterns: tuple[str, ...] = ("*",)) -> None:
+    """Make those of a folder's files that match ``patterns`` these, touching what differs alone."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for pattern in patterns:
+        for path in folder.glob(pattern):
+            if path.name not in files:
+                path.unlink()
+    for name, content in files.items():
+        path = folder / name
+        if not path.is_file() or path.read_bytes() != content:
+            path.write_bytes(content)
+
+
+def package_key() -> str:
+    """What a lesson's output depends on besides its own text: the package and its foundations."""
+    digest = hashlib.sha256()
+    for path in sorted((ROOT / "certpgo").rglob("*.py")):
+        digest.update(path.read_bytes())
+    for name in ("numpy", "scipy", "matplotlib", "cvxpy", "clarabel"):
+        digest.update(importlib.metadata.version(name).encode())
+    return digest.hexdigest()[:16]
+
+
+def _copy_mathjax(app: Sphinx, failure: Exception | None) -> None:
+    if failure is not None or app.builder.format != "html":
+        return
+    # The wheel's module is no identifier, but its folder can be found.
+    spec = importlib.util.find_spec("sphinx-mathjax-offline")
+    if spec is None or spec.origin is None:
+        raise ExtensionError("sphinx-mathjax-offline is not installed")
+    source = Path(spec.origin).parent / "static" / "mathjax" / MATHJAX
+    copy_asset_file(source, Path(app.outdir) / "_static" / MATHJAX, force=True)

@@ -1,0 +1,83 @@
+"""Pages of the methods, found as the registry finds them: a new file is on the site by itself."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+from certpgo import registry
+
+_SOLVER = """\
+{name}
+{line}
+
+.. automodule:: certpgo.solvers.{name}
+   :no-members:
+
+.. autoclass:: certpgo.solvers.{name}.{solver}
+   :no-members:
+
+Takes {kinds}.
+"""
+
+_SHARED = """\
+Settings that methods share
+===========================
+
+"""
+
+_BASE = """\
+.. autoclass:: {module}.{name}
+   :no-members:
+
+"""
+
+_BASELINES = """\
+Baselines
+=========
+
+Competitors, in the checkout's folder ``baselines`` and no part of the wheel.
+``certpgo.get_solver(NAME)`` and ``--method NAME`` find them like any method, and
+``certpgo list methods`` says which packages they need and what their settings are.
+
+.. list-table::
+   :header-rows: 1
+
+   * - name
+     - what it is
+"""
+
+
+def pages() -> dict[str, str]:
+    """Pages by file name: each method of the package, and a list of the baselines."""
+    own = [path.stem for path in _files(registry.checkout(), "certpgo/solvers")]
+    made = {f"{name}.rst": _solver_page(name) for name in own}
+    rows = "".join(
+        f"   * - ``{path.stem}``\n     - {_summary(path)}\n"
+        for path in _files(registry.checkout(), "baselines")
+    )
+    made["baselines.rst"] = _BASELINES + rows
+    bases = {base for name in own for base in registry.get_solver(name).__mro__}
+    shared = sorted((b.__module__, b.__name__) for b in bases if "solvers._" in b.__module__)
+    made["shared-settings.rst"] = _SHARED + "".join(
+        _BASE.format(module=module, name=name) for module, name in shared
+    )
+    return made
+
+
+def _solver_page(name: str) -> str:
+    solver = registry.get_solver(name)
+    kinds = " and ".join(kind for kind in ("poses", "rotations") if getattr(solver, kind))
+    return _SOLVER.format(name=name, line="=" * len(name), solver=solver.__name__, kinds=kinds)
+
+
+def _files(root: Path | None, folder: str) -> list[Path]:
+    if root is None:
+        return []
+    return sorted(p for p in (root / folder).glob("*.py") if not p.stem.startswith("_"))
+
+
+def _summary(path: Path) -> str:
+    """The first sentence of a file, which is read and not imported: its package may be missing."""
+    text = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+    return text.partition("\n\n")[0].replace("\n", " ")
