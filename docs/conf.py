@@ -18,9 +18,9 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
 )
 
 import matplotlib.font_manager  # noqa: E402, F401 - or the first lesson tells of its cache
+from extensions import generated  # noqa: E402
 
 import certpgo  # noqa: E402
-from extensions import generated  # noqa: E402
 
 project = "certpgo"
 author = "the certpgo authors"
