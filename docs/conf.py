@@ -17,6 +17,12 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
     filter(None, (str(ROOT), os.environ.get("PYTHONPATH", "")))
 )
 
+# Kernels read no settings of the reader's own, and do not warn of serving this machine alone.
+ipython = ROOT / "build" / "docs-ipython" / "profile_default"
+ipython.mkdir(parents=True, exist_ok=True)
+(ipython / "ipython_kernel_config.py").write_text("c.IPKernelApp.log_level = 'ERROR'\n")
+os.environ["IPYTHONDIR"] = str(ipython.parent)
+
 import matplotlib.font_manager  # noqa: E402, F401 - or the first lesson tells of its cache
 from extensions import generated  # noqa: E402
 
@@ -63,6 +69,10 @@ default_role = "name"
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_preserve_defaults = True
+autodoc_type_aliases = {
+    **{n: f"certpgo.linalg.arrays.{n}" for n in ("FloatArray", "IntArray", "BoolArray", "CSC")},
+    "ArrayLike": "numpy.typing.ArrayLike",
+}
 autodoc_default_options = {"members": True}
 python_use_unqualified_type_names = True
 python_display_short_literal_types = True

@@ -27,6 +27,7 @@ from sphinx.environment import BuildEnvironment
 
 _UNDERLINE = re.compile(r"-{3,}")
 _CODE = re.compile(r"(``.+?``|`[^`]+`)")
+_ALIAS = re.compile(r"\w*TypeAliasForwardRef\('([\w.]+)'\)")
 _MARK = "certpgo-name"
 
 
@@ -35,6 +36,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.add_role("name", Name())
     app.connect("autodoc-before-process-signature", complete)
     app.connect("autodoc-process-signature", shortened)
+    app.connect("autodoc-skip-member", skipped)
     app.connect("autodoc-process-docstring", process)
     app.connect("missing-reference", resolve)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
@@ -114,12 +116,25 @@ def _complete(name: str) -> None:
 
 
 def shortened(
-    app: Sphinx, what: str, name: str, obj: object, options: Any, signature: str, returned: str
-) -> tuple[str, str] | None:
-    """A signature that can be parsed: a made default has no text."""
-    if not signature:
-        return None
-    return signature.replace("<factory>", "..."), returned
+    app: Sphinx,
+    what: str,
+    name: str,
+    obj: object,
+    options: Any,
+    signature: str | None,
+    returned: str | None,
+) -> tuple[str | None, str | None]:
+    """A signature that can be parsed: a made default has no text, and an alias is its name."""
+    parts = (part and _ALIAS.sub(r"\1", part) for part in (signature, returned))
+    signature, returned = parts
+    return signature and signature.replace("<factory>", "..."), returned
+
+
+def skipped(
+    app: Sphinx, what: str, name: str, obj: object, skip: bool, options: Any
+) -> bool | None:
+    """Whether to leave a member out: a module's constants are for who reads its source."""
+    return True if what == "module" and not callable(obj) else None
 
 
 def process(app: Sphinx, what: str, name: str, obj: object, options: Any, lines: list[str]) -> None:
