@@ -744,12 +744,31 @@ def prove(graph: Graph, proof: Proof) -> Answer:
 def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
     """Check a proof about a graph file.
 
+    Parameters
+    ----------
+    graph_path : g2o or 1DSfM text, the very file that the proof names by its SHA-256
+    proof_path : what `certpgo.write_proof` wrote, or somebody else
+
     Raises
     ------
     Refused
         It proves nothing about this file.
     Unreadable
         One of the files cannot be read.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import certpgo
+    >>> from certpgo.datasets.synthetic import helix
+    >>> certpgo.write("helix.g2o", helix(3, np.random.default_rng(0)))
+    >>> instance = certpgo.read("helix.g2o")
+    >>> answer = certpgo.solve(instance.graph)
+    >>> _ = certpgo.write_proof(
+    ...     "helix.cert", "helix.g2o", instance, answer.estimate, answer.certificate
+    ... )
+    >>> print(certpgo.check("helix.g2o", "helix.cert"))
+    PROVED: F(x) <= ..., F* >= ..., relative gap <= ...
     """
     path = Path(graph_path)
     path = path / "EGs.txt" if path.is_dir() else path

@@ -11,21 +11,53 @@ FEW = 8
 
 
 class CertPGOError(Exception):
-    """Base of every error this package raises on purpose; the text is one line."""
+    """Base of every error this package raises on purpose; the text is one line.
+
+    Examples
+    --------
+    >>> import certpgo
+    >>> try:
+    ...     certpgo.read("nowhere.g2o")
+    ... except certpgo.CertPGOError as error:
+    ...     print(error)
+    nowhere.g2o: ...
+    """
 
 
 class InputError(CertPGOError, ValueError):
-    """The user's data or arguments are unusable."""
+    """The user's data or arguments are unusable.
+
+    Examples
+    --------
+    >>> import certpgo
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> instance, _ = winding_cycle(5, 0.1, 0)
+    >>> certpgo.solve(instance)
+    Traceback (most recent call last):
+        ...
+    certpgo.errors.InputError: solve takes a graph, such as instance.graph, not a Instance
+    """
 
 
 class FormatError(InputError):
-    """A file does not follow its format.
+    r"""A file does not follow its format.
 
     Parameters
     ----------
     path : path of the file
     line : 1-based line number, or None when the whole file is meant
     expected : what the format asks for at that place
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import certpgo
+    >>> _ = Path("short.g2o").write_text("EDGE_SE2 0 1 1 0\n")
+    >>> try:
+    ...     certpgo.read("short.g2o")
+    ... except certpgo.FormatError as error:
+    ...     print(error.line)
+    1
     """
 
     def __init__(self, path: str | Path, line: int | None, expected: str) -> None:
@@ -40,6 +72,18 @@ class GraphError(InputError):
     Attributes
     ----------
     component_sizes : nodes in each component, largest first, when connectivity is the matter
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import certpgo
+    >>> edges, identities = np.array([[0, 1], [2, 3], [3, 4]]), np.array([np.eye(2)] * 3)
+    >>> graph = certpgo.RotationGraph(5, edges, identities, np.ones(3))
+    >>> try:
+    ...     certpgo.solve(graph)
+    ... except certpgo.GraphError as error:
+    ...     print(error.component_sizes)
+    (3, 2)
     """
 
     def __init__(self, message: str, *, component_sizes: tuple[int, ...] = ()) -> None:
@@ -48,7 +92,14 @@ class GraphError(InputError):
 
 
 class NumericalError(CertPGOError, ArithmeticError):
-    """A computation could not be carried out to any useful accuracy."""
+    """A computation could not be carried out to any useful accuracy.
+
+    Examples
+    --------
+    >>> from certpgo import NumericalError
+    >>> issubclass(NumericalError, ArithmeticError)
+    True
+    """
 
 
 class MissingDependency(CertPGOError, ImportError):  # noqa: N818 - the condition is the name
@@ -59,6 +110,12 @@ class MissingDependency(CertPGOError, ImportError):  # noqa: N818 - the conditio
     what : the feature that needs it
     extra : the extra of this package that brings it, e.g. ``"baselines"``
     package : what to install instead, where no extra does
+
+    Examples
+    --------
+    >>> from certpgo import MissingDependency
+    >>> print(MissingDependency("gtsam", "baselines"))
+    gtsam is not installed: pip install 'certpgo[baselines]'
     """
 
     def __init__(self, what: str, extra: str = "", *, package: str = "") -> None:
@@ -68,7 +125,17 @@ class MissingDependency(CertPGOError, ImportError):  # noqa: N818 - the conditio
 
 
 class SpecError(CertPGOError, LookupError):
-    """A name or setting is unknown."""
+    """A name or setting is unknown.
+
+    Examples
+    --------
+    >>> from certpgo import SpecError, get_solver
+    >>> try:
+    ...     get_solver("newtons")
+    ... except SpecError as error:
+    ...     print(error)
+    unknown method 'newtons'; did you mean newton...?
+    """
 
     @classmethod
     def unknown(cls, kind: str, name: str, known: Iterable[str]) -> SpecError:
@@ -83,4 +150,19 @@ class SpecError(CertPGOError, LookupError):
 
 
 class InputNotice(UserWarning):
-    """Something in the input was assumed, skipped or unusual; the answer stands."""
+    """Something in the input was assumed, skipped or unusual; the answer stands.
+
+    Examples
+    --------
+    A file whose translations are all zero is read as one of rotations, and that is said:
+
+    >>> import warnings
+    >>> import certpgo
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> certpgo.write("cycle.g2o", winding_cycle(4, 0.1, 0)[0])
+    >>> with warnings.catch_warnings(record=True) as caught:
+    ...     warnings.simplefilter("always")
+    ...     graph = certpgo.read("cycle.g2o").graph
+    >>> [notice.category.__name__ for notice in caught]
+    ['InputNotice']
+    """

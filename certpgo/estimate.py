@@ -25,6 +25,17 @@ class Estimate:
     ------
     GraphError
         A matrix that is no rotation (the worst is named), a translation that is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certpgo import Estimate
+    >>> Estimate(np.array([np.eye(3)] * 2), np.zeros((2, 3))).num_nodes
+    2
+    >>> Estimate(np.array([np.eye(3), 2.0 * np.eye(3)]))
+    Traceback (most recent call last):
+        ...
+    certpgo.errors.GraphError: node 1: not a rotation, off by ...
     """
 
     rotations: FloatArray

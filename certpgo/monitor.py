@@ -21,6 +21,12 @@ class Iteration:
     gradient : norm of the Riemannian gradient, relative to the problem's scale
     step : norm of the step that led here (radians and scaled translations together)
     seconds : solver time so far, showing excluded
+
+    Examples
+    --------
+    >>> from certpgo import Iteration
+    >>> Iteration(number=0, cost=13.8, gradient=0.1, step=0.0, seconds=0.0).cost
+    13.8
     """
 
     number: int
@@ -31,7 +37,24 @@ class Iteration:
 
 
 class Monitor(Protocol):
-    """Is told each iteration; answers True to stop the method at its current point."""
+    """Is told each iteration; answers True to stop the method at its current point.
+
+    Examples
+    --------
+    One that keeps costs, and stops at the second step:
+
+    >>> import certpgo
+    >>> from certpgo.datasets.synthetic import cycle
+    >>> import numpy as np
+    >>> costs = []
+    >>> def monitor(iteration):
+    ...     costs.append(iteration.cost)
+    ...     return iteration.number == 2
+    >>> problem = certpgo.RotationProblem(cycle(20, 0.5, np.random.default_rng(0)).graph)
+    >>> solution = certpgo.get_solver("riemannian_gradient")().solve(problem, monitor=monitor)
+    >>> solution.status.value, len(costs)
+    ('interrupted', 3)
+    """
 
     def __call__(self, iteration: Iteration) -> bool:
         """Whether the method should stop here."""

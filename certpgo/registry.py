@@ -48,6 +48,18 @@ def get_solver(name: str) -> type[Solver]:
     ------
     SpecError
         No such method, with the nearest names; or its file exposes no ``SOLVER``.
+
+    Examples
+    --------
+    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> get_solver("eigen_ra")(weights="unit").solve(problem).status.value
+    'closed form'
+    >>> get_solver("eigen_r")
+    Traceback (most recent call last):
+        ...
+    certpgo.errors.SpecError: unknown method 'eigen_r'; did you mean eigen_ra or ...?
     """
     if name == PIPELINE:
         module = importlib.import_module("certpgo.solve")

@@ -14,7 +14,22 @@ from certpgo.problem import Problem
 
 
 class Status(Enum):
-    """How a method ended; the estimate is its best point in every case."""
+    """How a method ended; the estimate is its best point in every case.
+
+    Attributes
+    ----------
+    CLOSED_FORM : the answer was computed at once, from eigenvectors or along a tree
+    CONVERGED : to the tolerance asked
+    STALLED : no further progress, and the tolerance not reached
+    ITERATION_LIMIT, TIME_LIMIT : as they were set
+    INTERRUPTED : a monitor, or Ctrl-C, said so
+
+    Examples
+    --------
+    >>> from certpgo import Status
+    >>> Status("time limit") is Status.TIME_LIMIT
+    True
+    """
 
     CLOSED_FORM = "closed form"
     CONVERGED = "converged"
@@ -68,6 +83,17 @@ class Solution:
     weights : (m,) of robust methods, the factors on the edges' weights that they ended with; an
         edge at zero was rejected. What such a method proposes is an answer to the problem with
         these weights, see `judged`
+
+    Examples
+    --------
+    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> solution = get_solver("spanning_tree")().solve(problem)
+    >>> solution.status.value, solution.lower_bound  # what a tree says of the whole: nothing
+    ('closed form', None)
+    >>> print(f"{solution.cost:.6f}")  # one edge bears it all: 8 sin^2(theta / 2)
+    0.178654
     """
 
     estimate: Estimate

@@ -12,7 +12,21 @@ from certpgo.linalg.arrays import FloatArray
 
 
 class Verdict(Enum):
-    """The judgement of an estimate; never a bare boolean."""
+    """The judgement of an estimate; never a bare boolean.
+
+    Attributes
+    ----------
+    CERTIFIED : the gap is proven to be at most rtol F + atol W
+    REFUTED : a better estimate is in hand, which descent from this one does not reach
+    BOUNDED : a gap is proven, and it is larger than that
+    UNDECIDED : no useful bound was found
+
+    Examples
+    --------
+    >>> from certpgo import Verdict
+    >>> Verdict("CERTIFIED") is Verdict.CERTIFIED
+    True
+    """
 
     CERTIFIED = "CERTIFIED"
     REFUTED = "REFUTED"
@@ -23,10 +37,24 @@ class Verdict(Enum):
 class Tier(Enum):
     """What a certificate trusts, besides the mathematics.
 
-    ``SCREEN`` trusts a factorization as it is and never yields CERTIFIED; ``STANDARD`` bounds its
-    rounding, trusting the factorization and BLAS to keep the usual componentwise error bound;
-    ``PROOF`` measures what a factorization leaves over, as `certpgo.checker` does, and trusts IEEE
-    754 arithmetic, Python, and NumPy's sums of products.
+    Attributes
+    ----------
+    SCREEN : a factorization as it is; never yields CERTIFIED
+    STANDARD : that the factorization and BLAS keep the usual componentwise error bound; the
+        rounding they cause is bounded (Rump and Jeannerod 2014, see `certpgo.certify.dual`)
+    PROOF : IEEE 754 arithmetic, Python, and NumPy's sums of products; what a factorization leaves
+        over is measured, as `certpgo.checker` does
+
+    Examples
+    --------
+    >>> from certpgo import RotationProblem, certify
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> instance, _ = winding_cycle(6, 0.3, 0)
+    >>> problem = RotationProblem(instance.graph)
+    >>> certify(problem, instance.truth, tier="proof").verdict.value
+    'CERTIFIED'
+    >>> certify(problem, instance.truth, tier="screen").verdict.value
+    'BOUNDED'
     """
 
     SCREEN = "screen"
@@ -37,6 +65,10 @@ class Tier(Enum):
 @dataclass(frozen=True, eq=False)
 class Certificate:
     """The judgement of an estimate against the best possible one.
+
+    Costs and gaps are in units of F, which has none where kappa and tau are inverse variances. How
+    a bound follows from the multipliers: Eriksson et al. 2018, eq. 16 and 18, for any feasible
+    point.
 
     Attributes
     ----------
@@ -61,6 +93,19 @@ class Certificate:
     bounds : bounds that need no factorization, at ``refined``; None where they failed
     engine : factorization engine
     reason : why the verdict is what it is, one sentence that needs no paper
+
+    Examples
+    --------
+    >>> from certpgo import RotationProblem, certify
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> instance, _ = winding_cycle(6, 0.3, 0)
+    >>> certificate = certify(RotationProblem(instance.graph), instance.truth)
+    >>> certificate.lower_bound <= certificate.cost
+    True
+    >>> certificate.gap <= certificate.tolerance
+    True
+    >>> print(f"{certificate.max_residual_angle:.3f}")  # theta / n at every edge, radians
+    0.050
     """
 
     verdict: Verdict

@@ -31,6 +31,8 @@ def certify(
 
     Parameters
     ----------
+    problem : the measurements with their weights, which say what F is
+    estimate : n poses or rotations in the graph's order and units, whoever made them
     tier : ``"standard"``, ``"proof"``, which trusts no factorization, or ``"screen"``, which never
         yields CERTIFIED
     rtol, atol : CERTIFIED means gap <= rtol F + atol W
@@ -41,6 +43,21 @@ def certify(
     InputError
         An estimate of another graph, tolerances that are negative or not finite, or weights beyond
         the range of doubles.
+
+    Examples
+    --------
+    A cycle that closes but for 0.3 radians, and the stationary point that turns once around with
+    it. Descent cannot leave that one, and yet it is not the best:
+
+    >>> from certpgo import RotationProblem, certify
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> instance, around = winding_cycle(9, 0.3, 1)
+    >>> problem = RotationProblem(instance.graph)
+    >>> certificate = certify(problem, around)
+    >>> certificate.verdict.value, problem.cost(certificate.better) < problem.cost(around)
+    ('REFUTED', True)
+    >>> certify(problem, instance.truth).verdict.value
+    'CERTIFIED'
     """
     return Judge(problem, tier=tier, rtol=rtol, atol=atol, refine=refine).certify(estimate)
 

@@ -66,6 +66,20 @@ def write_proof(
         The source is of another format, or the instance is only a part of it.
     NumericalError
         There is no proof, or the checker refuses it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import certpgo
+    >>> from certpgo.datasets.synthetic import helix
+    >>> certpgo.write("helix.g2o", helix(3, np.random.default_rng(0)))
+    >>> instance = certpgo.read("helix.g2o")
+    >>> answer = certpgo.solve(instance.graph)
+    >>> proven = certpgo.write_proof(
+    ...     "helix.cert", "helix.g2o", instance, answer.estimate, answer.certificate
+    ... )
+    >>> proven.lower <= proven.upper
+    True
     """
     source = provable(source)
     claim, graph = _claim(source, instance)

@@ -215,6 +215,26 @@ def certify_values(
     ------
     InputError
         The keys do not fit, or the values are of another kind.
+
+    Examples
+    --------
+    What GTSAM's Values can do is enough to be judged:
+
+    >>> import certpgo
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> instance, around = winding_cycle(9, 0.3, 1)
+    >>> class Rotation:
+    ...     def __init__(self, R):
+    ...         self.R = R
+    ...     def matrix(self):
+    ...         return self.R
+    >>> class Values:
+    ...     def keys(self):
+    ...         return range(9)
+    ...     def atRot3(self, key):
+    ...         return Rotation(around.rotations[key])
+    >>> certpgo.certify_values(instance, Values()).verdict.value
+    'REFUTED'
     """
     measured = graph.graph if isinstance(graph, Instance) else graph
     n = measured.num_nodes

@@ -56,6 +56,16 @@ def write(
         The format cannot hold it, an argument does not fit, or the file cannot be written.
     SpecError
         ``format`` is unknown.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import certpgo
+    >>> from certpgo.datasets.synthetic import helix
+    >>> instance = helix(3, np.random.default_rng(0))
+    >>> certpgo.write("helix.g2o", instance)
+    >>> certpgo.read("helix.g2o").graph.num_edges == instance.graph.num_edges
+    True
     """
     path = Path(path)
     form = format_to_write(path, format)

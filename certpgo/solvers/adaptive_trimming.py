@@ -48,6 +48,17 @@ class AdaptiveTrimming(Iterative):
     rate : what the threshold is multiplied by in each step
     tolerance : norm of all turns below which a step is the last one, radians
     max_iterations : stop anyway
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo.datasets.thesis import langevin_graph
+    >>> instance = langevin_graph(40, 12.0, 3.0, np.random.default_rng(0), outliers=0.15)
+    >>> problem = RotationProblem(instance.graph)
+    >>> solution = get_solver("adaptive_trimming")().solve(problem)
+    >>> bool((solution.weights[instance.outliers] == 0.0).all())  # all that are wrong, rejected
+    True
     """
 
     multiple: float = 3.4

@@ -23,6 +23,16 @@ class EigenQ:
     Attributes
     ----------
     tol : relative accuracy of the eigenpairs
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certpgo import PoseProblem, get_solver
+    >>> from certpgo.datasets.synthetic import helix
+    >>> problem = PoseProblem(helix(3, np.random.default_rng(0)).graph)
+    >>> solution = get_solver("eigen_q")().solve(problem)
+    >>> solution.lower_bound <= solution.cost
+    True
     """
 
     tol: float = 1e-3

@@ -30,6 +30,15 @@ class EigenRA:
         rotation fixed instead, which is the chordal relaxation
     eigensolver : ``"krylov_schur"`` (block, the default) or ``"arpack"``
     tol : relative accuracy of the eigenpairs
+
+    Examples
+    --------
+    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> solution = get_solver("eigen_ra")().solve(problem)
+    >>> solution.lower_bound <= solution.cost  # the spectral bound, thesis eq. 4.7
+    True
     """
 
     weights: Weights = "graph"

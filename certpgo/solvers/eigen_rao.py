@@ -78,6 +78,17 @@ class EigenRAO(Iterative):
     loss, frobenius, accumulate : how Algorithm 3 is read, see above
     tolerance : change of the smallest eigenvalue, over the mean degree, at which to stop
     max_iterations : stop anyway
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo.datasets.thesis import langevin_graph
+    >>> instance = langevin_graph(40, 12.0, 3.0, np.random.default_rng(0), outliers=0.15)
+    >>> problem = RotationProblem(instance.graph)
+    >>> solution = get_solver("eigen_rao")().solve(problem)
+    >>> float((solution.weights[instance.outliers] == 0.0).mean()) > 0.8
+    True
     """
 
     a: float = -1.75

@@ -26,6 +26,14 @@ class FixedPoint(Iterative):
     ----------
     tolerance : stop when no rotation moves farther, radians
     max_iterations : stop anyway
+
+    Examples
+    --------
+    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> get_solver("fixed_point")(tolerance=1e-9).solve(problem).status.value
+    'converged'
     """
 
     tolerance: float = 1e-8

@@ -44,6 +44,17 @@ class GraduatedNonConvexity(Iterative):
     rate : what mu is multiplied by in each step; 1.4 in the paper
     tolerance : distance of the weights from 0 and 1 at which to stop
     max_iterations : stop anyway
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo.datasets.thesis import langevin_graph
+    >>> instance = langevin_graph(40, 12.0, 3.0, np.random.default_rng(0), outliers=0.15)
+    >>> problem = RotationProblem(instance.graph.with_weights(180.0))
+    >>> solution = get_solver("graduated_non_convexity")().solve(problem)
+    >>> float((solution.weights[instance.outliers] == 0.0).mean()) > 0.9
+    True
     """
 
     probability: float = 0.99

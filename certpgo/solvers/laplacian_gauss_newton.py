@@ -25,6 +25,14 @@ class LaplacianGaussNewton(Iterative):
     ----------
     tolerance : stationarity at which to stop, radians
     max_iterations : stop anyway
+
+    Examples
+    --------
+    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> get_solver("laplacian_gauss_newton")().solve(problem).status.value
+    'converged'
     """
 
     tolerance: float = 1e-11

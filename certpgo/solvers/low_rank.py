@@ -227,6 +227,18 @@ class LowRank(Iterative):
     seed : start at a random point instead of the eigenvectors
     tolerance : stop when no node's gradient over its weight is larger, radians
     max_iterations : stop anyway
+
+    Examples
+    --------
+    Among points of rank d + 1 the turn once around can be undone, which at rank d it cannot:
+
+    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> instance, _ = winding_cycle(9, 0.3, 1)
+    >>> problem = RotationProblem(instance.graph)
+    >>> solution = get_solver("low_rank")(seed=1).solve(problem)
+    >>> bool(abs(solution.cost - problem.cost(instance.truth)) < 1e-9)
+    True
     """
 
     tolerance: float = 1e-10

@@ -20,6 +20,15 @@ class Newton(Iterative):
     ----------
     tolerance : stationarity at which to stop, radians
     max_iterations : stop anyway
+
+    Examples
+    --------
+    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> solution = get_solver("newton")().solve(problem)
+    >>> solution.status.value, problem.stationarity(solution.estimate) < 1e-9
+    ('converged', True)
     """
 
     tolerance: float = 1e-12

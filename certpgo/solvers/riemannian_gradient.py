@@ -50,6 +50,18 @@ class RiemannianGradient(Iterative):
     rule : of the steps: ``"barzilai_borwein"``, or ``"constant"``, the safe one
     tolerance : stationarity at which to stop, radians
     max_iterations : stop anyway
+
+    Examples
+    --------
+    Local: a start that turns once around with the cycle stays with it.
+
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo import RotationProblem, get_solver
+    >>> instance, around = winding_cycle(9, 0.3, 1)
+    >>> problem = RotationProblem(instance.graph)
+    >>> solution = get_solver("riemannian_gradient")().solve(problem, initial=around)
+    >>> solution.cost > 2.0 * problem.cost(instance.truth)
+    True
     """
 
     rule: Rule = "barzilai_borwein"

@@ -30,6 +30,15 @@ class RotationCoordinateDescent(Sweeping):
     max_iterations : sweeps
     order : ``"colors"``, ``"cyclic"`` or ``"random"``; see `Coordinates`
     seed : of random orders
+
+    Examples
+    --------
+    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> solution = get_solver("rotation_coordinate_descent")().solve(problem)
+    >>> solution.status.value, solution.lower_bound
+    ('converged', None)
     """
 
     tolerance: float = 1e-8

@@ -17,6 +17,15 @@ class DualSDP(Semidefinite):
     """(D): max tr(Lam) such that L - blkdiag(Lam) is positive semidefinite.
 
     Lam has 6n scalars in space, 3n in the plane. The settings are those of `Semidefinite`.
+
+    Examples
+    --------
+    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> solution = get_solver("sdp_dual")().solve(problem)
+    >>> bool(abs(solution.lower_bound - solution.cost) < 1e-6)  # strong duality, numerically
+    True
     """
 
     decomposable: ClassVar[bool] = True

@@ -18,6 +18,15 @@ class PrimalSDP(Semidefinite):
 
     Y has (dn)(dn + 1)/2 scalars, so that (D) is the cheaper of the two. The
     settings are those of `Semidefinite`.
+
+    Examples
+    --------
+    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> solution = get_solver("sdp_primal")().solve(problem)
+    >>> solution.relaxation.rank  # d: what was found are rotations
+    3
     """
 
     decomposable: ClassVar[bool] = False

@@ -29,6 +29,15 @@ class SpanningTree:
         numbers, hence the chain of consecutive poses where there is one; ``"earliest"`` prefers
         edges in their order, as files mostly state odometry before they close loops;
         ``"maximum_weight"`` prefers large kappa
+
+    Examples
+    --------
+    >>> from certpgo import RotationProblem, get_solver
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> solution = get_solver("spanning_tree")(tree="odometry").solve(problem)
+    >>> print(problem.residual_angles(solution.estimate).round(6))  # the last edge bears it all
+    [0.  0.  0.  0.  0.  0.3]
     """
 
     tree: Tree = "breadth_first"
