@@ -41,7 +41,7 @@ extensions = [
     "extensions.docstrings",
     "extensions.generated",
 ]
-exclude_patterns = ["conf.py", "extensions"]
+include_patterns = ["**.md", "**.rst", "lessons/*.py"]  # other Python here is no page
 smartquotes = False  # they would make a dash of --method
 nitpicky = True
 # Types of other packages have no page here, and fetching their indices needs a network.
