@@ -17,11 +17,17 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
     filter(None, (str(ROOT), os.environ.get("PYTHONPATH", "")))
 )
 
-# Kernels read no settings of the reader's own, and do not warn of serving this machine alone.
-ipython = ROOT / "build" / "docs-ipython" / "profile_default"
-ipython.mkdir(parents=True, exist_ok=True)
-(ipython / "ipython_kernel_config.py").write_text("c.IPKernelApp.log_level = 'ERROR'\n")
-os.environ["IPYTHONDIR"] = str(ipython.parent)
+# Kernels read no settings of the reader's own, do not warn of serving this machine alone, and send
+# what a cell prints in one piece: pieces cut by a clock would differ between builds.
+KERNEL = """\
+from ipykernel.iostream import OutStream
+OutStream.flush_interval = 3600.0
+c.IPKernelApp.log_level = "ERROR"
+"""
+profile = ROOT / "build" / "docs-ipython" / "profile_default"
+profile.mkdir(parents=True, exist_ok=True)
+(profile / "ipython_kernel_config.py").write_text(KERNEL)
+os.environ["IPYTHONDIR"] = str(profile.parent)
 
 import matplotlib.font_manager  # noqa: E402, F401 - or the first lesson tells of its cache
 from extensions import generated  # noqa: E402
