@@ -87,7 +87,7 @@ python_display_short_literal_types = True
 html_theme = "furo"
 html_title = "certpgo"
 html_static_path = ["static"]
-html_css_files = ["site.css"]
+html_css_files = ["site.css", "print.css"]
 mathjax_path = generated.MATHJAX
 mathjax3_config = {"options": {"enableMenu": False}}
 
