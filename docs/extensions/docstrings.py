@@ -163,14 +163,12 @@ def _section(title: str, body: list[str]) -> Iterator[str]:
         return
     if title == "Returns" and not any(" : " in line for line in body):
         yield f":returns: {_escaped(' '.join(line.strip() for line in body))}".rstrip()
-    elif title == "Raises":
-        for names, words in _entries(body):
-            yield f":raises {names}: {_escaped(' '.join(words))}"
     else:
+        mark = "`" if title == "Raises" else "**"
         yield from (f":{title}:", "")
         for names, words in _entries(body):
-            shown = ", ".join(f"**{_starless(part)}**" for part in names.split(", "))
-            yield f"    * {shown} -- {_escaped(' '.join(words))}"
+            shown = ", ".join(f"{mark}{_starless(part)}{mark}" for part in names.split(", "))
+            yield f"    * {shown}: {_escaped(' '.join(words))}"
     yield ""
 
 
