@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import importlib.util
-import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -34,7 +33,6 @@ def setup(app: Sphinx) -> dict[str, bool]:
     # Sphinx reads pages anew when a setting changes, and would not when these files do.
     app.add_config_value("extensions_key", _digest(Path(__file__).parent), "env")
     app.connect("config-inited", lambda app, config: write_pages())
-    app.connect("source-read", drop_unwritten)
     app.connect("build-finished", _copy_mathjax)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
@@ -48,19 +46,6 @@ def write_pages() -> None:
     sync(DOCS / "results", {p.name: p.read_bytes() for p in found})
     sync(DOCS / "reference" / "cli", encoded(commands.pages()))
     sync(DOCS / "reference" / "methods", encoded(methods.pages()))
-
-
-def drop_unwritten(app: Sphinx, docname: str, source: list[str]) -> None:
-    """Leave out of tables of contents what has not been written yet."""
-    folder = (DOCS / docname).parent
-
-    def written(fence: re.Match[str]) -> str:
-        lines = fence[0].splitlines(keepends=True)
-        inner = lines[1:-1]
-        kept = [x for x in inner if x[0] in ":\n" or any(folder.glob(f"{x.strip()}.*"))]
-        return "".join([lines[0], *kept, lines[-1]])
-
-    source[0] = re.sub(r"^```\{toctree\}\n.*?^```$", written, source[0], flags=re.M | re.S)
 
 
 def encoded(pages: Mapping[str, str]) -> dict[str, bytes]:
