@@ -12,6 +12,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any
 
 from certpgo.errors import InputError, MissingDependency
@@ -22,6 +23,8 @@ from certpgo.harness.runner import Announce
 
 #: Schemes of a scheduler's address, and the packages that speak to it.
 DASK, RAY = "tcp://", "ray://"
+#: What joblib's backends raise for a worker that died: two of this machine's, Dask's, Ray's.
+DEATHS = ("TerminatedWorkerError", "BrokenProcessPool", "KilledWorker", "ActorDiedError")
 #: Seconds in which a cluster that has no worker must get one.
 PATIENCE = 120
 
@@ -101,8 +104,8 @@ def execute(
             yield from _here(task, announce)
         return
     with ExitStack() as stack:
-        connect = _connection(pool, stack)
-        for outcome in _all(others, connect, pool.jobs, starting):
+        connect, jobs = _connection(pool, stack)
+        for outcome in _all(others, connect, jobs, starting):
             yield _stating(outcome, pool.alone)
         for task in timed:
             for outcome in _all([task], connect, 1, starting):
@@ -166,8 +169,13 @@ def _dispatched(
 
 def _parallel(connect: Callable[[], Any], jobs: int, calls: Iterator[Any]) -> Iterator[Any]:
     from joblib import Parallel
+    from joblib.parallel import get_active_backend
 
     with connect():
+        if not get_active_backend()[0].supports_return_generator:  # Ray's
+            for batch in iter(lambda: list(islice(calls, jobs)), []):
+                yield from Parallel(n_jobs=max(jobs, 2), batch_size=1)(batch)
+            return
         # No more are handed out than run, so that a death leaves few suspects.
         yield from Parallel(
             n_jobs=max(jobs, 2),  # one job would be this process
@@ -190,21 +198,22 @@ def _outcome(task: Task, result: Any) -> Outcome:
 
 
 def _is_death(error: Exception) -> bool:
-    return type(error).__name__ in ("TerminatedWorkerError", "BrokenProcessPool", "KilledWorker")
+    return type(error).__name__ in DEATHS
 
 
-def _connection(pool: Pool, stack: ExitStack) -> Callable[[], Any]:
-    """What makes joblib's context for a batch of tasks."""
+def _connection(pool: Pool, stack: ExitStack) -> tuple[Callable[[], Any], int]:
+    """What makes joblib's context for some tasks, and how many are run at once."""
     from joblib import parallel_config
 
     if not pool.scheduler:
-        return lambda: parallel_config("loky", inner_max_num_threads=1)
+        return lambda: parallel_config("loky", inner_max_num_threads=1), pool.jobs
     if pool.scheduler.startswith(RAY):
-        _connect_ray(pool.scheduler, stack)
-        return lambda: parallel_config("ray")
+        cores = _connect_ray(pool.scheduler, stack)
+        return lambda: parallel_config("ray"), cores
     client = stack.enter_context(_dask_client(pool.scheduler))
     backend = _telling_of_deaths()
-    return lambda: parallel_config(backend(client=client, wait_for_workers_timeout=PATIENCE))
+    waiting = {"wait_for_workers_timeout": PATIENCE}
+    return lambda: parallel_config(backend(client=client, **waiting)), pool.jobs
 
 
 def _telling_of_deaths() -> Any:
@@ -240,15 +249,17 @@ def _dask_client(address: str) -> Any:
         raise InputError(f"{address}: no scheduler of Dask answers there") from None
 
 
-def _connect_ray(address: str, stack: ExitStack) -> None:
+def _connect_ray(address: str, stack: ExitStack) -> int:
+    """Connect joblib to a cluster; how many cores it has."""
     try:
-        import ray
-        from ray.util.joblib import register_ray
+        import ray.util.joblib
     except ImportError:
         raise MissingDependency("Ray", package="ray") from None
+    cluster: Any = ray
     try:
-        ray.init(address)
+        cluster.init(address)
     except (OSError, RuntimeError):
         raise InputError(f"{address}: no scheduler of Ray answers there") from None
-    stack.callback(ray.shutdown)
-    register_ray()
+    stack.callback(cluster.shutdown)
+    cluster.util.joblib.register_ray()
+    return int(cluster.cluster_resources()["CPU"])

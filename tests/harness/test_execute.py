@@ -2,11 +2,14 @@
 
 import os
 import signal
+import socket
+import subprocess
 import sys
 import threading
 import time
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from repeated import by_key
@@ -139,6 +142,41 @@ def cluster(small_checkout):
             yield made
 
     return running
+
+
+@pytest.fixture
+def ray_address(small_checkout, tmp_path, monkeypatch):
+    """A cluster of Ray with two cores, behind a client's port on the loopback."""
+    pytest.importorskip("ray", reason="needs ray")
+    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+    with socket.socket() as free, socket.socket() as other:
+        free.bind(("127.0.0.1", 0))
+        other.bind(("127.0.0.1", 0))
+        port, own = free.getsockname()[1], other.getsockname()[1]
+    ray = Path(sys.executable).with_name("ray")
+    start = f"start --head --num-cpus 2 --include-dashboard=false --port {own}"
+    memory = "--object-store-memory 100000000"
+    options = f"{start} --ray-client-server-port {port} {memory}".split()
+    subprocess.run([ray, *options], check=True, capture_output=True)
+    yield f"ray://127.0.0.1:{port}"
+    subprocess.run([ray, "stop", "--force"], check=True, capture_output=True)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_ray_runs_the_same(table, ray_address):
+    records = executed(table, Pool(scheduler=ray_address))
+    assert by_key(records) == by_key(executed(table, Pool()))
+    assert {record.provenance["alone"] for record in records} == {"unknown"}
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_a_task_that_kills_its_worker_of_ray_is_a_row(table, ray_address):
+    table = replace(mischievous(table, "die", 4), rows=table.rows[:2], quick=())
+    records = executed(table, Pool(scheduler=ray_address))
+    assert failures(records) == {"n = 4": DIED}
+    assert len(records) == 2
 
 
 @pytest.mark.filterwarnings("ignore")
