@@ -764,9 +764,8 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
     >>> certpgo.write("helix.g2o", helix(3, np.random.default_rng(0)))
     >>> instance = certpgo.read("helix.g2o")
     >>> answer = certpgo.solve(instance.graph)
-    >>> _ = certpgo.write_proof(
-    ...     "helix.cert", "helix.g2o", instance, answer.estimate, answer.certificate
-    ... )
+    >>> proven = instance, answer.estimate, answer.certificate
+    >>> _ = certpgo.write_proof("helix.cert", "helix.g2o", *proven)
     >>> print(certpgo.check("helix.g2o", "helix.cert"))
     PROVED: F(x) <= ..., F* >= ..., relative gap <= ...
     """
@@ -789,6 +788,8 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
             proof = read_proof(archive, claim, graph.n)
     except (Refused, Unreadable):
         raise
+    except FileNotFoundError:
+        raise Unreadable(f"{proof_path}: no such file") from None
     except Exception as error:  # whatever a damaged archive makes its reader raise
         raise Unreadable(f"{proof_path}: not a readable proof ({type(error).__name__})") from None
     try:

@@ -137,6 +137,11 @@ class Objective(ABC):
         InputError
             Another number of nodes or dimension, or translations missing.
         """
+        if not isinstance(estimate, Estimate):
+            raise InputError(
+                f"an Estimate is expected, not a {type(estimate).__name__}: certify_values takes "
+                "GTSAM's Values, read_estimate reads files"
+            )
         if (estimate.num_nodes, estimate.d) != (self.n, self.d):
             raise InputError(
                 f"the estimate has {estimate.num_nodes} nodes in {estimate.d}D, "

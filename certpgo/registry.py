@@ -146,7 +146,7 @@ def repository() -> Path:
     """The root of the checkout, which holds ``baselines`` and ``reports``.
 
     It is the folder named by the environment variable ``CERTPGO_REPOSITORY``, else the one that
-    the package lies in.
+    the package lies in, else the working directory.
 
     Raises
     ------
@@ -156,8 +156,8 @@ def repository() -> Path:
     root = checkout()
     if root is None:
         raise SpecError(
-            "compare, reproduce and gate need the repository: run them in a checkout of certpgo, "
-            f"or let {REPOSITORY_VARIABLE} name one"
+            "compare, reproduce, report and gate need the checkout: run them in its folder, "
+            f"or let {REPOSITORY_VARIABLE} name it"
         )
     return root
 
@@ -175,9 +175,13 @@ def _stem(name: str) -> str:
 
 def checkout() -> Path | None:
     """The root of the checkout, or None; see `repository`."""
-    root = Path(os.environ.get(REPOSITORY_VARIABLE) or _PACKAGE.parent).resolve()
-    complete = (root / "baselines").is_dir() and (root / "reports").is_dir()
-    return root if complete else None
+    named, here = os.environ.get(REPOSITORY_VARIABLE), Path.cwd()
+    if named:
+        places = [Path(named)]
+    else:
+        places = [_PACKAGE.parent, *([here] if (here / _PACKAGE.name).is_dir() else [])]
+    complete = (p for p in places if (p / "baselines").is_dir() and (p / "reports").is_dir())
+    return next((place.resolve() for place in complete), None)
 
 
 def _checkout_folder(relative: str) -> Path | None:

@@ -68,8 +68,19 @@ def test_without_a_checkout_the_package_still_lists_its_own_methods(tmp_path, mo
     assert registry.table_names() == ()
     assert not any(name.startswith("gtsam_") for name in registry.solver_names())
     for call in (registry.repository, lambda: registry.get_table("first")):
-        with pytest.raises(SpecError, match="compare, reproduce and gate need the repository"):
+        with pytest.raises(
+            SpecError, match="compare, reproduce, report and gate need the checkout"
+        ):
             call()
+
+
+def test_the_working_directory_may_be_the_checkout(checkout, tmp_path, monkeypatch):
+    monkeypatch.setattr(registry, "_PACKAGE", tmp_path / "elsewhere" / "certpgo")
+    monkeypatch.delenv(registry.REPOSITORY_VARIABLE)
+    monkeypatch.chdir(checkout)
+    assert registry.checkout() is None  # a folder of such names may be anybody's
+    (checkout / "certpgo").mkdir()
+    assert registry.checkout() == checkout.resolve()
 
 
 def test_this_checkout_lists_the_gtsam_baselines_without_importing_gtsam():

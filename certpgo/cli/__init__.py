@@ -31,7 +31,12 @@ EXIT_CODES = {
     6: "proof refused",
     7: "gate failed",
     130: "interrupted",
+    141: "output not read to its end",
 }
+
+
+#: As shells have it for a program that a closed pipe ended.
+UNREAD = 141
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -100,6 +105,7 @@ def _guarded(function: Command) -> Callable[..., None]:
 
     @functools.wraps(function)
     def guarded(*args: object, **kwargs: object) -> None:
+        code: int | None = UNREAD
         try:
             code = function(*args, **kwargs)
             sys.stdout.flush()
@@ -110,7 +116,6 @@ def _guarded(function: Command) -> Callable[..., None]:
         except BrokenPipeError:
             # The reader has gone (| head); what Python flushes at exit has nowhere to go either.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            code = 0
         except OSError as error:
             place = f"{error.filename}: " if error.filename else ""
             code = _fail(f"{place}{error.strerror or error}")

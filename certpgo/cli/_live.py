@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from certpgo.harness.plan import Task
 
 
+#: How the errors of what was left out by design, or for want of its file, begin.
+NOT_RUN = "not run"
+
+
 class View:
     """Counts what is done, running and failed, and shows nothing.
 
@@ -32,6 +36,7 @@ class View:
         self._began: dict[str, float] = {}
         self._results: Counter[str] = Counter()
         self._failures: Counter[str] = Counter()
+        self._left_out: Counter[str] = Counter()
 
     @property
     def failed(self) -> int:
@@ -50,15 +55,18 @@ class View:
         """Count what a task gave."""
         label = outcome.task.label
         drawing = isinstance(outcome.figure, str) and bool(outcome.figure)
-        self._failures[label] += sum(bool(record.error) for record in outcome.records) + drawing
+        errors = [record.error for record in outcome.records if record.error]
+        left_out = sum(error.startswith(NOT_RUN) for error in errors)
+        self._left_out[label] += left_out
+        self._failures[label] += len(errors) - left_out + drawing
         self._results[label] += len(outcome.records)
         if outcome.is_last:
             self.done += outcome.task.steps
             began = self._began.pop(label)
-            self.finished(label, self._failures[label], time.perf_counter() - began)
+            self.finished(label, time.perf_counter() - began)
         self.refresh()
 
-    def finished(self, label: str, failed: int, seconds: float) -> None:
+    def finished(self, label: str, seconds: float) -> None:
         """Say that a task is done."""
 
     def refresh(self) -> None:
@@ -68,9 +76,10 @@ class View:
 class Lines(View):
     """A line a finished task."""
 
-    def finished(self, label: str, failed: int, seconds: float) -> None:
+    def finished(self, label: str, seconds: float) -> None:
         """Say that a task is done."""
-        said = f", {failed} failed" if failed else ""
+        counts = {"failed": self._failures[label], "not run": self._left_out[label]}
+        said = "".join(f", {count} {what}" for what, count in counts.items() if count)
         typer.echo(f"{self.done} of {self.total}: {label}{said} ({seconds:.1f} s)", err=True)
 
 

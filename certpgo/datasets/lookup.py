@@ -82,7 +82,11 @@ def download(entry: Entry) -> Path:
         )
     except OSError as error:  # what the network's errors are, too
         reason = str(error).partition("\n")[0].partition(" (Caused by")[0]
-        raise InputError(f"{entry.name}: download of {entry.url} failed: {reason}") from error
+        reason = "no connection" if "Max retries" in reason else reason
+        raise InputError(
+            f"{entry.name}: its file is not here, and the download of {entry.url} failed "
+            f"({reason}); --data or CERTPGO_DATA names a folder that has it"
+        ) from error
     if not entry.agrees(path):
         path.unlink()
         raise InputError(f"{entry.name}: {entry.url} is another file (its checksum differs)")

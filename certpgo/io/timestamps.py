@@ -133,7 +133,9 @@ def _from_file(path: Path) -> FloatArray:
     """The first number of each line that is not blank or a comment."""
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError):
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from None
+    except UnicodeDecodeError:
         raise FormatError(path, None, "a text file of timestamps expected") from None
     times = []
     for number, line in enumerate(lines, 1):

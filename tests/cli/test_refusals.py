@@ -1,6 +1,11 @@
 """Every bad input is one line on stderr and exit code 1; nothing half-written stays behind."""
 
+import numpy as np
 import pytest
+
+from certpgo import InputError, certify
+from certpgo.datasets.synthetic import cycle
+from certpgo.problem import problem_of
 
 EDGE = "EDGE_SE2 0 1 1 0 0.1 1 0 0 1 0 1"
 EDGE3 = "EDGE_SE3:QUAT 0 1 1 0 0 {q} " + "1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 1 0 0 1 0 1"
@@ -123,9 +128,25 @@ def test_a_table_or_method_that_is_unknown(certpgo, square, tmp_path):
     assert not (tmp_path / "r").exists()
 
 
+def test_files_that_are_not_there_are_named(certpgo, square, tmp_path):
+    missing = tmp_path / "missing"
+    done = certpgo("check", square, missing)
+    assert (done.code, "no such file" in done.err + done.out) == (1, True)
+    estimate = tmp_path / "e.tum"
+    estimate.write_text("0 0 0 0 0 0 0 1\n")
+    done = certpgo("certify", square, estimate, "--timestamps", missing)
+    fails_in_one_line(done, "missing: No such file or directory")
+
+
+def test_what_is_no_estimate_is_told_where_to_go():
+    problem = problem_of(cycle(5, 0.1, np.random.default_rng(0)).graph)
+    with pytest.raises(InputError, match="not a str: certify_values takes GTSAM's Values"):
+        certify(problem, "estimate.tum")
+
+
 def test_without_a_checkout_compare_says_so(certpgo, square, tmp_path, monkeypatch):
     monkeypatch.setenv("CERTPGO_REPOSITORY", str(tmp_path))
-    fails_in_one_line(certpgo("compare", square), "need the repository")
+    fails_in_one_line(certpgo("compare", square), "need the checkout")
 
 
 @pytest.mark.parametrize(

@@ -89,7 +89,8 @@ def test_an_interrupted_run_says_how_to_go_on(
     assert sorted(path.name for path in out.iterdir()) == ["cycles.jsonl", "cycles.md"]
     assert "**Interrupted" in (out / "cycles.md").read_text()
     before = lines_of(out)
-    assert len(before) == 4
+    # Of two processes one may be behind when the other's third run waits.
+    assert len(before) == 4 if jobs == "1" else 0 < len(before) < ALL
     assert certpgo("reproduce", "cycles", "--out", out, "--jobs", jobs).code == 0
     assert lines_of(out)[: len(before)] == before
     assert by_key(lines_of(out)) == by_key(whole)

@@ -1,12 +1,18 @@
 import sys
 
+import numpy as np
 import pytest
 
+from certpgo import registry
+from certpgo.datasets.synthetic import cycle
 from certpgo.errors import InputError, SpecError
 from certpgo.harness.instances import load_row, seed_of
 from certpgo.harness.methods import parse_settings
-from certpgo.harness.runner import run
+from certpgo.harness.runner import run, solve
 from certpgo.harness.spec import Column, Method, Row, Table
+from certpgo.problem import problem_of
+from certpgo.solution import Solution, Status
+from certpgo.trees import compose, spanning_tree
 
 CYCLE = Row(generator="cycle", arguments={"n": 5, "sigma": 0.1})
 POSES = Row(generator="grid3d", arguments={"side": 2})
@@ -24,6 +30,24 @@ def test_an_instance_is_solved_judged_and_recorded():
     assert record.metrics["lower_bound"] <= record.metrics["cost"] + 1e-12
     assert set(record.seconds) == {"eigen_ra", "newton"}
     assert record.error == ""
+
+
+def test_a_method_that_times_nothing_is_timed_as_a_whole(monkeypatch):
+    def untimed(self, problem, *, initial=None, monitor=None):
+        return Solution(problem.complete(initial.rotations), 1.0, Status.CONVERGED)
+
+    def start(self, problem, *, initial=None, monitor=None):
+        tree = compose(problem.graph, spanning_tree(problem.graph))
+        return Solution(tree, 2.0, Status.CLOSED_FORM, seconds={"tree": 0.25})
+
+    monkeypatch.setattr(registry.get_solver("newton"), "solve", untimed)
+    monkeypatch.setattr(registry.get_solver("spanning_tree"), "solve", start)
+    problem = problem_of(cycle(5, 0.1, np.random.default_rng(0)).graph)
+    alone = solve(Method("spanning_tree"), problem)
+    assert alone.seconds == {"tree": 0.25}
+    both = solve(Method("newton", start=Method("spanning_tree")), problem)
+    assert both.seconds["spanning_tree"] == 0.25
+    assert both.seconds["solve"] > 0.0
 
 
 def test_seeds_are_distinct_and_repeatable():
