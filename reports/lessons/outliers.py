@@ -29,8 +29,8 @@ BLUE, VERMILION, GREEN, PURPLE, BLACK = "#0072B2", "#D55E00", "#009E73", "#CC79A
 # ## Why least squares gives in
 #
 # A term of $F$ with weight 1 and a residual angle $\alpha$ costs $\|R_j - R_i R_{ij}\|^2 =
-# 8 \sin^2(\alpha/2)$ in 3D: the square of the angle, nearly. So one measurement that is far off has
-# the say of hundreds that are good.
+# 8 \sin^2(\alpha/2)$: nearly $2 \alpha^2$, twice the square of the angle. So one measurement that
+# is far off has the say of hundreds that are good.
 
 # %%
 good, wrong_angle = np.radians(5.0), np.radians(120.0)
@@ -59,13 +59,15 @@ def scene(share):
 # Three estimators, each of which ends with a weight for every measurement, zero where rejected:
 #
 # - `eigen_rao` (thesis, Algorithm 3) weights blocks of the matrix whose eigenvectors are the
-#   estimate by $a + b\, e^{(\pi - e)/2}$ of the residual angle $e$ (eq. 4.9), again and again.
+#   estimate by $a + b \exp((\pi - e)/2)$ of the residual angle $e$, clipped at 0, again and again.
+#   (Our reading of eq. 4.9, which prints $\exp(\pi - e/2)$ and for its $a$ and $b$ never vanishes.)
 # - `adaptive_trimming` minimises truncated squares, $\sum \min(r_e^2, c^2)$, $r_e^2$ the terms of
 #   $F$, with a threshold $c$ that shrinks down to the noise, which it measures.
 # - `graduated_non_convexity` (Yang et al., RA-L 2020) minimises the same with a given $c$, through
-#   a family of losses that begins convex. It has to know the noise. Unit weights state a noise of
-#   1 radian, so that `scale` must say what it really is. By default it starts from the odometry; a
-#   photo collection has none, and the least-squares answer serves.
+#   a family of losses that begins convex. It has to know the noise. Unit weights state a Langevin
+#   noise of $\sigma_R = 1$ radian, which is 0.71 radians about each axis; `scale` says by what to
+#   multiply that. By default it starts from the odometry; a photo collection has none, and the
+#   least-squares answer serves.
 
 # %%
 ROBUST = {

@@ -47,7 +47,9 @@ def noisy(degrees):
 # Y \succeq 0,\quad Y_{ii} = I .$$
 #
 # It is convex, its dual is (D), both have the value $v \le F^*$. If its solution has rank $d$, it
-# is some $R^T R$, and $v = F^*$: the relaxation is *tight*. If it has rank $r > d$, it consists of
+# is some $R^T R$ with orthogonal $R_i$. If their determinants have one sign besides, as they do
+# below (exercise 4 has a graph where they do not), these are rotations up to one reflection of the
+# world, and $v = F^*$: the relaxation is *tight*. If the solution has rank $r > d$, it consists of
 # frames in $r$ dimensions, $Y_{ij} = Y_i^T Y_j$ with $Y_i$ of size $r \times d$, which agree with
 # the measurements better than rotations in $d$ dimensions can.
 
@@ -298,3 +300,19 @@ wrong_answer = certpgo.solve(wrong)
 wrong_angles = np.degrees(certpgo.RotationProblem(wrong).residual_angles(wrong_answer.estimate))
 print(f"{wrong_answer.verdict.value}; alpha_max {alpha:.1f}, normalized {normalized:.1f} degrees")
 print(f"largest residual: edge {wrong_angles.argmax()}, {wrong_angles.max():.1f} degrees")
+
+# %% [markdown]
+# **4.** (DD) has no determinants. Two cameras have three measurements of weight 1, the half turns
+# about the three axes. What is $F^*$? What are the value and the rank of (DD)?
+
+# %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
+# The three add up to -I, so F = 18 + 2 tr(R_1^T R_2). The trace of a rotation is at least -1, and
+# F* = 16. Orthogonal matrices go down to tr(-I) = -3: (DD) has the value 12, with rank 3. Its
+# blocks are those of orthogonal matrices with determinants 1 and -1, and it is not tight.
+half_turns = np.array([np.diag([1.0, -1, -1]), np.diag([-1.0, 1, -1]), np.diag([-1.0, -1, 1])])
+mirrored = certpgo.RotationGraph(2, np.array([[0, 1]] * 3), half_turns, np.ones(3))
+mirrored_answer = certpgo.solve(mirrored)
+reflected = program.solve(certpgo.RotationProblem(mirrored)).relaxation
+determinants = np.linalg.det(reflected.rows)
+print(f"{mirrored_answer.verdict.value}, F {mirrored_answer.cost:.6f}, v {reflected.value:.6f}")
+print(f"rank {reflected.rank}, product of the determinants {determinants.prod():.6f}")

@@ -287,7 +287,7 @@ print(f"answer: F {answer.cost:.6f}, winding {winding_of(answer.estimate)}, {ans
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
 # 2 cos(2 pi / n) - 2 is about -(2 pi / n)^2. An absolute threshold also changes its meaning with
-# the unit of the weights: with all of them divided by 1000, every ring passes.
+# the unit of the weights: with all of them divided by 1000, every ring of 7 or more passes.
 sizes = np.arange(3, 1000)
 first = int(sizes[2 * np.cos(2 * np.pi / sizes) - 2 > -1e-3][0])
 large = winding_cycle(first, 0.0, 1, d=2)

@@ -52,6 +52,15 @@ def test_the_relaxation_is_tight_here(lesson):
     assert names["sdp"].cost == pytest.approx(names["F"], rel=1e-6)
 
 
+def test_stationary_poses_without_rotation_residuals_may_be_far_from_optimal(lesson):
+    names = lesson(NAME)
+    facing, same = names["facing"], names["same"]
+    assert facing.cost(same) == pytest.approx(2.0, rel=1e-12)
+    assert facing.stationarity(same) < 1e-12
+    assert facing.residual_angles(same).max() < 1e-12
+    assert facing.cost(names["opposed"]) == pytest.approx(0.016, rel=1e-12)
+
+
 def test_the_golden_numbers_of_mit(lesson, dataset):
     dataset("MIT")  # skips where it is not here
     names, found = lesson(NAME), bounds(lesson)

@@ -94,3 +94,14 @@ def test_exercises(shown):
     assert shown["wrong_answer"].verdict.value == "CERTIFIED"
     assert shown["wrong_angles"].argmax() == 7
     assert shown["wrong_angles"].max() > 5.0 * shown["normalized"]
+
+
+def test_rank_d_is_not_tight_where_determinants_differ(shown):
+    assert shown["reflected"].rank == 3
+    assert shown["reflected"].value == pytest.approx(12.0, abs=1e-6)
+    assert shown["determinants"].prod() == pytest.approx(-1.0, abs=1e-6)
+    assert shown["mirrored_answer"].cost == pytest.approx(16.0, rel=1e-9)
+    assert shown["mirrored_answer"].verdict.value == "BOUNDED"
+    # The lesson's own graph is not of that kind.
+    tight = shown["program"].solve(shown["noisy"](20)).relaxation
+    assert abs(np.linalg.det(tight.rows).sum()) == pytest.approx(10.0, abs=1e-4)

@@ -71,6 +71,10 @@ def test_the_pipeline_leaves_winding_1(shown):
 
 def test_exercises(shown):
     assert shown["first"] == 199
+    # Of weights 1/1000, the rule accepts from 7 nodes on.
+    accepted = (2.0 * np.cos(2.0 * np.pi / shown["sizes"]) - 2.0) * 1e-3 > -1e-3 * (1.0 - 1e-9)
+    assert shown["sizes"][accepted][0] == 7
+    assert accepted[4:].all()
     assert shown["large_verdicts"] == ["REFUTED", "CERTIFIED"]
     n = shown["n"]
     assert shown["half_cost"] == pytest.approx(4.0 * n * np.sin(np.pi / n) ** 2, rel=1e-12)
