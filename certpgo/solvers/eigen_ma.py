@@ -86,7 +86,7 @@ def symmetrized_translations(problem: PoseProblem, rotations: FloatArray) -> Flo
     """Translations (n, d) of the thesis' system, eq. 4.12, the first at zero.
 
     It counts each edge in both directions, which amounts to t_j - t_i ~
-    (R_i t_ij + R_j R_ij^T t_ij) / 2. The sign of its displayed eq. 4.11 is wrong, 4.12 is right.
+    (R_i t_ij + R_j R_ij^T t_ij) / 2. The sign of b between 4.11 and 4.12 is wrong; both are right.
     """
     graph = problem.graph
     i, j = graph.edges.T

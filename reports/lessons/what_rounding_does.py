@@ -131,8 +131,9 @@ for step in (10, 20, 40, 60, 160):
 # ## Mistake two: a tolerance that is not paid for
 #
 # A factorization is better: it completes, or it does not. SE-Sync's rule (`min_eig_num_tol` of its
-# `SESync.h`) is that $S + 10^{-3} I$ has a Cholesky factor; GTSAM 4.3.0's staircase
-# (`RiemannianStaircaseOptimizer.h`) has the same. CORA (`CORA.cpp`) takes
+# `SESync.h`, commit 9b631b6) is that $S + 10^{-3} I$ has a Cholesky factor; GTSAM 4.3.0's staircase
+# (`RiemannianStaircaseOptimizer.h`) has the same, but descends first, and its matrix is twice ours,
+# so that it errs from larger $n$ on. CORA (`CORA.cpp`, as of November 2026) takes
 # $\eta = 5 \cdot 10^{-6} F / 2$ in place of $10^{-3}$, kept between $10^{-7}$ and $10^{-1}$. These
 # rules stand in `baselines/certifiers`; here they judge the wound-up point, beside ours.
 
@@ -242,9 +243,10 @@ for who in ("se_sync_rule", "cora_rule", "certpgo"):
 #    \quad\text{entry by entry},\qquad \gamma \approx (N + 1)\, u, \quad u = 2^{-53} $$
 #
 # for a matrix of order $N$ (Rump and Jeannerod 2014). A symmetric $E$ whose absolute row sums are
-# $\delta_i$ has $E + \operatorname{diag}(\delta) \succeq 0$. So
-# $S + \varepsilon I + \operatorname{diag}(\delta) \succeq 0$ is *true*, of real numbers, and proves
-# $F(R) - F^* \le \sum_i (\varepsilon + \delta_i)$. In six lines:
+# at most $\delta_i$ has $E + \operatorname{diag}(\delta) \succeq 0$. So if the routine keeps this
+# usual bound, $A + \operatorname{diag}(\delta) \succeq 0$ is *true*, of real numbers. Where $A$ is
+# exactly $S + \varepsilon I$, that proves $F(R) - F^* \le \sum_i (\varepsilon + \delta_i)$. In six
+# lines:
 
 
 # %%
@@ -274,7 +276,7 @@ print(f"wound up: no factor below {first:.0e}, which then proves F* >= {attempts
 # %% [markdown]
 # The right point loses a part in billions. The wound-up one gets a factor only with a shift that
 # makes the bound worthless: whoever pays for the shift cannot be fooled by it. `certify` does the
-# same on sparse matrices, where rows of the factor are short, and accounts for the rounding in $S$
+# same on sparse matrices, where rows of the factor are short, and accounts for the rounding in $A$
 # and in $F$ as well, which the six lines leave out. Its tier `"proof"` also drops the trust in the
 # routine: it *measures* $A - \hat L \hat L^\top$ with arithmetic that is exact where it matters.
 #
@@ -389,8 +391,8 @@ folder.cleanup()
 #   certifies.
 # - A tolerance on an eigenvalue is a gap in disguise, $d\,n\,\eta$. Pay it, and the tolerance may
 #   be as large as it likes: the statement stays true, and says how little it may be worth.
-# - Rounding is not an opinion to be smoothed over. It has a bound; with the bound, a floating-point
-#   factorization proves a theorem about real numbers.
+# - Rounding is not an opinion to be smoothed over. It has a bound; with the bound, if the routine
+#   keeps it, a floating-point factorization proves a theorem about real numbers.
 #
 # Sources: A. Eriksson, C. Olsson, F. Kahl, T.-J. Chin, *Rotation Averaging and Strong Duality*,
 # CVPR 2018; S. Rump, C.-P. Jeannerod, *Improved backward error bounds for LU and Cholesky

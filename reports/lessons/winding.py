@@ -229,10 +229,14 @@ paths = (
     [points[1], *(found.point for found in (*once, caught, freed))],
     [points[2], *(found.point for found in (*twice, straight))],
 )
-figure, rows = plt.subplots(2, 5, figsize=(7.6, 3.8), layout="constrained")
+figure, rows = plt.subplots(2, 5, figsize=(7.6, 4.0), layout="constrained")
 for row, path, names in zip(rows, paths, labels, strict=True):
     for axes, point, blocks, name in zip(row, path, pictured(path), names, strict=True):
         sphere(axes, blocks, f"{name}\nF = {problem.cost(point):.2f}")
+for colour, label in ((BLUE, "images of one body axis"), (VERMILION, "of the other")):
+    rows[0, 0].plot([], [], "o-", color=colour, ms=4, lw=0.8, label=label)
+handles = rows[0, 0].get_legend_handles_labels()
+figure.legend(*handles, loc="outside lower center", ncols=2, frameon=False, fontsize=8)
 plt.show()
 
 # %% [markdown]
