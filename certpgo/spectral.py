@@ -113,7 +113,7 @@ def _block(estimate: Estimate | None) -> FloatArray | None:
 
 
 def spectral_bound(problem: Problem, pairs: Eigenpairs) -> float:
-    """A bound n (lambda_1 + ... + lambda_d) <= F*, from computed eigenvalues; thesis eq. 4.7.
+    """A bound n (lambda_1 + ... + lambda_d) <= F*, from computed eigenvalues; after thesis eq. 4.7.
 
     The pairs are the connection Laplacian's, or for poses those of Q, which bound better. Computed
     eigenvalues lie above the true ones: their accuracy is taken off, and rounding.
