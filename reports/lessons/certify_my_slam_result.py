@@ -23,6 +23,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import certpgo
+from certpgo.checker import Refused
 from certpgo.cli import main
 from certpgo.harness.assessment import assess
 from certpgo.io.gtsam_values import estimate_from_values
@@ -70,6 +71,7 @@ t_ij = np.einsum("mba,mb->ma", R[i], t[j] - t[i]) + moved  # R_i^T (t_j - t_i), 
 # %%
 work = tempfile.TemporaryDirectory()
 folder = Path(work.name)
+# Isotropic stand-ins of the information: kappa = 3 / (2 sum sigma^2), tau = 3 / sum sigma^2.
 kappa, tau = 1.5 / np.sum(SIGMA_R**2), 3.0 / np.sum(SIGMA_T**2)
 rotation = certpgo.RotationGraph(len(node), edges, R_ij, np.full(len(edges), kappa))
 graph = certpgo.PoseGraph(rotation, t_ij, np.full(len(edges), tau))
@@ -165,11 +167,11 @@ print(certificate.reason)
 # ($W = \sum \kappa_{ij} + \sum \tau_{ij} \|t_{ij}\|^2$ is the size of $F$'s terms; it counts where
 # $F$ is almost zero.)
 #
-# Here is an answer of each kind, all of the same graph. The first one has a start as good as any,
-# and the weights of the isotropic file. The second is the one above, and the third was stopped
+# Here is an answer of each kind, all of the same graph. The first one starts from odometry without
+# a bias, and has the weights of the isotropic file. The second is the one above, and the third was stopped
 # after one step. The fourth began with a bias of 360 degrees a lap: the optimizer converges, to a
 # map that winds twice as often. The fifth is the fourth again, but `refine=False` forbids the judge
-# to improve a copy first, and the multipliers of a point that is no optimum prove nothing.
+# to improve a copy first, and the multipliers of so poor a point prove nothing of use.
 
 # %%
 wound_start = odometry(drift=2.0 * np.pi / LAP)
@@ -259,7 +261,8 @@ print(f"positions:  {away.mean_m:.3f} m away on average, {away.worst_m:.3f} at m
 
 # %% [markdown]
 # `review.best` is the better answer (`--polish OUT` on the command line writes it). Where another
-# error is to be minimised, as here, it is a start that is known to lie in the right basin.
+# error is to be minimised, as here, it is a good start: proven to be best for $F$, and near where
+# the other error is least, but nothing is proven of that one.
 #
 # **REFUTED.** The better answer comes with the verdict; restart from it. Which edges pay most of
 # the cost often tells what went wrong, wrong loop closures above all. Here no measurement is
@@ -302,7 +305,7 @@ print(f"{proof.stat().st_size} bytes for {problem.n} poses")
 # %%
 try:
     certpgo.check(folder / "isotropic.g2o", proof)
-except Exception as refusal:
+except Refused as refusal:
     refused = str(refusal).replace(f"{folder}/", "")
     print(f"{type(refusal).__name__}: {refused}")
 

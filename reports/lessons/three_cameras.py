@@ -33,9 +33,10 @@ plt.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.righ
 #
 # $$F(R) = \sum_{(i,j)} \|R_j - R_i R_{ij}\|_F^2 .$$
 #
-# Each camera may choose its own axes, so two of the three measurements can be made the identity.
-# The third is then a rotation by the *closing error* $\theta$: what is left after going around
-# once.
+# Each camera may choose its own axes: $R_i Q_i$ in place of $R_i$ turns $R_{ij}$ into
+# $Q_i^T R_{ij} Q_j$ and leaves $F$ as it is. So two of the three measurements can be made the
+# identity. The third is then a rotation by the *closing error* $\theta$: what is left after going
+# around once.
 
 
 # %%
@@ -108,7 +109,7 @@ print(f"F = {F:.12f}, 24 sin^2(a/2) = {24 * np.sin(theta / 6) ** 2:.12f}")
 # What makes the problem hard are its constraints, $R_i^T R_i = I$ for each camera. (A rotation has
 # determinant 1 as well. Leaving that out admits more points, so a bound that holds without it
 # holds with it.) Lagrange's idea is to drop a constraint and charge for violating it. A symmetric
-# matrix of prices $\Lambda_i$ for each camera gives
+# matrix of prices $\Lambda_i$ for each camera, its *multipliers*, gives
 #
 # $$\ell(R, \Lambda) = \operatorname{tr}(R L R^T) + \sum_i \operatorname{tr}\bigl(\Lambda_i
 # (I - R_i^T R_i)\bigr) = \operatorname{tr}(R\, S\, R^T) + \operatorname{tr}\Lambda,
@@ -127,8 +128,8 @@ print(f"F = {F:.12f}, 24 sin^2(a/2) = {24 * np.sin(theta / 6) ** 2:.12f}")
 # \text{for all rotations } R'.$$
 #
 # Any prices with $S \succeq 0$ are a proof that nothing costs less than
-# $\operatorname{tr}\Lambda$. Here are a thousand such proofs. Random symmetric blocks are made
-# feasible by adding the smallest eigenvalue of $S$ to their diagonals, which moves that of $S$ to
+# $\operatorname{tr}\Lambda$. Such multipliers are called *feasible*. Here are a thousand such
+# proofs. Random symmetric blocks are made feasible by adding the smallest eigenvalue of $S$ to their diagonals, which moves that of $S$ to
 # zero.
 
 
@@ -163,8 +164,11 @@ print(f"smallest of 1000 random costs {min(primal_values):.4f}, F at the station
 # $$\text{(D)}\qquad \max_\Lambda\ \operatorname{tr}\Lambda \quad\text{such that}\quad
 # L - \operatorname{blkdiag}(\Lambda) \succeq 0 .$$
 #
-# It is a semidefinite program: convex, hence without local optima, and solvers exist. Here is what
-# one of them says, from the package.
+# It is a semidefinite program: convex, hence without local optima, and solvers exist. Its own dual
+# replaces $R^T R$ in $F = \operatorname{tr}(L R^T R)$ by any positive semidefinite matrix with
+# identities as diagonal blocks (eq. 45). That is the *convex relaxation* of the problem; it has the
+# same value as (D), and is called *tight* where this value is $F^*$. Here is what a solver says,
+# from the package.
 
 
 # %%
@@ -317,14 +321,15 @@ plt.show()
 # ## Theorem 4.1 and its 60 degrees
 #
 # For other graphs there is no closed form, but a bound that holds for all of them. In the gauge of
-# $R$, $S = L_G \otimes I + \Delta$: the graph Laplacian, and a perturbation made of the residuals
-# $E_{ij} = R_i R_{ij} R_j^T$. With all residual angles at most $a$ and $s = \sin(a/2)$,
+# $R$, $S = L_G \otimes I + \Delta$: the graph Laplacian, each entry times an identity block, and a
+# perturbation made of the residuals $E_{ij} = R_i R_{ij} R_j^T$. With spectral norms, all residual
+# angles at most $a$, and $s = \sin(a/2)$,
 #
 # - $\|\Delta_{ij}\| = \|I - E_{ij}\| \le 2s$ for each neighbour $j$ of $i$ (eq. 34),
 # - $\|\Delta_{ii}\| \le \deg_i (1 - \cos a) = 2 \deg_i s^2$ (eq. 29),
 #
-# so no eigenvalue of $\Delta$ is larger in size than the largest sum over a row of blocks,
-# $2 d_{\max}\, s(1 + s)$ (eq. 37). Both $S$ and $L_G \otimes I$ vanish on the turning of the
+# so no eigenvalue of $\Delta$ is larger in size than the largest sum of norms over a row of blocks
+# (Gershgorin, by blocks), $2 d_{\max}\, s(1 + s)$ (eq. 37). Both $S$ and $L_G \otimes I$ vanish on the turning of the
 # world. On its complement $L_G$ is at least its second eigenvalue $\lambda_2$, the *Fiedler
 # value*, which measures how well connected the graph is. So $S \succeq 0$ as long as
 #
