@@ -168,10 +168,11 @@ print(certificate.reason)
 # $F$ is almost zero.)
 #
 # Here is an answer of each kind, all of the same graph. The first one starts from odometry without
-# a bias, and has the weights of the isotropic file. The second is the one above, and the third was stopped
-# after one step. The fourth began with a bias of 360 degrees a lap: the optimizer converges, to a
-# map that winds twice as often. The fifth is the fourth again, but `refine=False` forbids the judge
-# to improve a copy first, and the multipliers of so poor a point prove nothing of use.
+# a bias, and has the weights of the isotropic file. The second is the one above, and the third was
+# stopped after one step. The fourth began with a bias of 360 degrees a lap: the optimizer
+# converges, to a map that winds twice as often. The fifth is the fourth again, but `refine=False`
+# forbids the judge to improve a copy first, and the multipliers of so poor a point prove nothing of
+# use.
 
 # %%
 wound_start = odometry(drift=2.0 * np.pi / LAP)

@@ -127,10 +127,10 @@ print(f"F = {F:.12f}, 24 sin^2(a/2) = {24 * np.sin(theta / 6) ** 2:.12f}")
 # $$S \succeq 0 \quad\Longrightarrow\quad \operatorname{tr}\Lambda \le F(R') \quad
 # \text{for all rotations } R'.$$
 #
-# Any prices with $S \succeq 0$ are a proof that nothing costs less than
-# $\operatorname{tr}\Lambda$. Such multipliers are called *feasible*. Here are a thousand such
-# proofs. Random symmetric blocks are made feasible by adding the smallest eigenvalue of $S$ to their diagonals, which moves that of $S$ to
-# zero.
+# Any prices with $S \succeq 0$ are a proof that nothing costs less than $\operatorname{tr}\Lambda$.
+# Such multipliers are called *feasible*. Here are a thousand such proofs. Random symmetric blocks
+# are made feasible by adding the smallest eigenvalue of $S$ to their diagonals, which moves that of
+# $S$ to zero.
 
 
 # %%
@@ -329,9 +329,9 @@ plt.show()
 # - $\|\Delta_{ii}\| \le \deg_i (1 - \cos a) = 2 \deg_i s^2$ (eq. 29),
 #
 # so no eigenvalue of $\Delta$ is larger in size than the largest sum of norms over a row of blocks
-# (Gershgorin, by blocks), $2 d_{\max}\, s(1 + s)$ (eq. 37). Both $S$ and $L_G \otimes I$ vanish on the turning of the
-# world. On its complement $L_G$ is at least its second eigenvalue $\lambda_2$, the *Fiedler
-# value*, which measures how well connected the graph is. So $S \succeq 0$ as long as
+# (Gershgorin, by blocks), $2 d_{\max}\, s(1 + s)$ (eq. 37). Both $S$ and $L_G \otimes I$ vanish on
+# the turning of the world. On its complement $L_G$ is at least its second eigenvalue $\lambda_2$,
+# the *Fiedler value*, which measures how well connected the graph is. So $S \succeq 0$ as long as
 #
 # $$\lambda_2 \ge 2 d_{\max}\, s (1 + s)
 # \quad\Longleftrightarrow\quad
