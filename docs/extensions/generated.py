@@ -68,9 +68,16 @@ def sync(folder: Path, files: Mapping[str, bytes], patterns: tuple[str, ...] = (
 
 def package_key() -> str:
     """What a lesson's output depends on besides its own text: the package and its foundations."""
-    foundations = ("numpy", "scipy", "matplotlib", "cvxpy", "clarabel")
-    versions = "-".join(map(importlib.metadata.version, foundations))
-    return f"{_digest(ROOT / 'certpgo')}-{versions}"
+    foundations = ("numpy", "scipy", "matplotlib", "cvxpy", "clarabel", "gtsam")
+    return "-".join([_digest(ROOT / "certpgo"), *map(_version, foundations)])
+
+
+def _version(package: str) -> str:
+    # GTSAM has no wheels for every platform, and lessons say so where it is absent.
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "none"
 
 
 def _digest(folder: Path) -> str:
