@@ -43,9 +43,9 @@ extensions = [
     "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.mathjax",
-    "sphinx.ext.viewcode",
     "extensions.docstrings",
     "extensions.generated",
+    "extensions.pictures",
 ]
 include_patterns = ["**.md", "**.rst", "lessons/*.py"]  # other Python here is no page
 smartquotes = False  # they would make a dash of --method
@@ -69,6 +69,9 @@ nb_execution_raise_on_error = True
 nb_execution_show_tb = True
 nb_merge_streams = True
 nb_output_stderr = "warn"
+# Solutions are the only cells that are folded.
+nb_code_prompt_show = "Solution"
+nb_code_prompt_hide = "Hide the solution"
 
 # Reference
 default_role = "name"

@@ -20,6 +20,8 @@ MADE = {
     DOCS / "lessons": ROOT / "reports" / "lessons",
     DOCS / "results": ROOT / "reports" / "results",
 }
+#: What is made beside the methods' pages.
+LISTS = ("baselines", "overview", "shared-settings")
 FENCE = re.compile(r"^(`{3,}|~{3,}).*?^\1\s*$", re.M | re.S)
 LINK = re.compile(r"\]\(<?([^)<>\s#]*)(?:#[^)\s]*)?>?\)")
 
@@ -38,7 +40,7 @@ def is_there(place):
     if place.parent == DOCS / "reference" / "cli":
         return place.stem in {*command_names(), "exit-codes"}
     if place.parent == DOCS / "reference" / "methods":
-        return place.stem in {*registry.solver_names(), "baselines", "shared-settings"}
+        return place.stem in {*registry.solver_names(), *LISTS}
     return place.exists() or any(place.parent.glob(f"{place.name}.*"))
 
 
@@ -118,6 +120,7 @@ def test_every_command_has_a_page_with_every_option(made):
 def test_every_method_has_a_page(made):
     _, methods = made
     named = {name for name in registry.solver_names() if f"{name}.rst" in methods}
+    assert named == set(re.findall(r"^\| \[`(\w+)`\]\(methods/\1\.rst\)", methods["overview.txt"], re.M))
     listed = set(re.findall(r"^   \* - ``(\w+)``$", methods["baselines.rst"], re.M))
     assert named | listed == {*registry.solver_names()} - {registry.PIPELINE}
     assert "certpgo.solve.Certified" in described("autoclass")

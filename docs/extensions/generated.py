@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import importlib.util
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -24,6 +25,14 @@ ROOT = DOCS.parent
 #: One file with all of TeX and glyphs as outlines: nothing is loaded later, not even a font.
 MATHJAX = "tex-svg-full.js"
 
+#: Links that work where the sources are read as they are lead to files that are copied here.
+_COPIED = {
+    "reports/lessons/": "lessons/",
+    "reports/results/": "results/",
+    "CONTRIBUTING.md": "contributing.md",
+}
+_TO_COPIED = re.compile(rf"(\]\((?:\.\./)*)\.\./({'|'.join(map(re.escape, _COPIED))})")
+
 #: What `reports/results` holds that pages show or link to.
 RESULTS = ("*.md", "*.svg", "*.csv", "*.tex", "*.bib")
 
@@ -33,6 +42,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     # Sphinx reads pages anew when a setting changes, and would not when these files do.
     app.add_config_value("extensions_key", _digest(Path(__file__).parent), "env")
     app.connect("config-inited", lambda app, config: write_pages())
+    app.connect("source-read", _link_to_copies)
     app.connect("build-finished", _copy_mathjax)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
@@ -64,6 +74,10 @@ def sync(folder: Path, files: Mapping[str, bytes], patterns: tuple[str, ...] = (
         path = folder / name
         if not path.is_file() or path.read_bytes() != content:
             path.write_bytes(content)
+
+
+def _link_to_copies(app: Sphinx, page: str, source: list[str]) -> None:
+    source[0] = _TO_COPIED.sub(lambda link: link[1] + _COPIED[link[2]], source[0])
 
 
 def package_key() -> str:

@@ -32,6 +32,12 @@ _BASE = """\
 
 """
 
+#: Included by the page of methods, and no page itself.
+_OVERVIEW = """\
+| method | takes | what it is |
+|---|---|---|
+"""
+
 _BASELINES = """\
 Baselines
 =========
@@ -49,7 +55,7 @@ Competitors, in the checkout's folder ``baselines`` and no part of the wheel.
 
 
 def pages() -> dict[str, str]:
-    """Pages by file name: each method of the package, and a list of the baselines."""
+    """Pages by file name: each method of the package, lists of them and of the baselines."""
     own = [path.stem for path in _files(registry.checkout(), "certpgo/solvers")]
     made = {f"{name}.rst": _solver_page(name) for name in own}
     rows = "".join(
@@ -57,6 +63,10 @@ def pages() -> dict[str, str]:
         for path in _files(registry.checkout(), "baselines")
     )
     made["baselines.rst"] = _BASELINES + rows
+    made["overview.txt"] = _OVERVIEW + "".join(
+        f"| [`{name}`](methods/{name}.rst) | {_kinds(name)} | {_summary(path)} |\n"
+        for name, path in zip(own, _files(registry.checkout(), "certpgo/solvers"), strict=True)
+    )
     bases = {base for name in own for base in registry.get_solver(name).__mro__}
     shared = sorted((b.__module__, b.__name__) for b in bases if "solvers._" in b.__module__)
     made["shared-settings.rst"] = _SHARED + "".join(
@@ -67,8 +77,14 @@ def pages() -> dict[str, str]:
 
 def _solver_page(name: str) -> str:
     solver = registry.get_solver(name)
-    kinds = " and ".join(kind for kind in ("poses", "rotations") if getattr(solver, kind))
-    return _SOLVER.format(name=name, line="=" * len(name), solver=solver.__name__, kinds=kinds)
+    return _SOLVER.format(
+        name=name, line="=" * len(name), solver=solver.__name__, kinds=_kinds(name)
+    )
+
+
+def _kinds(name: str) -> str:
+    solver = registry.get_solver(name)
+    return " and ".join(kind for kind in ("poses", "rotations") if getattr(solver, kind))
 
 
 def _files(root: Path | None, folder: str) -> list[Path]:
