@@ -54,12 +54,15 @@ def _of_cells(found: Sequence[Cell]) -> str:
     counts = cells.tally(found)
     unexplained = sum(c.found is cells.Found.DIFFERS and not c.reason for c in found)
     why = f", {unexplained} of them unexplained" if unexplained else ", each explained"
+    reproduced, better = counts[cells.Found.REPRODUCED], counts[cells.Found.BETTER]
     differing = counts[cells.Found.DIFFERS]
+    ran = reproduced + better + differing
+    share = f" ({100 * (reproduced + better) / ran:.0f} %)" if ran else ""
     return (
-        f"Of {counted(len(found), 'value{s}')} printed in the papers' tables "
-        f"{counts[cells.Found.REPRODUCED]} are reproduced, {counts[cells.Found.BETTER]} better, "
-        f"{differing} different{why if differing else ''}, and "
-        f"{counts[cells.Found.NOT_RUN]} not run."
+        f"Of {counted(len(found), 'value{s}')} printed in the papers' tables {ran} were run: "
+        f"{reproduced} reproduced and {better} better{share}, "
+        f"{differing} different{why if differing else ''}; "
+        f"{counts[cells.Found.NOT_RUN]} were not run."
     )
 
 
@@ -67,7 +70,7 @@ def _of_claims(outcomes: Sequence[Outcome]) -> str:
     held, differ, open_ = _tally(outcomes)
     return (
         f"Of {counted(len(outcomes), 'claim{s}')} of the papers {held} hold, {differ} differ and "
-        f"{open_} could not be run."
+        f"{open_} were not run."
     )
 
 

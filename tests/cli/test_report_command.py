@@ -75,9 +75,9 @@ def record(row, cost, **more):
 def test_the_index_says_first_what_was_reproduced(results):
     text = dict(report.rendered(report.gather(results)))["index.md"].decode()
     assert text.split("\n")[2] == (
-        "**Of 2 values printed in the papers' tables 1 are reproduced, 0 better, 1 different, each "
-        "explained, and 0 not run. Of 3 claims of the papers 1 hold, 2 differ and 0 could not be "
-        "run.**"
+        "**Of 2 values printed in the papers' tables 2 were run: 1 reproduced and 0 better (50 %), "
+        "1 different, each explained; 0 were not run. Of 3 claims of the papers 1 hold, 2 differ "
+        "and 0 were not run.**"
     )
     for line in (
         "| [paper_table1](paper_table1.md) | 2 | 1 | 0 | 1 | 0 |",
@@ -150,7 +150,7 @@ def test_what_differs_without_explanation_is_said(results):
 def test_the_command_writes_the_report(results, tmp_path, certpgo):
     done = certpgo("report", "--results", results, "--out", tmp_path / "out")
     assert done.code == 0
-    assert done.out.startswith("Of 2 values printed in the papers' tables 1 are reproduced")
+    assert done.out.startswith("Of 2 values printed in the papers' tables 2 were run: 1 reproduced")
     names = {path.name for path in (tmp_path / "out").iterdir()}
     tables = {f"paper_table1.{suffix}" for suffix in ("md", "csv", "tex")}
     assert names == tables | {"index.md", "paper_figure1.svg", "sources.bib"}
