@@ -133,7 +133,7 @@ def test_what_was_not_run_is_counted_and_said(results):
     (results / "paper_table1.jsonl").unlink()
     files = dict(report.rendered(report.gather(results)))
     text = files["index.md"].decode()
-    assert "0 different, and 2 not run. Of 3 claims of the papers 1 hold, 0 differ and 2" in text
+    assert "0 different; 2 were not run. Of 3 claims of the papers 1 hold, 0 differ and 2" in text
     assert "| paper_table1 | 2 | no record |" in text
     assert "| paper_table1 | A small table | not run |" in text
     assert "paper_table1.md" not in files
@@ -143,7 +143,7 @@ def test_what_differs_without_explanation_is_said(results):
     path = registry.repository() / "reports/tables/paper_table1.py"
     path.write_text(TABLE.replace("another b", ""))
     text = dict(report.rendered(report.gather(results)))["index.md"].decode()
-    assert "1 different, 1 of them unexplained, and" in text
+    assert "1 different, 1 of them unexplained; 0" in text
     assert "| paper_table1 | 1 | not explained |" in text
 
 
