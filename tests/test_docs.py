@@ -120,7 +120,9 @@ def test_every_command_has_a_page_with_every_option(made):
 def test_every_method_has_a_page(made):
     _, methods = made
     named = {name for name in registry.solver_names() if f"{name}.rst" in methods}
-    assert named == set(re.findall(r"^\| \[`(\w+)`\]\(methods/\1\.rst\)", methods["overview.txt"], re.M))
+    assert named == set(
+        re.findall(r"^\| \[`(\w+)`\]\(methods/\1\.rst\)", methods["overview.txt"], re.M)
+    )
     listed = set(re.findall(r"^   \* - ``(\w+)``$", methods["baselines.rst"], re.M))
     assert named | listed == {*registry.solver_names()} - {registry.PIPELINE}
     assert "certpgo.solve.Certified" in described("autoclass")
@@ -140,4 +142,9 @@ def test_the_site_is_built_without_a_warning(tmp_path):
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "reference" / "api" / "certpgo.html").is_file()
     pages = "".join(path.read_text() for path in tmp_path.rglob("*.html"))
+    # Links of the sources that lead to the checkout's files lead to pages here.
+    assert not re.search(r'href="[^":]*reports/(lessons|results)/', pages)
+    assert (
+        'href="../lessons/outliers.html"' in (tmp_path / "how-to/reject_outliers.html").read_text()
+    )
     assert not re.search(r'<(script|link|img)[^>]*(src|href)="(https?:)?//', pages)
