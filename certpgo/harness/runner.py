@@ -310,8 +310,12 @@ def solve(method: Method, problem: Problem, row: Row | None = None, source: str 
         return _timed(solver, problem)
     start = solve(method.start, problem, row, source)
     solution = _timed(solver, problem, start.estimate)
-    before = {method.start.label: sum(start.seconds.values())}
-    return replace(solution, seconds={**before, **solution.seconds})
+    spent = sum(start.seconds.values())
+    return replace(
+        solution,
+        seconds={method.start.label: spent, **solution.seconds},
+        trace=tuple(replace(it, seconds=it.seconds + spent) for it in solution.trace),
+    )
 
 
 def _timed(solver: Solver, problem: Problem, initial: Estimate | None = None) -> Solution:

@@ -10,6 +10,7 @@ from certpgo.harness.instances import load_row, seed_of
 from certpgo.harness.methods import parse_settings
 from certpgo.harness.runner import run, solve
 from certpgo.harness.spec import Column, Method, Row, Table
+from certpgo.monitor import Iteration
 from certpgo.problem import problem_of
 from certpgo.solution import Solution, Status
 from certpgo.trees import compose, spanning_tree
@@ -34,7 +35,9 @@ def test_an_instance_is_solved_judged_and_recorded():
 
 def test_a_method_that_times_nothing_is_timed_as_a_whole(monkeypatch):
     def untimed(self, problem, *, initial=None, monitor=None):
-        return Solution(problem.complete(initial.rotations), 1.0, Status.CONVERGED)
+        answer = problem.complete(initial.rotations)
+        told = (Iteration(0, 1.0, 0.0, 0.0, 0.5),)
+        return Solution(answer, 1.0, Status.CONVERGED, trace=told)
 
     def start(self, problem, *, initial=None, monitor=None):
         tree = compose(problem.graph, spanning_tree(problem.graph))
@@ -48,6 +51,7 @@ def test_a_method_that_times_nothing_is_timed_as_a_whole(monkeypatch):
     both = solve(Method("newton", start=Method("spanning_tree")), problem)
     assert both.seconds["spanning_tree"] == 0.25
     assert both.seconds["solve"] > 0.0
+    assert both.trace[0].seconds == 0.75
 
 
 def test_seeds_are_distinct_and_repeatable():
