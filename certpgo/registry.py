@@ -12,7 +12,8 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -175,13 +176,25 @@ def _stem(name: str) -> str:
 
 def checkout() -> Path | None:
     """The root of the checkout, or None; see `repository`."""
-    named, here = os.environ.get(REPOSITORY_VARIABLE), Path.cwd()
-    if named:
-        places = [Path(named)]
-    else:
-        places = [_PACKAGE.parent, *([here] if (here / _PACKAGE.name).is_dir() else [])]
-    complete = (p for p in places if (p / "baselines").is_dir() and (p / "reports").is_dir())
-    return next((place.resolve() for place in complete), None)
+    named = os.environ.get(REPOSITORY_VARIABLE)
+    return next(filter(_is_complete, [Path(named).resolve()] if named else _places()), None)
+
+
+def source() -> Path:
+    """The folder that the package lies in, whose commit says what ran."""
+    return _PACKAGE.parent
+
+
+def _places() -> Iterator[Path]:
+    yield source().resolve()
+    with suppress(OSError):  # a working directory that is gone
+        here = Path.cwd()
+        if (here / _PACKAGE.name).is_dir():
+            yield here.resolve()
+
+
+def _is_complete(root: Path) -> bool:
+    return (root / "baselines").is_dir() and (root / "reports").is_dir()
 
 
 def _checkout_folder(relative: str) -> Path | None:

@@ -105,7 +105,6 @@ def _guarded(function: Command) -> Callable[..., None]:
 
     @functools.wraps(function)
     def guarded(*args: object, **kwargs: object) -> None:
-        code: int | None = UNREAD
         try:
             code = function(*args, **kwargs)
             sys.stdout.flush()
@@ -116,6 +115,7 @@ def _guarded(function: Command) -> Callable[..., None]:
         except BrokenPipeError:
             # The reader has gone (| head); what Python flushes at exit has nowhere to go either.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            code = UNREAD
         except OSError as error:
             place = f"{error.filename}: " if error.filename else ""
             code = _fail(f"{place}{error.strerror or error}")

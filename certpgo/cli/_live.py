@@ -18,10 +18,6 @@ if TYPE_CHECKING:
     from certpgo.harness.plan import Task
 
 
-#: How the errors of what was left out by design, or for want of its file, begin.
-NOT_RUN = "not run"
-
-
 class View:
     """Counts what is done, running and failed, and shows nothing.
 
@@ -53,12 +49,14 @@ class View:
 
     def show(self, outcome: Outcome) -> None:
         """Count what a task gave."""
+        from certpgo.harness.records import is_left_out
+
         label = outcome.task.label
-        drawing = isinstance(outcome.figure, str) and bool(outcome.figure)
-        errors = [record.error for record in outcome.records if record.error]
-        left_out = sum(error.startswith(NOT_RUN) for error in errors)
+        said = [record.error for record in outcome.records]
+        said += [outcome.figure] if isinstance(outcome.figure, str) else []
+        left_out = sum(map(is_left_out, said))
         self._left_out[label] += left_out
-        self._failures[label] += len(errors) - left_out + drawing
+        self._failures[label] += sum(map(bool, said)) - left_out
         self._results[label] += len(outcome.records)
         if outcome.is_last:
             self.done += outcome.task.steps

@@ -33,9 +33,9 @@ def origin_of(
     from certpgo.harness.html.certificate import Origin
     from certpgo.harness.records import provenance
     from certpgo.linalg.factor import default_engine
-    from certpgo.registry import checkout
+    from certpgo.registry import source
 
-    made = provenance(default_engine(), checkout())
+    made = provenance(default_engine(), source())
     return Origin(
         graph=graph,
         estimate="" if estimate is None else str(estimate),

@@ -254,12 +254,19 @@ def _connect_ray(address: str, stack: ExitStack) -> int:
     try:
         import ray.util.joblib
     except ImportError:
-        raise MissingDependency("Ray", package="ray") from None
+        raise MissingDependency("Ray", package="'ray[client]'") from None
     cluster: Any = ray
     try:
         cluster.init(address)
+    except ValueError:
+        raise MissingDependency("Ray's client", package="'ray[client]'") from None
     except (OSError, RuntimeError):
         raise InputError(f"{address}: no scheduler of Ray answers there") from None
     stack.callback(cluster.shutdown)
     cluster.util.joblib.register_ray()
-    return int(cluster.cluster_resources()["CPU"])
+    cores = int(cluster.cluster_resources().get("CPU", 0))
+    if cores < 2:
+        raise InputError(
+            f"{address}: a cluster of two cores or more is needed, this one has {cores}"
+        )
+    return cores

@@ -14,7 +14,7 @@ from certpgo.harness.keys import Profile, content_key
 from certpgo.harness.records import plain, provenance
 from certpgo.io.writing import folder_to_write, write_whole
 from certpgo.linalg.factor import default_engine
-from certpgo.registry import checkout
+from certpgo.registry import source
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
@@ -114,7 +114,7 @@ def document(figure: Figure, record: Data, *, profile: Profile = "full") -> Data
         "caption": figure.captioned(record),
         "notes": list(figure.notes),
         "data": record,
-        "provenance": provenance(default_engine(), checkout()),
+        "provenance": provenance(default_engine(), source()),
     }
 
 

@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 
 from certpgo import registry
 from certpgo.errors import FormatError, InputError
-from certpgo.harness.records import Record, from_line, read_records, to_line
+from certpgo.harness.records import Record, from_line, is_left_out, read_records, to_line
 from certpgo.harness.runner import run
 from certpgo.solution import Status
 
@@ -158,10 +158,10 @@ def compare(new: Records, committed: Records, *, times: float = TIMES) -> Compar
     compared = other_engine = 0
     for key, after in new.items():
         before = committed.get(key)
-        if _not_run(after):
-            if before is not None and not _not_run(before):
+        if is_left_out(after.error):
+            if before is not None and not is_left_out(before.error):
                 missing[key] = after.error
-        elif before is None or _not_run(before):
+        elif before is None or is_left_out(before.error):
             added.append(key)
         else:
             compared += 1
@@ -169,7 +169,7 @@ def compare(new: Records, committed: Records, *, times: float = TIMES) -> Compar
             movements.extend(_movements(key, before, after, times))
     profiles = {key.profile for key in new}
     tables = {(key.profile, key.table) for key in new}
-    rest = [key for key in committed if key not in new and not _not_run(committed[key])]
+    rest = [key for key in committed if key not in new and not is_left_out(committed[key].error)]
     missing |= {key: "" for key in rest if key[:2] in tables}
     untouched = {key.table for key in rest if key.profile in profiles and key[:2] not in tables}
     return Comparison(
@@ -239,11 +239,6 @@ def _read(path: Path) -> Iterator[Record]:
 def _key(record: Record, folder: str) -> Key:
     profile = record.profile or (QUICK if folder == QUICK else "full")
     return Key(profile, record.table, record.row, record.part, record.method, record.seed)
-
-
-def _not_run(record: Record) -> bool:
-    """Whether a record is none for want of a file or package, or by its table's choice."""
-    return record.error.startswith("not run") or "is not installed" in record.error
 
 
 def _engine(record: Record) -> str:

@@ -30,8 +30,9 @@ DISTRIBUTIONS = ("certpgo", "numpy", "scipy", "gtsam", "cvxopt")
 
 #: Iterations that a record keeps of a method.
 TRACED = 40
-#: How near to the answer's cost the last one told must be, relative: rotations are projected.
-ENDS = 1e-3
+#: How far below and above the answer's cost the last one told may be, relative: what is told may
+#: end before a last projection, and nothing of F ends below it.
+ENDS = 1e-6, 1e-3
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,9 @@ def trace_of(solution: Solution) -> tuple[tuple[float, float], ...]:
     Nothing of methods that tell another cost: robust ones, and those that do not end at F.
     """
     told = [iteration for iteration in solution.trace if math.isfinite(iteration.cost)]
-    ends = told and math.isclose(told[-1].cost, solution.cost, rel_tol=ENDS)
+    below, above = ENDS
+    F = solution.cost
+    ends = told and -below * F <= told[-1].cost - F <= above * F
     if not ends or solution.weights is not None:
         return ()
     if len(told) > TRACED:
@@ -321,6 +324,11 @@ def _commit(root: Path | None) -> str:
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
     return done.stdout.strip()
+
+
+def is_left_out(error: str) -> bool:
+    """Whether there is no answer by choice, or for want of a file or package: no failure."""
+    return error.startswith("not run") or "is not installed" in error
 
 
 def plain(value: Any) -> Any:

@@ -120,7 +120,7 @@ def run_case(
                     _run_method(method, trial),
                     part="" if whole else part.name,
                     parts=len(parts),
-                    provenance=provenance(default_engine(), registry.checkout()),
+                    provenance=provenance(default_engine(), registry.source()),
                 )
 
 

@@ -84,5 +84,5 @@ FIGURE = Figure(
     source="the data sets, see `certpgo list`",
     compute=compute,
     draw=draw,
-    caption="Trajectories, and in (d) to (f) loop closures (grey): {values}.",
+    caption="Trajectories, and in the lower row loop closures (grey): {values}.",
 )

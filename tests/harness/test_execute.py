@@ -113,7 +113,7 @@ def test_an_address_of_another_kind_is_refused():
     ("address", "package", "line"),
     [
         ("tcp://127.0.0.1:1", "distributed", "'certpgo[cluster]'"),
-        ("ray://127.0.0.1:1", "ray", "ray"),
+        ("ray://127.0.0.1:1", "ray", "'ray[client]'"),
     ],
 )
 def test_a_missing_package_is_named_with_its_install_line(
@@ -164,17 +164,13 @@ def ray_address(small_checkout, tmp_path, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
-def test_ray_runs_the_same(table, ray_address):
+def test_ray_runs_the_same_and_a_task_that_kills_its_worker_is_a_row(table, ray_address):
+    # One test, for stopping one cluster stops every other of the machine.
     records = executed(table, Pool(scheduler=ray_address))
     assert by_key(records) == by_key(executed(table, Pool()))
     assert {record.provenance["alone"] for record in records} == {"unknown"}
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore")
-def test_a_task_that_kills_its_worker_of_ray_is_a_row(table, ray_address):
-    table = replace(mischievous(table, "die", 4), rows=table.rows[:2], quick=())
-    records = executed(table, Pool(scheduler=ray_address))
+    deadly = replace(mischievous(table, "die", 4), rows=table.rows[:2], quick=())
+    records = executed(deadly, Pool(scheduler=ray_address))
     assert failures(records) == {"n = 4": DIED}
     assert len(records) == 2
 

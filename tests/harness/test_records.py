@@ -48,6 +48,8 @@ def test_a_trace_is_thinned_and_keeps_its_ends():
     short = Solution(estimate, told[6].cost, Status.CONVERGED, trace=told[:7])
     assert len(trace_of(short)) == 7
     assert trace_of(replace(short, cost=1.0)) == ()
+    assert len(trace_of(replace(short, cost=told[6].cost * 0.9995))) == 7
+    assert trace_of(replace(short, cost=told[6].cost * 1.00001)) == ()
     robust = replace(short, weights=np.ones(1))
     assert trace_of(robust) == ()
 

@@ -175,7 +175,7 @@ def _charts(records: Iterable[Record]) -> list[Lines]:
             rows.setdefault(record.part or record.row, []).append(record)
     drawn = []
     for row, traced in rows.items():
-        bounds = [r.metrics["lower_bound"] for r in traced if "lower_bound" in r.metrics]
+        bounds = [b for r in traced if (b := r.metrics.get("lower_bound")) is not None]
         drawn.append(lines(f"{row}: cost F", "seconds", [_curve(r) for r in traced]))
         gaps = [_curve(r, above=max(bounds)) for r in traced] if bounds else []
         title = f"{row}: cost F above the best proven bound"

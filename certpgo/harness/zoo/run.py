@@ -96,7 +96,7 @@ def record(job: Job) -> Record:
         counts={": ".join(filter(None, key)): count for key, count in sorted(tally.items())},
         note="; ".join(faults),
         error="" if tally["", "points"] else "no points: its file is not here",
-        provenance=provenance(default_engine(), registry.checkout()),
+        provenance=provenance(default_engine(), registry.source()),
     )
 
 
