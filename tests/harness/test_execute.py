@@ -149,6 +149,7 @@ def ray_address(small_checkout, tmp_path, monkeypatch):
     """A cluster of Ray with two cores, behind a client's port on the loopback."""
     pytest.importorskip("ray", reason="needs ray")
     monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+    monkeypatch.setenv("RAY_AUTH_MODE", "disabled")  # of a token that another cluster left behind
     with socket.socket() as free, socket.socket() as other:
         free.bind(("127.0.0.1", 0))
         other.bind(("127.0.0.1", 0))
