@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
@@ -14,7 +15,8 @@ from certpgo.certify.bounds import Bounds
 from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound, dual_bound
 from certpgo.certify.proof import exact_cost, exact_graph, proven_bound
-from certpgo.errors import InputError, NumericalError, SpecError
+from certpgo.certify.units import in_units, unit_of
+from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.estimate import Estimate
 from certpgo.linalg import factor
 from certpgo.newton import newton
@@ -76,8 +78,12 @@ class Case:
         tier = _tier(tier)
         if not (0.0 <= rtol < 1.0 and 0.0 <= atol < 1.0):
             raise InputError(f"tolerances must lie within 0 ... 1: rtol={rtol}, atol={atol}")
-        unit = _unit(problem)
-        return Case(problem.scaled(1.0 / unit), unit, tier, rtol, atol)
+        unit = unit_of(problem)
+        try:
+            scaled = problem.scaled(1.0 / unit)
+        except GraphError as error:
+            raise InputError(f"too uneven weights: divided by {unit:.2g}, {error}") from None
+        return Case(scaled, unit, tier, rtol, atol)
 
     @property
     def rigorous(self) -> bool:
@@ -135,6 +141,10 @@ class Case:
             return exact_cost(self.problem, self._exact, estimate)
         return rounding.cost_upper(self.problem, estimate)
 
+    def sure(self, estimate: Estimate, cost: float) -> float:
+        """What is less than this costs less than an estimate, whose cost is at most ``cost``."""
+        return rounding.cost_lower(self.problem, estimate) - self.difference(cost)
+
     @cached_property
     def _exact(self) -> checker.Graph:
         """The measurements as the checker takes them."""
@@ -152,13 +162,13 @@ class Case:
         cost = own.cost if estimate is own.point else self.cost_upper(estimate)
         tolerance = self.tolerance(cost)
         best = other if other is not None and other.value > own.value else own
-        gap = cost - best.value
+        gap = _difference_up(cost, best.value)
         finite = math.isfinite(cost) and math.isfinite(tolerance)
         basin_is_global = self.rigorous and own.cost - best.value <= self.tolerance(own.cost)
         better, elsewhere = None, False
-        if other is not None and other.cost < min(own.cost, cost - self.difference(cost)):
+        if other is not None and other.cost < min(own.cost, self.sure(estimate, cost)):
             better = other
-            elsewhere = own.settled and other.cost < own.cost - self.difference(own.cost)
+            elsewhere = own.settled and other.cost < self.sure(own.point, own.cost)
         if elsewhere:
             verdict = Verdict.REFUTED
         elif finite and self.rigorous and gap <= tolerance:
@@ -189,8 +199,15 @@ class Case:
             engine=factor.default_engine(),
             reason="",
         )
-        scaled = _in_units(self.unit, judged)
+        scaled = in_units(self.unit, judged)
         return replace(scaled, reason=_reason(scaled))
+
+
+def _difference_up(high: float, low: float) -> float:
+    """A double not below the difference."""
+    gap = high - low
+    short = math.isfinite(gap) and Fraction(gap) < Fraction(high) - Fraction(low)
+    return math.nextafter(gap, math.inf) if short else gap
 
 
 def _tier(tier: Tier | str) -> Tier:
@@ -200,34 +217,6 @@ def _tier(tier: Tier | str) -> Tier:
     if tier not in known:
         raise SpecError.unknown("tier", tier, known)
     return known[tier]
-
-
-def _unit(problem: Problem) -> float:
-    """The power of two nearest W."""
-    with np.errstate(over="ignore"):
-        scale = problem.scale
-    if not math.isfinite(scale) or scale <= 0.0:
-        raise InputError(f"the weights add up to {scale}, beyond the range of doubles")
-    return math.ldexp(1.0, max(-1000, min(1000, round(math.log2(scale)))))
-
-
-def _in_units(unit: float, judged: Certificate) -> Certificate:
-    """The certificate of the problem whose weights are ``unit`` times as large."""
-    bounds_ = judged.bounds
-    if bounds_ is not None:
-        bounds_ = replace(bounds_, spectral=unit * bounds_.spectral, fiedler=unit * bounds_.fiedler)
-    return replace(
-        judged,
-        cost=unit * judged.cost,
-        lower_bound=unit * judged.lower_bound,
-        gap=unit * judged.gap,
-        scale=unit * judged.scale,
-        multipliers=None if judged.multipliers is None else unit * judged.multipliers,
-        shift=unit * judged.shift,
-        refined_cost=unit * judged.refined_cost,
-        better_cost=None if judged.better_cost is None else unit * judged.better_cost,
-        bounds=bounds_,
-    )
 
 
 def _reason(c: Certificate) -> str:
