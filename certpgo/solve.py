@@ -21,7 +21,6 @@ from certpgo.certify import (
     Tier,
     Verdict,
     cost_upper,
-    dual_bound,
 )
 from certpgo.certify.case import ATOL, MAX_STEPS, RTOL, Basin, Case
 from certpgo.certify.curvature import negative_curvature
@@ -280,13 +279,7 @@ class _Staircase:
         if self.stop.asked:
             return
         with self.watch.phase("certify"):
-            bound = dual_bound(
-                self.problem,
-                point,
-                enough=self.cost - self.case.tolerance(self.cost),
-                sharp=False,
-                tight=tight,
-            )
+            bound = self.case.bound(point, self.cost, sharp=False, tight=tight)
         if bound is not None:
             self.counts["factorizations"] += bound.factorizations
             self.counts["nonzeros"] = max(self.counts["nonzeros"], bound.nonzeros)
