@@ -39,6 +39,8 @@ from certpgo.starts import Start, start_of
 
 #: Dimensions that the staircase may add to the d of space.
 MORE_RANKS = 7
+#: By how much less rounding costs at the proof tier, at most.
+PROOF_GAIN = 1e3
 #: Stationarity asked of estimates, and over the typical residual of points of higher rank; radians.
 TOLERANCE, LIFTED_TOLERANCE = 1e-11, 1e-5
 
@@ -110,6 +112,7 @@ def solve(
     initial: Estimate | None = None,
     time_limit: float | None = None,
     max_rank: int | None = None,
+    tier: Tier | str = Tier.STANDARD,
     rtol: float = RTOL,
     atol: float = ATOL,
     monitor: Monitor = silent,
@@ -126,6 +129,8 @@ def solve(
     time_limit : seconds after which to return the best estimate so far; what is under way, such
         as a factorization, is finished first
     max_rank : dimensions at which the staircase ends; by default d + 7
+    tier : what the certificate may trust, see `Tier`. Where rounding is all that the standard tier
+        lacks, the proof tier is asked, and the certificate says so
     rtol, atol : CERTIFIED means gap <= rtol F + atol W
     monitor : is told each iteration, and may stop the search
 
@@ -140,7 +145,10 @@ def solve(
     GraphError
         The graph is not connected.
     InputError
-        An initial estimate of another graph, limits or tolerances that make no sense.
+        An initial estimate of another graph, limits or tolerances that make no sense, weights
+        beyond the range of doubles.
+    SpecError
+        An unknown tier.
     NumericalError
         No start could be computed.
 
@@ -159,7 +167,7 @@ def solve(
         raise InputError(
             f"solve takes a graph, such as instance.graph, not a {type(graph).__name__}"
         )
-    return _solve(problem_of(graph), initial, time_limit, max_rank, rtol, atol, monitor)
+    return _solve(problem_of(graph), initial, time_limit, max_rank, tier, rtol, atol, monitor)
 
 
 def _solve(
@@ -167,6 +175,7 @@ def _solve(
     initial: Estimate | None,
     time_limit: float | None,
     max_rank: int | None,
+    tier: Tier | str,
     rtol: float,
     atol: float,
     monitor: Monitor,
@@ -178,12 +187,15 @@ def _solve(
     highest = problem.d + MORE_RANKS if max_rank is None else max_rank
     if highest < problem.d:
         raise InputError(f"the maximal rank must be at least {problem.d}, not {highest}")
-    case = Case.of(problem, Tier.STANDARD, rtol, atol)
+    case = Case.of(problem, tier, rtol, atol)
     with stoppable(monitor, case.unit, time_limit) as stop:
-        search = _Staircase(case, stop)
+        # The search itself is steered by the cheaper bounds.
+        steering = replace(case, tier=Tier.STANDARD) if case.tier is Tier.PROOF else case
+        search = _Staircase(steering, stop)
         search.begin(initial)
         search.climb(highest)
-    return search.result(problem)
+        certificate = search.judged(case.tier)
+    return search.result(problem, certificate)
 
 
 class _Staircase:
@@ -305,10 +317,25 @@ class _Staircase:
     def basin(self) -> Basin:
         return Basin(self.best.estimate, self.cost, True, self.bound)
 
-    def result(self, problem: Problem) -> CertifiedSolution:
-        """Everything in the units of the graph."""
+    def judged(self, tier: Tier) -> Certificate:
+        """The certificate at a tier; at the proof tier as well where only rounding is missing."""
         estimate = self.best.estimate
         certificate = self.case.certificate(estimate, self.basin)
+        near = certificate.gap <= PROOF_GAIN * certificate.tolerance
+        missing = self.case.rigorous and self.is_minimal and near and not self.is_certified
+        if self.stop.asked or not (tier is Tier.PROOF or missing):
+            return certificate
+        with self.watch.phase("prove"):
+            case = replace(self.case, tier=Tier.PROOF)
+            cost = case.cost_upper(estimate)
+            basin = Basin(estimate, cost, True, case.bound(estimate, cost))
+            proven = case.certificate(estimate, basin)
+        better = proven.lower_bound > certificate.lower_bound
+        return proven if tier is Tier.PROOF or better else certificate
+
+    def result(self, problem: Problem, certificate: Certificate) -> CertifiedSolution:
+        """Everything in the units of the graph."""
+        estimate = self.best.estimate
         status = self.stop.status or self.best.status
         ended = f"the staircase ended at rank {self.levels[-1].rank}"
         if certificate.verdict is Verdict.UNDECIDED:
@@ -359,7 +386,8 @@ class Certified:
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """The best estimate found."""
-        return _solve(problem, initial, None, self.max_rank, RTOL, ATOL, monitor).solution
+        tier = Tier.STANDARD
+        return _solve(problem, initial, None, self.max_rank, tier, RTOL, ATOL, monitor).solution
 
 
 SOLVER = Certified

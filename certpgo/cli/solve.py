@@ -64,6 +64,14 @@ def command(
         int | None,
         typer.Option("--max-rank", min=2, help="Where the staircase ends. [default: d + 7]"),
     ] = None,
+    tier: Annotated[
+        str | None,
+        typer.Option(
+            "--tier",
+            help="What may be trusted: proof, standard, or screen (a hint). "
+            "[default: standard; proof with --proof, or where rounding is all that is missing]",
+        ),
+    ] = None,
     trace: Annotated[bool, typer.Option("--trace", help="Print every iteration.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
     *,
@@ -80,6 +88,7 @@ def command(
     from certpgo.io.format import format_to_write
 
     _refuse_mixtures(method, settings, certify, time_limit, max_rank)
+    tier = tier or ("standard" if proof is None else "proof")
     if out is not None:
         format_to_write(out, format)  # a wrong suffix is said before the work, not after
     for written in (out, proof, html):
@@ -108,9 +117,10 @@ def command(
         with working(f"solving {part.name}") as status:
             monitor = TableMonitor() if trace else _Telling(status)
             if solver is None or method is None:
-                answer = _certified(part, begin, time_limit, max_rank, monitor)
+                answer = _certified(part, begin, time_limit, max_rank, tier, monitor)
             else:
-                answer = _by_method(part, method, solver, begin, certify, monitor, status)
+                judging = tier if certify else None
+                answer = _by_method(part, method, solver, begin, judging, monitor, status)
         if target is not None:
             with noticing():
                 write(target, answer.solution.estimate, instance=part, format=format)
@@ -235,12 +245,18 @@ def _certified(
     start: Estimate | None,
     time_limit: float | None,
     max_rank: int | None,
+    tier: str,
     monitor: Monitor,
 ) -> _Answer:
     from certpgo import solve
 
     found = solve(
-        part.graph, initial=start, time_limit=time_limit, max_rank=max_rank, monitor=monitor
+        part.graph,
+        initial=start,
+        time_limit=time_limit,
+        max_rank=max_rank,
+        tier=tier,
+        monitor=monitor,
     )
     return _Answer("certified", found.solution, found.certificate, found.start, found.levels)
 
@@ -250,7 +266,7 @@ def _by_method(
     name: str,
     solver: Solver,
     start: Estimate | None,
-    judge: bool,
+    tier: str | None,
     monitor: Monitor,
     status: Any,
 ) -> _Answer:
@@ -259,10 +275,11 @@ def _by_method(
 
     problem = problem_of(part.graph)
     solution = solver.solve(problem, initial=start, monitor=monitor)
-    if not judge:
+    if tier is None:
         return _Answer(name, solution, None)
     status.update(f"certifying the answer for {part.name}")
-    return _Answer(name, solution, certify(solution.judged(problem), solution.estimate))
+    certificate = certify(solution.judged(problem), solution.estimate, tier=tier)
+    return _Answer(name, solution, certificate)
 
 
 def _page(
