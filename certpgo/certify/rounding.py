@@ -36,10 +36,9 @@ def cost_upper(problem: Problem, estimate: Estimate) -> float:
     terms = graph.kappa * (norm * (1.0 + 32.0 * U) + error) ** 2
     if isinstance(problem, PoseProblem) and estimate.translations is not None:
         r = np.linalg.norm(problem.translation_residuals(estimate), axis=1)
-        i, j = problem.graph.edges.T
-        size = np.linalg.norm(estimate.translations, axis=1)
+        # What t_j - t_i is rounded by is relative to itself: at most r and the lever together.
         lever = np.linalg.norm(problem.graph.translations, axis=1)
-        slack = (own + 32.0 * U) * lever + 8.0 * U * (size[i] + size[j])
+        slack = (own + 32.0 * U) * lever
         terms = np.concatenate([terms, problem.graph.tau * (r * (1.0 + 32.0 * U) + slack) ** 2])
     return _sum_upper(terms)
 
