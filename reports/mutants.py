@@ -15,7 +15,9 @@ import ast
 import copy
 import difflib
 import functools
+import importlib
 import json
+import math
 import os
 import random
 import resource
@@ -26,8 +28,8 @@ import sys
 import tempfile
 import time
 import tomllib
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -218,17 +220,26 @@ def modules() -> list[str]:
     return sorted({*TESTS, *(path.relative_to(ROOT).as_posix() for path in folder)})
 
 
-def tests_of(module: str) -> list[str]:
-    """The files of a module's own tests: of one that says nothing, all of the certificates'."""
-    patterns, tests = TESTS.get(module, ("certify/test_*",)), ROOT / "tests"
-    found = {path for pattern in patterns for path in tests.glob(f"{pattern}.py")}
-    return sorted(path.relative_to(ROOT).as_posix() for path in found)
+def tests_of(module: str, root: Path) -> list[str]:
+    """The files of a module's own tests: of one that `TESTS` lacks, all of the certificates'."""
+    patterns = TESTS.get(module, ("certify/test_*",))
+    found = {path for pattern in patterns for path in root.glob(f"tests/{pattern}.py")}
+    return sorted(path.relative_to(root).as_posix() for path in found)
 
 
 def equivalent() -> dict[Mutant, str]:
-    """Those that no test can kill, and why."""
+    """Those that no test can kill, and why; ``*`` stands for all mutants of a line."""
     entries = tomllib.loads(EQUIVALENT.read_text()).get("mutant", [])
-    return {Mutant(**{k: v for k, v in e.items() if k != "reason"}): e["reason"] for e in entries}
+    return {
+        Mutant(entry["module"], entry["function"], entry["before"], after): entry["reason"]
+        for entry in entries
+        for after in entry["after"]
+    }
+
+
+def excused(mutant: Mutant, known: Collection[Mutant]) -> Mutant | None:
+    """The entry of `equivalent` that a mutant falls under, if any."""
+    return next((m for m in (mutant, replace(mutant, after="*")) if m in known), None)
 
 
 # --- Running them
@@ -266,9 +277,13 @@ class Session:
         """Stops it."""
         signal.setitimer(signal.ITIMER_REAL, 0.0)
 
+    def pytest_collectreport(self, report: object) -> None:
+        """Names the file that cannot even be imported."""
+        self.pytest_runtest_logreport(report)
+
     def pytest_runtest_logreport(self, report: object) -> None:
         """Names the test that fails."""
-        if report.when == "call":
+        if getattr(report, "when", "") == "call":
             self.measured[report.nodeid] = report.duration
         if report.failed:
             print(f"\nFAILED-IN {report.nodeid} {'TIMEOUT' if _fired else ''}")
@@ -291,13 +306,52 @@ def _too_long(*_: object) -> None:
     raise Hangs
 
 
-def run_tests(times: Path, files: list[str]) -> int:
-    """In the process of a mutant: its tests, until one fails."""
+def preload() -> None:
+    """Imports what every run does, but for the package: runs are forks of this process."""
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    for name in ("flint", "hypothesis", "pytest", "scipy.sparse.linalg", "scipy.spatial.transform"):
+        importlib.import_module(name)
+
+
+def run_tests(folder: Path, files: list[str], session: Session) -> int:
+    """In a process of its own: the tests, until one fails. Pytest's exit code."""
     import pytest
 
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    arguments = ["-x", "-q", "--tb=line", "-p", "no:cacheprovider", "-p", "no:xdist", *files]
-    return pytest.main(arguments, plugins=[Session(times)])
+    os.chdir(folder)
+    sys.path[0] = str(folder)
+    os.environ.update(PYTHONPATH=str(folder), CERTPGO_REPOSITORY=str(folder))
+    os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
+    sys.dont_write_bytecode = True
+    # No assertions are rewritten: that would take longer than many a test.
+    arguments = ["-x", "-q", "--tb=line", "--assert=plain", "-p", "no:cacheprovider", *files]
+    return int(pytest.main(arguments, plugins=[session]))
+
+
+def forked(task: Callable[[], int], limit: float) -> tuple[int | None, str]:
+    """The exit code of a task in a fork, None after ``limit`` seconds, and its words."""
+    with tempfile.TemporaryFile() as said:
+        child = os.fork()
+        if not child:
+            code = 70
+            try:
+                os.setsid()
+                os.dup2(said.fileno(), 1)
+                os.dup2(said.fileno(), 2)
+                code = task()
+            finally:
+                sys.stdout.flush()
+                os._exit(code)
+        end, code = time.perf_counter() + limit, None
+        while code is None and time.perf_counter() < end:
+            time.sleep(0.01)
+            done, status = os.waitpid(child, os.WNOHANG)
+            code = os.waitstatus_to_exitcode(status) if done else None
+        if code is None:
+            os.killpg(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+        said.seek(0)
+        return code, said.read().decode(errors="replace")
 
 
 class Copy:
@@ -312,42 +366,27 @@ class Copy:
         command = [sys.executable, "-m", "compileall", "-q", *mode, "certpgo"]
         subprocess.run(command, cwd=folder, check=True)
 
-    def _run(self, module: str, limit: float | None) -> tuple[str, str]:
+    def _run(self, module: str, limit: float) -> tuple[str, str]:
         """What became of it, and the test that said so."""
-        times = self.folder / f"{module.replace('/', '.')}.times"
-        command = [sys.executable, str(ROOT / "reports" / "mutants.py"), "--tests", str(times)]
-        environment = dict(
-            os.environ,
-            PYTHONPATH=str(self.folder),
-            PYTHONDONTWRITEBYTECODE="1",
-            CERTPGO_REPOSITORY=str(self.folder),
-            OPENBLAS_NUM_THREADS="1",
-        )
-        with subprocess.Popen(
-            command + tests_of(module),
-            cwd=self.folder,
-            env=environment,
-            text=True,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        ) as process:
-            try:
-                said, _ = process.communicate(timeout=limit)
-            except subprocess.TimeoutExpired:
-                os.killpg(process.pid, signal.SIGKILL)
-                return "timeout", ""
-        failed = [line for line in said.splitlines() if line.startswith("FAILED-IN")]
-        words = failed[0].split() if failed else ["", said.strip().rpartition("\n")[2][:200]]
-        if process.returncode == 0:
+        session = Session(self.folder / f"{module.replace('/', '.')}.times")
+        files = tests_of(module, self.folder)
+        code, said = forked(lambda: run_tests(self.folder, files, session), limit)
+        if code is None:
+            return "timeout", ""
+        if code == 0:
             return "survived", ""
-        return "timeout" if "TIMEOUT" in words else "killed", words[1]
+        words = next((x.split() for x in said.splitlines() if x.startswith("FAILED-IN")), None)
+        if words:
+            return "timeout" if "TIMEOUT" in words else "killed", words[1]
+        if code < 0 or "ImportError while loading conftest" in said:
+            return "killed", f"exit code {code}"
+        raise SystemExit(f"{module}: no test failed, and yet {code}:\n{said[-2000:]}")
 
     @functools.cache  # noqa: B019
     def limit(self, module: str) -> float:
         """Seconds for a module's tests, which pass as it is."""
         start = time.perf_counter()
-        fate, words = self._run(module, None)
+        fate, words = self._run(module, math.inf)
         if fate != "survived":
             raise SystemExit(f"{module}: its tests fail without a mutant: {words}")
         return PATIENCE + FACTOR * (time.perf_counter() - start)
@@ -365,7 +404,7 @@ class Copy:
 
 def campaign(chosen: dict[Mutant, str], out: Path) -> dict[Mutant, str]:
     """What becomes of each; written to ``out``, from which an interrupted one goes on."""
-    excused, fates = equivalent(), {}
+    known, fates = equivalent(), {}
     if out.exists():
         for record in map(json.loads, out.read_text().splitlines()):
             mutant = Mutant(**{k: record[k] for k in Mutant.__dataclass_fields__})
@@ -377,7 +416,10 @@ def campaign(chosen: dict[Mutant, str], out: Path) -> dict[Mutant, str]:
         for number, (mutant, text) in enumerate(chosen.items(), 1):
             if mutant in fates:
                 continue
-            fate, by = ("equivalent", "") if mutant in excused else tree.fate(mutant, text)
+            if excused(mutant, known):
+                fate, by = "equivalent", ""
+            else:
+                fate, by = tree.fate(mutant, text)
             fates[mutant] = fate
             stream.write(json.dumps({**asdict(mutant), "fate": fate, "by": by}) + "\n")
             stream.flush()
@@ -407,10 +449,7 @@ def main() -> int:
     parser.add_argument("--function", action="append", help="of these prefixes alone")
     parser.add_argument("--out", type=Path, default=ROOT / "build" / "mutants.jsonl")
     parser.add_argument("--count", action="store_true", help="say how many there are, run none")
-    parser.add_argument("--tests", nargs="+", help=argparse.SUPPRESS)
     asked = parser.parse_args()
-    if asked.tests:
-        return run_tests(Path(asked.tests[0]), asked.tests[1:])
     every = [item for name in asked.module or modules() for item in mutants(name).items()]
     prefixes = tuple(asked.function or [""])
     every = [item for item in every if item[0].function.startswith(prefixes)]
@@ -419,6 +458,7 @@ def main() -> int:
             print(f"{name:<32} {sum(mutant.module == name for mutant, _ in every):5d}")
         return 0
     chosen = random.Random(asked.seed).sample(every, min(asked.sample, len(every)))
+    preload()
     # Module by module, so that their tests are timed once.
     return int(
         report(campaign(dict(sorted(chosen, key=lambda m: m[0].module)), asked.out)) > ALLOWED

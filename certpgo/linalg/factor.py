@@ -295,7 +295,7 @@ class _CholmodFactor:
 
         X = matrix(np.asfortranarray(B))
         cholmod.solve(self._factor, X, sys=system)
-        return np.array(X).reshape(B.shape, order="F") if B.ndim > 1 else np.array(X).ravel()
+        return np.array(X).reshape(B.shape)
 
     def lower(self) -> tuple[CSC, IntArray]:
         if self._lower is None:

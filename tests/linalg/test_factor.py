@@ -47,6 +47,25 @@ def test_solve_lower_and_permutation(engine, seed):
     assert L.nnz >= A.shape[0]
 
 
+def test_the_order_that_is_given_is_used(engine):
+    """A chain in random order fills its factor; in an order of the engine's own it would not."""
+    n, rng = 40, rng_of(0)
+    order = rng.permutation(n)
+    P = BlockPattern(n, np.c_[np.arange(n - 1), np.arange(1, n)])
+    A = add_to_diagonal(P.assemble(np.zeros((n, 1, 1)), -np.ones((n - 1, 1, 1))), 3.0)
+    F = factor.analyze(A, order=order, engine=engine).factor(A)
+    b = np.arange(n)  # of integers
+    np.testing.assert_allclose(A @ F.solve(b), b, rtol=0, atol=1e-11)
+    neighbours, entries = {k: {k - 1, k + 1} & set(range(n)) for k in range(n)}, n
+    for k in order:
+        mine = neighbours.pop(k)
+        entries += len(mine)
+        for other in mine:
+            neighbours[other] = (neighbours[other] | mine) - {k, other}
+    assert entries > 2 * n
+    assert F.lower()[0].nnz == entries
+
+
 def test_refactoring_with_the_same_pattern(engine):
     _, A = definite(0)
     symbolic = factor.analyze(A, engine=engine)
@@ -92,6 +111,8 @@ def test_factorize_orders_by_itself(engine):
 
 def test_engine_choice(monkeypatch):
     _, A = definite(1)
+    monkeypatch.delenv("CERTPGO_ENGINE", raising=False)
+    assert factor.default_engine() == factor.engines()[0]
     monkeypatch.setenv("CERTPGO_ENGINE", "superlu")
     assert factor.default_engine() == "superlu"
     assert factor.analyze(A).engine == "superlu"
@@ -206,6 +227,7 @@ def test_large_graphs_are_ordered_by_nested_dissection(engine, monkeypatch):
     assert P.num_nodes >= factor.NESTED_FROM
     order = factor.fill_reducing_order(P.indptr, P.indices, engine=engine)
     np.testing.assert_array_equal(np.sort(order), np.arange(P.num_nodes))
+    np.testing.assert_array_equal(order, factor._nested_dissection(P.indptr, P.indices))
     nested = factor.analyze(A, order=order, engine=engine).factor(A)
     solves(A, nested)
     monkeypatch.setattr(factor, "NESTED_FROM", P.num_nodes + 1)
