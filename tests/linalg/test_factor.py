@@ -63,7 +63,7 @@ def test_the_order_that_is_given_is_used(engine):
         for other in mine:
             neighbours[other] = (neighbours[other] | mine) - {k, other}
     assert entries > 2 * n
-    assert F.lower()[0].nnz == entries
+    assert np.count_nonzero(F.lower()[0].toarray()) == entries  # of supernodes, some are zero
 
 
 def test_refactoring_with_the_same_pattern(engine):
