@@ -1,6 +1,7 @@
 """Factorization engines: each against dense algebra, and against each other."""
 
 import importlib.util
+import sys
 
 import numpy as np
 import pytest
@@ -93,12 +94,38 @@ def test_zero_pivot_is_not_definite(engine):
     assert factor.analyze(A, engine=engine).factor(A) is None
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_inertia_counts_signs(seed):
-    _, A = definite(seed)
-    eigenvalues = np.linalg.eigvalsh(A.toarray())
-    middle = 0.5 * (eigenvalues[3] + eigenvalues[4])
-    assert factor.inertia(add_to_diagonal(A, -middle)) == (4, 0, len(eigenvalues) - 4)
+def test_what_is_not_finite_is_not_definite(engine):
+    _, A = definite(0)
+    for value in (np.nan, np.inf):
+        broken = A.copy()
+        broken.data[:1] = value
+        assert factor.factorize(broken, engine=engine) is None
+
+
+def test_superlu_needs_nothing_of_cvxopt(monkeypatch):
+    _, A = definite(0)
+    monkeypatch.setitem(sys.modules, "cvxopt", None)
+    monkeypatch.setenv("CERTPGO_ENGINE", "cholmod")
+    solves(A, factor.factorize(A, engine="superlu"))
+
+
+@pytest.mark.skipif("cholmod" not in factor.engines(), reason="the cvxopt wheel is not installed")
+def test_cholmods_options_are_ours_while_it_runs_and_others_afterwards(monkeypatch):
+    from cvxopt import cholmod
+
+    seen = []
+
+    def spied(original):
+        return lambda *args: (seen.append(dict(cholmod.options)), original(*args))[1]
+
+    for name in ("symbolic", "numeric"):
+        monkeypatch.setattr(cholmod, name, spied(getattr(cholmod, name)))
+    theirs = {"supernodal": 0, "dbound": 100.0}
+    monkeypatch.setattr(cholmod, "options", dict(theirs))
+    _, A = definite(0)
+    factor.factorize(A, engine="cholmod")
+    assert seen == [{"supernodal": 2, "nmethods": 1}] * 2
+    assert cholmod.options == theirs
 
 
 def test_factorize_orders_by_itself(engine):
