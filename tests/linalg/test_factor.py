@@ -136,6 +136,12 @@ def test_factorize_orders_by_itself(engine):
     )
 
 
+@pytest.mark.parametrize("installed", [True, False])
+def test_cholmod_is_an_engine_where_cvxopt_is_installed(installed, monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: object() if installed else None)
+    assert factor.engines() == (("cholmod", "superlu") if installed else ("superlu",))
+
+
 def test_engine_choice(monkeypatch):
     _, A = definite(1)
     monkeypatch.delenv("CERTPGO_ENGINE", raising=False)
@@ -275,6 +281,19 @@ def test_without_metis_minimum_degree_orders_them_all(engine, monkeypatch):
     order = factor.fill_reducing_order(P.indptr, P.indices, engine=engine)
     np.testing.assert_array_equal(order, expected)
     solves(A, factor.analyze(A, order=order, engine=engine).factor(A))
+
+
+def test_metis_is_given_the_neighbours_of_every_node(monkeypatch):
+    pymetis = pytest.importorskip("pymetis")
+    seen, adjacency = [], pymetis.CSRAdjacency
+    monkeypatch.setattr(
+        pymetis, "CSRAdjacency", lambda *args: seen.append(args) or adjacency(*args)
+    )
+    P = BlockPattern(5, np.array([[0, 2], [2, 1], [3, 2]]))  # nobody knows the last
+    factor._nested_dissection(P.indptr, P.indices)
+    starts, others = seen[0]
+    neighbours = [others[a:b].tolist() for a, b in zip(starts[:-1], starts[1:], strict=True)]
+    assert neighbours == [[2], [2], [0, 1, 3], [2], []]
 
 
 @given(seeds, st.integers(2, 40), st.integers(0, 40))
