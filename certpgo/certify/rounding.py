@@ -50,12 +50,11 @@ def _residuals(problem: Problem, estimate: Estimate) -> tuple[FloatArray, FloatA
     if not isinstance(problem, PoseProblem) or estimate.translations is None:
         return graph.kappa, norm, error
     r = np.linalg.norm(problem.translation_residuals(estimate), axis=1)
-    i, j = problem.graph.edges.T
-    size = np.linalg.norm(estimate.translations, axis=1)
+    # What t_j - t_i is rounded by is relative to itself: at most r and the lever together.
     lever = np.linalg.norm(problem.graph.translations, axis=1)
-    slack = (own + 32.0 * U) * lever + 8.0 * U * (size[i] + size[j])
     weights = np.concatenate([graph.kappa, problem.graph.tau])
-    return weights, np.concatenate([norm, r]), np.concatenate([error, slack])
+    errors = np.concatenate([error, (own + 32.0 * U) * lever])
+    return weights, np.concatenate([norm, r]), errors
 
 
 def _of_a_sum(terms: FloatArray) -> float:
