@@ -36,9 +36,11 @@ RANKS = {
     "newton": 7,
     "spectral": 7,
     "starts": 8,
+    "roundings": 8,
     "solvers": 8,
     "certify": 8,
     "metrics": 8,
+    "staircase": 9,
     "solve": 9,
     "registry": 10,
     "harness": 10,
@@ -46,13 +48,15 @@ RANKS = {
     "__init__": 12,
 }
 #: Of one rank, and yet: an estimate is checked against nothing of a graph but for its type; the
-#: catalogue reads what it finds; a problem is an objective; the harness finds methods by name.
+#: catalogue reads what it finds; a problem is an objective; the harness finds methods by name;
+#: an answer is what a search found.
 SIBLINGS = {
     ("problem", "objective"),
     ("progress", "solution"),
     ("graph", "estimate"),
     ("datasets", "io"),
     ("harness", "registry"),
+    ("solve", "staircase"),
 }
 
 #: Third-party packages with one home each.
