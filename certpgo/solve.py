@@ -68,6 +68,7 @@ def solve(
     graph: Graph,
     *,
     initial: Estimate | None = None,
+    try_own_start: bool = True,
     time_limit: float | None = None,
     max_rank: int | None = None,
     rtol: float = RTOL,
@@ -82,8 +83,9 @@ def solve(
     Parameters
     ----------
     graph : the measurements of n poses or rotations, connected
-    initial : where to start; n poses, in metres. Where it leads to no certified answer, a start of
-        our own is tried as well, and the better one counts
+    initial : where to start instead of a start of our own; n poses, in metres
+    try_own_start : where descent from the given start is not certified, try a start of our own
+        before climbing; the better one counts, and the answer says which
     time_limit : seconds after which to return the best estimate so far; what is under way, such
         as a factorization, is finished first. Without a limit the staircase still climbs for no
         more than 30 s once a first bound is in hand; `math.inf` lets it go on to the end
@@ -121,7 +123,8 @@ def solve(
         raise InputError(
             f"solve takes a graph, such as instance.graph, not a {type(graph).__name__}"
         )
-    return _solve(problem_of(graph), initial, time_limit, max_rank, rtol, atol, monitor)
+    problem = problem_of(graph)
+    return _solve(problem, initial, time_limit, max_rank, rtol, atol, monitor, try_own_start)
 
 
 def _solve(
@@ -132,6 +135,7 @@ def _solve(
     rtol: float,
     atol: float,
     monitor: Monitor,
+    try_own_start: bool = True,
 ) -> CertifiedSolution:
     if initial is not None:
         problem.check(initial)
@@ -144,7 +148,7 @@ def _solve(
     patience = PATIENCE if time_limit is None else math.inf
     with stoppable(monitor, case.unit, time_limit) as stop:
         search = Staircase(case, stop, patience)
-        search.search(initial, highest)
+        search.search(initial, highest, try_own_start)
     return _result(problem, search)
 
 

@@ -84,19 +84,19 @@ class Staircase:
         self.floor = -math.inf  # the relaxation's lowest cost, where the climb has reached it
         self.ended_early = False
 
-    def search(self, initial: Estimate | None, highest: int) -> None:
+    def search(self, initial: Estimate | None, highest: int, try_own_start: bool) -> None:
         """The whole of it; ``highest`` is the largest rank."""
-        self.begin(initial)
+        self.begin(initial, try_own_start)
         point = self.climb(highest)
         self.round(point)
         self.settle_for_less(point)
 
-    def begin(self, initial: Estimate | None) -> None:
+    def begin(self, initial: Estimate | None, try_own_start: bool) -> None:
         """The first descent, at rank d, and its bound: from the given start, then from our own."""
         start = self.own_start() if initial is None else self.given(initial)
         self.start = self.origin = start.name
         self.take(self.descend(start.estimate, near=start.near))
-        if initial is not None and not self.is_done:
+        if initial is not None and try_own_start and not self.is_done:
             with suppress(NumericalError, np.linalg.LinAlgError):
                 own = self.own_start()
                 if self.improve(self.descend(own.estimate, near=own.near)):
