@@ -7,7 +7,7 @@ from certpgo.graph import PoseGraph
 from certpgo.harness import restarts
 
 #: Graphs of the benchmark's that are small, in the plane and in space, of rotations and poses.
-LARGEST = 24
+LARGEST = 18
 
 
 def test_the_graphs_are_of_every_kind_and_can_be_had_again():
@@ -15,9 +15,9 @@ def test_the_graphs_are_of_every_kind_and_can_be_had_again():
     kinds = {(graph.d, isinstance(graph, PoseGraph)) for graph in made}
     assert kinds == {(2, False), (2, True), (3, False), (3, True)}
     assert all(10 <= graph.num_nodes <= 80 for graph in made)
-    for one, other in zip(made[:3], restarts.graphs(3), strict=True):
-        np.testing.assert_array_equal(one.rotation.rotations, other.rotation.rotations)
-    assert not np.array_equal(made[0].rotation.edges, next(restarts.graphs(1, 1)).rotation.edges)
+    for one, other in zip(made[:2], restarts.graphs(2), strict=True):
+        np.testing.assert_array_equal(one.rotations, other.rotations)
+    assert made[0].num_nodes != next(restarts.graphs(1, 1)).num_nodes
 
 
 def test_restarts_beat_no_bounded_answer():
