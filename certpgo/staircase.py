@@ -37,8 +37,8 @@ TOLERANCE, LIFTED_TOLERANCE = 1e-11, 1e-5
 RANK_STEPS = 100
 #: Seconds that the climb goes on, once a first bound is in hand, where no time limit is given.
 PATIENCE = 30.0
-#: Rounds of roundings, at most, while they still improve the answer.
-ROUNDS = 8
+#: Rounds of roundings in vain, at most, before the answer stands.
+ROUNDS = 4
 #: Relative difference of costs that are the same.
 SAME = 1e-9
 #: Steps in which a descent must be able to reach the best answer, at the pace of its last one.
@@ -84,19 +84,19 @@ class Staircase:
         self.floor = -math.inf  # the relaxation's lowest cost, where the climb has reached it
         self.ended_early = False
 
-    def search(self, initial: Estimate | None, highest: int) -> None:
+    def search(self, initial: Estimate | None, highest: int, try_own_start: bool) -> None:
         """The whole of it; ``highest`` is the largest rank."""
-        self.begin(initial)
+        self.begin(initial, try_own_start)
         point = self.climb(highest)
         self.round(point)
         self.settle_for_less(point)
 
-    def begin(self, initial: Estimate | None) -> None:
+    def begin(self, initial: Estimate | None, try_own_start: bool) -> None:
         """The first descent, at rank d, and its bound: from the given start, then from our own."""
         start = self.own_start() if initial is None else self.given(initial)
         self.start = self.origin = start.name
         self.take(self.descend(start.estimate, near=start.near))
-        if initial is not None and not self.is_done:
+        if initial is not None and try_own_start and not self.is_done:
             with suppress(NumericalError, np.linalg.LinAlgError):
                 own = self.own_start()
                 if self.improve(self.descend(own.estimate, near=own.near)):
@@ -178,15 +178,14 @@ class Staircase:
     def round(self, point: Point) -> None:
         """Descents from random roundings of the point and kicks of the answer, while they pay."""
         rng = np.random.default_rng(0)
-        for _ in range(ROUNDS):
-            if self.is_done or self.has_reached_the_floor:
-                break
+        # The looser the relaxation, the more dimensions its points have, and the more it takes.
+        vain, enough = 0, min(max(1, self.levels[-1].rank - self.problem.d), ROUNDS)
+        while vain < enough and not (self.is_done or self.has_reached_the_floor):
             before = self.best
             with self.watch.phase("round"):
                 starts = roundings(self.problem, point, before.estimate, rng)
             self.polish(starts)
-            if self.best is before:
-                break
+            vain = vain + 1 if self.best is before else 0
 
     def polish(self, starts: Iterable[Estimate]) -> None:
         """Descents from several starts, those without prospects given up."""
