@@ -145,6 +145,18 @@ def test_only_factors_whose_rows_have_the_right_norms_are_cholesky_factors(engin
             assert dual._is_cholesky(F, other) == passes
 
 
+def test_a_factor_that_is_no_cholesky_factor_bounds_nothing(monkeypatch):
+    problem, point = optimum(0, 2, False)
+    tries = attempts(problem, point)
+    multipliers, none = tries.shifted.less(1e-9, tries.guess), np.zeros(len(tries.weights))
+    assert tries.factor(multipliers, none) is not None
+    monkeypatch.setattr(dual, "_is_cholesky", lambda factor, diagonal: False)
+    assert tries.factor(multipliers, none) is None
+    tries.rounding = False  # where rounding is not bounded, it is trusted
+    assert tries.factor(multipliers, none) is not None
+    assert tries.factorizations == 3
+
+
 @pytest.mark.parametrize("poses", [True, False])
 def test_what_is_factorized_is_the_certificate_matrix_less_the_demand(poses):
     problem, point = optimum(1, 3, poses)
