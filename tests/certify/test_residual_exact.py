@@ -53,6 +53,29 @@ def test_any_factor_of_anything_is_measured_or_refused(seed):
         assert all(Fraction(x) >= y for x, y in zip(found, exact_rows(A, L, w), strict=True))
 
 
+@pytest.mark.parametrize("sign", [-1.0, 0.0, 1.0])
+@pytest.mark.parametrize("seed", range(6))
+def test_where_hardly_anything_is_left_the_rounding_of_the_rest_is_bounded(seed, sign):
+    """Orthogonal rows: their entry of A is tiny, and so is what the nearest double leaves of it."""
+    rng, n = rng_of(seed), 6
+    L = np.linalg.qr(rng.standard_normal((n, n)))[0] @ np.diag(rng.uniform(0.8, 1.2, n))
+    if sign:  # what is below 2^-24 all of one sign, in every second row
+        whole = np.floor(L[1::2] * 2.0**24) / 2.0**24
+        L[1::2] = whole + sign * 2.0**-24 * rng.uniform(0.1, 0.4, whole.shape)
+    A = np.array(
+        [
+            [float(sum(Fraction(x) * Fraction(y) for x, y in zip(a, b, strict=True))) for b in L]
+            for a in L
+        ]
+    )
+    for k in range(n):
+        w = np.full(n, 2.0**-200)
+        w[k] = 1.0
+        found, exact = measured_residual(CSC(A), CSC(L), np.arange(n), w), exact_rows(A, L, w)
+        for x, y in zip(found, exact, strict=True):
+            assert y <= Fraction(x) <= Fraction(101, 100) * y + Fraction(1, 2**70)
+
+
 def test_a_diagonal_that_is_not_positive_is_refused():
     for value in (0.0, -1.0):
         A = np.diag([1.0, value])

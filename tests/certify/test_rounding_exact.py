@@ -81,14 +81,17 @@ def test_sums_are_rounded_upwards_however_long(extra, poses):
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_what_a_long_arm_may_lose_is_added_to_what_is_left(d):
-    """One arm of length 1 that misses by r = 2 k u, and hardly any weight on the rotations."""
-    step = np.eye(d)[:1]
-    rotation = RotationGraph(2, np.array([[0, 1]]), np.eye(d)[None], np.array([1e-20]))
-    problem = PoseProblem(PoseGraph(rotation, step, np.ones(1)))
+def test_what_an_arm_may_lose_is_added_to_what_is_left(d):
+    """An arm of length 1 that misses by r = 2 k u, and a longer one that hardly weighs."""
+    arms = np.zeros((2, d))
+    arms[:, 0] = 1.0, 1e6
+    edges, weights = np.array([[0, 1], [0, 2]]), np.array([1.0, 1e-40])
+    rotation = RotationGraph(3, edges, np.tile(np.eye(d), (2, 1, 1)), np.full(2, 1e-20))
+    problem = PoseProblem(PoseGraph(rotation, arms, weights))
+    at = np.concatenate([np.zeros((1, d)), arms])
     for k in range(40):
         r = 2 * k * U
-        at = np.concatenate([0.0 * step, step * (1.0 + r)])
-        upper = cost_upper(problem, Estimate(np.tile(np.eye(d), (2, 1, 1)), at))
+        at[1, 0] = 1.0 + r
+        upper = cost_upper(problem, Estimate(np.tile(np.eye(d), (3, 1, 1)), at))
         # The product R t alone may be off by d u.
         assert (r + d * U) ** 2 <= upper <= (r + 70 * U) ** 2 * (1 + 1e-9)
