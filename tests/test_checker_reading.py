@@ -1,6 +1,9 @@
 """What the checker reads in a file, field by field, and what it does not take for a graph."""
 
+import hashlib
+import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -183,3 +186,143 @@ def test_weights_have_a_range(name, value, passes):
     else:
         with pytest.raises(checker.Unreadable, match=f"{name} must be"):
             read(SE3, **{name: value})
+
+
+# --- Proofs
+
+HEADER = {
+    "format": "certpgo proof",
+    "version": 1,
+    "kind": "poses",
+    "d": 3,
+    "keep": "all",
+    "rotation_information": "tangent",
+    "kappa": None,
+    "tau": 2,
+    "pin": 1,
+    "exponent": -3,
+}
+
+
+def claimed(**changes):
+    text = json.dumps({**HEADER, **changes}).encode()
+    return checker.read_claim({"claim": np.frombuffer(text, dtype=np.uint8)})
+
+
+def test_a_header_is_taken_as_it_is():
+    assert claimed() == HEADER
+    for change in (
+        {"kind": "rotations"},
+        {"d": 2},
+        {"d": 2, "rotation_information": "rpy"},
+        {"keep": "first"},
+        {"keep": "last"},
+        {"rotation_information": "quaternion"},
+        {"rotation_information": "rpy"},
+        {"kappa": 0.5, "tau": None},
+    ):
+        assert claimed(**change) == {**HEADER, **change}
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"format": "proof"}, "version 1"),
+        ({"version": 2}, "version 1"),
+        ({"version": 1.0}, "integers"),
+        ({"d": 3.0}, "integers"),
+        ({"pin": None}, "integers"),
+        ({"exponent": True}, "integers"),
+        ({"kind": "points"}, "kind must be one of"),
+        ({"d": 4}, "d must be one of"),
+        ({"keep": "none"}, "keep must be one of"),
+        ({"rotation_information": "angle"}, "rotation_information must be one of"),
+        ({"d": 2, "rotation_information": "quaternion"}, "in the plane"),
+        ({"kappa": "1"}, "kappa must be a number"),
+        ({"tau": True}, "tau must be a number"),
+    ],
+    ids=str,
+)
+def test_no_other_header_is_taken(change, expected):
+    with pytest.raises(checker.Unreadable, match=expected):
+        claimed(**change)
+
+
+def arrays(d, poses, n=3):
+    b = d + poses
+    archive = {
+        "rotations": np.ones((n, 4 if d == 3 else 2)),
+        "multipliers": np.arange(n * d * (d + 1) / 2).reshape(n, -1),
+        "order": np.array([2, 0, 1], dtype="<i4"),
+        "delta": np.ones(n * b, dtype="<f4"),
+    }
+    return archive | ({"translations": np.ones((n, d))} if poses else {})
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("poses", [True, False])
+def test_arrays_of_a_proof(d, poses):
+    claim = {**HEADER, "d": d, "kind": "poses" if poses else "rotations"}
+    archive = arrays(d, poses)
+    proof = checker.read_proof(archive, claim, 3)
+    assert (proof.t is not None) == poses
+    assert (proof.pin, proof.exponent) == (1, -3)
+    assert np.array_equal(proof.multipliers, archive["multipliers"])
+    assert (proof.order.dtype, proof.delta.dtype) == (np.intp, np.float64)
+    for name, array in archive.items():
+        for wrong in (array[:-1], array.astype("<i8"), np.stack([array, array])):
+            with pytest.raises(checker.Refused, match=name):
+                checker.read_proof({**archive, name: wrong}, claim, 3)
+        if name != "order":
+            broken = array.copy()
+            broken.flat[1] = np.nan
+            with pytest.raises(checker.Refused, match=f"{name} holds"):
+                checker.read_proof({**archive, name: broken}, claim, 3)
+    for order in ([0, 0, 1], [1, 2, 3], [-1, 0, 1]):
+        with pytest.raises(checker.Refused, match="permutation"):
+            checker.read_proof({**archive, "order": np.array(order, dtype="<i4")}, claim, 3)
+    for pin, exponent in ((0, 300), (2, -300)):
+        checker.read_proof(archive, {**claim, "pin": pin, "exponent": exponent}, 3)
+    for pin, exponent in ((-1, 0), (3, 0), (0, 301), (0, -301)):
+        with pytest.raises(checker.Refused, match="range"):
+            checker.read_proof(archive, {**claim, "pin": pin, "exponent": exponent}, 3)
+
+
+def test_files_that_are_not_there_are_named(tmp_path):
+    graph = tmp_path / "graph.g2o"
+    with pytest.raises(checker.Unreadable, match=re.escape(str(graph))):
+        checker.check(graph, tmp_path / "nothing.cert")
+    graph.write_text(SE3)
+    with pytest.raises(checker.Unreadable, match=r"nothing\.cert: no such file"):
+        checker.check(graph, tmp_path / "nothing.cert")
+
+
+def test_what_was_proven_about_is_said():
+    graph = read(SE3)
+    claim = {**HEADER, "component_sha256": None}
+    said = "poses of 3 nodes by 2 measurements, kappa of the file, tau 2, "
+    said += "rotational information about tangent, parallel edges all"
+    assert checker._about(graph, claim) == said
+    of_rotations = {**claim, "kind": "rotations", "kappa": 0.5, "component_sha256": "0"}
+    said = "rotations of 3 nodes by 2 measurements, kappa 0.5, "
+    said += "rotational information about tangent, parallel edges all, nodes of cc.txt alone"
+    assert checker._about(graph, of_rotations) == said
+
+
+def test_the_component_is_the_file_that_was_proven_about(tmp_path):
+    def sha(data):
+        return hashlib.sha256(data).hexdigest()
+
+    path, text, ids = tmp_path / "EGs.txt", b"edges", b"1 2 3"
+    claim = {"graph_sha256": sha(text), "component_sha256": None}
+    assert checker._component(path, text, claim) is None
+    with pytest.raises(checker.Refused, match="EGs.txt is not the file"):
+        checker._component(path, b"other edges", claim)
+    claim["component_sha256"] = sha(ids)
+    with pytest.raises(checker.Unreadable, match="cc.txt beside"):
+        checker._component(path, text, claim)
+    (tmp_path / "cc.txt").write_bytes(ids)
+    assert checker._component(path, text, claim) == ids
+    (tmp_path / "cc.txt").write_bytes(ids + b" 4")
+    with pytest.raises(checker.Refused, match=r"cc.txt is not the file"):
+        checker._component(path, text, claim)
