@@ -316,10 +316,10 @@ def test_the_component_is_the_file_that_was_proven_about(tmp_path):
     path, text, ids = tmp_path / "EGs.txt", b"edges", b"1 2 3"
     claim = {"graph_sha256": sha(text), "component_sha256": None}
     assert checker._component(path, text, claim) is None
-    with pytest.raises(checker.Refused, match="EGs.txt is not the file"):
+    with pytest.raises(checker.Refused, match=r"EGs.txt is not the file"):
         checker._component(path, b"other edges", claim)
     claim["component_sha256"] = sha(ids)
-    with pytest.raises(checker.Unreadable, match="cc.txt beside"):
+    with pytest.raises(checker.Unreadable, match=r"cc.txt beside"):
         checker._component(path, text, claim)
     (tmp_path / "cc.txt").write_bytes(ids)
     assert checker._component(path, text, claim) == ids
