@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -25,6 +26,7 @@ from certpgo.certify import (
 )
 from certpgo.certify.case import ATOL, MAX_STEPS, RTOL, Basin, Case
 from certpgo.certify.curvature import negative_curvature
+from certpgo.disagreement import Disagreement, agrees, disagreement, ignore
 from certpgo.errors import InputError, NumericalError
 from certpgo.estimate import Estimate
 from certpgo.graph import Graph, PoseGraph, RotationGraph
@@ -72,6 +74,8 @@ class CertifiedSolution:
     certificate : what is proven about it
     start : the method that the descent started from, or "given"
     levels : the steps of the staircase, one when it never climbed
+    disagreement : measurements that disagree with the rest, if residuals give reason to say so;
+        `certpgo.solve_robustly` leaves such out
 
     Examples
     --------
@@ -88,6 +92,7 @@ class CertifiedSolution:
     certificate: Certificate
     start: str
     levels: tuple[Level, ...]
+    disagreement: Disagreement | None = None
 
     @property
     def estimate(self) -> Estimate:
@@ -114,6 +119,7 @@ def solve(
     rtol: float = RTOL,
     atol: float = ATOL,
     monitor: Monitor = silent,
+    on_disagreement: Callable[[Disagreement], object] = ignore,
 ) -> CertifiedSolution:
     """The best estimate of a graph, with a certificate of how good it is.
 
@@ -129,6 +135,8 @@ def solve(
     max_rank : dimensions at which the staircase ends; by default d + 7
     rtol, atol : CERTIFIED means gap <= rtol F + atol W
     monitor : is told each iteration, and may stop the search
+    on_disagreement : is told of measurements that disagree with the rest, before the search goes on
+        to escape from where they led
 
     Returns
     -------
@@ -160,7 +168,8 @@ def solve(
         raise InputError(
             f"solve takes a graph, such as instance.graph, not a {type(graph).__name__}"
         )
-    return _solve(problem_of(graph), initial, time_limit, max_rank, rtol, atol, monitor)
+    problem = problem_of(graph)
+    return _solve(problem, initial, time_limit, max_rank, rtol, atol, monitor, on_disagreement)
 
 
 def _solve(
@@ -171,6 +180,7 @@ def _solve(
     rtol: float,
     atol: float,
     monitor: Monitor,
+    on_disagreement: Callable[[Disagreement], object] | None = None,
 ) -> CertifiedSolution:
     if initial is not None:
         problem.check(initial)
@@ -183,8 +193,14 @@ def _solve(
     with stoppable(monitor, case.unit, time_limit) as stop:
         search = _Staircase(case, stop)
         search.begin(initial)
+        disagreement = search.disagreement(problem) if on_disagreement else None
+        if on_disagreement and disagreement:
+            on_disagreement(disagreement)
         search.climb(highest)
-    return search.result(problem)
+    answer = search.result(problem)
+    # Elsewhere all may agree: where the first descent ended was no more than a local minimum.
+    stands = disagreement is not None and not agrees(problem, answer.estimate)
+    return replace(answer, disagreement=disagreement) if stands else answer
 
 
 class _Staircase:
@@ -208,6 +224,14 @@ class _Staircase:
         self.take(self.descend(start.estimate, near=start.near))
         self.levels.append(Level(self.problem.d, self.best.cost, self.best.status))
         self.improve_bound(self.best.estimate)
+
+    def disagreement(self, problem: Problem) -> Disagreement | None:
+        """What the residuals of the first descent say; ``problem`` has the weights of the graph."""
+        refit = not (self.is_certified or self.stop.asked)
+        with self.watch.phase("residuals"):
+            return disagreement(
+                problem, self.best.estimate, refit=refit, monitor=lambda _: self.stop.asked
+            )
 
     def climb(self, highest: int) -> None:
         """Escape to higher ranks until the gap is closed or the relaxation is solved."""
