@@ -150,9 +150,9 @@ def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> G
 
 def _edges(text: bytes, claim: dict[str, Any]) -> Iterator[Edge]:
     if _hides(text):
-        lines = enumerate(text.split(b"\n"), 1)
-        number = next(k for k, line in lines if _hides(line.removesuffix(b"\r")))
-        raise Unreadable(f"line {number}: plain text expected")
+        lines = enumerate(text.replace(b"\r\n", b"\n").split(b"\n"), 1)
+        number = next(k for k, line in lines if _hides(line))
+        raise Unreadable(f"line {number}: plain text expected, and lines that end in LF or CRLF")
     kinds, weigh = set(), cache(weights)
     for number, line in enumerate(text.removeprefix(b"\xef\xbb\xbf").split(b"\n"), 1):
         said = line.split(b"#")[0]

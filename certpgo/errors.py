@@ -149,6 +149,23 @@ class SpecError(CertPGOError, LookupError):
         return cls(f"unknown {kind} {name!r}; {hint}")
 
 
+class UnusableFile(SpecError):  # noqa: N818 - the condition is the name
+    """A file of Python code that is looked up by its name cannot be used.
+
+    Parameters
+    ----------
+    path : of the file
+    reason : what is wrong with it, or what running it raised
+    """
+
+    def __init__(self, path: str | Path, reason: str | BaseException) -> None:
+        self.path = Path(path)
+        if isinstance(reason, BaseException):
+            kind = "" if isinstance(reason, CertPGOError) else f"{type(reason).__name__}: "
+            reason = f"cannot be loaded: {kind}{str(reason).partition(chr(10))[0]}"
+        super().__init__(f"{path}: {reason}")
+
+
 class InputNotice(UserWarning):
     """Something in the input was assumed, skipped or unusual; the answer stands.
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from scipy.sparse import csgraph
 
+from certpgo.checker import FAR
 from certpgo.errors import GraphError
 from certpgo.linalg import so
 from certpgo.linalg.arrays import (
@@ -44,13 +45,12 @@ class RotationGraph:
     edges : (m, 2) node pairs (i, j); parallel edges are allowed, their terms add
     rotations : (m, d, d) measured R_ij ~ R_i^T R_j, d = 2 or 3; a matrix that is a rotation to few
         digits only is replaced by the nearest rotation
-    kappa : (m,) rotational concentrations, positive
+    kappa : (m,) rotational concentrations, between 2^-400 and 2^400
 
     Raises
     ------
     GraphError
-        An index out of range, a self-loop, a matrix that is no rotation, a weight that is not
-        positive and finite.
+        An index out of range, a self-loop, a matrix that is no rotation, a weight out of range.
 
     Examples
     --------
@@ -124,6 +124,12 @@ class RotationGraph:
             self.num_nodes, self.edges, self.rotations, _broadcast(kappa, self.num_edges)
         )
 
+    def reweighted(self, factors: FloatArray) -> RotationGraph:
+        """Each concentration times a factor (m,); an edge whose factor is exactly 0 is left out."""
+        kept = factors != 0.0
+        graph = self if kept.all() else self.with_edges(kept)
+        return graph.with_weights(factors[kept] * graph.kappa)
+
     def without_parallel_edges(self, keep: Keep) -> RotationGraph:
         """Keep ``"all"`` parallel edges, or the ``"first"`` or ``"last"`` of each pair {i, j}."""
         return self.with_edges(_simple_edges(self.num_nodes, self.edges, keep))
@@ -148,7 +154,7 @@ class PoseGraph:
     ----------
     rotation : the graph of relative rotations
     translations : (m, d) measured t_ij ~ R_i^T (t_j - t_i), metres
-    tau : (m,) translational concentrations, positive, 1/m^2
+    tau : (m,) translational concentrations, 1/m^2, between 2^-400 and 2^400
 
     Raises
     ------
@@ -226,6 +232,12 @@ class PoseGraph:
         rotation = self.rotation if kappa is None else self.rotation.with_weights(kappa)
         new_tau = self.tau if tau is None else _broadcast(tau, self.num_edges)
         return PoseGraph(rotation, self.translations, new_tau)
+
+    def reweighted(self, factors: FloatArray) -> PoseGraph:
+        """The concentrations times a factor (m,); an edge whose factor is exactly 0 is left out."""
+        kept = factors != 0.0
+        graph = self if kept.all() else self.with_edges(kept)
+        return graph.with_weights(factors[kept] * graph.rotation.kappa, factors[kept] * graph.tau)
 
     def without_parallel_edges(self, keep: Keep) -> PoseGraph:
         """Keep ``"all"`` parallel edges, or the ``"first"`` or ``"last"`` of each pair {i, j}."""
@@ -318,6 +330,11 @@ class Instance:
                 raise GraphError(f"outliers must be {self.graph.num_edges} flags, one an edge")
 
 
+def in_range(weights: FloatArray) -> BoolArray:
+    """Which weights a graph may have: of others, products could overflow, underflow or vanish."""
+    return np.asarray((weights > 1.0 / FAR) & (weights < FAR))
+
+
 def _check_edges(edges: IntArray, n: int) -> None:
     outside = np.asarray(((edges < 0) | (edges >= n)).any(axis=1))
     if outside.any():
@@ -330,10 +347,11 @@ def _check_edges(edges: IntArray, n: int) -> None:
 def _check_weights(name: str, weights: FloatArray, edges: IntArray) -> None:
     if weights.shape != (len(edges),):
         raise GraphError(f"{name} must have {len(edges)} entries, not {weights.shape}")
-    bad = ~(np.isfinite(weights) & (weights > 0.0))
+    bad = ~in_range(weights)
     if bad.any():
         value = weights[np.argmax(bad)]
-        raise GraphError(f"{_edge_name(edges, bad)}: {name} is {value}; it must be positive")
+        said = "positive" if value <= 0.0 else f"between {1.0 / FAR:.2g} and {FAR:.2g}"
+        raise GraphError(f"{_edge_name(edges, bad)}: {name} is {value}; it must be {said}")
 
 
 def _edge_name(edges: IntArray, bad: BoolArray) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from certpgo.estimate import Estimate
 from certpgo.linalg import so
-from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +42,11 @@ class Lift:
     def with_translations(self, translations: FloatArray | None) -> Lift:
         """The same blocks with other translations."""
         return Lift(self.rotations, translations)
+
+    def subset(self, nodes: IntArray) -> Lift:
+        """The point of ``nodes`` alone, in that order."""
+        t = self.translations
+        return Lift(self.rotations[nodes], None if t is None else t[nodes])
 
 
 #: What has a cost: an estimate, or a point of the relaxation.

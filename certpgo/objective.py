@@ -125,7 +125,9 @@ class Objective(ABC):
         return self.symbolic(grounded).factor(grounded)
 
     def _shared(self, other: AnyProblem) -> AnyProblem:
-        """A problem with the same edges, given pattern, order and analyses of this one."""
+        """Another problem; where it has the same edges, pattern, order and analyses are shared."""
+        if other.graph.num_edges < self.graph.num_edges:
+            return other
         other.__dict__.update(pattern=self.pattern, order=self.order, _analyses=self._analyses)
         return other
 

@@ -17,7 +17,7 @@ from certpgo.errors import GraphError, InputError, NumericalError
 from certpgo.estimate import Estimate
 from certpgo.graph import PoseGraph, RotationGraph, require_connected
 from certpgo.lift import Point
-from certpgo.linalg import so
+from certpgo.linalg import network, so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.factor import Factor
@@ -159,13 +159,14 @@ class RotationProblem(Objective):
         return self.reweighted(np.full(self.graph.num_edges, factor))
 
     def reweighted(self, factors: FloatArray) -> RotationProblem:
-        """The problem with each edge's weight times a factor (m,); edges at zero are dropped."""
-        weights = factors * self.graph.kappa
-        kept = weights > 0.0
-        graph = self.graph.with_weights(np.where(kept, weights, 1.0))
-        if kept.all():
-            return self._shared(RotationProblem(graph))
-        return RotationProblem(graph.with_edges(kept))
+        """The problem with each edge's weight times a factor (m,); at exactly 0 it is left out.
+
+        Raises
+        ------
+        GraphError
+            A product is out of a weight's range, or what is kept is not connected.
+        """
+        return self._shared(RotationProblem(self.graph.reweighted(factors)))
 
     def with_unit_weights(self) -> RotationProblem:
         """The same measurements with kappa = 1, as the thesis weighs them."""
@@ -235,14 +236,19 @@ class PoseProblem(Objective):
         return operators.laplacian(self.pattern, self.graph.tau)
 
     @cached_property
-    def _translation_factor(self) -> Factor:
-        result = self.grounded_factor(self.translation_laplacian)
-        if result is None:
-            raise NumericalError("the translation Laplacian could not be factorized")
-        return result
+    def _translation_factor(self) -> Factor | None:
+        return self.grounded_factor(self.translation_laplacian)
 
     def solve_translations(self, forces: FloatArray) -> FloatArray:
-        """(n, d) solution of (translation Laplacian) t = forces, with the first node at zero."""
+        """(n, d) solution of (translation Laplacian) t = forces, with the first node at zero.
+
+        Raises
+        ------
+        NumericalError
+            The weights are too uneven for a factorization.
+        """
+        if self._translation_factor is None:
+            raise NumericalError("the translation Laplacian could not be factorized")
         grounded = forces.copy()
         grounded[0] = 0.0
         return self._translation_factor.solve(grounded)
@@ -252,9 +258,17 @@ class PoseProblem(Objective):
 
         A correction is solved for, so that rounding is relative to the correction.
         """
+        if self._translation_factor is None:  # the weights are too uneven
+            return point.with_translations(self._eliminated(point))  # type: ignore[return-value]
         forces = self._forces(self.translation_residuals(point))
         t = _translations(point) - self.solve_translations(forces)
         return point.with_translations(t)  # type: ignore[return-value]
+
+    def _eliminated(self, point: Point) -> FloatArray:
+        graph = self.graph
+        steps = self._steps(point)
+        t = network.positions(self.n, graph.edges, graph.tau, steps, self.order)
+        return np.asarray(t - t[0])
 
     def complete(self, rotations: FloatArray) -> Estimate:
         """The best estimate with these rotations, the first translation at zero."""
@@ -263,8 +277,13 @@ class PoseProblem(Objective):
     def translation_residuals(self, point: Point) -> FloatArray:
         """(m, r) vectors t_j - t_i - R_i t_ij."""
         i, j = self.graph.edges.T
-        R, t = point.rotations, _translations(point)
-        return np.asarray(t[j] - t[i] - (R[i] @ self.graph.translations[:, :, None])[:, :, 0])
+        t = _translations(point)
+        return np.asarray(t[j] - t[i] - self._steps(point))
+
+    def _steps(self, point: Point) -> FloatArray:
+        """(m, r) vectors R_i t_ij."""
+        R = point.rotations[self.graph.edges[:, 0]]
+        return np.asarray((R @ self.graph.translations[:, :, None])[:, :, 0])
 
     def cost(self, point: Point) -> float:
         """F of the point."""
@@ -344,13 +363,14 @@ class PoseProblem(Objective):
         return self.reweighted(np.full(self.graph.num_edges, factor))
 
     def reweighted(self, factors: FloatArray) -> PoseProblem:
-        """The problem with each edge's weights times a factor (m,); edges at zero are dropped."""
-        kappa, tau = factors * self.graph.rotation.kappa, factors * self.graph.tau
-        kept = (kappa > 0.0) & (tau > 0.0)
-        graph = self.graph.with_weights(np.where(kept, kappa, 1.0), np.where(kept, tau, 1.0))
-        if kept.all():
-            return self._shared(PoseProblem(graph))
-        return PoseProblem(graph.with_edges(kept))
+        """The problem with each edge's weights times a factor (m,); at exactly 0 it is left out.
+
+        Raises
+        ------
+        GraphError
+            A product is out of a weight's range, or what is kept is not connected.
+        """
+        return self._shared(PoseProblem(self.graph.reweighted(factors)))
 
     def with_unit_weights(self) -> PoseProblem:
         """The same measurements with kappa = tau = 1, as the thesis weighs them."""

@@ -14,11 +14,12 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import is_dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from certpgo.errors import SpecError
+from certpgo.errors import MissingDependency, SpecError, UnusableFile
 from certpgo.estimate import Estimate
 from certpgo.problem import Problem
 from certpgo.solution import Solver
@@ -48,7 +49,8 @@ def get_solver(name: str) -> type[Solver]:
     Raises
     ------
     SpecError
-        No such method, with the nearest names; or its file exposes no ``SOLVER``.
+        No such method, with the nearest names; or its file cannot be loaded, or exposes no
+        dataclass ``SOLVER``.
 
     Examples
     --------
@@ -65,13 +67,22 @@ def get_solver(name: str) -> type[Solver]:
     if name == PIPELINE:
         module = importlib.import_module("certpgo.solve")
     elif name in _stems(_PACKAGE / "solvers"):
-        module = importlib.import_module(f"certpgo.solvers.{name}")
+        module = _imported(f"certpgo.solvers.{name}", _PACKAGE / "solvers" / f"{name}.py")
     elif name in _stems(_checkout_folder("baselines")):
         module = _load(repository() / "baselines", name)
     else:
         raise SpecError.unknown("method", name, solver_names())
     solver: type[Solver] = _exposed(module, "SOLVER")
+    _require_settings(solver, module.__file__ or name)
     return solver
+
+
+def _require_settings(solver: Any, path: str) -> None:
+    if not (isinstance(solver, type) and is_dataclass(solver)):
+        raise UnusableFile(path, "SOLVER must be a dataclass of settings")
+    missing = [part for part in ("poses", "rotations", "solve") if not hasattr(solver, part)]
+    if missing:
+        raise UnusableFile(path, f"SOLVER lacks {', '.join(missing)}")
 
 
 def certifier_names() -> tuple[str, ...]:
@@ -219,11 +230,21 @@ def _load(folder: Path, name: str) -> ModuleType:
         parent.__path__ = [str(folder)]
         sys.modules[package] = parent
         importlib.invalidate_caches()
-    return importlib.import_module(f"{package}.{name}")
+    return _imported(f"{package}.{name}", folder / f"{name.replace('.', '/')}.py")
+
+
+def _imported(name: str, path: Path) -> ModuleType:
+    """The module, or an error that names its file, whatever running that raises."""
+    try:
+        return importlib.import_module(name)
+    except MissingDependency:
+        raise
+    except (Exception, SystemExit) as error:
+        raise UnusableFile(path, error) from error
 
 
 def _exposed(module: ModuleType, attribute: str) -> Any:
     try:
         return getattr(module, attribute)
     except AttributeError:
-        raise SpecError(f"{module.__file__} must expose {attribute}") from None
+        raise UnusableFile(module.__file__ or module.__name__, f"must expose {attribute}") from None

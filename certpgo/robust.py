@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from certpgo.certify import Tier
 from certpgo.certify.case import ATOL, RTOL
 from certpgo.disagreement import select
 from certpgo.errors import InputError
@@ -25,6 +26,7 @@ def solve_robustly(
     initial: Estimate | None = None,
     time_limit: float | None = None,
     max_rank: int | None = None,
+    tier: Tier | str = Tier.STANDARD,
     rtol: float = RTOL,
     atol: float = ATOL,
     monitor: Monitor = silent,
@@ -37,7 +39,8 @@ def solve_robustly(
     Parameters
     ----------
     initial : where the robust fit starts; n poses, in metres
-    graph, time_limit, max_rank, rtol, atol, monitor : as in `certpgo.solve`; the time is for both
+    time_limit : seconds for the choice and the search
+    graph, max_rank, tier, rtol, atol, monitor : as in `certpgo.solve`
 
     Returns
     -------
@@ -76,6 +79,7 @@ def solve_robustly(
             initial=chosen.estimate,
             time_limit=0.0 if stop.asked else left,
             max_rank=max_rank,
+            tier=tier,
             rtol=rtol,
             atol=atol,
             monitor=monitor,

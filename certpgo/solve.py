@@ -22,7 +22,6 @@ from certpgo.certify import (
     Tier,
     Verdict,
     cost_upper,
-    dual_bound,
 )
 from certpgo.certify.case import ATOL, MAX_STEPS, RTOL, Basin, Case
 from certpgo.certify.curvature import negative_curvature
@@ -42,6 +41,8 @@ from certpgo.starts import Start, start_of
 
 #: Dimensions that the staircase may add to the d of space.
 MORE_RANKS = 7
+#: By how much less rounding costs at the proof tier, at most.
+PROOF_GAIN = 1e3
 #: Stationarity asked of estimates, and over the typical residual of points of higher rank; radians.
 TOLERANCE, LIFTED_TOLERANCE = 1e-11, 1e-5
 
@@ -116,6 +117,7 @@ def solve(
     initial: Estimate | None = None,
     time_limit: float | None = None,
     max_rank: int | None = None,
+    tier: Tier | str = Tier.STANDARD,
     rtol: float = RTOL,
     atol: float = ATOL,
     monitor: Monitor = silent,
@@ -133,6 +135,8 @@ def solve(
     time_limit : seconds after which to return the best estimate so far; what is under way, such
         as a factorization, is finished first
     max_rank : dimensions at which the staircase ends; by default d + 7
+    tier : what the certificate may trust, see `Tier`. Where rounding is all that the standard tier
+        lacks, the proof tier is asked, and the certificate says so
     rtol, atol : CERTIFIED means gap <= rtol F + atol W
     monitor : is told each iteration, and may stop the search
     on_disagreement : is told of measurements that disagree with the rest, before the search goes on
@@ -149,7 +153,10 @@ def solve(
     GraphError
         The graph is not connected.
     InputError
-        An initial estimate of another graph, limits or tolerances that make no sense.
+        An initial estimate of another graph, limits or tolerances that make no sense, weights
+        beyond the range of doubles.
+    SpecError
+        An unknown tier.
     NumericalError
         No start could be computed.
 
@@ -169,7 +176,9 @@ def solve(
             f"solve takes a graph, such as instance.graph, not a {type(graph).__name__}"
         )
     problem = problem_of(graph)
-    return _solve(problem, initial, time_limit, max_rank, rtol, atol, monitor, on_disagreement)
+    return _solve(
+        problem, initial, time_limit, max_rank, tier, rtol, atol, monitor, on_disagreement
+    )
 
 
 def _solve(
@@ -177,6 +186,7 @@ def _solve(
     initial: Estimate | None,
     time_limit: float | None,
     max_rank: int | None,
+    tier: Tier | str,
     rtol: float,
     atol: float,
     monitor: Monitor,
@@ -189,18 +199,33 @@ def _solve(
     highest = problem.d + MORE_RANKS if max_rank is None else max_rank
     if highest < problem.d:
         raise InputError(f"the maximal rank must be at least {problem.d}, not {highest}")
-    case = Case.of(problem, Tier.STANDARD, rtol, atol)
+    case = Case.of(problem, tier, rtol, atol)
     with stoppable(monitor, case.unit, time_limit) as stop:
-        search = _Staircase(case, stop)
+        # The search itself is steered by the cheaper bounds.
+        steering = replace(case, tier=Tier.STANDARD) if case.tier is Tier.PROOF else case
+        search = _Staircase(steering, stop)
         search.begin(initial)
-        disagreement = search.disagreement(problem) if on_disagreement else None
-        if on_disagreement and disagreement:
-            on_disagreement(disagreement)
+        found = on_disagreement and _disagreement(search, problem, on_disagreement)
         search.climb(highest)
-    answer = search.result(problem)
-    # Elsewhere all may agree: where the first descent ended was no more than a local minimum.
-    stands = disagreement is not None and not agrees(problem, answer.estimate)
-    return replace(answer, disagreement=disagreement) if stands else answer
+        certificate = search.judged(case.tier)
+    answer = search.result(problem, certificate)
+    # Where the first descent ended may have been no more than a local minimum.
+    stands = found and not agrees(problem, answer.estimate)
+    return replace(answer, disagreement=found) if stands else answer
+
+
+def _disagreement(
+    search: _Staircase, problem: Problem, tell: Callable[[Disagreement], object]
+) -> Disagreement | None:
+    """Tell what the first descent's residuals say; ``problem`` has the weights of the graph."""
+    refit = not (search.is_certified or search.stop.asked)
+    with search.watch.phase("residuals"):
+        found = disagreement(
+            problem, search.best.estimate, refit=refit, monitor=lambda _: search.stop.asked
+        )
+    if found is not None:
+        tell(found)
+    return found
 
 
 class _Staircase:
@@ -224,14 +249,6 @@ class _Staircase:
         self.take(self.descend(start.estimate, near=start.near))
         self.levels.append(Level(self.problem.d, self.best.cost, self.best.status))
         self.improve_bound(self.best.estimate)
-
-    def disagreement(self, problem: Problem) -> Disagreement | None:
-        """What the residuals of the first descent say; ``problem`` has the weights of the graph."""
-        refit = not (self.is_certified or self.stop.asked)
-        with self.watch.phase("residuals"):
-            return disagreement(
-                problem, self.best.estimate, refit=refit, monitor=lambda _: self.stop.asked
-            )
 
     def climb(self, highest: int) -> None:
         """Escape to higher ranks until the gap is closed or the relaxation is solved."""
@@ -304,13 +321,7 @@ class _Staircase:
         if self.stop.asked:
             return
         with self.watch.phase("certify"):
-            bound = dual_bound(
-                self.problem,
-                point,
-                enough=self.cost - self.case.tolerance(self.cost),
-                sharp=False,
-                tight=tight,
-            )
+            bound = self.case.bound(point, self.cost, sharp=False, tight=tight)
         if bound is not None:
             self.counts["factorizations"] += bound.factorizations
             self.counts["nonzeros"] = max(self.counts["nonzeros"], bound.nonzeros)
@@ -336,10 +347,25 @@ class _Staircase:
     def basin(self) -> Basin:
         return Basin(self.best.estimate, self.cost, True, self.bound)
 
-    def result(self, problem: Problem) -> CertifiedSolution:
-        """Everything in the units of the graph."""
+    def judged(self, tier: Tier) -> Certificate:
+        """The certificate at a tier; at the proof tier as well where only rounding is missing."""
         estimate = self.best.estimate
         certificate = self.case.certificate(estimate, self.basin)
+        near = certificate.gap <= PROOF_GAIN * certificate.tolerance
+        missing = self.case.rigorous and self.is_minimal and near and not self.is_certified
+        if self.stop.asked or not (tier is Tier.PROOF or missing):
+            return certificate
+        with self.watch.phase("prove"):
+            case = replace(self.case, tier=Tier.PROOF)
+            cost = case.cost_upper(estimate)
+            basin = Basin(estimate, cost, True, case.bound(estimate, cost))
+            proven = case.certificate(estimate, basin)
+        better = proven.lower_bound > certificate.lower_bound
+        return proven if tier is Tier.PROOF or better else certificate
+
+    def result(self, problem: Problem, certificate: Certificate) -> CertifiedSolution:
+        """Everything in the units of the graph."""
+        estimate = self.best.estimate
         status = self.stop.status or self.best.status
         ended = f"the staircase ended at rank {self.levels[-1].rank}"
         if certificate.verdict is Verdict.UNDECIDED:
@@ -390,7 +416,8 @@ class Certified:
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """The best estimate found."""
-        return _solve(problem, initial, None, self.max_rank, RTOL, ATOL, monitor).solution
+        tier = Tier.STANDARD
+        return _solve(problem, initial, None, self.max_rank, tier, RTOL, ATOL, monitor).solution
 
 
 SOLVER = Certified

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from certpgo import spectral
 from certpgo.averaging import laplacian_gauss_newton
 from certpgo.errors import NumericalError
@@ -44,18 +46,21 @@ def start_of(problem: Problem) -> Start:
     Rotations are composed along a spanning tree and averaged with the scalar Laplacian
     (`laplacian_gauss_newton`). Where the noise is too large for that to settle fast, eigenvectors
     take its place: in space those of the data matrix, which know the translations (`eigen_q`),
-    in the plane and for rotations alone the connection Laplacian's (`eigen_ma`, `eigen_ra`).
-
-    Raises
-    ------
-    NumericalError
-        No factorization, or no convergence.
+    in the plane and for rotations alone the connection Laplacian's (`eigen_ma`, `eigen_ra`). Where
+    these fail, which weights over many decades cause, the average serves as it is.
     """
     graph = problem.rotation.graph
     tree = compose(graph, spanning_tree(graph, root="center"))
     averaged, settled = _averaged(problem, tree)
     if settled:
         return Start(problem.complete(averaged.rotations), "laplacian_gauss_newton")
+    try:
+        return _of_eigenvectors(problem, averaged)
+    except (NumericalError, np.linalg.LinAlgError):
+        return Start(problem.complete(averaged.rotations), "laplacian_gauss_newton")
+
+
+def _of_eigenvectors(problem: Problem, averaged: Estimate) -> Start:
     if isinstance(problem, PoseProblem) and problem.d == 3:
         pairs = spectral.eliminated_eigenpairs(problem, tol=Q_TOL, start=averaged)
         rotations = spectral.round_to_rotations(pairs.vectors, problem.d)

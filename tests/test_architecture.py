@@ -20,6 +20,7 @@ RANKS = {
     "graph": 2,
     "estimate": 2,
     "cycles": 3,
+    "bridges": 3,
     "trees": 3,
     "lift": 3,
     "io": 4,

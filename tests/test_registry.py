@@ -1,11 +1,26 @@
 import sys
+from importlib import import_module
 
 import pytest
 
 from certpgo import registry
-from certpgo.errors import SpecError
+from certpgo.errors import InputNotice, SpecError
+from certpgo.io.format import formats
 
-SOLVER_FILE = "from ._shared import VALUE\n\nclass SOLVER:\n    value = VALUE\n"
+SOLVER_FILE = """
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ._shared import VALUE
+
+@dataclass(frozen=True)
+class SOLVER:
+    value: int = VALUE
+    poses: ClassVar[bool] = True
+    rotations: ClassVar[bool] = True
+
+    def solve(self, problem, **more): ...
+"""
 
 
 @pytest.fixture
@@ -40,7 +55,8 @@ def test_another_checkout_is_another_set_of_files(checkout, tmp_path, monkeypatc
     other = tmp_path / "other"
     (other / "baselines").mkdir(parents=True)
     (other / "reports").mkdir()
-    (other / "baselines" / "some_peer.py").write_text("class SOLVER:\n    value = 8\n")
+    (other / "baselines" / "some_peer.py").write_text(SOLVER_FILE)
+    (other / "baselines" / "_shared.py").write_text("VALUE = 8\n")
     monkeypatch.setenv(registry.REPOSITORY_VARIABLE, str(other))
     assert registry.get_solver("some_peer").value == 8
 
@@ -52,8 +68,46 @@ def test_an_unknown_method_suggests_the_nearest(checkout):
 
 def test_a_file_without_solver_is_named(checkout):
     (checkout / "baselines" / "empty.py").write_text("")
-    with pytest.raises(SpecError, match=r"empty\.py must expose SOLVER"):
+    with pytest.raises(SpecError, match=r"empty\.py: must expose SOLVER"):
         registry.get_solver("empty")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("1 / 0", "broken.py: cannot be loaded: ZeroDivisionError: division by zero"),
+        ("def", "broken.py: cannot be loaded: SyntaxError: invalid syntax"),
+        ("import no_such_package", "broken.py: cannot be loaded: ModuleNotFoundError"),
+        ("raise SystemExit", "broken.py: cannot be loaded: SystemExit"),
+        ("SOLVER = 7", "broken.py: SOLVER must be a dataclass"),
+        (
+            "from dataclasses import dataclass\n@dataclass\nclass SOLVER:\n    poses = True",
+            "broken.py: SOLVER lacks rotations, solve",
+        ),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_named(checkout, text, said):
+    (checkout / "baselines" / "broken.py").write_text(text)
+    with pytest.raises(SpecError) as caught:
+        registry.get_solver("broken")
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert registry.get_solver("some_peer").value == 7
+
+
+def test_a_table_that_cannot_be_loaded_is_named(checkout):
+    (checkout / "reports" / "tables" / "second.py").write_text("TABLE = None + 1\n")
+    with pytest.raises(SpecError, match=r"second\.py: cannot be loaded: TypeError"):
+        registry.get_table("second")
+
+
+def test_a_format_that_cannot_be_loaded_is_named_and_left_out(tmp_path, monkeypatch):
+    package, whole = import_module("certpgo.io.formats"), formats()
+    (tmp_path / "broken.py").write_text("1 / 0\n")
+    monkeypatch.setattr(package, "__path__", [*package.__path__, str(tmp_path)])
+    with pytest.warns(InputNotice, match="broken.py: cannot be loaded: ZeroDivisionError"):
+        found = formats.__wrapped__()
+    assert found.keys() == whole.keys()
 
 
 def test_tables(checkout):

@@ -136,12 +136,17 @@ def test_right_measurements_are_kept(degree):
     assert solution.kept > 0.9 * instance.graph.num_edges
 
 
-def test_edges_whose_weights_vanish_are_dropped():
+def test_only_a_factor_of_exactly_zero_drops_an_edge():
     graph, *_ = rotation_graph(rng_of(10), 6, 3, extra=6)
-    problem = RotationProblem(graph.with_weights(1e-200))
+    problem = RotationProblem(graph)
     factors = np.ones(graph.num_edges)
-    factors[-1] = 1e-200
+    factors[-1] = 1e-100
+    assert problem.reweighted(factors).graph.kappa[-1] == 1e-100 * graph.kappa[-1]
+    factors[-1] = 0.0
     assert problem.reweighted(factors).graph.num_edges == graph.num_edges - 1
+    factors[-1] = 1e-200
+    with pytest.raises(GraphError, match="it must be between"):
+        problem.reweighted(factors)
 
 
 def test_a_graph_stays_in_one_piece_by_its_cheapest_edges():

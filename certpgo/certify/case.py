@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
@@ -13,9 +14,12 @@ from certpgo.certify import rounding
 from certpgo.certify.bounds import Bounds
 from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound, dual_bound
+from certpgo.certify.parts import Part, outside, parts, sum_of_bounds
 from certpgo.certify.proof import exact_cost, exact_graph, proven_bound
-from certpgo.errors import InputError, NumericalError, SpecError
+from certpgo.certify.units import in_units, unit_of
+from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.estimate import Estimate
+from certpgo.lift import Point
 from certpgo.linalg import factor
 from certpgo.newton import newton
 from certpgo.problem import Problem
@@ -25,6 +29,8 @@ from certpgo.solution import Status
 RTOL, ATOL = 1e-5, 1e-12
 #: Of atol W, what costs of optimal points may differ by: residuals of a billionth, squared.
 FLOOR = 1e-6
+#: Share of a graph's weight or length in bridges from which bounds by parts gain something.
+MUCH = 0.1
 #: Steps that descent may take; what has not settled by then is no basin of its own.
 MAX_STEPS = 200
 #: Stationarity, radians, at which a stalled descent counts as settled, and a point as stationary.
@@ -76,8 +82,12 @@ class Case:
         tier = _tier(tier)
         if not (0.0 <= rtol < 1.0 and 0.0 <= atol < 1.0):
             raise InputError(f"tolerances must lie within 0 ... 1: rtol={rtol}, atol={atol}")
-        unit = _unit(problem)
-        return Case(problem.scaled(1.0 / unit), unit, tier, rtol, atol)
+        unit = unit_of(problem)
+        try:
+            scaled = problem.scaled(1.0 / unit)
+        except GraphError as error:
+            raise InputError(f"too uneven weights: divided by {unit:.2g}, {error}") from None
+        return Case(scaled, unit, tier, rtol, atol)
 
     @property
     def rigorous(self) -> bool:
@@ -114,26 +124,74 @@ class Case:
                     solution.status is Status.STALLED and problem.stationarity(point) < SETTLED
                 )
             cost = self.cost_upper(point)
-            enough = cost - self.tolerance(cost)
-            if known is not None and known.value >= enough:
+            if known is not None and known.value >= cost - self.tolerance(cost):
                 return Basin(point, cost, settled, known.bound)
-            bound = self.bound(point, enough)
+            bound = self.bound(point, cost, refine=refine)
         except (NumericalError, np.linalg.LinAlgError):
             return Basin(start, self.cost_upper(start), False, None)
         return Basin(point, cost, settled, bound)
 
-    def bound(self, point: Estimate, enough: float) -> DualBound | None:
-        """What the multipliers of a settled point prove, at this tier."""
-        if self.tier is not Tier.PROOF:
-            return dual_bound(self.problem, point, rounding=self.rigorous, enough=enough)
-        bound = dual_bound(self.problem, point)
-        return None if bound is None else proven_bound(self.problem, self._exact, point, bound)
+    def bound(
+        self,
+        point: Point,
+        cost: float,
+        *,
+        sharp: bool = True,
+        tight: bool = False,
+        refine: bool = True,
+    ) -> DualBound | None:
+        """What the multipliers of a settled point prove, at this tier.
+
+        Where that falls short of rtol F, also what the parts between the graph's bridges prove, if
+        these are much of it.
+
+        Parameters
+        ----------
+        point : of any rank, but an estimate at the proof tier
+        cost : F there, or in hand elsewhere, which decides what is enough
+        sharp, tight : see `dual_bound`
+        refine : the parts' points may be improved
+        """
+        whole = self._bound(self.problem, point, cost, sharp=sharp, tight=tight)
+        value = whole.value if whole else 0.0
+        if value >= cost - self.rtol * cost or not self._parts:
+            return whole
+        if value > 0.0 and outside(self.problem, self._parts) < MUCH:
+            return whole
+
+        def bound_of(part: Part) -> DualBound | None:
+            here = part.point(point, polish=refine)
+            cost = part.problem.cost(here)
+            return self._bound(part.problem, here, cost, sharp=sharp, tight=tight)
+
+        summed = sum_of_bounds(self.problem, self._parts, bound_of)
+        return summed if summed is not None and summed.value > value else whole
+
+    def _bound(
+        self, problem: Problem, point: Point, cost: float, *, sharp: bool, tight: bool
+    ) -> DualBound | None:
+        if self.tier is Tier.PROOF and isinstance(point, Estimate):
+            bound = dual_bound(problem, point)
+            exact = self._exact if problem is self.problem else exact_graph(problem)
+            return None if bound is None else proven_bound(problem, exact, point, bound)
+        enough = cost - self.rtol * cost - self.atol * problem.scale
+        return dual_bound(
+            problem, point, rounding=self.rigorous, enough=enough, sharp=sharp, tight=tight
+        )
+
+    @cached_property
+    def _parts(self) -> list[Part]:
+        return parts(self.problem)
 
     def cost_upper(self, estimate: Estimate) -> float:
         """F of the estimate, rounded up."""
         if self.tier is Tier.PROOF:
             return exact_cost(self.problem, self._exact, estimate)
         return rounding.cost_upper(self.problem, estimate)
+
+    def sure(self, estimate: Estimate, cost: float) -> float:
+        """What is less than this costs less than an estimate, whose cost is at most ``cost``."""
+        return rounding.cost_lower(self.problem, estimate) - self.difference(cost)
 
     @cached_property
     def _exact(self) -> checker.Graph:
@@ -152,13 +210,13 @@ class Case:
         cost = own.cost if estimate is own.point else self.cost_upper(estimate)
         tolerance = self.tolerance(cost)
         best = other if other is not None and other.value > own.value else own
-        gap = cost - best.value
+        gap = _difference_up(cost, best.value)
         finite = math.isfinite(cost) and math.isfinite(tolerance)
         basin_is_global = self.rigorous and own.cost - best.value <= self.tolerance(own.cost)
         better, elsewhere = None, False
-        if other is not None and other.cost < min(own.cost, cost - self.difference(cost)):
+        if other is not None and other.cost < min(own.cost, self.sure(estimate, cost)):
             better = other
-            elsewhere = own.settled and other.cost < own.cost - self.difference(own.cost)
+            elsewhere = own.settled and other.cost < self.sure(own.point, own.cost)
         if elsewhere:
             verdict = Verdict.REFUTED
         elif finite and self.rigorous and gap <= tolerance:
@@ -189,8 +247,15 @@ class Case:
             engine=factor.default_engine(),
             reason="",
         )
-        scaled = _in_units(self.unit, judged)
+        scaled = in_units(self.unit, judged)
         return replace(scaled, reason=_reason(scaled))
+
+
+def _difference_up(high: float, low: float) -> float:
+    """A double not below the difference."""
+    gap = high - low
+    short = math.isfinite(gap) and Fraction(gap) < Fraction(high) - Fraction(low)
+    return math.nextafter(gap, math.inf) if short else gap
 
 
 def _tier(tier: Tier | str) -> Tier:
@@ -200,34 +265,6 @@ def _tier(tier: Tier | str) -> Tier:
     if tier not in known:
         raise SpecError.unknown("tier", tier, known)
     return known[tier]
-
-
-def _unit(problem: Problem) -> float:
-    """The power of two nearest W."""
-    with np.errstate(over="ignore"):
-        scale = problem.scale
-    if not math.isfinite(scale) or scale <= 0.0:
-        raise InputError(f"the weights add up to {scale}, beyond the range of doubles")
-    return math.ldexp(1.0, max(-1000, min(1000, round(math.log2(scale)))))
-
-
-def _in_units(unit: float, judged: Certificate) -> Certificate:
-    """The certificate of the problem whose weights are ``unit`` times as large."""
-    bounds_ = judged.bounds
-    if bounds_ is not None:
-        bounds_ = replace(bounds_, spectral=unit * bounds_.spectral, fiedler=unit * bounds_.fiedler)
-    return replace(
-        judged,
-        cost=unit * judged.cost,
-        lower_bound=unit * judged.lower_bound,
-        gap=unit * judged.gap,
-        scale=unit * judged.scale,
-        multipliers=None if judged.multipliers is None else unit * judged.multipliers,
-        shift=unit * judged.shift,
-        refined_cost=unit * judged.refined_cost,
-        better_cost=None if judged.better_cost is None else unit * judged.better_cost,
-        bounds=bounds_,
-    )
 
 
 def _reason(c: Certificate) -> str:
@@ -240,15 +277,10 @@ def _reason(c: Certificate) -> str:
     improved = f"{yours} and, improved, {c.refined_cost:.10g}"
     lower = c.refined_cost < c.cost - c.tolerance
     if c.verdict is Verdict.CERTIFIED:
-        within = f"{floor}; {yours}, within {c.gap:.2g} of the best possible"
+        within = f"{floor}; {yours}, within {_of_f(c)} of the best possible"
         if c.gap <= c.rtol * c.cost:
             return within
-        return (
-            f"{within}; that is a large part of it, and little only beside the weights of its "
-            f"terms, {c.scale:.2g} in all"
-            if c.gap > 0.1 * c.cost
-            else f"{within}, which is little beside the weights of its terms, {c.scale:.2g} in all"
-        )
+        return f"{within}, which is negligible relative to the total weight W = {c.scale:.2g}"
     if c.better_cost is not None and c.verdict is not Verdict.REFUTED:
         also = f"another estimate costs {c.better_cost:.10g}"
         return f"{floor}; {improved if lower else yours}; {also}"
@@ -266,4 +298,9 @@ def _reason(c: Certificate) -> str:
         )
     if lower:
         return f"{floor}; {improved}: the best possible is no more than that"
-    return f"{floor}; {yours}, at most {c.gap:.3g} above the best possible"
+    return f"{floor}; {yours}, at most {_of_f(c)} above the best possible"
+
+
+def _of_f(c: Certificate) -> str:
+    """The gap relative to F, then in its units."""
+    return f"{c.gap / c.cost:.2g} F = {c.gap:.2g}" if c.cost > 0.0 else f"{c.gap:.2g}"

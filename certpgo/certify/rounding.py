@@ -27,23 +27,36 @@ def rotation_defect(R: FloatArray) -> float:
 
 def cost_upper(problem: Problem, estimate: Estimate) -> float:
     """An upper bound on F of the estimate, whose translations are taken as stored."""
+    weights, sizes, errors = _residuals(problem, estimate)
+    terms = weights * (sizes * (1.0 + 32.0 * U) + errors) ** 2
+    return float(np.sum(terms) * (1.0 + _of_a_sum(terms)))
+
+
+def cost_lower(problem: Problem, estimate: Estimate) -> float:
+    """A lower bound on the same; it holds for quaternions rounded from the rotations as well."""
+    weights, sizes, errors = _residuals(problem, estimate)
+    terms = weights * np.maximum(sizes * (1.0 - 32.0 * U) - 2.0 * errors, 0.0) ** 2
+    return float(np.sum(terms) * (1.0 - _of_a_sum(terms)))
+
+
+def _residuals(problem: Problem, estimate: Estimate) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Weights, computed norms and their absolute errors, of rotations, then of translations."""
     graph = problem.rotation.graph
     E = problem.rotation.residuals(estimate.rotations)
     norm = np.sqrt(np.einsum("mab,mab->m", E, E))
     # R_j - R_i R_ij: three matrices near rotations, and a product of d terms.
     own, measured = rotation_defect(estimate.rotations), rotation_defect(graph.rotations)
-    error = 2.0 * own + measured + 32.0 * U
-    terms = graph.kappa * (norm * (1.0 + 32.0 * U) + error) ** 2
-    if isinstance(problem, PoseProblem) and estimate.translations is not None:
-        r = np.linalg.norm(problem.translation_residuals(estimate), axis=1)
-        i, j = problem.graph.edges.T
-        size = np.linalg.norm(estimate.translations, axis=1)
-        lever = np.linalg.norm(problem.graph.translations, axis=1)
-        slack = (own + 32.0 * U) * lever + 8.0 * U * (size[i] + size[j])
-        terms = np.concatenate([terms, problem.graph.tau * (r * (1.0 + 32.0 * U) + slack) ** 2])
-    return _sum_upper(terms)
+    error = np.full(len(norm), 2.0 * own + measured + 32.0 * U)
+    if not isinstance(problem, PoseProblem) or estimate.translations is None:
+        return graph.kappa, norm, error
+    r = np.linalg.norm(problem.translation_residuals(estimate), axis=1)
+    # What t_j - t_i is rounded by is relative to itself: at most r and the lever together.
+    lever = np.linalg.norm(problem.graph.translations, axis=1)
+    weights = np.concatenate([graph.kappa, problem.graph.tau])
+    errors = np.concatenate([error, (own + 32.0 * U) * lever])
+    return weights, np.concatenate([norm, r]), errors
 
 
-def _sum_upper(terms: FloatArray) -> float:
+def _of_a_sum(terms: FloatArray) -> float:
     # Every term carries a few roundings of its own; the sum, pairwise or not, at most one a term.
-    return float(np.sum(terms) * (1.0 + (len(terms) + 16) * 2.0 * U))
+    return (len(terms) + 16) * 2.0 * U

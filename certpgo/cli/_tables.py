@@ -12,7 +12,7 @@ from certpgo.cli._live import watching
 from certpgo.cli._reports import FigureReport, Order, Report, TableReport
 from certpgo.cli._show import document, notice
 from certpgo.cli._verdict import INTERRUPTED
-from certpgo.errors import InputError
+from certpgo.errors import InputError, UnusableFile
 
 if TYPE_CHECKING:
     from certpgo.harness.execute import Pool
@@ -56,15 +56,17 @@ def run_report(
     return 1 if unread else 0
 
 
-def run_all(specs: Iterable[Table | Figure], order: Order, pool: Pool, *, json: bool) -> int:
+def run_all(names: Iterable[str], order: Order, pool: Pool, *, json: bool) -> int:
     """Run tables and figures as one, print a line each, and write them into a folder."""
+    from certpgo import registry
+
     reports: dict[str, Report] = {}
     skipped: dict[str, str] = {}
-    for spec in specs:
+    for name in names:
         try:
-            reports[spec.name] = _report(spec, order)
-        except InputError as error:
-            skipped[spec.name] = str(error)
+            reports[name] = _report(registry.get_report(name), order)
+        except (InputError, UnusableFile) as error:
+            skipped[name] = str(error)
     interrupted = _run(reports, pool, lines=True)
     for report in reports.values():
         report.close(interrupted=interrupted and bool(report.tasks))

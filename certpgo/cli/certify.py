@@ -34,9 +34,13 @@ def command(
         ),
     ],
     tier: Annotated[
-        str,
-        typer.Option("--tier", help="What may be trusted: proof, standard, or screen (a hint)."),
-    ] = "standard",
+        str | None,
+        typer.Option(
+            "--tier",
+            help="What may be trusted: proof, standard, or screen (a hint). "
+            "[default: standard, or proof with --proof]",
+        ),
+    ] = None,
     rtol: Annotated[
         float, typer.Option("--rtol", help="Gap, over the cost, that counts as optimal.")
     ] = 1e-5,
@@ -83,6 +87,7 @@ def command(
     for out in (polish, csv, proof, html):
         refuse_unwritable(out)
     refuse_overwriting([polish, csv, proof, html], [graph, *estimates, timestamps], reading.data)
+    tier = tier or ("standard" if proof is None else "proof")
     source = None if proof is None else provable_source(graph, reading)
     instance = reading.open(graph)
     parts = []

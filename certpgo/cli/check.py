@@ -11,7 +11,7 @@ import typer
 
 from certpgo.cli._proving import REFUSED
 from certpgo.cli._show import document, working
-from certpgo.errors import FormatError
+from certpgo.errors import InputError
 
 
 def command(
@@ -44,7 +44,7 @@ def _as_json(path: Path, proof: Path) -> int:
     try:
         answer = checker.check(path, proof)
     except checker.Unreadable as error:
-        raise FormatError(proof, None, str(error)) from None
+        raise InputError(str(error)) from None
     except checker.Refused as reason:
         document({**said, "proved": False, "reason": str(reason)})
         return REFUSED

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import importlib.util
 import re
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from certpgo.cli._show import document, table
+from certpgo.errors import CertPGOError
 
 if TYPE_CHECKING:
     from certpgo.solution import Solver
@@ -66,20 +68,22 @@ def _rows(kind: Kind, data: Path | None) -> Rows:
 def _methods() -> Rows:
     from certpgo import registry
 
-    rows = []
-    for name in registry.solver_names():
-        solver = registry.get_solver(name)
-        takes = [kind for kind in ("poses", "rotations") if getattr(solver, kind)]
-        rows.append(
-            {
-                "name": name,
-                "takes": ", ".join(takes),
-                "here": _missing_package(name) or "yes",
-                "what": _summary(solver),
-                "settings": _settings(solver),
-            }
-        )
-    return rows
+    return [_method(name, registry.get_solver) for name in registry.solver_names()]
+
+
+def _method(name: str, get_solver: Callable[[str], type[Solver]]) -> dict[str, str]:
+    try:
+        solver = get_solver(name)
+    except CertPGOError as error:  # one broken file is no reason to hide the others
+        return {"name": name, "takes": "", "here": "no", "what": str(error), "settings": ""}
+    takes = [kind for kind in ("poses", "rotations") if getattr(solver, kind)]
+    return {
+        "name": name,
+        "takes": ", ".join(takes),
+        "here": _missing_package(name) or "yes",
+        "what": _summary(solver),
+        "settings": _settings(solver),
+    }
 
 
 def _summary(solver: type) -> str:
@@ -89,9 +93,10 @@ def _summary(solver: type) -> str:
 
 
 def _settings(solver: type[Solver]) -> str:
-    from certpgo.harness.methods import defaults
+    from certpgo.harness.methods import defaults, setting_fields
 
-    return ", ".join(f"{key}={_text(value)}" for key, value in defaults(solver).items())
+    known = {key: f"={_text(value)}" for key, value in defaults(solver).items()}
+    return ", ".join(key + known.get(key, "") for key in setting_fields(solver))
 
 
 def _text(value: object) -> str:
@@ -137,17 +142,20 @@ def _datasets(data: Path | None) -> Rows:
 def _tables() -> Rows:
     from certpgo import registry
 
-    return [
-        {"name": name, "title": registry.get_table(name).title} for name in registry.table_names()
-    ]
+    return [_title(name, registry.get_table) for name in registry.table_names()]
 
 
 def _figures() -> Rows:
     from certpgo import registry
 
-    return [
-        {"name": name, "title": registry.get_figure(name).title} for name in registry.figure_names()
-    ]
+    return [_title(name, registry.get_figure) for name in registry.figure_names()]
+
+
+def _title(name: str, get: Callable[[str], Any]) -> dict[str, str]:
+    try:
+        return {"name": name, "title": get(name).title}
+    except (CertPGOError, AttributeError) as error:
+        return {"name": name, "title": str(error)}
 
 
 def _formats() -> Rows:

@@ -55,7 +55,7 @@ def command(
     order = Order(folder, data, seeds, quick=quick, again=again, seconds=time_limit)
     if name is None:
         names = (*registry.table_names(), *registry.figure_names())
-        return run_all(map(registry.get_report, names), order, pool, json=json)
+        return run_all(names, order, pool, json=json)
     spec = registry.get_report(name)
     if seeds is not None and isinstance(spec, Figure):
         raise InputError(f"--seeds is for tables; the seeds of {spec.name} are fixed")

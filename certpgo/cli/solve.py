@@ -69,6 +69,14 @@ def command(
         bool,
         typer.Option("--robust", help="Leave out measurements that disagree with the rest."),
     ] = False,
+    tier: Annotated[
+        str | None,
+        typer.Option(
+            "--tier",
+            help="What may be trusted: proof, standard, or screen (a hint). "
+            "[default: standard; proof with --proof, or where rounding is all that is missing]",
+        ),
+    ] = None,
     trace: Annotated[bool, typer.Option("--trace", help="Print every iteration.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
     *,
@@ -86,6 +94,7 @@ def command(
     from certpgo.io.format import format_to_write
 
     _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank)
+    tier = tier or ("standard" if proof is None else "proof")
     if out is not None:
         format_to_write(out, format)  # a wrong suffix is said before the work, not after
     for written in (out, proof, html):
@@ -114,9 +123,10 @@ def command(
         with working(f"solving {part.name}") as status:
             monitor = TableMonitor() if trace else _Telling(status)
             if solver is None or method is None:
-                answer = _certified(part, begin, time_limit, max_rank, robust, monitor)
+                answer = _certified(part, begin, time_limit, max_rank, tier, robust, monitor)
             else:
-                answer = _by_method(part, method, solver, begin, certify, monitor, status)
+                judging = tier if certify else None
+                answer = _by_method(part, method, solver, begin, judging, monitor, status)
         if target is not None:
             with noticing():
                 write(target, answer.solution.estimate, instance=part, format=format)
@@ -250,6 +260,7 @@ def _certified(
     start: Estimate | None,
     time_limit: float | None,
     max_rank: int | None,
+    tier: str,
     robust: bool,
     monitor: Monitor,
 ) -> _Answer:
@@ -258,7 +269,12 @@ def _certified(
 
     if robust:
         found = solve_robustly(
-            part.graph, initial=start, time_limit=time_limit, max_rank=max_rank, monitor=monitor
+            part.graph,
+            initial=start,
+            time_limit=time_limit,
+            max_rank=max_rank,
+            tier=tier,
+            monitor=monitor,
         )
         return _Answer("robust", found.solution, found.certificate, found.start, found.levels)
     found = solve(
@@ -266,6 +282,7 @@ def _certified(
         initial=start,
         time_limit=time_limit,
         max_rank=max_rank,
+        tier=tier,
         monitor=monitor,
         on_disagreement=lambda told: notice(hint(told)),
     )
@@ -284,7 +301,7 @@ def _by_method(
     name: str,
     solver: Solver,
     start: Estimate | None,
-    judge: bool,
+    tier: str | None,
     monitor: Monitor,
     status: Any,
 ) -> _Answer:
@@ -293,10 +310,11 @@ def _by_method(
 
     problem = problem_of(part.graph)
     solution = solver.solve(problem, initial=start, monitor=monitor)
-    if not judge:
+    if tier is None:
         return _Answer(name, solution, None)
     status.update(f"certifying the answer for {part.name}")
-    return _Answer(name, solution, certify(solution.judged(problem), solution.estimate))
+    certificate = certify(solution.judged(problem), solution.estimate, tier=tier)
+    return _Answer(name, solution, certificate)
 
 
 def _page(

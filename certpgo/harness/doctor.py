@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo import spectral
+from certpgo.bridges import bridges
 from certpgo.certify.bounds import alpha_max, fiedler_value, normalized_fiedler_value
 from certpgo.consistency import inconsistency
 from certpgo.graph import Graph, Instance, PoseGraph
-from certpgo.harness.bridges import bridges
 from certpgo.linalg.factor import default_engine, engines
 from certpgo.problem import RotationProblem
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 import types
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, Field, fields
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from certpgo import registry
-from certpgo.errors import SpecError
+from certpgo.errors import SpecError, UnusableFile
 from certpgo.solution import Solver
 
 
@@ -18,7 +19,7 @@ def build(name: str, settings: Mapping[str, Any]) -> Solver:
     Raises
     ------
     SpecError
-        The method or a setting is unknown.
+        The method or a setting is unknown, or a setting has neither value nor default.
     InputError
         A setting's value is not allowed; said by the method.
     """
@@ -27,6 +28,9 @@ def build(name: str, settings: Mapping[str, Any]) -> Solver:
     for key in settings:
         if key not in known:
             raise SpecError.unknown(f"setting of {name}", key, known)
+    for key in known.keys() - defaults(solver).keys() - settings.keys():
+        said = f"{name}'s setting {key} has no default: --set {key}=VALUE gives it one"
+        raise UnusableFile(inspect.getfile(solver), said)
     return solver(**settings)
 
 
@@ -36,9 +40,14 @@ def setting_fields(solver: type[Solver]) -> dict[str, Field[Any]]:
 
 
 def defaults(solver: type[Solver]) -> dict[str, Any]:
-    """Settings with their default values."""
-    known = setting_fields(solver)
-    return {name: f.default for name, f in known.items() if f.default is not MISSING}
+    """Settings with their default values, those without one left out."""
+    found = {}
+    for name, field in setting_fields(solver).items():
+        if field.default is not MISSING:
+            found[name] = field.default
+        elif field.default_factory is not MISSING:
+            found[name] = field.default_factory()
+    return found
 
 
 def parse_settings(name: str, assignments: Iterable[str]) -> dict[str, Any]:
@@ -50,7 +59,10 @@ def parse_settings(name: str, assignments: Iterable[str]) -> dict[str, Any]:
         The setting is unknown, there is no ``=``, or the value is of another type.
     """
     solver = registry.get_solver(name)
-    hints = get_type_hints(solver)
+    try:
+        hints = get_type_hints(solver)
+    except NameError as error:
+        raise UnusableFile(inspect.getfile(solver), error) from error
     parsed: dict[str, Any] = {}
     for text in assignments:
         key, equals, value = text.partition("=")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from codecs import BOM_UTF8
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import numpy as np
 from certpgo.errors import FormatError, InputError
 from certpgo.estimate import Estimate
 from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
+from certpgo.io.chunks import text_lines
 from certpgo.io.format import LabelledPoses
 from certpgo.io.lines import Lines
 from certpgo.io.wording import counted
@@ -26,7 +26,7 @@ def numbered(ids: IntArray, wanted: IntArray) -> IntArray:
 def distinct(ids: IntArray) -> IntArray:
     """The distinct ids, ascending (sorting is several times faster than np.unique's hashing)."""
     ordered = np.sort(ids)
-    return np.asarray(ordered[np.diff(ordered, prepend=ordered[0] - 1) != 0], dtype=np.intp)
+    return np.asarray(ordered[np.r_[True, ordered[1:] != ordered[:-1]]], dtype=np.intp)
 
 
 def instance_from_lines(path: Path, said: Lines, options: Mapping[str, str]) -> Instance:
@@ -114,17 +114,22 @@ def refuse_duplicates(path: Path, ids: IntArray) -> None:
 def _second_line(path: Path, node: int) -> int | None:
     # A vertex line is a tag and the id, a line of another format starts with the id.
     seen = 0
-    with path.open("rb") as file:
-        for number, line in enumerate(file, 1):
-            line = line.removeprefix(BOM_UTF8)
-            words = line.split(None, 2)[:2]
-            if words and not words[0].lstrip(b"-").isdigit():
-                words = words[1:] if words[0].startswith(b"VERTEX") else []
-            if words and words[0].lstrip(b"+-").isdigit() and int(words[0]) == node:
-                seen += 1
-                if seen == 2:
-                    return number
+    for number, line in text_lines(path):
+        words = line.split(None, 2)[:2]
+        if words and not words[0].lstrip(b"-").isdigit():
+            words = words[1:] if words[0].startswith(b"VERTEX") else []
+        if words and _is_integer(words[0], node):
+            seen += 1
+            if seen == 2:
+                return number
     return None
+
+
+def _is_integer(word: bytes, value: int) -> bool:
+    try:
+        return int(word) == value
+    except ValueError:
+        return False
 
 
 def estimate_for(ids: IntArray, poses: LabelledPoses, with_translations: bool) -> Estimate:

@@ -18,6 +18,7 @@ T = TypeVar("T")
 
 _CHUNK_BYTES = 8 << 20
 _COMMENT = re.compile(rb"#[^\n]*")
+_PRINTED = bytes({*range(32, 256)} - {127}) + b"\t\r\n"
 
 
 def without_comments(text: bytes) -> bytes:
@@ -31,13 +32,16 @@ def parsed(
     """What ``parse`` makes of each chunk of lines, comments removed.
 
     A chunk that fails is parsed again in ever smaller parts, by the same code, to name the line.
+    Lines end in LF or CRLF.
 
     Raises
     ------
     FormatError
-        With the line, for an InputError of ``parse``.
+        With the line, for an InputError of ``parse``, or a control character: a carriage return
+        that ends no line is one.
     """
-    for first, lines in _chunks(path, progress):
+    for first, text in _chunks(path, progress):
+        lines = without_comments(text).split(b"\n")
         try:
             result = parse(lines)
         except InputError as error:
@@ -67,8 +71,20 @@ def _at_line(
     return FormatError(path, first, str(error))
 
 
-def _chunks(path: Path, progress: Progress | None) -> Iterator[tuple[int, list[bytes]]]:
-    """Pieces of a file as (number of the first line, lines)."""
+def text_lines(path: Path) -> Iterator[tuple[int, bytes]]:
+    """Each line with its number, comments kept.
+
+    Raises
+    ------
+    FormatError
+        At a control character, see `parsed`.
+    """
+    for first, text in _chunks(path, None):
+        yield from enumerate(text.split(b"\n"), first)
+
+
+def _chunks(path: Path, progress: Progress | None) -> Iterator[tuple[int, bytes]]:
+    """Pieces of a file as (number of the first line, lines but for the last one's end)."""
     total, number = path.stat().st_size, 1
     with path.open("rb") as file:
         if file.read(len(BOM_UTF8)) != BOM_UTF8:
@@ -76,15 +92,31 @@ def _chunks(path: Path, progress: Progress | None) -> Iterator[tuple[int, list[b
         done, rest = file.tell(), b""
         while chunk := file.read(_CHUNK_BYTES):
             done += len(chunk)
-            whole, newline, rest = (rest + chunk).rpartition(b"\n")
-            if newline:
-                lines = without_comments(whole).split(b"\n")
-                yield number, lines
-                number += len(lines)
+            text = rest + chunk
+            end = text.rfind(b"\n") + 1
+            whole, rest = text[:end], text[end:]
+            if whole:
+                _refuse_controls(path, number, whole)
+                yield number, whole[:-1]
+                number += whole.count(b"\n")
             if progress is not None:
                 progress(done, total)
     if rest:
-        yield number, [without_comments(rest)]
+        _refuse_controls(path, number, rest)
+        yield number, rest
+
+
+def _refuse_controls(path: Path, first: int, text: bytes) -> None:
+    """Refuse what some programs take for blanks and others for ends of lines: no two agree on it.
+
+    The checker of proofs refuses the same.
+    """
+    if text.count(b"\r") == text.count(b"\r\n") and not text.translate(None, _PRINTED):
+        return
+    for number, line in enumerate(text.replace(b"\r\n", b"\n").split(b"\n"), first):
+        for control in line.translate(None, _PRINTED.replace(b"\r", b""))[:1]:
+            what = "a carriage return" if control == ord("\r") else f"the character {control:#04x}"
+            raise FormatError(path, number, f"{what} within a line: LF or CRLF end lines")
 
 
 def read_rows(
@@ -112,6 +144,8 @@ def read_rows(
         rows = [words for line in lines if (words := line.split())]
         try:
             table = np.array([float(word) for words in rows for word in words])
+            if any(b"_" in line for line in lines):  # Python reads 1_0 as ten
+                raise ValueError
         except ValueError:
             raise InputError(f"{expected} expected") from None
         if not {len(words) for words in rows} <= {columns} or not np.isfinite(table).all():

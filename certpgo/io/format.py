@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+import warnings
 from codecs import BOM_UTF8
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
 
-from certpgo.errors import FormatError, InputError, SpecError
+from certpgo.errors import FormatError, InputError, InputNotice, SpecError, UnusableFile
 from certpgo.estimate import Estimate
 from certpgo.graph import Instance
 from certpgo.linalg.arrays import FloatArray, IntArray
@@ -121,13 +122,17 @@ class Format:
 
 @cache
 def formats() -> Mapping[str, Format]:
-    """Every format in the folder, by name."""
-    package = importlib.import_module("certpgo.io.formats")
-    modules = (
-        importlib.import_module(f"{package.__name__}.{module.name}")
-        for module in pkgutil.iter_modules(package.__path__)
-    )
-    return MappingProxyType({module.FORMAT.name: module.FORMAT for module in modules})
+    """Every format in the folder, by name; files that cannot be loaded are named in a warning."""
+    package, found = importlib.import_module("certpgo.io.formats"), {}
+    for module in pkgutil.iter_modules(package.__path__):
+        try:
+            form: Format = importlib.import_module(f"{package.__name__}.{module.name}").FORMAT
+        except Exception as error:
+            path = Path(module.module_finder.path, f"{module.name}.py")  # type: ignore[union-attr]
+            warnings.warn(str(UnusableFile(path, error)), InputNotice, stacklevel=2)
+        else:
+            found[form.name] = form
+    return MappingProxyType(found)
 
 
 def get_format(name: str) -> Format:

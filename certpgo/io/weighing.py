@@ -11,7 +11,9 @@ import re
 
 import numpy as np
 
+from certpgo.checker import FAR
 from certpgo.errors import InputError
+from certpgo.graph import in_range
 from certpgo.io.doubledouble import (
     DD,
     add,
@@ -52,6 +54,8 @@ def weigh(texts: list[bytes], layout: Layout) -> tuple[FloatArray, FloatArray, i
     number: dict[bytes, int] = {}
     index = [number.setdefault(text, len(number)) for text in texts]
     kappa, tau, flags = _distinct(list(number), layout)
+    if not (in_range(kappa) & in_range(tau)).all():
+        raise InputError(f"information must give weights between {1.0 / FAR:.2g} and {FAR:.2g}")
     return kappa[index], tau[index], int(np.count_nonzero(flags[index]))
 
 

@@ -71,7 +71,7 @@ def conjugate_gradients(
         curvature = float(p @ Ap)
         if not curvature > 0.0 and radius == math.inf:
             return Truncated(x, r, End.NEGATIVE_CURVATURE, number)
-        longest = (math.sqrt(xp**2 + pp * max(radius**2 - xx, 0.0)) - xp) / pp
+        longest = (math.sqrt(xp * xp + pp * max(radius * radius - xx, 0.0)) - xp) / pp
         step = size / curvature if curvature > 0.0 else math.inf
         if step >= longest:
             end = End.BOUNDARY if curvature > 0.0 else End.NEGATIVE_CURVATURE

@@ -91,17 +91,6 @@ def factorize(A: CSC, *, engine: str | None = None) -> Factor | None:
     return analyze(A, engine=engine).factor(A)
 
 
-def inertia(A: CSC) -> tuple[int, int, int]:
-    """Numbers of negative, zero and positive eigenvalues, by an LDL^T without pivoting.
-
-    A floating-point statement, for screening only: a matrix with a tiny leading minor may be
-    misjudged. Costs an LU factorization whatever engine is in use.
-    """
-    lu = _splu_without_pivoting(A, "MMD_AT_PLUS_A")
-    pivots = np.zeros(A.shape[0]) if lu is None else lu.U.diagonal()
-    return int((pivots < 0).sum()), int((pivots == 0).sum()), int((pivots > 0).sum())
-
-
 def fill_reducing_order(
     indptr: IntArray, indices: IntArray, *, engine: str | None = None
 ) -> IntArray:
@@ -175,13 +164,14 @@ class SuperLU:
         self._indices, self._indptr = permuted.indices, permuted.indptr
 
     def factor(self, A: CSC) -> Factor | None:
-        """Factorize A; None when a pivot is not positive or had to leave the diagonal."""
+        """Factorize A; None when a pivot is not positive, not finite, or left the diagonal."""
         permuted = CSC((A.data[self._gather], self._indices, self._indptr), shape=A.shape)
         lu = _splu_without_pivoting(permuted, "NATURAL")
         if lu is None or not np.array_equal(lu.perm_r, lu.perm_c):
             return None
         pivots = lu.U.diagonal()
-        return _SuperLUFactor(lu, pivots, self._order) if np.all(pivots > 0.0) else None
+        definite = np.all((pivots > 0.0) & (pivots < np.inf))
+        return _SuperLUFactor(lu, pivots, self._order) if definite else None
 
 
 class _SuperLUFactor:
@@ -295,7 +285,7 @@ class _CholmodFactor:
 
         X = matrix(np.asfortranarray(B))
         cholmod.solve(self._factor, X, sys=system)
-        return np.array(X).reshape(B.shape, order="F") if B.ndim > 1 else np.array(X).ravel()
+        return np.array(X).reshape(B.shape)
 
     def lower(self) -> tuple[CSC, IntArray]:
         if self._lower is None:

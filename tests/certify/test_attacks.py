@@ -36,13 +36,14 @@ def test_overflow_certifies_nothing(refine):
     assert "range of doubles" in certificate.reason
 
 
-def test_weights_beyond_doubles_are_refused():
-    instance, wound = winding_cycle(20, 0.0, 1)
+def test_weights_that_add_up_beyond_doubles_are_refused():
+    problem, wound = wound_poses(20, 1)
+    far = PoseProblem(PoseGraph(problem.graph.rotation, np.full((20, 3), 1e160), np.ones(20)))
     with pytest.raises(InputError, match="beyond the range of doubles"):
-        certify(RotationProblem(instance.graph.with_weights(1e308)), wound)
+        certify(far, Estimate(wound.rotations, np.zeros((20, 3))))
 
 
-@pytest.mark.parametrize("power", [-1000, -600, -300, 0, 300, 600, 1000])
+@pytest.mark.parametrize("power", [-390, -300, 0, 300, 390])
 def test_verdicts_know_no_scale(power):
     instance, wound = winding_cycle(20, 0.3, 1)
     _, right = winding_cycle(20, 0.3, 0)

@@ -133,6 +133,43 @@ def test_row_bound_sums_parallel_edges_before_norms():
     np.testing.assert_allclose(rows, 2 * (1 - np.cos(0.4)), rtol=1e-12, atol=0)
 
 
+@settings(max_examples=20)
+@given(seeds, dimensions)
+def test_row_bounds_are_those_of_the_certificate_matrix_in_the_gauge_of_the_estimate(seed, d):
+    rng = rng_of(seed)
+    graph, R = rotation_graph(rng, 6, d, noise=1.0)
+    problem, point = RotationProblem(graph), Estimate(so.random(rng, 6, d))
+    S = problem.certificate_matrix(problem.multipliers(point)).toarray().reshape(6, d, 6, d)
+    R = point.rotations
+    turned = np.einsum("iab,ibjc,jdc->iajd", R, S, R)
+    delta = turned - np.einsum("ij,ab->iajb", problem.laplacian.toarray(), np.eye(d))
+    norms = np.linalg.norm(delta, 2, axis=(1, 3)).sum(axis=1)
+    rows = row_bound(problem, point)
+    np.testing.assert_allclose(rows, norms / problem.node_weights, rtol=1e-10, atol=0)
+
+
+def test_every_bound_is_the_one_it_is_called():
+    """A weighted star with a chord: its nodes differ in weight, and no two bounds agree."""
+    edges, kappa = [[0, 1], [0, 2], [0, 3], [1, 2]], [1.0, 2.0, 5.0, 0.5]
+    graph = identity_graph(4, edges, kappa)
+    problem = RotationProblem(graph)
+    x = Estimate(so.exp(np.random.default_rng(0).uniform(-0.1, 0.1, (4, 3))))
+    b = bounds_of(problem, x)
+    L = problem.laplacian.toarray()
+    scaling = np.diag(problem.node_weights**-0.5)
+    nu = np.linalg.eigvalsh(scaling @ L @ scaling)[1]
+    assert b.fiedler == pytest.approx(np.linalg.eigvalsh(L)[1], rel=1e-9)
+    assert b.alpha_max == pytest.approx(alpha_max(np.linalg.eigvalsh(L)[1] / 8.0), rel=1e-9)
+    assert b.normalized_alpha_max == pytest.approx(alpha_max(nu), rel=1e-9)
+    assert (b.spectral, b.cycle, b.cycle_sum_holds) == (pytest.approx(0.0, abs=1e-9), None, None)
+    # The row bound is about the worst node.
+    far = Estimate(so.exp(np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 3.0]])))
+    assert row_bound(problem, far).min() < nu < row_bound(problem, far).max()
+    assert bounds_of(problem, far).row_bound_holds is False
+    truth = Estimate(np.tile(np.eye(3), (4, 1, 1)))
+    assert bounds_of(problem, truth).row_bound_holds is True
+
+
 @pytest.mark.parametrize("k", [0, 1])
 def test_cycle_bounds_know_the_winding(k):
     instance, estimate = winding_cycle(12, 0.7, k)

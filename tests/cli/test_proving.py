@@ -1,5 +1,9 @@
 """Proofs on the command line: written, checked, refused."""
 
+import hashlib
+import json
+
+import numpy as np
 import pytest
 
 
@@ -98,3 +102,35 @@ def test_a_proof_is_about_one_answer(certpgo, square, tmp_path):
     done = certpgo("solve", square, "--method", "eigen_ma", "--no-certify", "--proof", out)
     assert done.code == 1
     assert not out.exists()
+
+
+@pytest.mark.parametrize("more", [(), ("--json",)])
+def test_a_carriage_return_within_a_line_is_the_graphs_fault(
+    certpgo, square, proof, tmp_path, more
+):
+    # The checker takes the file for unreadable, so the reader must, and both say where.
+    square.write_bytes(square.read_bytes().removesuffix(b"\n") + b"\r")
+    out = tmp_path / "out.cert"
+    done = certpgo("solve", square, "--proof", out, *more)
+    assert (done.code, done.out, out.exists()) == (1, "", False)
+    assert (
+        done.err == f"certpgo: {square}:8: a carriage return within a line: LF or CRLF end lines\n"
+    )
+    about_it = tmp_path / "about.cert"
+    arrays = dict(np.load(proof))
+    claim = json.loads(bytes(arrays["claim"]))
+    claim["graph_sha256"] = hashlib.sha256(square.read_bytes()).hexdigest()
+    arrays["claim"] = np.frombuffer(json.dumps(claim).encode(), dtype=np.uint8)
+    with about_it.open("wb") as file:
+        np.savez(file, **arrays)
+    done = certpgo("check", square, about_it, *more)
+    assert (done.code, done.out, done.err.count("\n")) == (1, "", 1)
+    assert f"{square}: line 8: plain text expected" in done.err
+    assert str(about_it) not in done.err
+
+
+def test_lines_may_end_in_crlf(certpgo, square, tmp_path):
+    square.write_bytes(square.read_bytes().replace(b"\n", b"\r\n"))
+    out = tmp_path / "out.cert"
+    assert certpgo("solve", square, "--proof", out).code == 0
+    assert certpgo("check", square, out).code == 0

@@ -123,6 +123,20 @@ def test_steps_of_the_helix_and_of_the_grid_have_unit_length():
     np.testing.assert_allclose(np.linalg.norm(grid.translations, axis=1), 1.0, rtol=1e-7, atol=0)
 
 
+def test_a_corridor_costs_a_hundred_billionth_of_its_weight():
+    instance = synthetic.corridor(1316, rng())
+    graph = instance.graph
+    assert (graph.num_nodes, graph.num_edges) == (1316, 1315 + 1316 - 263)
+    assert graph.is_connected
+    # 2 kappa angle^2 and tau |step|^2: 2 x 1 and 2 terms an edge.
+    weight = graph.rotation.kappa.sum() + graph.tau @ np.sum(graph.translations**2, axis=1)
+    assert weight == pytest.approx(2.5e7, rel=0.1)
+    cost = PoseProblem(graph).cost(instance.truth)
+    assert cost == pytest.approx(4 * 9e3 * 3e-6**2 * graph.num_edges, rel=0.1)
+    steps = np.linalg.norm(np.diff(instance.truth.translations, axis=0), axis=1)
+    assert steps.max() < 0.4 + 2 * np.hypot(0.3, 0.3)
+
+
 def test_the_truth_of_a_pose_family_costs_about_its_degrees_of_freedom():
     # kappa |log|^2 x 2 and tau |noise|^2 are chi-square: 6 and 3 a edge.
     instance = synthetic.grid3d(8, rng())
@@ -147,6 +161,8 @@ def test_a_grid_may_be_as_thin_as_a_tree():
         (lambda: synthetic.complete(1, 0.1, rng()), "at least 2"),
         (lambda: synthetic.random_graph(10, 1.0, 0.1, rng()), "mean degree of 1.8 to 9"),
         (lambda: synthetic.random_graph(10, 10.0, 0.1, rng()), "mean degree of 1.8 to 9"),
+        (lambda: synthetic.corridor(30, rng()), "at least 8"),
+        (lambda: synthetic.corridor(30, rng(), laps=0), "at least 1"),
         (lambda: synthetic.grid3d(3, rng(), fraction=0.2), "connected grid"),
         (lambda: synthetic.grid3d(3, rng(), fraction=1.2), "connected grid"),
     ],

@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from certpgo.bridges import bridges
 from certpgo.datasets import synthetic
 from certpgo.graph import Instance, RotationGraph
-from certpgo.harness.bridges import bridges
 from certpgo.harness.doctor import spectra, structure
 
 

@@ -1,6 +1,8 @@
 """Factorization engines: each against dense algebra, and against each other."""
 
 import importlib.util
+import sys
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -47,6 +49,25 @@ def test_solve_lower_and_permutation(engine, seed):
     assert L.nnz >= A.shape[0]
 
 
+def test_the_order_that_is_given_is_used(engine):
+    """A chain in random order fills its factor; in an order of the engine's own it would not."""
+    n, rng = 40, rng_of(0)
+    order = rng.permutation(n)
+    P = BlockPattern(n, np.c_[np.arange(n - 1), np.arange(1, n)])
+    A = add_to_diagonal(P.assemble(np.zeros((n, 1, 1)), -np.ones((n - 1, 1, 1))), 3.0)
+    F = factor.analyze(A, order=order, engine=engine).factor(A)
+    b = np.arange(n)  # of integers
+    np.testing.assert_allclose(A @ F.solve(b), b, rtol=0, atol=1e-11)
+    neighbours, entries = {k: {k - 1, k + 1} & set(range(n)) for k in range(n)}, n
+    for k in order:
+        mine = neighbours.pop(k)
+        entries += len(mine)
+        for other in mine:
+            neighbours[other] = (neighbours[other] | mine) - {k, other}
+    assert entries > 2 * n
+    assert np.count_nonzero(F.lower()[0].toarray()) == entries  # of supernodes, some are zero
+
+
 def test_refactoring_with_the_same_pattern(engine):
     _, A = definite(0)
     symbolic = factor.analyze(A, engine=engine)
@@ -74,12 +95,38 @@ def test_zero_pivot_is_not_definite(engine):
     assert factor.analyze(A, engine=engine).factor(A) is None
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_inertia_counts_signs(seed):
-    _, A = definite(seed)
-    eigenvalues = np.linalg.eigvalsh(A.toarray())
-    middle = 0.5 * (eigenvalues[3] + eigenvalues[4])
-    assert factor.inertia(add_to_diagonal(A, -middle)) == (4, 0, len(eigenvalues) - 4)
+def test_what_is_not_finite_is_not_definite(engine):
+    _, A = definite(0)
+    for value in (np.nan, np.inf):
+        broken = A.copy()
+        broken.data[:1] = value
+        assert factor.factorize(broken, engine=engine) is None
+
+
+def test_superlu_needs_nothing_of_cvxopt(monkeypatch):
+    _, A = definite(0)
+    monkeypatch.setitem(sys.modules, "cvxopt", None)
+    monkeypatch.setenv("CERTPGO_ENGINE", "cholmod")
+    solves(A, factor.factorize(A, engine="superlu"))
+
+
+@pytest.mark.skipif("cholmod" not in factor.engines(), reason="the cvxopt wheel is not installed")
+def test_cholmods_options_are_ours_while_it_runs_and_others_afterwards(monkeypatch):
+    from cvxopt import cholmod
+
+    seen = []
+
+    def spied(original):
+        return lambda *args: (seen.append(dict(cholmod.options)), original(*args))[1]
+
+    for name in ("symbolic", "numeric"):
+        monkeypatch.setattr(cholmod, name, spied(getattr(cholmod, name)))
+    theirs = {"supernodal": 0, "dbound": 100.0}
+    monkeypatch.setattr(cholmod, "options", dict(theirs))
+    _, A = definite(0)
+    factor.factorize(A, engine="cholmod")
+    assert seen == [{"supernodal": 2, "nmethods": 1}] * 2
+    assert cholmod.options == theirs
 
 
 def test_factorize_orders_by_itself(engine):
@@ -90,8 +137,16 @@ def test_factorize_orders_by_itself(engine):
     )
 
 
+@pytest.mark.parametrize("installed", [True, False])
+def test_cholmod_is_an_engine_where_cvxopt_is_installed(installed, monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: object() if installed else None)
+    assert factor.engines() == (("cholmod", "superlu") if installed else ("superlu",))
+
+
 def test_engine_choice(monkeypatch):
     _, A = definite(1)
+    monkeypatch.delenv("CERTPGO_ENGINE", raising=False)
+    assert factor.default_engine() == factor.engines()[0]
     monkeypatch.setenv("CERTPGO_ENGINE", "superlu")
     assert factor.default_engine() == "superlu"
     assert factor.analyze(A).engine == "superlu"
@@ -206,6 +261,7 @@ def test_large_graphs_are_ordered_by_nested_dissection(engine, monkeypatch):
     assert P.num_nodes >= factor.NESTED_FROM
     order = factor.fill_reducing_order(P.indptr, P.indices, engine=engine)
     np.testing.assert_array_equal(np.sort(order), np.arange(P.num_nodes))
+    np.testing.assert_array_equal(order, factor._nested_dissection(P.indptr, P.indices))
     nested = factor.analyze(A, order=order, engine=engine).factor(A)
     solves(A, nested)
     monkeypatch.setattr(factor, "NESTED_FROM", P.num_nodes + 1)
@@ -226,6 +282,19 @@ def test_without_metis_minimum_degree_orders_them_all(engine, monkeypatch):
     order = factor.fill_reducing_order(P.indptr, P.indices, engine=engine)
     np.testing.assert_array_equal(order, expected)
     solves(A, factor.analyze(A, order=order, engine=engine).factor(A))
+
+
+def test_metis_is_given_the_neighbours_of_every_node(monkeypatch):
+    pymetis = pytest.importorskip("pymetis")
+    seen, dissection = [], pymetis.nested_dissection
+    monkeypatch.setattr(
+        pymetis, "nested_dissection", lambda g, **more: seen.append(g) or dissection(g, **more)
+    )
+    P = BlockPattern(5, np.array([[0, 2], [2, 1], [3, 2]]))  # nobody knows the last
+    factor._nested_dissection(P.indptr, P.indices)
+    starts, others = seen[0].adj_starts, seen[0].adjacent
+    neighbours = [others[a:b].tolist() for a, b in pairwise(starts)]
+    assert neighbours == [[2], [2], [0, 1, 3], [2], []]
 
 
 @given(seeds, st.integers(2, 40), st.integers(0, 40))

@@ -15,7 +15,7 @@ import numpy as np
 
 from certpgo.errors import NumericalError
 from certpgo.estimate import Estimate
-from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph import Graph, PoseGraph, RotationGraph
 from certpgo.harness.zoo import made
 from certpgo.harness.zoo.case import (
     Case,
@@ -219,6 +219,43 @@ def _displaced(rng: np.random.Generator) -> Posed | None:
     return problem, moved, truth
 
 
+def _uneven(rng: np.random.Generator) -> Posed | None:
+    """What breaks arithmetic: the best descent, and a point that is not stationary."""
+    problem = problem_of(uneven(rng))
+    starts = [_start(problem, rng) for _ in range(4)]
+    points = best_of(problem, starts)
+    if not points:
+        return None
+    start = problem.complete(starts[0].rotations)
+    return problem, [points[0], start], truth_by_oracle(problem, points[0])
+
+
+def uneven(rng: np.random.Generator) -> Graph:
+    """A tiny graph of weights over up to 60 decades, half-turns, contradicting parallel edges."""
+    n, d = int(rng.integers(2, 7)), int(rng.integers(2, 4))
+    edges = _edges(n, int(rng.integers(0, 2 * n)), rng)
+    if rng.random() < 0.5:
+        edges = np.concatenate([edges, edges[rng.integers(0, len(edges), 2)]])
+    m = len(edges)
+    true = so.random(rng, n, d) if rng.random() < 0.7 else np.tile(np.eye(d), (n, 1, 1))
+    measured = _rotations(edges, true, float(rng.choice([0.0, 1e-6, 1e-2])), 0.0, rng).rotations
+    half = so.exp(math.pi * np.eye(so.tangent_dim(d)))[rng.integers(0, so.tangent_dim(d), m)]
+    turned = (rng.random(m) < rng.choice([0.0, 0.3]))[:, None, None]
+    decades = float(rng.choice([0.0, 3.0, 15.0, 30.0, 60.0]))
+    kappa = 10.0 ** (rng.uniform(-30.0, 30.0) + _spread(decades, m, rng))
+    rotations = so.project(np.where(turned, measured @ half, measured))
+    rotation = RotationGraph(n, edges, rotations, kappa)
+    if rng.random() < 0.5:
+        return rotation
+    lengths = 10.0 ** (rng.uniform(-6.0, 6.0) + _spread(decades / 5.0, m, rng))
+    tau = kappa.mean() / lengths**2 * 10.0 ** _spread(decades, m, rng)
+    return PoseGraph(rotation, lengths[:, None] * rng.standard_normal((m, d)), tau)
+
+
+def _spread(decades: float, count: int, rng: np.random.Generator) -> FloatArray:
+    return rng.uniform(-decades / 2, decades / 2, count)
+
+
 def _measured(
     edges: IntArray, d: int, noise: float, rng: np.random.Generator
 ) -> tuple[Problem, Estimate]:
@@ -273,11 +310,12 @@ def _some(points: list[Estimate], rng: np.random.Generator) -> list[Estimate]:
 
 
 KINDS = (
-    Kind("wound-up, random", 0.3, _wound),
+    Kind("wound-up, random", 0.25, _wound),
     Kind("exact data, random", 0.1, _exact),
     Kind("up to four in the plane, random", 0.15, _searched),
-    Kind("noise, random", 0.35, _noisy),
+    Kind("noise, random", 0.3, _noisy),
     Kind("not stationary, random", 0.1, _displaced),
+    Kind("uneven weights, random", 0.1, _uneven),
 )
 
 

@@ -26,6 +26,8 @@ CONFIRMED, UNDECIDED = "bound confirmed", "bound undecided"
 #: Nodes up to which it is asked.
 MOST_NODES = 200
 FAILED, MISSED, LOOSE, UNCONFIRMED = "failed", "missed", "missed, loose", "unconfirmed"
+#: Of ours: UNDECIDED though a lower bound above the tolerance exists.
+NO_ANSWER = "no answer"
 
 Tally = Counter[tuple[str, str]]
 
@@ -41,6 +43,7 @@ class Opinion:
     better : an estimate that it calls better by more than the tolerance, or None
     basin : an estimate that it calls optimal besides, or None
     multipliers : (n, d, d) what the lower bound rests on, or None
+    undecided : whether it has no answer
     """
 
     certified: Estimate | None
@@ -48,6 +51,7 @@ class Opinion:
     better: Estimate | None = None
     basin: Estimate | None = None
     multipliers: FloatArray | None = None
+    undecided: bool = False
 
 
 Judge = Callable[[Problem, Estimate], Opinion]
@@ -108,7 +112,9 @@ def _outcomes(case: Case, judge: Judge) -> Iterator[str]:
     else:
         yield "not certified" if opinion.certified is None else "certified"
         yield from _faults(case, opinion)
-    missed = opinion is None or opinion.certified is None
+        if opinion.undecided and case.truth.lower > case.tolerance(case.truth.upper):
+            yield NO_ANSWER
+    missed = opinion is None or (opinion.certified is None and not _is_refuted(case, opinion))
     if missed and case.feasible and case.is_optimal(case.point):
         yield LOOSE if case.truth.loose else MISSED
 
@@ -123,13 +129,21 @@ def _faults(case: Case, opinion: Opinion) -> Iterator[str]:
             yield UNCONFIRMED
     if opinion.lower_bound > case.truth.upper:
         yield BOUND
-    if opinion.better is not None and case.is_optimal(case.point):
+    if opinion.better is not None and not _is_refuted(case, opinion):
         yield REFUTATION
     if opinion.basin is not None and case.is_beaten(opinion.basin):
         yield BASIN
     if opinion.multipliers is not None and case.problem.n <= MOST_NODES:
         holds = oracle.is_proof(case.problem, opinion.multipliers)
         yield PROOF if holds is False else CONFIRMED if holds else UNDECIDED
+
+
+def _is_refuted(case: Case, opinion: Opinion) -> bool:
+    """Whether an estimate that is called better costs less, in interval arithmetic."""
+    if opinion.better is None or not case.feasible:
+        return False
+    _, theirs = oracle.cost(case.problem, opinion.better)
+    return theirs < oracle.cost(case.problem, case.point)[0]
 
 
 def _ours(tier: Tier, refine: bool) -> Judge:
@@ -142,6 +156,7 @@ def _ours(tier: Tier, refine: bool) -> Judge:
             certificate.better if certificate.verdict is Verdict.REFUTED else None,
             certificate.refined if certificate.basin_is_global else None,
             certificate.multipliers,
+            certificate.verdict is Verdict.UNDECIDED,
         )
 
     return judge

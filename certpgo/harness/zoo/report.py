@@ -14,6 +14,7 @@ OUTCOMES = (
     "false",
     "missed",
     "missed, loose",
+    "no answer",
     "unconfirmed",
     "refused",
     "failed",
@@ -27,10 +28,12 @@ Every certifier is told a problem and a point and says whether the point is opti
 is **false** when an estimate in hand is better by more than 1e-5 F + 1e-12 W (our tolerance; W is
 the sum of kappa and tau |t_ij|^2), or when the point is no estimate at all; it is **missed** when
 the point is within a tenth of that of the optimum, and not certified. A **false bound** is a proven
-lower bound above the cost of an estimate in hand, a **false refutation** one of an optimal point, a
+lower bound above the cost of an estimate in hand, a **false refutation** one by an estimate that
+costs no less, a
 **false proof** one whose certificate matrix has a negative eigenvalue; these and optima that are
 none are counted as otherwise false. Up to 200 nodes an interval factorization of the very matrix
 that a bound rests on is asked to confirm it.
+**No answer** is UNDECIDED (of certpgo) where a lower bound above the tolerance exists.
 Costs in hand are enclosed in interval arithmetic. F* is known in closed form; or by an interval
 L D L^T of the certificate matrix, in 160-bit balls; or by branch and bound over the angles of up to
 four rotations in the plane."""

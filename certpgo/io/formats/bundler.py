@@ -7,12 +7,15 @@ focal length is zero was not reconstructed.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from certpgo.errors import FormatError, InputError
 from certpgo.io import quaternion
+from certpgo.io.chunks import text_lines
 from certpgo.io.format import Format, LabelledPoses
 from certpgo.linalg.arrays import FloatArray
 
@@ -30,14 +33,11 @@ def _recognises(path: Path, head: bytes) -> bool:
 
 
 def _read_poses(path: Path) -> LabelledPoses:
-    with path.open("rb") as file:
-        file.readline()
-        cameras = int(_numbers(path, 2, file.readline(), 2, "numbers of cameras and points")[0])
-        rows = [
-            _numbers(path, 3 + 5 * k + row, file.readline(), 3, expected)
-            for k in range(cameras)
-            for row, expected in enumerate(_CAMERA_LINES)
-        ]
+    lines = islice(text_lines(path), 1, None)
+    cameras = int(_numbers(path, lines, 2, "numbers of cameras and points")[0])
+    rows = [
+        _numbers(path, lines, 3, expected) for _ in range(cameras) for expected in _CAMERA_LINES
+    ]
     table = np.array(rows).reshape(-1, 5, 3)
     ids = np.flatnonzero(table[:, 0, 0] != 0.0)
     if not len(ids):
@@ -56,7 +56,10 @@ def _rotations(path: Path, M: FloatArray) -> FloatArray:
         raise FormatError(path, None, str(error)) from None
 
 
-def _numbers(path: Path, line: int, text: bytes, count: int, expected: str) -> list[float]:
+def _numbers(
+    path: Path, lines: Iterator[tuple[int, bytes]], count: int, expected: str
+) -> list[float]:
+    line, text = next(lines, (None, b""))
     try:
         numbers = [float(word) for word in text.split()]
     except ValueError:

@@ -17,7 +17,7 @@ import numpy as np
 
 from certpgo.errors import FormatError
 from certpgo.io import quaternion
-from certpgo.io.chunks import without_comments
+from certpgo.io.chunks import text_lines, without_comments
 from certpgo.io.format import Chart, Format, LabelledPoses
 
 _HEADER = b"IMAGE_ID, QW, QX, QY, QZ"
@@ -75,16 +75,15 @@ def _read_poses(path: Path) -> LabelledPoses:
 
 def _images(path: Path) -> Iterator[tuple[int, bytes]]:
     """The first line of each image, with its number; the second is checked in passing."""
-    with path.open("rb") as file:
-        lines = enumerate(file, 1)
-        for number, line in lines:
-            if not line.strip() or line.lstrip().startswith(b"#"):
-                continue
-            yield number, line
-            number, points = next(lines, (number + 1, b""))
-            words = points.split()
-            if len(words) % 3 or (words and not (_is_number(words[0]) and _is_number(words[-1]))):
-                raise FormatError(path, number, f"{_POINTS} expected after each image's line")
+    lines = text_lines(path)
+    for number, line in lines:
+        if not line.strip() or line.lstrip().startswith(b"#"):
+            continue
+        yield number, line
+        number, points = next(lines, (number + 1, b""))
+        words = points.split()
+        if len(words) % 3 or (words and not (_is_number(words[0]) and _is_number(words[-1]))):
+            raise FormatError(path, number, f"{_POINTS} expected after each image's line")
 
 
 def _pose_words(words: list[bytes]) -> list[bytes]:

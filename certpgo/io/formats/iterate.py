@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import FormatError
+from certpgo.io.chunks import text_lines
 from certpgo.io.format import Format, LabelledPoses
 from certpgo.lift import Lift, rounded
 from certpgo.linalg.arrays import FloatArray
@@ -31,7 +32,7 @@ def _recognises(path: Path, head: bytes) -> bool:
 def _read_poses(path: Path) -> LabelledPoses:
     Y = _matrix(path)
     for d in (3, 2):
-        if Y.shape[1] % (d + 1) == 0 and len(Y) >= d:
+        if Y.size and Y.shape[1] % (d + 1) == 0 and len(Y) >= d:
             poses = np.moveaxis(Y.reshape(len(Y), -1, d + 1), 1, 0)
             lifted, moved = poses[:, :, :d], poses[:, :, d]
             defect = np.abs(np.swapaxes(lifted, 1, 2) @ lifted - np.eye(d)).max()
@@ -49,23 +50,26 @@ def _matrix(path: Path) -> FloatArray:
     FormatError
         A row that is missing, too short or too long, or holds something else than numbers.
     """
-    lines = path.read_text(encoding="ascii", errors="replace").splitlines()
-    rank, columns = (int(word) for word in lines[0].split())
-    rows = [(number, line) for number, line in enumerate(lines[1:], start=2) if line.strip()]
+    lines = text_lines(path)
+    rank, columns = _numbers(path, *next(lines), 2)
+    rows = [(number, line) for number, line in lines if line.strip()]
     if len(rows) != rank:
-        raise FormatError(path, None, f"expected {rank} rows after the first line, not {len(rows)}")
-    Y = np.empty((rank, columns))
-    for row, (number, line) in zip(Y, rows, strict=True):
-        words = line.split()
-        if len(words) != columns:
-            raise FormatError(path, number, f"expected {columns} numbers, not {len(words)}")
-        try:
-            row[:] = words
-        except ValueError:
-            raise FormatError(path, number, "expected numbers") from None
-        if not np.isfinite(row).all():
-            raise FormatError(path, number, "numbers must be finite")
-    return Y
+        what = f"expected {rank:g} rows after the first line, not {len(rows)}"
+        raise FormatError(path, None, what)
+    return np.array([_numbers(path, *row, columns) for row in rows])
+
+
+def _numbers(path: Path, number: int, line: bytes, count: float) -> list[float]:
+    words = line.split()
+    if len(words) != count:
+        raise FormatError(path, number, f"expected {count:g} numbers, not {len(words)}")
+    try:
+        row = [float(word) for word in words]
+    except ValueError:
+        raise FormatError(path, number, "expected numbers") from None
+    if not np.isfinite(row).all():
+        raise FormatError(path, number, "numbers must be finite")
+    return row
 
 
 FORMAT = Format(

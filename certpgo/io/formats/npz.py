@@ -7,21 +7,51 @@ reading options. An estimate: rotations, translations, ids.
 from __future__ import annotations
 
 import json
+import math
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from certpgo.errors import CertPGOError, FormatError
+from certpgo.errors import CertPGOError, FormatError, InputError
 from certpgo.estimate import Estimate
 from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
+from certpgo.io.expansion import refuse_bombs
 from certpgo.io.format import Format, LabelledPoses, ReadOptions
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 _VERSION = 1
 _Arrays = Mapping[str, NDArray[Any]]
+
+#: Kind of numbers or text, and shape, of each array; a letter is one size wherever it stands.
+_HEADER = {"kind": ("U", ""), "version": ("i", "")}
+_GRAPH = {
+    "num_nodes": ("i", ""),
+    "edges": ("i", "m2"),
+    "rotations": ("f", "mdd"),
+    "kappa": ("f", "m"),
+    "ids": ("i", "n"),
+    "name": ("U", ""),
+    "fixed": ("i", "k"),
+    "options": ("U", ""),
+    "notices": ("U", ""),
+}
+_GRAPH_OPTIONAL = {
+    "translations": ("f", "md"),
+    "tau": ("f", "m"),
+    "names": ("U", "n"),
+    "initial_rotations": ("f", "ndd"),
+    "initial_translations": ("f", "nd"),
+    "truth_rotations": ("f", "ndd"),
+    "truth_translations": ("f", "nd"),
+}
+_ESTIMATE = {"rotations": ("f", "ndd"), "ids": ("i", "n")}
+_ESTIMATE_OPTIONAL = {"translations": ("f", "nd")}
+_KINDS = {"i": "integers", "f": "floating-point numbers", "U": "text"}
 
 
 def _recognises(path: Path, head: bytes) -> bool:
@@ -30,45 +60,120 @@ def _recognises(path: Path, head: bytes) -> bool:
 
 def _load(path: Path, kind: str) -> _Arrays:
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
+        with zipfile.ZipFile(path) as archive:
+            refuse_bombs(path, sum(member.file_size for member in archive.infolist()))
+            arrays = {
+                member.filename.removesuffix(".npy"): _array(archive, member)
+                for member in archive.infolist()
+            }
+    except FormatError:
+        raise
     except Exception:  # zipfile, zlib and NumPy each have their own errors for broken archives
         raise FormatError(path, None, "an archive of plain NumPy arrays expected") from None
-    found = str(arrays.get("kind", "something else"))
-    if found != kind or int(arrays.get("version", 0)) != _VERSION:
+    try:
+        _require_layout(arrays, _HEADER, {})
+        found, version = str(arrays["kind"]), int(arrays["version"])
+    except InputError:
+        found, version = "something else", 0
+    if found != kind or version != _VERSION:
         raise FormatError(path, None, f"one {kind} (version {_VERSION}) expected, not {found}")
     return arrays
+
+
+def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
+    """An array whose header agrees with the size of its data.
+
+    Raises
+    ------
+    ValueError
+        It does not, the array is of objects, or its text is none.
+    """
+    readers = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+    with archive.open(member) as stream:
+        shape, by_columns, dtype = readers[npy.read_magic(stream)](stream)
+        size = math.prod(shape) * dtype.itemsize
+        if dtype.hasobject or min(shape, default=0) < 0 or size != member.file_size - stream.tell():
+            raise ValueError
+        # A number of bytes is asked for, as what the archive says of its sizes may be wrong.
+        data = stream.read(size)
+    array: NDArray[Any] = np.ndarray(shape, dtype, data, order="F" if by_columns else "C")
+    if dtype.kind == "U":
+        "".join(array.ravel().tolist()).encode()  # or a ValueError
+    return array
+
+
+def _require_layout(
+    arrays: _Arrays,
+    required: Mapping[str, tuple[str, str]],
+    optional: Mapping[str, tuple[str, str]],
+) -> None:
+    """Refuse arrays of other kinds or shapes.
+
+    Raises
+    ------
+    InputError
+        An array is missing, or does not fit the others.
+    """
+    sizes: dict[str, int] = {}
+    for name, (kind, dims) in {**required, **optional}.items():
+        if name not in arrays:
+            if name in required:
+                raise InputError(f"the array {name!r} is missing")
+            continue
+        array = arrays[name]
+        sizes_found = zip(dims, (*array.shape, *[0] * len(dims)), strict=False)
+        expected = tuple(
+            int(dim) if dim.isdigit() else sizes.setdefault(dim, size) for dim, size in sizes_found
+        )
+        if array.dtype.kind != kind or array.shape != expected:
+            what = f"{_KINDS[kind]} of shape {expected}"
+            raise InputError(f"the array {name!r} must be {what}, not {array.dtype} {array.shape}")
 
 
 def _read_graph(path: Path, options: ReadOptions) -> Instance:
     arrays = _load(path, "graph")
     try:
+        _require_layout(arrays, _GRAPH, _GRAPH_OPTIONAL)
         return _instance(arrays, str(path))
-    except KeyError as error:
-        raise FormatError(path, None, f"the array {error} is missing") from None
-    except (CertPGOError, ValueError, TypeError) as error:
+    except CertPGOError as error:
         raise FormatError(path, None, str(error)) from None
 
 
 def _instance(arrays: _Arrays, source: str) -> Instance:
-    rotation = RotationGraph(
-        int(arrays["num_nodes"]), arrays["edges"], arrays["rotations"], arrays["kappa"]
-    )
+    n = int(arrays["num_nodes"])
+    rotation = RotationGraph(n, arrays["edges"], arrays["rotations"], arrays["kappa"])
     graph: Graph = rotation
     if "tau" in arrays:
+        if "translations" not in arrays:
+            raise InputError("the array 'translations' is missing")
         graph = PoseGraph(rotation, arrays["translations"], arrays["tau"])
+    fixed = arrays["fixed"]
+    if ((fixed < 0) | (fixed >= n)).any():
+        raise InputError(f"fixed nodes are numbered 0 to {n - 1}")
     return Instance(
         name=str(arrays["name"]),
         graph=graph,
         ids=arrays["ids"],
         truth=_estimate(arrays, "truth"),
         initial=_estimate(arrays, "initial"),
-        fixed=tuple(arrays["fixed"].tolist()),
+        fixed=tuple(fixed.tolist()),
         source=source,
-        options=json.loads(str(arrays["options"])),
-        notices=tuple(json.loads(str(arrays["notices"]))),
+        options=_texts(arrays, "options", dict),
+        notices=tuple(_texts(arrays, "notices", list)),
         names=tuple(arrays["names"].tolist()) if "names" in arrays else (),
     )
+
+
+def _texts(arrays: _Arrays, name: str, container: type[Any]) -> Any:
+    """A list of texts, or a dict of them, from JSON."""
+    try:
+        found = json.loads(str(arrays[name]))
+    except (ValueError, RecursionError):
+        found = None
+    values = found.values() if isinstance(found, dict) else found
+    if type(found) is not container or not all(isinstance(value, str) for value in values):
+        raise InputError(f"the array {name!r} must hold texts")
+    return found
 
 
 def _estimate(arrays: _Arrays, name: str) -> Estimate | None:
@@ -80,13 +185,12 @@ def _estimate(arrays: _Arrays, name: str) -> Estimate | None:
 def _read_poses(path: Path) -> LabelledPoses:
     arrays = _load(path, "estimate")
     try:
-        R, t, ids = arrays["rotations"], arrays.get("translations"), arrays["ids"]
-        estimate = Estimate(R, t)
-    except KeyError as error:
-        raise FormatError(path, None, f"the array {error} is missing") from None
+        _require_layout(arrays, _ESTIMATE, _ESTIMATE_OPTIONAL)
+        estimate = Estimate(arrays["rotations"], arrays.get("translations"))
     except CertPGOError as error:
         raise FormatError(path, None, str(error)) from None
-    if ids.dtype.kind != "i" or len(np.unique(ids)) != estimate.num_nodes or ids.ndim != 1:
+    ids = arrays["ids"]
+    if len(np.unique(ids)) != estimate.num_nodes:
         raise FormatError(path, None, f"{estimate.num_nodes} distinct integer ids expected")
     return LabelledPoses(estimate.rotations, estimate.translations, ids=ids)
 

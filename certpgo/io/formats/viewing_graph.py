@@ -9,11 +9,12 @@ import numpy as np
 from certpgo.errors import FormatError
 from certpgo.graph import Instance, RotationGraph
 from certpgo.io.format import Format, ReadOptions
+from certpgo.io.matlab import SIGNATURE, sparse_pattern
 from certpgo.linalg.arrays import IntArray
 
 
 def _recognises(path: Path, head: bytes) -> bool:
-    return head.startswith(b"MATLAB 5.0 MAT-file")
+    return head.startswith(SIGNATURE)
 
 
 def _read_graph(path: Path, options: ReadOptions) -> Instance:
@@ -33,21 +34,12 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
 
 def _adjacency(path: Path) -> tuple[int, IntArray]:
     """Number of nodes, and the edges (m, 2) with i < j."""
-    from scipy import io, sparse
-
-    try:
-        variables = io.loadmat(path)
-    except Exception:  # a broken file makes SciPy's reader raise nearly anything
-        raise FormatError(path, None, "not a readable MATLAB 5 file") from None
-    matrices = [value for name, value in variables.items() if not name.startswith("__")]
-    if len(matrices) != 1 or not sparse.issparse(matrices[0]):
-        raise FormatError(path, None, "one sparse adjacency matrix expected")
-    A = sparse.coo_array(matrices[0])
-    if A.shape[0] != A.shape[1]:
-        raise FormatError(path, None, f"a square adjacency matrix expected, not {A.shape}")
-    rows, columns = A.coords
-    pairs = np.sort(np.stack([rows, columns], axis=-1).astype(np.intp)[A.data != 0], axis=1)
-    return A.shape[0], np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0)
+    shape, rows, columns = sparse_pattern(path)
+    if shape[0] != shape[1]:
+        raise FormatError(path, None, f"a square adjacency matrix expected, not {shape}")
+    n, apart = shape[0], rows != columns
+    codes = np.unique((np.minimum(rows, columns) * n + np.maximum(rows, columns))[apart])
+    return n, np.stack(np.divmod(codes, max(n, 1)), axis=-1)
 
 
 FORMAT = Format(

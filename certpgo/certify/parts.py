@@ -1,0 +1,106 @@
+"""Bounds from the parts of a graph that its bridges join.
+
+The measurement of a bridge is met exactly at the optimum: the sides turn and move as rigid bodies.
+So F* is the sum of the parts' optima, and so are lower bounds: M is the sum of the parts' M and
+the bridges' terms, which are >= 0, so that multipliers of the parts, and zeros elsewhere, are
+multipliers of the whole. Rounding in a part is relative to the part: to its own weights and arms,
+not to those of a long bridge.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csgraph
+
+from certpgo.bridges import bridges
+from certpgo.certify.dual import DualBound
+from certpgo.estimate import Estimate
+from certpgo.lift import Point
+from certpgo.linalg.arrays import IntArray
+from certpgo.linalg.blocks import adjacency
+from certpgo.newton import newton
+from certpgo.problem import PoseProblem, Problem, problem_of
+
+#: Newton steps from the whole graph's point, which is nearly stationary in each part.
+MAX_STEPS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A part that no single edge's loss disconnects.
+
+    Attributes
+    ----------
+    nodes : (k,) which of the graph's
+    problem : of the measurements among them
+    """
+
+    nodes: IntArray
+    problem: Problem
+
+    def point(self, whole: Point, *, polish: bool) -> Point:
+        """What a point of the whole graph is here, with the part's own best translations."""
+        point = whole.subset(self.nodes)
+        if isinstance(self.problem, PoseProblem):
+            point = point.with_translations(np.zeros(point.rotations.shape[:2]))
+        point = self.problem.settled(point)
+        if not (polish and isinstance(point, Estimate)):
+            return point
+        refined = newton(self.problem, point, max_iterations=MAX_STEPS, near=True).estimate
+        return self.problem.settled(refined)
+
+
+def parts(problem: Problem) -> list[Part]:
+    """The parts of two nodes and more; none where the graph has no bridge."""
+    graph = problem.graph
+    cut = bridges(graph)
+    if not len(cut):
+        return []
+    pair = np.array([graph.num_nodes, 1])
+    kept = ~np.isin(np.sort(graph.edges, axis=1) @ pair, cut @ pair)
+    i, j = graph.edges[kept].T
+    tied = adjacency(graph.num_nodes, i, j, np.ones(len(i)))
+    labels = csgraph.connected_components(tied, directed=False)[1]
+    order = np.argsort(labels, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)
+    return [Part(nodes, problem_of(graph.subgraph(nodes))) for nodes in groups if len(nodes) > 1]
+
+
+def outside(problem: Problem, found: list[Part]) -> float:
+    """The share of the graph's weight or length, the larger one, that lies in no part."""
+    weight = 1.0 - math.fsum(part.problem.scale for part in found) / problem.scale
+    total = _length(problem)
+    inside = math.fsum(_length(part.problem) for part in found)
+    return max(weight, 1.0 - inside / total if total > 0.0 else 0.0)
+
+
+def _length(problem: Problem) -> float:
+    if not isinstance(problem, PoseProblem):
+        return 0.0
+    return float(np.linalg.norm(problem.graph.translations, axis=1).sum())
+
+
+def sum_of_bounds(
+    problem: Problem, found: list[Part], bound_of: Callable[[Part], DualBound | None]
+) -> DualBound | None:
+    """The bound of the whole graph from the parts that have one; None if none has."""
+    multipliers = np.zeros((problem.n, problem.d, problem.d))
+    bounds = []
+    for part in found:
+        bound = bound_of(part)
+        if bound is not None and bound.value > 0.0:
+            bounds.append(bound)
+            multipliers[part.nodes] = bound.multipliers
+    if not bounds:
+        return None
+    return DualBound(
+        value=math.nextafter(math.fsum(bound.value for bound in bounds), -math.inf),
+        multipliers=multipliers,
+        shift=max(bound.shift for bound in bounds),
+        factorizations=sum(bound.factorizations for bound in bounds),
+        nonzeros=max(bound.nonzeros for bound in bounds),
+    )

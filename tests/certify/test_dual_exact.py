@@ -1,0 +1,216 @@
+"""The parts of the factorization bound, each against dense or rational arithmetic."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from strategies import dimensions, pose_graph, rng_of, seeds
+
+from certpgo.certify import dual
+from certpgo.certify.rounding import rotation_defect
+from certpgo.certify.shifted import Shifted
+from certpgo.estimate import Estimate
+from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.linalg import factor
+from certpgo.linalg.arrays import CSC
+from certpgo.newton import newton
+from certpgo.problem import PoseProblem, problem_of
+
+U = 2.0**-53
+
+
+def optimum(seed, d, poses, n=6):
+    graph, R, t = pose_graph(rng_of(seed), n, d)
+    problem = problem_of(graph if poses else graph.rotation)
+    point = newton(problem, Estimate(R, t if poses else None)).estimate
+    return problem, problem.complete(point.rotations)
+
+
+def attempts(problem, point):
+    return dual._Attempts(problem, point, True, -np.inf, True)
+
+
+# --- What rounding demands
+
+
+@pytest.mark.parametrize("engine", factor.engines())
+@pytest.mark.parametrize("slab", [5, dual.SLAB])
+@pytest.mark.parametrize("poses", [True, False])
+@pytest.mark.parametrize("seed", range(3))
+def test_rounding_is_the_a_priori_bound_of_the_factor(seed, poses, slab, engine, monkeypatch):
+    """(k + 8) u |L| |L|^T by rows, the geometric mean of k's in place of k where that is less."""
+    monkeypatch.setenv("CERTPGO_ENGINE", engine)
+    monkeypatch.setattr(dual, "SLAB", slab)
+    problem, point = optimum(seed, 2 + seed % 2, poses)
+    tries = attempts(problem, point)
+    multipliers = tries.shifted.less(1e-9, tries.guess)
+    F = tries.factor(multipliers, tries.guess)
+    delta = tries.rounding_of(F, multipliers)
+    L, order = F.lower()
+    w, N = tries.weights, len(order)
+    sizes, counts = np.abs(L.toarray()), np.bincount(L.indices, minlength=N) + 8.0
+    assert tries.nonzeros == L.nnz
+    products = sizes @ sizes.T
+    own = counts[:, None] * products
+    mean = np.sqrt(np.outer(counts, counts)) * products
+    expected = np.zeros(N)
+    expected[order] = U * np.minimum(own @ w[order], mean @ w[order]) + F.excess(w[order])
+    expected += dual._assembly_radii(problem, multipliers, w, tries.is_rotation)
+    expected /= w
+    if poses:
+        expected[tries.pin] = 0.0
+    assert np.all(delta >= expected)
+    assert np.all(delta <= 1.002 * expected)
+    assert (delta[tries.pin] == 0.0) if poses else (tries.pin is None)
+
+
+@given(seeds, dimensions, st.booleans(), st.integers(-8, 8))
+@settings(max_examples=40)
+def test_radii_bound_the_rounding_of_every_sum(seed, d, poses, exponent):
+    """Every entry by (k + 4) u of the sizes that it adds up, and what its rotations are off by."""
+    graph, R, _ = pose_graph(rng_of(seed), 5, d, noise=1.0)
+    problem = problem_of(graph if poses else graph.rotation)
+    multipliers = problem.multipliers(problem.complete(R))
+    radii, sizes, wobbly, w, _ = radii_and_sizes(problem, multipliers, poses, 2.0**exponent)
+    degrees = np.bincount(graph.edges.ravel(), minlength=5)
+    b = d + poses
+    sums = np.repeat(degrees + 4.0, b) * U
+    exact = sums * (sizes @ w) + rotation_defect(graph.rotation.rotations) * (wobbly @ w)
+    assert np.all(radii >= exact * (1 - 1e-12))
+
+
+def radii_and_sizes(problem, multipliers, poses, weight):
+    """The radii, and dense sums of sizes: of all terms, of those with measured rotations."""
+    n, d = problem.n, problem.d
+    b = d + poses
+    turns = np.arange(n * b) % b >= poses
+    w = np.where(turns, 1.0, weight)
+    radii = dual._assembly_radii(problem, multipliers, w, turns)
+    graph = problem.rotation.graph
+    sizes, wobbly = np.zeros((2, n * b, n * b))
+    for e, (i, j) in enumerate(graph.edges):
+        p, q = (slice(k * b + poses, k * b + b) for k in (i, j))
+        for A in (sizes, wobbly):
+            A[p, p] += graph.kappa[e] * np.eye(d)
+            A[q, q] += graph.kappa[e] * np.eye(d)
+            A[p, q] += graph.kappa[e] * np.abs(graph.rotations[e])
+            A[q, p] += graph.kappa[e] * np.abs(graph.rotations[e]).T
+        if poses:
+            tau, t = problem.graph.tau[e], np.abs(problem.graph.translations[e])
+            for r, c in ((i, i), (j, j), (i, j), (j, i)):
+                sizes[r * b, c * b] += tau
+            for r in (i, j):
+                sizes[r * b, p] += tau * t
+                sizes[p, r * b] += tau * t
+            sizes[p, p] += tau * np.outer(t, t)
+    for k in range(n):
+        sizes[k * b + poses : k * b + b, k * b + poses : k * b + b] += np.abs(multipliers[k])
+    return radii, sizes, wobbly, w, turns
+
+
+def test_radii_are_no_larger_than_they_must_be():
+    """Eighth turns, and arms along an axis: there the norms that stand for sizes are the sizes."""
+    turn = np.sqrt(0.5) * np.array([[1.0, -1.0], [1.0, 1.0]])
+    edges = np.array([[0, 1], [2, 1], [0, 2], [0, 2]])
+    rotation = RotationGraph(3, edges, np.tile(turn, (4, 1, 1)), np.array([1.0, 2.0, 3.0, 4.0]))
+    steps = np.array([[2.0, 0.0], [3.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
+    problem = PoseProblem(PoseGraph(rotation, steps, np.array([0.5, 0.25, 4.0, 1.0])))
+    multipliers = np.array([[[3.0, -1.0], [-1.0, 3.0]], [[1.0, 0.5], [0.5, 1.0]], np.eye(2)])
+    radii, sizes, wobbly, w, turns = radii_and_sizes(problem, multipliers, True, 8.0)
+    sums = np.repeat(np.bincount(edges.ravel()) + 4.0, 3) * U
+    exact = sums * (sizes @ w) + rotation_defect(rotation.rotations) * (wobbly @ w)
+    first = np.arange(9) % 3 == 1
+    np.testing.assert_allclose(radii[first], exact[first], rtol=1e-12, atol=0)
+    # A pose's own arms are counted twice in the row of its translation.
+    moves = ~turns
+    assert np.all(radii[moves] >= exact[moves])
+    np.testing.assert_allclose(radii[3], exact[3], rtol=1e-12, atol=0)
+    assert np.all(radii[moves] <= 1.3 * exact[moves])
+
+
+@pytest.mark.parametrize("engine", factor.engines())
+def test_only_factors_whose_rows_have_the_right_norms_are_cholesky_factors(engine, monkeypatch):
+    monkeypatch.setattr(dual, "SLAB", 7)
+    B = rng_of(0).standard_normal((8, 8))
+    A = CSC(B @ B.T + np.eye(8))
+    F = factor.factorize(A, engine=engine)
+    diagonal = A.diagonal()
+    assert dual._is_cholesky(F, diagonal)
+    for k in range(8):
+        for factor_, passes in ((1.0 + 1e-8, True), (1.0 + 1e-4, False), (1.0 - 1e-4, False)):
+            other = diagonal.copy()
+            other[k] *= factor_
+            assert dual._is_cholesky(F, other) == passes
+
+
+# --- The family of multipliers
+
+
+@settings(max_examples=20)
+@given(seeds, dimensions, st.booleans())
+def test_the_gauge_pays_for_the_demand_of_the_translations(seed, d, poses):
+    """In the null vectors, what Lam' is less by makes up for the demand on the diagonal."""
+    problem, point = optimum(seed, d, poses)
+    shifted = Shifted.of(problem, point)
+    N = problem.matrix.shape[0]
+    b = N // problem.n
+    demand = np.where(np.arange(N) % b < poses, rng_of(seed).uniform(0, 1, N), 0.0)
+    taken = problem.multipliers(point) - shifted.less(0.25, demand)
+    np.testing.assert_allclose(taken, np.swapaxes(taken, 1, 2), rtol=0, atol=1e-12)
+    for u in np.eye(d):
+        turned = point.rotations.transpose(0, 2, 1) @ u
+        gained = np.einsum("na,nab,nb->", turned, taken, turned)
+        asked = 0.25 * problem.n
+        if poses:
+            arms = point.translations - point.translations[shifted.pin]
+            asked += float(demand[::b] @ (arms @ u) ** 2)
+        assert gained == pytest.approx(asked, rel=1e-10)
+    assert shifted.unit == pytest.approx(
+        U * problem.matrix.diagonal()[np.arange(N) % b >= poses].mean(), rel=1e-12
+    )
+
+
+def test_the_pin_is_the_most_central_pose_and_translations_count_by_a_typical_arm():
+    t = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [4.0, 6.0], [0.0, 10.0]])
+    edges = np.array([[0, 1], [1, 2], [2, 3], [3, 4], [4, 0]])
+    rotation = RotationGraph(5, edges, np.tile(np.eye(2), (5, 1, 1)), np.ones(5))
+    steps = t[edges[:, 1]] - t[edges[:, 0]]
+    problem = PoseProblem(PoseGraph(rotation, steps, np.ones(5)))
+    shifted = Shifted.of(problem, Estimate(np.tile(np.eye(2), (5, 1, 1)), t))
+    assert shifted.pin == 3
+    np.testing.assert_array_equal(shifted.arms, t - t[3])
+    rms = np.sqrt(np.mean(np.sum((t - t[3]) ** 2, axis=1)))
+    weight = shifted.weights[0]
+    assert np.frexp(weight)[0] == 0.5
+    assert 2**-0.5 <= weight / rms <= 2**0.5
+    np.testing.assert_array_equal(shifted.weights, np.tile([weight, 1.0, 1.0], 5))
+    together = Shifted.of(problem, Estimate(np.tile(np.eye(2), (5, 1, 1)), np.zeros((5, 2))))
+    np.testing.assert_array_equal(together.weights, np.ones(15))
+
+
+# --- The bound
+
+
+@given(seeds, dimensions, st.booleans())
+@settings(max_examples=20)
+def test_a_bound_is_its_trace_rounded_down(seed, d, poses):
+    problem, point = optimum(seed, d, poses)
+    tries = attempts(problem, point)
+    multipliers = tries.shifted.multipliers
+    rng, N = rng_of(seed), len(tries.weights)
+    reduction = np.where(tries.is_rotation, rng.uniform(0, 1e-3, N), 0.0)
+    bound = tries.bound(multipliers, reduction)
+    rows = np.arange(d)
+    wanted = [Fraction(x) for x in multipliers[:, rows, rows].ravel()]
+    taken = [Fraction(x) for x in reduction[tries.is_rotation]]
+    proven = [Fraction(x) for x in bound.multipliers[:, rows, rows].ravel()]
+    for x, y, z in zip(proven, wanted, taken, strict=True):
+        assert y - z - (abs(y) + abs(z)) * Fraction(4 * U) <= x < y - z
+    exact = sum(proven)
+    assert exact - Fraction(4 * U) * abs(exact) <= Fraction(bound.value) < exact
+    most = max(y - x for x, y in zip(proven, wanted, strict=True))
+    assert bound.shift == pytest.approx(float(most), rel=1e-6)
+    off = ~np.eye(d, dtype=bool)
+    np.testing.assert_array_equal(bound.multipliers[:, off], multipliers[:, off])

@@ -1,0 +1,201 @@
+"""Weights at the ends of their range, contradicting measurements, graphs of uneven weights."""
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import certpgo
+from certpgo.certify import Tier, Verdict, certify, cost_upper
+from certpgo.certify.rounding import cost_lower
+from certpgo.certify.units import in_units, scaled_blocks, scaled_down, scaled_up
+from certpgo.datasets.synthetic import winding_cycle
+from certpgo.errors import FormatError, GraphError, InputError
+from certpgo.estimate import Estimate
+from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.linalg import so
+from certpgo.problem import PoseProblem, RotationProblem, problem_of
+
+TIERS = [Tier.STANDARD, Tier.PROOF]
+
+
+def contradiction(d=2):
+    """Two nodes, measured to agree and to be opposite: in the plane every estimate costs 8."""
+    half = so.exp(np.pi * np.eye(so.tangent_dim(d))[-1:])
+    R = so.project(np.concatenate([np.eye(d)[None], half]))
+    return RotationGraph(2, np.array([[0, 1], [0, 1]]), R, np.ones(2))
+
+
+def uneven(exponents):
+    """A square of poses, every other measured a little wrong, weights of these powers of ten."""
+    rng = np.random.default_rng(0)
+    edges = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [0, 2]])
+    R = so.exp(1e-3 * rng.standard_normal((5, 3)))
+    weights = 10.0 ** np.asarray(exponents, dtype=float)
+    return PoseGraph(RotationGraph(4, edges, R, weights), rng.standard_normal((5, 3)), weights)
+
+
+@pytest.mark.parametrize("text", ["1e-300", "1e300", "5e-121"])
+def test_weights_out_of_range_are_refused_where_they_are_read(text, tmp_path):
+    path = tmp_path / "graph.g2o"
+    path.write_text(
+        f"EDGE_SE2 0 1 0 0 0 1 0 0 1 0 1\nEDGE_SE2 0 1 1 0 0 1 0 0 1 0 {text}\n", "ascii"
+    )
+    if text == "5e-121":
+        assert certpgo.read(path).graph.rotation.kappa[1] == 5e-121
+        return
+    with pytest.raises(FormatError, match=r"2: .*weights between 3\.9e-121 and 2\.6e"):
+        certpgo.read(path)
+
+
+@pytest.mark.parametrize("weight", [0.0, -1.0, 1e-121, 1e121, 2.0**-400, 2.0**400, np.inf, np.nan])
+def test_weights_out_of_range_are_refused_where_the_graph_is_made(weight):
+    graph = contradiction()
+    with pytest.raises(GraphError, match=r"edge \(0, 1\): kappa is .* must be (positive|between)"):
+        graph.with_weights(weight)
+    with pytest.raises(GraphError, match=r"edge \(0, 1\): tau is"):
+        PoseGraph(graph, np.zeros((2, 2)), np.full(2, weight))
+
+
+@pytest.mark.parametrize("tier", TIERS)
+def test_scaling_drops_no_measurement(tier):
+    """An edge of which one weight vanishes in the problem's units once took the other with it."""
+    graph = PoseGraph(
+        RotationGraph(2, np.array([[0, 1], [0, 1]]), np.tile(np.eye(2), (2, 1, 1)), [1e-100, 1.0]),
+        np.array([[0.0, 0.0], [1e15, 0.0]]),
+        np.array([1.0, 1e30]),
+    )
+    estimate = Estimate(np.tile(np.eye(2), (2, 1, 1)), np.zeros((2, 2)))
+    with pytest.raises(InputError, match=r"too uneven weights: .*kappa is"):
+        certify(PoseProblem(graph), estimate, tier=tier)
+    # Two distances, 0 and 10^15: the best lies where the springs of weight 1 and 1/1000 balance.
+    mild = graph.with_weights(np.array([1e-30, 1.0]), np.array([1.0, 1e-3]))
+    certificate = certify(PoseProblem(mild), estimate, tier=tier)
+    assert certificate.lower_bound <= 1e27 / 1.001 * (1.0 + 1e-12)
+    assert certificate.cost == pytest.approx(1e27, rel=1e-12)
+    assert certificate.refined_cost == pytest.approx(1e27 / 1.001, rel=1e-12)
+
+
+@pytest.mark.parametrize("tier", TIERS)
+@pytest.mark.parametrize("rtol", [0.0, 1e-16])
+def test_equally_good_points_do_not_refute_each_other(tier, rtol):
+    problem = RotationProblem(contradiction())
+    for seed in range(20):
+        estimate = Estimate(so.random(np.random.default_rng(seed), 2, 2))
+        assert problem.cost(estimate) == pytest.approx(8.0, rel=1e-14)
+        certificate = certify(problem, estimate, tier=tier, rtol=rtol, atol=0.0)
+        assert certificate.verdict is Verdict.BOUNDED
+        certificate = certify(problem, estimate, tier=tier, rtol=rtol)
+        assert certificate.verdict is Verdict.CERTIFIED
+
+
+@given(st.integers(0, 1000))
+def test_costs_are_enclosed(seed):
+    rng = np.random.default_rng(seed)
+    problem = problem_of(uneven(rng.uniform(-8, 8, 5)))
+    estimate = Estimate(so.random(rng, 4, 3), 10.0 ** rng.uniform(-6, 6) * rng.random((4, 3)))
+    exact = _exact_cost(problem.graph, estimate)
+    low, high = cost_lower(problem, estimate), cost_upper(problem, estimate)
+    # The stored matrices are rotations but for rounding, which both bounds allow for.
+    assert Fraction(low) <= exact <= Fraction(high)
+    assert high - low <= 1e-9 * high
+
+
+def _exact_cost(graph, estimate):
+    """F of the stored numbers, in rationals."""
+    rational = np.vectorize(Fraction, otypes=[object])
+    R, t, measured = map(
+        rational, (estimate.rotations, estimate.translations, graph.rotation.rotations)
+    )
+    kappa, tau, steps = map(rational, (graph.rotation.kappa, graph.tau, graph.translations))
+    i, j = graph.edges.T
+    turn = R[j] - np.einsum("mab,mbc->mac", R[i], measured)
+    move = t[j] - t[i] - np.einsum("mab,mb->ma", R[i], steps)
+    return (kappa * (turn**2).sum(axis=(1, 2))).sum() + (tau * (move**2).sum(axis=1)).sum()
+
+
+#: Doubles of all sizes that survive a first scaling.
+NUMBERS = st.floats(min_value=2.0**-900, max_value=2.0**400)
+UNITS = st.integers(-1000, 600).map(lambda k: math.ldexp(1.0, k))
+
+
+@given(UNITS, NUMBERS, st.sampled_from([-1.0, 1.0]))
+def test_units_are_rounded_outwards(unit, size, sign):
+    x = sign * size
+    exact = Fraction(unit) * Fraction(x)
+    up, down = scaled_up(unit, x), scaled_down(unit, x)
+    assert Fraction(down) <= exact
+    assert up == math.inf or exact <= Fraction(up)
+    tiniest = 2.0**-1074
+    assert up == math.inf or Fraction(up) - Fraction(down) <= Fraction(tiniest)
+
+
+def test_a_lower_bound_that_vanishes_is_rounded_down():
+    assert scaled_down(2.0**-1000, 0.75 * 2.0**-74) == 0.0
+    assert scaled_up(2.0**-1000, 0.25 * 2.0**-74) == 2.0**-1074
+    assert scaled_down(2.0**-1000, 1.75 * 2.0**-74) == 2.0**-1074
+
+
+@given(st.integers(0, 10_000), st.sampled_from([2, 3]), st.integers(-1000, -900))
+def test_multipliers_in_other_units_are_no_larger(seed, d, power):
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((3, d, d)) * 2.0 ** rng.integers(-120, 0, (3, 1, 1))
+    A = A + np.swapaxes(A, 1, 2)
+    unit = math.ldexp(1.0, power)
+    for block, scaled in zip(A, scaled_blocks(unit, A), strict=True):
+        less = [
+            [Fraction(unit) * Fraction(block[a, b]) - Fraction(scaled[a, b]) for b in range(d)]
+            for a in range(d)
+        ]
+        for a in range(d):  # diagonally dominant, exactly
+            assert less[a][a] >= sum(abs(less[a][b]) for b in range(d) if b != a)
+
+
+@pytest.mark.parametrize("power", [-1074, -1000])
+def test_certificates_in_units_that_underflow_stay_true(power):
+    instance, _ = winding_cycle(9, 0.3, 0)
+    certificate = certify(RotationProblem(instance.graph), instance.truth)
+    unit = math.ldexp(1.0, power)
+    scaled = in_units(unit, certificate)
+    assert Fraction(scaled.lower_bound) <= Fraction(unit) * Fraction(certificate.lower_bound)
+    for name in ("cost", "gap", "refined_cost"):
+        before, after = getattr(certificate, name), getattr(scaled, name)
+        assert Fraction(after) >= Fraction(unit) * Fraction(before) > 0
+
+
+@pytest.mark.parametrize("scale", [2.0**-380, 1.0, 2.0**380])
+@pytest.mark.parametrize("tier", TIERS)
+def test_verdicts_at_the_ends_of_the_range(tier, scale):
+    instance, wound = winding_cycle(9, 0.3, 1)
+    problem = RotationProblem(instance.graph.with_weights(scale))
+    assert certify(problem, wound, tier=tier).verdict is Verdict.REFUTED
+    certificate = certify(problem, instance.truth, tier=tier)
+    assert certificate.verdict is Verdict.CERTIFIED
+    optimum = 8 * 9 * math.sin(0.3 / 18) ** 2
+    assert certificate.lower_bound <= scale * optimum * (1.0 + 1e-14)
+
+
+def test_far_steps_of_conjugate_gradients_do_not_overflow():
+    edges = np.array([[0, 1], [0, 1], [0, 2]])
+    R = np.stack([np.eye(2), -np.eye(2), np.eye(2)])
+    problem = RotationProblem(RotationGraph(3, edges, R, np.ones(3)))
+    for seed in (1, 11, 24):
+        estimate = Estimate(so.random(np.random.default_rng(seed), 3, 2))
+        certificate = certify(problem, estimate)  # the third node is the only one that costs more
+        assert certificate.refined_cost == pytest.approx(8.0, rel=1e-12)
+        assert certificate.lower_bound == pytest.approx(8.0, rel=1e-12)
+        assert certpgo.solve(problem.graph, initial=estimate).verdict is Verdict.CERTIFIED
+
+
+@pytest.mark.parametrize(
+    "exponents", [[20, 0, 20, 0, 20], [-30, 0, 30, 0, 0], [16, 16, 0, -16, -16], [0, 40, 0, 40, 0]]
+)
+def test_uneven_weights_get_an_answer(exponents):
+    graph = uneven(exponents)
+    answer = certpgo.solve(graph)
+    assert answer.certificate.lower_bound <= answer.certificate.cost
+    again = certify(PoseProblem(graph), answer.estimate)
+    assert again.verdict is not Verdict.REFUTED

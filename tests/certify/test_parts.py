@@ -1,0 +1,102 @@
+"""Bounds from the parts between bridges."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import certpgo
+from certpgo.bridges import bridges
+from certpgo.certify import Tier, Verdict, certify
+from certpgo.certify.case import Case
+from certpgo.certify.parts import outside, parts
+from certpgo.datasets.synthetic import winding_cycle
+from certpgo.estimate import Estimate
+from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.linalg import so
+from certpgo.problem import PoseProblem, RotationProblem
+
+
+def ring(rng, n, d, noise):
+    """A closed walk around a unit circle, measured with noise; edges, rotations, steps."""
+    angle = 2.0 * np.pi * np.arange(n) / n
+    place = np.zeros((n, d))
+    place[:, 0], place[:, 1] = np.cos(angle), np.sin(angle)
+    edges = np.stack([np.arange(n), (np.arange(n) + 1) % n], axis=1)
+    R = so.exp(noise * rng.standard_normal((n, so.tangent_dim(d))))
+    return edges, R, np.roll(place, -1, axis=0) - place + noise * rng.standard_normal((n, d))
+
+
+def joined(seed, length, d=3, noise=1e-4, n=12):
+    """Two rings and a bridge of that length between them."""
+    rng = np.random.default_rng(seed)
+    first, second = ring(rng, n, d, noise), ring(rng, n, d, noise)
+    bridge = np.array([[3, n + 5]]), so.random(rng, 1, d), np.array([[length] + [0.0] * (d - 1)])
+    edges = np.concatenate([first[0], second[0] + n, bridge[0]])
+    R = np.concatenate([first[1], second[1], bridge[1]])
+    t = np.concatenate([first[2], second[2], bridge[2]])
+    m = len(edges)
+    return PoseGraph(RotationGraph(2 * n, edges, R, np.ones(m)), t, np.ones(m))
+
+
+@pytest.mark.parametrize("tier", [Tier.STANDARD, Tier.PROOF])
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("length", [1e4, 1e8])
+def test_a_long_bridge_takes_nothing_from_the_bound(d, length, tier):
+    graph = joined(0, length, d)
+    answer = certpgo.solve(graph)
+    certificate = certify(PoseProblem(graph), answer.estimate, tier=tier)
+    assert certificate.verdict is Verdict.CERTIFIED
+    # F* is the sum of the rings' optima, each certified by itself.
+    alone = [certpgo.solve(graph.subgraph(np.arange(k, k + 12))).certificate for k in (0, 12)]
+    low = sum(c.lower_bound for c in alone)
+    high = sum(c.cost for c in alone)
+    assert 0.99 * low <= certificate.lower_bound <= high
+    assert answer.certificate.lower_bound >= 0.99 * low
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 1000), st.sampled_from([2, 3]))
+def test_multipliers_of_parts_prove_the_whole(seed, d):
+    """S >= 0 by its eigenvalues, at moderate lengths."""
+    graph = joined(seed, 3.0, d, noise=1e-2, n=6)
+    problem = PoseProblem(graph)
+    case = Case.of(problem, Tier.STANDARD, 0.0, 0.0)  # no tolerance, so the parts are asked
+    basin = case.basin(certpgo.solve(graph).estimate, True)
+    S = case.problem.certificate_matrix(basin.bound.multipliers).toarray()
+    trace = np.trace(basin.bound.multipliers, axis1=1, axis2=2).sum()
+    assert np.linalg.eigvalsh(S).min() >= -1e-14 * np.abs(S).max()
+    assert trace == pytest.approx(basin.bound.value, rel=1e-14)
+
+
+def test_a_small_part_is_not_lost_beside_an_exact_one():
+    """F* = 0 in a part of weight 1e9; the other's optimum is far below rounding of that."""
+    n = 6
+    small, _ = winding_cycle(n, 1e-2, 0)
+    exact, _ = winding_cycle(n, 0.0, 0)
+    edges = np.concatenate([exact.graph.edges, small.graph.edges + n, [[0, n]]])
+    R = np.concatenate([exact.graph.rotations, small.graph.rotations, np.eye(3)[None]])
+    kappa = np.concatenate([np.full(n, 1e14), np.ones(n), [1.0]])
+    problem = RotationProblem(RotationGraph(2 * n, edges, R, kappa))
+    optimum = 8 * n * np.sin(1e-2 / (2 * n)) ** 2
+    estimate = Estimate(np.concatenate([exact.truth.rotations, small.truth.rotations]))
+    certificate = certify(problem, estimate)
+    assert certificate.cost == pytest.approx(optimum, rel=1e-6)
+    assert 0.99 * optimum <= certificate.lower_bound <= optimum * (1.0 + 1e-12)
+
+
+def test_parts_are_what_bridges_leave():
+    graph = joined(0, 5.0)
+    problem = PoseProblem(graph)
+    found = parts(problem)
+    assert [part.nodes.tolist() for part in found] == [list(range(12)), list(range(12, 24))]
+    assert all(len(bridges(part.problem.graph)) == 0 for part in found)
+    assert sum(part.problem.graph.num_edges for part in found) == graph.num_edges - 1
+    assert outside(problem, found) == pytest.approx(26.0 / problem.scale, rel=1e-12)
+    assert parts(found[0].problem) == []
+
+
+def test_a_tree_has_no_parts():
+    path = RotationGraph(3, np.array([[0, 1], [1, 2]]), np.tile(np.eye(3), (2, 1, 1)), np.ones(2))
+    assert parts(RotationProblem(path)) == []
+    assert certpgo.solve(path).verdict is Verdict.CERTIFIED
