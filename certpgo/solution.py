@@ -116,9 +116,9 @@ class Solution:
         return None if self.weights is None else int((self.weights > 0.0).sum())
 
     @property
-    def rejected(self) -> IntArray | None:
-        """Which measurements a robust method rejected, ascending; None for others."""
-        return None if self.weights is None else np.flatnonzero(self.weights == 0.0)
+    def rejected(self) -> IntArray:
+        """(k,) which measurements a robust method rejected, ascending; none of other methods."""
+        return np.flatnonzero([] if self.weights is None else self.weights == 0.0)
 
     def judged(self, problem: Problem) -> Problem:
         """The problem that the answer is to be judged by: with the weights the method ended with.

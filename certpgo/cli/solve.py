@@ -191,9 +191,7 @@ class _Answer:
             "seconds": dict(solution.seconds),
             "note": solution.note,
             "kept": solution.kept,
-            "rejected": None
-            if solution.rejected is None
-            else _verdict.edges_as_json(part, solution.rejected),
+            "rejected": _verdict.edges_as_json(part, solution.rejected),
             "disagreement": _verdict.disagreement_as_json(part, self.disagreement),
             "certificate_of": "all measurements" if solution.kept is None else "those kept",
             "lower_bound": solution.lower_bound,
@@ -223,7 +221,7 @@ class _Answer:
             lines.append(("note", solution.note))
         if solution.kept is not None:
             lines.append(("kept", f"{solution.kept} of {part.graph.num_edges} measurements"))
-        if solution.rejected is not None and len(solution.rejected):
+        if len(solution.rejected):
             lines.append(("rejected", few_edges(part, solution.rejected)))
         if written is not None:
             lines.append(("written", str(written)))
