@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 # `certify` and `solve` are functions here and modules as well: importing them now, before anyone
 # else does, is what makes the functions win.
 from certpgo.certify import Certificate, Tier, Verdict, certify
+from certpgo.disagreement import Disagreement
 from certpgo.errors import (
     CertPGOError,
     FormatError,
@@ -22,6 +23,7 @@ from certpgo.estimate import Estimate
 from certpgo.graph import Instance, PoseGraph, RotationGraph
 from certpgo.monitor import Iteration, Monitor
 from certpgo.problem import PoseProblem, RotationProblem
+from certpgo.robust import solve_robustly
 from certpgo.solution import Solution, Status
 from certpgo.solve import CertifiedSolution, solve
 
@@ -49,6 +51,7 @@ __all__ = [
     "CertPGOError",
     "Certificate",
     "CertifiedSolution",
+    "Disagreement",
     "Estimate",
     "FormatError",
     "GraphError",
@@ -75,6 +78,7 @@ __all__ = [
     "read",
     "read_estimate",
     "solve",
+    "solve_robustly",
     "write",
     "write_proof",
 ]

@@ -7,8 +7,10 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import ClassVar, Protocol
 
+import numpy as np
+
 from certpgo.estimate import Estimate
-from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.monitor import Iteration, Monitor, silent
 from certpgo.problem import Problem
 
@@ -112,6 +114,11 @@ class Solution:
     def kept(self) -> int | None:
         """How many measurements a robust method kept; None for others."""
         return None if self.weights is None else int((self.weights > 0.0).sum())
+
+    @property
+    def rejected(self) -> IntArray:
+        """(k,) which measurements a robust method rejected, ascending; none of other methods."""
+        return np.flatnonzero([] if self.weights is None else self.weights == 0.0)
 
     def judged(self, problem: Problem) -> Problem:
         """The problem that the answer is to be judged by: with the weights the method ended with.

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.case import ATOL, RTOL, Basin, Case
+from certpgo.disagreement import Disagreement, agrees, disagreement, ignore
 from certpgo.errors import InputError
 from certpgo.estimate import Estimate
 from certpgo.graph import Graph, PoseGraph, RotationGraph
@@ -33,6 +35,8 @@ class CertifiedSolution:
     certificate : what is proven about it
     start : the method that the descent started from, or "given"
     levels : the steps of the staircase, one when it never climbed
+    disagreement : measurements that disagree with the rest, if residuals give reason to say so;
+        `certpgo.solve_robustly` leaves such out
 
     Examples
     --------
@@ -49,6 +53,7 @@ class CertifiedSolution:
     certificate: Certificate
     start: str
     levels: tuple[Level, ...]
+    disagreement: Disagreement | None = None
 
     @property
     def estimate(self) -> Estimate:
@@ -77,6 +82,7 @@ def solve(
     rtol: float = RTOL,
     atol: float = ATOL,
     monitor: Monitor = silent,
+    on_disagreement: Callable[[Disagreement], object] = ignore,
 ) -> CertifiedSolution:
     """The best estimate of a graph, with a certificate of how good it is.
 
@@ -97,6 +103,8 @@ def solve(
         lacks, the proof tier is asked, and the certificate says so
     rtol, atol : CERTIFIED means gap <= rtol F + atol W
     monitor : is told each iteration, and may stop the search
+    on_disagreement : is told of measurements that disagree with the rest, before the search goes on
+        to escape from where they led
 
     Returns
     -------
@@ -141,6 +149,7 @@ def solve(
         rtol=rtol,
         atol=atol,
         monitor=monitor,
+        on_disagreement=on_disagreement,
     )
 
 
@@ -155,6 +164,7 @@ def _solve(
     rtol: float = RTOL,
     atol: float = ATOL,
     monitor: Monitor,
+    on_disagreement: Callable[[Disagreement], object] | None = None,
 ) -> CertifiedSolution:
     if initial is not None:
         problem.check(initial)
@@ -169,9 +179,28 @@ def _solve(
     patience = PATIENCE if time_limit is None else math.inf
     with stoppable(monitor, case.unit, time_limit) as stop:
         search = Staircase(steering, stop, patience)
-        search.search(initial, highest, try_own_start)
+        search.begin(initial, try_own_start)
+        found = on_disagreement and _disagreement(search, problem, on_disagreement)
+        search.go_on(highest)
         certificate = _judged(search, case.tier)
-    return _result(problem, search, certificate)
+    answer = _result(problem, search, certificate)
+    # Where the first descent ended may have been no more than a local minimum.
+    stands = found and not agrees(problem, answer.estimate)
+    return replace(answer, disagreement=found) if stands else answer
+
+
+def _disagreement(
+    search: Staircase, problem: Problem, tell: Callable[[Disagreement], object]
+) -> Disagreement | None:
+    """Tell what the first descent's residuals say; ``problem`` has the weights of the graph."""
+    refit = not search.is_done
+    with search.watch.phase("residuals"):
+        found = disagreement(
+            problem, search.best.estimate, refit=refit, monitor=lambda _: search.stop.asked
+        )
+    if found is not None:
+        tell(found)
+    return found
 
 
 def _judged(search: Staircase, tier: Tier) -> Certificate:

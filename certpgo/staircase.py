@@ -39,6 +39,8 @@ RANK_STEPS = 100
 PATIENCE = 30.0
 #: Rounds of roundings in vain, at most, before the answer stands.
 ROUNDS = 4
+#: Of the tolerance, what is not worth another rank.
+NOTHING = 0.1
 #: Relative difference of costs that are the same.
 SAME = 1e-9
 #: Steps in which a descent must be able to reach the best answer, at the pace of its last one.
@@ -84,13 +86,6 @@ class Staircase:
         self.floor = -math.inf  # the relaxation's lowest cost, where the climb has reached it
         self.ended_early = False
 
-    def search(self, initial: Estimate | None, highest: int, try_own_start: bool) -> None:
-        """The whole of it; ``highest`` is the largest rank."""
-        self.begin(initial, try_own_start)
-        point = self.climb(highest)
-        self.round(point)
-        self.settle_for_less(point)
-
     def begin(self, initial: Estimate | None, try_own_start: bool) -> None:
         """The first descent, at rank d, and its bound: from the given start, then from our own."""
         start = self.own_start() if initial is None else self.given(initial)
@@ -114,6 +109,12 @@ class Staircase:
         with self.watch.phase("start"):
             return start_of(self.problem)
 
+    def go_on(self, highest: int) -> None:
+        """What follows where the first descent's answer is not certified."""
+        point = self.climb(highest)
+        self.round(point)
+        self.settle_for_less(point)
+
     def climb(self, highest: int) -> Point:
         """Escape to higher ranks until the gap is closed or the relaxation is solved.
 
@@ -128,7 +129,12 @@ class Staircase:
                 self.ended_early = self.is_impatient
                 if eigenvalue is None or rank > highest or self.ended_early:
                     break
+                before = self.problem.cost(point)
                 point = self.escape(point, rank, direction)
+                lower = self.problem.cost(point)
+                if before - lower <= NOTHING * self.case.tolerance(lower) and not self.is_done:
+                    self.floor = lower  # the eigenvalue was rounding
+                    break
                 nearest = self.problem.complete(rounded(point).rotations)
                 self.improve(self.descend(nearest))
                 if self.best.cost < (1.0 - 1e-9) * self.levels[-1].cost:
@@ -148,7 +154,7 @@ class Staircase:
         level = self.levels[-1]
         # F can fall by at most this much for every point of the relaxation.
         fall = -eigenvalue * direction.size
-        if fall <= 0.1 * self.case.tolerance(self.best.cost):
+        if fall <= NOTHING * self.case.tolerance(self.best.cost):
             self.floor = self.problem.cost(point)
             return None, direction
         self.levels[-1] = replace(level, eigenvalue=self.case.unit * eigenvalue)

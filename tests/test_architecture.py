@@ -41,22 +41,22 @@ RANKS = {
     "certify": 8,
     "metrics": 8,
     "staircase": 9,
-    "solve": 9,
-    "registry": 10,
-    "harness": 10,
-    "cli": 11,
-    "__init__": 12,
+    "disagreement": 9,
+    "solve": 10,
+    "registry": 11,
+    "robust": 11,
+    "harness": 11,
+    "cli": 12,
+    "__init__": 13,
 }
 #: Of one rank, and yet: an estimate is checked against nothing of a graph but for its type; the
-#: catalogue reads what it finds; a problem is an objective; the harness finds methods by name;
-#: an answer is what a search found.
+#: catalogue reads what it finds; a problem is an objective; the harness finds methods by name.
 SIBLINGS = {
     ("problem", "objective"),
     ("progress", "solution"),
     ("graph", "estimate"),
     ("datasets", "io"),
     ("harness", "registry"),
-    ("solve", "staircase"),
 }
 
 #: Third-party packages with one home each.

@@ -9,7 +9,10 @@ from certpgo.cli._show import facts
 
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
+    from certpgo.disagreement import Disagreement
+    from certpgo.graph import Instance
     from certpgo.harness.assessment import Assessment
+    from certpgo.linalg.arrays import IntArray
 
 #: Exit code after Ctrl-C.
 INTERRUPTED = 130
@@ -28,21 +31,44 @@ def weakest(verdicts: Iterable[str]) -> int:
 
 
 def show(
-    certificate: Certificate, reading: Mapping[str, str], assessment: Assessment | None = None
+    certificate: Certificate,
+    reading: Mapping[str, str],
+    assessment: Assessment | None = None,
+    disagreement: Disagreement | None = None,
 ) -> None:
     """Print the verdict, its reason, the numbers behind it, and by which reading it is judged."""
-    from certpgo.harness.verdicts import comparison, judged_by, meaning, numbers, trusts
+    from certpgo.harness.verdicts import comparison, hint, judged_by, meaning, numbers, trusts
 
     facts(
         [
             (certificate.verdict.value, meaning(certificate)),
             ("because", certificate.reason),
             *numbers(certificate),
+            *(() if disagreement is None else [("outliers?", hint(disagreement))]),
             *(() if assessment is None else comparison(assessment)),
             ("proof rests on", trusts(certificate)),
             ("judged by", f"{judged_by(reading)} (other tools minimise other errors)"),
         ]
     )
+
+
+def edges_as_json(instance: Instance, edges: IntArray) -> list[dict[str, Any]]:
+    """Edges by their numbers and the ids of their nodes."""
+    pairs = instance.ids[instance.graph.edges[edges]].tolist()
+    return [{"edge": e, "ids": ids} for e, ids in zip(edges.tolist(), pairs, strict=True)]
+
+
+def disagreement_as_json(instance: Instance, found: Disagreement | None) -> dict[str, Any] | None:
+    """The measurements that disagree; angles in radians."""
+    if found is None:
+        return None
+    return {
+        "sentence": str(found),
+        "count": len(found.edges),
+        "total": found.total,
+        "worst_angle": found.worst_angle,
+        "edges": edges_as_json(instance, found.edges),
+    }
 
 
 def comparison_as_json(a: Assessment) -> dict[str, Any]:

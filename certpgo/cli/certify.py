@@ -17,6 +17,7 @@ from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
+    from certpgo.disagreement import Disagreement
     from certpgo.estimate import Estimate
     from certpgo.graph import Instance
     from certpgo.harness.assessment import Assessment
@@ -73,6 +74,7 @@ def command(
     """Judge an estimate, or many, against the best possible answer of the graph."""
     from certpgo.certify.judge import Judge
     from certpgo.harness.batch import Part
+    from certpgo.harness.verdicts import hint
     from certpgo.io.format import format_to_write
     from certpgo.problem import problem_of
 
@@ -103,7 +105,7 @@ def command(
         return _batch(estimates, instance, parts, timestamps, csv, json, reading)
     path = reading.locate(estimates[0])
     given = _read(path, instance, parts, timestamps)
-    assessments = _single(path, given, parts, json)
+    assessments, disagreements = _single(path, given, parts, json)
     if polish is not None:
         _polish(polish, parts[0], assessments[0])
     elif any(a.excess > a.certificate.tolerance for a in assessments):
@@ -116,26 +118,32 @@ def command(
     if html is not None:
         part = parts[0]
         written = proof if proven else None
-        origin = origin_of(graph, reading, estimate=estimates[0], proof=written)
+        remarks = [f"{hint(found)}." for found in disagreements if found is not None]
+        origin = origin_of(graph, reading, estimate=estimates[0], proof=written, remarks=remarks)
         write_page(html, part.instance, part.problem, given[0], assessments[0], origin)
     return code if proven else code or REFUSED
 
 
 def _single(
     path: Path, given: Sequence[Estimate], parts: Sequence[Part], json: bool
-) -> list[Assessment]:
+) -> tuple[list[Assessment], list[Disagreement | None]]:
+    from certpgo.disagreement import disagreement
     from certpgo.harness.verdicts import judged_by
     from certpgo.io.digits import writing_of
 
     writing = writing_of(path)
-    assessments = []
+    assessments: list[Assessment] = []
+    disagreements: list[Disagreement | None] = []
     for part, estimate in zip(parts, given, strict=True):
         with working(f"certifying {part.instance.name}"):
-            assessments.append(part.assessed(estimate, writing))
+            found = part.assessed(estimate, writing)
+            refit = not found.best_is_optimal
+            assessments.append(found)
+            disagreements.append(disagreement(part.problem, found.best, refit=refit))
         if not json:
             if len(parts) > 1:
                 typer.echo(part.instance.name)
-            _verdict.show(assessments[-1].certificate, part.instance.options, assessments[-1])
+            _verdict.show(found.certificate, part.instance.options, found, disagreements[-1])
     if json:
         reports = [
             {
@@ -144,11 +152,12 @@ def _single(
                 "judged_by": judged_by(part.instance.options),
                 **_verdict.as_json(assessment.certificate),
                 **_verdict.comparison_as_json(assessment),
+                "disagreement": _verdict.disagreement_as_json(part.instance, disagreeing),
             }
-            for part, assessment in zip(parts, assessments, strict=True)
+            for part, assessment, disagreeing in zip(parts, assessments, disagreements, strict=True)
         ]
         document(reports[0] if len(reports) == 1 else reports)
-    return assessments
+    return assessments, disagreements
 
 
 def _batch(

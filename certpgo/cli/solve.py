@@ -20,6 +20,7 @@ from certpgo.monitor import Iteration, Monitor, TableMonitor
 
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
+    from certpgo.disagreement import Disagreement
     from certpgo.estimate import Estimate
     from certpgo.graph import Instance
     from certpgo.solution import Solution, Solver
@@ -64,6 +65,10 @@ def command(
         int | None,
         typer.Option("--max-rank", min=2, help="Where the staircase ends. [default: d + 7]"),
     ] = None,
+    robust: Annotated[
+        bool,
+        typer.Option("--robust", help="Leave out measurements that disagree with the rest."),
+    ] = False,
     tier: Annotated[
         str | None,
         typer.Option(
@@ -80,14 +85,15 @@ def command(
     """Find the best estimate of a graph and prove how good it is.
 
     Without --method: start, optimise, certify, and climb the Riemannian staircase where that
-    fails. Ctrl-C returns the best estimate so far; a second one abandons it.
+    fails. Ctrl-C returns the best estimate so far; a second one abandons it. With --robust,
+    measurements that disagree with the rest are left out, and the verdict is about the others.
     """
     from certpgo.harness.methods import build, parse_settings
     from certpgo.harness.runner import refuse_other_problems
     from certpgo.io import read_estimate, write
     from certpgo.io.format import format_to_write
 
-    _refuse_mixtures(method, settings, certify, time_limit, max_rank)
+    _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank)
     tier = tier or ("standard" if proof is None else "proof")
     if out is not None:
         format_to_write(out, format)  # a wrong suffix is said before the work, not after
@@ -117,7 +123,7 @@ def command(
         with working(f"solving {part.name}") as status:
             monitor = TableMonitor() if trace else _Telling(status)
             if solver is None or method is None:
-                answer = _certified(part, begin, time_limit, max_rank, tier, monitor)
+                answer = _certified(part, begin, time_limit, max_rank, tier, robust, monitor)
             else:
                 judging = tier if certify else None
                 answer = _by_method(part, method, solver, begin, judging, monitor, status)
@@ -159,6 +165,7 @@ class _Answer:
     certificate: Certificate | None
     start: str | None = None
     levels: Sequence[Level] = ()
+    disagreement: Disagreement | None = None
 
     @property
     def interrupted(self) -> bool:
@@ -184,6 +191,8 @@ class _Answer:
             "seconds": dict(solution.seconds),
             "note": solution.note,
             "kept": solution.kept,
+            "rejected": _verdict.edges_as_json(part, solution.rejected),
+            "disagreement": _verdict.disagreement_as_json(part, self.disagreement),
             "certificate_of": "all measurements" if solution.kept is None else "those kept",
             "lower_bound": solution.lower_bound,
             "written": None if written is None else str(written),
@@ -200,6 +209,8 @@ class _Answer:
 
     def show(self, part: Instance, written: Path | None) -> None:
         """For people."""
+        from certpgo.harness.verdicts import few_edges
+
         solution = self.solution
         seconds = ", ".join(f"{phase} {value:.3f}" for phase, value in solution.seconds.items())
         lines = [("graph", part.name), ("method", self.name), ("ended", solution.status.value)]
@@ -210,6 +221,8 @@ class _Answer:
             lines.append(("note", solution.note))
         if solution.kept is not None:
             lines.append(("kept", f"{solution.kept} of {part.graph.num_edges} measurements"))
+        if len(solution.rejected):
+            lines.append(("rejected", few_edges(part, solution.rejected)))
         if written is not None:
             lines.append(("written", str(written)))
         facts(lines)
@@ -222,7 +235,7 @@ class _Answer:
                 "What follows is of the measurements that were kept, with the weights they ended "
                 "with, as if there were no others:"
             )
-        _verdict.show(self.certificate, part.options)
+        _verdict.show(self.certificate, part.options, disagreement=self.disagreement)
         uncertified = self.certificate.verdict.value != "CERTIFIED"
         if self.start is None and solution.kept is None and uncertified:
             notice("without --method the best answer is searched for")
@@ -246,10 +259,22 @@ def _certified(
     time_limit: float | None,
     max_rank: int | None,
     tier: str,
+    robust: bool,
     monitor: Monitor,
 ) -> _Answer:
-    from certpgo import solve
+    from certpgo import solve, solve_robustly
+    from certpgo.harness.verdicts import hint
 
+    if robust:
+        found = solve_robustly(
+            part.graph,
+            initial=start,
+            time_limit=time_limit,
+            max_rank=max_rank,
+            tier=tier,
+            monitor=monitor,
+        )
+        return _Answer("robust", found.solution, found.certificate, found.start, found.levels)
     found = solve(
         part.graph,
         initial=start,
@@ -257,8 +282,16 @@ def _certified(
         max_rank=max_rank,
         tier=tier,
         monitor=monitor,
+        on_disagreement=lambda told: notice(hint(told)),
     )
-    return _Answer("certified", found.solution, found.certificate, found.start, found.levels)
+    return _Answer(
+        "certified",
+        found.solution,
+        found.certificate,
+        found.start,
+        found.levels,
+        found.disagreement,
+    )
 
 
 def _by_method(
@@ -292,6 +325,7 @@ def _page(
     reading: Reading,
 ) -> None:
     from certpgo.harness.assessment import assess
+    from certpgo.harness.verdicts import hint
     from certpgo.problem import problem_of
 
     solution, certificate = answer.solution, answer.certificate
@@ -303,6 +337,8 @@ def _page(
             f"The verdict is of the {solution.kept} of {part.graph.num_edges} measurements that "
             "the method kept, with the weights they ended with; the view shows these."
         )
+    if answer.disagreement is not None:
+        remarks.append(f"{hint(answer.disagreement)}.")
     problem = solution.judged(problem_of(part.graph))
     assessment = assess(problem, solution.estimate, certificate, ids=part.ids)
     origin = origin_of(
@@ -315,6 +351,7 @@ def _refuse_mixtures(
     method: str | None,
     settings: Sequence[str] | None,
     certify: bool,
+    robust: bool,
     time_limit: float | None,
     max_rank: int | None,
 ) -> None:
@@ -325,6 +362,8 @@ def _refuse_mixtures(
         raise InputError("--no-certify needs --method")
     if method is not None and (time_limit is not None or max_rank is not None):
         raise InputError("--time-limit and --max-rank do not go with --method")
+    if method is not None and robust:
+        raise InputError("--robust chooses its method: not with --method")
 
 
 def _restricted(estimate: Estimate | None, instance: Instance, part: Instance) -> Estimate | None:

@@ -6,10 +6,13 @@ import math
 from collections.abc import Iterable, Mapping
 
 from certpgo.certify import Certificate
+from certpgo.disagreement import Disagreement
+from certpgo.graph import Instance
 from certpgo.harness.assessment import Assessment
 from certpgo.harness.render import reading_sentence
+from certpgo.linalg.arrays import IntArray
 
-#: Costliest edges that are shown; --json has more.
+#: Edges of a kind that are shown; --json has more.
 EDGES = 3
 #: What a file's digits cost is said from this part of the tolerance on.
 NOTABLE = 0.01
@@ -61,6 +64,19 @@ def _is_near(certificate: Certificate) -> bool:
 def part(share: float) -> str:
     """A share in percent, or as a power of ten where it is small."""
     return f"{100.0 * share:.3g} %" if share >= 1e-3 else f"{share:.2e}"
+
+
+def hint(disagreement: Disagreement) -> str:
+    """Which measurements disagree, and what can be done."""
+    return f"{disagreement}: try certpgo solve --robust"
+
+
+def few_edges(instance: Instance, edges: IntArray) -> str:
+    """The first edges, by the ids of their nodes, and how many more there are."""
+    pairs = instance.ids[instance.graph.edges[edges[:EDGES]]]
+    named = ", ".join(f"{i} to {j}" for i, j in pairs.tolist())
+    more = len(edges) - len(pairs)
+    return f"{named} and {more} more" if more else named
 
 
 def numbers(certificate: Certificate) -> Iterable[tuple[str, str]]:

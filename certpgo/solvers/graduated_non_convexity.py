@@ -26,6 +26,9 @@ from certpgo.solvers._iterative import Iterative
 from certpgo.solvers._robust import FAINT, fitted
 from certpgo.solvers.spanning_tree import SpanningTree
 
+#: 1 / mu from which on the surrogate is in effect the sum of r_e, whatever mu is: the paper starts
+#: at 2 max(r_e^2) / c^2 - 1, where one gross error makes all other weights vanish next to a tree's.
+CONVEX = 1e4
 #: Steps of Newton's method for each mu.
 STEPS = 3
 
@@ -79,7 +82,7 @@ class GraduatedNonConvexity(Iterative):
         problem.check(point)
         c = self.scale * float(np.sqrt(quantile(problem, self.probability)))
         r = np.sqrt(problem.edge_costs(point))
-        mu = 1.0 / max(2.0 * float(r.max() / c) ** 2 - 1.0, 1e-6)
+        mu = 1.0 / float(np.clip(2.0 * (r.max() / c) ** 2 - 1.0, 1e-6, CONVEX))
         progress = Progress(monitor, self.tolerance, self.max_iterations, watch)
         undecided = np.inf
         while not progress.ends(problem.cost(point), undecided, undecided):
@@ -90,17 +93,24 @@ class GraduatedNonConvexity(Iterative):
                     weighted, point, tolerance=1e-9, max_iterations=STEPS
                 ).estimate
                 r = np.sqrt(problem.edge_costs(point))
-                undecided = float(np.minimum(weights, 1.0 - weights).max())
+                # Below 1, small weights are those of residuals that may yet be right.
+                if mu >= 1.0:
+                    undecided = float(np.minimum(weights, 1.0 - weights).max())
                 mu *= self.rate
         return fitted(problem, r <= c, point, progress, note=_threshold(problem, c))
 
 
-def _threshold(problem: Problem, c: float) -> str:
-    """Which angle alone has the residual c, at the median weight."""
+def largest_angle(problem: Problem, c: float) -> float:
+    """The angle that alone has the residual c, at the median weight; pi where none has, radians."""
     sine = c / float(np.sqrt(8.0 * np.median(problem.rotation.graph.kappa)))
-    if sine >= 1.0:
+    return 2.0 * float(np.arcsin(min(sine, 1.0)))
+
+
+def _threshold(problem: Problem, c: float) -> str:
+    """Which angle alone is rejected."""
+    degrees = np.degrees(largest_angle(problem, c))
+    if degrees >= 180.0:
         return "no angle alone is rejected: set scale, if the weights do not state the noise"
-    degrees = np.degrees(2.0 * np.arcsin(sine))
     return f"residuals of {degrees:.3g} degrees and more are rejected, at the median weight"
 
 

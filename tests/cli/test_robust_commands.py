@@ -45,3 +45,72 @@ def test_a_threshold_that_rejects_nothing_is_said(certpgo, wrong):
     done = certpgo("solve", wrong, "--method", "graduated_non_convexity", "--set", "scale=100")
     assert "set scale" in flat(done.out)
     assert "no measurement was rejected" in flat(done.out)
+
+
+def test_solve_robust_names_what_it_rejects(certpgo, wrong):
+    done = certpgo("solve", wrong, "--robust")
+    assert done.code == 0
+    assert "rejected" in done.out
+    assert "more" in done.out
+    assert "as if there were no others" in flat(done.out)
+    report = certpgo("solve", wrong, "--robust", "--json").json
+    assert report["method"] == "robust"
+    assert report["certificate_of"] == "those kept"
+    assert report["certificate"]["verdict"] == "CERTIFIED"
+    edges = certpgo("info", wrong, "--json").json["edges"]
+    assert len(report["rejected"]) == edges - report["kept"]
+    assert report["rejected"][0].keys() == {"edge", "ids"}
+
+
+@pytest.fixture
+def doubtful(tmp_path):
+    """Twenty measurements of one rotation, and one that is half a turn off: certified as it is."""
+    path = tmp_path / "doubtful.g2o"
+    lines = [f"EDGE_SE2 5 7 1 0 {angle} 100 0 0 100 0 400" for angle in [0] * 20 + [3.1]]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+HINT = "1 of 21 measurements disagrees with the rest"
+
+
+def test_solve_hints_at_measurements_that_disagree(certpgo, doubtful, tmp_path):
+    page = tmp_path / "page.html"
+    done = certpgo("solve", doubtful, "--html", page)
+    assert done.code == 0
+    assert HINT in flat(done.err)
+    assert HINT in flat(done.out)
+    assert "certpgo solve --robust" in flat(done.out)
+    assert HINT in flat(page.read_text())
+    report = certpgo("solve", doubtful, "--json").json
+    assert report["disagreement"]["edges"] == [{"edge": 20, "ids": [5, 7]}]
+    assert report["disagreement"]["worst_angle"] > 3.0
+    robust = certpgo("solve", doubtful, "--robust", "--json").json
+    assert robust["rejected"] == [{"edge": 20, "ids": [5, 7]}]
+    assert robust["disagreement"] is None
+
+
+def test_certify_hints_at_measurements_that_disagree(certpgo, doubtful, tmp_path):
+    answer, page = tmp_path / "answer.g2o", tmp_path / "page.html"
+    certpgo("solve", doubtful, "-o", answer)
+    done = certpgo("certify", doubtful, answer, "--html", page)
+    assert done.code == 0
+    assert HINT in flat(done.out)
+    assert HINT in flat(page.read_text())
+    report = certpgo("certify", doubtful, answer, "--json").json
+    assert report["disagreement"]["sentence"].startswith(HINT)
+    assert report["disagreement"]["edges"] == [{"edge": 20, "ids": [5, 7]}]
+
+
+def test_robust_is_no_method(certpgo, wrong):
+    done = certpgo("solve", wrong, "--robust", "--method", "eigen_ra")
+    assert done.code != 0
+    assert "not with --method" in flat(done.err)
+
+
+def test_the_page_of_a_robust_answer_says_how_to_repeat_it(certpgo, doubtful, tmp_path):
+    page = tmp_path / "page.html"
+    certpgo("solve", doubtful, "--robust", "--html", page)
+    text = flat(page.read_text())
+    assert "The verdict is of the 20 of 21 measurements" in text
+    assert "--robust" in text

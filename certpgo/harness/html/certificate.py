@@ -190,7 +190,8 @@ def _recheck(origin: Origin, certificate: Certificate) -> tuple[str, list[str]]:
     lines_ = []
     if not estimate:
         estimate = "best.g2o"
-        by = f" --method {quoted(origin.method)}" if origin.method not in ("", "certified") else ""
+        named = f" --method {quoted(origin.method)}"
+        by = {"": "", "certified": "", "robust": " --robust"}.get(origin.method, named)
         lines_ = [
             f"certpgo solve {quoted(origin.graph)}{by} {options}".rstrip() + f" -o {estimate}"
         ]
