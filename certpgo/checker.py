@@ -23,7 +23,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -530,7 +530,7 @@ class Front(NamedTuple):
     children: list[int]
 
 
-def fronts(n: int, pairs: Ints, allowance: int = 64) -> list[Front]:
+def fronts(n: int, pairs: Ints, allowance: int = 32) -> list[Front]:
     """The fronts of eliminating 0 ... n-1 in order, children before parents.
 
     ``pairs`` are (k, 2) with p < q. A node joins the front of a child if that adds at most
@@ -593,73 +593,70 @@ def residual(blocks: Blocks, order: Ints, delta: Array) -> Residual | None:
     2^(-2 BITS); G is the rest.
     """
     n, b = blocks.weights.shape
-    p, q, high, low = _in_order(blocks, order)
+    p, q, diagonal, between = _in_order(blocks, order)
     starts = np.searchsorted(p, np.arange(n + 1)).tolist()
     v, delta = blocks.weights[order].ravel(), delta.reshape(n, b)[order].ravel()
-    own, others, reached, terms, norms1, norms2 = np.zeros((6, n * b))
-    passed: dict[int, tuple[Ints, Array, Array]] = {}
+    own, others, reached, sizes, columns, norms = np.zeros((6, n * b))
+    passed: dict[int, tuple[Ints, Array]] = {}
     for number, front in enumerate(fronts(n, np.stack([p, q], axis=1))):
         nodes, k = np.array(front.pivots + front.boundary), len(front.pivots) * b
         mine = [e for pivot in front.pivots for e in range(starts[pivot], starts[pivot + 1])]
         places = np.searchsorted(nodes, p[mine]), np.searchsorted(nodes, q[mine])
-        H, G = (
-            _assembled(len(nodes), diagonal[front.pivots], between[mine], *places)
-            for diagonal, between in (high, low)
-        )
+        parts = _assembled(len(nodes), diagonal[:, front.pivots], between[:, mine], *places)
         for child in front.children:
-            boundary, *parts = passed.pop(child)
-            rows = _rows(np.searchsorted(nodes, boundary), b)
-            into = rows[:, None], rows
-            H[into] += parts[0]
-            G[into] += parts[1]
-        rows = _rows(nodes, b)
-        L = _columns(H[:, :k] + G[:, :k], delta[rows[:k]])
-        if L is None:
+            boundary, left = passed.pop(child)
+            into = _rows(np.searchsorted(nodes, boundary), b)
+            parts[:, into[:, None], into] += left
+        rows, (H, G) = _rows(nodes, b), parts
+        w = v[rows]
+        factor = _factor(H[:, :k] + G[:, :k], delta[rows[:k]])
+        if factor is None:
             return None
+        L, inverse = factor
         L1 = np.rint(L * 2.0**BITS) * 2.0**-BITS
-        L2 = L - L1
         H -= L1 @ L1.T
-        cross = (L1 + 0.5 * L2) @ L2.T
+        L2 = _refined(H[:, :k], G[:, :k], delta[rows[:k]], L, L1, inverse)
+        M = L1 + 0.5 * L2
+        cross = M @ L2.T
         G -= cross + cross.T
         # The pivots' rows and columns are complete.
         E = H[:, :k] + G[:, :k]
         own[rows[:k]] = np.diagonal(E)
         E = np.abs(E)
         np.fill_diagonal(E, 0.0)
-        others[rows] += E @ v[rows[:k]]
-        others[rows[:k]] += E[k:].T @ v[rows[k:]]
-        reached[rows] += v[rows[:k]].sum()
-        reached[rows[:k]] += v[rows[k:]].sum()
-        norms1[rows] += (L1 * L1).sum(axis=1)
-        norms2[rows] += (L2 * L2).sum(axis=1)
-        terms[rows] += k
+        others[rows] += E @ w[:k]
+        others[rows[:k]] += E[k:].T @ w[k:]
+        reached[rows] += w[:k].sum()
+        reached[rows[:k]] += w[k:].sum()
+        M, L2 = np.abs(M), np.abs(L2)
+        if not L2.max() < 1.0:
+            return None
+        sizes[rows] += M @ (w @ L2) + L2 @ (w @ M)
+        norms[rows] += np.einsum("rk,rk->r", L1, L1)
+        columns[rows] += k
         if front.boundary:
-            passed[number] = np.array(front.boundary), H[k:, k:].copy(), G[k:, k:].copy()
-    norm1, norm2 = norms1.max() * SPARE, norms2.max() * SPARE
-    largest = max(np.abs(part).max(initial=0.0) for part in high)
-    if not largest + norm1 < 2.0 ** (52 - 2 * BITS):
+            passed[number] = nodes[len(front.pivots) :], parts[:, k:, k:].copy()
+    largest = max(np.abs(high).max(initial=0.0) for high in blocks.high)
+    if not largest + norms.max() < 2.0 ** (52 - 2 * BITS):
         return None
-    # A term of an entry of G is rounded at most 8 times its row's count; all sizes add up to this.
-    sizes = 2.0 ** -(2 * BITS + 1) + 2.0 * math.sqrt(norm1 * norm2) + 2.0 * norm2
-    error = (8.0 * terms.max() + 16.0) * U * sizes * SPARE + 2.0**-100
-    needed = (others + error * reached) * SPARE / v
+    # What adds up to entries of G in a row is rounded at most 3 times more than it has columns.
+    sizes += reached * 2.0 ** (-2 * BITS - 1)
+    errors = (columns + 8.0) * U * sizes * SPARE + reached * 2.0**-100
+    needed = (others + errors) * SPARE / v
     back = np.argsort(_rows(order, b))
     return Residual((own - abs(own) * 2.0**-40)[back], needed[back] * SPARE)
 
 
-def _in_order(blocks: Blocks, order: Ints) -> tuple[Ints, Ints, Any, Any]:
+def _in_order(blocks: Blocks, order: Ints) -> tuple[Ints, Ints, Array, Array]:
     """Pairs p < q of places in the order, ascending in p, and both parts in that order."""
     place = np.argsort(order)
     p, q = place[blocks.pairs].T
     turned = (p > q)[:, None, None]
     by_first = np.argsort(np.minimum(p, q), kind="stable")
-
-    def moved(diagonal: Array, between: Array) -> tuple[Array, Array]:
-        between = np.where(turned, np.swapaxes(between, 1, 2), between)
-        return diagonal[order], between[by_first]
-
+    diagonal, between = (np.stack(parts) for parts in zip(blocks.high, blocks.low, strict=True))
+    between = np.where(turned, np.swapaxes(between, 2, 3), between)
     p, q = np.minimum(p, q)[by_first], np.maximum(p, q)[by_first]
-    return p, q, moved(*blocks.high), moved(*blocks.low)
+    return p, q, diagonal[:, order], between[:, by_first]
 
 
 def _rows(nodes: Ints, b: int) -> Ints:
@@ -667,26 +664,53 @@ def _rows(nodes: Ints, b: int) -> Ints:
 
 
 def _assembled(count: int, diagonal: Array, between: Array, p: Ints, q: Ints) -> Array:
-    """A symmetric matrix of ``count`` blocks, the first of its diagonal and those at (p, q)."""
-    b = between.shape[1]
-    A = np.zeros((count, b, count, b))
-    places = np.arange(len(diagonal))
-    A[places, :, places, :] = diagonal
-    A[p, :, q, :] = between
-    A[q, :, p, :] = np.swapaxes(between, 1, 2)
-    return A.reshape(count * b, count * b)
+    """Two symmetric matrices of ``count`` blocks, the first of its diagonal and those at (p, q)."""
+    b = between.shape[2]
+    A = np.zeros((2, count, b, count, b))
+    places = np.arange(diagonal.shape[1])
+    A[:, places, :, places, :] = np.swapaxes(diagonal, 0, 1)
+    A[:, p, :, q, :] = np.swapaxes(between, 0, 1)
+    A[:, q, :, p, :] = between.transpose(1, 0, 3, 2)
+    return A.reshape(2, count * b, count * b)
 
 
-def _columns(F: Array, delta: Array) -> Array | None:
-    """Columns (f, k) of a Cholesky factor, from those of a matrix; anything goes."""
-    k = F.shape[1]
-    pivot = F[:k] - np.diag(delta)
+def _factor(F: Array, delta: Array) -> tuple[Array, Array] | None:
+    """Columns (f, k) of a Cholesky factor of a matrix, and the inverse of their pivots' rows."""
+    k = len(delta)
+    np.einsum("aa->a", F[:k])[:] -= delta
     try:
-        C = np.linalg.cholesky(pivot)
-        below = np.linalg.solve(C, F[k:].T).T
+        C = np.linalg.cholesky(F[:k])
+        inverse = np.linalg.inv(C)
     except np.linalg.LinAlgError:
         return None
-    return np.concatenate([C, below])
+    return np.concatenate([C, F[k:] @ inverse.T]), inverse
+
+
+def _refined(H: Array, G: Array, delta: Array, L: Array, L1: Array, inverse: Array) -> Array:
+    """L - L1, but for the rounding of L, from columns of H, which is less L1 L1^T, and of G.
+
+    What is left of them is (C W C^T, ...), C being the pivots' rows of L. C (I + step) is the
+    factor of C (I + W) C^T.
+    """
+    k, L2 = len(delta), L - L1
+    left = H + ((G - L1 @ L2[:k].T) - L2 @ L[:k].T)
+    np.einsum("aa->a", left[:k])[:] -= delta
+    left = left @ inverse.T
+    W, half = inverse @ left[:k], _half(k)
+    step = half * W
+    size = np.linalg.norm(step)
+    if size < 0.25:  # or else the steps might not converge
+        for _ in range(10 if size > 2.0**-30 else 0):
+            step = half * (W - step @ step.T)
+        L2[:k] += L[:k] @ step
+        L2[k:] += left[k:] - L[k:] @ step.T
+    return L2
+
+
+@lru_cache(16)
+def _half(k: int) -> Array:
+    """What halves the diagonal and leaves of the rest the lower triangle."""
+    return np.tri(k) - 0.5 * np.eye(k)
 
 
 def is_positive_semidefinite(blocks: Blocks, order: Ints, delta: Array) -> bool:

@@ -1,68 +1,28 @@
-"""The certified pipeline: start, optimise, certify; escape, round and polish where that fails.
-
-The Riemannian staircase (Boumal 2015; Rosen et al., SE-Sync, IJRR 2019), begun at rank d: a local
-minimum whose certificate matrix has a negative eigenvalue is left through a new dimension, along
-the eigenvector, and what low-rank optimization finds there is rounded and polished.
-"""
+"""The certified pipeline: start, optimise, certify; escape, round and polish where that fails."""
 
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-import numpy as np
-
-from certpgo.certify import (
-    Certificate,
-    DualBound,
-    Tier,
-    Verdict,
-    cost_upper,
-)
-from certpgo.certify.case import ATOL, MAX_STEPS, RTOL, Basin, Case
-from certpgo.certify.curvature import negative_curvature
+from certpgo.certify import Certificate, Tier, Verdict
+from certpgo.certify.case import ATOL, RTOL, Basin, Case
 from certpgo.disagreement import Disagreement, agrees, disagreement, ignore
-from certpgo.errors import InputError, NumericalError
+from certpgo.errors import InputError
 from certpgo.estimate import Estimate
 from certpgo.graph import Graph, PoseGraph, RotationGraph
-from certpgo.lift import Lift, Point, rounded
-from certpgo.linalg.arrays import FloatArray
 from certpgo.monitor import Monitor, silent
-from certpgo.newton import newton
 from certpgo.problem import Problem, problem_of
-from certpgo.progress import Stop, stoppable
-from certpgo.solution import Solution, Status
-from certpgo.solvers import low_rank
-from certpgo.starts import Start, start_of
+from certpgo.progress import stoppable
+from certpgo.solution import Solution
+from certpgo.staircase import PATIENCE, Level, Staircase
 
 #: Dimensions that the staircase may add to the d of space.
 MORE_RANKS = 7
 #: By how much less rounding costs at the proof tier, at most.
 PROOF_GAIN = 1e3
-#: Stationarity asked of estimates, and over the typical residual of points of higher rank; radians.
-TOLERANCE, LIFTED_TOLERANCE = 1e-11, 1e-5
-
-
-@dataclass(frozen=True, eq=False)
-class Level:
-    """One step of the staircase.
-
-    Attributes
-    ----------
-    rank : dimensions of the points
-    cost : F at the point found there
-    status : how the descent to it ended
-    eigenvalue : negative, when the certificate matrix was found to have such an eigenvalue there
-    """
-
-    rank: int
-    cost: float
-    status: Status
-    eigenvalue: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,9 +91,11 @@ def solve(
     Parameters
     ----------
     graph : the measurements of n poses or rotations, connected
-    initial : where to start instead of a start of our own; n poses, in metres
+    initial : where to start; n poses, in metres. Where it leads to no certified answer, a start of
+        our own is tried as well, and the better one counts
     time_limit : seconds after which to return the best estimate so far; what is under way, such
-        as a factorization, is finished first
+        as a factorization, is finished first. Without a limit the staircase still climbs for no
+        more than 30 s once a first bound is in hand; `math.inf` lets it go on to the end
     max_rank : dimensions at which the staircase ends; by default d + 7
     tier : what the certificate may trust, see `Tier`. Where rounding is all that the standard tier
         lacks, the proof tier is asked, and the certificate says so
@@ -200,194 +162,105 @@ def _solve(
     if highest < problem.d:
         raise InputError(f"the maximal rank must be at least {problem.d}, not {highest}")
     case = Case.of(problem, tier, rtol, atol)
+    # The cheaper bounds are enough to steer by.
+    steering = replace(case, tier=Tier.STANDARD) if case.tier is Tier.PROOF else case
+    patience = PATIENCE if time_limit is None else math.inf
     with stoppable(monitor, case.unit, time_limit) as stop:
-        # The search itself is steered by the cheaper bounds.
-        steering = replace(case, tier=Tier.STANDARD) if case.tier is Tier.PROOF else case
-        search = _Staircase(steering, stop)
+        search = Staircase(steering, stop, patience)
         search.begin(initial)
         found = on_disagreement and _disagreement(search, problem, on_disagreement)
-        search.climb(highest)
-        certificate = search.judged(case.tier)
-    answer = search.result(problem, certificate)
+        search.go_on(highest)
+        certificate = _judged(search, case.tier)
+    answer = _result(problem, search, certificate)
     # Where the first descent ended may have been no more than a local minimum.
     stands = found and not agrees(problem, answer.estimate)
     return replace(answer, disagreement=found) if stands else answer
 
 
 def _disagreement(
-    search: _Staircase, problem: Problem, tell: Callable[[Disagreement], object]
+    search: Staircase, problem: Problem, tell: Callable[[Disagreement], object]
 ) -> Disagreement | None:
     """Tell what the first descent's residuals say; ``problem`` has the weights of the graph."""
-    refit = not (search.is_certified or search.stop.asked)
     with search.watch.phase("residuals"):
         found = disagreement(
-            problem, search.best.estimate, refit=refit, monitor=lambda _: search.stop.asked
+            problem,
+            search.best.estimate,
+            refit=not search.is_done,
+            monitor=lambda _: search.stop.asked,
         )
     if found is not None:
         tell(found)
     return found
 
 
-class _Staircase:
-    """The search: the best estimate and bound so far, and how they were found."""
+def _judged(search: Staircase, tier: Tier) -> Certificate:
+    """The certificate at a tier; at the proof tier as well where only rounding is missing."""
+    estimate = search.best.estimate
+    certificate = search.case.certificate(estimate, search.basin)
+    near = certificate.gap <= PROOF_GAIN * certificate.tolerance
+    missing = search.has_reached_the_floor and near and not search.is_certified
+    if search.stop.asked or not (tier is Tier.PROOF or (missing and tier is Tier.STANDARD)):
+        return certificate
+    with search.watch.phase("prove"):
+        case = replace(search.case, tier=Tier.PROOF)
+        cost = case.cost_upper(estimate)
+        basin = Basin(estimate, cost, True, case.bound(estimate, cost))
+        proven = case.certificate(estimate, basin)
+    better = proven.lower_bound > certificate.lower_bound
+    return proven if tier is Tier.PROOF or better else certificate
 
-    def __init__(self, case: Case, stop: Stop) -> None:
-        self.case, self.problem, self.stop = case, case.problem, stop
-        self.watch = stop.watch
-        self.levels: list[Level] = []
-        self.counts: Counter[str] = Counter()
-        self.bound: DualBound | None = None
 
-    def begin(self, initial: Estimate | None) -> None:
-        """The first descent, at rank d, and its bound."""
-        with self.watch.phase("start"):
-            if initial is None:
-                start = start_of(self.problem)
-            else:
-                start = Start(self.problem.complete(initial.rotations), "given")
-        self.start_name = start.name
-        self.take(self.descend(start.estimate, near=start.near))
-        self.levels.append(Level(self.problem.d, self.best.cost, self.best.status))
-        self.improve_bound(self.best.estimate)
+def _result(problem: Problem, search: Staircase, certificate: Certificate) -> CertifiedSolution:
+    """Everything in the units of the graph."""
+    stop, unit, estimate = search.stop, search.case.unit, search.best.estimate
+    certificate = replace(certificate, reason=_reason(search, certificate))
+    solution = Solution(
+        estimate=estimate,
+        cost=problem.cost(estimate),
+        status=search.status,
+        iterations=max(len(stop.trace) - 1, 0),
+        lower_bound=certificate.lower_bound,
+        seconds=search.watch.seconds,
+        trace=tuple(stop.trace),
+        counts=dict(search.counts),
+        note=f"started from {search.origin}; {_end(search)}",
+    )
+    levels = tuple(replace(level, cost=unit * level.cost) for level in search.levels)
+    return CertifiedSolution(solution, certificate, search.start, levels)
 
-    def climb(self, highest: int) -> None:
-        """Escape to higher ranks until the gap is closed or the relaxation is solved."""
-        point: Point = self.best.estimate
-        # What was found before an error stays, and is judged.
-        with suppress(NumericalError, np.linalg.LinAlgError):
-            point = self.last_of_climb(point, highest)
-        if not (self.is_certified or self.stop.asked):
-            self.settle_for_less(point)
 
-    def last_of_climb(self, point: Point, highest: int) -> Point:
-        """The point of the relaxation where there is nothing left to gain, or no rank."""
-        while not (self.is_certified or self.stop.asked):
-            with self.watch.phase("escape"):
-                eigenvalue, direction = negative_curvature(self.problem, point)
-            # F can fall by at most this much for every point of the relaxation.
-            if -eigenvalue * direction.size <= 0.1 * self.case.tolerance(self.best.cost):
-                break
-            self.levels[-1] = replace(self.levels[-1], eigenvalue=self.case.unit * eigenvalue)
-            rank = self.levels[-1].rank + 1
-            if rank > highest:
-                break
-            point = self.escape(point, rank, direction)
-            polished = self.descend(self.problem.complete(rounded(point).rotations))
-            if polished.cost < self.best.cost:
-                self.take(polished)
-                self.improve_bound(polished.estimate)
-            if self.best.cost < (1.0 - 1e-9) * self.levels[-1].cost:
-                point = self.best.estimate  # the higher rank has gained nothing yet
-            elif not self.is_certified:
-                self.improve_bound(point)
-        return point
+def _end(search: Staircase) -> str:
+    """Where the search ended, and how to make it go on where a limit of its own ended it."""
+    where = f"the staircase ended at rank {search.levels[-1].rank}"
+    if not search.ended_early:
+        return where
+    return (
+        f"{where}, {search.patience:g} s after a first bound; a time limit of your own "
+        "(time_limit, --time-limit) lets it go on"
+    )
 
-    def take(self, best: Solution) -> None:
-        """Make a solution the best so far."""
-        self.best = best
-        self.cost = cost_upper(self.problem, best.estimate)
 
-    def escape(self, point: Point, rank: int, direction: FloatArray) -> Lift:
-        """The point that low-rank optimization finds from a saddle."""
-        found = low_rank.descend(
-            self.problem,
-            point,
-            rank,
-            direction=direction,
-            tolerance=max(LIFTED_TOLERANCE * math.sqrt(self.cost / self.problem.scale), TOLERANCE),
-            monitor=self.stop,
-            watch=self.watch,
+def _reason(search: Staircase, certificate: Certificate) -> str:
+    """The certificate's reason, and what of the search explains it."""
+    stopped = search.stop.status is not None
+    minimal = search.has_reached_the_floor and not stopped
+    if certificate.verdict is Verdict.UNDECIDED and minimal:
+        share = certificate.cost / certificate.scale
+        return (
+            f"the relaxation shows no way down, but the cost, {certificate.cost:.4g}, is "
+            f"{share:.1g} of the weights of its terms, too little for a proof that allows for "
+            f"rounding: atol={2.0 * share:.1g} counts that as nothing, and weights of the true "
+            "precision of the data make it more"
         )
-        self.counts.update(found.counts)
-        self.levels.append(Level(rank, found.cost, found.status))
-        return found.point
-
-    def descend(self, start: Estimate, *, near: bool = False) -> Solution:
-        """Newton's method at rank d."""
-        found = newton(
-            self.problem,
-            start,
-            tolerance=TOLERANCE,
-            max_iterations=MAX_STEPS,
-            near=near,
-            monitor=self.stop,
-            watch=self.watch,
-        )
-        self.counts.update(found.counts)
-        return found
-
-    def improve_bound(self, point: Point, *, tight: bool = True) -> None:
-        """Take the bound of a point where it is better."""
-        if self.stop.asked:
-            return
-        with self.watch.phase("certify"):
-            bound = self.case.bound(point, self.cost, sharp=False, tight=tight)
-        if bound is not None:
-            self.counts["factorizations"] += bound.factorizations
-            self.counts["nonzeros"] = max(self.counts["nonzeros"], bound.nonzeros)
-            if self.bound is None or bound.value > self.bound.value:
-                self.bound = bound
-
-    def settle_for_less(self, point: Point) -> None:
-        """Bounds that a negative eigenvalue weakens: better than none."""
-        for candidate in (point, self.best.estimate):
-            if not self.is_certified:
-                self.improve_bound(candidate, tight=False)
-
-    @property
-    def is_certified(self) -> bool:
-        return self.cost - self.basin.value <= self.case.tolerance(self.cost)
-
-    @property
-    def is_minimal(self) -> bool:
-        """Whether the certificate matrix was not found to have a negative eigenvalue at rank d."""
-        return len(self.levels) == 1 and self.levels[0].eigenvalue is None
-
-    @property
-    def basin(self) -> Basin:
-        return Basin(self.best.estimate, self.cost, True, self.bound)
-
-    def judged(self, tier: Tier) -> Certificate:
-        """The certificate at a tier; at the proof tier as well where only rounding is missing."""
-        estimate = self.best.estimate
-        certificate = self.case.certificate(estimate, self.basin)
-        near = certificate.gap <= PROOF_GAIN * certificate.tolerance
-        missing = self.case.rigorous and self.is_minimal and near and not self.is_certified
-        if self.stop.asked or not (tier is Tier.PROOF or missing):
-            return certificate
-        with self.watch.phase("prove"):
-            case = replace(self.case, tier=Tier.PROOF)
-            cost = case.cost_upper(estimate)
-            basin = Basin(estimate, cost, True, case.bound(estimate, cost))
-            proven = case.certificate(estimate, basin)
-        better = proven.lower_bound > certificate.lower_bound
-        return proven if tier is Tier.PROOF or better else certificate
-
-    def result(self, problem: Problem, certificate: Certificate) -> CertifiedSolution:
-        """Everything in the units of the graph."""
-        estimate = self.best.estimate
-        status = self.stop.status or self.best.status
-        ended = f"the staircase ended at rank {self.levels[-1].rank}"
-        if certificate.verdict is Verdict.UNDECIDED:
-            how = "stopped" if self.stop.status else ended
-            certificate = replace(certificate, reason=f"{how} before a useful bound was found")
-        elif certificate.verdict is Verdict.BOUNDED and self.is_minimal and not self.stop.status:
-            limit = "the relaxation shows no way down: rounding is what limits the proof"
-            certificate = replace(certificate, reason=f"{certificate.reason}; {limit}")
-        solution = Solution(
-            estimate=estimate,
-            cost=problem.cost(estimate),
-            status=status,
-            iterations=max(len(self.stop.trace) - 1, 0),
-            lower_bound=certificate.lower_bound,
-            seconds=self.watch.seconds,
-            trace=tuple(self.stop.trace),
-            counts=dict(self.counts),
-            note=f"started from {self.start_name}; {ended}",
-        )
-        unit = self.case.unit
-        levels = tuple(replace(level, cost=unit * level.cost) for level in self.levels)
-        return CertifiedSolution(solution, certificate, self.start_name, levels)
+    if certificate.verdict is Verdict.UNDECIDED:
+        how = "stopped" if stopped else _end(search)
+        return f"{how} before a useful bound was found"
+    if certificate.verdict is not Verdict.BOUNDED:
+        return certificate.reason
+    if minimal:
+        limit = "the relaxation shows no way down: rounding is what limits the proof"
+        return f"{certificate.reason}; {limit}"
+    return f"{certificate.reason}; {_end(search)}" if search.ended_early else certificate.reason
 
 
 @dataclass(frozen=True)

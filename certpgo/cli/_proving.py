@@ -57,4 +57,9 @@ def prove(
         notice(said)
     else:
         facts([("proof", said), ("about", answer.about)])
+    if certificate.gap <= certificate.rtol * certificate.cost < answer.upper - answer.lower:
+        notice(
+            f"the bound in {out} is weaker than the certificate's: a proof file takes the graph as "
+            "a whole, a certificate the parts between long bridges one by one"
+        )
     return True

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from certpgo.estimate import Estimate
     from certpgo.graph import Instance
     from certpgo.solution import Solution, Solver
-    from certpgo.solve import Level
+    from certpgo.staircase import Level
 
 
 @takes_reading
