@@ -19,13 +19,13 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.problem import PoseProblem, Problem
 
-#: Rotations in all candidates together, and the fewest and most candidates.
+#: Rotations in all candidates together, and the fewest and most candidates; never more than nodes.
 ROTATIONS, FEWEST, MOST = 8_000, 4, 64
 #: Candidates where the point has one dimension more than space; k more ask for k^2 times as many.
 CANDIDATES = 8
 #: One in so many is worth a descent, and at least two are.
 SELECTED = 8
-#: Sweeps that tell a good candidate from a bad one.
+#: Sweeps that tell a good candidate from a bad one; twice as many where there are many.
 SWEEPS = 30
 #: Candidates whose costs differ by less, relatively, are taken for the same.
 SAME = 1e-3
@@ -50,11 +50,12 @@ def roundings(
     best : the best estimate known
     """
     more = max(1, point.rotations.shape[1] - problem.d)
-    number = max(FEWEST, min(CANDIDATES * more**2, MOST, ROTATIONS // problem.n))
+    most = min(MOST, problem.n, ROTATIONS // problem.n)
+    number = max(FEWEST, min(CANDIDATES * more**2, most))
     kicked = _kicked(best, rng, number // 2)
     projected = _projected(point, rng, number - len(kicked))
     many = _Candidates(problem, np.concatenate([projected, kicked]))
-    for _ in range(SWEEPS):
+    for _ in range(SWEEPS * min(more, 2)):
         many.sweep()
     return islice(many.distinct(), max(2, number // SELECTED))
 
@@ -82,30 +83,34 @@ class _Candidates:
 
     def __init__(self, problem: Problem, rotations: FloatArray) -> None:
         self.problem, self.rotations = problem, rotations
-        # F at fixed curvature, its upper bound: a sweep's steps cannot raise it.
+        self.ahead, self.sweeps = rotations, 0
+        # The curvature of an upper bound on F, which is lowest at the nearest rotations.
         weight = 2.0 * problem.rotation.node_weights
         if isinstance(problem, PoseProblem):
             weight = weight + problem.lever_weights
         self.weight = weight[:, None, None]
 
-    def stacked(self) -> Lift:
-        """One point of as many dimensions as all candidates have together."""
-        K, n, d, _ = self.rotations.shape
-        R = np.swapaxes(self.rotations, 0, 1).reshape(n, K * d, d)
+    def stacked(self, blocks: FloatArray) -> Lift:
+        """One point of as many dimensions as all candidates (K, n, d, d) have together."""
+        K, n, d, _ = blocks.shape
+        R = np.swapaxes(blocks, 0, 1).reshape(n, K * d, d)
         return self.problem.settled(Lift(R, np.zeros((n, K * d))))
 
     def sweep(self) -> None:
-        """Each rotation to the best there is for an upper bound on F."""
+        """A step of the projected gradient method, with Nesterov's extrapolation."""
         K, n, d, _ = self.rotations.shape
-        point = self.stacked()
+        point = self.stacked(self.ahead)
         G = self.problem.gradient(point)[:, :, -d:]
         target = (self.weight * point.rotations - G).reshape(n, K, d, d)
-        self.rotations = so.project(np.swapaxes(target, 0, 1))
+        before, self.rotations = self.rotations, so.project(np.swapaxes(target, 0, 1))
+        self.sweeps += 1
+        momentum = self.sweeps / (self.sweeps + 3.0)
+        self.ahead = self.rotations + momentum * (self.rotations - before)
 
     def costs(self) -> FloatArray:
         """(K,) values of F."""
         K, _, d, _ = self.rotations.shape
-        point, problem = self.stacked(), self.problem
+        point, problem = self.stacked(self.rotations), self.problem
         E = problem.rotation.residuals(point.rotations)
         costs = np.einsum("m,mrb->r", problem.rotation.graph.kappa, E**2)
         if isinstance(problem, PoseProblem):

@@ -75,6 +75,7 @@ def solve(
     graph: Graph,
     *,
     initial: Estimate | None = None,
+    try_own_start: bool = True,
     time_limit: float | None = None,
     max_rank: int | None = None,
     tier: Tier | str = Tier.STANDARD,
@@ -91,8 +92,9 @@ def solve(
     Parameters
     ----------
     graph : the measurements of n poses or rotations, connected
-    initial : where to start; n poses, in metres. Where it leads to no certified answer, a start of
-        our own is tried as well, and the better one counts
+    initial : where to start instead of a start of our own; n poses, in metres
+    try_own_start : where descent from the given start is not certified, try a start of our own
+        before climbing; the better one counts, and the answer says which
     time_limit : seconds after which to return the best estimate so far; what is under way, such
         as a factorization, is finished first. Without a limit the staircase still climbs for no
         more than 30 s once a first bound is in hand; `math.inf` lets it go on to the end
@@ -137,20 +139,30 @@ def solve(
         raise InputError(
             f"solve takes a graph, such as instance.graph, not a {type(graph).__name__}"
         )
-    problem = problem_of(graph)
     return _solve(
-        problem, initial, time_limit, max_rank, tier, rtol, atol, monitor, on_disagreement
+        problem_of(graph),
+        initial=initial,
+        try_own_start=try_own_start,
+        time_limit=time_limit,
+        max_rank=max_rank,
+        tier=tier,
+        rtol=rtol,
+        atol=atol,
+        monitor=monitor,
+        on_disagreement=on_disagreement,
     )
 
 
 def _solve(
     problem: Problem,
+    *,
     initial: Estimate | None,
-    time_limit: float | None,
+    try_own_start: bool = True,
+    time_limit: float | None = None,
     max_rank: int | None,
-    tier: Tier | str,
-    rtol: float,
-    atol: float,
+    tier: Tier | str = Tier.STANDARD,
+    rtol: float = RTOL,
+    atol: float = ATOL,
     monitor: Monitor,
     on_disagreement: Callable[[Disagreement], object] | None = None,
 ) -> CertifiedSolution:
@@ -167,7 +179,7 @@ def _solve(
     patience = PATIENCE if time_limit is None else math.inf
     with stoppable(monitor, case.unit, time_limit) as stop:
         search = Staircase(steering, stop, patience)
-        search.begin(initial)
+        search.begin(initial, try_own_start)
         found = on_disagreement and _disagreement(search, problem, on_disagreement)
         search.go_on(highest)
         certificate = _judged(search, case.tier)
@@ -181,12 +193,10 @@ def _disagreement(
     search: Staircase, problem: Problem, tell: Callable[[Disagreement], object]
 ) -> Disagreement | None:
     """Tell what the first descent's residuals say; ``problem`` has the weights of the graph."""
+    refit = not search.is_done
     with search.watch.phase("residuals"):
         found = disagreement(
-            problem,
-            search.best.estimate,
-            refit=not search.is_done,
-            monitor=lambda _: search.stop.asked,
+            problem, search.best.estimate, refit=refit, monitor=lambda _: search.stop.asked
         )
     if found is not None:
         tell(found)
@@ -289,8 +299,8 @@ class Certified:
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """The best estimate found."""
-        tier = Tier.STANDARD
-        return _solve(problem, initial, None, self.max_rank, tier, RTOL, ATOL, monitor).solution
+        found = _solve(problem, initial=initial, max_rank=self.max_rank, monitor=monitor)
+        return found.solution
 
 
 SOLVER = Certified

@@ -37,8 +37,10 @@ TOLERANCE, LIFTED_TOLERANCE = 1e-11, 1e-5
 RANK_STEPS = 100
 #: Seconds that the climb goes on, once a first bound is in hand, where no time limit is given.
 PATIENCE = 30.0
-#: Rounds of roundings, at most, while they still improve the answer.
-ROUNDS = 8
+#: Rounds of roundings in vain, at most, before the answer stands.
+ROUNDS = 4
+#: Of the tolerance, what is not worth another rank.
+NOTHING = 0.1
 #: Relative difference of costs that are the same.
 SAME = 1e-9
 #: Steps in which a descent must be able to reach the best answer, at the pace of its last one.
@@ -84,18 +86,12 @@ class Staircase:
         self.floor = -math.inf  # the relaxation's lowest cost, where the climb has reached it
         self.ended_early = False
 
-    def go_on(self, highest: int) -> None:
-        """All that follows the first descent; ``highest`` is the largest rank."""
-        point = self.climb(highest)
-        self.round(point)
-        self.settle_for_less(point)
-
-    def begin(self, initial: Estimate | None) -> None:
+    def begin(self, initial: Estimate | None, try_own_start: bool) -> None:
         """The first descent, at rank d, and its bound: from the given start, then from our own."""
         start = self.own_start() if initial is None else self.given(initial)
         self.start = self.origin = start.name
         self.take(self.descend(start.estimate, near=start.near))
-        if initial is not None and not self.is_done:
+        if initial is not None and try_own_start and not self.is_done:
             with suppress(NumericalError, np.linalg.LinAlgError):
                 own = self.own_start()
                 if self.improve(self.descend(own.estimate, near=own.near)):
@@ -113,6 +109,12 @@ class Staircase:
         with self.watch.phase("start"):
             return start_of(self.problem)
 
+    def go_on(self, highest: int) -> None:
+        """What follows where the first descent's answer is not certified."""
+        point = self.climb(highest)
+        self.round(point)
+        self.settle_for_less(point)
+
     def climb(self, highest: int) -> Point:
         """Escape to higher ranks until the gap is closed or the relaxation is solved.
 
@@ -127,7 +129,12 @@ class Staircase:
                 self.ended_early = self.is_impatient
                 if eigenvalue is None or rank > highest or self.ended_early:
                     break
+                before = self.problem.cost(point)
                 point = self.escape(point, rank, direction)
+                lower = self.problem.cost(point)
+                if before - lower <= NOTHING * self.case.tolerance(lower) and not self.is_done:
+                    self.floor = lower  # the eigenvalue was rounding
+                    break
                 nearest = self.problem.complete(rounded(point).rotations)
                 self.improve(self.descend(nearest))
                 if self.best.cost < (1.0 - 1e-9) * self.levels[-1].cost:
@@ -147,7 +154,7 @@ class Staircase:
         level = self.levels[-1]
         # F can fall by at most this much for every point of the relaxation.
         fall = -eigenvalue * direction.size
-        if fall <= 0.1 * self.case.tolerance(self.best.cost):
+        if fall <= NOTHING * self.case.tolerance(self.best.cost):
             self.floor = self.problem.cost(point)
             return None, direction
         self.levels[-1] = replace(level, eigenvalue=self.case.unit * eigenvalue)
@@ -177,15 +184,14 @@ class Staircase:
     def round(self, point: Point) -> None:
         """Descents from random roundings of the point and kicks of the answer, while they pay."""
         rng = np.random.default_rng(0)
-        for _ in range(ROUNDS):
-            if self.is_done or self.has_reached_the_floor:
-                break
+        # The looser the relaxation, the more dimensions its points have, and the more it takes.
+        vain, enough = 0, min(max(1, self.levels[-1].rank - self.problem.d), ROUNDS)
+        while vain < enough and not (self.is_done or self.has_reached_the_floor):
             before = self.best
             with self.watch.phase("round"):
                 starts = roundings(self.problem, point, before.estimate, rng)
             self.polish(starts)
-            if self.best is before:
-                break
+            vain = vain + 1 if self.best is before else 0
 
     def polish(self, starts: Iterable[Estimate]) -> None:
         """Descents from several starts, those without prospects given up."""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strategies import dimensions, pose_graph, random_edges, rng_of, seeds
+from strategies import dimensions, pose_graph, random_edges, rng_of, rotation_graph, seeds
 
 from certpgo import certify, solve
 from certpgo.certify import Verdict
@@ -63,6 +63,11 @@ def certified_at(answer, cost, scale=1.0):
     return True
 
 
+def solve_from(graph, start, **options):
+    """The answer found from a given start alone, so that there is something to climb out of."""
+    return solve(graph, initial=start, try_own_start=False, **options)
+
+
 def climbed(answer):
     """Whether the staircase left the given start at rank d for a better point above."""
     ranks = [level.rank for level in answer.levels]
@@ -91,14 +96,14 @@ def pulled(graph, lever, rng):
 def test_wound_up_cycles_are_unwound(n, theta, winding, d):
     instance, wound = winding_cycle(n, theta, winding, d)
     optimum = 8 * n * math.sin(theta / (2 * n)) ** 2
-    answer = solve(instance.graph, initial=wound)
+    answer = solve_from(instance.graph, wound)
     assert certified_at(answer, optimum, n)
     assert climbed(answer)
     assert answer.levels[0].rank == d
     assert answer.levels[0].cost == pytest.approx(problem_of(instance.graph).cost(wound))
     # Poses at one place: their translations hold nothing together.
     together = PoseGraph(instance.graph, np.zeros((n, d)), np.ones(n))
-    answer = solve(together, initial=Estimate(wound.rotations, np.ones((n, d))))
+    answer = solve_from(together, Estimate(wound.rotations, np.ones((n, d))))
     assert certified_at(answer, optimum, n)
     assert climbed(answer)
 
@@ -109,7 +114,7 @@ def test_wound_up_cycles_are_unwound(n, theta, winding, d):
 def test_wound_up_cycles_of_poses_are_unwound(n, winding, d):
     instance, wound = winding_cycle(n, 0.3, winding, d)
     graph, t = pulled(instance.graph, 0.5, np.random.default_rng(n))
-    answer = solve(graph, initial=Estimate(wound.rotations, t))
+    answer = solve_from(graph, Estimate(wound.rotations, t))
     assert answer.start == "given"
     # The steps agree with the optimum of the rotations, and pull nowhere.
     assert certified_at(answer, 8 * n * math.sin(0.3 / (2 * n)) ** 2, problem_of(graph).scale)
@@ -120,7 +125,7 @@ def test_wound_up_cycles_of_poses_are_unwound(n, winding, d):
 @pytest.mark.parametrize("d", [2, 3])
 def test_a_long_wound_up_cycle_is_unwound(d):
     instance, wound = winding_cycle(2000, 0.3, 1, d)
-    answer = solve(instance.graph, initial=wound)
+    answer = solve_from(instance.graph, wound)
     assert certified_at(answer, 8 * 2000 * math.sin(0.3 / 4000) ** 2)
 
 
@@ -140,7 +145,7 @@ def test_helices_wound_up_around_the_cylinder(turns, winding, poses):
     graph = instance.graph if poses else instance.graph.rotation
     own = solve(graph)
     assert own.verdict is Verdict.CERTIFIED
-    answer = solve(graph, initial=start)
+    answer = solve_from(graph, start)
     assert certified_at(answer, own.cost)
     assert answer.start == "given"
     if winding == 1:
@@ -154,7 +159,7 @@ def test_an_uneven_helix_wound_up():
     x, y, _ = truth.translations.T
     turns = so.exp(np.arctan2(y, x)[:, None] * np.array([0.0, 0.0, 1.0]))
     start = Estimate(turns @ truth.rotations, truth.translations)
-    answer = solve(instance.graph, initial=start)
+    answer = solve_from(instance.graph, start)
     assert certified_at(answer, solve(instance.graph).cost)
 
 
@@ -167,7 +172,7 @@ def test_random_starts_are_as_good_as_any():
         for part in (graph, graph.rotation):
             own = solve(part)
             assert own.start != "given"
-            assert certified_at(solve(part, initial=start), own.cost)
+            assert certified_at(solve_from(part, start), own.cost)
 
 
 def honest(answer, problem):
@@ -351,7 +356,7 @@ def test_every_engine_gives_the_same_answers(d, engine, monkeypatch):
     assert certified_at(answer, newton(problem_of(graph), Estimate(R, t)).cost)
     assert answer.certificate.engine == engine
     instance, wound = winding_cycle(20, 0.3, 1, d)
-    unwound = solve(instance.graph, initial=wound)
+    unwound = solve_from(instance.graph, wound)
     assert certified_at(unwound, 160 * math.sin(0.3 / 40) ** 2)
     assert climbed(unwound)
 
@@ -364,7 +369,7 @@ def wound_graph():
 
 def test_the_answer_forwards_and_reports():
     graph, wound = wound_graph()
-    answer = solve(graph, initial=wound)
+    answer = solve_from(graph, wound)
     assert answer.estimate is answer.solution.estimate
     assert answer.cost == answer.solution.cost == problem_of(graph).cost(answer.estimate)
     assert answer.verdict is answer.certificate.verdict
@@ -385,7 +390,7 @@ def test_the_monitor_sees_the_trace_in_the_units_of_the_graph():
     graph, wound = wound_graph()
     graph = graph.with_weights(1e6)
     told = []
-    answer = solve(graph, initial=wound, monitor=lambda step: told.append(step) or False)
+    answer = solve_from(graph, wound, monitor=lambda step: told.append(step) or False)
     assert tuple(told) == answer.solution.trace
     assert told[0].cost == pytest.approx(problem_of(graph).cost(wound))
     assert answer.levels[0].cost == pytest.approx(told[0].cost)
@@ -398,13 +403,13 @@ def test_a_monitor_may_stop_it_anywhere(tight):
     if not tight:
         graph, wound = pose_graph(np.random.default_rng(3), 8, 3, noise=2.0)[0], None
     problem = problem_of(graph)
-    whole = solve(graph, initial=wound)
+    whole = solve_from(graph, wound)
     steps = len(whole.solution.trace)
     assert (whole.verdict is Verdict.CERTIFIED) == tight
     assert len(whole.levels) > 1
     bound = 0.0
     for last in sorted({*range(6), *range(6, steps, 5), steps - 1}):
-        answer = solve(graph, initial=wound, monitor=lambda step, last=last: step.number >= last)
+        answer = solve_from(graph, wound, monitor=lambda step, last=last: step.number >= last)
         assert answer.solution.status is Status.INTERRUPTED
         assert honest(answer, problem)
         assert answer.cost <= whole.solution.trace[0].cost * (1.0 + 1e-12)
@@ -413,7 +418,7 @@ def test_a_monitor_may_stop_it_anywhere(tight):
         bound = answer.certificate.lower_bound
         if answer.verdict is Verdict.UNDECIDED:
             assert "stopped" in answer.certificate.reason
-    early = solve(graph, initial=wound, monitor=lambda step: True)
+    early = solve_from(graph, wound, monitor=lambda step: True)
     assert (early.verdict, len(early.solution.trace)) == (Verdict.UNDECIDED, 1)
 
 
@@ -434,18 +439,18 @@ def test_no_time_at_all_still_gives_an_estimate(d):
 
 def test_the_maximal_rank_is_not_exceeded():
     graph, wound = wound_graph()
-    grounded = solve(graph, initial=wound, max_rank=3)
+    grounded = solve_from(graph, wound, max_rank=3)
     assert [level.rank for level in grounded.levels] == [3]
     assert grounded.levels[0].eigenvalue < 0.0
     assert grounded.verdict in (Verdict.BOUNDED, Verdict.UNDECIDED)
-    assert grounded.cost == pytest.approx(problem_of(graph).cost(wound))
-    free = solve(graph, initial=wound)
+    assert grounded.cost <= problem_of(graph).cost(wound)
+    free = solve_from(graph, wound)
     highest = free.levels[-1].rank
     assert highest > 4
     for rank in (4, highest, 20):
-        answer = solve(graph, initial=wound, max_rank=rank)
+        answer = solve_from(graph, wound, max_rank=rank)
         assert max(level.rank for level in answer.levels) <= rank
-        assert (answer.verdict is Verdict.CERTIFIED) == (rank >= highest)
+        assert answer.verdict is Verdict.CERTIFIED or rank < highest
         assert honest(answer, problem_of(graph))
 
 
@@ -475,10 +480,10 @@ def test_ctrl_c_returns_the_best_so_far(own_handler):
             interrupt()
         return False
 
-    answer = solve(graph, initial=wound, monitor=press)
+    answer = solve_from(graph, wound, monitor=press)
     assert answer.solution.status is Status.INTERRUPTED
     assert answer.verdict is Verdict.UNDECIDED
-    assert len(answer.solution.trace) < len(solve(graph, initial=wound).solution.trace)
+    assert len(answer.solution.trace) < len(solve_from(graph, wound).solution.trace)
     assert answer.cost <= answer.solution.trace[0].cost
     assert honest(answer, problem_of(graph))
     assert calls == []  # it was ours to catch
@@ -497,7 +502,7 @@ def test_a_second_ctrl_c_is_meant(own_handler):
         return False
 
     with pytest.raises(KeyboardInterrupt):
-        solve(graph, initial=wound, monitor=press_twice)
+        solve_from(graph, wound, monitor=press_twice)
     assert signal.getsignal(signal.SIGINT) is handler
     assert calls == []
 
@@ -510,7 +515,7 @@ def test_an_error_in_the_monitor_passes_and_restores_the_handler(own_handler):
         raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
-        solve(graph, initial=wound, monitor=broken)
+        solve_from(graph, wound, monitor=broken)
     assert signal.getsignal(signal.SIGINT) is handler
 
 
@@ -518,7 +523,7 @@ def test_threads_are_no_place_for_signals(own_handler):
     handler, _ = own_handler
     graph, wound = wound_graph()
     answers = []
-    thread = threading.Thread(target=lambda: answers.append(solve(graph, initial=wound)))
+    thread = threading.Thread(target=lambda: answers.append(solve_from(graph, wound)))
     thread.start()
     thread.join()
     assert certified_at(answers[0], solve(graph).cost)
@@ -555,6 +560,118 @@ def test_estimates_and_graphs_that_make_no_sense_are_refused():
         solve(graph.rotation.with_weights(1e308))
 
 
+def half_turns():
+    """Three measurements that are half turns about the axes: around the triangle, half a turn."""
+    turns = np.array([np.eye(3), np.diag([1.0, -1.0, -1.0]), np.diag([-1.0, 1.0, -1.0])])
+    return RotationGraph(3, np.array([[0, 1], [0, 2], [1, 2]]), turns, np.ones(3))
+
+
+def test_no_answer_is_a_saddle():
+    """A half turn shared by three edges: 60 degrees each, F* = 3 * 8 sin^2(30 degrees) = 6."""
+    graph = half_turns()
+    answer = solve(graph)
+    assert certified_at(answer, 6.0)
+    assert certify(problem_of(graph), answer.estimate).verdict is Verdict.CERTIFIED
+    np.testing.assert_allclose(
+        np.degrees(problem_of(graph).residual_angles(answer.estimate)), 60.0, rtol=0, atol=1e-4
+    )
+
+
+def test_a_kick_leaves_a_saddle_where_no_rank_may_be_added():
+    answer = solve(half_turns(), max_rank=3)
+    assert [level.rank for level in answer.levels] == [3]
+    assert answer.cost == pytest.approx(6.0)
+
+
+def test_answers_can_be_had_again():
+    graph, _, _ = pose_graph(np.random.default_rng(3), 12, 3, noise=2.0)
+    one, other = solve(graph), solve(graph)
+    assert one.verdict is Verdict.BOUNDED
+    assert one.cost == other.cost
+    np.testing.assert_array_equal(one.estimate.rotations, other.estimate.rotations)
+
+
+def test_a_given_start_that_leads_nowhere_gives_way_to_our_own():
+    graph, wound = wound_graph()
+    answer = solve(graph, initial=wound)
+    assert certified_at(answer, 480 * math.sin(0.3 / 120) ** 2)
+    assert len(answer.levels) == 1
+    assert answer.start == solve(graph).start
+    assert f"started from {answer.start}, which led lower than" in answer.solution.note
+    # Where it leads to the optimum, nothing else is tried.
+    again = solve(graph, initial=answer.estimate)
+    assert again.start == "given"
+    assert again.solution.note.startswith("started from given")
+    assert len(again.solution.trace) <= 2
+
+
+def test_a_given_start_is_kept_where_our_own_is_no_better():
+    graph, _, _ = pose_graph(np.random.default_rng(3), 8, 3, noise=2.0)
+    own = solve(graph)
+    assert own.verdict is Verdict.BOUNDED
+    answer = solve(graph, initial=own.estimate)
+    assert answer.start == "given"
+    assert answer.cost <= own.cost * (1.0 + 1e-12)
+
+
+def test_the_climb_ends_some_time_after_a_first_bound(monkeypatch):
+    """No time at all here: the bound in hand, how the search ended, and how to go on."""
+    monkeypatch.setattr(importlib.import_module("certpgo.solve"), "PATIENCE", 0.0)
+    for seed in range(20):
+        graph, _, _ = rotations_at_random(np.random.default_rng(seed), 30)
+        whole = solve(graph, time_limit=math.inf)
+        if len(whole.levels) > 3:
+            break
+    answer = solve(graph)
+    assert len(answer.levels) < len(whole.levels)
+    assert (answer.verdict, answer.solution.status) == (Verdict.BOUNDED, Status.TIME_LIMIT)
+    assert 0.0 < answer.certificate.lower_bound <= whole.certificate.lower_bound
+    assert honest(answer, problem_of(graph))
+    for text in (answer.certificate.reason, answer.solution.note):
+        assert "0 s after a first bound" in text
+        assert "--time-limit" in text
+    assert "first bound" not in whole.certificate.reason
+    assert whole.solution.status is Status.CONVERGED
+
+
+def rotations_at_random(rng, n):
+    """Measurements that have nothing to do with one another."""
+    graph, truth = rotation_graph(rng, n, 3, weights=False)
+    measured = so.random(rng, graph.num_edges, 3)
+    return RotationGraph(n, graph.edges, measured, graph.kappa), truth, None
+
+
+def nearly_exact(weight=1e12):
+    """Data that agree to nine digits, under weights that say they do to twelve."""
+    graph, _, _ = pose_graph(np.random.default_rng(0), 40, 3, noise=1e-9, weights=False)
+    return graph.with_weights(weight, weight)
+
+
+def test_an_undecided_answer_says_what_to_do_next():
+    graph = nearly_exact()
+    answer = solve(graph, atol=0.0, rtol=0.0)
+    assert answer.verdict is Verdict.UNDECIDED
+    assert len(answer.levels) == 1
+    share = answer.certificate.cost / answer.certificate.scale
+    assert f"atol={2.0 * share:.1g}" in answer.certificate.reason
+    assert "shows no way down" in answer.certificate.reason
+    assert solve(graph, atol=float(f"{2.0 * share:.1g}")).verdict is Verdict.CERTIFIED
+
+
+def test_a_bound_that_rounding_limits_is_computed_once(monkeypatch):
+    """Weights of 1e12 on exact data: the second and third attempt would say what the first did."""
+    module = importlib.import_module("certpgo.staircase")
+    points, bound = [], module.dual_bound
+
+    def counted(problem, point, **options):
+        points.append(point)
+        return bound(problem, point, **options)
+
+    monkeypatch.setattr(module, "dual_bound", counted)
+    assert solve(nearly_exact(), atol=0.0, rtol=0.0).verdict is Verdict.UNDECIDED
+    assert len(points) == 1
+
+
 def test_looser_tolerances_certify_more():
     for seed in range(20):
         graph, _, _ = pose_graph(np.random.default_rng(seed), 8, 3, noise=1.0)
@@ -589,11 +706,12 @@ def test_an_error_in_the_climb_loses_nothing(monkeypatch, where):
         raise NumericalError("not today")
 
     module, _, name = where.rpartition(".")
-    place = "certpgo.solvers.low_rank" if module else "certpgo.solve"
+    place = "certpgo.solvers.low_rank" if module else "certpgo.staircase"
     monkeypatch.setattr(importlib.import_module(place), name, fails)
-    answer = solve(instance.graph, initial=wound)
-    assert answer.verdict is not Verdict.CERTIFIED
-    assert answer.cost == pytest.approx(RotationProblem(instance.graph).cost(wound))
+    problem = RotationProblem(instance.graph)
+    answer = solve_from(instance.graph, wound)
+    assert honest(answer, problem)
+    assert answer.cost <= problem.cost(wound)
 
 
 def test_a_laplacian_that_cannot_be_factorized_is_no_end():

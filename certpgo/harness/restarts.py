@@ -9,16 +9,17 @@ import numpy as np
 
 from certpgo.certify import Verdict
 from certpgo.datasets.edges import random_edges
+from certpgo.estimate import Estimate
 from certpgo.graph import Graph, PoseGraph, RotationGraph
 from certpgo.linalg import so
 from certpgo.newton import newton
-from certpgo.problem import problem_of
+from certpgo.problem import Problem, problem_of
 from certpgo.solve import solve
 
 #: Noise of the rotations, radians, and of the steps beside their size; None is uniform.
 NOISES = (0.1, 0.3, 0.6, 1.0, 1.5, None)
-#: Newton's steps in a restart.
-STEPS = 200
+#: Newton's steps in a restart, and the stationarity at which its cost is known well enough.
+STEPS, TOLERANCE = 200, 1e-6
 
 
 @dataclass(frozen=True)
@@ -66,8 +67,12 @@ def attacked(number: int, graph: Graph, restarts: int) -> Outcome:
         rng = np.random.default_rng(number)
         for _ in range(restarts):
             start = problem.complete(so.random(rng, problem.n, problem.d))
-            best = min(best, newton(problem, start, max_iterations=STEPS).cost)
+            best = min(best, _restarted(problem, start))
     return Outcome(number, answer.verdict, answer.cost, best)
+
+
+def _restarted(problem: Problem, start: Estimate) -> float:
+    return newton(problem, start, tolerance=TOLERANCE, max_iterations=STEPS).cost
 
 
 def _graph(

@@ -277,7 +277,7 @@ print(f"certificate matrix: {eigenvalue:.6f}")
 # optimum before the relaxation gets there, so that fewer dimensions are needed than above.
 
 # %%
-answer = certpgo.solve(graph, initial=points[1])
+answer = certpgo.solve(graph, initial=points[1], try_own_start=False)
 for level in answer.levels:
     print(f"rank {level.rank}: F {level.cost:.6f}")
 print(f"answer: F {answer.cost:.6f}, winding {winding_of(answer.estimate)}, {answer.verdict.value}")

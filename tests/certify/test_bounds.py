@@ -198,6 +198,36 @@ def test_weighted_cycles_may_exceed_pi_over_n_and_still_be_optimal():
     assert smallest_certificate_eigenvalue(problem, point) > -1e-9
 
 
+@settings(max_examples=20)
+@given(seeds, st.sampled_from([0.5, 1.0 - 1e-6, 1.0 + 1e-6, 1.1]), st.booleans())
+def test_the_cycle_sum_is_of_residuals_about_one_axis_and_of_one_sign(seed, turns, bent):
+    """Residuals of any sizes along a cycle of edges either way, pi times `turns` in all."""
+    rng, n = rng_of(seed), 6
+    R, axis = so.random(rng, n, 3), rng.standard_normal(3)
+    sizes = rng.uniform(0.2, 1.0, n)
+    vectors = np.outer(np.pi * turns * sizes / sizes.sum(), axis / np.linalg.norm(axis))
+    if bent:  # one of them about another axis, or the other way round
+        vectors[2] = vectors[2][[1, 2, 0]] if seed % 2 else -vectors[2]
+    i, j = np.arange(n), (np.arange(n) + 1) % n
+    # R_i R_ij R_j^T is the residual in the world's frame.
+    measured = np.swapaxes(R[i], 1, 2) @ so.exp(vectors) @ R[j]
+    flip = rng.random(n) < 0.5
+    edges = np.where(flip[:, None], np.c_[j, i], np.c_[i, j])
+    measured = np.where(flip[:, None, None], np.swapaxes(measured, 1, 2), measured)
+    order = rng.permutation(n)
+    kappa = rng.uniform(0.5, 2.0, n)
+    problem = RotationProblem(RotationGraph(n, edges[order], measured[order], kappa))
+    assert cycle_sum_holds(problem, Estimate(R)) is (turns <= 1.0 and not bent)
+
+
+def test_a_cycle_of_weights_that_differ_has_no_bound_by_its_length():
+    for scale in (1e-3, 1e3):
+        for last, equal in ((1.0 + 1e-8, True), (1.0 + 1e-4, False)):
+            kappa = scale * np.array([1.0, 1.0, last])
+            bound = cycle_bound(identity_graph(3, [[0, 1], [1, 2], [2, 0]], kappa))
+            assert (bound is not None) == equal
+
+
 def test_graphs_that_are_no_cycle_have_no_cycle_bound():
     problem = RotationProblem(complete_graph(4))
     point = Estimate(np.tile(np.eye(3), (4, 1, 1)))

@@ -145,6 +145,60 @@ def test_only_factors_whose_rows_have_the_right_norms_are_cholesky_factors(engin
             assert dual._is_cholesky(F, other) == passes
 
 
+def test_a_factor_that_is_no_cholesky_factor_bounds_nothing(monkeypatch):
+    problem, point = optimum(0, 2, False)
+    tries = attempts(problem, point)
+    multipliers, none = tries.shifted.less(1e-9, tries.guess), np.zeros(len(tries.weights))
+    assert tries.factor(multipliers, none) is not None
+    monkeypatch.setattr(dual, "_is_cholesky", lambda factor, diagonal: False)
+    assert tries.factor(multipliers, none) is None
+    tries.rounding = False  # where rounding is not bounded, it is trusted
+    assert tries.factor(multipliers, none) is not None
+    assert tries.factorizations == 3
+
+
+@pytest.mark.parametrize("poses", [True, False])
+def test_what_is_factorized_is_the_certificate_matrix_less_the_demand(poses):
+    problem, point = optimum(1, 3, poses)
+    tries = attempts(problem, point)
+    N, multipliers = len(tries.weights), tries.shifted.multipliers
+    S = problem.certificate_matrix(multipliers).toarray()
+    if poses:
+        assert tries.guess[tries.pin] == 0.0
+        free = ~tries.is_rotation
+        free[tries.pin] = False
+        assert np.all(tries.guess[free] > 0.0)
+        S[tries.pin] = S[:, tries.pin] = 0.0
+    assert np.all(tries.guess[tries.is_rotation] == 0.0)
+    demand = np.where(np.arange(N) % 4 == 0, 0.25, 0.0)
+    for asked in (np.zeros(N), demand):
+        A = tries.matrix(multipliers, asked).toarray()
+        if poses:
+            assert A[tries.pin, tries.pin] > 0.0
+            A[tries.pin, tries.pin] = -asked[tries.pin]
+        np.testing.assert_array_equal(A, S - np.diag(asked))
+
+
+@pytest.mark.parametrize("enough", [0.5, 0.99])
+def test_measuring_is_worth_it_where_rounding_is_what_is_missing(enough, monkeypatch):
+    problem, point = optimum(2, 3, True)
+    tries = attempts(problem, point)
+    tries.cost, tries.enough = 1.0, enough
+    monkeypatch.setattr(dual, "MEASURING_GAIN", 10.0)
+    allowed, small = 1.0 - enough, dual.LARGEST_ROUNDING * tries.unit
+
+    def worth(missing, shift, nonzeros=100):
+        bound = dual.DualBound(1.0 - missing, np.zeros(0), shift, 1, nonzeros)
+        return tries.is_worth_measuring(bound, shift)
+
+    assert worth(9.9 * allowed, 0.9 * small)
+    assert not worth(10.1 * allowed, 0.9 * small)
+    assert not worth(9.9 * allowed, 1.1 * small)
+    assert not worth(9.9 * allowed, 0.9 * small, dual.SLAB + 1)
+    tries.rounding = False
+    assert not worth(9.9 * allowed, 0.9 * small)
+
+
 # --- The family of multipliers
 
 
@@ -157,8 +211,9 @@ def test_the_gauge_pays_for_the_demand_of_the_translations(seed, d, poses):
     N = problem.matrix.shape[0]
     b = N // problem.n
     demand = np.where(np.arange(N) % b < poses, rng_of(seed).uniform(0, 1, N), 0.0)
-    taken = problem.multipliers(point) - shifted.less(0.25, demand)
-    np.testing.assert_allclose(taken, np.swapaxes(taken, 1, 2), rtol=0, atol=1e-12)
+    less = shifted.less(0.25, demand)
+    np.testing.assert_array_equal(less, np.swapaxes(less, 1, 2))  # to the last bit
+    taken = problem.multipliers(point) - less
     for u in np.eye(d):
         turned = point.rotations.transpose(0, 2, 1) @ u
         gained = np.einsum("na,nab,nb->", turned, taken, turned)

@@ -27,23 +27,32 @@ def test_the_defect_is_the_distance_from_the_rotations(d, size):
     assert 2.0 * d * U <= rotation_defect(Q) <= 16 * d * U
 
 
+def storing(made, R):
+    """An estimate or a graph that stores R as it is, though it is off by more than rounding."""
+    object.__setattr__(made, "rotations", R)
+    return made
+
+
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("which", ["estimate", "measured", "both", "neither"])
 @pytest.mark.parametrize("size", [1e-10, 1e-6])
 def test_stored_matrices_that_are_too_small_do_not_hide_cost(d, which, size):
     """The nearest rotations have F = kappa 8 and tau |t|^2; what is stored seems to cost less."""
-    R = np.tile(np.eye(d) * (1.0 - size * (which in ("estimate", "both"))), (2, 1, 1))
+    R = np.tile(np.eye(d), (2, 1, 1))
     turn = np.eye(d)
     turn[:2, :2] = -np.eye(2)
-    measured = turn[None] * (1.0 - size * (which in ("measured", "both")))
-    rotation = RotationGraph(2, np.array([[0, 1]]), measured, np.array([3.0]))
+    rotation = RotationGraph(2, np.array([[0, 1]]), turn[None], np.array([3.0]))
     graph = PoseGraph(rotation, np.full((1, d), 5.0), np.array([0.25]))
-    cost = 3.0 * 8.0
-    plain = cost_upper(RotationProblem(rotation), Estimate(R))
-    assert cost < plain <= cost * (1 + 4 * d * size + 1e-13)
-    pulled = 0.25 * 25.0 * d
-    whole = cost_upper(PoseProblem(graph), Estimate(R, np.zeros((2, d)))) - plain
-    assert pulled < whole <= pulled * (1 + 4 * d * size + 1e-13)
+    x, at = Estimate(R), Estimate(R, np.zeros((2, d)))
+    if which in ("estimate", "both"):
+        x, at = (storing(made, R * (1.0 - size)) for made in (x, at))
+    if which in ("measured", "both"):
+        storing(rotation, turn[None] * (1.0 - size))
+    cost, pulled = 3.0 * 8.0, 0.25 * 25.0 * d
+    plain = cost_upper(RotationProblem(rotation), x)
+    assert cost < plain <= cost * (1 + 4 * d * size + 1000 * U)
+    whole = cost_upper(PoseProblem(graph), at) - plain
+    assert pulled < whole <= pulled * (1 + 4 * d * size + 1000 * U)
 
 
 @pytest.mark.parametrize("poses", [True, False])
@@ -69,3 +78,20 @@ def test_sums_are_rounded_upwards_however_long(extra, poses):
     problem = PoseProblem(graph) if poses else RotationProblem(rotation)
     upper = cost_upper(problem, Estimate(R, t if poses else None))
     assert exact <= Fraction(upper) <= exact * (1 + Fraction(5 * m + 600) * Fraction(U))
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_what_an_arm_may_lose_is_added_to_what_is_left(d):
+    """An arm of length 1 that misses by r = 2 k u, and a longer one that hardly weighs."""
+    arms = np.zeros((2, d))
+    arms[:, 0] = 1.0, 1e6
+    edges, weights = np.array([[0, 1], [0, 2]]), np.array([1.0, 1e-40])
+    rotation = RotationGraph(3, edges, np.tile(np.eye(d), (2, 1, 1)), np.full(2, 1e-20))
+    problem = PoseProblem(PoseGraph(rotation, arms, weights))
+    at = np.concatenate([np.zeros((1, d)), arms])
+    for k in range(40):
+        r = 2 * k * U
+        at[1, 0] = 1.0 + r
+        upper = cost_upper(problem, Estimate(np.tile(np.eye(d), (3, 1, 1)), at))
+        # The product R t alone may be off by d u.
+        assert (r + d * U) ** 2 <= upper <= (r + 70 * U) ** 2 * (1 + 1e-9)
