@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from strategies import rng_of
 
 import certpgo
+from certpgo import metrics
 from certpgo.certify import Verdict
 from certpgo.datasets import synthetic
 from certpgo.disagreement import (
@@ -191,7 +192,7 @@ def test_solving_robustly_certifies_what_is_kept():
     kept = answer.solution.judged(problem)
     assert answer.certificate.cost == pytest.approx(kept.cost(answer.estimate), rel=1e-9)
     assert answer.cost == problem.cost(answer.estimate) > 10.0 * answer.certificate.cost
-    assert certpgo.metrics.position_errors(answer.estimate, true).worst < 0.5
+    assert metrics.position_errors(answer.estimate, true).worst < 0.5
     assert "chosen by graduated_non_convexity" in answer.solution.note
 
 
