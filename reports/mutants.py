@@ -283,7 +283,7 @@ class Session:
 
     def pytest_runtest_logreport(self, report: object) -> None:
         """Names the test that fails."""
-        if hasattr(report, "when"):  # of a test: its fixtures take time as well
+        if report.when != "collect":  # a test; its fixtures take time as well
             self.measured[report.nodeid] = self.measured.get(report.nodeid, 0.0) + report.duration
         if report.failed:
             print(f"\nFAILED-IN {report.nodeid} {'TIMEOUT' if _fired else ''}")

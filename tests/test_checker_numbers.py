@@ -96,6 +96,15 @@ def test_harmonic_means_of_any_power(power):
     assert checker.harmonic_mean(mixed, 1) == float(harmonic([w.decode() for w in mixed], 1))
 
 
+@pytest.mark.parametrize(
+    "words",
+    ["0", "1 1 1", "0 0 1", "1 0 0", "1 0 0 1 1 1", "1 0 0 1 0 0", "0 0 0 1 0 1", "1 1 0 1 0 1"],
+)
+def test_singular_information_is_refused(words):
+    with pytest.raises(ValueError, match="positive definite"):
+        checker.harmonic_mean([w.encode() for w in words.split()], 1)
+
+
 def test_powers_of_information_have_a_range():
     for inside in ("1e-400", "0.01e-398", "1e400", "1e+400"):
         words = [inside, "0", "1"]

@@ -175,6 +175,13 @@ def test_angles_have_a_range(theta, passes):
             checker.half_angle(theta)
 
 
+@pytest.mark.parametrize("odd", [1, 3, 5, -1, -7])
+def test_half_of_an_odd_smallest_double_is_too_close_to_call(odd):
+    with pytest.raises(ValueError, match="too close"):
+        checker.half_angle(odd * 2.0**-1074)
+    assert checker.half_angle((odd + 1) * 2.0**-1074) == (1.0, (odd + 1) // 2 * 2.0**-1074)
+
+
 @pytest.mark.parametrize("name", ["kappa", "tau"])
 @pytest.mark.parametrize(
     ("value", "passes"),
@@ -295,6 +302,20 @@ def test_files_that_are_not_there_are_named(tmp_path):
     graph.write_text(SE3)
     with pytest.raises(checker.Unreadable, match=r"nothing\.cert: no such file"):
         checker.check(graph, tmp_path / "nothing.cert")
+
+
+def test_a_line_that_cannot_be_read_is_named_with_its_file(tmp_path):
+    graph, proof = tmp_path / "graph.g2o", tmp_path / "graph.cert"
+    graph.write_text("EDGE_SE3:QUAT 1 2 3\n")
+    sha = hashlib.sha256(graph.read_bytes()).hexdigest()
+    text = json.dumps({**HEADER, "graph_sha256": sha, "component_sha256": None}).encode()
+    with proof.open("wb") as file:
+        np.savez(file, claim=np.frombuffer(text, dtype=np.uint8))
+    with pytest.raises(checker.Unreadable, match=r"graph\.g2o: line 1: a measurement of"):
+        checker.check(graph, proof)
+    proof.write_bytes(b"nothing")
+    with pytest.raises(checker.Unreadable, match=r"graph\.cert: not a readable proof"):
+        checker.check(graph, proof)
 
 
 def test_what_was_proven_about_is_said():

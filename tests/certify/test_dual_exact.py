@@ -10,7 +10,7 @@ from strategies import dimensions, pose_graph, rng_of, seeds
 
 from certpgo.certify import dual
 from certpgo.certify.rounding import rotation_defect
-from certpgo.certify.shifted import Shifted
+from certpgo.certify.shifted import Shifted, _exponent
 from certpgo.estimate import Estimate
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.linalg import factor
@@ -227,6 +227,11 @@ def test_the_gauge_pays_for_the_demand_of_the_translations(seed, d, poses):
     )
 
 
+def shifted_exponents():
+    arms = 3.0 * np.ones((40, 2))  # a root mean square of 4.24
+    return [_exponent(size * arms) for size in (1.0, 0.03, 0.0)]
+
+
 def test_the_pin_is_the_most_central_pose_and_translations_count_by_a_typical_arm():
     t = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [4.0, 6.0], [0.0, 10.0]])
     edges = np.array([[0, 1], [1, 2], [2, 3], [3, 4], [4, 0]])
@@ -241,6 +246,7 @@ def test_the_pin_is_the_most_central_pose_and_translations_count_by_a_typical_ar
     assert np.frexp(weight)[0] == 0.5
     assert 2**-0.5 <= weight / rms <= 2**0.5
     np.testing.assert_array_equal(shifted.weights, np.tile([weight, 1.0, 1.0], 5))
+    assert shifted_exponents() == [2, -3, 0]
     together = Shifted.of(problem, Estimate(np.tile(np.eye(2), (5, 1, 1)), np.zeros((5, 2))))
     np.testing.assert_array_equal(together.weights, np.ones(15))
 

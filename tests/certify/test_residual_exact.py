@@ -38,6 +38,27 @@ def test_a_product_that_loses_its_last_bit_is_not_called_exact(power):
         assert found[0] <= 1.01 * float(exact[0]) + 1e-30
 
 
+def test_rows_that_cancel_are_not_called_exact_either():
+    """16 times 4 and 2^-48 less 16 times 4: no entry is large, nor is any column."""
+    n = 32
+    A, L = np.eye(n), 0.5 * np.eye(n)
+    L[:2] = 2.0
+    L[:2, 15] += 2.0**-24
+    L[1, 16:] = -2.0
+    A[0, 1] = A[1, 0] = 2.0**-22
+    w = np.full(n, 2.0**-200)
+    w[1] = 1.0
+    assert exact_rows(A, L, w)[0] >= Fraction(1, 2**48)
+    assert measured_residual(CSC(A), CSC(L), np.arange(n), w) is None
+
+
+@pytest.mark.parametrize(("size", "passes"), [(1.0, True), (3.8, True), (3.95, False)])
+def test_half_of_what_doubles_hold_is_used(size, passes):
+    """Integers below 2^52 in units of 2^-48, that is sums below 16."""
+    found = measured_residual(CSC(np.eye(2)), CSC(size * np.eye(2)), np.arange(2), np.ones(2))
+    assert (found is not None) == passes
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_any_factor_of_anything_is_measured_or_refused(seed):
     rng, n = rng_of(seed), 6
