@@ -641,10 +641,10 @@ def residual(blocks: Blocks, order: Ints, delta: Array) -> Residual | None:
         return None
     # What adds up to entries of G in a row is rounded at most 3 times more than it has columns.
     sizes += reached * 2.0 ** (-2 * BITS - 1)
-    errors = (columns + 8.0) * U * sizes * SPARE + reached * 2.0**-100
+    errors = (columns + 8.0) * U * sizes + reached * 2.0**-100
     needed = (others + errors) * SPARE / v
     back = np.argsort(_rows(order, b))
-    return Residual((own - abs(own) * 2.0**-40)[back], needed[back] * SPARE)
+    return Residual((own - abs(own) * 2.0**-40)[back], needed[back])
 
 
 def _in_order(blocks: Blocks, order: Ints) -> tuple[Ints, Ints, Array, Array]:
