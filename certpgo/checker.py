@@ -221,7 +221,7 @@ def _1dsfm_edge(text: bytes) -> Edge:
 def shepperd(M: tuple[float, ...]) -> tuple[float, ...]:
     """A quaternion of a matrix that is nearly a rotation; not normalized, so no square root."""
     A = np.reshape(M, (3, 3))
-    if not (np.abs(A.T @ A - np.eye(3)).max() <= 1e-3 and np.linalg.det(A) > 0.0):
+    if not (np.abs(A).max() < 2.0 and np.abs(A.T @ A - np.eye(3)).max() <= 1e-3 < np.linalg.det(A)):
         raise ValueError("a rotation matrix expected")
     xx, yy, zz = M[0], M[4], M[8]
     x, y, z = M[7] - M[5], M[2] - M[6], M[3] - M[1]

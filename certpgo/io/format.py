@@ -160,7 +160,10 @@ def format_of(path: Path, name: str | None = None) -> Format:
     """
     head = _head(path)
     if name is not None:
-        return get_format(name)
+        form = get_format(name)
+        if path.is_dir() and not form.recognises(path, head):
+            raise FormatError(path, None, f"a {name} file expected, not a folder")
+        return form
     for form in formats().values():
         if form.recognises(path, head):
             return form

@@ -104,8 +104,9 @@ def from_matrices(M: FloatArray) -> FloatArray:
     InputError
         For a matrix that is not a rotation to `MATRIX_TOLERANCE`.
     """
-    defect = np.abs(np.swapaxes(M, -1, -2) @ M - np.eye(3)).max(axis=(-2, -1), initial=0.0)
-    positive = np.einsum("ni,ni->n", np.cross(M[:, 0], M[:, 1]), M[:, 2]) > 0.0
+    with np.errstate(over="ignore", invalid="ignore"):  # of what is no rotation
+        defect = np.abs(np.swapaxes(M, -1, -2) @ M - np.eye(3)).max(axis=(-2, -1), initial=0.0)
+        positive = np.einsum("ni,ni->n", np.cross(M[:, 0], M[:, 1]), M[:, 2]) > 0.0
     if not ((defect <= MATRIX_TOLERANCE) & positive).all():
         raise InputError(f"nine numbers of a rotation matrix, orthogonal to {MATRIX_TOLERANCE:g}")
     xx, yy, zz = M[:, 0, 0], M[:, 1, 1], M[:, 2, 2]
@@ -127,7 +128,8 @@ def from_matrices(M: FloatArray) -> FloatArray:
 
 def off_norm(q: FloatArray) -> int:
     """How many quaternions (k, 4) have a norm off 1 by more than `NORM_TOLERANCE`."""
-    return int(np.count_nonzero(np.abs(np.linalg.norm(q, axis=-1) - 1.0) > NORM_TOLERANCE))
+    with np.errstate(over="ignore"):
+        return int(np.count_nonzero(np.abs(np.linalg.norm(q, axis=-1) - 1.0) > NORM_TOLERANCE))
 
 
 def to_write(R: FloatArray) -> FloatArray:

@@ -157,7 +157,8 @@ def _scaled_integers(upper: FloatArray) -> tuple[FloatArray, FloatArray]:
     N, power = np.full_like(upper, np.nan), np.ones(upper.shape[1])
     open_ = np.arange(upper.shape[1])
     for digits in range(_MAX_LENGTH):
-        scaled = np.rint(upper[:, open_] * 10.0**digits)
+        with np.errstate(over="ignore"):  # too large to fit
+            scaled = np.rint(upper[:, open_] * 10.0**digits)
         fits = (scaled / 10.0**digits == upper[:, open_]) & (np.abs(scaled) < _MAX_INTEGER)
         found = fits.all(axis=0)
         N[:, open_[found]] = scaled[:, found]

@@ -35,7 +35,8 @@ def _read_poses(path: Path) -> LabelledPoses:
         if Y.size and Y.shape[1] % (d + 1) == 0 and len(Y) >= d:
             poses = np.moveaxis(Y.reshape(len(Y), -1, d + 1), 1, 0)
             lifted, moved = poses[:, :, :d], poses[:, :, d]
-            defect = np.abs(np.swapaxes(lifted, 1, 2) @ lifted - np.eye(d)).max()
+            with np.errstate(over="ignore", invalid="ignore"):  # of what is no rotation
+                defect = np.abs(np.swapaxes(lifted, 1, 2) @ lifted - np.eye(d)).max()
             if defect <= FEW_DIGITS:
                 estimate = rounded(Lift(lifted, moved))
                 return LabelledPoses(estimate.rotations, estimate.translations)
