@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, random_edges, rng_of, rotation_graph, seeds
 
 from certpgo import certify, solve
-from certpgo.certify import Verdict
+from certpgo.certify import Tier, Verdict
 from certpgo.certify.case import Case
-from certpgo.datasets.synthetic import grid3d, helix, winding_cycle
+from certpgo.datasets.synthetic import corridor, grid3d, helix, winding_cycle
 from certpgo.errors import GraphError, InputError, NumericalError
 from certpgo.estimate import Estimate
 from certpgo.graph import PoseGraph, RotationGraph
@@ -746,3 +746,24 @@ def test_the_work_stays_small(name, factorizations, products, dataset):
 def test_what_is_no_graph_is_refused(dataset):
     with pytest.raises(InputError, match=r"such as instance\.graph, not a Instance"):
         solve(dataset("smallGrid3D"))
+
+
+def test_the_proof_tier_is_asked_where_rounding_is_all_that_is_missing():
+    graph = corridor(400, np.random.default_rng(0)).graph
+    answer = solve(graph, atol=1e-13)
+    assert (answer.verdict, answer.certificate.tier) == (Verdict.CERTIFIED, Tier.PROOF)
+    standard = certify(problem_of(graph), answer.estimate, atol=1e-13)
+    assert standard.verdict is Verdict.BOUNDED
+    assert standard.lower_bound < answer.certificate.lower_bound <= answer.cost
+    assert "prove" in answer.solution.seconds
+    plain = solve(graph)
+    assert (plain.verdict, plain.certificate.tier) == (Verdict.CERTIFIED, Tier.STANDARD)
+
+
+@pytest.mark.parametrize("tier", ["screen", "standard", "proof", Tier.PROOF])
+def test_every_tier_can_be_asked_for(tier):
+    instance, _ = winding_cycle(9, 0.3, 0)
+    answer = solve(instance.graph, tier=tier)
+    assert answer.certificate.tier is Tier(tier)
+    verdict = Verdict.BOUNDED if tier == "screen" else Verdict.CERTIFIED
+    assert answer.verdict is verdict

@@ -6,6 +6,9 @@ import json
 import numpy as np
 import pytest
 
+from certpgo.datasets import synthetic
+from certpgo.io import write
+
 
 @pytest.fixture
 def proof(certpgo, square, tmp_path):
@@ -134,3 +137,43 @@ def test_lines_may_end_in_crlf(certpgo, square, tmp_path):
     out = tmp_path / "out.cert"
     assert certpgo("solve", square, "--proof", out).code == 0
     assert certpgo("check", square, out).code == 0
+
+
+def test_a_proof_and_its_verdict_say_one_thing(certpgo, tmp_path):
+    """Costs of 1e-11 of the weights: too little for the standard tier, but not for a proof."""
+    graph, proof = tmp_path / "corridor.g2o", tmp_path / "corridor.cert"
+    write(graph, synthetic.corridor(1200, np.random.default_rng(0)))
+    done = certpgo("solve", graph, "--json", "--tier", "standard")
+    assert (done.json["certificate"]["tier"], done.code) == ("proof", 0)  # asked by itself
+    done = certpgo("solve", graph, "--proof", proof)
+    assert done.code == 0
+    assert "CERTIFIED" in done.out
+    assert "BOUNDED" not in done.out
+    bound = float(done.out.split("F* >= ")[1].split(",")[0])
+    said = float(done.out.split("lower bound")[1].split()[0])
+    assert bound == pytest.approx(said, rel=1e-2)
+    estimate = tmp_path / "best.g2o"
+    certpgo("solve", graph, "-o", estimate)
+    done = certpgo("certify", graph, estimate, "--json", "--proof", tmp_path / "again.cert")
+    assert (done.json["tier"], done.json["verdict"]) == ("proof", "CERTIFIED")
+
+
+def test_unknown_tiers_are_refused_with_the_known_ones(certpgo, square):
+    done = certpgo("solve", square, "--tier", "prof")
+    assert done.code == 1
+    assert "proof" in done.err
+
+
+def test_a_weaker_proof_of_a_long_bridge_is_said_to_be(certpgo, tmp_path):
+    rng, information = np.random.default_rng(0), "1 0 0 1 0 1"
+    turns = 2.0 * np.pi / 6 + 1e-4 * rng.standard_normal(12)
+    lines = [f"EDGE_SE2 {k} {(k + 1) % 6} 1 0 {turns[k]} {information}" for k in range(6)]
+    lines += [
+        f"EDGE_SE2 {6 + k} {6 + (k + 1) % 6} 1 0 {turns[6 + k]} {information}" for k in range(6)
+    ]
+    lines.append(f"EDGE_SE2 0 6 1e7 0 0.5 {information}")
+    graph = tmp_path / "rings.g2o"
+    graph.write_text("\n".join(lines) + "\n")
+    done = certpgo("solve", graph, "--proof", tmp_path / "rings.cert")
+    assert done.code == 0
+    assert "weaker than the certificate's" in done.err
