@@ -37,8 +37,8 @@ TOLERANCE, LIFTED_TOLERANCE = 1e-11, 1e-5
 RANK_STEPS = 100
 #: Seconds that the climb goes on, once a first bound is in hand, where no time limit is given.
 PATIENCE = 30.0
-#: Rounds of roundings in vain, at most, before the answer stands.
-ROUNDS = 4
+#: Rounds of roundings in vain, at most, before the answer stands, and nodes in all of them.
+ROUNDS, NODES = 10, 1_000
 #: Of the tolerance, what is not worth another rank.
 NOTHING = 0.1
 #: Relative difference of costs that are the same.
@@ -185,7 +185,8 @@ class Staircase:
         """Descents from random roundings of the point and kicks of the answer, while they pay."""
         rng = np.random.default_rng(0)
         # The looser the relaxation, the more dimensions its points have, and the more it takes.
-        vain, enough = 0, min(max(1, self.levels[-1].rank - self.problem.d), ROUNDS)
+        more = self.levels[-1].rank - self.problem.d
+        vain, enough = 0, min(max(1, more**2), max(2, NODES // self.problem.n), ROUNDS)
         while vain < enough and not (self.is_done or self.has_reached_the_floor):
             before = self.best
             with self.watch.phase("round"):

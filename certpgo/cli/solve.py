@@ -59,7 +59,12 @@ def command(
     ] = True,
     time_limit: Annotated[
         float | None,
-        typer.Option("--time-limit", metavar="SECONDS", min=0.0, help="Stop with the best so far."),
+        typer.Option(
+            "--time-limit",
+            metavar="SECONDS",
+            min=0.0,
+            help="Stop with the best so far; otherwise the climb ends 30 s after a first bound.",
+        ),
     ] = None,
     max_rank: Annotated[
         int | None,

@@ -31,8 +31,9 @@ ACCEPTED, POOR, GOOD = 0.01, 0.25, 0.75
 #: Products allowed in conjugate gradients, and products up to which the preconditioner serves the
 #: next step as well.
 MAX_PRODUCTS, FEW_PRODUCTS = 100, 10
-#: Shift of the preconditioner, over the mean diagonal: the gauge group is larger than one pose.
-SHIFT = 1e-9
+#: Shift of the preconditioner, over the mean diagonal: the gauge group is larger than one pose, and
+#: what rounding makes of it must stay below the least curvature.
+SHIFT = 1e-8
 #: Halvings of a step along a given direction.
 MAX_HALVINGS = 40
 
