@@ -267,6 +267,21 @@ def test_blocks_are_the_certificate_matrix_to_100_bits(seed, d, poses, spread, e
     assert np.array_equal(blocks.weights, weights)
 
 
+@pytest.mark.parametrize(("power", "passes"), [(-50, True), (-80, False)])
+def test_what_was_truncated_must_not_be_magnified(power, passes):
+    """Lam takes all of a weight of 1 and leaves 2^power: the rotation's 160 bits are to last."""
+    edges, kappa = [[0, 1], [1, 2], [2, 0]], np.array([1.0, 2.0**power, 2.0**power])
+    still = np.tile([1.0, 0.0], (3, 1))
+    graph = graph_of(edges, 3, still, np.zeros((3, 2)), kappa, np.ones(3))
+    Lam = np.array([[1.0, 0.0, 1.0], [1.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
+    proof = checker.Proof(still, None, Lam, np.arange(3), np.zeros(6), 0, 0)
+    if passes:
+        checker.certificate_matrix(graph, proof)
+    else:
+        with pytest.raises(checker.Refused, match="uneven"):
+            checker.certificate_matrix(graph, proof)
+
+
 @given(st.integers(-(2**60), 2**60), st.integers(-120, -58))
 def test_parts_are_the_nearest_multiple_and_the_rest(entry, shift):
     high, low = checker._parts(np.array([entry], dtype=object), np.array([shift]))

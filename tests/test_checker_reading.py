@@ -299,6 +299,8 @@ def test_files_that_are_not_there_are_named(tmp_path):
     graph = tmp_path / "graph.g2o"
     with pytest.raises(checker.Unreadable, match=re.escape(str(graph))):
         checker.check(graph, tmp_path / "nothing.cert")
+    with pytest.raises(checker.Unreadable, match=re.escape(str(tmp_path / "EGs.txt"))):
+        checker.check(tmp_path, tmp_path / "nothing.cert")
     graph.write_text(SE3)
     with pytest.raises(checker.Unreadable, match=r"nothing\.cert: no such file"):
         checker.check(graph, tmp_path / "nothing.cert")
