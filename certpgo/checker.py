@@ -588,9 +588,9 @@ class Residual(NamedTuple):
 def residual(blocks: Blocks, order: Ints, delta: Array) -> Residual | None:
     """Bounds on A - L L^T for some L; None where no L was found.
 
-    L is a multifrontal Cholesky factor of A - diag(delta). Nothing is assumed of it: the residual
-    is what the bounds are about. Its large part H is added up without rounding, in integers times
-    2^(-2 BITS); G is the rest.
+    L = L1 + L2 is a multifrontal Cholesky factor of A - diag(delta). Nothing is assumed of it: the
+    residual is what the bounds are about. Its large part H is added up without rounding, in
+    integers times 2^(-2 BITS); G is the rest.
     """
     n, b = blocks.weights.shape
     p, q, diagonal, between = _in_order(blocks, order)
@@ -606,7 +606,8 @@ def residual(blocks: Blocks, order: Ints, delta: Array) -> Residual | None:
         for child in front.children:
             boundary, left = passed.pop(child)
             into = _rows(np.searchsorted(nodes, boundary), b)
-            parts[:, into[:, None], into] += left
+            for part, passed_on in zip(parts, left, strict=True):
+                part[into[:, None], into] += passed_on
         rows, (H, G) = _rows(nodes, b), parts
         w = v[rows]
         factor = _factor(H[:, :k] + G[:, :k], delta[rows[:k]])
@@ -639,7 +640,7 @@ def residual(blocks: Blocks, order: Ints, delta: Array) -> Residual | None:
     largest = max(np.abs(high).max(initial=0.0) for high in blocks.high)
     if not largest + norms.max() < 2.0 ** (52 - 2 * BITS):
         return None
-    # What adds up to entries of G in a row is rounded at most 3 times more than it has columns.
+    # What adds up to an entry of G is rounded at most columns + 3 times, in either of its rows.
     sizes += reached * 2.0 ** (-2 * BITS - 1)
     errors = (columns + 8.0) * U * sizes + reached * 2.0**-100
     needed = (others + errors) * SPARE / v
@@ -699,8 +700,8 @@ def _refined(H: Array, G: Array, delta: Array, L: Array, L1: Array, inverse: Arr
     W, half = inverse @ left[:k], _half(k)
     step = half * W
     size = np.linalg.norm(step)
-    if size < 0.25:  # or else the steps might not converge
-        for _ in range(10 if size > 2.0**-30 else 0):
+    if 0.0 < size < 0.25:  # or else this might not converge
+        for _ in range(int(24 / -math.log2(size))):
             step = half * (W - step @ step.T)
         L2[:k] += L[:k] @ step
         L2[k:] += left[k:] - L[k:] @ step.T

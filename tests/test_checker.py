@@ -182,6 +182,21 @@ def test_proves_public_optima(name, rotations, tmp_path, dataset, dataset_path):
     assert proof.stat().st_size <= 140 * instance.graph.num_nodes + 2000
 
 
+@pytest.mark.parametrize("name", ["kitti_00", "ais2klinik"])
+def test_proves_long_loops(name, tmp_path, dataset, dataset_path):
+    instance = dataset(name)
+    answer = certpgo.solve(instance.graph)
+    proven = instance, answer.estimate, answer.certificate
+    assert write_proof(tmp_path / "proof.cert", dataset_path(name), *proven).relative_gap < 1e-7
+
+
+def test_a_proof_of_before_is_still_one():
+    # Its delta was what a factor in doubles needs.
+    graph = Path(__file__).parent / "data" / "proofs" / "version1.g2o"
+    said = checker.check(graph, graph.with_suffix(".cert"))
+    assert (said.upper, said.lower) == (109.45796947832518, 109.45796947627348)
+
+
 @given(seeds, dimensions, st.booleans())
 @settings(max_examples=40)
 def test_what_is_proven_is_true(tmp_path_factory, seed, d, poses):

@@ -9,9 +9,9 @@ from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 import certpgo
 from certpgo import checker
 from certpgo.certify import Tier, Verdict, certify
-from certpgo.certify.proof import exact_cost, exact_graph, quaternions
+from certpgo.certify.proof import exact_cost, exact_graph, prove, quaternions
 from certpgo.certify.proof_file import write_proof
-from certpgo.datasets.synthetic import winding_cycle
+from certpgo.datasets.synthetic import corridor, winding_cycle
 from certpgo.errors import InputError, NumericalError
 from certpgo.estimate import Estimate
 from certpgo.linalg import factor, so
@@ -81,6 +81,30 @@ def test_a_loose_relaxation_is_proven_as_far_as_it_goes(tmp_path):
     said = write_proof(tmp_path / "loose.cert", path, instance, answer.estimate, answer.certificate)
     assert said.lower == pytest.approx(answer.certificate.lower_bound, rel=1e-6)
     assert 1e-4 < said.relative_gap < 0.5
+
+
+def test_a_cost_of_a_hundred_billionth_of_the_weights_is_proven(tmp_path):
+    graph = corridor(1316, rng_of(0)).graph
+    path = tmp_path / "corridor.g2o"
+    certpgo.write(path, graph)
+    instance = certpgo.read(path, quiet=True)
+    answer = certpgo.solve(instance.graph)
+    proven = instance, answer.estimate, answer.certificate
+    said = write_proof(tmp_path / "corridor.cert", path, *proven)
+    assert said.upper < 4e-4
+    assert said.relative_gap < 1e-3
+
+
+def test_translations_are_settled_before_proving():
+    graph, _, _ = pose_graph(rng_of(5), 40, 3)
+    problem = problem_of(graph)
+    answer = certpgo.solve(graph)
+    point = Estimate(answer.estimate.rotations, answer.estimate.translations + 1e-9)
+    point = Estimate(point.rotations, point.translations * (1.0 + 1e-10))
+    mine = exact_graph(problem)
+    Lam, _ = prove(problem, mine, point, answer.certificate.multipliers)
+    bound = np.einsum("naa->", Lam)
+    assert exact_cost(problem, mine, answer.estimate) - bound < 1e-12 * bound
 
 
 def test_a_proof_is_about_the_estimate_as_given(tmp_path):
