@@ -13,9 +13,6 @@ from certpgo.linalg.arrays import FloatArray
 
 Apply = Callable[[FloatArray], FloatArray]
 
-#: Curvature, over P's, that may be rounding: a step along such a direction would go anywhere.
-FLAT = 1e-5
-
 
 class End(Enum):
     """Why conjugate gradients stopped."""
@@ -74,8 +71,6 @@ def conjugate_gradients(
         curvature = float(p @ Ap)
         if not curvature > 0.0 and radius == math.inf:
             return Truncated(x, r, End.NEGATIVE_CURVATURE, number)
-        if abs(curvature) <= FLAT * pp and number > 1:
-            return Truncated(x, r, End.LIMIT, number)
         longest = (math.sqrt(xp * xp + pp * max(radius * radius - xx, 0.0)) - xp) / pp
         step = size / curvature if curvature > 0.0 else math.inf
         if step >= longest:
