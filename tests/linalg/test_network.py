@@ -1,4 +1,4 @@
-"""Positions from offsets, by elimination, where weights lie as far apart as graphs may have them."""
+"""Positions from offsets by elimination, where weights lie as far apart as a graph allows."""
 
 import numpy as np
 
