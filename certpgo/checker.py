@@ -396,7 +396,7 @@ def upper_bound(graph: Graph, q: Array, t: Array | None) -> float:
 
 def _sum_of_squares(weights: Array, sizes: Any, unit: int) -> float:
     """A double not below the sum of weights times squares, sizes (m, ...) in units of 2^-unit."""
-    kept = 100
+    kept = 100 + max(math.frexp(float(weights.max()))[1], 0) // 2
     sizes = (sizes >> max(unit - kept, 0)) + 1  # to units of 2^-kept, rounded up
     w, e = integers(weights)
     rows = (sizes * sizes).reshape(len(w), -1).sum(axis=1)
@@ -425,7 +425,7 @@ class Blocks(NamedTuple):
 
 
 def certificate_matrix(graph: Graph, proof: Proof) -> Blocks:
-    """A = M - blkdiag(0, Lam), the pinned row and column replaced by the identity's.
+    """A = M - blkdiag(0, Lam), the pinned row and column zero but for the diagonal.
 
     Its entries are sums in integers, only those of kappa R_ij are truncated. Equilibrated by powers
     of two, so that diagonal entries lie between 1/4 and 1.
@@ -469,11 +469,11 @@ def certificate_matrix(graph: Graph, proof: Proof) -> Blocks:
     else:
         between = upper[np.argsort(place)]
     if proof.t is not None:
-        diagonal[proof.pin, 0, :] = diagonal[proof.pin, :, 0] = 0
-        diagonal[proof.pin, 0, 0] = 1 << (unit + normal)
+        diagonal[proof.pin, 0, 1:] = diagonal[proof.pin, 1:, 0] = 0
         between[pairs[:, 0] == proof.pin, 0, :] = 0
         between[pairs[:, 1] == proof.pin, :, 0] = 0
-    truncated = np.bincount(place, graph.kappa).astype(np.float64)  # 2^-POINT, at most, an entry
+    truncated = np.zeros(between.shape)  # in units of 2^-POINT, at most; translations are exact
+    truncated[:, -d:, -d:] = np.bincount(place, graph.kappa)[:, None, None]
     return _equilibrated(diagonal, pairs, between, truncated, unit, normal, proof.exponent)
 
 
@@ -494,7 +494,7 @@ def _equilibrated(
     own = scales[:, :, None] + scales[:, None, :]
     p, q = pairs.T
     across = scales[p][:, :, None] + scales[q][:, None, :]
-    errors = np.ldexp(truncated[:, None, None], across - normal - POINT)
+    errors = np.ldexp(truncated, across - normal - POINT)
     if not errors.max(initial=0.0) < 2.0**-102:
         raise Refused("the weights are too uneven")
     high, low = zip(

@@ -42,7 +42,9 @@ def positions(
         for u in shares:
             del ties[u][v]
         for (first, (share, a)), (second, (_, b)) in itertools.combinations(shares.items(), 2):
-            _tie(ties, first, second, share * ties[v][second][0], b - a)
+            weight = share * ties[v][second][0]
+            if weight > 0.0:  # what underflows ties two nodes that hold on to stronger ones
+                _tie(ties, first, second, weight, b - a)
         ties[v].clear()
     x = np.zeros((n, offsets.shape[1]))
     for v, shares in reversed(eliminated):

@@ -14,6 +14,7 @@ from certpgo.certify.proof_file import write_proof
 from certpgo.datasets.synthetic import corridor, winding_cycle
 from certpgo.errors import InputError, NumericalError
 from certpgo.estimate import Estimate
+from certpgo.graph import PoseGraph
 from certpgo.linalg import factor, so
 from certpgo.problem import problem_of
 
@@ -64,6 +65,20 @@ def test_exact_costs_are_costs_rounded_up(seed, d):
     exact = checker.upper_bound(mine, *_numbers(estimate))
     measured = [proofs.exact_rotation(q) for q in quaternions(graph.rotation.rotations)]
     assert proofs.exact_cost(mine, measured, *_numbers(estimate)) <= exact == upper
+
+
+@pytest.mark.parametrize("power", [-180, -60, -30, 30, 60, 150])
+def test_a_proof_does_not_depend_on_the_unit_of_length(power):
+    """What is measured in units 2^power as long is the same, to the last bit."""
+    graph, _, _ = pose_graph(rng_of(3), 8, 3)
+    estimate = certpgo.solve(graph).estimate
+    t, tau = np.ldexp(graph.translations, power), np.ldexp(graph.tau, -2 * power)
+    other = problem_of(PoseGraph(graph.rotation, t, tau))
+    moved = Estimate(estimate.rotations, np.ldexp(estimate.translations, power))
+    found = certify(other, moved, tier="proof")
+    expected = certify(problem_of(graph), estimate, tier="proof")
+    assert found.verdict is expected.verdict is Verdict.CERTIFIED
+    assert (found.cost, found.lower_bound) == (expected.cost, expected.lower_bound)
 
 
 def _numbers(estimate):
