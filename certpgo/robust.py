@@ -26,7 +26,7 @@ def solve_robustly(
     initial: Estimate | None = None,
     time_limit: float | None = None,
     max_rank: int | None = None,
-    tier: Tier | str = Tier.STANDARD,
+    tier: Tier | str | None = None,
     rtol: float = RTOL,
     atol: float = ATOL,
     monitor: Monitor = silent,
@@ -89,7 +89,9 @@ def solve_robustly(
         cost=problem.cost(found.estimate),
         status=stop.status or found.solution.status,
         seconds={**stop.watch.seconds, **found.solution.seconds},
-        note=f"{chosen.note(problem)}; {found.solution.note}",
+        note=f"{chosen.note(problem)}; {found.solution.note}".replace(
+            "started from given", "started from the robust fit"
+        ),
         weights=chosen.weights,
     )
     return replace(found, solution=solution, start=chosen.method, disagreement=None)

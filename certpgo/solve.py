@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from certpgo.certify import Certificate, Tier, Verdict
-from certpgo.certify.case import ATOL, RTOL, Basin, Case
+from certpgo.certify.case import ATOL, PROOF_GAIN, RTOL, Basin, Case
 from certpgo.disagreement import Disagreement, agrees, disagreement, ignore
 from certpgo.errors import InputError
 from certpgo.estimate import Estimate
@@ -21,8 +21,6 @@ from certpgo.staircase import PATIENCE, Level, Staircase
 
 #: Dimensions that the staircase may add to the d of space.
 MORE_RANKS = 7
-#: By how much less rounding costs at the proof tier, at most.
-PROOF_GAIN = 1e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +76,7 @@ def solve(
     try_own_start: bool = True,
     time_limit: float | None = None,
     max_rank: int | None = None,
-    tier: Tier | str = Tier.STANDARD,
+    tier: Tier | str | None = None,
     rtol: float = RTOL,
     atol: float = ATOL,
     monitor: Monitor = silent,
@@ -99,8 +97,8 @@ def solve(
         as a factorization, is finished first. Without a limit the staircase still climbs for no
         more than 30 s once a first bound is in hand; `math.inf` lets it go on to the end
     max_rank : dimensions at which the staircase ends; by default d + 7
-    tier : what the certificate may trust, see `Tier`. Where rounding is all that the standard tier
-        lacks, the proof tier is asked, and the certificate says so
+    tier : what the certificate may trust, see `Tier`; by default the standard tier is asked, and
+        the proof tier where rounding is all that the former lacks
     rtol, atol : CERTIFIED means gap <= rtol F + atol W
     monitor : is told each iteration, and may stop the search
     on_disagreement : is told of measurements that disagree with the rest, before the search goes on
@@ -160,7 +158,7 @@ def _solve(
     try_own_start: bool = True,
     time_limit: float | None = None,
     max_rank: int | None,
-    tier: Tier | str = Tier.STANDARD,
+    tier: Tier | str | None = None,
     rtol: float = RTOL,
     atol: float = ATOL,
     monitor: Monitor,
@@ -173,7 +171,7 @@ def _solve(
     highest = problem.d + MORE_RANKS if max_rank is None else max_rank
     if highest < problem.d:
         raise InputError(f"the maximal rank must be at least {problem.d}, not {highest}")
-    case = Case.of(problem, tier, rtol, atol)
+    case = Case.of(problem, tier or Tier.STANDARD, rtol, atol)
     # The cheaper bounds are enough to steer by.
     steering = replace(case, tier=Tier.STANDARD) if case.tier is Tier.PROOF else case
     patience = PATIENCE if time_limit is None else math.inf
@@ -182,7 +180,7 @@ def _solve(
         search.begin(initial, try_own_start)
         found = on_disagreement and _disagreement(search, problem, on_disagreement)
         search.go_on(highest)
-        certificate = _judged(search, case.tier)
+        certificate = _judged(search, None if tier is None else case.tier)
     answer = _result(problem, search, certificate)
     # Where the first descent ended may have been no more than a local minimum.
     stands = found and not agrees(problem, answer.estimate)
@@ -203,13 +201,13 @@ def _disagreement(
     return found
 
 
-def _judged(search: Staircase, tier: Tier) -> Certificate:
-    """The certificate at a tier; at the proof tier as well where only rounding is missing."""
+def _judged(search: Staircase, tier: Tier | None) -> Certificate:
+    """The certificate at a tier; by default the proof tier's where only rounding is missing."""
     estimate = search.best.estimate
     certificate = search.case.certificate(estimate, search.basin)
     near = certificate.gap <= PROOF_GAIN * certificate.tolerance
     missing = search.has_reached_the_floor and near and not search.is_certified
-    if search.stop.asked or not (tier is Tier.PROOF or (missing and tier is Tier.STANDARD)):
+    if search.stop.asked or not (tier is Tier.PROOF or (missing and tier is None)):
         return certificate
     with search.watch.phase("prove"):
         case = replace(search.case, tier=Tier.PROOF)

@@ -97,7 +97,7 @@ class Staircase:
                 own = self.own_start()
                 if self.improve(self.descend(own.estimate, near=own.near)):
                     self.start = own.name
-                    self.origin = f"{own.name}, which led lower than the one given"
+                    self.origin = f"{own.name}, which led to a lower cost than the estimate given"
         self.levels.append(Level(self.problem.d, self.best.cost, self.best.status))
 
     def given(self, initial: Estimate) -> Start:

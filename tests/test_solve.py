@@ -600,7 +600,7 @@ def test_a_given_start_that_leads_nowhere_gives_way_to_our_own():
     assert certified_at(answer, 480 * math.sin(0.3 / 120) ** 2)
     assert len(answer.levels) == 1
     assert answer.start == solve(graph).start
-    assert f"started from {answer.start}, which led lower than" in answer.solution.note
+    assert f"started from {answer.start}, which led to a lower cost than" in answer.solution.note
     # Where it leads to the optimum, nothing else is tried.
     again = solve(graph, initial=answer.estimate)
     assert again.start == "given"

@@ -31,6 +31,10 @@ RTOL, ATOL = 1e-5, 1e-12
 FLOOR = 1e-6
 #: Share of a graph's weight or length in bridges from which bounds by parts gain something.
 MUCH = 0.1
+#: By how much less rounding costs at the proof tier, at most.
+PROOF_GAIN = 1e3
+#: Of F, a gap that is not small, whatever the weights.
+LARGE = 0.01
 #: Steps that descent may take; what has not settled by then is no basin of its own.
 MAX_STEPS = 200
 #: Stationarity, radians, at which a stalled descent counts as settled, and a point as stationary.
@@ -272,7 +276,7 @@ def _reason(c: Certificate) -> str:
         return "the cost of this estimate is beyond the range of doubles"
     floor = f"no estimate of this graph has a cost below {c.lower_bound:.10g}"
     if c.tier is Tier.SCREEN:
-        floor = f"not proven at this tier, but likely: {floor}"
+        floor = f"likely, though not proven at this tier: {floor}"
     yours = f"yours costs {c.cost:.10g}"
     improved = f"{yours} and, improved, {c.refined_cost:.10g}"
     lower = c.refined_cost < c.cost - c.tolerance
@@ -280,7 +284,12 @@ def _reason(c: Certificate) -> str:
         within = f"{floor}; {yours}, within {_of_f(c)} of the best possible"
         if c.gap <= c.rtol * c.cost:
             return within
-        return f"{within}, which is negligible relative to the total weight W = {c.scale:.2g}"
+        small = f"{within}, which is negligible relative to the total weight W = {c.scale:.2g}"
+        return (
+            f"{small}, though not to F: atol=0 judges by F alone"
+            if c.gap > LARGE * c.cost
+            else small
+        )
     if c.better_cost is not None and c.verdict is not Verdict.REFUTED:
         also = f"another estimate costs {c.better_cost:.10g}"
         return f"{floor}; {improved if lower else yours}; {also}"
@@ -303,4 +312,7 @@ def _reason(c: Certificate) -> str:
 
 def _of_f(c: Certificate) -> str:
     """The gap relative to F, then in its units."""
-    return f"{c.gap / c.cost:.2g} F = {c.gap:.2g}" if c.cost > 0.0 else f"{c.gap:.2g}"
+    if not c.cost > 0.0:
+        return f"{c.gap:.2g}"
+    share = c.gap / c.cost
+    return f"{f'{100.0 * share:.2g} % of' if share > LARGE else f'{share:.2g}'} F = {c.gap:.2g}"

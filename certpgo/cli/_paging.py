@@ -28,6 +28,7 @@ def origin_of(
     proof: Path | None = None,
     method: str = "",
     remarks: Sequence[str] = (),
+    partial: bool = False,
 ) -> Origin:
     """Where an answer came from; of what made it, all but the date, so that a page is repeated."""
     from certpgo.harness.html.certificate import Origin
@@ -43,6 +44,7 @@ def origin_of(
         proof="" if proof is None else str(proof),
         method=method,
         remarks=tuple(remarks),
+        partial=partial,
         environment={key: said for key, said in made.items() if key != "date"},
     )
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from certpgo.cli._show import facts
+from certpgo.errors import InputError
 
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
@@ -18,6 +19,18 @@ if TYPE_CHECKING:
 INTERRUPTED = 130
 #: Exit codes by verdict, in the order of what a caller should act on.
 EXIT_CODES = {"CERTIFIED": 0, "ERROR": 1, "BOUNDED": 3, "REFUTED": 4, "UNDECIDED": 5}
+
+
+def refuse_screening(tier: str | None) -> None:
+    """Refuse a tier that proves nothing where a proof is asked for.
+
+    Raises
+    ------
+    InputError
+        It is the tier ``screen``.
+    """
+    if tier == "screen":
+        raise InputError("--proof is judged at the proof tier, not with --tier screen")
 
 
 def exit_code(certificates: Iterable[Certificate]) -> int:

@@ -17,6 +17,7 @@ from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
+    from certpgo.certify import Certificate
     from certpgo.disagreement import Disagreement
     from certpgo.estimate import Estimate
     from certpgo.graph import Instance
@@ -87,6 +88,8 @@ def command(
     for out in (polish, csv, proof, html):
         refuse_unwritable(out)
     refuse_overwriting([polish, csv, proof, html], [graph, *estimates, timestamps], reading.data)
+    if proof is not None:
+        _verdict.refuse_screening(tier)
     tier = tier or ("standard" if proof is None else "proof")
     source = None if proof is None else provable_source(graph, reading)
     instance = reading.open(graph)
@@ -110,6 +113,8 @@ def command(
         _polish(polish, parts[0], assessments[0])
     elif any(a.excess > a.certificate.tolerance for a in assessments):
         notice("--polish OUT writes the better answer")
+    if any(_may_gain(a.certificate) for a in assessments):
+        notice("rounding may be what limits the bound: --tier proof allows for less of it")
     code = _verdict.exit_code(a.certificate for a in assessments)
     proven = True
     if proof and source:
@@ -122,6 +127,15 @@ def command(
         origin = origin_of(graph, reading, estimate=estimates[0], proof=written, remarks=remarks)
         write_page(html, part.instance, part.problem, given[0], assessments[0], origin)
     return code if proven else code or REFUSED
+
+
+def _may_gain(certificate: Certificate) -> bool:
+    """Whether the refined point is so near the bound that the proof tier may close the gap."""
+    from certpgo.certify.case import PROOF_GAIN
+
+    left = certificate.refined_cost - certificate.lower_bound
+    near = certificate.tolerance < left <= PROOF_GAIN * certificate.tolerance
+    return certificate.tier.value == "standard" and certificate.better is None and near
 
 
 def _single(

@@ -99,7 +99,9 @@ def command(
     from certpgo.io.format import format_to_write
 
     _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank)
-    tier = tier or ("standard" if proof is None else "proof")
+    if proof is not None:
+        _verdict.refuse_screening(tier)
+        tier = tier or "proof"
     if out is not None:
         format_to_write(out, format)  # a wrong suffix is said before the work, not after
     for written in (out, proof, html):
@@ -130,7 +132,7 @@ def command(
             if solver is None or method is None:
                 answer = _certified(part, begin, time_limit, max_rank, tier, robust, monitor)
             else:
-                judging = tier if certify else None
+                judging = (tier or "standard") if certify else None
                 answer = _by_method(part, method, solver, begin, judging, monitor, status)
         if target is not None:
             with noticing():
@@ -139,8 +141,11 @@ def command(
         if not json:
             answer.show(part, target)
         certificate, estimate = answer.certificate, answer.solution.estimate
-        if proof and answer.solution.kept is not None:
-            notice("no proof is written: it would be of all measurements, not of those kept")
+        if proof and len(answer.solution.rejected):
+            notice(
+                "no proof is written: it would be about all measurements, not only the kept ones; "
+                "write a graph of these (see Reject outliers) and prove that"
+            )
             proven = False
         elif proof and source and certificate is not None and not answer.interrupted:
             proven = prove(proof, source, part, estimate, certificate, json=json)
@@ -237,8 +242,8 @@ class _Answer:
         typer.echo()
         if solution.kept is not None:
             typer.echo(
-                "What follows is of the measurements that were kept, with the weights they ended "
-                "with, as if there were no others:"
+                "What follows is about the measurements that were kept, with the weights they ended "
+                "with:"
             )
         _verdict.show(self.certificate, part.options, disagreement=self.disagreement)
         uncertified = self.certificate.verdict.value != "CERTIFIED"
@@ -263,7 +268,7 @@ def _certified(
     start: Estimate | None,
     time_limit: float | None,
     max_rank: int | None,
-    tier: str,
+    tier: str | None,
     robust: bool,
     monitor: Monitor,
 ) -> _Answer:
@@ -339,7 +344,7 @@ def _page(
     remarks = [f"It ended: {solution.status.value}; {solution.note}."] if solution.note else []
     if solution.kept is not None:
         remarks.append(
-            f"The verdict is of the {solution.kept} of {part.graph.num_edges} measurements that "
+            f"The verdict is about the {solution.kept} of {part.graph.num_edges} measurements that "
             "the method kept, with the weights they ended with; the view shows these."
         )
     if answer.disagreement is not None:
@@ -347,7 +352,13 @@ def _page(
     problem = solution.judged(problem_of(part.graph))
     assessment = assess(problem, solution.estimate, certificate, ids=part.ids)
     origin = origin_of(
-        graph, reading, estimate=written, proof=proof, method=answer.name, remarks=remarks
+        graph,
+        reading,
+        estimate=written,
+        proof=proof,
+        method=answer.name,
+        remarks=remarks,
+        partial=len(solution.rejected) > 0,
     )
     write_page(out, part, problem, solution.estimate, assessment, origin, solution.trace)
 

@@ -58,7 +58,7 @@ def test_the_page_of_a_robust_method_is_of_what_it_kept(certpgo, square, tmp_pat
     out = tmp_path / "page.html"
     done = certpgo("solve", square, "--method", "graduated_non_convexity", "--html", out, "--json")
     kept = done.json["kept"]
-    assert f"The verdict is of the {kept} of 4 measurements" in out.read_text()
+    assert f"The verdict is about the {kept} of 4 measurements" in out.read_text()
 
 
 @pytest.mark.parametrize(

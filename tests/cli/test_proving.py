@@ -143,7 +143,7 @@ def test_a_proof_and_its_verdict_say_one_thing(certpgo, tmp_path):
     """Costs of 1e-11 of the weights: too little for the standard tier, but not for a proof."""
     graph, proof = tmp_path / "corridor.g2o", tmp_path / "corridor.cert"
     write(graph, synthetic.corridor(1200, np.random.default_rng(0)))
-    done = certpgo("solve", graph, "--json", "--tier", "standard")
+    done = certpgo("solve", graph, "--json")
     assert (done.json["certificate"]["tier"], done.code) == ("proof", 0)  # asked by itself
     done = certpgo("solve", graph, "--proof", proof)
     assert done.code == 0

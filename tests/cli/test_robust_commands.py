@@ -112,5 +112,5 @@ def test_the_page_of_a_robust_answer_says_how_to_repeat_it(certpgo, doubtful, tm
     page = tmp_path / "page.html"
     certpgo("solve", doubtful, "--robust", "--html", page)
     text = flat(page.read_text())
-    assert "The verdict is of the 20 of 21 measurements" in text
+    assert "The verdict is about the 20 of 21 measurements" in text
     assert "--robust" in text

@@ -39,6 +39,7 @@ class Origin:
     proof : the proof file, if one was written
     method : that found the answer, or empty
     remarks : sentences that a reader of the verdict should know
+    partial : whether the verdict is about a part of the measurements, those that the method kept
     environment : versions, machine and engine
     """
 
@@ -48,6 +49,7 @@ class Origin:
     proof: str = ""
     method: str = ""
     remarks: tuple[str, ...] = ()
+    partial: bool = False
     environment: Mapping[str, str] | None = None
 
 
@@ -186,18 +188,16 @@ def _recheck(origin: Origin, certificate: Certificate) -> tuple[str, list[str]]:
         said = "The proof file is checked by a program of its own, which trusts nothing of ours:"
         return said, [f"certpgo check {quoted(origin.graph)} {quoted(origin.proof)}"]
     options = " ".join(quoted(option) for option in origin.reading)
-    estimate = origin.estimate
-    lines_ = []
-    if not estimate:
-        estimate = "best.g2o"
-        named = f" --method {quoted(origin.method)}"
-        by = {"": "", "certified": "", "robust": " --robust"}.get(origin.method, named)
-        lines_ = [
-            f"certpgo solve {quoted(origin.graph)}{by} {options}".rstrip() + f" -o {estimate}"
-        ]
+    estimate = origin.estimate or "best.g2o"
+    named = f" --method {quoted(origin.method)}"
+    by = {"": "", "certified": "", "robust": " --robust"}.get(origin.method, named)
+    solving = f"certpgo solve {quoted(origin.graph)}{by} {options}".rstrip()
+    if origin.partial:
+        return "To choose the measurements and judge the answer again:", [solving]
+    lines_ = [] if origin.estimate else [f"{solving} -o {estimate}"]
     judged = f"certpgo certify {quoted(origin.graph)} {quoted(estimate)} {options}".rstrip()
     tier = "" if certificate.tier.value == "standard" else f" --tier {certificate.tier.value}"
-    said = "No proof file was written. To judge the answer again, with one:"
+    said = "No proof file was written. To judge the answer again and write a proof:"
     return said, [
         *lines_,
         f"{judged}{tier} --proof answer.cert",
