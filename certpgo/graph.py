@@ -317,7 +317,8 @@ class Instance:
         object.__setattr__(self, "ids", frozen_indices(self.ids))
         object.__setattr__(self, "options", MappingProxyType(dict(self.options)))
         n = self.graph.num_nodes
-        if self.ids.shape != (n,) or len(np.unique(self.ids)) != n:
+        ordered = np.sort(self.ids, axis=None)  # several times faster than np.unique's hashing
+        if self.ids.shape != (n,) or (ordered[1:] == ordered[:-1]).any():
             raise GraphError(f"ids must be {n} distinct integers")
         if self.names and len(set(self.names)) != n:
             raise GraphError(f"names must be {n} distinct texts, or none")

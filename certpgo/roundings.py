@@ -19,7 +19,7 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.problem import PoseProblem, Problem
 
-#: Rotations in all candidates together, and the fewest and most candidates; never more than nodes.
+#: Rotations in all candidates together, and the fewest and most candidates; at most two a node.
 ROTATIONS, FEWEST, MOST = 8_000, 4, 64
 #: Candidates where the point has one dimension more than space; k more ask for k^2 times as many.
 CANDIDATES = 8
@@ -50,7 +50,7 @@ def roundings(
     best : the best estimate known
     """
     more = max(1, point.rotations.shape[1] - problem.d)
-    most = min(MOST, problem.n, ROTATIONS // problem.n)
+    most = min(MOST, 2 * problem.n, ROTATIONS // problem.n)
     number = max(FEWEST, min(CANDIDATES * more**2, most))
     kicked = _kicked(best, rng, number // 2)
     projected = _projected(point, rng, number - len(kicked))

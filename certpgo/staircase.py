@@ -37,8 +37,9 @@ TOLERANCE, LIFTED_TOLERANCE = 1e-11, 1e-5
 RANK_STEPS = 100
 #: Seconds that the climb goes on, once a first bound is in hand, where no time limit is given.
 PATIENCE = 30.0
-#: Rounds of roundings in vain, at most, before the answer stands, and nodes in all of them.
-ROUNDS, NODES = 10, 1_000
+#: Rounds of roundings in vain, at most, before the answer stands, and nodes in all of them; graphs
+#: of so few nodes that each round tries everything need but one.
+ROUNDS, NODES, FEW = 10, 1_000, 8
 #: Of the tolerance, what is not worth another rank.
 NOTHING = 0.1
 #: Relative difference of costs that are the same.
@@ -186,7 +187,8 @@ class Staircase:
         rng = np.random.default_rng(0)
         # The looser the relaxation, the more dimensions its points have, and the more it takes.
         more = self.levels[-1].rank - self.problem.d
-        vain, enough = 0, min(max(1, more**2), max(2, NODES // self.problem.n), ROUNDS)
+        n = self.problem.n
+        vain, enough = 0, max(1, min(more**2, n // FEW, max(2, NODES // n), ROUNDS))
         while vain < enough and not (self.is_done or self.has_reached_the_floor):
             before = self.best
             with self.watch.phase("round"):

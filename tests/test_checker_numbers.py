@@ -193,6 +193,15 @@ def test_long_arms_do_not_lose_what_the_truncated_rotation_turns_them_by(power, 
         assert cost < upper <= (1 + Fraction(1, 2**50)) * (cost + rounding + rounding**2)
 
 
+@pytest.mark.parametrize("power", [-60, -80, -99])
+def test_what_is_below_100_bits_is_rounded_up(power):
+    """A translation of 2^power and 2^-103 that nothing explains."""
+    still, x = np.array([[1.0, 0.0], [1.0, 0.0]]), 2.0**power + 2.0**-103
+    graph = graph_of([[0, 1]], 2, still[:1], np.zeros((1, 2)), np.array([2.0**-300]), np.ones(1))
+    upper = Fraction(checker.upper_bound(graph, still, np.array([[0.0, 0.0], [x, 0.0]])))
+    assert Fraction(x) ** 2 < upper <= (Fraction(x) + Fraction(1, 2**99)) ** 2
+
+
 @given(st.integers(0, 2**300), st.integers(-300, 300))
 def test_integers_are_rounded_up_to_doubles(n, e):
     up, exact = checker._rounded_up(n, e), Fraction(n) / Fraction(2) ** e
@@ -224,7 +233,8 @@ def test_blocks_are_the_certificate_matrix_to_100_bits(seed, d, poses, spread, e
     m = len(edges)
     measured = quaternions(rng, m, d)
     kappa, tau = np.ldexp(rng.uniform(1, 2, (2, m)), rng.integers(-spread, spread + 1, (2, m)))
-    graph = graph_of(edges, n, measured, rng.standard_normal((m, d)), kappa, tau)
+    t = np.ldexp(rng.standard_normal((m, d)), [0, -50, -150][seed % 3])
+    graph = graph_of(edges, n, measured, t, kappa, tau)
     pin = int(rng.integers(n)) if poses else 0
     proof = checker.Proof(
         q=quaternions(rng, n, d),

@@ -413,7 +413,7 @@ def test_a_monitor_may_stop_it_anywhere(tight):
     assert (whole.verdict is Verdict.CERTIFIED) == tight
     assert len(whole.levels) > 1
     bound = 0.0
-    for last in sorted({*range(6), *range(6, steps, 5), steps - 1}):
+    for last in sorted({*range(6), *range(6, steps, max(5, steps // 10)), steps - 1}):
         answer = solve_from(graph, wound, monitor=lambda step, last=last: step.number >= last)
         assert answer.solution.status is Status.INTERRUPTED
         assert honest(answer, problem)

@@ -26,7 +26,8 @@ def numbered(ids: IntArray, wanted: IntArray) -> IntArray:
 def distinct(ids: IntArray) -> IntArray:
     """The distinct ids, ascending (sorting is several times faster than np.unique's hashing)."""
     ordered = np.sort(ids)
-    return np.asarray(ordered[np.r_[True, ordered[1:] != ordered[:-1]]], dtype=np.intp)
+    first = np.r_[np.ones(len(ids[:1]), np.bool_), ordered[1:] != ordered[:-1]]
+    return np.asarray(ordered[first], dtype=np.intp)
 
 
 def instance_from_lines(path: Path, said: Lines, options: Mapping[str, str]) -> Instance:

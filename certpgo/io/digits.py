@@ -25,7 +25,7 @@ ALL = 15
 #: Numbers below `SMALL` that it takes to tell decimals from significant digits.
 ENOUGH, SMALL = 5, 0.1
 
-_NUMBER = re.compile(rb"[-+]?(?=\.?\d)(\d*)\.?(\d*)(?:[eE]([-+]?\d+))?\Z")
+_NUMBER = re.compile(rb"[-+]?(?=\.?\d)(\d*)(?:\.(\d*))?(?:[eE]([-+]?\d{1,9}))?\Z")
 
 
 @dataclass(frozen=True)

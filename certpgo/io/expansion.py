@@ -6,8 +6,9 @@ from pathlib import Path
 
 from certpgo.errors import FormatError
 
-#: Graphs become at most some 50 times as large; complete ones, whose rows repeat, are small.
-RATIO, SMALL = 100, 64 << 20
+#: Archives of graphs expand at most some 50 times; adjacency matrices further where rows repeat,
+#: up to complete graphs of a thousand nodes, which are small.
+RATIO, SMALL = 100, 16 << 20
 
 
 def largest(path: Path) -> int:

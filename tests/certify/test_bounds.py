@@ -218,6 +218,8 @@ def test_the_cycle_sum_is_of_residuals_about_one_axis_and_of_one_sign(seed, turn
     kappa = rng.uniform(0.5, 2.0, n)
     problem = RotationProblem(RotationGraph(n, edges[order], measured[order], kappa))
     assert cycle_sum_holds(problem, Estimate(R)) is (turns <= 1.0 and not bent)
+    exact = RotationProblem(identity_graph(n, edges[order], kappa))
+    assert cycle_sum_holds(exact, Estimate(np.tile(np.eye(3), (n, 1, 1)))) is True
 
 
 def test_a_cycle_of_weights_that_differ_has_no_bound_by_its_length():

@@ -99,3 +99,9 @@ def test_formats_of_binary_numbers_have_no_digits(tmp_path):
 def test_every_text_format_with_poses_says_how_it_writes_them():
     without = {f.name for f in formats().values() if f.read_poses and f.chart is None}
     assert without == {"bundler", "iterate", "npz", "toro"}
+
+
+def test_a_long_word_is_looked_at_once():
+    # Two ways to split its digits would take the square of its length: hours.
+    assert digits_of([b"9" * 1_000_000 + b"x", b"0.25"]) == Digits(2, True)
+    assert digits_of([b"1e" + b"9" * 5000, b"0.25"]) == Digits(2, True)

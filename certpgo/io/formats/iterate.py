@@ -52,18 +52,18 @@ def _matrix(path: Path) -> FloatArray:
         A row that is missing, too short or too long, or holds something else than numbers.
     """
     lines = text_lines(path)
-    rank, columns = _numbers(path, *next(lines), 2)
+    rank, columns = (int(number) for number in _numbers(path, *next(lines), 2))
     rows = [(number, line) for number, line in lines if line.strip()]
     if len(rows) != rank:
-        what = f"expected {rank:g} rows after the first line, not {len(rows)}"
+        what = f"expected {rank} rows after the first line, not {len(rows)}"
         raise FormatError(path, None, what)
     return np.array([_numbers(path, *row, columns) for row in rows])
 
 
-def _numbers(path: Path, number: int, line: bytes, count: float) -> list[float]:
+def _numbers(path: Path, number: int, line: bytes, count: int) -> list[float]:
     words = line.split()
     if len(words) != count:
-        raise FormatError(path, number, f"expected {count:g} numbers, not {len(words)}")
+        raise FormatError(path, number, f"expected {count} numbers, not {len(words)}")
     try:
         row = [float(word) for word in words]
     except ValueError:

@@ -8,6 +8,7 @@ import numpy as np
 
 from certpgo.errors import FormatError
 from certpgo.graph import Instance, RotationGraph
+from certpgo.io.assemble import distinct
 from certpgo.io.format import Format, ReadOptions
 from certpgo.io.matlab import SIGNATURE, sparse_pattern
 from certpgo.linalg.arrays import IntArray
@@ -38,8 +39,8 @@ def _adjacency(path: Path) -> tuple[int, IntArray]:
     if shape[0] != shape[1]:
         raise FormatError(path, None, f"a square adjacency matrix expected, not {shape}")
     n, apart = shape[0], rows != columns
-    codes = np.unique((np.minimum(rows, columns) * n + np.maximum(rows, columns))[apart])
-    return n, np.stack(np.divmod(codes, max(n, 1)), axis=-1)
+    codes = (np.minimum(rows, columns) * n + np.maximum(rows, columns))[apart]
+    return n, np.stack(np.divmod(distinct(codes), max(n, 1)), axis=-1)
 
 
 FORMAT = Format(

@@ -1,0 +1,322 @@
+"""Whatever the bytes of a file, its reader gives an answer or one line that names the file."""
+
+import importlib
+import struct
+import zipfile
+import zlib
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.lib import format as npy
+from scipy import io as matlab
+from scipy import sparse
+
+from certpgo import io
+from certpgo.datasets.synthetic import winding_cycle
+from certpgo.errors import FormatError
+from certpgo.io import expansion
+from certpgo.io.matlab import sparse_pattern
+
+#: Of the benchmark, which reads 100,000.
+SAMPLE = 350
+
+
+def test_a_sample_of_the_benchmark(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "reports")
+    fuzz = importlib.import_module("fuzz_readers")
+    tally, fuzzer = fuzz.Tally(), fuzz.Fuzzer(15, fuzz.samples(), tmp_path)
+    for number in range(SAMPLE):
+        fuzzer.judge(number, tally)
+    assert tally.failures == []
+    outcomes = {outcome for _, outcome in tally.files}
+    assert outcomes == {"read", "refused"}
+
+
+def refused(path, said, read=io.read):
+    with pytest.raises(FormatError) as caught:
+        read(path)
+    assert said in str(caught.value)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+# --- .mat -----------------------------------------------------------------------------------------
+
+A = np.triu(np.ones((4, 4)), 1)
+
+
+def element(kind, content, order="<"):
+    return struct.pack(f"{order}II", kind, len(content)) + content + bytes(-len(content) % 8)
+
+
+def mat(rows, starts, *, values=None, dims=(4, 4), flags=5, order="<", compress=False):
+    """A MATLAB 5 file of one sparse matrix."""
+    values = np.ones(len(rows)) if values is None else values
+    parts = [
+        element(6, struct.pack(f"{order}II", flags, len(rows)), order),
+        element(5, struct.pack(f"{order}{len(dims)}i", *dims), order),
+        element(1, b"A", order),
+        element(5, np.array(rows, f"{order}i4").tobytes(), order),
+        element(5, np.array(starts, f"{order}i4").tobytes(), order),
+        element(9, np.array(values, f"{order}f8").tobytes(), order),
+    ]
+    matrix = element(14, b"".join(parts), order)
+    if compress:
+        packed = zlib.compress(matrix)
+        matrix = struct.pack(f"{order}II", 15, len(packed)) + packed
+    header = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack(f"{order}H", 0x100)
+    return header + (b"IM" if order == "<" else b"MI") + matrix
+
+
+ROWS, STARTS = [0, 0, 1, 0, 1, 2], [0, 0, 1, 3, 6]
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("compress", [False, True])
+def test_a_sparse_matrix_in_either_byte_order(tmp_path, order, compress):
+    path = tmp_path / "g.mat"
+    path.write_bytes(mat(ROWS, STARTS, order=order, compress=compress))
+    pattern = sparse_pattern(path)
+    assert pattern.shape == (4, 4)
+    assert np.array_equal(np.stack([pattern.rows, pattern.columns]), np.nonzero(A.T)[::-1])
+
+
+@pytest.mark.parametrize("compress", [False, True])
+@pytest.mark.parametrize("dtype", [np.float64, np.bool_])
+def test_what_scipy_writes_is_read(tmp_path, compress, dtype):
+    rng = np.random.default_rng(0)
+    wanted = sparse.random_array((40, 40), density=0.1, rng=rng, format="csc").astype(dtype)
+    path = tmp_path / "g.mat"
+    matlab.savemat(path, {"a long name of a matrix": wanted}, do_compression=compress)
+    pattern = sparse_pattern(path)
+    found = sparse.coo_array(
+        (np.ones(len(pattern.rows)), (pattern.rows, pattern.columns)), (40, 40)
+    )
+    assert ((found.toarray() != 0) == (wanted.toarray() != 0)).all()
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"rows": [0, 0, 1, 0, 1, 4]}, "damaged MATLAB 5 file (row indices)"),
+        ({"rows": [0, 0, 1, 0, 1, -1]}, "(row indices)"),
+        ({"starts": [0, 0, 1 << 30, 3, 6]}, "(compressed columns)"),
+        ({"starts": [0, 3, 1, 3, 6]}, "(compressed columns)"),
+        ({"starts": [1, 1, 1, 3, 6]}, "(compressed columns)"),
+        ({"starts": [0, 0, 1, 3, 7]}, "(compressed columns)"),
+        ({"starts": [0, 0, 1, 3, -1]}, "(compressed columns)"),
+        ({"starts": [0, 0, 1, 3]}, "(compressed columns)"),
+        ({"starts": []}, "(compressed columns)"),
+        ({"values": [1.0]}, "(compressed columns)"),
+        ({"dims": (4, 2**31 - 1)}, "(compressed columns)"),
+        ({"dims": (-1, 4)}, "(a sparse matrix)"),
+        ({"dims": (4, 4, 4)}, "(a sparse matrix)"),
+        ({"dims": (5, 4)}, "a square adjacency matrix expected, not (5, 4)"),
+        ({"flags": 6}, "one sparse adjacency matrix expected"),
+        ({"flags": 5 | 0x800}, "one sparse adjacency matrix expected"),
+    ],
+)
+@pytest.mark.parametrize("compress", [False, True])
+def test_a_damaged_sparse_matrix(tmp_path, changes, said, compress):
+    # SciPy 1.17 writes out of bounds for some of these, and Python dies.
+    path = tmp_path / "g.mat"
+    path.write_bytes(mat(**{"rows": ROWS, "starts": STARTS, "compress": compress} | changes))
+    refused(path, said)
+
+
+def test_mat_files_of_other_things(tmp_path):
+    path = tmp_path / "g.mat"
+    two = {"A": sparse.csc_array(A), "B": sparse.csc_array(A)}
+    for variables in ({"A": A}, two, {"A": {"B": A}}, {}):
+        matlab.savemat(path, variables)
+        refused(path, "one sparse adjacency matrix expected")
+    whole = mat(ROWS, STARTS)
+    path.write_bytes(whole[:-8])
+    refused(path, "(an element's size)")
+    path.write_bytes(whole[:150])
+    refused(path, "MATLAB 5 file")
+    path.write_bytes(whole[:126] + b"XX" + whole[128:])
+    refused(path, "not a readable MATLAB 5 file")
+
+
+# --- .npz -----------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def graph(tmp_path):
+    """A graph's archive, and its arrays."""
+    path = tmp_path / "g.npz"
+    io.write(path, winding_cycle(5, 0.1, 0)[0])
+    with np.load(path) as archive:
+        return path, dict(archive)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("version", np.array([1, 1]), "one graph (version 1) expected, not something else"),
+        ("version", np.array("1"), "one graph (version 1) expected, not something else"),
+        ("num_nodes", np.arange(2), "'num_nodes' must be integers of shape ()"),
+        ("num_nodes", np.array(10**18), "ids must be"),
+        ("edges", np.zeros((5, 2)), "'edges' must be integers of shape (5, 2), not float64"),
+        ("edges", np.arange(10), "'edges' must be integers"),
+        ("rotations", np.zeros((5, 3, 3), dtype=complex), "'rotations' must be floating-point"),
+        (
+            "rotations",
+            np.zeros((4, 3, 3)),
+            "'rotations' must be floating-point numbers of shape (5, ",
+        ),
+        ("kappa", np.zeros((5, 1)), "'kappa' must be floating-point numbers of shape (5,)"),
+        ("kappa", np.zeros(5, dtype=[("a", "f8")]), "'kappa' must be"),
+        ("ids", np.zeros(5, dtype="M8[s]"), "'ids' must be integers"),
+        ("fixed", np.array(3), "'fixed' must be integers"),
+        ("fixed", np.array([7]), "fixed nodes are numbered 0 to 4"),
+        ("options", np.array("[1]"), "'options' must hold texts"),
+        ("options", np.array('{"keep": 1}'), "'options' must hold texts"),
+        ("options", np.array("[" * 100_000), "'options' must hold texts"),
+        ("notices", np.array("7"), "'notices' must hold texts"),
+        ("tau", np.ones(5), "'translations' is missing"),
+        ("name", np.array("\udcff"), "an archive of plain NumPy arrays expected"),
+    ],
+)
+def test_npz_arrays_of_another_kind(graph, name, value, said):
+    path, arrays = graph
+    np.savez(path, **arrays | {name: value})
+    refused(path, said)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("version", np.array([1, 1])),
+        ("ids", np.array(3)),
+        ("ids", np.zeros(5)),
+        ("rotations", np.array(1.0)),
+        ("translations", np.array("far")),
+    ],
+)
+def test_npz_estimates_of_another_kind(tmp_path, name, value):
+    path = tmp_path / "e.npz"
+    io.write(path, winding_cycle(5, 0.1, 0)[0].truth)
+    with np.load(path) as archive:
+        np.savez(path, **dict(archive) | {name: value})
+    refused(path, "", io.read_estimate)
+
+
+def repacked(path, **changed):
+    """The archive with other bytes for some of its arrays."""
+    with zipfile.ZipFile(path) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    members |= {f"{name}.npy": content for name, content in changed.items()}
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+
+
+def headed(shape, dtype="<f8"):
+    stream = BytesIO()
+    npy.write_array_header_1_0(stream, {"shape": shape, "fortran_order": False, "descr": dtype})
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize("shape", [(10**12, 9), (-1,), (2**62, 2**62), (6,)])
+def test_an_array_is_as_large_as_its_shape_says(graph, shape):
+    path, _ = graph
+    repacked(path, kappa=headed(shape) + bytes(40))
+    refused(path, "an archive of plain NumPy arrays expected")
+
+
+def test_arrays_by_columns_are_read(graph):
+    path, arrays = graph
+    np.savez(path, **arrays | {"edges": np.asfortranarray(arrays["edges"])})
+    assert np.array_equal(io.read(path).graph.edges, arrays["edges"])
+
+
+# --- What expands ---------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """A limit that small files reach."""
+    monkeypatch.setattr(expansion, "SMALL", 1 << 16)
+
+
+def test_an_archive_out_of_proportion(graph, small):
+    path, _ = graph
+    repacked(path, kappa=headed((1 << 20,)) + bytes(8 << 20))
+    refused(path, "expands to 8 MB, out of proportion to its size")
+
+
+def test_an_archive_that_hides_its_size(graph, small):
+    path, _ = graph
+    repacked(path, kappa=headed((5,)) + bytes(8 << 20))
+    with zipfile.ZipFile(path) as archive:
+        wrong = archive.getinfo("kappa.npy").file_size
+    small_size = struct.pack("<I", len(headed((5,))) + 40)
+    path.write_bytes(path.read_bytes().replace(struct.pack("<I", wrong), small_size))
+    refused(path, "an archive of plain NumPy arrays expected")
+
+
+@pytest.mark.parametrize(("size", "said"), [(8 << 20, "out of proportion"), (64, "damaged")])
+def test_a_matrix_out_of_proportion(tmp_path, small, size, said):
+    path = tmp_path / "g.mat"
+    packed = zlib.compress(struct.pack("<II", 14, size) + bytes(8 << 20))
+    path.write_bytes(mat(ROWS, STARTS)[:128] + struct.pack("<II", 15, len(packed)) + packed)
+    refused(path, said)
+
+
+# --- Text -----------------------------------------------------------------------------------------
+
+EDGE = b"EDGE_SE2 0 1 1 0 0.1 1 0 0 1 0 1"
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "said"),
+    [
+        (EDGE + b"\n" + EDGE + b"\r", 2, "a carriage return within a line"),
+        (EDGE + b"\r" + EDGE + b"\n", 1, "a carriage return within a line"),
+        (b"# of old\r\n" + EDGE + b" # a\rb\n", 2, "a carriage return within a line"),
+        (EDGE + b"\n\n" + EDGE + b"\x0b\n", 3, "the character 0x0b within a line"),
+        (EDGE + b"\r\r\n", 1, "a carriage return within a line"),
+    ],
+)
+def test_control_characters_are_refused_with_their_line(tmp_path, text, line, said):
+    path = tmp_path / "g.g2o"
+    path.write_bytes(text)
+    refused(path, f":{line}: {said}")
+
+
+def test_control_characters_are_found_across_chunks(tmp_path, monkeypatch):
+    monkeypatch.setattr("certpgo.io.chunks._CHUNK_BYTES", 50)
+    path = tmp_path / "g.g2o"
+    path.write_bytes((EDGE + b"\r\n") * 9 + EDGE + b"\r" + EDGE + b"\n")
+    refused(path, ":10: a carriage return")
+    path.write_bytes((EDGE + b"\r\n") * 9)
+    assert io.read(path, quiet=True).graph.num_edges == 9
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("9" * 5000 + " 4\n", ""),
+        ("0 0\n", ""),
+        ("3 0\n\n\n\n", "expected 3 rows"),
+        (f"1 {10**15}\n1 2 3\n", "expected 1000000000000000 numbers, not 3"),
+        ("1 four\n", "expected numbers"),
+        ("1\n", "expected 2 numbers"),
+    ],
+)
+def test_the_first_line_of_an_iterate(file, text, said):
+    path = file(text, "Y.txt")
+    refused(path, said, lambda p: io.read_estimate(p, format="iterate"))
+
+
+def test_a_folder_is_no_file_of_poses(tmp_path):
+    refused(tmp_path, "a tum file expected", lambda p: io.read_estimate(p, format="tum"))
+
+
+def test_underscores_are_no_digits(file):
+    path = file("0 1 " + "1 0 0 0 1 0 0 0 1 " + "0 0 1_0\n", "EGs.txt")
+    refused(path, ":1: i j, 9 numbers")
