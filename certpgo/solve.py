@@ -207,13 +207,15 @@ def _judged(search: Staircase, tier: Tier | None) -> Certificate:
     certificate = search.case.certificate(estimate, search.basin)
     near = certificate.gap <= PROOF_GAIN * certificate.tolerance
     missing = search.has_reached_the_floor and near and not search.is_certified
-    if search.stop.asked or not (tier is Tier.PROOF or (missing and tier is None)):
+    escalates = missing and tier is None and not search.stop.asked
+    if not (tier is Tier.PROOF or escalates):
         return certificate
     with search.watch.phase("prove"):
         case = replace(search.case, tier=Tier.PROOF)
         cost = case.cost_upper(estimate)
-        basin = Basin(estimate, cost, True, case.bound(estimate, cost))
-        proven = case.certificate(estimate, basin)
+        # Who stops before a proof that was asked for is not given less than a proof instead.
+        bound = None if search.stop.asked else case.bound(estimate, cost)
+        proven = case.certificate(estimate, Basin(estimate, cost, True, bound))
     better = proven.lower_bound > certificate.lower_bound
     return proven if tier is Tier.PROOF or better else certificate
 

@@ -20,10 +20,13 @@ from certpgo.errors import GraphError, InputError, NumericalError
 from certpgo.estimate import Estimate
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.linalg import factor, so
+from certpgo.monitor import silent
 from certpgo.newton import newton
 from certpgo.problem import RotationProblem, problem_of
+from certpgo.progress import Stop
 from certpgo.solution import Status
 from certpgo.solvers.low_rank import LowRank
+from certpgo.staircase import Staircase
 
 #: DESIGN section 5: SE-Sync's weights, poses and rotations alone.
 OPTIMA = {
@@ -758,6 +761,21 @@ def test_the_proof_tier_is_asked_where_rounding_is_all_that_is_missing():
     assert "prove" in answer.solution.seconds
     plain = solve(graph)
     assert (plain.verdict, plain.certificate.tier) == (Verdict.CERTIFIED, Tier.STANDARD)
+
+
+def test_a_search_stopped_before_its_proof_claims_none():
+    """The standard tier certifies, and then the time is up: that is no proof."""
+    instance, _ = winding_cycle(6, 0.3, 0)
+    case = Case.of(problem_of(instance.graph), Tier.STANDARD, 1e-5, 1e-12)
+    search = Staircase(case, Stop(silent, case.unit, math.inf), math.inf)
+    search.begin(None, True)
+    assert search.is_certified
+    search.stop.status = Status.TIME_LIMIT
+    judged = importlib.import_module("certpgo.solve")._judged
+    assert judged(search, Tier.STANDARD).verdict is Verdict.CERTIFIED
+    stopped = judged(search, Tier.PROOF)
+    assert (stopped.verdict, stopped.tier) == (Verdict.UNDECIDED, Tier.PROOF)
+    assert stopped.lower_bound == 0.0
 
 
 @pytest.mark.parametrize("tier", ["screen", "standard", "proof", Tier.PROOF])

@@ -199,3 +199,16 @@ def test_uneven_weights_get_an_answer(exponents):
     assert answer.certificate.lower_bound <= answer.certificate.cost
     again = certify(PoseProblem(graph), answer.estimate)
     assert again.verdict is not Verdict.REFUTED
+
+
+def test_solve_and_certify_agree_where_a_bridge_outweighs_the_rest():
+    """What atol W lets pass for optimal is improved all the same, when it was given."""
+    instance, wound = winding_cycle(9, 0.3, 1)
+    edges = np.concatenate([instance.graph.edges, [[0, 9]]])
+    R = np.concatenate([instance.graph.rotations, np.eye(3)[None]])
+    graph = RotationGraph(10, edges, R, np.r_[np.full(9, 1e-14), 1.0])
+    start = Estimate(np.concatenate([wound.rotations, wound.rotations[:1]]))
+    assert certify(RotationProblem(graph), start).verdict is Verdict.REFUTED
+    answer = certpgo.solve(graph, initial=start)
+    assert answer.cost == pytest.approx(1e-14 * 8 * 9 * math.sin(0.3 / 18) ** 2, rel=1e-6)
+    assert certify(RotationProblem(graph), answer.estimate).verdict is Verdict.CERTIFIED
