@@ -14,8 +14,9 @@ from functools import partial
 
 import numpy as np
 
-from certpgo import checker
+from certpgo import checker, operators
 from certpgo.certify.dual import DualBound
+from certpgo.certify.rounding import rotation_defect
 from certpgo.certify.shifted import Shifted
 from certpgo.estimate import Estimate
 from certpgo.io import quaternion
@@ -82,14 +83,30 @@ def prove(
 def proven_bound(
     problem: Problem, graph: checker.Graph, point: Estimate, bound: DualBound
 ) -> DualBound | None:
-    """A bound of the standard tier, proven without trust in a factorization; None if that fails."""
+    """A bound of the standard tier, proven without trust in a factorization; None if that fails.
+
+    The proof is about rotations of quaternions, the bound about the rotations nearest to the stored
+    matrices. An edge adds the blocks -kappa (D, D^T) to the difference of their M, |D| being at
+    most the `distances`, and these are no less than -kappa |D| on either node's diagonal.
+    """
     found = prove(problem, graph, point, bound.multipliers)
     if found is None:
         return None
-    diagonal = np.einsum("naa->na", found[0])
+    multipliers, rows = found[0].copy(), np.arange(problem.d)
+    weights = distances(graph, problem.rotation.graph.rotations) * graph.kappa
+    less = 1.001 * operators.degrees(problem.graph.edges, weights, problem.n)
+    diagonal = np.nextafter(multipliers[:, rows, rows] - less[:, None], -np.inf)
+    multipliers[:, rows, rows] = diagonal
     value = math.nextafter(math.fsum(diagonal.ravel()), -math.inf)
     taken = np.einsum("naa->na", problem.multipliers(point)) - diagonal
-    return replace(bound, value=value, multipliers=found[0], shift=float(taken.max()))
+    return replace(bound, value=value, multipliers=multipliers, shift=float(taken.max()))
+
+
+def distances(graph: checker.Graph, R: FloatArray) -> FloatArray:
+    """(m,) bounds on how far the graph's rotations are from those nearest to stored matrices R."""
+    taken = np.ldexp(graph.R.astype(np.float64), -checker.POINT)
+    apart = np.linalg.norm(taken - R, axis=(1, 2))
+    return np.asarray(apart + rotation_defect(R) + 8.0 * checker.U)
 
 
 def exact_cost(problem: Problem, graph: checker.Graph, estimate: Estimate) -> float:

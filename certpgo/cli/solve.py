@@ -242,8 +242,8 @@ class _Answer:
         typer.echo()
         if solution.kept is not None:
             typer.echo(
-                "What follows is about the measurements that were kept, with the weights they ended "
-                "with:"
+                "What follows is about the measurements that were kept, with the weights they "
+                "ended with:"
             )
         _verdict.show(self.certificate, part.options, disagreement=self.disagreement)
         uncertified = self.certificate.verdict.value != "CERTIFIED"

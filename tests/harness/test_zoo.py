@@ -69,6 +69,15 @@ def test_ours_is_false_nowhere_in_random_instances(kind):
     assert tally["", "optimal"] + tally["", "not optimal"] >= 5
 
 
+@pytest.mark.parametrize("seed", [382, 888])
+def test_a_proof_holds_for_the_stored_matrices(seed):
+    """Not only for the quaternions that the proof is about, rounding away from them."""
+    for cases in campaign.draws(campaign.kind_of("up to four in the plane, random"), seed):
+        problem = cases[0].problem
+        certificate = Judge(problem, tier="proof").certify(cases[0].point)
+        assert certificate.multipliers is None or oracle.is_proof(problem, certificate.multipliers)
+
+
 def test_the_rules_accept_what_the_zoo_knows_to_be_wrong():
     judges = {name: certifiers()[name] for name in RULES}
     assert judged(wound_case(500, 1), judges)[0]["se_sync_rule", "false"] == 1
