@@ -73,9 +73,9 @@ def test_frames_of_higher_rank_are_cheaper_than_rotations(shown):
     assert shown["lifted_cost"] < 0.95 * shown["best_cost"]
 
 
-def test_random_starts_improve_on_some_bounded_answer_and_on_no_certified_one(shown, levels):
-    assert shown["improved"]
-    assert not any(level["improved"] and tight(level) for level in levels)
+def test_random_starts_improve_on_no_answer(shown, levels):
+    assert shown["improved"] == []
+    assert any(level["verdict"] == "BOUNDED" for level in levels)
 
 
 def test_the_ladder_between_two_bounds(shown):
