@@ -217,8 +217,8 @@ plt.show()
 # ## What BOUNDED does not say
 #
 # A gap of a few percent does not mean that the estimate is a few percent too costly. The optimum
-# lies somewhere between the bound and the best cost known. Before it says BOUNDED, `solve` looks for
-# a better estimate itself: it rounds the relaxation's point in random directions, kicks its answer,
+# lies somewhere between the bound and the best cost known. Before it says BOUNDED, `solve` looks
+# for a better estimate itself: it rounds the relaxation's point in random directions, kicks its answer,
 # and descends from there. Ten random starts at each noise level had the same chance:
 
 # %%
