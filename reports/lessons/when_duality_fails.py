@@ -218,8 +218,8 @@ plt.show()
 #
 # A gap of a few percent does not mean that the estimate is a few percent too costly. The optimum
 # lies somewhere between the bound and the best cost known. Before it says BOUNDED, `solve` looks
-# for a better estimate itself: it rounds the relaxation's point in random directions, kicks its answer,
-# and descends from there. Ten random starts at each noise level had the same chance:
+# for a better estimate itself: it rounds the relaxation's point in random directions, kicks its
+# answer, and descends from there. Ten random starts at each noise level had the same chance:
 
 # %%
 improved = [int(degrees) for degrees, level in zip(noise, levels, strict=True) if level["improved"]]
