@@ -40,6 +40,8 @@ TESTS = {
     "certpgo/certify/bounds.py": ("certify/test_bounds*",),
     "certpgo/certify/case.py": (
         "certify/test_case*",
+        "certify/test_parts*",
+        "certify/test_extremes*",
         "certify/test_certify*",
         "certify/test_attacks*",
     ),
@@ -47,11 +49,17 @@ TESTS = {
     "certpgo/certify/curvature.py": ("certify/test_curvature*",),
     "certpgo/certify/dual.py": ("certify/test_dual*", "certify/test_residual*"),
     "certpgo/certify/judge.py": ("certify/test_certify*", "certify/test_attacks*"),
+    "certpgo/certify/parts.py": ("certify/test_parts*",),
     "certpgo/certify/proof.py": ("certify/test_proof*", "test_checker*"),
     "certpgo/certify/proof_file.py": ("certify/test_proof*", "test_checker*"),
     "certpgo/certify/residual.py": ("certify/test_residual*",),
-    "certpgo/certify/rounding.py": ("certify/test_rounding*", "certify/test_dual*"),
+    "certpgo/certify/rounding.py": (
+        "certify/test_rounding*",
+        "certify/test_dual*",
+        "certify/test_extremes*",
+    ),
     "certpgo/certify/shifted.py": ("certify/test_shifted*", "certify/test_dual*"),
+    "certpgo/certify/units.py": ("certify/test_extremes*",),
     "certpgo/checker.py": ("test_checker*", "certify/test_proof*"),
 }
 #: Share of the mutants that may survive, of those that are not equivalent.

@@ -163,7 +163,9 @@ def test_certificates_in_units_that_underflow_stay_true(power):
     assert Fraction(scaled.lower_bound) <= Fraction(unit) * Fraction(certificate.lower_bound)
     for name in ("cost", "gap", "refined_cost"):
         before, after = getattr(certificate, name), getattr(scaled, name)
-        assert Fraction(after) >= Fraction(unit) * Fraction(before) > 0
+        exact = Fraction(unit) * Fraction(before)
+        assert exact <= Fraction(after) <= exact + Fraction(2.0**-1074)
+    assert scaled.scale == unit * certificate.scale
 
 
 @pytest.mark.parametrize("scale", [2.0**-380, 1.0, 2.0**380])

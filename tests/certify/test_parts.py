@@ -9,7 +9,8 @@ import certpgo
 from certpgo.bridges import bridges
 from certpgo.certify import Tier, Verdict, certify
 from certpgo.certify.case import Case
-from certpgo.certify.parts import outside, parts
+from certpgo.certify.dual import DualBound
+from certpgo.certify.parts import outside, parts, sum_of_bounds
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.estimate import Estimate
 from certpgo.graph import PoseGraph, RotationGraph
@@ -94,6 +95,43 @@ def test_parts_are_what_bridges_leave():
     assert sum(part.problem.graph.num_edges for part in found) == graph.num_edges - 1
     assert outside(problem, found) == pytest.approx(26.0 / problem.scale, rel=1e-12)
     assert parts(found[0].problem) == []
+
+
+@given(st.integers(0, 1000))
+def test_every_edge_is_a_bridge_or_in_a_part(seed):
+    rng = np.random.default_rng(seed)
+    n = 12
+    tree = [(int(rng.integers(0, k)), k) for k in range(1, n)]
+    edges = np.array(tree + [tuple(rng.choice(n, 2, replace=False)) for _ in range(5)])
+    graph = RotationGraph(n, edges, np.tile(np.eye(2), (len(edges), 1, 1)), np.ones(len(edges)))
+    cut = {tuple(pair) for pair in bridges(graph).tolist()}
+    inside = sum(tuple(sorted(edge)) not in cut for edge in edges.tolist())
+    found = parts(RotationProblem(graph))
+    assert sum(part.problem.graph.num_edges for part in found) == (inside if cut else 0)
+
+
+def test_what_lies_outside_counts_by_weight_or_by_length():
+    light = joined(0, 5.0).with_weights(tau=np.full(25, 1e-9))
+    problem = PoseProblem(light)
+    inside = np.linalg.norm(light.translations[:-1], axis=1).sum()
+    assert outside(problem, parts(problem)) == pytest.approx(5.0 / (inside + 5.0), rel=1e-12)
+    rotation = problem.rotation
+    assert outside(rotation, parts(rotation)) == pytest.approx(1.0 / 25.0, rel=1e-12)
+
+
+def test_bounds_of_parts_add_up():
+    problem = PoseProblem(joined(0, 5.0))
+    found = parts(problem)
+    bounds = [
+        DualBound(value, np.full((12, 3, 3), value), shift, 1, nonzeros)
+        for value, shift, nonzeros in ((0.25, 1e-9, 10), (0.5, 1e-7, 7))
+    ]
+    summed = sum_of_bounds(problem, found, lambda part: bounds[found.index(part)])
+    assert (summed.value, summed.shift) == (np.nextafter(0.75, 0.0), 1e-7)
+    assert (summed.factorizations, summed.nonzeros) == (2, 10)
+    assert (summed.multipliers[:12] == 0.25).all()
+    assert (summed.multipliers[12:] == 0.5).all()
+    assert sum_of_bounds(problem, found, lambda part: None) is None
 
 
 def test_a_tree_has_no_parts():
