@@ -134,13 +134,13 @@ class Staircase:
                     break
                 before = self.problem.cost(point)
                 point = self.escape(point, rank, direction)
-                lower = self.problem.cost(point)
+                lower = self.levels[-1].cost
                 if before - lower <= NOTHING * self.case.tolerance(lower) and not self.is_done:
                     self.floor = lower  # the eigenvalue was rounding
                     break
                 nearest = self.problem.complete(rounded(point).rotations)
                 self.improve(self.descend(nearest))
-                if self.best.cost < (1.0 - 1e-9) * self.levels[-1].cost:
+                if self.best.cost < (1.0 - SAME) * lower:
                     point = self.best.estimate  # the higher rank has gained nothing yet
                 elif not self.is_certified:
                     self.improve_bound(point)

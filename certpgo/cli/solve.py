@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -273,35 +274,30 @@ def _certified(
     monitor: Monitor,
 ) -> _Answer:
     from certpgo import solve, solve_robustly
-    from certpgo.harness.verdicts import hint
 
-    if robust:
-        found = solve_robustly(
-            part.graph,
-            initial=start,
-            time_limit=time_limit,
-            max_rank=max_rank,
-            tier=tier,
-            monitor=monitor,
-        )
-        return _Answer("robust", found.solution, found.certificate, found.start, found.levels)
-    found = solve(
+    solver = solve_robustly if robust else partial(solve, on_disagreement=_hinting)
+    found = solver(
         part.graph,
         initial=start,
         time_limit=time_limit,
         max_rank=max_rank,
         tier=tier,
         monitor=monitor,
-        on_disagreement=lambda told: notice(hint(told)),
     )
     return _Answer(
-        "certified",
+        "robust" if robust else "certified",
         found.solution,
         found.certificate,
         found.start,
         found.levels,
         found.disagreement,
     )
+
+
+def _hinting(told: Disagreement) -> None:
+    from certpgo.harness.verdicts import hint
+
+    notice(hint(told))
 
 
 def _by_method(
