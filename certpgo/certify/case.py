@@ -151,7 +151,7 @@ class Case:
 
         Parameters
         ----------
-        point : of any rank, but an estimate at the proof tier
+        point : of any rank; at the proof tier only an estimate has a bound
         cost : F there, or in hand elsewhere, which decides what is enough
         sharp, tight : see `dual_bound`
         refine : the parts' points may be improved
@@ -174,10 +174,14 @@ class Case:
     def _bound(
         self, problem: Problem, point: Point, cost: float, *, sharp: bool, tight: bool
     ) -> DualBound | None:
-        if self.tier is Tier.PROOF and isinstance(point, Estimate):
+        if self.tier is Tier.PROOF:
+            if not isinstance(point, Estimate):  # a proof holds rotations, of rank d
+                return None
             bound = dual_bound(problem, point)
+            if bound is None:
+                return None
             exact = self._exact if problem is self.problem else exact_graph(problem)
-            return None if bound is None else proven_bound(problem, exact, point, bound)
+            return proven_bound(problem, exact, point, bound)
         enough = cost - self.rtol * cost - self.atol * problem.scale
         return dual_bound(
             problem, point, rounding=self.rigorous, enough=enough, sharp=sharp, tight=tight
@@ -315,4 +319,5 @@ def _of_f(c: Certificate) -> str:
     if not c.cost > 0.0:
         return f"{c.gap:.2g}"
     share = c.gap / c.cost
-    return f"{f'{100.0 * share:.2g} % of' if share > LARGE else f'{share:.2g}'} F = {c.gap:.2g}"
+    said = f"{100.0 * share:.2g} % of" if share > LARGE else f"{share:.2g}"
+    return f"{said} F = {c.gap:.2g}"
