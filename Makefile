@@ -23,7 +23,7 @@ compare: $(COMPARE)
 test: $(DEVELOP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy certpgo
+	$(BIN)/mypy
 	$(BIN)/python -m pytest -n 2
 
 gate: $(DEVELOP)

@@ -8,10 +8,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from certpgo.errors import SpecError
-from certpgo.estimate import Estimate
-from certpgo.graph import PoseGraph
+from certpgo.graph import Estimate, PoseGraph
 from certpgo.linalg import so
-from certpgo.problem import PoseProblem, Problem, RotationProblem
+from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
 
 from ._baseline import Baseline
 from ._gtsam import Model, isotropic_model, library

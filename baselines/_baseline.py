@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from certpgo.errors import InputError
-from certpgo.estimate import Estimate
-from certpgo.monitor import Monitor, Stopwatch, silent
-from certpgo.problem import PoseProblem, Problem
-from certpgo.solution import Solution, Status
+from certpgo.graph import Estimate
+from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.optimize.monitor import Monitor, Stopwatch, silent
+from certpgo.optimize.solution import Solution, Status
 
 from ._gtsam import Model, library, translated
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.linalg.blocks import scatter_sum
-from certpgo.problem import PoseProblem, Problem
+from certpgo.objective.problem import PoseProblem, Problem
 
 
 def block_size(problem: Problem) -> int:

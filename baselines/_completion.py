@@ -18,15 +18,15 @@ import numpy as np
 from scipy import sparse
 
 from certpgo.errors import SpecError
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
+from certpgo.graph.trees import compose, spanning_tree
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.linalg.blocks import BlockPattern
-from certpgo.monitor import Monitor, Stopwatch, silent
-from certpgo.problem import PoseProblem, Problem
-from certpgo.progress import Progress
-from certpgo.solution import Solution
+from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.optimize.monitor import Monitor, Stopwatch, silent
+from certpgo.optimize.progress import Progress
+from certpgo.optimize.solution import Solution
 from certpgo.solvers._iterative import Iterative
-from certpgo.trees import compose, spanning_tree
 
 from ._blocks import block_size, inverses, measured_both_ways, poses_of
 

@@ -20,14 +20,14 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from certpgo import operators
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal, scatter_sum
 from certpgo.linalg.cg import conjugate_gradients
 from certpgo.linalg.eigen import Eigenpairs, krylov_schur
 from certpgo.linalg.factor import Factor
-from certpgo.problem import PoseProblem, Problem, RotationProblem
-from certpgo.reduced import factor_shifted
+from certpgo.objective import operators
+from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
+from certpgo.objective.reduced import factor_shifted
 
 from ._blocks import block_matrix, block_size, edge_blocks, inverses
 

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 from certpgo.errors import CertPGOError, InputError, MissingDependency, NumericalError
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.problem import PoseProblem, Problem
+from certpgo.objective.problem import PoseProblem, Problem
 
 #: Information of the prior on the first node; its residual is zero at the optimum.
 PRIOR_PRECISION = 1e6

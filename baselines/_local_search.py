@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from certpgo.errors import InputError, SpecError
-from certpgo.estimate import Estimate
-from certpgo.monitor import Stopwatch
-from certpgo.problem import Problem
-from certpgo.solution import Status
+from certpgo.graph import Estimate
+from certpgo.objective.problem import Problem
+from certpgo.optimize.monitor import Stopwatch
+from certpgo.optimize.solution import Status
 
 from ._baseline import Baseline, Outcome
 from ._gtsam import Model, initialization, isotropic_model, library, model_of

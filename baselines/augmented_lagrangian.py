@@ -23,8 +23,8 @@ from scipy import sparse
 
 from certpgo.errors import SpecError
 from certpgo.linalg.arrays import FloatArray
-from certpgo.problem import Problem
-from certpgo.progress import Progress
+from certpgo.objective.problem import Problem
+from certpgo.optimize.progress import Progress
 
 from ._completion import Completion, Known, LowRank, Start
 

@@ -19,19 +19,19 @@ from typing import ClassVar
 
 import numpy as np
 
-from certpgo import operators
 from certpgo.errors import NumericalError, SpecError
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
+from certpgo.graph.trees import compose, spanning_tree
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.factor import Factor
-from certpgo.monitor import Monitor, Stopwatch, silent
-from certpgo.problem import Problem, RotationProblem
-from certpgo.progress import Progress
-from certpgo.solution import Solution
+from certpgo.objective import operators
+from certpgo.objective.problem import Problem, RotationProblem
+from certpgo.optimize.monitor import Monitor, Stopwatch, silent
+from certpgo.optimize.progress import Progress
+from certpgo.optimize.solution import Solution
 from certpgo.solvers._iterative import Iterative
-from certpgo.trees import compose, spanning_tree
 
 #: The largest weight of an edge, which keeps the least squares well conditioned.
 HEAVIEST = 1e8

@@ -25,9 +25,9 @@ import numpy as np
 from certpgo.errors import NumericalError, SpecError
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal, scatter_sum
-from certpgo.problem import Problem
-from certpgo.progress import Progress
-from certpgo.solution import Status
+from certpgo.objective.problem import Problem
+from certpgo.optimize.progress import Progress
+from certpgo.optimize.solution import Status
 from certpgo.solvers import _memory
 
 from ._blocks import block_size

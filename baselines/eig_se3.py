@@ -21,10 +21,10 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from certpgo.errors import SpecError
-from certpgo.estimate import Estimate
-from certpgo.monitor import Monitor, Stopwatch, silent
-from certpgo.problem import Problem
-from certpgo.solution import Solution, Status
+from certpgo.graph import Estimate
+from certpgo.objective.problem import Problem
+from certpgo.optimize.monitor import Monitor, Stopwatch, silent
+from certpgo.optimize.solution import Solution, Status
 
 from ._blocks import poses_of
 from ._eig_se3 import leading_eigenvectors, trailing_singular_vectors

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from certpgo.estimate import Estimate
-from certpgo.monitor import Stopwatch
-from certpgo.problem import Problem
+from certpgo.graph import Estimate
+from certpgo.objective.problem import Problem
+from certpgo.optimize.monitor import Stopwatch
 
 from ._baseline import Baseline, Outcome
 from ._gtsam import Model, initialization, model_of

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from certpgo.estimate import Estimate
-from certpgo.monitor import Stopwatch
-from certpgo.problem import Problem
+from certpgo.graph import Estimate
+from certpgo.objective.problem import Problem
+from certpgo.optimize.monitor import Stopwatch
 
 from ._baseline import Baseline, Outcome
 from ._gtsam import Model, library, uniform_model

@@ -10,12 +10,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from certpgo.errors import SpecError
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.monitor import Stopwatch
-from certpgo.problem import Problem
-from certpgo.solution import Status
+from certpgo.objective.problem import Problem
+from certpgo.optimize.monitor import Stopwatch
+from certpgo.optimize.solution import Status
 
 from ._baseline import Baseline, Outcome
 from ._gtsam import Model, chordal_model, library

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from certpgo.errors import NumericalError
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
-from certpgo.monitor import Stopwatch
-from certpgo.problem import Problem, RotationProblem
-from certpgo.solution import Status
+from certpgo.objective.problem import Problem, RotationProblem
+from certpgo.optimize.monitor import Stopwatch
+from certpgo.optimize.solution import Status
 
 from ._averaging import Averaging, posed
 from ._baseline import Outcome

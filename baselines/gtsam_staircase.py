@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from certpgo.errors import NumericalError
-from certpgo.estimate import Estimate
-from certpgo.lift import Lift, rounded
+from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.monitor import Stopwatch
-from certpgo.problem import Problem
-from certpgo.solution import Status
+from certpgo.objective.lift import Lift, rounded
+from certpgo.objective.problem import Problem
+from certpgo.optimize.monitor import Stopwatch
+from certpgo.optimize.solution import Status
 
 from ._averaging import Averaging
 from ._baseline import Outcome

@@ -16,12 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.errors import SpecError
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
-from certpgo.monitor import Monitor, Stopwatch, silent
-from certpgo.problem import PoseProblem, Problem
-from certpgo.progress import Progress
-from certpgo.solution import Solution
+from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.optimize.monitor import Monitor, Stopwatch, silent
+from certpgo.optimize.progress import Progress
+from certpgo.optimize.solution import Solution
 from certpgo.solvers._iterative import Iterative
 
 from ._blocks import poses_of

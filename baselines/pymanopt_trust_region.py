@@ -8,13 +8,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from certpgo.errors import MissingDependency, SpecError
-from certpgo.estimate import Estimate
-from certpgo.lift import Lift, lifted, rounded
+from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
-from certpgo.monitor import Monitor, Stopwatch, silent
-from certpgo.problem import PoseProblem, Problem
-from certpgo.solution import Solution, Status
-from certpgo.spectral import spectral_start
+from certpgo.objective.lift import Lift, lifted, rounded
+from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.optimize.monitor import Monitor, Stopwatch, silent
+from certpgo.optimize.solution import Solution, Status
+from certpgo.optimize.spectral import spectral_start
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 # `certify` and `solve` are functions here and modules as well: importing them now, before anyone
 # else does, is what makes the functions win.
 from certpgo.certify import Certificate, Tier, Verdict, certify
-from certpgo.disagreement import Disagreement
 from certpgo.errors import (
     CertPGOError,
     FormatError,
@@ -19,18 +18,18 @@ from certpgo.errors import (
     NumericalError,
     SpecError,
 )
-from certpgo.estimate import Estimate
-from certpgo.graph import Instance, PoseGraph, RotationGraph
-from certpgo.monitor import Iteration, Monitor
-from certpgo.problem import PoseProblem, RotationProblem
-from certpgo.robust import solve_robustly
-from certpgo.solution import Solution, Status
-from certpgo.solve import CertifiedSolution, solve
+from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
+from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.optimize.monitor import Iteration, Monitor
+from certpgo.optimize.solution import Solution, Status
+from certpgo.solvers.certified.disagreement import Disagreement
+from certpgo.solvers.certified.pipeline import CertifiedSolution, solve
+from certpgo.solvers.certified.robust import solve_robustly
 
 if TYPE_CHECKING:
+    from certpgo.assess.assessment import certify_values
     from certpgo.certify.proof_file import write_proof
     from certpgo.checker import check
-    from certpgo.harness.assessment import certify_values
     from certpgo.io import read, read_estimate, write
     from certpgo.registry import get_solver
 

@@ -1,46 +1,45 @@
 """Names to modules by scanning folders; nothing is imported until asked for.
 
-A method is one file of ``certpgo/solvers`` or, in a checkout, ``baselines``, exposing ``SOLVER``;
-a competitor's rule for certifying is one file of ``baselines/certifiers`` exposing ``CERTIFIER``;
-a table is one file of ``reports/tables`` exposing ``TABLE``, a figure one of ``reports/figures``
-exposing ``FIGURE``. Files whose names start with an underscore are shared code. The checkout's
-folders are not in the wheel and are loaded by path.
+A method is one file or folder of ``certpgo/solvers`` or, in a checkout, ``baselines``, exposing
+``SOLVER``. A checkout also holds the benchmarks, which are not in the wheel: folders of files that
+expose a specification each, loaded by path, and the package ``reports.harness`` with the commands
+that work on them. Files whose names start with an underscore are shared code.
 """
 
 from __future__ import annotations
 
 import importlib
+import inspect
 import os
+import pickle
 import sys
-from collections.abc import Callable, Iterator
+import types
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import is_dataclass
+from dataclasses import MISSING, Field, fields, is_dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from certpgo.errors import MissingDependency, SpecError, UnusableFile
-from certpgo.estimate import Estimate
-from certpgo.problem import Problem
-from certpgo.solution import Solver
+
+if TYPE_CHECKING:
+    from certpgo.optimize.solution import Solver
 
 #: Environment variable naming the checkout, where it is not beside the package.
 REPOSITORY_VARIABLE = "CERTPGO_REPOSITORY"
 
-#: The certified pipeline, which is made of methods and no file among them.
-PIPELINE = "certified"
-
-#: A rule that is told an estimate and returns the one it calls optimal (the same, or where its own
-#: descent ended), or None. InputError says that it does not judge such a thing.
-Certifier = Callable[[Problem, Estimate], Estimate | None]
-
 _PACKAGE = Path(__file__).parent
+_SOLVERS = _PACKAGE / "solvers"
+_COMMANDS = "reports/harness/commands"
+
+
+# --- Methods
 
 
 def solver_names() -> tuple[str, ...]:
     """Names of the methods here: the package's own, and the baselines in a checkout."""
-    own = _stems(_PACKAGE / "solvers")
-    return tuple(sorted({PIPELINE, *own, *_stems(_checkout_folder("baselines"))}))
+    return tuple(sorted({*_stems(_SOLVERS), *names_in("baselines")}))
 
 
 def get_solver(name: str) -> type[Solver]:
@@ -64,15 +63,13 @@ def get_solver(name: str) -> type[Solver]:
         ...
     certpgo.errors.SpecError: unknown method 'eigen_r'; did you mean eigen_ra or ...?
     """
-    if name == PIPELINE:
-        module = importlib.import_module("certpgo.solve")
-    elif name in _stems(_PACKAGE / "solvers"):
-        module = _imported(f"certpgo.solvers.{name}", _PACKAGE / "solvers" / f"{name}.py")
-    elif name in _stems(_checkout_folder("baselines")):
-        module = _load(repository() / "baselines", name)
+    if name in _stems(_SOLVERS):
+        module = _imported(f"certpgo.solvers.{name}", _SOLVERS / f"{name}.py")
+    elif name in names_in("baselines"):
+        module = load_file("baselines", name)
     else:
         raise SpecError.unknown("method", name, solver_names())
-    solver: type[Solver] = _exposed(module, "SOLVER")
+    solver: type[Solver] = exposed(module, "SOLVER")
     _require_settings(solver, module.__file__ or name)
     return solver
 
@@ -85,73 +82,92 @@ def _require_settings(solver: Any, path: str) -> None:
         raise UnusableFile(path, f"SOLVER lacks {', '.join(missing)}")
 
 
-def certifier_names() -> tuple[str, ...]:
-    """Names of the competitors' certifiers in a checkout."""
-    return _stems(_checkout_folder("baselines/certifiers"))
-
-
-def get_certifier(name: str) -> Certifier:
-    """The certifier called ``name``.
+def build(name: str, settings: Mapping[str, Any]) -> Solver:
+    """The method called ``name`` with these settings.
 
     Raises
     ------
     SpecError
-        No checkout, no such certifier, or a file that exposes no ``CERTIFIER``.
+        The method or a setting is unknown, or a setting has neither value nor default.
+    InputError
+        A setting's value is not allowed; raised by the method.
     """
-    if name not in certifier_names():
-        raise SpecError.unknown("certifier", name, certifier_names())
-    certifier: Certifier = _exposed(
-        _load(repository() / "baselines", f"certifiers.{name}"), "CERTIFIER"
-    )
-    return certifier
+    solver = get_solver(name)
+    known = setting_fields(solver)
+    for key in settings:
+        if key not in known:
+            raise SpecError.unknown(f"setting of {name}", key, known)
+    for key in known.keys() - defaults(solver).keys() - settings.keys():
+        problem = f"{name}'s setting {key} has no default: --set {key}=VALUE gives it one"
+        raise UnusableFile(inspect.getfile(solver), problem)
+    return solver(**settings)
 
 
-def table_names() -> tuple[str, ...]:
-    """Names of the tables that `reproduce` knows; none without a checkout."""
-    return _stems(_checkout_folder("reports/tables"))
+def setting_fields(solver: type[Solver]) -> dict[str, Field[Any]]:
+    """The settings of a method by name."""
+    return {f.name: f for f in fields(solver) if f.init}  # type: ignore[arg-type]
 
 
-def get_table(name: str) -> Any:
-    """The specification of the table called ``name``, as ``moreira2020-table5.7`` or with ``_``.
+def defaults(solver: type[Solver]) -> dict[str, Any]:
+    """Settings with their default values, those without one left out."""
+    found = {}
+    for name, field in setting_fields(solver).items():
+        if field.default is not MISSING:
+            found[name] = field.default
+        elif field.default_factory is not MISSING:
+            found[name] = field.default_factory()
+    return found
+
+
+def parse_settings(name: str, assignments: Iterable[str]) -> dict[str, Any]:
+    """Settings of a method from texts ``key=value``, each converted to its field's type.
 
     Raises
     ------
     SpecError
-        No checkout, no such table (with the nearest names), or a file that exposes no ``TABLE``.
+        The setting is unknown, there is no ``=``, or the value is of another type.
     """
-    return _report("tables", "table", name)
+    solver = get_solver(name)
+    try:
+        hints = get_type_hints(solver)
+    except NameError as error:
+        raise UnusableFile(inspect.getfile(solver), error) from error
+    parsed: dict[str, Any] = {}
+    for text in assignments:
+        key, equals, value = text.partition("=")
+        if not equals:
+            raise SpecError(f"a setting is given as key=value, not {text!r}")
+        if key not in setting_fields(solver):
+            raise SpecError.unknown(f"setting of {name}", key, setting_fields(solver))
+        parsed[key] = _converted(f"{name}: {key}", value, hints[key])
+    return parsed
 
 
-def figure_names() -> tuple[str, ...]:
-    """Names of the figures that `reproduce` knows; none without a checkout."""
-    return _stems(_checkout_folder("reports/figures"))
+def _converted(what: str, text: str, kind: Any) -> Any:
+    origin = get_origin(kind)
+    if origin is Literal:
+        if text not in get_args(kind):
+            raise SpecError.unknown(f"value of {what}", text, map(str, get_args(kind)))
+        return text
+    if origin in (Union, types.UnionType):
+        if text.lower() == "none" and type(None) in get_args(kind):
+            return None
+        [kind] = [k for k in get_args(kind) if k is not type(None)][:1]
+        return _converted(what, text, kind)
+    if kind is bool:
+        if text.lower() not in ("true", "false"):
+            raise SpecError(f"{what} is true or false, not {text!r}")
+        return text.lower() == "true"
+    if kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            number = "an integer" if kind is int else "a number"
+            raise SpecError(f"{what} is {number}, not {text!r}") from None
+    return text
 
 
-def get_figure(name: str) -> Any:
-    """The specification of the figure called ``name``, as ``moreira2020-figure5.1`` or with ``_``.
-
-    Raises
-    ------
-    SpecError
-        No checkout, no such figure (with the nearest names), or a file that exposes no ``FIGURE``.
-    """
-    return _report("figures", "figure", name)
-
-
-def get_report(name: str) -> Any:
-    """The table or figure called ``name``.
-
-    Raises
-    ------
-    SpecError
-        No checkout, or nothing of that name, with the nearest names of both kinds.
-    """
-    repository()
-    if _stem(name) in figure_names():
-        return get_figure(name)
-    if _stem(name) in table_names():
-        return get_table(name)
-    raise SpecError.unknown("table or figure", _stem(name), (*table_names(), *figure_names()))
+# --- The checkout
 
 
 def repository() -> Path:
@@ -168,21 +184,10 @@ def repository() -> Path:
     root = checkout()
     if root is None:
         raise SpecError(
-            "compare, reproduce, report and gate need the checkout: run them in its folder, "
+            "this needs certpgo's checkout, which the wheel does not carry: run it in that folder, "
             f"or let {REPOSITORY_VARIABLE} name it"
         )
     return root
-
-
-def _report(folder_name: str, kind: str, name: str) -> Any:
-    folder = repository() / "reports" / folder_name
-    if _stem(name) not in _stems(folder):
-        raise SpecError.unknown(kind, _stem(name), _stems(folder))
-    return _exposed(_load(folder, _stem(name)), kind.upper())
-
-
-def _stem(name: str) -> str:
-    return name.replace("-", "_").replace(".", "_")
 
 
 def checkout() -> Path | None:
@@ -194,6 +199,86 @@ def checkout() -> Path | None:
 def source() -> Path:
     """The folder that the package lies in, whose commit says what ran."""
     return _PACKAGE.parent
+
+
+def names_in(folder: str) -> tuple[str, ...]:
+    """Names of the files of a folder of the checkout; none without a checkout."""
+    root = checkout()
+    return () if root is None else _stems(root / folder)
+
+
+def load_file(folder: str, name: str) -> ModuleType:
+    """A file of a folder of the checkout, as a module; dots lead into subfolders.
+
+    Raises
+    ------
+    SpecError
+        There is no checkout.
+    UnusableFile
+        Running the file fails.
+    """
+    _make_harness_importable()
+    # The folder becomes a package of its own, so that its files may import each other relatively.
+    path = repository() / folder
+    package = f"certpgo_{path.name}"
+    present = sys.modules.get(package)
+    if present is None or list(present.__path__) != [str(path)]:
+        for stale in [k for k in sys.modules if k == package or k.startswith(f"{package}.")]:
+            del sys.modules[stale]
+        parent = ModuleType(package)
+        parent.__path__ = [str(path)]
+        sys.modules[package] = parent
+        importlib.invalidate_caches()
+    return _imported(f"{package}.{name}", path / f"{name.replace('.', '/')}.py")
+
+
+def exposed(module: ModuleType, attribute: str) -> Any:
+    """What a module must expose.
+
+    Raises
+    ------
+    UnusableFile
+        It does not.
+    """
+    try:
+        return getattr(module, attribute)
+    except AttributeError:
+        raise UnusableFile(module.__file__ or module.__name__, f"must expose {attribute}") from None
+
+
+def command_names() -> tuple[str, ...]:
+    """Names of the benchmarks' commands; none without a checkout."""
+    root = _make_harness_importable()
+    return () if root is None else _stems(root / _COMMANDS)
+
+
+def get_command(name: str) -> Any:
+    """The benchmarks' command called ``name``.
+
+    Raises
+    ------
+    UnusableFile
+        Its file cannot be loaded, or exposes no ``command``.
+    """
+    root = _make_harness_importable() or repository()
+    module = _imported(f"reports.harness.commands.{name}", root / _COMMANDS / f"{name}.py")
+    return exposed(module, "command")
+
+
+def call_pickled(call: bytes) -> Any:
+    """Call a pickled function with its arguments, in a process that may not know the benchmarks."""
+    _make_harness_importable()
+    function, *arguments = pickle.loads(call)
+    return function(*arguments)
+
+
+def _make_harness_importable() -> Path | None:
+    """Let ``reports.harness`` be imported; returns the root of its checkout, or None."""
+    places = [root for root in (checkout(), *_places()) if root is not None]
+    root = next((root for root in places if (root / _COMMANDS).is_dir()), None)
+    if root is not None and str(root) not in sys.path:
+        sys.path.append(str(root))
+    return root
 
 
 def _places() -> Iterator[Path]:
@@ -208,29 +293,9 @@ def _is_complete(root: Path) -> bool:
     return (root / "baselines").is_dir() and (root / "reports").is_dir()
 
 
-def _checkout_folder(relative: str) -> Path | None:
-    root = checkout()
-    return None if root is None else root / relative
-
-
-def _stems(folder: Path | None) -> tuple[str, ...]:
-    if folder is None:
-        return ()
-    return tuple(sorted(p.stem for p in folder.glob("*.py") if not p.stem.startswith("_")))
-
-
-def _load(folder: Path, name: str) -> ModuleType:
-    # The folder becomes a package of its own, so that its files may import each other relatively.
-    package = f"certpgo_{folder.name}"
-    present = sys.modules.get(package)
-    if present is None or list(present.__path__) != [str(folder)]:
-        for stale in [k for k in sys.modules if k == package or k.startswith(f"{package}.")]:
-            del sys.modules[stale]
-        parent = ModuleType(package)
-        parent.__path__ = [str(folder)]
-        sys.modules[package] = parent
-        importlib.invalidate_caches()
-    return _imported(f"{package}.{name}", folder / f"{name.replace('.', '/')}.py")
+def _stems(folder: Path) -> tuple[str, ...]:
+    files = [*folder.glob("*.py"), *(path.parent for path in folder.glob("*/__init__.py"))]
+    return tuple(sorted(p.stem for p in files if not p.stem.startswith("_")))
 
 
 def _imported(name: str, path: Path) -> ModuleType:
@@ -241,10 +306,3 @@ def _imported(name: str, path: Path) -> ModuleType:
         raise
     except (Exception, SystemExit) as error:
         raise UnusableFile(path, error) from error
-
-
-def _exposed(module: ModuleType, attribute: str) -> Any:
-    try:
-        return getattr(module, attribute)
-    except AttributeError:
-        raise UnusableFile(module.__file__ or module.__name__, f"must expose {attribute}") from None

@@ -79,7 +79,7 @@ MISCHIEF = """
 
 #: A table of six cycles of 4 to 9 nodes.
 CYCLES = """
-    from certpgo.harness.spec import Column, Method, Row, Table
+    from reports.harness.experiments.spec import Column, Method, Row, Table
 
     TABLE = Table(
         "cycles",

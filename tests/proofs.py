@@ -10,7 +10,7 @@ import numpy as np
 import certpgo
 from certpgo import checker
 from certpgo.certify.proof_file import write_proof
-from certpgo.io.circle import half_angle_pair
+from certpgo.io.exact.circle import half_angle_pair
 
 
 def proven(folder, graph, name="graph"):

@@ -8,7 +8,7 @@ from strategies import rng_of, rotation_graph
 
 import certpgo
 from certpgo.datasets.synthetic import cycle
-from certpgo.problem import RotationProblem
+from certpgo.objective.problem import RotationProblem
 from certpgo.solvers.block_coordinate_descent import BlockCoordinateDescent
 from certpgo.solvers.cycle_closed_form import CycleClosedForm
 from certpgo.solvers.rotation_coordinate_descent import RotationCoordinateDescent

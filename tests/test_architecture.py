@@ -67,13 +67,8 @@ HOMES = {
     "pooch": ("datasets/lookup.py",),
     "typer": ("cli/",),
     "rich": ("cli/",),
-    "threadpoolctl": ("harness/timing.py", "certify/proof.py"),
-    "flint": ("harness/zoo/oracle.py",),
-    "matplotlib": ("harness/figure.py",),
-    "jinja2": ("harness/html/page.py",),
-    "joblib": ("harness/execute.py",),
-    "distributed": ("harness/execute.py",),
-    "ray": ("harness/execute.py",),
+    "threadpoolctl": ("certify/proof.py",),
+    "jinja2": ("view/page.py",),
     "gtsam": (),
 }
 

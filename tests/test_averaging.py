@@ -8,15 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
-from certpgo.averaging import laplacian_gauss_newton
-from certpgo.estimate import Estimate
-from certpgo.graph import RotationGraph
+from certpgo.graph import Estimate, RotationGraph
+from certpgo.graph.trees import compose, spanning_tree
 from certpgo.linalg import so
-from certpgo.newton import newton
-from certpgo.problem import PoseProblem, RotationProblem
-from certpgo.solution import Status
+from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.optimize.averaging import laplacian_gauss_newton
+from certpgo.optimize.newton import newton
+from certpgo.optimize.solution import Status
 from certpgo.solvers.laplacian_gauss_newton import LaplacianGaussNewton
-from certpgo.trees import compose, spanning_tree
 
 #: DESIGN section 5: rotations alone, the files' kappa.
 OPTIMA = {

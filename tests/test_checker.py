@@ -20,8 +20,8 @@ from certpgo import checker
 from certpgo.certify.proof_file import write_proof
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.graph import PoseGraph, RotationGraph
-from certpgo.harness.instances import rotations_alone
-from certpgo.io import circle, information, quaternion
+from certpgo.graph.components import rotations_alone
+from certpgo.io.exact import circle, information, quaternion
 
 U = 2.0**-53
 #: How many proofs are damaged, in their arrays and in the container; more on demand.

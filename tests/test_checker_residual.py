@@ -12,7 +12,7 @@ from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
 from certpgo import checker
 from certpgo.certify.proof import exact_graph
-from certpgo.problem import problem_of
+from certpgo.objective.problem import problem_of
 
 U = 2.0**-53
 

@@ -6,13 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import dimensions, rng_of, rotation_graph, seeds
 
-from certpgo.consistency import consistency, inconsistency, perturbation_bound
+from certpgo.assess.consistency import consistency, inconsistency, perturbation_bound
 from certpgo.datasets import synthetic, thesis
 from certpgo.errors import InputError
-from certpgo.estimate import Estimate
-from certpgo.graph import RotationGraph
+from certpgo.graph import Estimate, RotationGraph
 from certpgo.linalg import so
-from certpgo.problem import RotationProblem
+from certpgo.objective.problem import RotationProblem
 
 #: Rounding of an eigenvalue, over the largest eigenvalue.
 ROUNDING = 1e-10

@@ -9,9 +9,9 @@ from certpgo import registry
 from certpgo.certify import certify
 from certpgo.datasets import synthetic
 from certpgo.errors import CertPGOError, GraphError, MissingDependency, SpecError
-from certpgo.harness.methods import build, defaults
-from certpgo.problem import PoseProblem, problem_of
-from certpgo.solution import Solution, Status
+from certpgo.objective.problem import PoseProblem, problem_of
+from certpgo.optimize.solution import Solution, Status
+from certpgo.registry import build, defaults
 
 NAMES = registry.solver_names()
 SAME_COST = 1e-12  # relative: one formula, evaluated twice

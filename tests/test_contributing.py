@@ -12,10 +12,11 @@ import pytest
 from certpgo import registry
 from certpgo.cli import main
 from certpgo.datasets.synthetic import winding_cycle
-from certpgo.harness.records import read_records
-from certpgo.harness.runner import run
 from certpgo.io import write
-from certpgo.problem import RotationProblem
+from certpgo.objective.problem import RotationProblem
+from reports.harness.experiments import scan
+from reports.harness.experiments.records import read_records
+from reports.harness.experiments.runner import run_table
 
 ROOT = registry.repository()
 NAME = "neighbour_means"
@@ -89,9 +90,9 @@ def test_it_is_compared_by_name(checkout, graph, tmp_path):
 
 
 def test_it_is_in_a_table_without_being_named_there(checkout):
-    table = registry.get_table("every-method")
+    table = scan.get_table("every-method")
     own = tuple(method for method in table.methods if method.label == NAME)
-    records = list(run(replace(table, methods=own), quick=True))
+    records = list(run_table(replace(table, methods=own), quick=True))
     assert [record.row for record in records] == list(table.quick)
     assert all(record.verdict and record.status == "converged" for record in records)
 

@@ -11,10 +11,10 @@ from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 import certpgo
 from certpgo.datasets.synthetic import cycle, random_graph, winding_cycle
 from certpgo.errors import SpecError
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
 from certpgo.linalg import so
-from certpgo.problem import PoseProblem, RotationProblem
-from certpgo.solution import Status
+from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.optimize.solution import Status
 from certpgo.solvers._coordinates import Coordinates, _coloring, stacked
 from certpgo.solvers._relaxed import ALONE
 from certpgo.solvers.block_coordinate_descent import BlockCoordinateDescent

@@ -8,13 +8,13 @@ from strategies import dimensions, rng_of, seeds
 
 from certpgo.certify import Verdict, certify
 from certpgo.certify.bounds import cycle_bound, cycle_sum_holds
-from certpgo.cycles import walk
 from certpgo.datasets import synthetic
 from certpgo.errors import GraphError
 from certpgo.graph import RotationGraph
+from certpgo.graph.cycles import walk
 from certpgo.linalg import so
-from certpgo.problem import RotationProblem
-from certpgo.solve import solve
+from certpgo.objective.problem import RotationProblem
+from certpgo.solvers.certified.pipeline import solve
 from certpgo.solvers.cycle_closed_form import CycleClosedForm, shares, stationary_point
 
 ROUNDING = 1e-12

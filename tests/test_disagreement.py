@@ -9,10 +9,15 @@ from hypothesis import strategies as st
 from strategies import rng_of
 
 import certpgo
-from certpgo import metrics
+from certpgo.assess import metrics
 from certpgo.certify import Verdict
 from certpgo.datasets import synthetic
-from certpgo.disagreement import (
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.linalg import so
+from certpgo.objective.problem import RotationProblem, problem_of
+from certpgo.optimize.newton import newton
+from certpgo.optimize.starts import start_of
+from certpgo.solvers.certified.disagreement import (
     Disagreement,
     agrees,
     disagreement,
@@ -20,13 +25,7 @@ from certpgo.disagreement import (
     select,
     states_noise,
 )
-from certpgo.estimate import Estimate
-from certpgo.graph import PoseGraph, RotationGraph
-from certpgo.linalg import so
-from certpgo.newton import newton
-from certpgo.problem import RotationProblem, problem_of
 from certpgo.solvers.graduated_non_convexity import GraduatedNonConvexity
-from certpgo.starts import start_of
 
 
 def fitted(problem):
@@ -240,7 +239,7 @@ def test_labelled_loop_closures_are_told(dataset, share):
 
 @pytest.mark.parametrize("scene", ["Ellis_Island", "Madrid_Metropolis", "Tower_of_London"])
 def test_scenes_with_residuals_of_180_degrees_are_hinted_at(dataset, scene):
-    from certpgo.harness.instances import connected_parts
+    from certpgo.graph.components import connected_parts
 
     answer = certpgo.solve(connected_parts(dataset(scene), "largest")[0].graph)
     assert answer.verdict is Verdict.CERTIFIED

@@ -125,7 +125,7 @@ def test_every_method_has_a_page(made):
     )
     listed = set(re.findall(r"^   \* - ``(\w+)``$", methods["baselines.rst"], re.M))
     assert named | listed == {*registry.solver_names()} - {registry.PIPELINE}
-    assert "certpgo.solve.Certified" in described("autoclass")
+    assert "certpgo.solvers.certified.pipeline.Certified" in described("autoclass")
 
 
 @pytest.mark.slow

@@ -8,8 +8,8 @@ import pytest
 
 from certpgo import registry
 from certpgo.errors import InputError, SpecError
-from certpgo.harness import claims
-from certpgo.harness.figure import Figure, computed, publish, rendered
+from reports.harness.experiments import scan
+from reports.harness.experiments.figure import Figure, computed, publish, rendered
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +20,7 @@ def quick():
     def record_of(name):
         if name not in records:
             try:
-                records[name] = computed(registry.get_figure(name), quick=True)
+                records[name] = computed(scan.get_figure(name), quick=True)
             except InputError as error:
                 pytest.skip(str(error))
         return records[name]
@@ -28,9 +28,9 @@ def quick():
     return record_of
 
 
-@pytest.mark.parametrize("name", registry.figure_names())
+@pytest.mark.parametrize("name", scan.figure_names())
 def test_every_figure_keeps_the_contract(name, quick, tmp_path):
-    figure = registry.get_figure(name)
+    figure = scan.get_figure(name)
     assert figure.name == name
     record = quick(name)
     assert "{" not in figure.captioned(record)
@@ -43,17 +43,20 @@ def test_every_figure_keeps_the_contract(name, quick, tmp_path):
     assert drawing.startswith(b"<?xml")
     assert len(drawing) < 400_000
     assert rendered(figure, kept["data"]) == drawing
-    assert all(o.found is not claims.Found.NOT_RUN for o in claims.of_figure(figure, record))
+    assert all(
+        o.found is not claim_outcomes.ClaimStatus.NOT_RUN
+        for o in claim_outcomes.of_figure(figure, record)
+    )
 
 
-@pytest.mark.parametrize("name", registry.figure_names())
+@pytest.mark.parametrize("name", scan.figure_names())
 def test_every_committed_claim_that_differs_is_remarked_upon(name):
     path = registry.repository() / "reports" / "results" / f"{name}.json"
     if not path.is_file():
         pytest.skip(f"{name} was not made here")
-    outcomes = claims.of_figure(registry.get_figure(name), json.loads(path.read_text())["data"])
+    outcomes = claim_outcomes.of_figure(scan.get_figure(name), json.loads(path.read_text())["data"])
     assert all(outcome.claim.source for outcome in outcomes)
-    differing = [o for o in outcomes if o.found is claims.Found.DIFFERS]
+    differing = [o for o in outcomes if o.found is claim_outcomes.ClaimStatus.DIFFERS]
     assert [o.claim.text for o in differing if not o.claim.remark] == []
 
 
@@ -95,12 +98,12 @@ def test_a_folder_that_cannot_be_written_to_is_one_line(bar, tmp_path):
 
 
 def test_names_are_completed_over_tables_and_figures():
-    assert registry.get_report("eriksson2018-figure1").name == "eriksson2018_figure1"
-    assert registry.get_report("eriksson2018-table1").name == "eriksson2018_table1"
+    assert scan.get_experiment("eriksson2018-figure1").name == "eriksson2018_figure1"
+    assert scan.get_experiment("eriksson2018-table1").name == "eriksson2018_table1"
     with pytest.raises(SpecError, match="did you mean eriksson2018_figure1"):
-        registry.get_report("eriksson2018-figure")
+        scan.get_experiment("eriksson2018-figure")
     with pytest.raises(SpecError, match="unknown figure"):
-        registry.get_figure("eriksson2018-table1")
+        scan.get_figure("eriksson2018-table1")
 
 
 def test_figure_1_of_eriksson_shows_three_minima_of_which_the_lowest_is_certified(quick):
@@ -115,7 +118,7 @@ def test_a_figure_whose_file_is_nowhere_says_which(monkeypatch, tmp_path):
     monkeypatch.setenv("CERTPGO_DATA", str(tmp_path))
     monkeypatch.setattr("certpgo.datasets.lookup.cache_folder", lambda: tmp_path)
     with pytest.raises(InputError, match=r"not run: file not here \(Ellis_Island\)"):
-        computed(registry.get_figure("moreira2020_figure4_4"))
+        computed(scan.get_figure("moreira2020_figure4_4"))
 
 
 def test_descent_ends_near_the_truth_whatever_the_start(quick):
@@ -149,7 +152,8 @@ def test_errors_vanish_without_noise_and_are_larger_on_sparser_graphs(quick):
 
 
 def test_eigen_rao_s_iterates_are_its_answers(quick, dataset):
-    from certpgo import RotationProblem, metrics
+    from certpgo import RotationProblem
+    from certpgo.assess import metrics
     from certpgo.datasets import truth
     from certpgo.solvers.eigen_ra import EigenRA
     from certpgo.solvers.eigen_rao import EigenRAO
@@ -177,7 +181,7 @@ def test_angles_of_langevin_samples_are_distributed_as_the_formula_says(quick):
 def test_the_mean_trace_of_langevin_s_distribution_is_its_integral(k):
     from scipy.integrate import quad
 
-    registry.get_figure("moreira2020_figureA_2")
+    scan.get_figure("moreira2020_figureA_2")
     from certpgo_figures.moreira2020_figureA_2 import mean_trace
 
     def weight(t):

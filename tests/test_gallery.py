@@ -8,10 +8,11 @@ import pytest
 
 from certpgo import registry
 from certpgo.errors import InputError
-from certpgo.harness.figure import computed, read_figure
+from reports.harness.experiments import scan
+from reports.harness.experiments.figure import computed, read_figure
 
 RESULTS = registry.repository() / "reports" / "results"
-GALLERY = tuple(name for name in registry.figure_names() if name.startswith("gallery_"))
+GALLERY = tuple(name for name in scan.figure_names() if name.startswith("gallery_"))
 
 
 @pytest.fixture(params=["quick", "committed"])
@@ -19,7 +20,7 @@ def record(request):
     """The data of a figure's record; skips where files are not here."""
 
     def record_of(name):
-        figure = registry.get_figure(name)
+        figure = scan.get_figure(name)
         if request.param == "quick":
             try:
                 return computed(figure, quick=True)
@@ -44,7 +45,7 @@ def test_the_page_shows_every_picture_and_its_command():
 def test_pictures_are_small_and_timed_where_they_show_seconds(name):
     assert (RESULTS / f"{name}.svg").stat().st_size < 400_000
     text = (RESULTS / f"{name}.json").read_text()
-    assert registry.get_figure(name).timed == ('"seconds"' in json.dumps(json.loads(text)["data"]))
+    assert scan.get_figure(name).timed == ('"seconds"' in json.dumps(json.loads(text)["data"]))
 
 
 def test_certified_optima_cost_far_less_than_what_they_begin_with(record):

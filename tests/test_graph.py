@@ -6,8 +6,8 @@ from hypothesis import given
 from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
 from certpgo.errors import GraphError
-from certpgo.estimate import Estimate
-from certpgo.graph import Instance, PoseGraph, RotationGraph, require_connected
+from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
+from certpgo.graph.graph import require_connected
 from certpgo.linalg import so
 
 EDGES = np.array([[0, 1], [1, 2], [2, 0]])

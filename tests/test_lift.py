@@ -6,10 +6,10 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, seeds
 
-from certpgo.estimate import Estimate
-from certpgo.lift import Lift, lifted, rounded
+from certpgo.graph import Estimate
 from certpgo.linalg import so
-from certpgo.problem import PoseProblem, problem_of
+from certpgo.objective.lift import Lift, lifted, rounded
+from certpgo.objective.problem import PoseProblem, problem_of
 
 
 def some_estimate(rng, n, d):

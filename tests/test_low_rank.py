@@ -8,16 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, seeds
 
-from certpgo import operators
 from certpgo.certify.curvature import negative_curvature
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import SpecError
-from certpgo.estimate import Estimate
-from certpgo.lift import Lift, lifted
+from certpgo.graph import Estimate
 from certpgo.linalg import factor, so
-from certpgo.newton import newton
-from certpgo.problem import PoseProblem, RotationProblem, problem_of
-from certpgo.solution import Status
+from certpgo.objective import operators
+from certpgo.objective.lift import Lift, lifted
+from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.optimize.newton import newton
+from certpgo.optimize.solution import Status
 from certpgo.solvers.low_rank import LowRank, _Tangent, descend, leave, tangent_basis
 
 SMALL_GRID = 1025.398056  # DESIGN section 5

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from strategies import dimensions, pose_graph, rng_of, seeds
 
-from certpgo import metrics
+from certpgo.assess import metrics
 from certpgo.errors import InputError
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
 from certpgo.linalg import so
 
 

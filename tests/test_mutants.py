@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-SCRIPT = ROOT / "reports" / "mutants.py"
+SCRIPT = ROOT / "reports" / "studies" / "mutants.py"
 
 MODULE = '''
 """A module of two functions."""
@@ -59,7 +59,7 @@ def checkout(tmp_path):
         ("certpgo/certify/small.py", MODULE),
         ("tests/certify/test_small.py", TEST),
         ("pyproject.toml", '[tool.pytest.ini_options]\npythonpath = ["tests"]\n'),
-        ("reports/mutants.toml", ""),
+        ("reports/studies/mutants.toml", ""),
     ):
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / path).write_text(text)
@@ -91,7 +91,13 @@ def test_a_mutant_changes_one_thing_and_no_words(tool, checkout, monkeypatch):
 
 def test_survivors_are_found_and_the_equivalent_excused(checkout):
     def run():
-        command = [sys.executable, "reports/mutants.py", "--module", "certpgo/certify/small.py"]
+        command = [
+            sys.executable,
+            "-m",
+            "reports.studies.mutants",
+            "--module",
+            "certpgo/certify/small.py",
+        ]
         command += ["--function", "clipped", "--out", str(checkout / "out.jsonl")]
         return subprocess.run(command, cwd=checkout, capture_output=True, text=True, timeout=300)
 
@@ -105,7 +111,7 @@ def test_survivors_are_found_and_the_equivalent_excused(checkout):
         '[[mutant]]\nmodule = "certpgo/certify/small.py"\nfunction = "clipped"\n'
         'before = "return LIMIT if x > LIMIT else x"\nafter = ["*"]\nreason = "same at LIMIT"\n'
     )
-    (checkout / "reports/mutants.toml").write_text(entry)
+    (checkout / "reports/studies/mutants.toml").write_text(entry)
     again = run()  # what was killed is not tried again
     assert again.stdout.count("survived: ") < survivors
     assert " 0 equivalent" not in again.stdout

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from strategies import dimensions, pose_graph, rng_of, seeds
 
-from certpgo import spectral
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
 from certpgo.linalg import so
-from certpgo.monitor import Iteration, Stopwatch, TableMonitor, silent
-from certpgo.newton import newton
-from certpgo.problem import PoseProblem, RotationProblem
-from certpgo.solution import Status
+from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.optimize import spectral
+from certpgo.optimize.monitor import Iteration, Stopwatch, TableMonitor, silent
+from certpgo.optimize.newton import newton
+from certpgo.optimize.solution import Status
 
 #: DESIGN section 5: SE-Sync's weights, poses and rotations alone.
 OPTIMA = {

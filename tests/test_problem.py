@@ -5,12 +5,11 @@ import pytest
 from hypothesis import given
 from strategies import dense_cost, dimensions, pose_graph, rng_of, rotation_graph, seeds
 
-from certpgo import operators
 from certpgo.errors import GraphError, InputError
-from certpgo.estimate import Estimate
-from certpgo.graph import RotationGraph
+from certpgo.graph import Estimate, RotationGraph
 from certpgo.linalg import so
-from certpgo.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.objective import operators
+from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 
 
 def some_estimate(rng, n, d):
@@ -204,7 +203,7 @@ GOLDEN_SCALES = {"sphere2500": 4949, "torus3D": 9048}
 @pytest.mark.parametrize("name", GOLDEN_SCALES)
 def test_unit_weights_tie_cost_to_likelihood(name, dataset):
     """F = 2 d m - 2 f_ML at unit weights (DESIGN, golden values)."""
-    from certpgo import metrics
+    from certpgo.assess import metrics
 
     graph = dataset(name).graph
     problem = PoseProblem(graph).with_unit_weights()

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import dimensions, random_edges, rng_of, rotation_graph, seeds
 
-from certpgo.problem import RotationProblem
+from certpgo.objective.problem import RotationProblem
 
 #: Rounding, relative to the scale named where it is used.
 ROUNDING = 1e-9

@@ -8,12 +8,12 @@ from strategies import dimensions, pose_graph, rng_of, seeds
 
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import NumericalError
-from certpgo.estimate import Estimate
-from certpgo.lift import Lift
+from certpgo.graph import Estimate
 from certpgo.linalg import factor, so
-from certpgo.newton import newton
-from certpgo.problem import PoseProblem, RotationProblem, problem_of
-from certpgo.reduced import ELIMINATED_SHIFTS, SHIFTS, Reduced
+from certpgo.objective.lift import Lift
+from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.objective.reduced import ELIMINATED_SHIFTS, SHIFTS, Reduced
+from certpgo.optimize.newton import newton
 
 
 def dense(problem, matrix=None):

@@ -6,6 +6,8 @@ import pytest
 from certpgo import registry
 from certpgo.errors import InputNotice, SpecError
 from certpgo.io.format import formats
+from reports.harness.certifiers import rules
+from reports.harness.experiments import scan
 
 SOLVER_FILE = """
 from dataclasses import dataclass
@@ -98,7 +100,7 @@ def test_a_file_that_cannot_be_used_is_named(checkout, text, said):
 def test_a_table_that_cannot_be_loaded_is_named(checkout):
     (checkout / "reports" / "tables" / "second.py").write_text("TABLE = None + 1\n")
     with pytest.raises(SpecError, match=r"second\.py: cannot be loaded: TypeError"):
-        registry.get_table("second")
+        scan.get_table("second")
 
 
 def test_a_format_that_cannot_be_loaded_is_named_and_left_out(tmp_path, monkeypatch):
@@ -111,17 +113,17 @@ def test_a_format_that_cannot_be_loaded_is_named_and_left_out(tmp_path, monkeypa
 
 
 def test_tables(checkout):
-    assert registry.table_names() == ("first",)
-    assert registry.get_table("first") == "the first table"
+    assert scan.table_names() == ("first",)
+    assert scan.get_table("first") == "the first table"
     with pytest.raises(SpecError, match="unknown table 'frist'; did you mean first"):
-        registry.get_table("frist")
+        scan.get_table("frist")
 
 
 def test_without_a_checkout_the_package_still_lists_its_own_methods(tmp_path, monkeypatch):
     monkeypatch.setenv(registry.REPOSITORY_VARIABLE, str(tmp_path))
-    assert registry.table_names() == ()
+    assert scan.table_names() == ()
     assert not any(name.startswith("gtsam_") for name in registry.solver_names())
-    for call in (registry.repository, lambda: registry.get_table("first")):
+    for call in (registry.repository, lambda: scan.get_table("first")):
         with pytest.raises(
             SpecError, match="compare, reproduce, report and gate need the checkout"
         ):
@@ -148,8 +150,8 @@ def test_competitors_certifiers_are_files_of_a_folder_and_may_import_baselines(c
     folder = checkout / "baselines" / "certifiers"
     folder.mkdir()
     (folder / "some_rule.py").write_text("from .._shared import VALUE\n\nCERTIFIER = VALUE\n")
-    assert registry.certifier_names() == ("some_rule",)
-    assert registry.get_certifier("some_rule") == 7
+    assert rules.rule_names() == ("some_rule",)
+    assert rules.get_rule("some_rule") == 7
     assert "some_rule" not in registry.solver_names()
     with pytest.raises(SpecError, match="unknown certifier 'some_rul'; did you mean some_rule"):
-        registry.get_certifier("some_rul")
+        rules.get_rule("some_rul")

@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
 from certpgo.datasets import synthetic
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
 from certpgo.linalg import so
-from certpgo.problem import PoseProblem, RotationProblem, problem_of
-from certpgo.solution import Status
-from certpgo.solve import solve
+from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.optimize.solution import Status
+from certpgo.solvers.certified.pipeline import solve
 from certpgo.solvers.riemannian_gradient import RiemannianGradient
 
 

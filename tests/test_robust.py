@@ -8,14 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import rng_of, rotation_graph
 
-from certpgo import metrics
+from certpgo.assess import metrics
 from certpgo.certify import Verdict, certify
 from certpgo.datasets import synthetic, thesis, truth
 from certpgo.errors import GraphError, SpecError
-from certpgo.estimate import Estimate
-from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import so
-from certpgo.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.solvers._robust import connected
 from certpgo.solvers.adaptive_trimming import AdaptiveTrimming
 from certpgo.solvers.eigen_rao import EigenRAO, _restored

@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, seeds
 
-from certpgo.estimate import Estimate
-from certpgo.lift import Lift
+from certpgo.graph import Estimate
 from certpgo.linalg import so
-from certpgo.problem import problem_of
-from certpgo.roundings import _Candidates, roundings
+from certpgo.objective.lift import Lift
+from certpgo.objective.problem import problem_of
+from certpgo.optimize.roundings import _Candidates, roundings
 
 
 def some_problem(seed, d, poses, noise=0.5):

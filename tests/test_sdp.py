@@ -15,12 +15,11 @@ from certpgo import solve
 from certpgo.certify import certify
 from certpgo.datasets import synthetic
 from certpgo.errors import InputError, MissingDependency, NumericalError, SpecError
-from certpgo.estimate import Estimate
-from certpgo.graph import RotationGraph
-from certpgo.harness.methods import build, parse_settings
+from certpgo.graph import Estimate, RotationGraph
 from certpgo.linalg import so
-from certpgo.problem import PoseProblem, RotationProblem
-from certpgo.solution import Status
+from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.optimize.solution import Status
+from certpgo.registry import build, parse_settings
 from certpgo.solvers import _memory, _sdp
 from certpgo.solvers._relaxed import (
     ALONE,
@@ -262,7 +261,7 @@ def test_without_y_the_null_space_is_rounded(d, monkeypatch):
 
     def without_y(*args):
         posed = pose(*args)
-        return _sdp.Posed(posed.problem, lambda: _sdp.Answer(posed.read().multipliers, None))
+        return _sdp.Posed(posed.problem, lambda: _sdp.ConicSolution(posed.read().multipliers, None))
 
     monkeypatch.setattr(DualSDP, "pose", without_y)
     solution = DualSDP().solve(problem)
@@ -271,7 +270,7 @@ def test_without_y_the_null_space_is_rounded(d, monkeypatch):
     feasible = made_feasible(Scaled(problem), solution.relaxation.multipliers)
     R = null_space_rotations(problem, feasible)
     np.testing.assert_array_equal(R, solution.estimate.rotations)
-    nothing = _sdp.Answer(None, None)
+    nothing = _sdp.ConicSolution(None, None)
     monkeypatch.setattr(
         DualSDP, "pose", lambda *args: _sdp.Posed(pose(*args).problem, lambda: nothing)
     )

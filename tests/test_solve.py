@@ -17,16 +17,15 @@ from certpgo.certify import Tier, Verdict
 from certpgo.certify.case import Case
 from certpgo.datasets.synthetic import corridor, grid3d, helix, winding_cycle
 from certpgo.errors import GraphError, InputError, NumericalError
-from certpgo.estimate import Estimate
-from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import factor, so
-from certpgo.monitor import silent
-from certpgo.newton import newton
-from certpgo.problem import RotationProblem, problem_of
-from certpgo.progress import Stop
-from certpgo.solution import Status
+from certpgo.objective.problem import RotationProblem, problem_of
+from certpgo.optimize.monitor import silent
+from certpgo.optimize.newton import newton
+from certpgo.optimize.progress import Stop
+from certpgo.optimize.solution import Status
+from certpgo.solvers.certified.staircase import Staircase
 from certpgo.solvers.low_rank import LowRank
-from certpgo.staircase import Staircase
 
 #: DESIGN section 5: SE-Sync's weights, poses and rotations alone.
 OPTIMA = {
@@ -622,7 +621,7 @@ def test_a_given_start_is_kept_where_our_own_is_no_better():
 
 def test_the_climb_ends_some_time_after_a_first_bound(monkeypatch):
     """No time at all here: the bound in hand, how the search ended, and how to go on."""
-    monkeypatch.setattr(importlib.import_module("certpgo.solve"), "PATIENCE", 0.0)
+    monkeypatch.setattr(importlib.import_module("certpgo.solvers.certified"), "PATIENCE", 0.0)
     for seed in range(20):
         graph, _, _ = rotations_at_random(np.random.default_rng(seed), 30)
         whole = solve(graph, time_limit=math.inf)
@@ -711,7 +710,7 @@ def test_an_error_in_the_climb_loses_nothing(monkeypatch, where):
         raise NumericalError("not today")
 
     module, _, name = where.rpartition(".")
-    place = "certpgo.solvers.low_rank" if module else "certpgo.staircase"
+    place = "certpgo.solvers.low_rank" if module else "certpgo.solvers.certified.staircase"
     monkeypatch.setattr(importlib.import_module(place), name, fails)
     problem = RotationProblem(instance.graph)
     answer = solve_from(instance.graph, wound)
@@ -771,7 +770,7 @@ def test_a_search_stopped_before_its_proof_claims_none():
     search.begin(None, True)
     assert search.is_certified
     search.stop.status = Status.TIME_LIMIT
-    judged = importlib.import_module("certpgo.solve")._judged
+    judged = importlib.import_module("certpgo.solvers.certified")._judged
     assert judged(search, Tier.STANDARD).verdict is Verdict.CERTIFIED
     stopped = judged(search, Tier.PROOF)
     assert (stopped.verdict, stopped.tier) == (Verdict.UNDECIDED, Tier.PROOF)

@@ -8,13 +8,12 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from strategies import dimensions, pose_graph, rng_of, seeds
 
-from certpgo import metrics
+from certpgo.assess import metrics
 from certpgo.errors import InputError, SpecError
-from certpgo.estimate import Estimate
-from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import factor, so
-from certpgo.problem import PoseProblem, RotationProblem
-from certpgo.solution import Status
+from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.optimize.solution import Status
 from certpgo.solvers.eigen_ma import EigenMA, symmetrized_translations
 from certpgo.solvers.eigen_q import EigenQ
 from certpgo.solvers.eigen_ra import EigenRA

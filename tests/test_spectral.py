@@ -6,11 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
-from certpgo import spectral
-from certpgo.estimate import Estimate
-from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import factor, so
-from certpgo.problem import PoseProblem, RotationProblem
+from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.optimize import spectral
 from certpgo.solvers.eigen_q import EigenQ
 
 #: Thesis Table 5.6, unit weights; the printed digits.

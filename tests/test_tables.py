@@ -6,19 +6,20 @@ import pytest
 
 from certpgo import registry
 from certpgo.errors import InputError
-from certpgo.harness import cells, claims
-from certpgo.harness.cases import chosen_rows
-from certpgo.harness.citations import citation
-from certpgo.harness.figure import Figure
-from certpgo.harness.formats import forms
-from certpgo.harness.methods import build
-from certpgo.harness.published import printed_number, published
-from certpgo.harness.records import from_line, latest, read_records, to_line
-from certpgo.harness.render import markdown, sections
-from certpgo.harness.runner import run
-from certpgo.harness.spec import FACTORIZATION
+from certpgo.registry import build
+from reports.harness.experiments import scan
+from reports.harness.experiments.figure import Figure
+from reports.harness.experiments.records import from_line, latest, read_records, to_line
+from reports.harness.experiments.runner import run_table
+from reports.harness.experiments.spec import FACTORIZATION
+from reports.harness.experiments.trials import chosen_rows
+from reports.harness.rendering import cells
+from reports.harness.rendering.citations import citation
+from reports.harness.rendering.formats import forms
+from reports.harness.rendering.published import printed_number, published
+from reports.harness.rendering.render import markdown, sections
 
-NAMES = registry.table_names()
+NAMES = scan.table_names()
 RESULTS = registry.repository() / "reports" / "results"
 #: Printed columns that say what a line is of, besides its key.
 DESCRIPTIVE = {"abbreviation", "n", "vertices", "edges", "poses", "sigma_t"}
@@ -26,14 +27,14 @@ DESCRIPTIVE = {"abbreviation", "n", "vertices", "edges", "poses", "sigma_t"}
 
 @pytest.fixture(params=NAMES, scope="module")
 def table(request):
-    return registry.get_table(request.param)
+    return scan.get_table(request.param)
 
 
 @pytest.fixture(scope="module")
 def records(table):
     """What the table's quick profile gives."""
     try:
-        return list(run(table, quick=True))
+        return list(run_table(table, quick=True))
     except InputError as error:
         pytest.skip(str(error))
 
@@ -105,12 +106,12 @@ def committed(table):
 
 def test_every_committed_value_that_differs_is_explained(table):
     found = cells.cells(table, committed(table))
-    assert [c for c in found if c.found is cells.Found.DIFFERS and not c.reason] == []
+    assert [c for c in found if c.found is cells.CellStatus.DIFFERS and not c.reason] == []
 
 
 def test_every_committed_claim_that_differs_is_remarked_upon(table):
-    outcomes = claims.of_table(table, committed(table))
-    differing = [o for o in outcomes if o.found is claims.Found.DIFFERS]
+    outcomes = claim_outcomes.of_table(table, committed(table))
+    differing = [o for o in outcomes if o.found is claim_outcomes.ClaimStatus.DIFFERS]
     assert [o.claim.text for o in differing if not o.claim.remark] == []
 
 
@@ -126,15 +127,15 @@ def test_rows_of_committed_latex_have_one_cell_a_column(table):
 
 
 def test_claims_can_be_asked_of_any_records(table, records):
-    for found in (claims.of_table(table, records), claims.of_table(table, ())):
+    for found in (claim_outcomes.of_table(table, records), claim_outcomes.of_table(table, ())):
         assert len(found) == len(table.claims)
-    assert {outcome.found for outcome in found} <= {claims.Found.NOT_RUN}
+    assert {outcome.found for outcome in found} <= {claim_outcomes.ClaimStatus.NOT_RUN}
     assert all(claim.source for claim in table.claims)
 
 
 def test_a_paper_s_table_or_figure_can_be_cited():
-    for name in (*NAMES, *registry.figure_names()):
-        spec = registry.get_report(name)
+    for name in (*NAMES, *scan.figure_names()):
+        spec = scan.get_experiment(name)
         printed = "" if isinstance(spec, Figure) else spec.published
         assert bool(citation(printed or name)) == ("20" in (printed or name)), name
 
@@ -161,15 +162,15 @@ def test_rendering_is_a_function_of_the_records_alone(table, records):
 
 def test_moreira_table_5_6_agrees_with_its_printed_eigenvalues(dataset_path):
     dataset_path("parking-garage")
-    table = registry.get_table("moreira2020_table5_6")
-    text = markdown(table, list(run(table, quick=True)))
+    table = scan.get_table("moreira2020_table5_6")
+    text = markdown(table, list(run_table(table, quick=True)))
     assert text.count(" agrees") == 4
     assert " differs" not in text
 
 
 def test_moreira_table_5_7_agrees_with_its_printed_likelihoods(dataset_path):
     dataset_path("parking-garage")
-    table = registry.get_table("moreira2020_table5_7")
-    [eigen_ma, *_] = run(table, quick=True)
+    table = scan.get_table("moreira2020_table5_7")
+    [eigen_ma, *_] = run_table(table, quick=True)
     assert f"{eigen_ma.metrics['f_ml']:.1f}" == "18824.3"
     assert "f_ML 18824.3 agrees; s 1.0 agrees" in markdown(table, [eigen_ma])

@@ -5,7 +5,7 @@ from hypothesis import given
 from strategies import dimensions, pose_graph, rng_of, seeds
 
 from certpgo.graph import RotationGraph
-from certpgo.trees import compose, spanning_tree
+from certpgo.graph.trees import compose, spanning_tree
 
 
 @given(seeds, dimensions)

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
 from certpgo.linalg.blocks import add_to_diagonal
-from certpgo.problem import Problem
+from certpgo.objective.problem import Problem
 
 
 def has_factor(problem: Problem, estimate: Estimate, eta: float) -> bool:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo.estimate import Estimate
-from certpgo.problem import Problem
+from certpgo.graph import Estimate
+from certpgo.objective.problem import Problem
 
 from ._shifted import has_factor
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from certpgo.errors import InputError
-from certpgo.estimate import Estimate
-from certpgo.problem import PoseProblem, Problem
+from certpgo.graph import Estimate
+from certpgo.objective.problem import PoseProblem, Problem
 
 from ..gtsam_shonan import calls_optimal
 

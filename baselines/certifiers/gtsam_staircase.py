@@ -6,9 +6,9 @@ It descends first, then asks whether S + 1e-3 I has a Cholesky factor.
 from __future__ import annotations
 
 from certpgo.errors import InputError
-from certpgo.estimate import Estimate
-from certpgo.problem import PoseProblem, Problem
-from certpgo.solution import Status
+from certpgo.graph import Estimate
+from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.optimize.solution import Status
 
 from ..gtsam_staircase import Staircase
 

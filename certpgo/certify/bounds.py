@@ -11,14 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from certpgo import spectral
-from certpgo.cycles import is_cycle, walk
-from certpgo.estimate import Estimate
-from certpgo.graph import RotationGraph
+from certpgo.graph import Estimate, RotationGraph
+from certpgo.graph.cycles import is_cycle, walk
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import scatter_sum
-from certpgo.problem import RotationProblem
+from certpgo.objective.problem import RotationProblem
+from certpgo.optimize import spectral
 
 #: Residuals count as sharing an axis, and weights as equal, up to this.
 SAME = 1e-6

@@ -18,12 +18,12 @@ from certpgo.certify.parts import Part, outside, parts, sum_of_bounds
 from certpgo.certify.proof import exact_cost, exact_graph, proven_bound
 from certpgo.certify.units import in_units, unit_of
 from certpgo.errors import GraphError, InputError, NumericalError, SpecError
-from certpgo.estimate import Estimate
-from certpgo.lift import Point
+from certpgo.graph import Estimate
 from certpgo.linalg import factor
-from certpgo.newton import newton
-from certpgo.problem import Problem
-from certpgo.solution import Status
+from certpgo.objective.lift import Point
+from certpgo.objective.problem import Problem
+from certpgo.optimize.newton import newton
+from certpgo.optimize.solution import Status
 
 #: CERTIFIED means gap <= rtol F + atol W.
 RTOL, ATOL = 1e-5, 1e-12

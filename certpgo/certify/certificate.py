@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from certpgo.certify.bounds import Bounds
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
 
 

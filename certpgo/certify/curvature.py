@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo.lift import Point
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.eigen import krylov_schur
-from certpgo.problem import Problem
-from certpgo.reduced import Reduced
+from certpgo.objective.lift import Point
+from certpgo.objective.problem import Problem
+from certpgo.objective.reduced import Reduced
 
 #: Shifts that make the certificate matrix definite, over the mean weight of a node.
 SHIFTS = tuple(1e-9 * 4.0**k for k in range(18))

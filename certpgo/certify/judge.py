@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo import spectral
 from certpgo.certify.bounds import Bounds, bounds
 from certpgo.certify.case import ATOL, RTOL, Basin, Case
 from certpgo.certify.certificate import Certificate, Tier
 from certpgo.errors import InputError, NumericalError
-from certpgo.estimate import Estimate
-from certpgo.objective import Objective
-from certpgo.problem import Problem
+from certpgo.graph import Estimate
+from certpgo.objective.base import Objective
+from certpgo.objective.problem import Problem
+from certpgo.optimize import spectral
 
 
 def certify(

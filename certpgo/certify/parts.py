@@ -16,14 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csgraph
 
-from certpgo.bridges import bridges
 from certpgo.certify.dual import DualBound
-from certpgo.estimate import Estimate
-from certpgo.lift import Point
+from certpgo.graph import Estimate
+from certpgo.graph.bridges import bridges
 from certpgo.linalg.arrays import IntArray
 from certpgo.linalg.blocks import adjacency
-from certpgo.newton import newton
-from certpgo.problem import PoseProblem, Problem, problem_of
+from certpgo.objective.lift import Point
+from certpgo.objective.problem import PoseProblem, Problem, problem_of
+from certpgo.optimize.newton import newton
 
 #: Newton steps from the whole graph's point, which is nearly stationary in each part.
 MAX_STEPS = 20

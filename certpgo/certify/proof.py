@@ -14,14 +14,15 @@ from functools import partial
 
 import numpy as np
 
-from certpgo import checker, operators
+from certpgo import checker
 from certpgo.certify.dual import DualBound
 from certpgo.certify.rounding import rotation_defect
 from certpgo.certify.shifted import Shifted
-from certpgo.estimate import Estimate
-from certpgo.io import quaternion
+from certpgo.graph import Estimate
+from certpgo.io.exact import quaternion
 from certpgo.linalg.arrays import BoolArray, FloatArray
-from certpgo.problem import PoseProblem, Problem
+from certpgo.objective import operators
+from certpgo.objective.problem import PoseProblem, Problem
 
 #: First shift tried, in units of rounding of the mean diagonal (of poses, this much more); then
 #: this much more each time.

@@ -25,12 +25,11 @@ from certpgo.certify.case import Case
 from certpgo.certify.certificate import Certificate, Tier
 from certpgo.certify.proof import Witness, proof_of, prove
 from certpgo.errors import FormatError, InputError, NumericalError
-from certpgo.estimate import Estimate
-from certpgo.graph import Instance, PoseGraph
+from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.io.format import format_of
 from certpgo.io.writing import atomically
 from certpgo.linalg.arrays import FloatArray
-from certpgo.problem import problem_of
+from certpgo.objective.problem import problem_of
 
 #: Formats that the checker reads.
 FORMATS = ("g2o", "1dsfm")

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.problem import PoseProblem, Problem
+from certpgo.objective.problem import PoseProblem, Problem
 
 U = float(np.finfo(float).eps) / 2
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.certify.rounding import U
-from certpgo.lift import Point
 from certpgo.linalg.arrays import BoolArray, FloatArray
-from certpgo.problem import PoseProblem, Problem
+from certpgo.objective.lift import Point
+from certpgo.objective.problem import PoseProblem, Problem
 
 
 @dataclass(frozen=True, eq=False)

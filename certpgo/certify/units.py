@@ -14,7 +14,7 @@ import numpy as np
 from certpgo.certify.certificate import Certificate
 from certpgo.errors import InputError
 from certpgo.linalg.arrays import FloatArray
-from certpgo.problem import Problem
+from certpgo.objective.problem import Problem
 
 
 def unit_of(problem: Problem) -> float:

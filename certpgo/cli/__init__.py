@@ -16,6 +16,7 @@ from typing import Annotated
 
 import typer
 
+from certpgo import registry
 from certpgo.errors import CertPGOError
 
 Command = Callable[..., int | None]
@@ -67,8 +68,7 @@ def application() -> typer.Typer:
     )
     app.callback()(_root)
     for name in command_names():
-        function = importlib.import_module(f"{__name__}.{name}").command
-        app.command(name)(_guarded(function))
+        app.command(name)(_guarded(_function(name)))
     return app
 
 
@@ -78,9 +78,21 @@ def _epilog() -> str:
 
 
 def command_names() -> tuple[str, ...]:
-    """Names of the commands: the files of this folder without a leading underscore."""
+    """Names of the commands: the files of this folder, and the benchmarks' in a checkout."""
+    return tuple(sorted({*_own_commands(), *registry.command_names()}))
+
+
+def _own_commands() -> tuple[str, ...]:
     stems = (path.stem for path in Path(__file__).parent.glob("*.py"))
-    return tuple(sorted(stem for stem in stems if not stem.startswith("_")))
+    return tuple(stem for stem in stems if not stem.startswith("_"))
+
+
+def _function(name: str) -> Command:
+    if name in _own_commands():
+        function: Command = importlib.import_module(f"{__name__}.{name}").command
+    else:
+        function = registry.get_command(name)
+    return function
 
 
 def _print_version(wanted: bool) -> None:

@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING
 from certpgo.cli._show import notice, working
 
 if TYPE_CHECKING:
+    from certpgo.assess.assessment import Assessment
     from certpgo.cli._reading import Reading
-    from certpgo.estimate import Estimate
-    from certpgo.graph import Instance
-    from certpgo.harness.assessment import Assessment
-    from certpgo.harness.html.certificate import Origin
-    from certpgo.monitor import Iteration
-    from certpgo.problem import Problem
+    from certpgo.graph import Estimate, Instance
+    from certpgo.objective.problem import Problem
+    from certpgo.optimize.monitor import Iteration
+    from certpgo.view.certificate_page import Origin
 
 
 def origin_of(
@@ -31,10 +30,10 @@ def origin_of(
     partial: bool = False,
 ) -> Origin:
     """Where an answer came from; of what made it, all but the date, so that a page is repeated."""
-    from certpgo.harness.html.certificate import Origin
-    from certpgo.harness.records import provenance
+    from certpgo.assess.provenance import provenance
     from certpgo.linalg.factor import default_engine
     from certpgo.registry import source
+    from certpgo.view.certificate_page import Origin
 
     made = provenance(default_engine(), source())
     return Origin(
@@ -65,8 +64,8 @@ def write_page(
     InputError
         It cannot be written.
     """
-    from certpgo.harness.html.certificate import certificate_page
     from certpgo.io.writing import atomically
+    from certpgo.view.certificate_page import certificate_page
 
     with working(f"drawing {instance.name}"):
         text = certificate_page(instance, problem, estimate, assessment, origin, trace)

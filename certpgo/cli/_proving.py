@@ -14,8 +14,7 @@ REFUSED = 6
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
     from certpgo.cli._reading import Reading
-    from certpgo.estimate import Estimate
-    from certpgo.graph import Instance
+    from certpgo.graph import Estimate, Instance
 
 
 def provable_source(graph: str, reading: Reading) -> Path:

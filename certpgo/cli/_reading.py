@@ -88,11 +88,9 @@ class Reading:
 
     def locate(self, source: str) -> Path:
         """The file that a path or a dataset's name stands for."""
-        from certpgo import datasets
-        from certpgo.harness.instances import require_known
+        from certpgo.datasets.source import resolve
 
-        require_known(source)
-        return Path(source) if Path(source).exists() else datasets.fetch(source, self.data)
+        return resolve(source, self.data).path()
 
     @property
     def options(self) -> dict[str, Any]:
@@ -108,12 +106,12 @@ class Reading:
 
     def open(self, name: str, *, notices: bool = True) -> Instance:
         """Read the graph of a path or dataset name; its notices go to stderr if wanted."""
-        from certpgo.harness.instances import open_graph, rotations_alone
+        from certpgo.datasets.source import resolve
+        from certpgo.graph.components import rotations_alone
 
+        source = resolve(name, self.data)
         with _reading_progress() as progress:
-            instance = open_graph(
-                name, data=self.data, progress=progress, quiet=True, **self.options
-            )
+            instance = source.graph(progress=progress, quiet=True, **self.options)
         for sentence in instance.notices if notices else ():
             notice(f"{instance.name}: {sentence}")
         return rotations_alone(instance) if self.rotations else instance
@@ -126,8 +124,8 @@ class Reading:
         GraphError
             The graph is not connected, and ``--components`` says to refuse that.
         """
-        from certpgo.harness.instances import connected_parts
-        from certpgo.io.wording import counted
+        from certpgo.graph.components import connected_parts
+        from certpgo.io.plural import counted
 
         try:
             parts = connected_parts(instance, self.components.value)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-import math
 import sys
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -39,7 +38,9 @@ def noticing() -> Iterator[None]:
 
 def document(data: Any) -> None:
     """One JSON document on stdout; numbers that are not finite become null."""
-    typer.echo(json.dumps(_plain(data), indent=2, allow_nan=False))
+    from certpgo.io.plain import plain
+
+    typer.echo(json.dumps(plain(data), indent=2, allow_nan=False))
 
 
 def facts(pairs: Iterable[tuple[str, str]]) -> None:
@@ -111,13 +112,3 @@ class progress_bar:  # noqa: N801 - used like a function
     def close(self) -> None:
         """Take the bar away."""
         self._progress.stop()
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value

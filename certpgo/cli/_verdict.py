@@ -9,11 +9,11 @@ from certpgo.cli._show import facts
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
+    from certpgo.assess.assessment import Assessment
     from certpgo.certify import Certificate
-    from certpgo.disagreement import Disagreement
     from certpgo.graph import Instance
-    from certpgo.harness.assessment import Assessment
     from certpgo.linalg.arrays import IntArray
+    from certpgo.solvers.certified.disagreement import Disagreement
 
 #: Exit code after Ctrl-C.
 INTERRUPTED = 130
@@ -50,7 +50,7 @@ def show(
     disagreement: Disagreement | None = None,
 ) -> None:
     """Print the verdict, its reason, the numbers behind it, and by which reading it is judged."""
-    from certpgo.harness.verdicts import comparison, hint, judged_by, meaning, numbers, trusts
+    from certpgo.assess.wording import comparison, hint, judged_by, meaning, numbers, trusts
 
     facts(
         [

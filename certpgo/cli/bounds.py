@@ -13,9 +13,8 @@ from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, facts, noticing, table, working
 
 if TYPE_CHECKING:
-    from certpgo.estimate import Estimate
-    from certpgo.graph import Instance
-    from certpgo.harness.ladder import Ladder, Rung
+    from certpgo.assess.ladder import Ladder, Rung
+    from certpgo.graph import Estimate, Instance
 
 
 @takes_reading
@@ -39,15 +38,15 @@ def command(
     reading: Reading,
 ) -> None:
     """Bounds on the best answer, cheap ones first: value, price, and what each says here."""
-    from certpgo.harness.ladder import ladder
-    from certpgo.problem import problem_of
+    from certpgo.assess.ladder import ladder
+    from certpgo.objective.problem import problem_of
 
     path = None if estimate is None else reading.locate(estimate)
     instance = reading.open(graph)
     parts = reading.parts(instance)
     points: list[Estimate | None] = [None] * len(parts)
     if path is not None:
-        from certpgo.harness.batch import estimates_for
+        from certpgo.assess.batch import estimates_for
 
         with noticing():
             points = [*estimates_for(path, instance, parts, timestamps)]
@@ -85,7 +84,7 @@ def _show(part: Instance, found: Ladder) -> None:
 
 
 def _head(part: Instance, found: Ladder) -> Iterable[tuple[str, str]]:
-    from certpgo.harness.verdicts import judged_by
+    from certpgo.assess.wording import judged_by
 
     yield "graph", part.name
     whose = "of the answer given" if found.given else "of our own answer"

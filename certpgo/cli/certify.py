@@ -17,12 +17,11 @@ from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
+    from certpgo.assess.assessment import Assessment
+    from certpgo.assess.batch import JudgedGraph
     from certpgo.certify import Certificate
-    from certpgo.disagreement import Disagreement
-    from certpgo.estimate import Estimate
-    from certpgo.graph import Instance
-    from certpgo.harness.assessment import Assessment
-    from certpgo.harness.batch import Part
+    from certpgo.graph import Estimate, Instance
+    from certpgo.solvers.certified.disagreement import Disagreement
 
 
 @takes_reading
@@ -73,11 +72,11 @@ def command(
     reading: Reading,
 ) -> int:
     """Judge an estimate, or many, against the best possible answer of the graph."""
+    from certpgo.assess.batch import JudgedGraph
+    from certpgo.assess.wording import hint
     from certpgo.certify.judge import Judge
-    from certpgo.harness.batch import Part
-    from certpgo.harness.verdicts import hint
     from certpgo.io.format import format_to_write
-    from certpgo.problem import problem_of
+    from certpgo.objective.problem import problem_of
 
     if len(estimates) > 1 and csv is None:
         raise InputError("several estimates need --csv OUT, for a row each")
@@ -97,7 +96,7 @@ def command(
     for connected in reading.parts(instance):
         problem = problem_of(connected.graph)
         judge = Judge(problem, tier=tier, rtol=rtol, atol=atol, refine=refine)
-        parts.append(Part(connected, problem, judge))
+        parts.append(JudgedGraph(connected, problem, judge))
     if polish is not None and len(parts) > 1:
         raise InputError("--polish writes one answer; choose one with --components largest")
     if proof is not None and len(parts) > 1:
@@ -139,11 +138,11 @@ def _may_gain(certificate: Certificate) -> bool:
 
 
 def _single(
-    path: Path, given: Sequence[Estimate], parts: Sequence[Part], json: bool
+    path: Path, given: Sequence[Estimate], parts: Sequence[JudgedGraph], json: bool
 ) -> tuple[list[Assessment], list[Disagreement | None]]:
-    from certpgo.disagreement import disagreement
-    from certpgo.harness.verdicts import judged_by
+    from certpgo.assess.wording import judged_by
     from certpgo.io.digits import writing_of
+    from certpgo.solvers.certified.disagreement import disagreement
 
     writing = writing_of(path)
     assessments: list[Assessment] = []
@@ -177,7 +176,7 @@ def _single(
 def _batch(
     names: Sequence[str],
     instance: Instance,
-    parts: Sequence[Part],
+    parts: Sequence[JudgedGraph],
     timestamps: str,
     out: Path,
     json: bool,
@@ -186,7 +185,7 @@ def _batch(
     """Judge every estimate, saying on stderr how far this is; the exit code."""
     from dataclasses import asdict
 
-    from certpgo.harness.batch import judged, write_rows
+    from certpgo.assess.batch import judge_all, write_rows
 
     rows = []
     with working("certifying") as status:
@@ -195,7 +194,7 @@ def _batch(
             status.update(f"certifying {name}")
             return _read(reading.locate(name), instance, parts, timestamps)
 
-        for row in judged(names, parts, read):
+        for row in judge_all(names, parts, read):
             rows.append(row)
             done = len({row.estimate for row in rows})
             said = row.reason if row.cost is None else f"{row.estimate}: F {row.cost:.8g}"
@@ -206,14 +205,16 @@ def _batch(
     return _verdict.weakest(row.verdict for row in rows)
 
 
-def _read(path: Path, instance: Instance, parts: Sequence[Part], timestamps: str) -> list[Estimate]:
-    from certpgo.harness.batch import estimates_for
+def _read(
+    path: Path, instance: Instance, parts: Sequence[JudgedGraph], timestamps: str
+) -> list[Estimate]:
+    from certpgo.assess.batch import estimates_for
 
     with noticing():
         return estimates_for(path, instance, [part.instance for part in parts], timestamps)
 
 
-def _polish(out: Path, part: Part, assessment: Assessment) -> None:
+def _polish(out: Path, part: JudgedGraph, assessment: Assessment) -> None:
     from certpgo.io import write
 
     with noticing():

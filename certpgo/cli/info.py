@@ -13,8 +13,8 @@ from certpgo.cli._reading import Components, Reading, takes_reading
 from certpgo.cli._show import document, facts, working
 
 if TYPE_CHECKING:
+    from certpgo.assess.diagnostics import Spectrum, Structure
     from certpgo.graph import Instance
-    from certpgo.harness.doctor import Spectrum, Structure
 
 
 @takes_reading
@@ -25,7 +25,7 @@ def command(
     reading: Reading,
 ) -> None:
     """Describe a graph: counts, connectivity, weights, eigenvalues, what is unusual."""
-    from certpgo.harness import doctor
+    from certpgo.assess import diagnostics as doctor
 
     instance = reading.open(graph, notices=False)
     found = doctor.structure(instance)
@@ -79,7 +79,7 @@ def _as_json(
 
 
 def _lines(instance: Instance, found: Structure, engine: str) -> Iterable[tuple[str, str]]:
-    from certpgo.harness.render import reading_sentence
+    from certpgo.assess.wording import reading_sentence
 
     yield "name", instance.name
     yield "source", instance.source

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,12 +15,12 @@ from certpgo.cli._show import document, table
 from certpgo.errors import CertPGOError
 
 if TYPE_CHECKING:
-    from certpgo.solution import Solver
+    from certpgo.optimize.solution import Solver
 
 Rows = list[dict[str, str]]
 
 
-class Kind(StrEnum):
+class Listing(StrEnum):
     """What can be listed."""
 
     METHODS = "methods"
@@ -33,7 +33,7 @@ class Kind(StrEnum):
 
 def command(
     kinds: Annotated[
-        list[Kind] | None, typer.Argument(help="What to list; everything by default.")
+        list[Listing] | None, typer.Argument(help="What to list; everything by default.")
     ] = None,
     data: Annotated[
         Path | None, typer.Option("--data", metavar="DIR", help="Folder to look in first.")
@@ -41,7 +41,7 @@ def command(
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> None:
     """List methods, datasets, tables, figures, formats and engines, and which are here."""
-    listed = {kind.value: _rows(kind, data) for kind in kinds or list(Kind)}
+    listed = {kind.value: _rows(kind, data) for kind in kinds or list(Listing)}
     if json:
         document(listed)
         return
@@ -53,16 +53,16 @@ def command(
 _CAPTIONS = {"methods": "settings with their defaults; others by --set KEY=VALUE\n"}
 
 
-def _rows(kind: Kind, data: Path | None) -> Rows:
-    if kind is Kind.METHODS:
+def _rows(kind: Listing, data: Path | None) -> Rows:
+    if kind is Listing.METHODS:
         return _methods()
-    if kind is Kind.DATASETS:
+    if kind is Listing.DATASETS:
         return _datasets(data)
-    if kind is Kind.TABLES:
-        return _tables()
-    if kind is Kind.FIGURES:
-        return _figures()
-    return _formats() if kind is Kind.FORMATS else _engines()
+    if kind is Listing.TABLES:
+        return _experiments("reports/tables", "TABLE")
+    if kind is Listing.FIGURES:
+        return _experiments("reports/figures", "FIGURE")
+    return _formats() if kind is Listing.FORMATS else _engines()
 
 
 def _methods() -> Rows:
@@ -93,7 +93,7 @@ def _summary(solver: type) -> str:
 
 
 def _settings(solver: type[Solver]) -> str:
-    from certpgo.harness.methods import defaults, setting_fields
+    from certpgo.registry import defaults, setting_fields
 
     known = {key: f"={_text(value)}" for key, value in defaults(solver).items()}
     return ", ".join(key + known.get(key, "") for key in setting_fields(solver))
@@ -139,23 +139,20 @@ def _datasets(data: Path | None) -> Rows:
     return rows
 
 
-def _tables() -> Rows:
+def _experiments(folder: str, attribute: str) -> Rows:
     from certpgo import registry
 
-    return [_title(name, registry.get_table) for name in registry.table_names()]
+    return [_title(folder, name, attribute) for name in registry.names_in(folder)]
 
 
-def _figures() -> Rows:
+def _title(folder: str, name: str, attribute: str) -> dict[str, str]:
     from certpgo import registry
 
-    return [_title(name, registry.get_figure) for name in registry.figure_names()]
-
-
-def _title(name: str, get: Callable[[str], Any]) -> dict[str, str]:
     try:
-        return {"name": name, "title": get(name).title}
+        title = registry.exposed(registry.load_file(folder, name), attribute).title
     except (CertPGOError, AttributeError) as error:
-        return {"name": name, "title": str(error)}
+        title = str(error)
+    return {"name": name, "title": title}
 
 
 def _formats() -> Rows:

@@ -17,15 +17,14 @@ from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, facts, notice, noticing, working
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
 from certpgo.errors import InputError
-from certpgo.monitor import Iteration, Monitor, TableMonitor
+from certpgo.optimize.monitor import Iteration, Monitor, TableMonitor
 
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
-    from certpgo.disagreement import Disagreement
-    from certpgo.estimate import Estimate
-    from certpgo.graph import Instance
-    from certpgo.solution import Solution, Solver
-    from certpgo.staircase import Level
+    from certpgo.graph import Estimate, Instance
+    from certpgo.optimize.solution import Solution, Solver
+    from certpgo.solvers.certified.disagreement import Disagreement
+    from certpgo.solvers.certified.staircase import Level
 
 
 @takes_reading
@@ -94,10 +93,10 @@ def command(
     fails. Ctrl-C returns the best estimate so far; a second one abandons it. With --robust,
     measurements that disagree with the rest are left out, and the verdict is about the others.
     """
-    from certpgo.harness.methods import build, parse_settings
-    from certpgo.harness.runner import refuse_other_problems
+    from certpgo.assess.comparison import refuse_unsuited
     from certpgo.io import read_estimate, write
     from certpgo.io.format import format_to_write
+    from certpgo.registry import build, parse_settings
 
     _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank)
     if proof is not None:
@@ -123,7 +122,7 @@ def command(
     if method is not None:
         solver = build(method, parse_settings(method, settings or ()))
         for part in parts:
-            refuse_other_problems(method, solver, part.graph)
+            refuse_unsuited(method, solver, part.graph)
     answers: list[_Answer] = []
     proven = True
     for part, target in zip(parts, targets, strict=True):
@@ -220,7 +219,7 @@ class _Answer:
 
     def show(self, part: Instance, written: Path | None) -> None:
         """For people."""
-        from certpgo.harness.verdicts import few_edges
+        from certpgo.assess.wording import few_edges
 
         solution = self.solution
         seconds = ", ".join(f"{phase} {value:.3f}" for phase, value in solution.seconds.items())
@@ -295,7 +294,7 @@ def _certified(
 
 
 def _hinting(told: Disagreement) -> None:
-    from certpgo.harness.verdicts import hint
+    from certpgo.assess.wording import hint
 
     notice(hint(told))
 
@@ -310,7 +309,7 @@ def _by_method(
     status: Any,
 ) -> _Answer:
     from certpgo.certify import certify
-    from certpgo.problem import problem_of
+    from certpgo.objective.problem import problem_of
 
     problem = problem_of(part.graph)
     solution = solver.solve(problem, initial=start, monitor=monitor)
@@ -330,9 +329,9 @@ def _page(
     proof: Path | None,
     reading: Reading,
 ) -> None:
-    from certpgo.harness.assessment import assess
-    from certpgo.harness.verdicts import hint
-    from certpgo.problem import problem_of
+    from certpgo.assess.assessment import assess
+    from certpgo.assess.wording import hint
+    from certpgo.objective.problem import problem_of
 
     solution, certificate = answer.solution, answer.certificate
     if certificate is None:

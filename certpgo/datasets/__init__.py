@@ -17,8 +17,7 @@ import numpy as np
 from certpgo.datasets import lookup
 from certpgo.datasets.catalogue import KINDS, Entry, entries, entry
 from certpgo.errors import InputError, SpecError
-from certpgo.estimate import Estimate
-from certpgo.graph import Instance
+from certpgo.graph import Estimate, Instance
 from certpgo.linalg.arrays import BoolArray, IntArray
 
 __all__ = ["Entry", "entry", "fetch", "find", "load", "names", "truth"]

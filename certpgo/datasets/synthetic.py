@@ -12,8 +12,7 @@ import numpy as np
 
 from certpgo.datasets.edges import connected_choice, random_edges, viewing_edges
 from certpgo.errors import InputError
-from certpgo.estimate import Estimate
-from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.linalg import so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 

@@ -16,8 +16,7 @@ from scipy.integrate import cumulative_trapezoid
 from certpgo.datasets.edges import edges_of_connectivity, path_with_closures, viewing_edges
 from certpgo.datasets.synthetic import at_least, instance
 from certpgo.errors import InputError
-from certpgo.estimate import Estimate
-from certpgo.graph import Instance, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray, IntArray
 

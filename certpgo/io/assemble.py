@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import FormatError, InputError
-from certpgo.estimate import Estimate
-from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.io.chunks import text_lines
 from certpgo.io.format import LabelledPoses
-from certpgo.io.lines import Lines
-from certpgo.io.wording import counted
+from certpgo.io.lines import TaggedLines
+from certpgo.io.plural import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 
@@ -30,7 +29,7 @@ def distinct(ids: IntArray) -> IntArray:
     return np.asarray(ordered[first], dtype=np.intp)
 
 
-def instance_from_lines(path: Path, said: Lines, options: Mapping[str, str]) -> Instance:
+def instance_from_lines(path: Path, said: TaggedLines, options: Mapping[str, str]) -> Instance:
     """The instance a file of tagged lines describes.
 
     Raises
@@ -76,7 +75,7 @@ def instance_from_lines(path: Path, said: Lines, options: Mapping[str, str]) -> 
     )
 
 
-def poses_from_lines(path: Path, said: Lines) -> LabelledPoses:
+def poses_from_lines(path: Path, said: TaggedLines) -> LabelledPoses:
     """The vertex lines of a file.
 
     Raises

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import FormatError
-from certpgo.estimate import Estimate
-from certpgo.io import quaternion
+from certpgo.graph import Estimate
 from certpgo.io.chunks import without_comments
+from certpgo.io.exact import quaternion
 from certpgo.io.format import Chart, format_of
-from certpgo.io.wording import counted
+from certpgo.io.plural import counted
 from certpgo.linalg.arrays import FloatArray
 
 #: Pose lines whose numbers are looked at.

@@ -18,8 +18,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from certpgo.errors import FormatError, InputError, InputNotice, SpecError, UnusableFile
-from certpgo.estimate import Estimate
-from certpgo.graph import Instance
+from certpgo.graph import Estimate, Instance
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 RotationInformation = Literal["tangent", "quaternion", "rpy"]

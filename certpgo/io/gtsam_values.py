@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from certpgo.errors import InputError
-from certpgo.estimate import Estimate
-from certpgo.io.wording import counted
+from certpgo.graph import Estimate
+from certpgo.io.plural import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 _INDEX_BITS = 56

@@ -15,11 +15,11 @@ from typing import Literal
 import numpy as np
 
 from certpgo.errors import InputError
-from certpgo.io import quaternion
 from certpgo.io.chunks import parsed, refuse_loops, without_comments
+from certpgo.io.exact import quaternion
+from certpgo.io.exact.information import InformationLayout
+from certpgo.io.exact.weighing import weigh
 from certpgo.io.format import ReadOptions, RotationInformation
-from certpgo.io.information import Layout
-from certpgo.io.weighing import weigh
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 #: Rotations (k, d, d), translations (k, d), and how many quaternions are off norm 1.
@@ -65,14 +65,14 @@ class Dialect:
 
     name: str
     tags: Mapping[bytes, Tag]
-    layouts: Mapping[int, Layout]
+    layouts: Mapping[int, InformationLayout]
     poses: Callable[[int, FloatArray], Poses]
     refused: Mapping[bytes, str] = field(default_factory=dict)
     rotation_information: RotationInformation = "tangent"
 
 
 @dataclass
-class Lines:
+class TaggedLines:
     """What the lines of a file said; lists hold one array a chunk."""
 
     d: int
@@ -84,7 +84,7 @@ class Lines:
     fixed: list[int] = field(default_factory=list)
     counts: Counter[str] = field(default_factory=Counter)
 
-    def extend(self, other: Lines) -> None:
+    def extend(self, other: TaggedLines) -> None:
         """Append what the next chunk said."""
         self.counts.update(other.counts)
         for name in ("edges", "measured", "weights", "vertices", "values", "fixed"):
@@ -105,7 +105,7 @@ def first_tags(head: bytes) -> set[bytes]:
     return {words[0] for words in lines if words}
 
 
-def read_lines(path: Path, dialect: Dialect, options: ReadOptions) -> Lines:
+def read_lines(path: Path, dialect: Dialect, options: ReadOptions) -> TaggedLines:
     """Everything the file says.
 
     Raises
@@ -114,7 +114,7 @@ def read_lines(path: Path, dialect: Dialect, options: ReadOptions) -> Lines:
         With the line and what was expected there.
     """
     parser = _Parser(dialect, options)
-    said = Lines(0)
+    said = TaggedLines(0)
     for part in parsed(path, parser.parse, options.progress):
         said.extend(part)
     return said
@@ -128,9 +128,9 @@ class _Parser:
         self._options = options
         self._d = 0
 
-    def parse(self, lines: list[bytes]) -> Lines:
+    def parse(self, lines: list[bytes]) -> TaggedLines:
         """What the lines say."""
-        said = Lines(self._d)
+        said = TaggedLines(self._d)
         for name, bodies in self._by_tag(lines).items():
             tag = self._tag(name)
             if tag.kind == "skip":
@@ -165,7 +165,7 @@ class _Parser:
         shown = name[:40].decode("ascii", "backslashreplace")
         raise InputError(f"{self._dialect.name} has no tag {shown!r}; known: {known}")
 
-    def _poses(self, name: str, tag: Tag, bodies: list[bytes], said: Lines) -> None:
+    def _poses(self, name: str, tag: Tag, bodies: list[bytes], said: TaggedLines) -> None:
         ids, numbers, texts = _fields(name, tag, bodies, self._information_size(tag))
         rotations, translations, off_norm = self._dialect.poses(tag.d, numbers)
         said.counts["quaternion{s} off norm 1 by more than 1e-3, normalized"] += off_norm

@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import CertPGOError, FormatError, InputError, InputNotice
-from certpgo.estimate import Estimate
-from certpgo.graph import Graph, Instance, Keep, PoseGraph
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph
+from certpgo.graph.graph import Keep
 from certpgo.io.assemble import estimate_for, truth_for
+from certpgo.io.dead_reckoning import integrated
 from certpgo.io.format import (
     LabelledPoses,
     Progress,
@@ -22,7 +23,6 @@ from certpgo.io.format import (
 )
 from certpgo.io.names import named_ids
 from certpgo.io.timestamps import with_node_ids
-from certpgo.io.trees import integrated
 from certpgo.linalg.arrays import IntArray
 
 _ABOUT = ("tangent", "quaternion", "rpy")

@@ -9,7 +9,7 @@ import numpy as np
 
 from certpgo.errors import FormatError, InputError
 from certpgo.io.format import LabelledPoses
-from certpgo.io.wording import counted
+from certpgo.io.plural import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 # Larger integers have no double of their own.

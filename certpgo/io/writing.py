@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from certpgo.errors import InputError, InputNotice
-from certpgo.estimate import Estimate
-from certpgo.graph import Graph, Instance
+from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.format import format_to_write
 from certpgo.io.timestamps import node_times
 from certpgo.linalg.arrays import IntArray

@@ -17,10 +17,10 @@ import numpy as np
 from scipy import sparse
 
 from certpgo.errors import SpecError
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
-from certpgo.problem import RotationProblem
+from certpgo.objective.problem import RotationProblem
 from certpgo.solvers._iterative import Iterative
 
 Order = Literal["colors", "cyclic", "random"]

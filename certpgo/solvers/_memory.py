@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import InputError
-from certpgo.problem import RotationProblem
+from certpgo.objective.problem import RotationProblem
 
 GIGA = 1e9
 #: Where Linux tells of memory, and of the limits of control groups.

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from certpgo import spectral
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.eigen import krylov_schur
 from certpgo.linalg.factor import Factor
-from certpgo.problem import PoseProblem, Problem, RotationProblem
-from certpgo.solution import Relaxation
+from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
+from certpgo.optimize import spectral
+from certpgo.optimize.solution import Relaxation
 
 #: Eigenvalues of Y count towards its rank from this part of the largest.
 RANK_TOLERANCE = 1e-4

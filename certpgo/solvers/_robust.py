@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo import newton
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
+from certpgo.graph.trees import minimum_spanning_tree
 from certpgo.linalg.arrays import BoolArray, FloatArray
-from certpgo.problem import Problem
-from certpgo.progress import Progress
-from certpgo.solution import Solution
-from certpgo.trees import minimum_spanning_tree
+from certpgo.objective.problem import Problem
+from certpgo.optimize import newton
+from certpgo.optimize.progress import Progress
+from certpgo.optimize.solution import Solution
 
 #: Measurements over those of a tree, below which a fit says little.
 MEANINGFUL = 1.1

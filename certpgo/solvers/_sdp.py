@@ -12,12 +12,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from certpgo.errors import MissingDependency, NumericalError, SpecError
-from certpgo.estimate import Estimate
-from certpgo.lift import Lift, rounded
+from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
-from certpgo.monitor import Monitor, Stopwatch, silent
-from certpgo.problem import Problem, RotationProblem
-from certpgo.solution import Relaxation, Solution, Status
+from certpgo.objective.lift import Lift, rounded
+from certpgo.objective.problem import Problem, RotationProblem
+from certpgo.optimize.monitor import Monitor, Stopwatch, silent
+from certpgo.optimize.solution import Relaxation, Solution, Status
 from certpgo.solvers import _memory
 from certpgo.solvers._relaxed import (
     Scaled,
@@ -79,7 +79,7 @@ PROGRAMS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class ConicSolution:
     """What a program's solver returned, in the scaled problem's terms.
 
     Attributes
@@ -103,7 +103,7 @@ class Posed:
     """
 
     problem: Any
-    read: Callable[[], Answer]
+    read: Callable[[], ConicSolution]
 
 
 @dataclass(frozen=True)
@@ -256,7 +256,7 @@ class Semidefinite(ABC):
         if importlib.util.find_spec("cvxpy") is None:
             raise MissingDependency("CVXPY", package="cvxpy")
 
-    def _run(self, posed: Posed) -> Answer:
+    def _run(self, posed: Posed) -> ConicSolution:
         """Solve in silence."""
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")

@@ -19,14 +19,14 @@ from typing import ClassVar
 import numpy as np
 from scipy import stats
 
-from certpgo.averaging import laplacian_step
 from certpgo.errors import GraphError, SpecError
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
 from certpgo.linalg import so
-from certpgo.monitor import Monitor, Stopwatch, silent
-from certpgo.problem import Problem
-from certpgo.progress import Progress
-from certpgo.solution import Solution
+from certpgo.objective.problem import Problem
+from certpgo.optimize.averaging import laplacian_step
+from certpgo.optimize.monitor import Monitor, Stopwatch, silent
+from certpgo.optimize.progress import Progress
+from certpgo.optimize.solution import Solution
 from certpgo.solvers._iterative import Iterative
 from certpgo.solvers._robust import FAINT, fitted
 from certpgo.solvers.eigen_ra import EigenRA

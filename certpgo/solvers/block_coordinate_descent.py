@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.errors import SpecError
-from certpgo.estimate import Estimate
-from certpgo.lift import Lift, rounded
+from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
-from certpgo.monitor import Iteration, Monitor, Stopwatch, silent
-from certpgo.problem import Problem, RotationProblem
-from certpgo.solution import Relaxation, Solution, Status
+from certpgo.objective.lift import Lift, rounded
+from certpgo.objective.problem import Problem, RotationProblem
+from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch, silent
+from certpgo.optimize.solution import Relaxation, Solution, Status
 from certpgo.solvers._coordinates import Sweeping, stacked
 from certpgo.solvers._relaxed import told
 

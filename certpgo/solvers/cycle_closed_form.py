@@ -20,16 +20,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from certpgo.cycles import walk
 from certpgo.errors import GraphError
-from certpgo.estimate import Estimate
-from certpgo.graph import RotationGraph
+from certpgo.graph import Estimate, RotationGraph
+from certpgo.graph.cycles import walk
+from certpgo.graph.trees import compose
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.monitor import Monitor, Stopwatch, silent
-from certpgo.problem import Problem
-from certpgo.solution import Solution, Status
-from certpgo.trees import compose
+from certpgo.objective.problem import Problem
+from certpgo.optimize.monitor import Monitor, Stopwatch, silent
+from certpgo.optimize.solution import Solution, Status
 
 #: Newton's steps towards one angle; they square what is left, or at worst take a third of it.
 MAX_STEPS = 100

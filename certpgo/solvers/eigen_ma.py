@@ -8,12 +8,12 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from certpgo.errors import InputError, SpecError
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.blocks import scatter_sum
-from certpgo.monitor import Monitor, Stopwatch, silent
-from certpgo.problem import PoseProblem, Problem
-from certpgo.solution import Solution, Status
+from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.optimize.monitor import Monitor, Stopwatch, silent
+from certpgo.optimize.solution import Solution, Status
 from certpgo.solvers.eigen_ra import Anchor, EigenRA, Eigensolver, Weights
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from certpgo import spectral
 from certpgo.errors import InputError, SpecError
-from certpgo.estimate import Estimate
-from certpgo.monitor import Monitor, Stopwatch, silent
-from certpgo.problem import PoseProblem, Problem
-from certpgo.solution import Solution, Status
+from certpgo.graph import Estimate
+from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.optimize import spectral
+from certpgo.optimize.monitor import Monitor, Stopwatch, silent
+from certpgo.optimize.solution import Solution, Status
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from certpgo import spectral
 from certpgo.errors import SpecError
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
-from certpgo.monitor import Monitor, Stopwatch, silent
-from certpgo.problem import Problem, RotationProblem
-from certpgo.solution import Solution, Status
+from certpgo.objective.problem import Problem, RotationProblem
+from certpgo.optimize import spectral
+from certpgo.optimize.monitor import Monitor, Stopwatch, silent
+from certpgo.optimize.solution import Solution, Status
 
 Anchor = Literal["none", "first", "chordal"]
 Weights = Literal["graph", "unit"]

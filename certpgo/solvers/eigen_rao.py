@@ -27,16 +27,17 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from certpgo import operators, spectral
 from certpgo.errors import SpecError
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray
 from certpgo.linalg.eigen import Eigenpairs, krylov_schur
-from certpgo.monitor import Monitor, Stopwatch, silent
-from certpgo.problem import Problem, RotationProblem
-from certpgo.progress import Progress
-from certpgo.reduced import factor_shifted
-from certpgo.solution import Solution
+from certpgo.objective import operators
+from certpgo.objective.problem import Problem, RotationProblem
+from certpgo.objective.reduced import factor_shifted
+from certpgo.optimize import spectral
+from certpgo.optimize.monitor import Monitor, Stopwatch, silent
+from certpgo.optimize.progress import Progress
+from certpgo.optimize.solution import Solution
 from certpgo.solvers._iterative import Iterative
 from certpgo.solvers._robust import connected, remark
 

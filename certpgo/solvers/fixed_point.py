@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
 from certpgo.linalg import so
-from certpgo.monitor import Iteration, Monitor, Stopwatch, silent
-from certpgo.problem import Problem
-from certpgo.solution import Solution, Status
+from certpgo.objective.problem import Problem
+from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch, silent
+from certpgo.optimize.solution import Solution, Status
 from certpgo.solvers._iterative import Iterative
 from certpgo.solvers.eigen_ra import EigenRA
 

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from certpgo.averaging import laplacian_gauss_newton
-from certpgo.estimate import Estimate
-from certpgo.monitor import Monitor, Stopwatch, silent
-from certpgo.problem import Problem
-from certpgo.solution import Solution
+from certpgo.graph import Estimate
+from certpgo.graph.trees import compose, spanning_tree
+from certpgo.objective.problem import Problem
+from certpgo.optimize.averaging import laplacian_gauss_newton
+from certpgo.optimize.monitor import Monitor, Stopwatch, silent
+from certpgo.optimize.solution import Solution
 from certpgo.solvers._iterative import Iterative
-from certpgo.trees import compose, spanning_tree
 
 
 @dataclass(frozen=True)
 class LaplacianGaussNewton(Iterative):
-    """Gauss-Newton with one n x n factorization; see `certpgo.averaging`.
+    """Gauss-Newton with one n x n factorization; see `certpgo.optimize.averaging`.
 
     Starts at the breadth-first spanning tree of a central node unless told otherwise. Local: fast
     where residual angles are small, stalled where they are large. With translations, they are the

@@ -9,20 +9,21 @@ from functools import cached_property
 
 import numpy as np
 
-from certpgo import operators, spectral
 from certpgo.errors import NumericalError, SpecError
-from certpgo.estimate import Estimate
-from certpgo.lift import Lift, Point, lifted, rounded
+from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal
 from certpgo.linalg.cg import End, conjugate_gradients
 from certpgo.linalg.factor import Factor
-from certpgo.monitor import Iteration, Monitor, Stopwatch, silent
-from certpgo.newton import ROUNDING, forcing_term
-from certpgo.problem import PoseProblem, Problem
-from certpgo.progress import Progress
-from certpgo.solution import Solution, Status
+from certpgo.objective import operators
+from certpgo.objective.lift import Lift, Point, lifted, rounded
+from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.optimize import spectral
+from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch, silent
+from certpgo.optimize.newton import ROUNDING, forcing_term
+from certpgo.optimize.progress import Progress
+from certpgo.optimize.solution import Solution, Status
 from certpgo.solvers._iterative import Iterative
 
 #: A step is taken when it gains this part of what the model predicts; the region shrinks below the

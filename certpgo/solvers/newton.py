@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from certpgo import newton, spectral
-from certpgo.estimate import Estimate
-from certpgo.monitor import Monitor, Stopwatch, silent
-from certpgo.problem import Problem
-from certpgo.solution import Solution
+from certpgo.graph import Estimate
+from certpgo.objective.problem import Problem
+from certpgo.optimize import newton, spectral
+from certpgo.optimize.monitor import Monitor, Stopwatch, silent
+from certpgo.optimize.solution import Solution
 from certpgo.solvers._iterative import Iterative
 
 
 @dataclass(frozen=True)
 class Newton(Iterative):
-    """Damped Newton with the exact Hessian; local, see `certpgo.newton`.
+    """Damped Newton with the exact Hessian; local, see `certpgo.optimize.newton`.
 
     Attributes
     ----------

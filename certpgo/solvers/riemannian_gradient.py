@@ -17,16 +17,16 @@ from typing import Literal
 import numpy as np
 
 from certpgo.errors import SpecError
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
+from certpgo.graph.trees import compose, spanning_tree
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.monitor import Monitor, Stopwatch, silent
-from certpgo.objective import FirstOrder
-from certpgo.problem import Problem
-from certpgo.progress import Progress
-from certpgo.solution import Solution, Status
+from certpgo.objective.base import FirstOrder
+from certpgo.objective.problem import Problem
+from certpgo.optimize.monitor import Monitor, Stopwatch, silent
+from certpgo.optimize.progress import Progress
+from certpgo.optimize.solution import Solution, Status
 from certpgo.solvers._iterative import Iterative
-from certpgo.trees import compose, spanning_tree
 
 Rule = Literal["barzilai_borwein", "constant"]
 
@@ -82,7 +82,7 @@ class RiemannianGradient(Iterative):
         with watch.phase("start"):
             start = initial or compose(graph, spanning_tree(graph, root="center"))
             problem.check(start)
-            state = _State(problem, problem.settled(start))
+            state = _Descent(problem, problem.settled(start))
         progress = Progress(monitor, self.tolerance, self.max_iterations, watch)
         step, moved = SAFE, 0.0
         average, weight = state.first.cost, 1.0
@@ -109,7 +109,7 @@ class RiemannianGradient(Iterative):
             trace=tuple(progress.trace),
         )
 
-    def _next_step(self, before: _State, after: _State, taken: float) -> float:
+    def _next_step(self, before: _Descent, after: _Descent, taken: float) -> float:
         """The first trial after a step of length ``taken``."""
         if self.rule == "constant":
             return SAFE
@@ -123,7 +123,7 @@ class RiemannianGradient(Iterative):
         return min(max(length, SHORTEST), LONGEST)
 
 
-class _State:
+class _Descent:
     """A point, and the direction of steepest descent in the metric of the nodes' curvatures."""
 
     def __init__(self, problem: Problem, point: Estimate) -> None:
@@ -134,11 +134,11 @@ class _State:
         self.direction: FloatArray = self.gradient / self.curvature
         self.slope = float((self.gradient * self.direction).sum())
 
-    def moved(self, step: float) -> _State:
+    def moved(self, step: float) -> _Descent:
         """Turned against the gradient, translations settled anew."""
         turned = self.point.rotations @ so.exp(-step * self.direction)
         following = Estimate.trusted(turned, self.point.translations)
-        return _State(self.problem, self.problem.settled(following))
+        return _Descent(self.problem, self.problem.settled(following))
 
     @property
     def rounding(self) -> float:
@@ -147,7 +147,7 @@ class _State:
         return 16.0 * float(np.finfo(float).eps) * size
 
 
-def _descended(state: _State, step: float, average: float) -> tuple[_State, float] | None:
+def _descended(state: _Descent, step: float, average: float) -> tuple[_Descent, float] | None:
     """The next point and the step that led there; None where no step improves."""
     while step >= SHORTEST:
         following = state.moved(step)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
+from certpgo.graph.trees import compose, spanning_tree
 from certpgo.linalg import so
-from certpgo.monitor import Iteration, Monitor, Stopwatch, silent
-from certpgo.problem import PoseProblem, Problem
-from certpgo.solution import Solution, Status
+from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch, silent
+from certpgo.optimize.solution import Solution, Status
 from certpgo.solvers._coordinates import Sweeping, stacked
 from certpgo.solvers._relaxed import ALONE
-from certpgo.trees import compose, spanning_tree
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from certpgo.solvers._relaxed import Scaled
-from certpgo.solvers._sdp import Answer, Posed, Semidefinite
+from certpgo.solvers._sdp import ConicSolution, Posed, Semidefinite
 
 
 @dataclass(frozen=True)
@@ -53,10 +53,10 @@ class DualSDP(Semidefinite):
         traces = np.outer(data.shares, a == b).ravel()
         problem = cp.Problem(cp.Maximize(traces @ entries), [positive])
 
-        def read() -> Answer:
+        def read() -> ConicSolution:
             multipliers = np.empty((n, d, d))
             multipliers[:, a, b] = multipliers[:, b, a] = entries.value.reshape(n, -1)
-            return Answer(multipliers, positive.dual_value)
+            return ConicSolution(multipliers, positive.dual_value)
 
         return Posed(problem, read)
 

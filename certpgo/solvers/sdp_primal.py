@@ -9,7 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from certpgo.solvers._relaxed import Scaled
-from certpgo.solvers._sdp import Answer, Posed, Semidefinite
+from certpgo.solvers._sdp import ConicSolution, Posed, Semidefinite
 
 
 @dataclass(frozen=True)
@@ -53,14 +53,14 @@ class PrimalSDP(Semidefinite):
         weigh = sparse.csr_array((A.data, (np.zeros(A.nnz, int), places)), shape=(1, N * N))
         problem = cp.Problem(cp.Minimize(cp.sum(weigh @ flat)), [fixed])
 
-        def read() -> Answer:
+        def read() -> ConicSolution:
             if fixed.dual_value is None:
-                return Answer(None, Y.value)
+                return ConicSolution(None, Y.value)
             # The constraint names an entry of each pair off the diagonal once.
             prices = -fixed.dual_value.reshape(n, -1) * np.where(a == b, 1.0, 0.5)
             multipliers = np.empty((n, d, d))
             multipliers[:, a, b] = multipliers[:, b, a] = prices
-            return Answer(multipliers, Y.value)
+            return ConicSolution(multipliers, Y.value)
 
         return Posed(problem, read)
 

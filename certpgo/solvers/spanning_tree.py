@@ -8,13 +8,12 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 
 from certpgo.errors import SpecError
-from certpgo.estimate import Estimate
-from certpgo.graph import RotationGraph
+from certpgo.graph import Estimate, RotationGraph
+from certpgo.graph.trees import compose, spanning_tree
 from certpgo.linalg.arrays import FloatArray
-from certpgo.monitor import Monitor, Stopwatch, silent
-from certpgo.problem import Problem
-from certpgo.solution import Solution, Status
-from certpgo.trees import compose, spanning_tree
+from certpgo.objective.problem import Problem
+from certpgo.optimize.monitor import Monitor, Stopwatch, silent
+from certpgo.optimize.solution import Solution, Status
 
 Tree = Literal["breadth_first", "odometry", "earliest", "maximum_weight"]
 

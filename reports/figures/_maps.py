@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo import Estimate, PoseGraph, metrics
+from certpgo import Estimate, PoseGraph
+from certpgo.assess import metrics
 from certpgo.linalg.arrays import FloatArray
 
 from . import _style

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from certpgo import Instance, RotationGraph, RotationProblem, datasets
-from certpgo.consistency import consistency
+from certpgo.assess.consistency import consistency
 from certpgo.datasets import thesis
 from certpgo.errors import InputError
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import IntArray
 

@@ -6,10 +6,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from certpgo import PoseGraph, PoseProblem, metrics
-from certpgo.harness.figure import Data
-from certpgo.solution import Solver
+from certpgo import PoseGraph, PoseProblem
+from certpgo.assess import metrics
+from certpgo.optimize.solution import Solver
 from certpgo.solvers.eigen_ma import EigenMA
+from reports.harness.experiments.figure import Data
 
 from . import _maps, _scenes, _style
 

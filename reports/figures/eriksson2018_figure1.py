@@ -13,13 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import Certificate, Estimate, RotationProblem, certify, metrics
+from certpgo import Certificate, Estimate, RotationProblem, certify
+from certpgo.assess import metrics
 from certpgo.datasets import synthetic
-from certpgo.harness.claims import Claim
-from certpgo.harness.figure import Data, Figure
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.newton import newton
+from certpgo.optimize.newton import newton
+from reports.harness.experiments.claims import Claim
+from reports.harness.experiments.figure import Data, Figure
 
 from . import _style
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from certpgo import PoseProblem
-from certpgo.harness.figure import Data, Figure
-from certpgo.harness.ladder import ladder
-from certpgo.harness.timing import one_core
-from certpgo.problem import problem_of
+from certpgo.assess.ladder import ladder
+from certpgo.objective.problem import problem_of
 from certpgo.registry import get_solver
+from reports.harness.experiments.figure import Data, Figure
+from reports.harness.experiments.timing import one_core
 
 from . import _scenes, _style
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from certpgo import Iteration, RotationProblem, solve
 from certpgo.errors import CertPGOError
-from certpgo.harness.figure import Data, Figure
-from certpgo.harness.timing import one_core
 from certpgo.registry import get_solver
 from certpgo.solvers.spanning_tree import SpanningTree
+from reports.harness.experiments.figure import Data, Figure
+from reports.harness.experiments.timing import one_core
 
 from . import _scenes, _style
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from certpgo import Estimate, RotationProblem, solve
 from certpgo.datasets import synthetic
-from certpgo.harness.figure import Data, Figure
 from certpgo.linalg import so
-from certpgo.newton import newton
+from certpgo.optimize.newton import newton
+from reports.harness.experiments.figure import Data, Figure
 
 from . import _scenes, _style
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from certpgo import metrics, solve
-from certpgo.harness.figure import VIEWS, Data, Figure
-from certpgo.harness.html.scene import scene
-from certpgo.problem import PoseProblem
+from certpgo import solve
+from certpgo.assess import metrics
+from certpgo.objective.problem import PoseProblem
 from certpgo.solvers.spanning_tree import SpanningTree
+from certpgo.view.scene import scene
+from reports.harness.experiments.figure import VIEWS, Data, Figure
 
 from . import _maps, _scenes, _style
 

@@ -7,10 +7,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from certpgo.errors import InputError
-from certpgo.harness.figure import Data, Figure
-from certpgo.harness.records import Record, read_records
-from certpgo.harness.zoo.report import certifiers
 from certpgo.registry import repository
+from reports.harness.certifiers.summary import certifiers
+from reports.harness.experiments.figure import Data, Figure
+from reports.harness.experiments.records import Record, read_records
 
 from . import _style
 

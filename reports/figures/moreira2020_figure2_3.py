@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import Estimate, metrics
-from certpgo.harness.figure import Data, Figure
+from certpgo import Estimate
+from certpgo.assess import metrics
 from certpgo.linalg import so
 from certpgo.solvers.riemannian_gradient import RiemannianGradient
+from reports.harness.experiments.figure import Data, Figure
 
 from . import _scenes, _style
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo.harness.claims import Claim
-from certpgo.harness.figure import Data, Figure
-from certpgo.spectral import smallest_eigenpairs
+from certpgo.optimize.spectral import smallest_eigenpairs
+from reports.harness.experiments.claims import Claim
+from reports.harness.experiments.figure import Data, Figure
 
 from . import _scenes, _style
 

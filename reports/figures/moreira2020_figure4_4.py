@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from certpgo import Estimate, RotationProblem
-from certpgo.harness.figure import Data, Figure
 from certpgo.solvers.eigen_ra import EigenRA
+from reports.harness.experiments.figure import Data, Figure
 
 from . import _scenes, _style
 

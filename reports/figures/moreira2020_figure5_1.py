@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from certpgo import solve
-from certpgo.harness.claims import Claim
-from certpgo.harness.figure import Data, Figure
 from certpgo.solvers.eigen_ra import EigenRA
 from certpgo.solvers.riemannian_gradient import RiemannianGradient
+from reports.harness.experiments.claims import Claim
+from reports.harness.experiments.figure import Data, Figure
 
 from . import _scenes, _style
 

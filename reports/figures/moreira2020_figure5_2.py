@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import Estimate, Instance, RotationProblem, metrics
-from certpgo.harness.claims import Claim
-from certpgo.harness.figure import Data, Figure
+from certpgo import Estimate, Instance, RotationProblem
+from certpgo.assess import metrics
 from certpgo.solvers.eigen_ra import EigenRA
 from certpgo.solvers.riemannian_gradient import RiemannianGradient
+from reports.harness.experiments.claims import Claim
+from reports.harness.experiments.figure import Data, Figure
 
 from . import _scenes, _style
 

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import RotationProblem, metrics
-from certpgo.harness.figure import Data, Figure
+from certpgo import RotationProblem
+from certpgo.assess import metrics
 from certpgo.solvers.adaptive_trimming import AdaptiveTrimming
 from certpgo.solvers.eigen_rao import EigenRAO
+from reports.harness.experiments.figure import Data, Figure
 
 from . import _scenes, _style
 

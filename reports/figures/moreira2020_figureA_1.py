@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from scipy import special
 
-from certpgo.harness.figure import Data, Figure
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
+from reports.harness.experiments.figure import Data, Figure
 
 from . import _scenes, _style
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from scipy import special
 
-from certpgo.harness.figure import Data, Figure
 from certpgo.linalg import so
+from reports.harness.experiments.figure import Data, Figure
 
 from . import _scenes, _style
 

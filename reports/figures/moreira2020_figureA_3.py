@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo.harness.figure import Data, Figure
 from certpgo.linalg import so
+from reports.harness.experiments.figure import Data, Figure
 
 from . import _scenes, _style
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from certpgo.harness.figure import Data, Figure
+from reports.harness.experiments.figure import Data, Figure
 
 from . import _slam, _style
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import importlib.util
 from pathlib import Path
 
-from certpgo import Estimate, PoseProblem, metrics
-from certpgo.harness.figure import Data, Figure
-from certpgo.newton import newton
+from certpgo import Estimate, PoseProblem
+from certpgo.assess import metrics
+from certpgo.optimize.newton import newton
 from certpgo.registry import get_solver
+from reports.harness.experiments.figure import Data, Figure
 
 from . import _maps, _slam, _style
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from certpgo.harness.figure import Data, Figure
 from certpgo.registry import get_solver
+from reports.harness.experiments.figure import Data, Figure
 
 from . import _slam, _style
 

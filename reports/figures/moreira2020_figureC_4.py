@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from certpgo import PoseProblem, metrics
+from certpgo import PoseProblem
+from certpgo.assess import metrics
 from certpgo.datasets import thesis
-from certpgo.harness.claims import Claim
-from certpgo.harness.figure import Data, Figure
 from certpgo.registry import get_solver
 from certpgo.solvers.eigen_ma import EigenMA
+from reports.harness.experiments.claims import Claim
+from reports.harness.experiments.figure import Data, Figure
 
 from . import _maps, _scenes, _style
 

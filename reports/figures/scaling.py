@@ -12,11 +12,11 @@ import numpy as np
 from certpgo import Estimate, PoseGraph
 from certpgo.datasets import synthetic
 from certpgo.errors import CertPGOError
-from certpgo.harness.figure import Data, Figure
-from certpgo.harness.timing import one_core
-from certpgo.problem import problem_of
+from certpgo.objective.problem import problem_of
+from certpgo.optimize.solution import Solver
 from certpgo.registry import get_solver, solver_names
-from certpgo.solution import Solver
+from reports.harness.experiments.figure import Data, Figure
+from reports.harness.experiments.timing import one_core
 
 from . import _scenes, _style
 

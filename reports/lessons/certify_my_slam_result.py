@@ -23,9 +23,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import certpgo
+from certpgo.assess.assessment import assess
 from certpgo.checker import Refused
 from certpgo.cli import main
-from certpgo.harness.assessment import assess
 from certpgo.io.gtsam_values import estimate_from_values
 from certpgo.linalg import so
 

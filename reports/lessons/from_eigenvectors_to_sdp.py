@@ -23,12 +23,12 @@ import numpy as np
 
 import certpgo
 from certpgo import RotationProblem, datasets, get_solver, solve
+from certpgo.assess.ladder import ladder
 from certpgo.datasets.synthetic import helix
 from certpgo.errors import InputError
-from certpgo.harness.figure import STYLE
-from certpgo.harness.ladder import ladder
 from certpgo.linalg import so
-from certpgo.problem import problem_of
+from certpgo.objective.problem import problem_of
+from reports.harness.experiments.figure import STYLE
 
 # %% [markdown]
 # ## The graph
@@ -234,7 +234,7 @@ with plt.rc_context(STYLE):
 # ## The same from the command line
 #
 # `certpgo bounds GRAPH` prints a ladder of this kind, with each rung's price and what it says;
-# `--sdp` adds the program. In Python it is `certpgo.harness.ladder.ladder`. Here for the poses,
+# `--sdp` adds the program. In Python it is `certpgo.assess.ladder.ladder`. Here for the poses,
 # translations included. Its middle rungs are angles: Eriksson et al.'s Theorem 4.1 says that a
 # stationary point of rotation averaging whose residuals are all below an angle is optimal. For a
 # pose graph they therefore speak of its rotations alone, descended by themselves, and never of the

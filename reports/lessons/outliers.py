@@ -18,9 +18,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import certpgo
+from certpgo.assess.metrics import angular_errors, position_errors
 from certpgo.datasets import synthetic, thesis
 from certpgo.linalg import so
-from certpgo.metrics import angular_errors, position_errors
 from certpgo.solvers.graduated_non_convexity import quantile
 
 BLUE, VERMILION, GREEN, PURPLE, BLACK = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000"

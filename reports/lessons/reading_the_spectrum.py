@@ -20,12 +20,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from certpgo import Estimate, Instance, RotationGraph, RotationProblem, get_solver, solve
-from certpgo.consistency import consistency, perturbation_bound
+from certpgo.assess.consistency import consistency, perturbation_bound
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.datasets.thesis import langevin_graph
-from certpgo.harness.figure import STYLE
 from certpgo.linalg import so
-from certpgo.spectral import smallest_eigenpairs, spectral_bound
+from certpgo.optimize.spectral import smallest_eigenpairs, spectral_bound
+from reports.harness.experiments.figure import STYLE
 
 # %% [markdown]
 # ## Two Laplacians

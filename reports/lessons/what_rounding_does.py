@@ -22,10 +22,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import certpgo
-from certpgo import RotationProblem, certify, checker, registry
+from certpgo import RotationProblem, certify, checker
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import MissingDependency
-from certpgo.harness.figure import STYLE
+from reports.harness.certifiers import rules
+from reports.harness.experiments.figure import STYLE
 
 # %% [markdown]
 # ## Two points on a ring
@@ -142,7 +143,7 @@ for step in (10, 20, 40, 60, 160):
 def accepts(rule, problem, point):
     """Whether a rule calls a point optimal, or one that costs as much."""
     try:
-        accepted = registry.get_certifier(rule)(problem, point)
+        accepted = rules.get_rule(rule)(problem, point)
     except MissingDependency:
         return None
     return accepted is not None and problem.cost(accepted) > 0.5 * problem.cost(point)
@@ -152,14 +153,14 @@ SIZES = (20, 60, 100, 200, 300)
 said, verdicts = {}, {}
 for n in SIZES:
     ring_problem, _, wound_up = ring(n)
-    for rule in registry.certifier_names():
+    for rule in rules.rule_names():
         said[rule, n] = accepts(rule, ring_problem, wound_up)
     verdicts[n] = certify(ring_problem, wound_up).verdict.value
 
 WORDS = {True: "optimal", False: "no", None: "not here"}
 print(f"{'n':>18s} " + "".join(f"{n:>10d}" for n in SIZES))
 print(f"{'eigenvalue':>18s} " + "".join(f"{smallest_at_wound(n):10.5f}" for n in SIZES))
-for rule in registry.certifier_names():
+for rule in rules.rule_names():
     print(f"{rule:>18s} " + "".join(f"{WORDS[said[rule, n]]:>10s}" for n in SIZES))
 print(f"{'certpgo':>18s} " + "".join(f"{verdicts[n]:>10s}" for n in SIZES))
 

@@ -18,12 +18,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import certpgo
+from certpgo.assess.ladder import ladder
 from certpgo.certify.bounds import alpha_max, fiedler_value, normalized_fiedler_value, row_bound
 from certpgo.datasets.synthetic import complete, random_graph
-from certpgo.harness.ladder import ladder
-from certpgo.lift import Lift
 from certpgo.linalg import so
-from certpgo.newton import newton
+from certpgo.objective.lift import Lift
+from certpgo.optimize.newton import newton
 
 BLUE, VERMILION, GREEN, PURPLE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#999999"
 plt.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False})

@@ -1,6 +1,6 @@
 """Sets that several tables are measured on, and how they are read."""
 
-from certpgo.harness.spec import Row
+from reports.harness.experiments.spec import Row
 
 #: With GTSAM's step as reference.
 SPACE = ("sphere2500", "torus3D", "sphere_bignoise_vertex3", "parking-garage")

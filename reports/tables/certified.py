@@ -1,6 +1,6 @@
 """Certified optima of pose graphs against GTSAM: chordal initialization, then Gauss-Newton."""
 
-from certpgo.harness.spec import Column, Method, Table
+from reports.harness.experiments.spec import Column, Method, Table
 
 from ._sets import SPACE, rows
 

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from certpgo.harness.spec import FACTORIZATION, Column, Method, Table
+from reports.harness.experiments.spec import FACTORIZATION, Column, Method, Table
 
 from ._sets import OTHERS, PRINTED, SPACE, rows
 

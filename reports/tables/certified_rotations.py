@@ -1,6 +1,6 @@
 """Certified rotation averaging against GTSAM's chordal initialization alone."""
 
-from certpgo.harness.spec import Column, Method, Table
+from reports.harness.experiments.spec import Column, Method, Table
 
 from ._sets import SPACE, rows
 

@@ -1,6 +1,6 @@
 """Certifying rotation averagers: what each says of its answer, and what we say."""
 
-from certpgo.harness.spec import Column, Method, Row, Table
+from reports.harness.experiments.spec import Column, Method, Row, Table
 
 from ._sets import rows
 

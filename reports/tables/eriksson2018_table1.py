@@ -1,8 +1,8 @@
 """Eriksson et al. 2018, Table 1: cycles of cameras, local search against the convex relaxation."""
 
-from certpgo.harness.claims import Claim, below, together, within
-from certpgo.harness.records import Record
-from certpgo.harness.spec import Column, Method, Row, Table
+from reports.harness.experiments.claims import Claim, below, together, within
+from reports.harness.experiments.records import Record
+from reports.harness.experiments.spec import Column, Method, Row, Table
 
 SIZES, NOISES = (20, 50, 100, 200), (0.2, 0.5)
 

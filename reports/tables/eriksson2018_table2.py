@@ -1,8 +1,8 @@
 """Eriksson et al. 2018, Table 2: largest residuals against the angles that are safe."""
 
-from certpgo.harness.claims import Claim, below, number, unknown
-from certpgo.harness.records import Record
-from certpgo.harness.spec import Column, Method, Row, Table
+from reports.harness.experiments.claims import Claim, below, number, unknown
+from reports.harness.experiments.records import Record
+from reports.harness.experiments.spec import Column, Method, Row, Table
 
 from ._sets import UNIT
 

@@ -2,7 +2,7 @@
 
 from certpgo import registry
 from certpgo.errors import CertPGOError
-from certpgo.harness.spec import Column, Method, Row, Table
+from reports.harness.experiments.spec import Column, Method, Row, Table
 
 
 def _method(name: str) -> Method:

@@ -1,8 +1,8 @@
 """Moreira 2020, Table 5.2: EigenRA and EigenRAO with outliers on Notre Dame's viewing graph."""
 
-from certpgo.harness.claims import Claim, below, number, within
-from certpgo.harness.records import Record
-from certpgo.harness.spec import Column, Method, Row, Table
+from reports.harness.experiments.claims import Claim, below, number, within
+from reports.harness.experiments.records import Record
+from reports.harness.experiments.spec import Column, Method, Row, Table
 
 SIGMAS = (0.0, 0.5, 1.5, 2.5)
 #: Shares of outliers from which adaptive trimming is run too.

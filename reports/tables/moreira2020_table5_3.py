@@ -1,8 +1,8 @@
 """Moreira 2020, Table 5.3: how far from consistent the 1DSfM scenes are."""
 
-from certpgo.harness.claims import Claim
-from certpgo.harness.records import Record
-from certpgo.harness.spec import Column, Method, Row, Table
+from reports.harness.experiments.claims import Claim
+from reports.harness.experiments.records import Record
+from reports.harness.experiments.spec import Column, Method, Row, Table
 
 from ._sets import UNIT
 

@@ -1,7 +1,7 @@
 """Moreira 2020, Table 5.4: robust rotation averaging on photo collections."""
 
-from certpgo.harness.claims import Claim, below, together, unknown
-from certpgo.harness.spec import Column, Method, Row, Table
+from reports.harness.experiments.claims import Claim, below, together, unknown
+from reports.harness.experiments.spec import Column, Method, Row, Table
 
 from ._sets import UNIT
 

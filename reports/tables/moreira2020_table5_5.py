@@ -1,7 +1,7 @@
 """Moreira 2020, Table 5.5: EigenMA beside EIG-SE(3) on a path over a sphere."""
 
-from certpgo.harness.claims import Claim, below
-from certpgo.harness.spec import Column, Method, Row, Table
+from reports.harness.experiments.claims import Claim, below
+from reports.harness.experiments.spec import Column, Method, Row, Table
 
 MISSING = (80, 85, 90, 95, 99)
 SIGMAS = (1.0, 2.0, 5.0)

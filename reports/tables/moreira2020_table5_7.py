@@ -1,8 +1,8 @@
 """Moreira 2020, Table 5.7: log-likelihood of EigenMA beside chordal and Gauss-Newton."""
 
-from certpgo.harness.claims import Claim, below, number, together
-from certpgo.harness.records import Record
-from certpgo.harness.spec import Column, Method, Row, Table
+from reports.harness.experiments.claims import Claim, below, number, together
+from reports.harness.experiments.records import Record
+from reports.harness.experiments.spec import Column, Method, Row, Table
 
 from ._sets import SIMPLE, UNIT
 

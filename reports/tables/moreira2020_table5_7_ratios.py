@@ -1,7 +1,7 @@
 """Moreira 2020, Table 5.7: times of closed forms over that of the chordal relaxation."""
 
-from certpgo.harness.claims import Claim, below, within
-from certpgo.harness.spec import Column, Method, Row, Table
+from reports.harness.experiments.claims import Claim, below, within
+from reports.harness.experiments.spec import Column, Method, Row, Table
 
 from ._sets import SLAM
 

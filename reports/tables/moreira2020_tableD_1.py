@@ -1,8 +1,8 @@
 """Moreira 2020, Table D.1: EigenRA and EigenMA on the Burghers sequence."""
 
-from certpgo.harness.claims import Claim, number, within
-from certpgo.harness.records import Record
-from certpgo.harness.spec import Column, Method, Row, Table
+from reports.harness.experiments.claims import Claim, number, within
+from reports.harness.experiments.records import Record
+from reports.harness.experiments.spec import Column, Method, Row, Table
 
 from ._sets import UNIT
 

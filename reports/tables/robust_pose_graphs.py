@@ -1,6 +1,6 @@
 """Robust pose graphs: wrong loop closures found, and what is kept certified."""
 
-from certpgo.harness.spec import Column, Method, Row, Table
+from reports.harness.experiments.spec import Column, Method, Row, Table
 
 TABLE = Table(
     name="robust_pose_graphs",

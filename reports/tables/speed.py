@@ -1,6 +1,6 @@
 """EigenMA against GTSAM's chordal initialization, under the timing protocol, with both engines."""
 
-from certpgo.harness.spec import Column, Method, Row, Table
+from reports.harness.experiments.spec import Column, Method, Row, Table
 
 TABLE = Table(
     name="speed",

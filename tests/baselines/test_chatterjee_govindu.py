@@ -8,13 +8,13 @@ from hypothesis import given
 from scipy.optimize import linprog
 from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
-from certpgo import io, metrics, registry
+from certpgo import io, registry
+from certpgo.assess import metrics
 from certpgo.errors import InputError, SpecError
-from certpgo.estimate import Estimate
-from certpgo.graph import RotationGraph
+from certpgo.graph import Estimate, RotationGraph
 from certpgo.linalg import so
-from certpgo.problem import RotationProblem, problem_of
-from certpgo.solution import Status
+from certpgo.objective.problem import RotationProblem, problem_of
+from certpgo.optimize.solution import Status
 
 
 def solver(**settings):

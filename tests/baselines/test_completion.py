@@ -8,14 +8,14 @@ import pytest
 import strategies
 from hypothesis import given, settings
 
-from certpgo import metrics, registry
+from certpgo import registry
+from certpgo.assess import metrics
 from certpgo.datasets import synthetic
 from certpgo.errors import InputError, SpecError
-from certpgo.estimate import Estimate
-from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import so
-from certpgo.problem import PoseProblem, RotationProblem, problem_of
-from certpgo.solution import Status
+from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.optimize.solution import Status
 from certpgo.solvers import _memory
 
 NAMES = (

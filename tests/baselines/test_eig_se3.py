@@ -7,12 +7,13 @@ import pytest
 from hypothesis import given
 from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
-from certpgo import metrics, registry
+from certpgo import registry
+from certpgo.assess import metrics
 from certpgo.datasets import synthetic
 from certpgo.errors import SpecError
 from certpgo.graph import PoseGraph, RotationGraph
-from certpgo.problem import RotationProblem, problem_of
-from certpgo.solution import Status
+from certpgo.objective.problem import RotationProblem, problem_of
+from certpgo.optimize.solution import Status
 
 VECTORS = ["eigen", "singular"]
 KINDS = ["poses", "rotations"]

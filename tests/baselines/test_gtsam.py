@@ -7,11 +7,10 @@ import pytest
 from certpgo import registry
 from certpgo.datasets import synthetic
 from certpgo.errors import InputError, MissingDependency, NumericalError, SpecError
-from certpgo.estimate import Estimate
-from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import so
-from certpgo.problem import PoseProblem, RotationProblem
-from certpgo.solution import Status
+from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.optimize.solution import Status
 
 NAMES = ("gtsam_chordal", "gtsam_fastsync", "gtsam_gauss_newton", "gtsam_levenberg_marquardt")
 ITERATIVE = ("gtsam_gauss_newton", "gtsam_levenberg_marquardt")

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
-from certpgo import io, metrics, registry
+from certpgo import io, registry
+from certpgo.assess import metrics
 from certpgo.errors import SpecError
-from certpgo.estimate import Estimate
-from certpgo.graph import PoseGraph
+from certpgo.graph import Estimate, PoseGraph
 from certpgo.linalg import so
-from certpgo.problem import problem_of
-from certpgo.solution import Status
+from certpgo.objective.problem import problem_of
+from certpgo.optimize.solution import Status
 
 KINDS = ["poses", "rotations"]
 

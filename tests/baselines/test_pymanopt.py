@@ -11,10 +11,10 @@ from certpgo.certify import Verdict
 from certpgo.datasets import synthetic
 from certpgo.errors import InputError, MissingDependency, SpecError
 from certpgo.graph import PoseGraph
-from certpgo.lift import Lift
 from certpgo.linalg import so
-from certpgo.problem import PoseProblem, RotationProblem, problem_of
-from certpgo.solution import Status
+from certpgo.objective.lift import Lift
+from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.optimize.solution import Status
 
 NAME = "pymanopt_trust_region"
 

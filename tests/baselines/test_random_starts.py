@@ -8,7 +8,7 @@ from certpgo.certify import certify
 from certpgo.datasets import synthetic
 from certpgo.errors import SpecError
 from certpgo.linalg import so
-from certpgo.problem import RotationProblem
+from certpgo.objective.problem import RotationProblem
 from certpgo.solvers.cycle_closed_form import stationary_point
 
 pytest.importorskip("gtsam")

@@ -12,11 +12,10 @@ from certpgo import registry
 from certpgo.certify import Verdict
 from certpgo.datasets import synthetic
 from certpgo.errors import InputError, MissingDependency, NumericalError, SpecError
-from certpgo.estimate import Estimate
-from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import so
-from certpgo.problem import PoseProblem, RotationProblem
-from certpgo.solution import Status
+from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.optimize.solution import Status
 
 NAMES = ("gtsam_shonan", "gtsam_staircase")
 STARTS = ("fastsync", "chordal", "random")

@@ -9,13 +9,12 @@ from scipy import sparse
 from certpgo.certify import Verdict, case, certify, dual_bound
 from certpgo.datasets.synthetic import helix, winding_cycle
 from certpgo.errors import InputError
-from certpgo.estimate import Estimate
-from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import factor, so
 from certpgo.linalg.arrays import CSC
-from certpgo.newton import newton
-from certpgo.problem import PoseProblem, RotationProblem, problem_of
-from certpgo.solution import Status
+from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.optimize.newton import newton
+from certpgo.optimize.solution import Status
 from certpgo.solvers.eigen_ra import EigenRA
 
 

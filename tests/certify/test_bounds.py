@@ -16,12 +16,11 @@ from certpgo.certify.bounds import (
     row_bound,
 )
 from certpgo.datasets.synthetic import winding_cycle
-from certpgo.estimate import Estimate
-from certpgo.graph import RotationGraph
+from certpgo.graph import Estimate, RotationGraph
 from certpgo.io import read
 from certpgo.linalg import so
-from certpgo.newton import newton
-from certpgo.problem import RotationProblem
+from certpgo.objective.problem import RotationProblem
+from certpgo.optimize.newton import newton
 
 
 def identity_graph(n, edges, kappa=None):

@@ -11,11 +11,10 @@ import pytest
 from strategies import random_edges
 
 from certpgo.certify.bounds import alpha_max, normalized_fiedler_value, row_bound
-from certpgo.estimate import Estimate
-from certpgo.graph import RotationGraph
+from certpgo.graph import Estimate, RotationGraph
 from certpgo.linalg import so
-from certpgo.newton import newton
-from certpgo.problem import RotationProblem
+from certpgo.objective.problem import RotationProblem
+from certpgo.optimize.newton import newton
 
 ATTACKS = int(os.environ.get("CERTPGO_ATTACKS", "300"))
 #: Half of the attacks come closer to a bound than this.

@@ -8,15 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
-from certpgo import spectral
 from certpgo.certify import Tier, Verdict, certify
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import InputError, SpecError
-from certpgo.estimate import Estimate
-from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import factor, so
-from certpgo.newton import newton
-from certpgo.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.optimize import spectral
+from certpgo.optimize.newton import newton
 
 
 def winding(n, theta, k, d=3, scale=1.0):

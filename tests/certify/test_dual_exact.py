@@ -11,12 +11,11 @@ from strategies import dimensions, pose_graph, rng_of, seeds
 from certpgo.certify import dual
 from certpgo.certify.rounding import rotation_defect
 from certpgo.certify.shifted import Shifted, _exponent
-from certpgo.estimate import Estimate
-from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import factor
 from certpgo.linalg.arrays import CSC
-from certpgo.newton import newton
-from certpgo.problem import PoseProblem, problem_of
+from certpgo.objective.problem import PoseProblem, problem_of
+from certpgo.optimize.newton import newton
 
 U = 2.0**-53
 

@@ -14,10 +14,9 @@ from certpgo.certify.rounding import cost_lower
 from certpgo.certify.units import in_units, scaled_blocks, scaled_down, scaled_up
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import FormatError, GraphError, InputError
-from certpgo.estimate import Estimate
-from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import so
-from certpgo.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 
 TIERS = [Tier.STANDARD, Tier.PROOF]
 

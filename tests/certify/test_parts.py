@@ -6,16 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import certpgo
-from certpgo.bridges import bridges
 from certpgo.certify import Tier, Verdict, certify
 from certpgo.certify.case import Case
 from certpgo.certify.dual import DualBound
 from certpgo.certify.parts import outside, parts, sum_of_bounds
 from certpgo.datasets.synthetic import winding_cycle
-from certpgo.estimate import Estimate
-from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph.bridges import bridges
 from certpgo.linalg import so
-from certpgo.problem import PoseProblem, RotationProblem
+from certpgo.objective.problem import PoseProblem, RotationProblem
 
 
 def ring(rng, n, d, noise):

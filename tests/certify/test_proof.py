@@ -13,10 +13,9 @@ from certpgo.certify.proof import exact_cost, exact_graph, prove, quaternions
 from certpgo.certify.proof_file import write_proof
 from certpgo.datasets.synthetic import corridor, winding_cycle
 from certpgo.errors import InputError, NumericalError
-from certpgo.estimate import Estimate
-from certpgo.graph import PoseGraph
+from certpgo.graph import Estimate, PoseGraph
 from certpgo.linalg import factor, so
-from certpgo.problem import problem_of
+from certpgo.objective.problem import problem_of
 
 
 @given(seeds, dimensions)

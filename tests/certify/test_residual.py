@@ -12,8 +12,8 @@ from certpgo.certify.residual import measured_residual
 from certpgo.linalg import factor
 from certpgo.linalg.arrays import CSC
 from certpgo.linalg.blocks import add_to_diagonal
-from certpgo.newton import newton
-from certpgo.problem import PoseProblem, problem_of
+from certpgo.objective.problem import PoseProblem, problem_of
+from certpgo.optimize.newton import newton
 
 
 def definite(seed, n=12, spread=3.0):

@@ -7,10 +7,9 @@ import pytest
 from strategies import random_edges, rng_of
 
 from certpgo.certify.rounding import cost_upper, rotation_defect
-from certpgo.estimate import Estimate
-from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import so
-from certpgo.problem import PoseProblem, RotationProblem
+from certpgo.objective.problem import PoseProblem, RotationProblem
 
 U = 2.0**-53
 

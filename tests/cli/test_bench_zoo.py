@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("flint", reason="python-flint is not installed")
 
-from certpgo.harness.zoo import run
+from reports.harness.certifiers import run
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from certpgo.datasets import synthetic
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
 from certpgo.io import write
 
 TWO_PARTS = """\

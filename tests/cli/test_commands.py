@@ -9,7 +9,7 @@ import pytest
 
 import certpgo as package
 from certpgo.cli import command_names
-from certpgo.harness.records import read_records
+from reports.harness.experiments.records import read_records
 
 
 def test_help_lists_every_command(certpgo):
@@ -327,7 +327,7 @@ def test_compare_leaves_out_methods_for_other_graphs_unless_asked(certpgo, tmp_p
 def test_an_interrupted_comparison_keeps_what_is_done(
     certpgo, square, tmp_path, monkeypatch, count
 ):
-    from certpgo.harness import plan
+    from reports.harness.experiments import plan
 
     common = ("compare", square, "--methods", "newton,eigen_ma", "--out", tmp_path / "r")
     certpgo(*common)

@@ -8,7 +8,7 @@ from certpgo import registry
 
 FIGURE = """\
 from certpgo.errors import InputError
-from certpgo.harness.figure import Figure
+from reports.harness.experiments.figure import Figure
 
 def compute(quick, data):
     if data is not None:

@@ -3,8 +3,7 @@ import os
 import pytest
 
 from certpgo import registry
-from certpgo.harness import gate
-from certpgo.harness.records import Record, to_line
+from reports.harness.experiments.records import Record, to_line
 
 RECORD = Record(
     "t", "row", "newton", metrics={"cost": 10.0}, verdict="CERTIFIED", iterations=3, n=5

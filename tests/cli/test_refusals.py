@@ -5,7 +5,7 @@ import pytest
 
 from certpgo import InputError, certify
 from certpgo.datasets.synthetic import cycle
-from certpgo.problem import problem_of
+from certpgo.objective.problem import problem_of
 
 EDGE = "EDGE_SE2 0 1 1 0 0.1 1 0 0 1 0 1"
 EDGE3 = "EDGE_SE3:QUAT 0 1 1 0 0 {q} " + "1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 1 0 0 1 0 1"
@@ -170,7 +170,7 @@ def test_an_interrupt_is_exit_code_130(certpgo, square, monkeypatch):
     def interrupted(*args, **kwargs):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("certpgo.harness.doctor.structure", interrupted)
+    monkeypatch.setattr("certpgo.assess.diagnostics.structure", interrupted)
     done = certpgo("info", square)
     assert done.code == 130
     assert done.err == "certpgo: interrupted\n"

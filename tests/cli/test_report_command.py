@@ -6,14 +6,14 @@ import pytest
 
 from certpgo import registry
 from certpgo.errors import FormatError, InputError
-from certpgo.harness import citations, report
-from certpgo.harness.citations import citation
-from certpgo.harness.published import published
-from certpgo.harness.records import Record, latest, to_line
+from reports.harness.experiments.records import Record, latest, to_line
+from reports.harness.rendering import citations, report
+from reports.harness.rendering.citations import citation
+from reports.harness.rendering.published import published
 
 TABLE = """\
-from certpgo.harness.claims import Claim, within
-from certpgo.harness.spec import Column, Method, Row, Table
+from reports.harness.experiments.claims import Claim, within
+from reports.harness.experiments.spec import Column, Method, Row, Table
 
 TABLE = Table(
     "paper_table1",
@@ -32,8 +32,8 @@ TABLE = Table(
 )
 """
 FIGURE = """\
-from certpgo.harness.claims import Claim
-from certpgo.harness.figure import Figure
+from reports.harness.experiments.claims import Claim
+from reports.harness.experiments.figure import Figure
 
 FIGURE = Figure(
     *("paper_figure1", "A bar", "nobody", None, None, ""),

@@ -10,7 +10,7 @@ import time
 import pytest
 from repeated import by_key
 
-from certpgo.harness.records import read_records
+from reports.harness.experiments.records import read_records
 
 #: Records of the table of cycles: six rows, two methods.
 ALL = 12
@@ -157,7 +157,7 @@ def test_all_runs_tables_and_figures_and_goes_on(certpgo, small_checkout, tmp_pa
     figures.mkdir()
     for name, body in (("bar", "return {'height': 1}"), ("bad", "raise ValueError('by design')")):
         (figures / f"{name}.py").write_text(
-            "from certpgo.harness.figure import Figure\n"
+            "from reports.harness.experiments.figure import Figure\n"
             f"def compute(quick, data):\n    {body}\n"
             "def draw(figure, record):\n    figure.add_subplot().bar([0], [record['height']])\n"
             f"FIGURE = Figure('{name}', 'A bar', 'nobody', compute, draw, 'm')\n"

@@ -6,7 +6,7 @@ World to camera R_i; 1DSfM and COLMAP have x right, y down, z forward, Bundler y
 import numpy as np
 import pytest
 
-from certpgo.io.quaternion import to_write
+from certpgo.io.exact.quaternion import to_write
 from certpgo.linalg import so
 
 N = 6

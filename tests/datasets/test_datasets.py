@@ -9,7 +9,7 @@ import pytest
 from certpgo import datasets, io
 from certpgo.datasets import catalogue, lookup
 from certpgo.errors import InputError, InputNotice, SpecError
-from certpgo.problem import problem_of
+from certpgo.objective.problem import problem_of
 
 TRIANGLE = b"EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\nEDGE_SE2 1 2 1 0 0 1 0 0 1 0 1\n"
 

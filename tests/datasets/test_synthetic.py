@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from certpgo.datasets import synthetic
 from certpgo.errors import InputError
 from certpgo.linalg import so
-from certpgo.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 
 ROUNDING = 1e-12  # relative, or absolute where the exact value is zero
 

@@ -7,10 +7,11 @@ import pytest
 
 from certpgo.datasets import edges, thesis
 from certpgo.errors import GraphError, InputError, SpecError
-from certpgo.harness.instances import component, load_row, rotations_alone
-from certpgo.harness.spec import Row
+from certpgo.graph.components import component, rotations_alone
 from certpgo.linalg import so
-from certpgo.problem import PoseProblem, RotationProblem
+from certpgo.objective.problem import PoseProblem, RotationProblem
+from reports.harness.experiments.instances import load_row
+from reports.harness.experiments.spec import Row
 
 
 def rng(seed=5):

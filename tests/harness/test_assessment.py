@@ -9,18 +9,17 @@ from hypothesis import given, settings
 from strategies import dense_cost, dimensions, pose_graph, rng_of, seeds
 
 from certpgo import io
+from certpgo.assess.assessment import assess, costly_edges, distance
+from certpgo.assess.batch import JudgedGraph, judge_all, write_rows
 from certpgo.certify import Verdict, certify
 from certpgo.certify.judge import Judge
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import InputError
-from certpgo.estimate import Estimate
-from certpgo.graph import Instance
-from certpgo.harness.assessment import assess, costly_edges, distance
-from certpgo.harness.batch import Part, judged, write_rows
+from certpgo.graph import Estimate, Instance
 from certpgo.io.digits import writing_of
 from certpgo.linalg import so
-from certpgo.newton import newton
-from certpgo.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.optimize.newton import newton
 
 JARGON = (
     "dual",
@@ -190,7 +189,7 @@ def test_sentences_need_no_paper():
 
 
 def part_of(problem, name="walk"):
-    return Part(Instance(name, problem.graph, np.arange(problem.n)), problem, Judge(problem))
+    return JudgedGraph(Instance(name, problem.graph, np.arange(problem.n)), problem, Judge(problem))
 
 
 def test_one_bound_serves_all_answers_that_lead_to_it(monkeypatch):
@@ -206,7 +205,7 @@ def test_one_bound_serves_all_answers_that_lead_to_it(monkeypatch):
         )
         for k in range(6)
     }
-    rows = list(judged(shaken, [part_of(problem)], lambda name: [shaken[name]]))
+    rows = list(judge_all(shaken, [part_of(problem)], lambda name: [shaken[name]]))
     assert len(computed) == 1
     alone = [certify(problem, shaken[name]) for name in shaken]
     for row, certificate in zip(rows, alone, strict=True):
@@ -236,7 +235,7 @@ def test_what_cannot_be_read_is_a_row(tmp_path):
             raise InputError("bad:3: numbers\nexpected")
         return [best]
 
-    rows = list(judged(["good", "bad", "good"], [part_of(problem)], read))
+    rows = list(judge_all(["good", "bad", "good"], [part_of(problem)], read))
     assert [row.verdict for row in rows] == ["CERTIFIED", "ERROR", "CERTIFIED"]
     assert rows[1].reason == "bad:3: numbers expected"
     path = tmp_path / "out.csv"
@@ -253,6 +252,6 @@ def test_what_cannot_be_read_is_a_row(tmp_path):
 def test_gaps_of_rotations_have_no_metres():
     problem, best = optimum(0, 8, 3)
     alone = problem_of(problem.graph.rotation)
-    [row] = judged(["one"], [part_of(alone)], lambda _: [Estimate(best.rotations)])
+    [row] = judge_all(["one"], [part_of(alone)], lambda _: [Estimate(best.rotations)])
     assert row.mean_m is None
     assert row.worst_deg is not None

@@ -5,14 +5,14 @@ import pytest
 
 from certpgo.certify import certify
 from certpgo.datasets import synthetic
-from certpgo.harness import evaluate
-from certpgo.harness.averages import summarized
-from certpgo.harness.published import _lines
-from certpgo.harness.records import Record
-from certpgo.harness.render import sections
-from certpgo.harness.runner import run
-from certpgo.harness.spec import Column, Method, Row, Table
-from certpgo.problem import RotationProblem
+from certpgo.objective.problem import RotationProblem
+from reports.harness.experiments import evaluate
+from reports.harness.experiments.averages import summarized
+from reports.harness.experiments.records import Record
+from reports.harness.experiments.runner import run_table
+from reports.harness.experiments.spec import Column, Method, Row, Table
+from reports.harness.rendering.published import _lines
+from reports.harness.rendering.render import sections
 
 ROW = Row(generator="orbital", label="a", arguments={"n": 9, "sigma": 0.2})
 
@@ -57,7 +57,7 @@ def test_methods_stay_apart_and_one_record_stays_as_it_is():
 
 def test_an_averaged_table_has_one_section_a_row():
     spec = table(Method("cycle_closed_form"), summary="mean")
-    records = list(run(spec, seeds=3))
+    records = list(run_table(spec, seeds=3))
     [section] = sections(spec, records)
     assert section.title == "a (9 nodes, 9 edges, 3D), mean of 3 instances"
     assert len(section.rows) == 1
@@ -66,7 +66,7 @@ def test_an_averaged_table_has_one_section_a_row():
 
 def test_errors_are_against_the_certified_optimum():
     spec = table(Method("cycle_closed_form"), Method("spanning_tree"))
-    exact, tree = run(spec)
+    exact, tree = run_table(spec)
     assert abs(exact.metrics["error"]) < 1e-13
     assert exact.metrics["global_percent"] == 100.0
     assert tree.metrics["error"] > 1e-3
@@ -75,7 +75,7 @@ def test_errors_are_against_the_certified_optimum():
 
 
 def test_a_method_may_be_for_small_graphs_alone_and_a_row_for_nobody():
-    [small] = run(table(Method("newton", max_nodes=8)))
+    [small] = run_table(table(Method("newton", max_nodes=8)))
     assert small.error == "not run: above 8 nodes"
     absent = Table(
         "t",
@@ -84,7 +84,7 @@ def test_a_method_may_be_for_small_graphs_alone_and_a_row_for_nobody():
         (Method("newton"),),
         (Column("error", "error"),),
     )
-    [record] = run(absent)
+    [record] = run_table(absent)
     assert record.error == "not run: the edge set is not public"
 
 

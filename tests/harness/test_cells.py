@@ -3,12 +3,12 @@
 import pytest
 
 from certpgo import registry
-from certpgo.harness import cells
-from certpgo.harness.cells import Found
-from certpgo.harness.findings import findings
-from certpgo.harness.published import published
-from certpgo.harness.records import Record
-from certpgo.harness.spec import Column, Method, Row, Table
+from reports.harness.experiments.records import Record
+from reports.harness.experiments.spec import Column, Method, Row, Table
+from reports.harness.rendering import cells
+from reports.harness.rendering.cells import CellStatus
+from reports.harness.rendering.findings import findings
+from reports.harness.rendering.published import published
 
 #: f: the lower the better; g: neither; x_time_s: a time.
 PRINTED = "set,edges,x_f,x_g,x_time_s\none,5,1.50,2.0,9.1\ntwo,6,3.0,4.0,9.2\nthree,7,5.0,,9.3\n"
@@ -57,18 +57,18 @@ def test_values_are_reproduced_better_different_or_not_run():
         records, explained={"a": "read otherwise", "three": "lost", "b": "a program of today"}
     )
     assert {key: (c.found, c.reason) for key, c in values.items()} == {
-        ("one", "x_f"): (Found.REPRODUCED, ""),
-        ("one", "x_g"): (Found.DIFFERS, "read otherwise"),
-        ("two", "x_f"): (Found.BETTER, "a program of today"),
-        ("two", "x_g"): (Found.NOT_RUN, "a program of today"),
-        ("three", "x_f"): (Found.NOT_RUN, "lost"),
+        ("one", "x_f"): (CellStatus.REPRODUCED, ""),
+        ("one", "x_g"): (CellStatus.DIFFERS, "read otherwise"),
+        ("two", "x_f"): (CellStatus.BETTER, "a program of today"),
+        ("two", "x_g"): (CellStatus.NOT_RUN, "a program of today"),
+        ("three", "x_f"): (CellStatus.NOT_RUN, "lost"),
     }
     assert values["one", "x_g"].ours == 2.06
-    assert cells.tally(values.values()) == dict(zip(Found, (1, 1, 1, 2), strict=True))
+    assert cells.tally(values.values()) == dict(zip(CellStatus, (1, 1, 1, 2), strict=True))
 
 
 def test_what_is_worse_is_not_better():
-    assert found([record("b", cost=3.1)])["two", "x_f"].found is Found.DIFFERS
+    assert found([record("b", cost=3.1)])["two", "x_f"].found is CellStatus.DIFFERS
 
 
 def test_a_failure_says_why_before_any_explanation():
@@ -88,7 +88,7 @@ def test_explanations_are_of_both_then_the_row_then_the_method():
 
 
 @pytest.mark.parametrize(
-    ("offset", "expected"), [(0.199, Found.REPRODUCED), (0.201, Found.DIFFERS)]
+    ("offset", "expected"), [(0.199, CellStatus.REPRODUCED), (0.201, CellStatus.DIFFERS)]
 )
 def test_two_standard_errors_of_the_mean_over_the_seeds(offset, expected):
     # Mean 4 + offset; deviation 0.2 of four, hence a standard error of 0.1.
@@ -106,12 +106,12 @@ def test_two_standard_errors_of_the_mean_over_the_seeds(offset, expected):
 def test_ours_is_the_median_where_the_table_shows_medians():
     records = [record("b", seed=k, f_ml=value) for k, value in enumerate((4.0, 4.02, 90.0))]
     value = found(records, summary="median")["two", "x_g"]
-    assert (value.ours, value.found) == (4.02, Found.REPRODUCED)
+    assert (value.ours, value.found) == (4.02, CellStatus.REPRODUCED)
 
 
 def test_other_instances_are_never_compared():
     value = found([record(cost=1.5)], comparable=False)["one", "x_f"]
-    assert (value.found, value.reason) == (Found.NOT_RUN, "of another instance")
+    assert (value.found, value.reason) == (CellStatus.NOT_RUN, "of another instance")
 
 
 def test_the_nearest_of_several_readings_counts():
@@ -121,7 +121,7 @@ def test_the_nearest_of_several_readings_counts():
         "t", "", rows, (method,), (Column("f_ml", "g"),), published="paper_table1", key="set"
     )
     first, *others = cells.cells(spec, [record(f_ml=9.0), record("b", f_ml=2.0)])
-    assert (first.row, first.found) == ("b", Found.REPRODUCED)
+    assert (first.row, first.found) == ("b", CellStatus.REPRODUCED)
     assert [cell.key for cell in others] == ["two"]
 
 
@@ -136,7 +136,7 @@ def test_of_lines_of_methods_the_key_names_both(tmp_path):
         explained={"them": "weights are not public"},
     )
     ours, theirs = cells.cells(spec, [record(cost=1.0)])
-    assert ours.found is Found.REPRODUCED
+    assert ours.found is CellStatus.REPRODUCED
     assert (theirs.key, theirs.reason) == ("one/them", "weights are not public")
 
 

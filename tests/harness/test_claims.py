@@ -3,11 +3,19 @@
 import pytest
 
 from certpgo.errors import SpecError
-from certpgo.harness import claims
-from certpgo.harness.claims import Claim, Found, below, number, numbers, together, unknown, within
-from certpgo.harness.figure import Figure
-from certpgo.harness.records import Record
-from certpgo.harness.spec import Column, Method, Row, Table
+from reports.harness.experiments.claims import (
+    Claim,
+    ClaimStatus,
+    below,
+    number,
+    numbers,
+    together,
+    unknown,
+    within,
+)
+from reports.harness.experiments.figure import Figure
+from reports.harness.experiments.records import Record
+from reports.harness.experiments.spec import Column, Method, Row, Table
 
 FASTER = below("total_seconds", "mine", "theirs")
 
@@ -28,27 +36,27 @@ def pair(row, mine, theirs):
 
 
 def outcome(claim, records, **more):
-    [found] = claims.of_table(table(claim, **more), records)
+    [found] = claim_outcomes.of_table(table(claim, **more), records)
     return found
 
 
 def test_a_claim_of_each_row_holds_where_it_could_be_run():
     found = outcome(Claim("x", FASTER, each=True), [*pair("a", 1.0, 2.0), *pair("b", 2.0, 2.0)])
-    assert (found.found, found.held, found.decided, found.asked) == (Found.HOLDS, 2, 2, 3)
+    assert (found.found, found.held, found.decided, found.asked) == (ClaimStatus.HOLDS, 2, 2, 3)
     assert found.said == "holds in 2 of 2 rows; 1 row not run"
 
 
 def test_one_row_is_enough_to_differ():
     claim = Claim("x", FASTER, each=True, remark="Ours waits")
     found = outcome(claim, [*pair("a", 1.0, 2.0), *pair("b", 3.0, 2.0)])
-    assert found.found is Found.DIFFERS
+    assert found.found is ClaimStatus.DIFFERS
     assert found.told == "differs: holds in 1 of 2 rows; 1 row not run. Ours waits"
 
 
 def test_nearly_all_rows_are_enough_where_the_paper_says_so():
     records = [*pair("a", 1.0, 2.0), *pair("b", 3.0, 2.0), *pair("c", 1.0, 2.0)]
-    assert outcome(Claim("x", FASTER, each=True, share=0.6), records).found is Found.HOLDS
-    assert outcome(Claim("x", FASTER, each=True, share=0.7), records).found is Found.DIFFERS
+    assert outcome(Claim("x", FASTER, each=True, share=0.6), records).found is ClaimStatus.HOLDS
+    assert outcome(Claim("x", FASTER, each=True, share=0.7), records).found is ClaimStatus.DIFFERS
 
 
 @pytest.mark.parametrize(
@@ -56,7 +64,7 @@ def test_nearly_all_rows_are_enough_where_the_paper_says_so():
 )
 def test_without_its_numbers_a_claim_is_not_run(records):
     found = outcome(Claim("x", FASTER, each=True, rows=("a",), remark="Gone"), records)
-    assert found.found is Found.NOT_RUN
+    assert found.found is ClaimStatus.NOT_RUN
     assert found.told == "not run. Gone"
 
 
@@ -76,9 +84,9 @@ def test_claims_are_of_means_where_the_table_shows_means():
         for seed, value in enumerate(values)
     ]
     claim = Claim("x", FASTER, each=True)
-    assert outcome(claim, records, summary="mean").found is Found.HOLDS
+    assert outcome(claim, records, summary="mean").found is ClaimStatus.HOLDS
     # the other way about: the second instance alone would hold
-    assert outcome(claim, records[::-1]).found is Found.DIFFERS
+    assert outcome(claim, records[::-1]).found is ClaimStatus.DIFFERS
 
 
 def test_a_figures_claim_is_asked_of_its_record():
@@ -86,7 +94,10 @@ def test_a_figures_claim_is_asked_of_its_record():
     figure = Figure(
         "f", "t", "s", lambda quick, data: {}, lambda canvas, data: None, "", (), (claim,)
     )
-    said = [claims.of_figure(figure, data)[0].said for data in ({"height": 2}, {"height": 1}, None)]
+    said = [
+        claim_outcomes.of_figure(figure, data)[0].said
+        for data in ({"height": 2}, {"height": 1}, None)
+    ]
     assert said == ["holds", "differs", "not run"]
 
 

@@ -3,10 +3,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from certpgo.bridges import bridges
+from certpgo.assess.diagnostics import spectra, structure
 from certpgo.datasets import synthetic
 from certpgo.graph import Instance, RotationGraph
-from certpgo.harness.doctor import spectra, structure
+from certpgo.graph.bridges import bridges
 
 
 def graph_of(n, edges):

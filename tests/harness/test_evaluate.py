@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from certpgo.datasets import thesis
-from certpgo.harness import evaluate
-from certpgo.harness.runner import run
-from certpgo.harness.spec import Column, Method, Row, Table
-from certpgo.problem import RotationProblem
-from certpgo.solution import Solution, Status
+from certpgo.objective.problem import RotationProblem
+from certpgo.optimize.solution import Solution, Status
+from reports.harness.experiments import evaluate
+from reports.harness.experiments.runner import run_table
+from reports.harness.experiments.spec import Column, Method, Row, Table
 
 KEYS = ("rmse_deg", "median_l1_deg", "f_gt", "kept_percent", "precision", "recall", "apart_deg")
 
@@ -59,12 +59,12 @@ def test_answers_are_compared_with_the_first_methods():
         arguments={"n": 30, "fiedler": 8.0, "sigma_deg": 1.0, "outliers": 0.1},
     )
     methods = (Method("adaptive_trimming"), Method("eigen_ra"), Method("cycle_closed_form"))
-    first, second, failed = run(Table("t", "T", (row,), methods, columns, certify=False))
+    first, second, failed = run_table(Table("t", "T", (row,), methods, columns, certify=False))
     assert "apart_deg" not in first.metrics
     assert second.metrics["apart_deg"] > 0.0
     assert first.metrics["rmse_deg"] < second.metrics["rmse_deg"]
     assert first.metrics["recall"] == 1.0
     assert failed.error
     # A first method that fails leaves nothing to compare with.
-    _, alone = run(Table("t", "T", (row,), methods[:0:-1], columns, certify=False))
+    _, alone = run_table(Table("t", "T", (row,), methods[:0:-1], columns, certify=False))
     assert "apart_deg" not in alone.metrics

@@ -14,17 +14,17 @@ from pathlib import Path
 import pytest
 from repeated import by_key
 
-from certpgo import registry
 from certpgo.errors import InputError, MissingDependency
-from certpgo.harness.execute import Pool, execute
-from certpgo.harness.limits import Limit, OutOfTime
-from certpgo.harness.plan import DIED, table_tasks
-from certpgo.harness.spec import Method
+from reports.harness.experiments import scan
+from reports.harness.experiments.execute import Pool, execute
+from reports.harness.experiments.limits import Limit, OutOfTime
+from reports.harness.experiments.plan import DIED, table_tasks
+from reports.harness.experiments.spec import Method
 
 
 @pytest.fixture
 def table(small_checkout):
-    return registry.get_table("cycles")
+    return scan.get_table("cycles")
 
 
 def mischievous(table, deed, nodes=6):

@@ -5,10 +5,10 @@ import io
 
 import pytest
 
-from certpgo.harness.formats import forms
-from certpgo.harness.formats.latex import escaped, numbered
-from certpgo.harness.records import Record, from_line, to_line
-from certpgo.harness.spec import Column, Method, Row, Table
+from reports.harness.experiments.records import Record, from_line, to_line
+from reports.harness.experiments.spec import Column, Method, Row, Table
+from reports.harness.rendering.formats import forms
+from reports.harness.rendering.formats.latex import escaped, numbered
 
 COLUMNS = (Column("cost", "F_1", ".2e"), Column("verdict", "verdict"), Column("seconds", "s"))
 

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from certpgo import registry
 from certpgo.errors import FormatError, InputError
-from certpgo.harness import gate
-from certpgo.harness.records import Record, to_line
-from certpgo.harness.spec import METRICS
+from reports.harness.experiments import regression, scan
+from reports.harness.experiments.records import Record, to_line
+from reports.harness.experiments.spec import METRICS
 
 COMMITTED = Record(
     "t",
@@ -40,11 +40,11 @@ COMMITTED = Record(
     counts={"factorizations": 4, "products": 100, "starts": 1},
     provenance={"engine": "cholmod"},
 )
-KEY = gate.Key("full", "t", "row", "", "method", None)
+KEY = regression.Key("full", "t", "row", "", "method", None)
 
 
 def compared(after, before=COMMITTED, **options):
-    return gate.compare({KEY: after}, {KEY: before}, **options)
+    return regression.findings({KEY: after}, {KEY: before}, **options)
 
 
 def moves(after, before=COMMITTED, **options):
@@ -233,7 +233,9 @@ def test_a_cost_below_a_proven_bound_fails_though_it_is_lower():
 
 def test_records_on_one_side_alone_are_named_and_fail_only_a_complete_gate():
     other, third = KEY._replace(row="other"), KEY._replace(row="third")
-    found = gate.compare({KEY: COMMITTED, other: COMMITTED}, {KEY: COMMITTED, third: COMMITTED})
+    found = regression.findings(
+        {KEY: COMMITTED, other: COMMITTED}, {KEY: COMMITTED, third: COMMITTED}
+    )
     assert (list(found.missing), found.added) == ([third], (other,))
     assert found.holds()
     assert not found.holds(complete=True)
@@ -254,7 +256,7 @@ def test_tables_without_a_new_record_are_named_within_the_profile():
     elsewhere = KEY._replace(table="u")
     quick = KEY._replace(table="v", profile="quick")
     committed = {KEY: COMMITTED, elsewhere: COMMITTED, quick: COMMITTED}
-    found = gate.compare({KEY: COMMITTED}, committed)
+    found = regression.findings({KEY: COMMITTED}, committed)
     assert (found.untouched, found.missing) == (("u",), {})
     assert not found.holds(complete=True)
 
@@ -266,7 +268,10 @@ def test_what_is_worse_one_way_is_better_the_other(change, metric):
     opposite = {"worse": "better", "better": "worse", "different": "different"}
     told = [m for m in there.movements if m.metric == metric]
     # Beside the tolerance, which is relative to what is committed, both ways agree.
-    if abs(abs(change) - gate.SAME) > 1e-8 and abs(abs(change) - gate.SAME_ANGLE) > 1e-7:
+    if (
+        abs(abs(change) - regression.SAME) > 1e-8
+        and abs(abs(change) - regression.SAME_ANGLE) > 1e-7
+    ):
         assert [opposite[m.direction] for m in told] == [
             m.direction for m in back.movements if m.metric == metric
         ]
@@ -280,23 +285,23 @@ def write(path, *records):
 
 def test_the_last_record_of_a_key_counts(tmp_path):
     path = write(tmp_path / "t.jsonl", COMMITTED, with_metric("cost", 7.0))
-    [record] = gate.load(path).values()
+    [record] = regression.load_records(path).values()
     assert record.metrics["cost"] == 7.0
 
 
 def test_quick_records_are_never_compared_with_full_ones(tmp_path):
     write(tmp_path / "a" / "t.jsonl", COMMITTED)
     write(tmp_path / "a" / "quick" / "t.jsonl", with_metric("cost", 7.0))
-    both = gate.load(tmp_path / "a")
+    both = regression.load_records(tmp_path / "a")
     assert [(key.profile, r.metrics["cost"]) for key, r in both.items()] == [
         ("full", 100.0),
         ("quick", 7.0),
     ]
-    quick = gate.load(tmp_path / "a" / "quick")
+    quick = regression.load_records(tmp_path / "a" / "quick")
     assert [key.profile for key in quick] == ["quick"]
-    assert gate.load(tmp_path / "a" / "quick" / "t.jsonl") == quick
-    full = gate.load(tmp_path / "a" / "t.jsonl")
-    assert gate.compare(quick, full).compared == 0
+    assert regression.load_records(tmp_path / "a" / "quick" / "t.jsonl") == quick
+    full = regression.load_records(tmp_path / "a" / "t.jsonl")
+    assert regression.findings(quick, full).compared == 0
 
 
 @pytest.mark.parametrize(
@@ -316,18 +321,18 @@ def test_a_malformed_file_is_one_clear_line(tmp_path, text, said):
     path = tmp_path / "t.jsonl"
     path.write_bytes(text)
     with pytest.raises(FormatError, match=said):
-        gate.load(path)
+        regression.load_records(path)
 
 
 def test_a_place_without_records_is_refused(tmp_path):
     with pytest.raises(InputError, match="no records"):
-        gate.load(tmp_path)
+        regression.load_records(tmp_path)
     with pytest.raises(InputError, match="no such file or folder"):
-        gate.load(tmp_path / "nowhere")
+        regression.load_records(tmp_path / "nowhere")
 
 
 def test_every_metric_that_can_be_better_says_which_way():
-    assert set(gate.BETTER) - set(METRICS) == {
+    assert set(regression.BETTER) - set(METRICS) == {
         "iterations",
         "factorizations",
         "products",
@@ -336,17 +341,19 @@ def test_every_metric_that_can_be_better_says_which_way():
 
 
 def test_the_fixed_tables_have_committed_quick_records():
-    assert set(gate.FIXED) <= set(registry.table_names())
-    committed = gate.load(registry.repository() / "reports" / "results")
+    assert set(regression.FIXED) <= set(scan.table_names())
+    committed = regression.load_records(registry.repository() / "reports" / "results")
     quick = {key.table for key in committed if key.profile == "quick"}
-    assert quick >= set(gate.FIXED)
-    assert not any(registry.get_table(name).reference for name in gate.FIXED)
+    assert quick >= set(regression.FIXED)
+    assert not any(scan.get_table(name).reference for name in regression.FIXED)
 
 
 def test_the_fixed_set_agrees_with_what_is_committed():
-    new, refused = gate.run_quick(("eriksson2018_table1",))
+    new, refused = regression.run_quick(("eriksson2018_table1",))
     assert refused == {}
-    found = gate.compare(new, gate.load(registry.repository() / "reports" / "results"))
+    found = regression.findings(
+        new, regression.load_records(registry.repository() / "reports" / "results")
+    )
     assert found.compared + len(found.missing) == len(new)
     assert found.compared
     assert found.failures == ()

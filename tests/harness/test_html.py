@@ -13,28 +13,27 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 
+from certpgo.assess.assessment import assess
 from certpgo.certify import certify
 from certpgo.certify.curvature import smallest_eigenvalues
 from certpgo.datasets import synthetic
-from certpgo.estimate import Estimate
-from certpgo.graph import Instance, RotationGraph
-from certpgo.harness.assessment import assess
-from certpgo.harness.html.certificate import Origin, certificate_page
-from certpgo.harness.html.page import embedded, numeric
-from certpgo.harness.html.report import (
+from certpgo.graph import Estimate, Instance, RotationGraph
+from certpgo.objective.problem import problem_of
+from certpgo.solvers.certified.pipeline import solve
+from certpgo.view.certificate_page import Origin, certificate_page
+from certpgo.view.page import embedded, numeric
+from certpgo.view.scene import scene
+from reports.harness.experiments.records import Record
+from reports.harness.experiments.spec import Column, Method, Row, Table
+from reports.harness.rendering.render import Section
+from reports.harness.rendering.report_page import (
     ClaimPart,
     FigurePart,
+    SceneView,
     TablePart,
-    View,
     inlined,
     report_page,
 )
-from certpgo.harness.html.scene import scene
-from certpgo.harness.records import Record
-from certpgo.harness.render import Section
-from certpgo.harness.spec import Column, Method, Row, Table
-from certpgo.problem import problem_of
-from certpgo.solve import solve
 
 HOSTILE = "<b>&\"'</script><script>alert(1)</script>"
 VOID = {"meta", "br", "input", "img", "link", "hr"}
@@ -259,7 +258,7 @@ def test_a_report_is_whole(solved):
         cells={"reproduced": 2, "differs": 1},
         findings=[Section("Cells that differ", "", ("row", "why"), (("a", "too <i>few</i>"),))],
     )
-    view = View("A view", scene(problem, found.estimate, instance.ids))
+    view = SceneView("A view", scene(problem, found.estimate, instance.ids))
     figures = [FigurePart(DOCUMENT, SVG), FigurePart({**DOCUMENT, "figure": "g"}, SVG)]
     page = report_page([table], figures, summary=["Sentence <i>"], views=[view])
     reader = read(page)

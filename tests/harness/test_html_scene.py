@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 
 from certpgo.datasets import synthetic
-from certpgo.estimate import Estimate
-from certpgo.graph import RotationGraph
-from certpgo.harness.html.page import TEMPLATES
-from certpgo.harness.html.plots import Curve, bars, lines
-from certpgo.harness.html.scene import scene
-from certpgo.problem import problem_of
+from certpgo.graph import Estimate, RotationGraph
+from certpgo.objective.problem import problem_of
+from certpgo.view.page import TEMPLATES
+from certpgo.view.plots import Curve, bars, lines
+from certpgo.view.scene import scene
 
 
 @pytest.fixture(scope="module")

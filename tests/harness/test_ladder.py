@@ -5,16 +5,17 @@ import pytest
 from hypothesis import given, settings
 from strategies import dimensions, rng_of, rotation_graph, seeds
 
-from certpgo import registry, spectral
+from certpgo import registry
+from certpgo.assess import ladder as ladder_of
+from certpgo.assess.ladder import PROGRAM, ladder
 from certpgo.certify import Verdict
 from certpgo.datasets import synthetic
 from certpgo.errors import InputError, NumericalError
-from certpgo.estimate import Estimate
-from certpgo.harness import ladder as ladder_of
-from certpgo.harness.ladder import PROGRAM, ladder
-from certpgo.problem import RotationProblem, problem_of
-from certpgo.solution import Relaxation, Solution, Status
-from certpgo.solve import solve
+from certpgo.graph import Estimate
+from certpgo.objective.problem import RotationProblem, problem_of
+from certpgo.optimize import spectral
+from certpgo.optimize.solution import Relaxation, Solution, Status
+from certpgo.solvers.certified.pipeline import solve
 
 
 def rungs(problem, *arguments, **options):

@@ -6,11 +6,11 @@ from dataclasses import replace
 import pytest
 from repeated import numbers
 
-from certpgo import registry
-from certpgo.harness.cases import cases
-from certpgo.harness.plan import in_order, keys, run_task, table_tasks
-from certpgo.harness.runner import run
-from certpgo.harness.spec import Column, Method, Row, Table
+from reports.harness.experiments import scan
+from reports.harness.experiments.plan import in_order, keys, run_task, table_tasks
+from reports.harness.experiments.runner import run_table
+from reports.harness.experiments.spec import Column, Method, Row, Table
+from reports.harness.experiments.trials import cases
 
 CYCLE = Row(generator="cycle", arguments={"n": 5, "sigma": 0.1})
 RA, TREE = Method("eigen_ra"), Method("spanning_tree")
@@ -103,16 +103,16 @@ def test_a_task_a_row_and_repetition_with_the_methods_that_lack_a_record():
 
 
 def test_tasks_give_the_records_of_a_run_in_any_order_and_after_a_journey():
-    whole = numbers(run(TABLE))
+    whole = numbers(run_table(TABLE))
     tasks = [pickle.loads(pickle.dumps(task)) for task in table_tasks(TABLE, found([]))]
     made = [record for task in reversed(tasks) for record in run_task(task)]
     assert numbers(in_order(keys(TABLE), found(made))) == whole
     assert {record.provenance["threads"] for record in made} == {"1"}
 
 
-@pytest.mark.parametrize("name", registry.table_names())
+@pytest.mark.parametrize("name", scan.table_names())
 def test_tasks_of_every_table_travel_and_keep_their_keys(name):
-    table = registry.get_table(name)
+    table = scan.get_table(name)
     if table.optional:
         table = replace(table, optional=False)
     tasks = table_tasks(table, found([]), seeds=1)
@@ -127,8 +127,8 @@ def test_tasks_of_every_table_travel_and_keep_their_keys(name):
 def test_each_table_has_a_key_of_its_own_for_each_record():
     made = [
         key
-        for name in registry.table_names()
-        for key in keys(replace(registry.get_table(name), optional=False))
+        for name in scan.table_names()
+        for key in keys(replace(scan.get_table(name), optional=False))
     ]
     assert len(set(made)) == len(made)
 
@@ -136,7 +136,7 @@ def test_each_table_has_a_key_of_its_own_for_each_record():
 def test_a_graph_that_was_not_here_is_tried_again_when_it_is(tmp_path):
     path = tmp_path / "late.g2o"
     table = replace(TABLE, rows=(Row(dataset=str(path)),), methods=(Method("eigen_ma"),))
-    records = list(run(table))
+    records = list(run_table(table))
     assert "late.g2o" in records[0].error
     assert table_tasks(table, found(records)) == ()
     path.write_text("EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\n")
@@ -144,9 +144,9 @@ def test_a_graph_that_was_not_here_is_tried_again_when_it_is(tmp_path):
 
 
 def test_a_package_that_was_missing_is_tried_again():
-    [record, _] = [replace(r, error="GTSAM is not installed: pip install x") for r in run(TABLE)][
-        :2
-    ]
+    [record, _] = [
+        replace(r, error="GTSAM is not installed: pip install x") for r in run_table(TABLE)
+    ][:2]
     assert table_tasks(TABLE, found([record]), seeds=1)[0].methods == ("eigen_ra", "spanning_tree")
 
 
@@ -165,7 +165,7 @@ def test_each_component_needs_its_record(tmp_path):
     path.write_text("\n".join(lines) + "\n")
     row = Row(dataset=str(path), components="each")
     table = replace(TABLE, rows=(row,), methods=(Method("eigen_ma"),))
-    records = list(run(table))
+    records = list(run_table(table))
     assert [record.parts for record in records] == [2, 2]
     assert table_tasks(table, found(records)) == ()
     assert len(table_tasks(table, found(records[:1]))) == 1
@@ -173,7 +173,7 @@ def test_each_component_needs_its_record(tmp_path):
 
 def test_what_others_are_compared_with_is_solved_again():
     table = replace(TABLE, columns=(Column("apart_deg", "apart"),), certify=False, seeds=1)
-    first, second = run(table)
+    first, second = run_table(table)
     assert second.metrics["apart_deg"] > 0.0
     [task] = table_tasks(table, found([first]))
     assert task.methods == ("spanning_tree",)

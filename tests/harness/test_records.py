@@ -4,21 +4,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from certpgo.assess.provenance import provenance
 from certpgo.errors import FormatError, InputError
-from certpgo.estimate import Estimate
-from certpgo.harness.records import (
+from certpgo.graph import Estimate
+from certpgo.optimize.monitor import Iteration
+from certpgo.optimize.solution import Solution, Status
+from reports.harness.experiments.records import (
     TRACED,
     Journal,
     Record,
     from_line,
     latest,
-    provenance,
     read_records,
     to_line,
     trace_of,
 )
-from certpgo.monitor import Iteration
-from certpgo.solution import Solution, Status
 
 RECORD = Record(
     "t",

@@ -3,10 +3,10 @@ from dataclasses import replace
 import pytest
 
 from certpgo.errors import InputError
-from certpgo.harness.published import compare
-from certpgo.harness.records import Record
-from certpgo.harness.render import CROWDED, markdown, notes, sections
-from certpgo.harness.spec import Column, Method, Row, Table
+from reports.harness.experiments.records import Record
+from reports.harness.experiments.spec import Column, Method, Row, Table
+from reports.harness.rendering.published import compared
+from reports.harness.rendering.render import CROWDED, markdown, notes, sections
 
 TABLE = Table(
     "t",
@@ -73,12 +73,12 @@ def test_a_graph_that_is_not_here_is_said_once():
     ],
 )
 def test_agreement_is_to_the_printed_digits(printed, ours, agrees):
-    assert compare(printed, ours).agrees == agrees
+    assert compared(printed, ours).agrees == agrees
 
 
 def test_what_is_no_number_cannot_be_compared():
     with pytest.raises(InputError, match="no printed number"):
-        compare("n/a", 1.0)
+        compared("n/a", 1.0)
 
 
 def test_the_order_in_which_records_were_made_does_not_show():

@@ -4,7 +4,7 @@ import numpy as np
 
 from certpgo.certify import Verdict
 from certpgo.graph import PoseGraph
-from certpgo.harness import restarts
+from reports.harness.scaling import restarts
 
 #: Graphs of the benchmark's that are small, in the plane and in space, of rotations and poses.
 LARGEST = 18

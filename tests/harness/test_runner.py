@@ -6,14 +6,14 @@ import pytest
 from certpgo import registry
 from certpgo.datasets.synthetic import cycle
 from certpgo.errors import InputError, SpecError
-from certpgo.harness.instances import load_row, seed_of
-from certpgo.harness.methods import parse_settings
-from certpgo.harness.runner import run, solve
-from certpgo.harness.spec import Column, Method, Row, Table
-from certpgo.monitor import Iteration
-from certpgo.problem import problem_of
-from certpgo.solution import Solution, Status
-from certpgo.trees import compose, spanning_tree
+from certpgo.graph.trees import compose, spanning_tree
+from certpgo.objective.problem import problem_of
+from certpgo.optimize.monitor import Iteration
+from certpgo.optimize.solution import Solution, Status
+from certpgo.registry import parse_settings
+from reports.harness.experiments.instances import load_row, seed_of
+from reports.harness.experiments.runner import run_table, solve
+from reports.harness.experiments.spec import Column, Method, Row, Table
 
 CYCLE = Row(generator="cycle", arguments={"n": 5, "sigma": 0.1})
 POSES = Row(generator="grid3d", arguments={"side": 2})
@@ -25,7 +25,7 @@ def table(rows, methods, **more):
 
 
 def test_an_instance_is_solved_judged_and_recorded():
-    [record] = run(table((CYCLE,), (Method("newton", "ours", start=RA),)))
+    [record] = run_table(table((CYCLE,), (Method("newton", "ours", start=RA),)))
     assert (record.n, record.m, record.d, record.seed) == (5, 5, 3, 0)
     assert record.verdict == "CERTIFIED"
     assert record.metrics["lower_bound"] <= record.metrics["cost"] + 1e-12
@@ -55,7 +55,7 @@ def test_a_method_that_times_nothing_is_timed_as_a_whole(monkeypatch):
 
 
 def test_seeds_are_distinct_and_repeatable():
-    twice = [list(run(table((CYCLE,), (RA,)), seeds=3)) for _ in range(2)]
+    twice = [list(run_table(table((CYCLE,), (RA,)), seeds=3)) for _ in range(2)]
     costs = [[record.metrics["cost"] for record in records] for records in twice]
     assert costs[0] == costs[1]
     assert len(set(costs[0])) == 3
@@ -88,7 +88,7 @@ def test_a_failure_is_a_record_with_its_reason_and_the_next_one_runs(
 ):
     monkeypatch.setenv("CERTPGO_DATA", str(tmp_path))
     rows = (row, Row(label="good", generator="cycle", arguments={"n": 5, "sigma": 0.1}))
-    bad, *_, good = run(table(rows, (method, Method("eigen_ra", "good"))))
+    bad, *_, good = run_table(table(rows, (method, Method("eigen_ra", "good"))))
     assert reason in bad.error
     assert bad.metrics == {}
     assert good.error == ""
@@ -108,20 +108,20 @@ def test_a_family_that_reads_a_file_finds_it_in_the_data_folder(
 
 def test_gtsam_missing_is_a_record_with_the_install_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "gtsam", None)
-    [record] = run(table((POSES,), (Method("gtsam_chordal"),)))
+    [record] = run_table(table((POSES,), (Method("gtsam_chordal"),)))
     assert record.error == "GTSAM is not installed: pip install 'certpgo[baselines]'"
 
 
 def test_the_stand_ins_run_when_no_file_is_here(monkeypatch, tmp_path):
     monkeypatch.setenv("CERTPGO_DATA", str(tmp_path))
     spec = table((Row("rim"),), (RA,), stand_ins=(CYCLE,), optional=True)
-    assert [record.row for record in run(spec)] == ["cycle"]
+    assert [record.row for record in run_table(spec)] == ["cycle"]
 
 
 def test_an_optional_table_without_any_file_says_what_to_do(monkeypatch, tmp_path):
     monkeypatch.setenv("CERTPGO_DATA", str(tmp_path))
     with pytest.raises(InputError, match=r"none of the files of table t is here: pip install"):
-        list(run(table((Row("rim"),), (RA,), stand_ins=(Row("grid3D"),), optional=True)))
+        list(run_table(table((Row("rim"),), (RA,), stand_ins=(Row("grid3D"),), optional=True)))
 
 
 def test_settings_are_read_by_their_type():

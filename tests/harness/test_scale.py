@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from certpgo.errors import FormatError, SpecError
-from certpgo.harness import scale
-from certpgo.harness.records import Ledger, Record
+from reports.harness.experiments.records import Ledger, Record
+from reports.harness.scaling import scale
 
 
 @pytest.mark.parametrize("name", scale.FAMILIES)
@@ -22,7 +22,7 @@ def test_every_family_is_certified(name):
 
 
 def test_a_process_of_its_own_counts_the_same_work():
-    here, there = scale.measured("grid", 4, 0), scale.run("grid", 4, 0)
+    here, there = scale.measured("grid", 4, 0), scale.measure("grid", 4, 0)
     assert there.counts == here.counts
     assert there.metrics["cost"] == pytest.approx(here.metrics["cost"], rel=1e-9)
 
@@ -39,7 +39,7 @@ def test_slope_of_a_power_law():
 
 def test_an_unknown_family_names_the_nearest():
     with pytest.raises(SpecError, match="did you mean helix"):
-        scale.run("helx", 3)
+        scale.measure("helx", 3)
 
 
 def test_a_ledger_goes_on_where_it_was_cut_off(tmp_path):

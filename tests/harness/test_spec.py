@@ -1,7 +1,7 @@
 import pytest
 
 from certpgo.errors import SpecError
-from certpgo.harness.spec import Column, Method, Row, Table
+from reports.harness.experiments.spec import Column, Method, Row, Table
 
 ROW, METHOD, COLUMN = Row("MIT"), Method("newton"), Column("cost", "F")
 

@@ -3,7 +3,7 @@ import os
 import pytest
 
 from certpgo.errors import InputError
-from certpgo.harness.timing import THREAD_VARIABLES, one_core, paired
+from reports.harness.experiments.timing import THREAD_VARIABLES, one_core, paired
 
 
 def test_steps_alternate_after_one_warm_up_each():

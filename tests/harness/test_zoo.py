@@ -10,19 +10,24 @@ from strategies import pose_graph, rng_of, rotation_graph
 
 pytest.importorskip("flint", reason="python-flint is not installed")
 
-from certpgo import registry
 from certpgo.certify import Verdict
 from certpgo.certify.judge import Judge
 from certpgo.errors import InputError
-from certpgo.estimate import Estimate
-from certpgo.graph import RotationGraph
-from certpgo.harness.records import Ledger, from_line, to_line
-from certpgo.harness.zoo import campaign, made, oracle, report, run, search
-from certpgo.harness.zoo.case import Case, Known, stationary, truth_by_form, truth_by_oracle
-from certpgo.harness.zoo.families import FAMILIES
-from certpgo.harness.zoo.judging import FAULTS, Opinion, certifiers, judged
+from certpgo.graph import Estimate, RotationGraph
 from certpgo.linalg import so
-from certpgo.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from reports.harness.certifiers import campaign, made, oracle, rules, run, search
+from reports.harness.certifiers import summary as report
+from reports.harness.certifiers.families import FAMILIES
+from reports.harness.certifiers.judging import FAULTS, Opinion, certifiers, judged
+from reports.harness.certifiers.points import (
+    JudgedPoint,
+    Known,
+    stationary,
+    truth_by_form,
+    truth_by_oracle,
+)
+from reports.harness.experiments.records import Ledger, from_line, to_line
 
 RULES = ("se_sync_rule", "cora_rule")
 
@@ -35,7 +40,7 @@ def wound_case(n, winding, factor=1.0):
     problem, best, other = made.wound(n, 0.3, winding).rotations_problem()
     truth = truth_by_form(problem, best, 8.0 * n * math.sin(0.3 / (2 * n)) ** 2)
     truth = replace(truth, upper=factor * truth.upper, lower=factor * truth.lower)
-    return Case("wound", problem.scaled(factor), other, truth)
+    return JudgedPoint("wound", problem.scaled(factor), other, truth)
 
 
 @pytest.mark.parametrize("name", FAMILIES)
@@ -72,7 +77,7 @@ def test_ours_is_false_nowhere_in_random_instances(kind):
 @pytest.mark.parametrize("seed", [382, 888])
 def test_a_proof_holds_for_the_stored_matrices(seed):
     """Not only for the quaternions that the proof is about, rounding away from them."""
-    for cases in campaign.draws(campaign.kind_of("up to four in the plane, random"), seed):
+    for cases in campaign.draws(campaign.kind_called("up to four in the plane, random"), seed):
         problem = cases[0].problem
         certificate = Judge(problem, tier="proof").certify(cases[0].point)
         assert certificate.multipliers is None or oracle.is_proof(problem, certificate.multipliers)
@@ -205,7 +210,7 @@ def test_dressing_keeps_the_optimum_and_what_is_stationary(seed):
 
 
 def test_instances_are_functions_of_their_seed():
-    kind = campaign.kind_of("noise, random")
+    kind = campaign.kind_called("noise, random")
     first, again = (next(campaign.draws(kind, 3))[0] for _ in range(2))
     assert first.truth == again.truth
     assert np.array_equal(first.point.rotations, again.point.rotations)
@@ -234,8 +239,8 @@ def test_a_run_goes_on_and_its_report_is_a_function_of_its_records(tmp_path, mon
             yield job, run.record(job)
 
     monkeypatch.setattr(run, "_made", serial)
-    records = list(run.run(Ledger(tmp_path, "zoo"), wanted[:1]))
-    records = list(run.run(Ledger(tmp_path, "zoo"), wanted))
+    records = list(run.run_jobs(Ledger(tmp_path, "zoo"), wanted[:1]))
+    records = list(run.run_jobs(Ledger(tmp_path, "zoo"), wanted))
     assert made_here == wanted
     text = report.markdown(records)
     assert text == report.markdown([from_line(to_line(record)) for record in records])
@@ -246,12 +251,12 @@ def test_a_run_goes_on_and_its_report_is_a_function_of_its_records(tmp_path, mon
     assert "Where certpgo is false" in report.markdown([told])
     full = [replace(wanted[0], quick=False)]
     monkeypatch.setattr(run, "certifiers", dict)
-    list(run.run(Ledger(tmp_path, "zoo"), full))
+    list(run.run_jobs(Ledger(tmp_path, "zoo"), full))
     assert made_here[-1] == full[0]  # another profile, other certifiers: not the same record
 
 
 def test_a_block_counts_what_its_instances_are():
-    kind = replace(campaign.kind_of("wound-up, random"), share=1.0)
+    kind = replace(campaign.kind_called("wound-up, random"), share=1.0)
     tally, faults = campaign.block(kind, 0, {})
     assert faults == []
     assert tally["", "instances"] == campaign.BLOCK
@@ -266,4 +271,4 @@ def test_poses_at_one_place_cost_what_their_rotations_do():
 
 
 def test_competitors_are_files_of_a_folder():
-    assert set(RULES) <= set(registry.certifier_names())
+    assert set(RULES) <= set(rules.rule_names())

@@ -11,9 +11,9 @@ from certpgo import io
 from certpgo.certify import Verdict, certify
 from certpgo.errors import FormatError, GraphError, InputNotice
 from certpgo.graph import Instance
-from certpgo.io.quaternion import to_write
+from certpgo.io.exact.quaternion import to_write
 from certpgo.linalg import so
-from certpgo.problem import RotationProblem
+from certpgo.objective.problem import RotationProblem
 
 HEADER = "# Image list with two lines of data per image:\n#   IMAGE_ID, QW, QX, QY, QZ, TX, ...\n"
 LINE = "{id} 1 0 0 0 0 0 0 1 {name}\n"

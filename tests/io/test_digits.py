@@ -8,7 +8,7 @@ from strategies import pose_graph, rng_of, seeds
 
 from certpgo import io
 from certpgo.errors import FormatError, InputError
-from certpgo.estimate import Estimate
+from certpgo.graph import Estimate
 from certpgo.io.digits import Digits, Writing, digits_of, writing_of
 from certpgo.io.format import formats, get_format
 from certpgo.linalg import so

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from certpgo.errors import InputError
-from certpgo.io import circle, quaternion
+from certpgo.io.exact import circle, quaternion
 from certpgo.linalg import so
 
 EPSILON = 2.0**-52

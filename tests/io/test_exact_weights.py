@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from certpgo.errors import InputError
-from certpgo.io import weighing
-from certpgo.io.information import ROW_MAJOR_2D, ROW_MAJOR_3D, TORO_2D, weights
+from certpgo.io.exact import weighing
+from certpgo.io.exact.information import ROW_MAJOR_2D, ROW_MAJOR_3D, TORO_2D, weights
 
 
 def inverse_trace(A):

@@ -8,10 +8,9 @@ import certpgo
 from certpgo import InputNotice
 from certpgo.certify import Verdict
 from certpgo.errors import GraphError, InputError
-from certpgo.estimate import Estimate
-from certpgo.graph import Instance, RotationGraph
-from certpgo.newton import newton
-from certpgo.problem import problem_of
+from certpgo.graph import Estimate, Instance, RotationGraph
+from certpgo.objective.problem import problem_of
+from certpgo.optimize.newton import newton
 
 N = 6
 

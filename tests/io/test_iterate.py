@@ -8,10 +8,10 @@ from strategies import dimensions, rng_of, seeds
 from certpgo.certify import Verdict, certify
 from certpgo.errors import FormatError
 from certpgo.io import read_estimate
-from certpgo.lift import Lift, rounded
 from certpgo.linalg import so
-from certpgo.newton import newton
-from certpgo.problem import PoseProblem
+from certpgo.objective.lift import Lift, rounded
+from certpgo.objective.problem import PoseProblem
+from certpgo.optimize.newton import newton
 
 #: F of the optimum; the files hold about five digits.
 OPTIMA = {

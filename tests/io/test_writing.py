@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from certpgo import io
 from certpgo.errors import FormatError, InputError, InputNotice, SpecError
-from certpgo.estimate import Estimate
-from certpgo.graph import Instance, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.linalg import so
 
 seeds = st.integers(0, 2**32 - 1)
@@ -248,7 +247,7 @@ def test_a_failure_leaves_the_old_file(tmp_path, monkeypatch):
     def interrupted(graph_numbers):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("certpgo.io.quaternion.to_write", interrupted)
+    monkeypatch.setattr("certpgo.io.exact.quaternion.to_write", interrupted)
     with pytest.raises(KeyboardInterrupt):
         io.write(path, make_instance(0, 3))
     assert path.read_text() == "precious"

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import FormatError, InputError
-from certpgo.io import quaternion
 from certpgo.io.chunks import text_lines
+from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, LabelledPoses
 from certpgo.linalg.arrays import FloatArray
 

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import FormatError
-from certpgo.io import quaternion
 from certpgo.io.chunks import text_lines, without_comments
+from certpgo.io.exact import quaternion
 from certpgo.io.format import Chart, Format, LabelledPoses
 
 _HEADER = b"IMAGE_ID, QW, QX, QY, QZ"

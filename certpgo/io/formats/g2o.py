@@ -18,12 +18,11 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo.estimate import Estimate
-from certpgo.graph import Instance, PoseGraph
-from certpgo.io import quaternion
+from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.io.assemble import instance_from_lines, poses_from_lines
+from certpgo.io.exact import quaternion
+from certpgo.io.exact.information import ROW_MAJOR_2D, ROW_MAJOR_3D
 from certpgo.io.format import Chart, Format, LabelledPoses, ReadOptions
-from certpgo.io.information import ROW_MAJOR_2D, ROW_MAJOR_3D
 from certpgo.io.lines import Dialect, Poses, Tag, first_tags, read_lines, rpy_poses
 from certpgo.linalg.arrays import FloatArray, IntArray
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from certpgo.errors import FormatError, InputError
 from certpgo.graph import Instance, RotationGraph
-from certpgo.io import quaternion
 from certpgo.io.chunks import parsed, without_comments
+from certpgo.io.exact import quaternion
 from certpgo.io.format import Chart, Format, LabelledPoses, Progress, ReadOptions
 from certpgo.io.names import name_numbers
 from certpgo.linalg.arrays import FloatArray

@@ -14,8 +14,8 @@ from pathlib import Path
 
 from certpgo.graph import Instance
 from certpgo.io.assemble import instance_from_lines
+from certpgo.io.exact.information import ROW_MAJOR_2D, ROW_MAJOR_3D
 from certpgo.io.format import Format, ReadOptions
-from certpgo.io.information import ROW_MAJOR_2D, ROW_MAJOR_3D
 from certpgo.io.lines import Dialect, Tag, first_tags, read_lines, rpy_poses
 
 _VARIANT = "EDGE2 or EDGE3 expected; iSAM's older {} lines are not read"

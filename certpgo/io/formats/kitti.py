@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import InputError
-from certpgo.estimate import Estimate
-from certpgo.io import quaternion
+from certpgo.graph import Estimate
 from certpgo.io.chunks import first_row, read_rows
+from certpgo.io.exact import quaternion
 from certpgo.io.format import Chart, Format, LabelledPoses
 from certpgo.linalg.arrays import FloatArray, IntArray
 

@@ -18,8 +18,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from certpgo.errors import CertPGOError, FormatError, InputError
-from certpgo.estimate import Estimate
-from certpgo.graph import Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.io.expansion import refuse_bombs
 from certpgo.io.format import Format, LabelledPoses, ReadOptions
 from certpgo.linalg.arrays import FloatArray, IntArray

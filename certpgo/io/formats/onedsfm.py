@@ -15,13 +15,12 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import FormatError
-from certpgo.estimate import Estimate
-from certpgo.graph import Instance, RotationGraph
-from certpgo.io import quaternion
+from certpgo.graph import Estimate, Instance, RotationGraph
 from certpgo.io.assemble import distinct, numbered, truth_for
 from certpgo.io.chunks import first_row, read_rows, refuse_loops, whole
+from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, ReadOptions, format_of
-from certpgo.io.wording import counted
+from certpgo.io.plural import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 _GRAPH, _COMPONENT = "EGs.txt", "cc.txt"

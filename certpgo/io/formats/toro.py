@@ -13,8 +13,8 @@ from pathlib import Path
 
 from certpgo.graph import Instance
 from certpgo.io.assemble import instance_from_lines, poses_from_lines
+from certpgo.io.exact.information import ROW_MAJOR_3D, TORO_2D
 from certpgo.io.format import Format, LabelledPoses, ReadOptions
-from certpgo.io.information import ROW_MAJOR_3D, TORO_2D
 from certpgo.io.lines import Dialect, Tag, first_tags, read_lines, rpy_poses
 
 DIALECT = Dialect(

@@ -1,0 +1,1 @@
+"""What can be said of a graph or an estimate beyond its verdict."""

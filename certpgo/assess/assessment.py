@@ -1,0 +1,251 @@
+"""What can be said of an answer from elsewhere beyond its verdict, in units people measure in."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from certpgo.assess import metrics
+from certpgo.certify import Certificate, Tier, certify
+from certpgo.errors import CertPGOError, InputError, InputNotice
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph
+from certpgo.io.digits import Digits, Writing
+from certpgo.io.gtsam_values import estimate_from_values
+from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.objective.problem import PoseProblem, Problem, problem_of
+
+#: Edges that are named.
+EDGES = 5
+
+
+@dataclass(frozen=True)
+class Distance:
+    """How far two estimates are apart, each measure after the best rigid motion.
+
+    Attributes
+    ----------
+    mean_deg, worst_deg : angles between rotations, degrees
+    mean_m, worst_m : between positions, metres; None without translations
+    """
+
+    mean_deg: float
+    worst_deg: float
+    mean_m: float | None = None
+    worst_m: float | None = None
+
+
+@dataclass(frozen=True)
+class CostlyEdge:
+    """An edge and what it adds to F.
+
+    Attributes
+    ----------
+    edge : its number, from 0
+    ids : of its nodes
+    cost : its term of F, at the estimate as given
+    share : that over F
+    angle : between R_i R_ij and R_j, radians
+    metres : of t_j - t_i - R_i t_ij; None without translations
+    """
+
+    edge: int
+    ids: tuple[int, int]
+    cost: float
+    share: float
+    angle: float
+    metres: float | None
+
+
+@dataclass(frozen=True)
+class Rounding:
+    """What the digits of a file cost.
+
+    Attributes
+    ----------
+    digits : that the file's poses have
+    cost : by how much F of the best answer would rise, were it written with them; None where they
+        are too few for rotations
+    """
+
+    digits: Digits
+    cost: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """An answer beside the best one in hand.
+
+    Attributes
+    ----------
+    certificate : the verdict
+    best : the best answer in hand: the better one of another basin, else the refined one
+    best_cost : its F
+    best_is_optimal : whether it is proven to be within the tolerance of the best possible
+    excess : F of the answer as given, less ``best_cost``; not negative
+    distance : from the answer as given to ``best``
+    edges : those that add most to F of the answer as given, the worst first
+    rounding : what the file's digits cost; None for an answer of all digits
+    """
+
+    certificate: Certificate
+    best: Estimate
+    best_cost: float
+    best_is_optimal: bool
+    excess: float
+    distance: Distance
+    edges: tuple[CostlyEdge, ...]
+    rounding: Rounding | None
+
+    @property
+    def relative_excess(self) -> float:
+        """``excess / best_cost``."""
+        return self.excess / self.best_cost if self.best_cost > 0.0 else math.inf
+
+
+def assess(
+    problem: Problem,
+    estimate: Estimate,
+    certificate: Certificate,
+    *,
+    ids: IntArray | None = None,
+    writing: Writing | None = None,
+) -> Assessment:
+    """Compare an estimate with the best one that judging it found.
+
+    Parameters
+    ----------
+    certificate : of this estimate, for this problem
+    ids : (n,) node ids, for naming edges; 0 ... n-1 by default
+    writing : how the file of the estimate writes poses, see `certpgo.io.digits.writing_of`
+    """
+    c = certificate
+    best, cost = c.refined, c.refined_cost
+    if c.better is not None and c.better_cost is not None:
+        best, cost = c.better, c.better_cost
+    if not cost < c.cost:  # improved by rounding at most
+        best, cost = estimate, c.cost
+    proven = c.tier is not Tier.SCREEN and cost - c.lower_bound <= c.rtol * cost + c.atol * c.scale
+    return Assessment(
+        certificate=c,
+        best=best,
+        best_cost=cost,
+        best_is_optimal=proven,
+        excess=c.cost - cost if math.isfinite(c.cost) else math.inf,
+        distance=distance(estimate, best),
+        edges=costly_edges(problem, estimate, np.arange(problem.n) if ids is None else ids),
+        rounding=None if writing is None else rounding_cost(problem, estimate, best, writing),
+    )
+
+
+def distance(estimate: Estimate, other: Estimate) -> Distance:
+    """How far two estimates are apart, whatever frame each is in."""
+    turn = metrics.angular_errors(estimate, other)
+    if estimate.translations is None or other.translations is None:
+        return Distance(turn.mean_deg, turn.worst_deg)
+    move = metrics.position_errors(estimate, other)
+    return Distance(turn.mean_deg, turn.worst_deg, move.mean, move.worst)
+
+
+def costly_edges(
+    problem: Problem, estimate: Estimate, ids: IntArray, count: int = EDGES
+) -> tuple[CostlyEdge, ...]:
+    """The edges that add most to F; none where F is zero or not finite."""
+    terms = problem.edge_costs(estimate)
+    lengths: FloatArray | None = None
+    if isinstance(problem, PoseProblem):
+        lengths = np.linalg.norm(problem.translation_residuals(estimate), axis=1)
+    total = float(terms.sum())
+    if not 0.0 < total < math.inf:
+        return ()
+    angles = problem.residual_angles(estimate)
+    return tuple(
+        CostlyEdge(
+            edge=e,
+            ids=(int(ids[problem.graph.edges[e, 0]]), int(ids[problem.graph.edges[e, 1]])),
+            cost=float(terms[e]),
+            share=float(terms[e]) / total,
+            angle=float(angles[e]),
+            metres=None if lengths is None else float(lengths[e]),
+        )
+        for e in np.argsort(-terms, kind="stable")[:count].tolist()
+    )
+
+
+def rounding_cost(
+    problem: Problem, estimate: Estimate, best: Estimate, writing: Writing
+) -> Rounding:
+    """What F of the best answer rises by when it is written as the file writes the estimate.
+
+    It is moved to where the estimate is, as the size of numbers decides what their digits lose.
+    """
+    S = metrics.align(best, estimate)
+    moved = best.moved(S)
+    if moved.translations is not None and estimate.translations is not None:
+        offset = (estimate.translations - moved.translations).mean(axis=0)
+        moved = moved.with_translations(moved.translations + offset)
+    try:
+        rise = problem.cost(writing.rounded(moved)) - problem.cost(best)
+    except CertPGOError:
+        return Rounding(writing.digits, None)
+    return Rounding(writing.digits, max(rise, 0.0))
+
+
+def certify_values(
+    graph: Graph | Instance, values: Any, *, ids: ArrayLike | None = None, **options: Any
+) -> Certificate:
+    """Judge GTSAM's Values, or any object with ``keys()`` and ``atPose3``, ``atRot3`` and so on.
+
+    Keys are matched with node ids, or the index of Symbols is, or as many of both in ascending
+    order; an `InputNotice` warns of any but the first. Poses serve a rotation graph as well.
+
+    Parameters
+    ----------
+    graph : a graph, whose ids are 0 ... n-1, or an instance with ids of its own
+    values : poses or rotations, 2D or 3D as the graph
+    ids : (n,) integers, the key of each node, where matching is not to be guessed
+    options : of `certify`: tier, rtol, atol, refine
+
+    Raises
+    ------
+    InputError
+        The keys do not fit, or the values are of another kind.
+
+    Examples
+    --------
+    What GTSAM's Values can do is enough to be judged:
+
+    >>> import certpgo
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> instance, around = winding_cycle(9, 0.3, 1)
+    >>> class Rotation:
+    ...     def __init__(self, R):
+    ...         self.R = R
+    ...     def matrix(self):
+    ...         return self.R
+    >>> class Values:
+    ...     def keys(self):
+    ...         return range(9)
+    ...     def atRot3(self, key):
+    ...         return Rotation(around.rotations[key])
+    >>> certpgo.certify_values(instance, Values()).verdict.value
+    'REFUTED'
+    """
+    measured = graph.graph if isinstance(graph, Instance) else graph
+    n = measured.num_nodes
+    keys = graph.ids if isinstance(graph, Instance) else np.arange(n)
+    if ids is not None:
+        keys = np.asarray(ids)
+        if keys.shape != (n,) or keys.dtype.kind not in "iu" or len(np.unique(keys)) != n:
+            raise InputError(f"ids must be {n} distinct integers, the key of each node")
+    with_translations = isinstance(measured, PoseGraph)
+    estimate, notice = estimate_from_values(
+        values, keys, measured.d, with_translations, exact=ids is not None
+    )
+    if notice:
+        warnings.warn(notice, InputNotice, stacklevel=2)
+    return certify(problem_of(measured), estimate, **options)

@@ -1,0 +1,326 @@
+"""Methods compared on a graph: cost, proven gap, verdict and time of each."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any, Literal
+
+from certpgo import registry
+from certpgo.assess.metrics import f_ml
+from certpgo.assess.wording import reading_sentence
+from certpgo.certify import Certificate, certify
+from certpgo.errors import CertPGOError, SpecError
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph
+from certpgo.io.plural import counted
+from certpgo.objective.problem import Problem, problem_of
+from certpgo.optimize.solution import Solution, Solver, Status
+
+Kind = Literal["poses", "rotations"]
+
+
+@dataclass(frozen=True)
+class Competitor:
+    """A method with its settings.
+
+    Attributes
+    ----------
+    solver : name in the registry
+    label : what a table calls it, by default the solver's name
+    settings : fields of the solver's dataclass
+    start : the method whose answer is the initial estimate, or None
+    takes : run on ``"poses"`` or ``"rotations"`` alone; empty for both
+    reads_source : the method reads the graph's file itself, for what our graphs do not keep (the
+        full information matrices); it is given the path as its setting ``source``
+    """
+
+    solver: str = ""
+    label: str = ""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    start: Competitor | None = None
+    takes: Literal["", "poses", "rotations"] = ""
+    reads_source: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "settings", MappingProxyType(dict(self.settings)))
+        if not self.label:
+            object.__setattr__(self, "label", self.solver or "graph")
+
+    def suits(self, graph: Graph) -> bool:
+        """Whether the method is run on such graphs."""
+        return self.takes in ("", kind_of(graph))
+
+
+_EIGEN_MA = Competitor("eigen_ma", takes="poses")
+_EIGEN_RA = Competitor("eigen_ra", takes="rotations")
+#: What is compared by default.
+METHODS = (
+    Competitor("certified"),
+    Competitor("spanning_tree"),
+    _EIGEN_MA,
+    Competitor("eigen_ma", "eigen_ma (unit weights)", {"weights": "unit"}, takes="poses"),
+    Competitor("eigen_q", takes="poses"),
+    Competitor("fixed_point", "eigen_ma + fixed_point", start=_EIGEN_MA, takes="poses"),
+    Competitor("newton", "eigen_ma + newton", start=_EIGEN_MA, takes="poses"),
+    _EIGEN_RA,
+    Competitor("laplacian_gauss_newton", takes="rotations"),
+    Competitor("fixed_point", "eigen_ra + fixed_point", start=_EIGEN_RA, takes="rotations"),
+    Competitor("newton", "eigen_ra + newton", start=_EIGEN_RA, takes="rotations"),
+    Competitor("gtsam_chordal", takes="poses"),
+    Competitor("gtsam_gauss_newton", takes="poses"),
+    Competitor("gtsam_levenberg_marquardt", takes="poses"),
+    Competitor("gtsam_fastsync"),
+    Competitor(
+        "gtsam_gauss_newton",
+        "gtsam_gauss_newton (file's information)",
+        takes="poses",
+        reads_source=True,
+    ),
+)
+TITLE = "Methods side by side, every estimate certified by the same procedure"
+#: What a reader of the table should know.
+NOTES = (
+    "F is the weighted squared error that is minimised, f_ML the thesis' log-likelihood with "
+    "unit weights. The gap is proven: no answer of the graph can have an F smaller than "
+    "this one's by more. Where a method rejects measurements, and the column says what share "
+    "it kept, verdict and gap are of those alone, F and f_ML of all. CERTIFIED: the gap is at "
+    "most 1e-5 F. BOUNDED: it is larger. REFUTED: a lower-cost estimate is known that local "
+    "descent from this one does not reach.",
+    "GTSAM minimises F to first order, except in its last row: there it reads the file itself and "
+    "minimises its own error with the file's full information matrices.",
+    "Seconds are those of one run, without reading and certifying.",
+)
+#: Titles of the columns of `cells`.
+COLUMNS = ("method", "F", "f_ML", "gap", "gap / F", "verdict", "kept, %", "seconds (by phase)")
+
+
+@dataclass(frozen=True)
+class MethodResult:
+    """What a method made of a connected graph, or why it made nothing of it.
+
+    Attributes
+    ----------
+    graph, d, nodes, edges, reading : the graph, and how it was read
+    method, settings : the label, and settings that are not the default
+    error : why there is no answer, or empty; then the rest is empty
+    status, iterations, seconds, note : as in `certpgo.Solution`
+    cost : F of all measurements
+    f_ml : the thesis' log-likelihood with unit weights; larger is better
+    kept : share of the measurements that a robust method kept, or None
+    verdict, lower_bound, gap, relative_gap : as in `certpgo.Certificate`, of the kept measurements
+    """
+
+    graph: str
+    d: int
+    nodes: int
+    edges: int
+    reading: Mapping[str, str]
+    method: str
+    settings: Mapping[str, Any]
+    error: str = ""
+    status: str = ""
+    iterations: int = 0
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    note: str = ""
+    cost: float | None = None
+    f_ml: float | None = None
+    kept: float | None = None
+    verdict: str = ""
+    lower_bound: float | None = None
+    gap: float | None = None
+    relative_gap: float | None = None
+
+
+def compare(
+    instance: Instance,
+    methods: Iterable[Competitor] = METHODS,
+    *,
+    announce: Callable[[str], None] = lambda label: None,
+) -> Iterator[MethodResult]:
+    """Run methods on a connected graph and certify what they answer, one after another.
+
+    A method that fails, or whose package is not installed, is a row with the reason.
+
+    Parameters
+    ----------
+    announce : called with the label of each method before it runs
+
+    Raises
+    ------
+    KeyboardInterrupt
+        Ctrl-C, also where a method ends on it with an answer of its own.
+    """
+    problem = problem_of(instance.graph)
+    for method in methods:
+        announce(method.label)
+        blank = MethodResult(
+            instance.name,
+            problem.d,
+            problem.n,
+            problem.graph.num_edges,
+            dict(instance.options),
+            method.label,
+            dict(method.settings),
+        )
+        try:
+            yield _result(blank, method, problem, instance.source)
+        except CertPGOError as error:
+            yield replace(blank, error=str(error))
+        except MemoryError:
+            yield replace(blank, error="not enough memory")
+        except Exception as error:  # a comparison survives whatever a method raises
+            yield replace(blank, error=in_one_line(error))
+
+
+def _result(blank: MethodResult, method: Competitor, problem: Problem, source: str) -> MethodResult:
+    solution = solution_of(method, problem, source=source)
+    if solution.status is Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    certificate, _ = certified(solution, problem)
+    kept = solution.kept
+    return replace(
+        blank,
+        status=solution.status.value,
+        iterations=solution.iterations,
+        seconds=dict(solution.seconds),
+        note=solution.note,
+        cost=problem.cost(solution.estimate),
+        f_ml=f_ml(problem.graph, solution.estimate),
+        kept=None if kept is None else kept / problem.graph.num_edges,
+        verdict=certificate.verdict.value,
+        lower_bound=certificate.lower_bound,
+        gap=certificate.gap,
+        relative_gap=certificate.relative_gap,
+    )
+
+
+def solution_of(
+    method: Competitor,
+    problem: Problem,
+    *,
+    source: str = "",
+    settings: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
+) -> Solution:
+    """The method's answer, from its starting method's answer where it has one.
+
+    Parameters
+    ----------
+    source : where the problem was read from, for methods that read it themselves
+    settings : further settings, by the labels of methods
+
+    Raises
+    ------
+    SpecError
+        The method or a setting is unknown, or the method does not take such a problem.
+    """
+    own = {**method.settings, **settings.get(method.label, {})}
+    if method.reads_source:
+        own["source"] = source
+    solver = registry.build(method.solver, own)
+    refuse_unsuited(method.solver, solver, problem.graph)
+    if method.start is None:
+        return _timed(solver, problem)
+    start = solution_of(method.start, problem, source=source, settings=settings)
+    solution = _timed(solver, problem, start.estimate)
+    spent = sum(start.seconds.values())
+    return replace(
+        solution,
+        seconds={method.start.label: spent, **solution.seconds},
+        trace=tuple(replace(it, seconds=it.seconds + spent) for it in solution.trace),
+    )
+
+
+def certified(solution: Solution, problem: Problem) -> tuple[Certificate, float]:
+    """The certificate for the measurements that the method kept, and the seconds it took."""
+    start = time.perf_counter()
+    certificate = certify(solution.judged(problem), solution.estimate)
+    return certificate, time.perf_counter() - start
+
+
+def refuse_unsuited(name: str, solver: Solver | type[Solver], graph: Graph) -> None:
+    """Refuse a graph that the method is not for.
+
+    Raises
+    ------
+    SpecError
+        The method takes poses only, or rotations only.
+    """
+    kind = kind_of(graph)
+    if kind == "poses" and not solver.poses:
+        raise SpecError(f"{name} takes rotation graphs only; this graph measures poses")
+    if kind == "rotations" and not solver.rotations:
+        raise SpecError(f"{name} takes pose graphs only; this graph measures rotations")
+
+
+def kind_of(graph: Graph) -> Kind:
+    """``"poses"`` or ``"rotations"``."""
+    return "poses" if isinstance(graph, PoseGraph) else "rotations"
+
+
+def in_one_line(error: Exception) -> str:
+    """An error that is none of ours: its type and the first line it says."""
+    return f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
+
+
+def title(result: MethodResult) -> str:
+    """The graph and its size."""
+    return f"{result.graph} ({sizes(result.nodes, result.edges, result.d)})"
+
+
+def sizes(nodes: int, edges: int, d: int) -> str:
+    """The size of a graph in words."""
+    return f"{counted(nodes, 'node{s}')}, {counted(edges, 'edge{s}')}, {d}D"
+
+
+def captions(results: Sequence[MethodResult]) -> Iterator[str]:
+    """How the graph was read, and what methods remark."""
+    yield f"Read with {reading_sentence(results[0].reading)}."
+    yield from remarks((result.method, result.note) for result in results)
+
+
+def remarks(notes: Iterable[tuple[str, str]]) -> Iterator[str]:
+    """One sentence for each note, with the methods that make it."""
+    methods: dict[str, list[str]] = {}
+    for method, note in notes:
+        if note:
+            methods.setdefault(note, []).append(method)
+    for note, names in methods.items():
+        yield f"{', '.join(names)}: {note}."
+
+
+def cells(result: MethodResult) -> tuple[str, ...]:
+    """The line of a method, one text for each of `COLUMNS`, and why there is no answer."""
+    kept = None if result.kept is None else 100.0 * result.kept
+    return (
+        result.method,
+        _number(result.cost, ".9g"),
+        _number(result.f_ml, ".7g"),
+        _number(result.gap, ".2e"),
+        _number(result.relative_gap, ".1e"),
+        result.verdict,
+        _number(kept, ".1f"),
+        seconds_by_phase(result.seconds),
+        result.error,
+    )
+
+
+def _number(value: float | None, form: str) -> str:
+    return "" if value is None else format(value, form)
+
+
+def seconds_by_phase(phases: Mapping[str, float]) -> str:
+    """Seconds in all, and of each phase where there are several."""
+    if not phases:
+        return ""
+    parts = ", ".join(f"{name} {value:.3f}" for name, value in phases.items())
+    return f"{sum(phases.values()):.3f}" + (f" ({parts})" if len(phases) > 1 else "")
+
+
+def _timed(solver: Solver, problem: Problem, initial: Estimate | None = None) -> Solution:
+    """The method's answer; one that times no phases is timed as a whole."""
+    start = time.perf_counter()
+    solution = solver.solve(problem, initial=initial)
+    elapsed = time.perf_counter() - start
+    return solution if solution.seconds else replace(solution, seconds={"solve": elapsed})

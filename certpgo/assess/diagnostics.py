@@ -1,0 +1,120 @@
+"""What can be said of an instance before anything is solved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from certpgo.assess.consistency import inconsistency
+from certpgo.certify.bounds import alpha_max, fiedler_value, normalized_fiedler_value
+from certpgo.graph import Graph, Instance, PoseGraph
+from certpgo.graph.bridges import bridges
+from certpgo.linalg.factor import default_engine, engines
+from certpgo.objective.problem import RotationProblem
+from certpgo.optimize import spectral
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Counts and connectivity of an instance.
+
+    Attributes
+    ----------
+    kind : ``"poses"`` or ``"rotations"``
+    d, nodes, edges : dimension and counts
+    first_id, last_id, consecutive : the source's node ids
+    component_sizes : nodes in each component, largest first
+    parallel_edges : edges beyond the first between their two nodes
+    bridges : edges that no other measurement checks
+    kappa, tau : smallest and largest concentration; tau in 1/m^2, None for rotations
+    """
+
+    kind: str
+    d: int
+    nodes: int
+    edges: int
+    first_id: int
+    last_id: int
+    consecutive: bool
+    component_sizes: tuple[int, ...]
+    parallel_edges: int
+    bridges: int
+    kappa: tuple[float, float]
+    tau: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Eigenvalues of a connected graph under one set of weights; angles in radians.
+
+    Attributes
+    ----------
+    smallest : the d smallest eigenvalues of the connection Laplacian
+    fiedler : second smallest eigenvalue of the graph Laplacian
+    inconsistency : the smallest of the former over the latter; see `certpgo.assess.consistency`
+    alpha_max : residual angle up to which stationary rotations are optimal, by the largest degree
+    normalized_alpha_max : the same by the normalized Laplacian, never smaller
+    """
+
+    smallest: tuple[float, ...]
+    fiedler: float
+    inconsistency: float
+    alpha_max: float
+    normalized_alpha_max: float
+
+
+def structure(instance: Instance) -> Structure:
+    """Count and connect."""
+    graph, ids = instance.graph, instance.ids
+    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    simple = len(np.unique(np.sort(graph.edges, axis=1), axis=0))
+    return Structure(
+        kind="poses" if isinstance(graph, PoseGraph) else "rotations",
+        d=graph.d,
+        nodes=graph.num_nodes,
+        edges=graph.num_edges,
+        first_id=int(ids.min()),
+        last_id=int(ids.max()),
+        consecutive=int(ids.max()) - int(ids.min()) + 1 == len(ids),
+        component_sizes=tuple(sorted(graph.component_sizes, reverse=True)),
+        parallel_edges=graph.num_edges - simple,
+        bridges=len(bridges(graph)),
+        kappa=(float(rotation.kappa.min()), float(rotation.kappa.max())),
+        tau=(float(graph.tau.min()), float(graph.tau.max()))
+        if isinstance(graph, PoseGraph)
+        else None,
+    )
+
+
+def spectra(graph: Graph) -> Mapping[str, Spectrum]:
+    """Eigenvalues with unit weights and with the graph's own.
+
+    Raises
+    ------
+    GraphError
+        The graph is not connected.
+    NumericalError
+        An eigenvalue computation failed.
+    """
+    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    weighted = RotationProblem(rotation)
+    return {"unit": _spectrum(weighted.with_unit_weights()), "weighted": _spectrum(weighted)}
+
+
+def engines_in_words() -> str:
+    """Which factorization engine is in use and which are installed."""
+    return f"{default_engine()} (installed: {', '.join(engines())})"
+
+
+def _spectrum(problem: RotationProblem) -> Spectrum:
+    fiedler = fiedler_value(problem)
+    smallest = tuple(float(x) for x in spectral.smallest_eigenpairs(problem).values)
+    return Spectrum(
+        smallest=smallest,
+        fiedler=fiedler,
+        inconsistency=inconsistency(smallest[0], fiedler),
+        alpha_max=alpha_max(fiedler / float(problem.node_weights.max())),
+        normalized_alpha_max=alpha_max(normalized_fiedler_value(problem)),
+    )

@@ -1,0 +1,59 @@
+"""What made a result: versions, machine, engine and commit."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+
+#: Distributions whose versions a record names.
+DISTRIBUTIONS = ("certpgo", "numpy", "scipy", "gtsam", "cvxopt")
+
+
+def provenance(engine: str, root: Path | None) -> dict[str, str]:
+    """What made the numbers, apart from their inputs.
+
+    Parameters
+    ----------
+    engine : factorization engine
+    root : checkout whose commit is named, or None
+    """
+    return {
+        "versions": ", ".join(_versions()),
+        "python": platform.python_version(),
+        "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores",
+        "engine": engine,
+        "threads": os.environ.get("OMP_NUM_THREADS", "default"),
+        "commit": _commit(root),
+        "date": datetime.now(UTC).strftime("%Y-%m-%dT%H:%MZ"),
+    }
+
+
+def _versions() -> Iterator[str]:
+    for name in DISTRIBUTIONS:
+        try:
+            yield f"{name} {metadata.version(name)}"
+        except metadata.PackageNotFoundError:
+            continue
+
+
+@cache
+def _commit(root: Path | None) -> str:
+    if root is None or not (root / ".git").exists():
+        return "unknown"
+    try:
+        done = subprocess.run(
+            ["git", "describe", "--always", "--dirty", "--exclude=*"],
+            cwd=root,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+    return done.stdout.strip()

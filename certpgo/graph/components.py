@@ -1,0 +1,67 @@
+"""Parts of an instance: components, subsets of nodes, the rotations alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from certpgo.graph.graph import Instance, PoseGraph, require_connected
+from certpgo.linalg.arrays import IntArray
+
+#: What to do with a graph of several components: refuse it, take each, or the largest alone.
+Components = Literal["refuse", "each", "largest"]
+
+
+def rotations_alone(instance: Instance) -> Instance:
+    """The instance without its translations, if it has any."""
+    if not isinstance(instance.graph, PoseGraph):
+        return instance
+    truth = None if instance.truth is None else instance.truth.with_translations(None)
+    return replace(instance, graph=instance.graph.rotation, truth=truth, initial=None)
+
+
+def connected_parts(instance: Instance, components: Components) -> list[Instance]:
+    """The connected graphs to work on, largest first; nodes without measurements pose no problem.
+
+    Raises
+    ------
+    GraphError
+        The graph is not connected, and that is to be refused.
+    """
+    graph = instance.graph
+    if graph.is_connected:
+        return [instance]
+    if components == "refuse":
+        require_connected(graph)
+    sizes = np.array(graph.component_sizes)
+    by_size = [int(label) for label in np.argsort(-sizes, kind="stable") if sizes[label] > 1]
+    return [
+        component(instance, label) for label in by_size[: 1 if components == "largest" else None]
+    ]
+
+
+def component(instance: Instance, label: int) -> Instance:
+    """One connected component of an instance."""
+    nodes = np.flatnonzero(instance.graph.components == label)
+    first = int(instance.ids[nodes].min())
+    return restricted(instance, nodes, f"{instance.name} [{len(nodes)} nodes from id {first}]")
+
+
+def restricted(instance: Instance, nodes: IntArray, name: str) -> Instance:
+    """The instance of some nodes, ascending, and the edges between them."""
+    graph = instance.graph
+    inside = np.isin(graph.edges, nodes).all(axis=1)
+    place = {int(node): k for k, node in enumerate(nodes)}
+    return replace(
+        instance,
+        name=name,
+        graph=graph.subgraph(nodes),
+        ids=instance.ids[nodes],
+        truth=None if instance.truth is None else instance.truth.subset(nodes),
+        initial=None if instance.initial is None else instance.initial.subset(nodes),
+        fixed=tuple(place[node] for node in instance.fixed if node in place),
+        names=tuple(instance.names[node] for node in nodes) if instance.names else (),
+        outliers=None if instance.outliers is None else instance.outliers[inside],
+    )

@@ -1,0 +1,393 @@
+"""Measurement graphs: what was measured between which poses, and how well.
+
+Arrays at rest: validated once at construction, read-only afterwards. The convention is one
+everywhere: R_i is world <- body i, an edge (i, j) measures R_ij ~ R_i^T R_j and
+t_ij ~ R_i^T (t_j - t_i).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from scipy.sparse import csgraph
+
+from certpgo.checker import FAR
+from certpgo.errors import GraphError
+from certpgo.linalg import so
+from certpgo.linalg.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    frozen_flags,
+    frozen_floats,
+    frozen_indices,
+)
+from certpgo.linalg.blocks import adjacency
+
+if TYPE_CHECKING:
+    from certpgo.graph.estimate import Estimate
+
+Keep = Literal["all", "first", "last"]
+
+
+@dataclass(frozen=True, eq=False)
+class RotationGraph:
+    """Relative rotations between nodes.
+
+    Attributes
+    ----------
+    num_nodes : number n of nodes, numbered 0 ... n-1
+    edges : (m, 2) node pairs (i, j); parallel edges are allowed, their terms add
+    rotations : (m, d, d) measured R_ij ~ R_i^T R_j, d = 2 or 3; a matrix that is a rotation to few
+        digits only is replaced by the nearest rotation
+    kappa : (m,) rotational concentrations, between 2^-400 and 2^400
+
+    Raises
+    ------
+    GraphError
+        An index out of range, a self-loop, a matrix that is no rotation, a weight out of range.
+
+    Examples
+    --------
+    Three nodes, each measured a quarter turn from the one before:
+
+    >>> import numpy as np
+    >>> from certpgo import RotationGraph
+    >>> turn = np.array([[0.0, -1.0], [1.0, 0.0]])
+    >>> edges = np.array([[0, 1], [1, 2], [2, 0]])
+    >>> graph = RotationGraph(3, edges, np.array([turn] * 3), kappa=np.ones(3))
+    >>> graph.num_edges, graph.d, graph.is_connected
+    (3, 2, True)
+    """
+
+    num_nodes: int
+    edges: IntArray
+    rotations: FloatArray
+    kappa: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "edges", frozen_indices(self.edges))
+        object.__setattr__(self, "rotations", frozen_floats(self.rotations))
+        object.__setattr__(self, "kappa", frozen_floats(self.kappa))
+        m = len(self.edges)
+        if self.num_nodes < 1:
+            raise GraphError("a graph needs at least one node")
+        if self.edges.shape != (m, 2) or m == 0:
+            raise GraphError(f"edges must be a non-empty (m, 2) array, not {self.edges.shape}")
+        if self.rotations.shape not in {(m, 2, 2), (m, 3, 3)}:
+            raise GraphError(
+                f"rotations must be ({m}, d, d) with d = 2 or 3, not {self.rotations.shape}"
+            )
+        _check_edges(self.edges, self.num_nodes)
+        _check_weights("kappa", self.kappa, self.edges)
+        worst, defect = so.worst_defect(self.rotations)
+        if not defect <= so.DEFECT_TOLERANCE:
+            i, j = self.edges[worst]
+            raise GraphError(f"edge ({i}, {j}): not a rotation, off by {defect:.1e}")
+        if defect > so.ROUNDING_DEFECT:
+            cleaned = frozen_floats(so.nearest_to_rounding(self.rotations))
+            object.__setattr__(self, "rotations", cleaned)
+
+    @property
+    def d(self) -> int:
+        """Dimension of space, 2 or 3."""
+        return int(self.rotations.shape[-1])
+
+    @property
+    def num_edges(self) -> int:
+        """Number m of edges, parallel ones counted."""
+        return len(self.edges)
+
+    @cached_property
+    def components(self) -> IntArray:
+        """(n,) label of each node's connected component; labels count from 0."""
+        return _components(self.num_nodes, self.edges)
+
+    @cached_property
+    def component_sizes(self) -> tuple[int, ...]:
+        """Nodes in each component, in the order of the labels."""
+        return tuple(int(k) for k in np.bincount(self.components))
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether there is one component."""
+        return len(self.component_sizes) == 1
+
+    def with_weights(self, kappa: FloatArray | float) -> RotationGraph:
+        """The same measurements with other concentrations (a scalar serves all edges)."""
+        return RotationGraph(
+            self.num_nodes, self.edges, self.rotations, _broadcast(kappa, self.num_edges)
+        )
+
+    def reweighted(self, factors: FloatArray) -> RotationGraph:
+        """Each concentration times a factor (m,); an edge whose factor is exactly 0 is left out."""
+        kept = factors != 0.0
+        graph = self if kept.all() else self.with_edges(kept)
+        return graph.with_weights(factors[kept] * graph.kappa)
+
+    def without_parallel_edges(self, keep: Keep) -> RotationGraph:
+        """Keep ``"all"`` parallel edges, or the ``"first"`` or ``"last"`` of each pair {i, j}."""
+        return self.with_edges(_simple_edges(self.num_nodes, self.edges, keep))
+
+    def with_edges(self, chosen: IntArray | BoolArray) -> RotationGraph:
+        """All nodes with the ``chosen`` edges alone, given by place or by a mask (m,)."""
+        return RotationGraph(
+            self.num_nodes, self.edges[chosen], self.rotations[chosen], self.kappa[chosen]
+        )
+
+    def subgraph(self, nodes: IntArray) -> RotationGraph:
+        """The graph induced on ``nodes``, renumbered in that order."""
+        edges, chosen = _induced(self.num_nodes, self.edges, nodes)
+        return RotationGraph(len(nodes), edges, self.rotations[chosen], self.kappa[chosen])
+
+
+@dataclass(frozen=True, eq=False)
+class PoseGraph:
+    """Relative poses between nodes.
+
+    Attributes
+    ----------
+    rotation : the graph of relative rotations
+    translations : (m, d) measured t_ij ~ R_i^T (t_j - t_i), metres
+    tau : (m,) translational concentrations, 1/m^2, between 2^-400 and 2^400
+
+    Raises
+    ------
+    GraphError
+        As `RotationGraph`; or translations that are not (m, d) and finite.
+
+    Examples
+    --------
+    Around a square, each step a metre ahead and a quarter turn:
+
+    >>> import numpy as np
+    >>> from certpgo import PoseGraph, RotationGraph
+    >>> turn = np.array([[0.0, -1.0], [1.0, 0.0]])
+    >>> edges = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
+    >>> rotation = RotationGraph(4, edges, np.array([turn] * 4), kappa=np.ones(4))
+    >>> graph = PoseGraph(rotation, np.array([[1.0, 0.0]] * 4), tau=np.full(4, 25.0))
+    >>> graph.num_nodes, graph.translations.shape
+    (4, (4, 2))
+    """
+
+    rotation: RotationGraph
+    translations: FloatArray
+    tau: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "translations", frozen_floats(self.translations))
+        object.__setattr__(self, "tau", frozen_floats(self.tau))
+        expected = (self.rotation.num_edges, self.rotation.d)
+        if self.translations.shape != expected:
+            raise GraphError(f"translations must be {expected}, not {self.translations.shape}")
+        bad = np.asarray(~np.isfinite(self.translations).all(axis=1))
+        if bad.any():
+            raise GraphError(f"{_edge_name(self.edges, bad)}: translation is not finite")
+        _check_weights("tau", self.tau, self.edges)
+
+    @property
+    def num_nodes(self) -> int:
+        """Number n of poses."""
+        return self.rotation.num_nodes
+
+    @property
+    def num_edges(self) -> int:
+        """Number m of edges, parallel ones counted."""
+        return self.rotation.num_edges
+
+    @property
+    def d(self) -> int:
+        """Dimension of space, 2 or 3."""
+        return self.rotation.d
+
+    @property
+    def edges(self) -> IntArray:
+        """(m, 2) node pairs (i, j)."""
+        return self.rotation.edges
+
+    @property
+    def components(self) -> IntArray:
+        """(n,) label of each node's connected component."""
+        return self.rotation.components
+
+    @property
+    def component_sizes(self) -> tuple[int, ...]:
+        """Nodes in each component, in the order of the labels."""
+        return self.rotation.component_sizes
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether there is one component."""
+        return self.rotation.is_connected
+
+    def with_weights(
+        self, kappa: FloatArray | float | None = None, tau: FloatArray | float | None = None
+    ) -> PoseGraph:
+        """The same measurements with other concentrations; None keeps the present ones."""
+        rotation = self.rotation if kappa is None else self.rotation.with_weights(kappa)
+        new_tau = self.tau if tau is None else _broadcast(tau, self.num_edges)
+        return PoseGraph(rotation, self.translations, new_tau)
+
+    def reweighted(self, factors: FloatArray) -> PoseGraph:
+        """The concentrations times a factor (m,); an edge whose factor is exactly 0 is left out."""
+        kept = factors != 0.0
+        graph = self if kept.all() else self.with_edges(kept)
+        return graph.with_weights(factors[kept] * graph.rotation.kappa, factors[kept] * graph.tau)
+
+    def without_parallel_edges(self, keep: Keep) -> PoseGraph:
+        """Keep ``"all"`` parallel edges, or the ``"first"`` or ``"last"`` of each pair {i, j}."""
+        return self.with_edges(_simple_edges(self.num_nodes, self.edges, keep))
+
+    def with_edges(self, chosen: IntArray | BoolArray) -> PoseGraph:
+        """All nodes with the ``chosen`` edges alone, given by place or by a mask (m,)."""
+        return PoseGraph(
+            self.rotation.with_edges(chosen), self.translations[chosen], self.tau[chosen]
+        )
+
+    def subgraph(self, nodes: IntArray) -> PoseGraph:
+        """The graph induced on ``nodes``, renumbered in that order."""
+        _, chosen = _induced(self.num_nodes, self.edges, nodes)
+        return PoseGraph(self.rotation.subgraph(nodes), self.translations[chosen], self.tau[chosen])
+
+
+Graph = RotationGraph | PoseGraph
+
+
+def require_connected(graph: Graph) -> None:
+    """Refuse a disconnected graph.
+
+    Raises
+    ------
+    GraphError
+        With the component sizes, largest first.
+    """
+    if not graph.is_connected:
+        sizes = tuple(sorted(graph.component_sizes, reverse=True))
+        shown = ", ".join(map(str, sizes[:5])) + (", ..." if len(sizes) > 5 else "")
+        raise GraphError(
+            f"the graph has {len(sizes)} components of {shown} nodes; it must be connected",
+            component_sizes=sizes,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Instance:
+    """A graph as it was read, with what else its source said.
+
+    Attributes
+    ----------
+    name : short name
+    graph : the measurements, nodes 0 ... n-1
+    ids : (n,) the source's own node ids; node k is ``ids[k]``
+    truth : ground truth, or None
+    initial : the source's initial values (e.g. its VERTEX lines), or None
+    fixed : nodes that the source holds fixed (FIX lines, priors)
+    source : where it came from, a path or the name of a generator
+    options : the reading options that made the problem (parallel edges, weights, ...)
+    notices : what the reader assumed, skipped or found unusual, one sentence each
+    names : (n,) the source's own names of the nodes, e.g. of images; empty where it has none
+    outliers : (m,) whether each measurement is known to be wrong, or None where nobody knows
+
+    Examples
+    --------
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> instance, _ = winding_cycle(5, 0.1, 0)
+    >>> instance.name, instance.graph.num_nodes, instance.truth.num_nodes
+    ('winding_cycle-5', 5, 5)
+    """
+
+    name: str
+    graph: Graph
+    ids: IntArray
+    truth: Estimate | None = None
+    initial: Estimate | None = None
+    fixed: tuple[int, ...] = ()
+    source: str = ""
+    options: Mapping[str, str] = field(default_factory=dict)
+    notices: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
+    outliers: BoolArray | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "ids", frozen_indices(self.ids))
+        object.__setattr__(self, "options", MappingProxyType(dict(self.options)))
+        n = self.graph.num_nodes
+        ordered = np.sort(self.ids, axis=None)  # several times faster than np.unique's hashing
+        if self.ids.shape != (n,) or (ordered[1:] == ordered[:-1]).any():
+            raise GraphError(f"ids must be {n} distinct integers")
+        if self.names and len(set(self.names)) != n:
+            raise GraphError(f"names must be {n} distinct texts, or none")
+        for what, value in (("truth", self.truth), ("initial", self.initial)):
+            if value is not None and (value.num_nodes, value.d) != (n, self.graph.d):
+                raise GraphError(f"{what} is for another graph: {value.num_nodes} nodes, not {n}")
+        if self.outliers is not None:
+            object.__setattr__(self, "outliers", frozen_flags(self.outliers))
+            if self.outliers.shape != (self.graph.num_edges,):
+                raise GraphError(f"outliers must be {self.graph.num_edges} flags, one an edge")
+
+
+def in_range(weights: FloatArray) -> BoolArray:
+    """Which weights a graph may have: of others, products could overflow, underflow or vanish."""
+    return np.asarray((weights > 1.0 / FAR) & (weights < FAR))
+
+
+def _check_edges(edges: IntArray, n: int) -> None:
+    outside = np.asarray(((edges < 0) | (edges >= n)).any(axis=1))
+    if outside.any():
+        raise GraphError(f"{_edge_name(edges, outside)}: nodes are numbered 0 to {n - 1}")
+    loop = np.asarray(edges[:, 0] == edges[:, 1])
+    if loop.any():
+        raise GraphError(f"{_edge_name(edges, loop)}: a node cannot be measured from itself")
+
+
+def _check_weights(name: str, weights: FloatArray, edges: IntArray) -> None:
+    if weights.shape != (len(edges),):
+        raise GraphError(f"{name} must have {len(edges)} entries, not {weights.shape}")
+    bad = ~in_range(weights)
+    if bad.any():
+        value = weights[np.argmax(bad)]
+        said = "positive" if value <= 0.0 else f"between {1.0 / FAR:.2g} and {FAR:.2g}"
+        raise GraphError(f"{_edge_name(edges, bad)}: {name} is {value}; it must be {said}")
+
+
+def _edge_name(edges: IntArray, bad: BoolArray) -> str:
+    i, j = edges[np.argmax(bad)]
+    return f"edge ({i}, {j})"
+
+
+def _broadcast(weights: FloatArray | float, m: int) -> FloatArray:
+    return np.broadcast_to(np.asarray(weights, dtype=np.float64), (m,))
+
+
+def _components(n: int, edges: IntArray) -> IntArray:
+    tied = adjacency(n, edges[:, 0], edges[:, 1], np.ones(len(edges)))
+    labels = csgraph.connected_components(tied, directed=False)[1].astype(np.intp)
+    labels.flags.writeable = False
+    return np.asarray(labels)
+
+
+def _simple_edges(n: int, edges: IntArray, keep: Keep) -> IntArray:
+    """Indices of the edges to keep, ascending."""
+    if keep == "all":
+        return np.arange(len(edges))
+    pair = np.sort(edges, axis=1) @ np.array([n, 1])
+    if keep == "last":
+        _, index = np.unique(pair[::-1], return_index=True)
+        return np.sort(len(edges) - 1 - index)
+    if keep == "first":
+        return np.sort(np.unique(pair, return_index=True)[1])
+    raise GraphError(f"keep must be 'all', 'first' or 'last', not {keep!r}")
+
+
+def _induced(n: int, edges: IntArray, nodes: IntArray) -> tuple[IntArray, IntArray]:
+    """Renumbered edges among ``nodes``, and which edges of the whole graph they are."""
+    number = np.full(n, -1, dtype=np.intp)
+    number[nodes] = np.arange(len(nodes))
+    renumbered = number[edges]
+    chosen = np.flatnonzero((renumbered >= 0).all(axis=1))
+    return renumbered[chosen], chosen

@@ -1,0 +1,109 @@
+"""Spanning trees of a graph, and poses composed along them."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from scipy.sparse import csgraph, csr_array
+
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.linalg import so
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.linalg.blocks import adjacency
+
+
+def spanning_tree(
+    graph: RotationGraph | PoseGraph,
+    lengths: FloatArray | None = None,
+    *,
+    root: int | Literal["center"] = 0,
+) -> IntArray:
+    """(n,) parent of each node, negative for the root, in a spanning tree of a connected graph.
+
+    Parameters
+    ----------
+    lengths : (m,) positive edge lengths whose sum the tree minimises; by default the tree is the
+        breadth-first one, whose paths are shortest
+    root : a node, or ``"center"`` for one that is far from none: errors add up along paths
+    """
+    if lengths is None:
+        tree = _simple(graph, np.ones(graph.num_edges))
+    else:
+        tree = minimum_spanning_tree(graph, lengths)
+    start = _center(tree) if root == "center" else root
+    return _breadth_first(tree, start)[1]
+
+
+def minimum_spanning_tree(graph: RotationGraph | PoseGraph, lengths: FloatArray) -> csr_array:
+    """(n, n) the positive lengths (m,) of the edges of a tree whose sum is smallest."""
+    return csgraph.minimum_spanning_tree(_simple(graph, lengths))
+
+
+def _simple(graph: RotationGraph | PoseGraph, lengths: FloatArray) -> csr_array:
+    """(n, n) lengths of the edges, of parallel ones the shortest: csgraph would add them up."""
+    low, high = np.sort(graph.edges, axis=1).T
+    order = np.lexsort((lengths, high, low))
+    low, high = low[order], high[order]
+    first = np.r_[True, (np.diff(low) != 0) | (np.diff(high) != 0)]
+    return adjacency(graph.num_nodes, low[first], high[first], lengths[order][first])
+
+
+def _center(graph: csr_array) -> int:
+    """The middle of a long shortest path: from the node farthest from a farthest one."""
+    end = int(_breadth_first(graph, 0)[0][-1])
+    order, parents = _breadth_first(graph, end)
+    path = [int(order[-1])]
+    while path[-1] != end:
+        path.append(int(parents[path[-1]]))
+    return path[len(path) // 2]
+
+
+def _breadth_first(graph: csr_array, root: int) -> tuple[IntArray, IntArray]:
+    order, parents = csgraph.breadth_first_order(graph, root, directed=False)
+    return np.asarray(order, dtype=np.intp), np.asarray(parents, dtype=np.intp)
+
+
+def compose(graph: RotationGraph | PoseGraph, parents: IntArray) -> Estimate:
+    """Absolute poses from the measurements on tree edges (child, parent).
+
+    Parameters
+    ----------
+    parents : (n,) parent of each node, negative for the root
+
+    Pointer jumping: each round composes every node's pose with its ancestor's and jumps to that
+    ancestor's ancestor, so that chains of any length take log2(n) rounds.
+    """
+    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    n, d = rotation.num_nodes, rotation.d
+    children = np.flatnonzero(parents >= 0)
+    edge, forward = _edges_between(rotation, parents[children], children)
+    R = np.tile(np.eye(d), (n, 1, 1))
+    t = np.zeros((n, d))
+    measured = rotation.rotations[edge]
+    R[children] = np.where(forward[:, None, None], measured, np.swapaxes(measured, 1, 2))
+    if isinstance(graph, PoseGraph):
+        step = graph.translations[edge]
+        back = -np.einsum("mba,mb->ma", measured, step)
+        t[children] = np.where(forward[:, None], step, back)
+    ancestor = np.where(parents >= 0, parents, np.arange(n))
+    while not np.array_equal(ancestor, ancestor[ancestor]):
+        t = t[ancestor] + np.einsum("nab,nb->na", R[ancestor], t)
+        R = R[ancestor] @ R
+        ancestor = ancestor[ancestor]
+    t = t[ancestor] + np.einsum("nab,nb->na", R[ancestor], t)
+    R = so.project(R[ancestor] @ R)
+    return Estimate(R, t if isinstance(graph, PoseGraph) else None)
+
+
+def _edges_between(
+    graph: RotationGraph, parents: IntArray, children: IntArray
+) -> tuple[IntArray, BoolArray]:
+    """For each parent and child an edge that joins them, and whether it points to the child."""
+    n, (i, j) = graph.num_nodes, graph.edges.T
+    key = np.minimum(i, j) * n + np.maximum(i, j)
+    # Among parallel edges the heaviest, the first of equals.
+    order = np.lexsort((-graph.kappa, key))
+    wanted = np.minimum(parents, children) * n + np.maximum(parents, children)
+    edge = order[np.searchsorted(key[order], wanted)]
+    return edge, i[edge] == parents

@@ -1,0 +1,1 @@
+"""From decimals in a file to exact rotations and correctly rounded weights."""

@@ -1,0 +1,168 @@
+"""Exact weights: from the text of an information matrix to kappa and tau.
+
+The decimals in a file are exact rationals; kappa and tau are defined as rational functions of
+them, rounded once to the nearest double, so that every machine reads the same problem (a LAPACK
+inverse differs from one to the next). With Omega_t the leading and Omega_R the trailing block,
+
+    3D   tau = 3 / tr(Omega_t^-1)    kappa = 3 / (2 tr(Omega_R^-1))
+    2D   tau = 2 / tr(Omega_t^-1)    kappa = Omega_theta
+
+as in SE-Sync (Rosen et al. 2019, Section 5).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from certpgo.errors import InputError
+from certpgo.linalg.arrays import BoolArray, FloatArray
+
+#: Decimal exponents and digit counts beyond a double's range are refused before they cost memory.
+_MAX_EXPONENT = 400
+
+
+@dataclass(frozen=True)
+class InformationLayout:
+    """Where a format writes the entries of a symmetric information matrix.
+
+    Attributes
+    ----------
+    positions : place, in the text, of each entry of the matrix ordered (translation, rotation)
+    """
+
+    positions: tuple[tuple[int, ...], ...]
+
+    @property
+    def d(self) -> int:
+        """Dimension of space."""
+        return 3 if len(self.positions) == 6 else 2
+
+    @property
+    def size(self) -> int:
+        """Numbers in the text."""
+        p = len(self.positions)
+        return p * (p + 1) // 2
+
+    def upper(self, start: int, stop: int) -> tuple[int, ...]:
+        """Places of the upper triangle of a diagonal block, row by row."""
+        return tuple(self.positions[i][j] for i in range(start, stop) for j in range(i, stop))
+
+
+#: Upper triangle row by row, translation before rotation: g2o and iSAM.
+ROW_MAJOR_2D = InformationLayout(((0, 1, 2), (1, 3, 4), (2, 4, 5)))
+ROW_MAJOR_3D = InformationLayout(
+    (
+        (0, 1, 2, 3, 4, 5),
+        (1, 6, 7, 8, 9, 10),
+        (2, 7, 11, 12, 13, 14),
+        (3, 8, 12, 15, 16, 17),
+        (4, 9, 13, 16, 18, 19),
+        (5, 10, 14, 17, 19, 20),
+    )
+)
+#: TORO's own order in the plane: xx xy yy tt xt yt.
+TORO_2D = InformationLayout(((0, 1, 4), (1, 2, 5), (4, 5, 3)))
+
+
+def weights(text: str, layout: InformationLayout) -> tuple[float, float]:
+    """The weights kappa and tau of one matrix, each rounded once from the exact rational.
+
+    Parameters
+    ----------
+    text : the numbers, separated by blanks
+    layout : their order
+
+    Raises
+    ------
+    InputError
+        A number is missing, malformed or out of range; a diagonal block is not positive definite.
+    """
+    tokens = text.lower().split()
+    if len(tokens) != layout.size:
+        raise InputError(f"{layout.size} information numbers expected, {len(tokens)} found")
+    if "_" in text:
+        raise InputError("information must be decimal numbers")
+    d = layout.d
+    blocks = (layout.upper(d, len(layout.positions)), layout.upper(0, d))
+    (rotation, rotation_exponent), (translation, translation_exponent) = (
+        _integers([tokens[k] for k in block]) for block in blocks
+    )
+    n_R, d_R = _harmonic_mean(rotation, "rotation")
+    n_t, d_t = _harmonic_mean(translation, "translation")
+    kappa = _rounded(n_R, d_R if d == 2 else 2 * d_R, rotation_exponent)
+    return kappa, _rounded(n_t, d_t, translation_exponent)
+
+
+def _integers(tokens: Sequence[str]) -> tuple[list[int], int]:
+    """Integers N and an exponent e with the decimals equal to N 10^e."""
+    try:
+        pairs = [_decimal(token) for token in tokens]
+    except ValueError:
+        raise InputError("information must be decimal numbers") from None
+    if max(abs(e) for _, e in pairs) + max(map(len, tokens)) > _MAX_EXPONENT:
+        raise InputError("an information number is out of range")
+    lowest = min((e for value, e in pairs if value), default=0)
+    return [value * 10 ** (e - lowest) if value else 0 for value, e in pairs], lowest
+
+
+def _decimal(token: str) -> tuple[int, int]:
+    mantissa, mark, exponent = token.partition("e")
+    whole, _, fraction = mantissa.partition(".")
+    return int(whole + fraction), (int(exponent) if mark else 0) - len(fraction)
+
+
+def _harmonic_mean(upper: list[int], block: str) -> tuple[int, int]:
+    """The fraction size / tr(A^-1) of a symmetric matrix A; by adjugate and determinant."""
+    minors: tuple[int, ...]
+    if len(upper) == 1:
+        minors, numerator, denominator = (upper[0],), upper[0], 1
+    elif len(upper) == 3:
+        a, b, c = upper
+        determinant = a * c - b * b
+        minors, numerator, denominator = (a, determinant), 2 * determinant, a + c
+    else:
+        a, b, c, p, q, r = upper
+        xx, yy, zz = p * r - q * q, a * r - c * c, a * p - b * b
+        determinant = a * xx - b * (b * r - c * q) + c * (b * q - c * p)
+        minors, numerator, denominator = (a, zz, determinant), 3 * determinant, xx + yy + zz
+    if min(minors) <= 0:
+        raise InputError(
+            f"the {block} block of the information is not positive definite "
+            "(--unit-weights, or unit_weights=True, ignores the information)"
+        )
+    return numerator, denominator
+
+
+def _rounded(numerator: int, denominator: int, exponent: int) -> float:
+    """numerator/denominator 10^exponent, correctly rounded."""
+    power: int = 10 ** abs(exponent)
+    try:
+        value = (
+            numerator * power / denominator if exponent >= 0 else numerator / (denominator * power)
+        )
+    except OverflowError:
+        value = 0.0
+    if value == 0.0:
+        raise InputError("the information is out of a double's range")
+    return value
+
+
+def indefinite(values: FloatArray, layout: InformationLayout) -> BoolArray:
+    """Which full matrices, given as numbers (k, size), are not positive definite.
+
+    By elimination in doubles: it serves a notice, no weight depends on it.
+    """
+    positions = np.array(layout.positions)
+    coupled = np.flatnonzero(values[:, positions[: layout.d, layout.d :].ravel()].any(axis=1))
+    A = values[coupled][:, positions]
+    positive = np.ones(len(A), dtype=np.bool_)
+    with np.errstate(all="ignore"):
+        for k in range(A.shape[-1]):
+            positive &= A[:, k, k] > 0.0
+            A -= A[:, :, k, None] * (A[:, None, k, :] / A[:, k, k, None, None])
+    out = np.zeros(len(values), dtype=np.bool_)
+    out[coupled] = ~positive
+    return out

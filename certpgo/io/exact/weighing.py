@@ -1,0 +1,169 @@
+"""The exact weights of many information matrices, in batches.
+
+`certpgo.io.exact.information.weights` is the definition, in integers. Here double-double arithmetic
+finds the same doubles for texts of at most 15 digits a number, and the definition is asked where
+an error bound leaves the rounding, or positive definiteness, open.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from certpgo.checker import FAR
+from certpgo.errors import InputError
+from certpgo.graph.graph import in_range
+from certpgo.io.exact.doubledouble import (
+    DD,
+    add,
+    divide,
+    multiply,
+    negative,
+    rounds_alike,
+    two_product,
+    two_sum,
+)
+from certpgo.io.exact.information import InformationLayout, indefinite, weights
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+
+#: A decimal of at most 15 digits is the only such decimal that rounds to its double.
+_MAX_INTEGER = 1e15
+_MAX_LENGTH = 16
+#: Shorter decimals without exponent are zero if their double is.
+_MAX_ZERO_LENGTH = 300
+
+#: Errors of determinants and adjugates, relative to the largest entry's power; the true errors
+#: are below a few tens of 2^-104.
+_MARGIN = 2.0**-92
+#: Determinants smaller than this, so scaled, are left to the integers.
+_REGULAR = 2.0**-36
+
+
+_UNUSUAL = re.compile(rb"[eE_]")
+
+
+def weigh(texts: list[bytes], layout: InformationLayout) -> tuple[FloatArray, FloatArray, int]:
+    """Weights kappa (k,) and tau (k,), and how many full matrices are indefinite.
+
+    Raises
+    ------
+    InputError
+        As `certpgo.io.exact.information.weights`.
+    """
+    number: dict[bytes, int] = {}
+    index = [number.setdefault(text, len(number)) for text in texts]
+    kappa, tau, flags = _distinct(list(number), layout)
+    if not (in_range(kappa) & in_range(tau)).all():
+        raise InputError(f"information must give weights between {1.0 / FAR:.2g} and {FAR:.2g}")
+    return kappa[index], tau[index], int(np.count_nonzero(flags[index]))
+
+
+def _distinct(
+    texts: list[bytes], layout: InformationLayout
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    size = layout.size
+    tokens = b" ; ".join([*texts, b""]).split()
+    try:
+        # A separator after every size-th number, or some text has more or fewer.
+        separators = tokens[size :: size + 1]
+        if separators != [b";"] * len(texts) or len(tokens) != len(texts) * (size + 1):
+            raise ValueError
+        del tokens[size :: size + 1]
+        values = np.array(list(map(float, tokens))).reshape(-1, size)
+    except ValueError:
+        for text in texts:
+            _exact(text, layout)
+        raise InputError("information must be decimal numbers") from None
+    lengths = np.array(list(map(len, tokens)), dtype=np.intp).reshape(values.shape)
+    plain = np.isfinite(values).all(axis=1)
+    if _UNUSUAL.search(b" ".join(texts)):
+        plain &= np.array([not _UNUSUAL.search(text) for text in texts], dtype=np.bool_)
+    d = layout.d
+    kappa, certain = _block(values, lengths, layout.upper(d, len(layout.positions)))
+    tau, certain_tau = _block(values, lengths, layout.upper(0, d))
+    if d == 3:
+        kappa *= 0.5
+    for k in np.flatnonzero(~(plain & certain & certain_tau)):
+        kappa[k], tau[k] = _exact(texts[k], layout)
+    return kappa, tau, indefinite(values, layout)
+
+
+def _exact(text: bytes, layout: InformationLayout) -> tuple[float, float]:
+    return weights(text.decode("ascii", "replace"), layout)
+
+
+def _block(
+    values: FloatArray, lengths: IntArray, block: tuple[int, ...]
+) -> tuple[FloatArray, BoolArray]:
+    """The means size / tr(A^-1) of diagonal blocks A (k,), and which of them are certain."""
+    upper, length = values[:, block].T, lengths[:, block].max(axis=1)
+    size = {1: 1, 3: 2, 6: 3}[len(block)]
+    diagonal = [0, 2, 3][:size] if size < 3 else [0, 3, 5]
+    out = upper[0].copy()
+    # Equal doubles on the diagonal: the exact mean lies between the decimals, and rounds alike.
+    isotropic = (upper[diagonal] == out).all(axis=0) & (out > 0.0)
+    isotropic &= ~np.delete(upper, diagonal, axis=0).any(axis=0) & (length <= _MAX_ZERO_LENGTH)
+    rest = np.flatnonzero(~isotropic & (length <= _MAX_LENGTH) & (size > 1))
+    certain = isotropic
+    if len(rest):
+        out[rest], certain[rest] = _harmonic_means(upper[:, rest], diagonal)
+    return out, certain
+
+
+def _harmonic_means(upper: FloatArray, diagonal: list[int]) -> tuple[FloatArray, BoolArray]:
+    size = len(diagonal)
+    N, power = _scaled_integers(upper)
+    scale = np.abs(N).max(axis=0)
+    with np.errstate(all="ignore"):
+        minors, determinant, adjugate = (_planar if size == 2 else _spatial)(N)
+        zero = np.zeros_like(scale)
+        numerator = multiply((zero + size, zero), determinant)
+        mean = divide(numerator, multiply(adjugate, (power, zero)))
+        regular = (determinant[0] > _REGULAR * scale**size) & (minors > _REGULAR * scale).all(
+            axis=0
+        )
+        # |error| <= MARGIN (scale^size / det + scale^(size-1) / adjugate), relative.
+        margin = 4.0 * _MARGIN * (scale**size / determinant[0] + scale ** (size - 1) / adjugate[0])
+        certain = regular & rounds_alike(mean, margin)
+    return mean[0] + mean[1], certain
+
+
+def _planar(N: FloatArray) -> tuple[FloatArray, DD, DD]:
+    """Leading minors but the determinant, determinant, trace of the adjugate."""
+    a, b, c = N
+    return a[None], add(two_product(a, c), negative(two_product(b, b))), two_sum(a, c)
+
+
+def _spatial(N: FloatArray) -> tuple[FloatArray, DD, DD]:
+    a, b, c, p, q, r = N
+    zero = np.zeros_like(a)
+
+    def minor(w: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray) -> DD:
+        return add(two_product(w, x), negative(two_product(y, z)))
+
+    xx, yy, zz = minor(p, r, q, q), minor(a, r, c, c), minor(a, p, b, b)
+    determinant = add(
+        multiply((a, zero), xx),
+        add(
+            multiply((-b, zero), minor(b, r, c, q)),
+            multiply((c, zero), minor(b, q, c, p)),
+        ),
+    )
+    scale = np.abs(N).max(axis=0)
+    return np.stack([a, zz[0] / scale]), determinant, add(add(xx, yy), zz)
+
+
+def _scaled_integers(upper: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Integers N (in doubles) and powers of ten with N / power the decimals; NaN where none fit."""
+    N, power = np.full_like(upper, np.nan), np.ones(upper.shape[1])
+    open_ = np.arange(upper.shape[1])
+    for digits in range(_MAX_LENGTH):
+        with np.errstate(over="ignore"):  # too large to fit
+            scaled = np.rint(upper[:, open_] * 10.0**digits)
+        fits = (scaled / 10.0**digits == upper[:, open_]) & (np.abs(scaled) < _MAX_INTEGER)
+        found = fits.all(axis=0)
+        N[:, open_[found]] = scaled[:, found]
+        power[open_[found]] = 10.0**digits
+        open_ = open_[~found]
+    return N, power

@@ -1,0 +1,152 @@
+"""What rotation and pose problems share: pattern, ordering and analyses of one graph."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+
+from certpgo.errors import InputError
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.linalg import factor
+from certpgo.linalg.arrays import CSC, FloatArray, IntArray
+from certpgo.linalg.blocks import BlockPattern, expand, pinned
+from certpgo.linalg.factor import Factor, Symbolic
+from certpgo.objective import operators
+from certpgo.objective.lift import Point
+
+AnyProblem = TypeVar("AnyProblem", bound="Objective")
+
+
+@dataclass(frozen=True, eq=False)
+class FirstOrder:
+    """Cost and first derivatives at an estimate.
+
+    Attributes
+    ----------
+    cost : F
+    tangent : (n, p) Riemannian gradient of F/2 in body-frame tangents, or (n, d + p) with the
+        translations first
+    multipliers : (n, d, d) blocks Lam_i = sym((M X^T)_{R_i} R_i), or sym((L R^T)_i R_i); Eriksson
+        et al. eq. 16 is deg_i I - Lam_i. Their traces add up to F when the translations are
+        optimal for the rotations
+    stationarity : largest gradient of a node over its weight, radians: 0 at a stationary point.
+        Translations are measured in the typical length of a step, so that it has no unit
+    """
+
+    cost: float
+    tangent: FloatArray
+    multipliers: FloatArray
+    stationarity: float
+
+
+class Objective(ABC):
+    """What rotation and pose problems share: pattern, ordering and analyses of one graph."""
+
+    graph: RotationGraph | PoseGraph
+
+    @abstractmethod
+    def first_order(self, estimate: Estimate) -> FirstOrder:
+        """Cost, gradient, multipliers and stationarity at an estimate."""
+
+    @property
+    @abstractmethod
+    def curvature(self) -> FloatArray:
+        """(n,) curvature of F/2 in a turn of one node alone, roughly: what gradients compare to."""
+
+    @property
+    @abstractmethod
+    def matrix(self) -> CSC:
+        """M with F = tr(X M X^T)."""
+
+    @abstractmethod
+    def gradient(self, point: Point) -> FloatArray:
+        """Half the Euclidean gradient of F."""
+
+    def multipliers(self, point: Point) -> FloatArray:
+        """(n, d, d) Lagrange multipliers; see `FirstOrder`."""
+        return operators.multipliers(self.gradient(point)[:, :, -self.d :], point.rotations)
+
+    def tangent_gradient(self, estimate: Estimate) -> FloatArray:
+        """Riemannian gradient of F/2; see `FirstOrder`."""
+        return self.first_order(estimate).tangent
+
+    def stationarity(self, estimate: Estimate) -> float:
+        """Distance from stationarity, radians; see `FirstOrder`."""
+        return self.first_order(estimate).stationarity
+
+    @property
+    def n(self) -> int:
+        """Number of nodes."""
+        return self.graph.num_nodes
+
+    @property
+    def d(self) -> int:
+        """Dimension of space, 2 or 3."""
+        return self.graph.d
+
+    @cached_property
+    def pattern(self) -> BlockPattern:
+        """Sparsity shared by every matrix of the graph."""
+        return operators.pattern(self.graph)
+
+    @cached_property
+    def order(self) -> IntArray:
+        """(n,) fill-reducing order of the nodes."""
+        return factor.fill_reducing_order(self.pattern.indptr, self.pattern.indices)
+
+    @cached_property
+    def _analyses(self) -> dict[tuple[int, str], Symbolic]:
+        return {}
+
+    def symbolic(self, A: CSC) -> Symbolic:
+        """The analysis of a block matrix of this graph; made once for each block size."""
+        cache = self._analyses
+        b, engine = A.shape[0] // self.n, factor.default_engine()
+        if (b, engine) not in cache:
+            cache[b, engine] = factor.analyze(A, order=expand(self.order, b), engine=engine)
+        return cache[b, engine]
+
+    def certificate_matrix(self, multipliers: FloatArray) -> CSC:
+        """S = M - blkdiag(0, Lam), or L - blkdiag(Lam) for rotations, with the pattern of M."""
+        M, d = self.matrix, self.d
+        entries = self.pattern.layout(M.shape[0] // self.n).diagonal
+        data = M.data.copy()
+        data[entries[:, -d:, -d:]] -= multipliers
+        return CSC((data, M.indices, M.indptr), shape=M.shape)
+
+    def grounded_factor(self, laplacian: CSC) -> Factor | None:
+        """The factor of a graph Laplacian (n, n) whose first node is cut off; None if it fails."""
+        grounded = pinned(laplacian, np.array([0]))
+        return self.symbolic(grounded).factor(grounded)
+
+    def _shared(self, other: AnyProblem) -> AnyProblem:
+        """Another problem; where it has the same edges, pattern, order and analyses are shared."""
+        if other.graph.num_edges < self.graph.num_edges:
+            return other
+        other.__dict__.update(pattern=self.pattern, order=self.order, _analyses=self._analyses)
+        return other
+
+    def check(self, estimate: Estimate) -> None:
+        """Refuse an estimate of another graph.
+
+        Raises
+        ------
+        InputError
+            Another number of nodes or dimension, or translations missing.
+        """
+        if not isinstance(estimate, Estimate):
+            raise InputError(
+                f"an Estimate is expected, not a {type(estimate).__name__}: certify_values takes "
+                "GTSAM's Values, read_estimate reads files"
+            )
+        if (estimate.num_nodes, estimate.d) != (self.n, self.d):
+            raise InputError(
+                f"the estimate has {estimate.num_nodes} nodes in {estimate.d}D, "
+                f"the graph {self.n} in {self.d}D"
+            )
+        if isinstance(self.graph, PoseGraph) and estimate.translations is None:
+            raise InputError("the estimate has no translations, but the graph measures them")

@@ -1,0 +1,397 @@
+"""A graph with its operators, objective and residuals; no solving, no certifying.
+
+Costs and gradients come from edge residuals, never from tr(X M X^T), which cancels nine digits
+when translations are large.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+
+from certpgo.errors import GraphError, InputError, NumericalError
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph.graph import require_connected
+from certpgo.linalg import network, so
+from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.blocks import scatter_sum
+from certpgo.linalg.factor import Factor
+from certpgo.objective import operators
+from certpgo.objective.base import FirstOrder, Objective
+from certpgo.objective.lift import Point
+
+AnyPoint = TypeVar("AnyPoint", bound=Point)
+
+
+@dataclass(frozen=True, eq=False)
+class RotationProblem(Objective):
+    """Rotation averaging: minimise F(R) = sum kappa ||R_j - R_i R_ij||_F^2 over SO(d)^n.
+
+    Attributes
+    ----------
+    graph : n nodes and m measured rotations R_ij ~ R_i^T R_j, with concentrations kappa
+
+    Raises
+    ------
+    GraphError
+        The graph is not connected.
+    InputError
+        It is no rotation graph.
+
+    Examples
+    --------
+    Five identities measured around a cycle, and rotations that turn once around with them: each
+    residual angle is 72 degrees, and F = 8 n sin^2(pi / n).
+
+    >>> import numpy as np
+    >>> from certpgo import RotationProblem
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> instance, around = winding_cycle(5, 0.0, 1)
+    >>> problem = RotationProblem(instance.graph)
+    >>> print(f"{problem.cost(around):.6f}")
+    13.819660
+    >>> print(np.degrees(problem.residual_angles(around)).round(6))
+    [72. 72. 72. 72. 72.]
+    """
+
+    graph: RotationGraph
+
+    def __post_init__(self) -> None:
+        _require(self, RotationGraph, "a PoseGraph has one of its own: RotationProblem(g.rotation)")
+        require_connected(self.graph)
+
+    @property
+    def rotation(self) -> RotationProblem:
+        """The problem of the rotations alone: this one."""
+        return self
+
+    @property
+    def scale(self) -> float:
+        """W = sum(kappa), the scale of the objective in absolute tolerances."""
+        return float(self.graph.kappa.sum())
+
+    @cached_property
+    def connection_laplacian(self) -> CSC:
+        """L with F(R) = tr(R L R^T), (dn, dn)."""
+        return operators.connection_laplacian(self.pattern, self.graph)
+
+    @cached_property
+    def laplacian(self) -> CSC:
+        """The graph Laplacian weighted by kappa, (n, n)."""
+        return operators.laplacian(self.pattern, self.graph.kappa)
+
+    @property
+    def matrix(self) -> CSC:
+        """The objective's matrix: the connection Laplacian."""
+        return self.connection_laplacian
+
+    def residuals(self, R: FloatArray) -> FloatArray:
+        """(m, r, d) matrices R_j - R_i R_ij, for rotations (n, r, d)."""
+        i, j = self.graph.edges.T
+        return np.asarray(R[j] - R[i] @ self.graph.rotations)
+
+    def cost(self, point: Point) -> float:
+        """F of the point's rotations."""
+        return self.cost_of(self.residuals(point.rotations))
+
+    def cost_of(self, residuals: FloatArray) -> float:
+        """F, from the residuals (m, r, d)."""
+        return float(self.graph.kappa @ np.einsum("mab,mab->m", residuals, residuals))
+
+    def edge_costs(self, point: Point) -> FloatArray:
+        """(m,) terms of F, one an edge."""
+        E = self.residuals(point.rotations)
+        return np.asarray(self.graph.kappa * np.einsum("mab,mab->m", E, E))
+
+    def gradient(self, point: Point) -> FloatArray:
+        """Half the Euclidean gradient of F, (n, r, d); in the papers' notation X M by blocks."""
+        return self.gradient_of(self.residuals(point.rotations))
+
+    def gradient_of(self, residuals: FloatArray) -> FloatArray:
+        """Half the Euclidean gradient of F, (n, r, d), from the residuals."""
+        i, j = self.graph.edges.T
+        E = self.graph.kappa[:, None, None] * residuals
+        back = E @ np.swapaxes(self.graph.rotations, 1, 2)
+        return scatter_sum(j, E, self.n) - scatter_sum(i, back, self.n)
+
+    def residual_angles(self, estimate: Estimate) -> FloatArray:
+        """(m,) angles between R_i R_ij and R_j, radians."""
+        i, j = self.graph.edges.T
+        R = estimate.rotations
+        return so.angle(np.swapaxes(R[j], 1, 2) @ R[i] @ self.graph.rotations)
+
+    def hessian(self, estimate: Estimate, multipliers: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Blocks of the Riemannian Hessian of F/2; see `operators.rotation_hessian`."""
+        return operators.rotation_hessian(self.graph, estimate.rotations, multipliers)
+
+    def settled(self, point: AnyPoint) -> AnyPoint:
+        """The point's rotations: there is nothing else to settle."""
+        return point.with_translations(None)  # type: ignore[return-value]
+
+    def complete(self, rotations: FloatArray) -> Estimate:
+        """The best estimate with these rotations: just them."""
+        return Estimate(rotations)
+
+    @cached_property
+    def node_weights(self) -> FloatArray:
+        """(n,) sums of kappa at each node: the curvature of F/2 in a rotation there, roughly."""
+        return operators.degrees(self.graph.edges, self.graph.kappa, self.n)
+
+    @property
+    def curvature(self) -> FloatArray:
+        """(n,) sums of kappa at each node."""
+        return self.node_weights
+
+    def first_order(self, estimate: Estimate) -> FirstOrder:
+        """Cost, gradient, multipliers and stationarity at an estimate."""
+        R = estimate.rotations
+        E = self.residuals(R)
+        G = self.gradient_of(E)
+        turn = operators.tangent_gradient(G, R)
+        largest = float((np.linalg.norm(turn, axis=1) / self.curvature).max())
+        return FirstOrder(self.cost_of(E), turn, operators.multipliers(G, R), largest)
+
+    def scaled(self, factor: float) -> RotationProblem:
+        """The same measurements with all weights times ``factor``; pattern and order are shared."""
+        return self.reweighted(np.full(self.graph.num_edges, factor))
+
+    def reweighted(self, factors: FloatArray) -> RotationProblem:
+        """The problem with each edge's weight times a factor (m,); at exactly 0 it is left out.
+
+        Raises
+        ------
+        GraphError
+            A product is out of a weight's range, or what is kept is not connected.
+        """
+        return self._shared(RotationProblem(self.graph.reweighted(factors)))
+
+    def with_unit_weights(self) -> RotationProblem:
+        """The same measurements with kappa = 1, as the thesis weighs them."""
+        return RotationProblem(self.graph.with_weights(1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class PoseProblem(Objective):
+    """Pose-graph optimization: minimise F(R, t) over SE(d)^n.
+
+    F(R, t) = sum kappa ||R_j - R_i R_ij||_F^2 + sum tau ||t_j - t_i - R_i t_ij||^2.
+    That is the problem of Rosen et al. (SE-Sync, IJRR 2019).
+
+    Attributes
+    ----------
+    graph : n poses and m measurements R_ij ~ R_i^T R_j, t_ij ~ R_i^T (t_j - t_i), metres, with
+        concentrations kappa and tau
+
+    Raises
+    ------
+    GraphError
+        The graph is not connected.
+    InputError
+        It is no pose graph.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certpgo import PoseProblem
+    >>> from certpgo.datasets.synthetic import helix
+    >>> instance = helix(3, np.random.default_rng(0))
+    >>> problem = PoseProblem(instance.graph)
+    >>> best = problem.complete(instance.truth.rotations)  # the best t for these rotations
+    >>> problem.cost(best) < problem.cost(instance.truth)
+    True
+    """
+
+    graph: PoseGraph
+
+    def __post_init__(self) -> None:
+        _require(self, PoseGraph, "a RotationGraph has no translations: RotationProblem(g)")
+        require_connected(self.graph)
+
+    @cached_property
+    def rotation(self) -> RotationProblem:
+        """The problem of the rotations alone; shares pattern and ordering."""
+        return self._shared(RotationProblem(self.graph.rotation))
+
+    @cached_property
+    def scale(self) -> float:
+        """W = sum(kappa) + sum(tau |t_ij|^2), the scale of the objective."""
+        return self.rotation.scale + float(self.lever_weights.sum())
+
+    @cached_property
+    def data_matrix(self) -> CSC:
+        """M with F(R, t) = tr(X M X^T), interleaved, ((d+1)n, (d+1)n)."""
+        return operators.data_matrix(self.pattern, self.graph)
+
+    @property
+    def matrix(self) -> CSC:
+        """The objective's matrix: the data matrix."""
+        return self.data_matrix
+
+    @cached_property
+    def translation_laplacian(self) -> CSC:
+        """The graph Laplacian weighted by tau, (n, n)."""
+        return operators.laplacian(self.pattern, self.graph.tau)
+
+    @cached_property
+    def _translation_factor(self) -> Factor | None:
+        return self.grounded_factor(self.translation_laplacian)
+
+    def solve_translations(self, forces: FloatArray) -> FloatArray:
+        """(n, d) solution of (translation Laplacian) t = forces, with the first node at zero.
+
+        Raises
+        ------
+        NumericalError
+            The weights are too uneven for a factorization.
+        """
+        if self._translation_factor is None:
+            raise NumericalError("the translation Laplacian could not be factorized")
+        grounded = forces.copy()
+        grounded[0] = 0.0
+        return self._translation_factor.solve(grounded)
+
+    def settled(self, point: AnyPoint) -> AnyPoint:
+        """The point with the translations that minimise F for its rotations.
+
+        A correction is solved for, so that rounding is relative to the correction.
+        """
+        if self._translation_factor is None:  # the weights are too uneven
+            return point.with_translations(self._eliminated(point))  # type: ignore[return-value]
+        forces = self._forces(self.translation_residuals(point))
+        t = _translations(point) - self.solve_translations(forces)
+        return point.with_translations(t)  # type: ignore[return-value]
+
+    def _eliminated(self, point: Point) -> FloatArray:
+        graph = self.graph
+        steps = self._steps(point)
+        t = network.positions(self.n, graph.edges, graph.tau, steps, self.order)
+        return np.asarray(t - t[0])
+
+    def complete(self, rotations: FloatArray) -> Estimate:
+        """The best estimate with these rotations, the first translation at zero."""
+        return self.settled(Estimate(rotations, np.zeros(rotations.shape[:2])))
+
+    def translation_residuals(self, point: Point) -> FloatArray:
+        """(m, r) vectors t_j - t_i - R_i t_ij."""
+        i, j = self.graph.edges.T
+        t = _translations(point)
+        return np.asarray(t[j] - t[i] - self._steps(point))
+
+    def _steps(self, point: Point) -> FloatArray:
+        """(m, r) vectors R_i t_ij."""
+        R = point.rotations[self.graph.edges[:, 0]]
+        return np.asarray((R @ self.graph.translations[:, :, None])[:, :, 0])
+
+    def cost(self, point: Point) -> float:
+        """F of the point."""
+        E, r = self.rotation.residuals(point.rotations), self.translation_residuals(point)
+        return self._cost_of(E, r)
+
+    def _cost_of(self, E: FloatArray, r: FloatArray) -> float:
+        return self.rotation.cost_of(E) + float(self.graph.tau @ np.einsum("ma,ma->m", r, r))
+
+    def edge_costs(self, point: Point) -> FloatArray:
+        """(m,) terms of F, one an edge."""
+        r = self.translation_residuals(point)
+        moved = self.graph.tau * np.einsum("ma,ma->m", r, r)
+        return np.asarray(self.rotation.edge_costs(point) + moved)
+
+    def gradient(self, point: Point) -> FloatArray:
+        """Half the Euclidean gradient of F, (n, r, d + 1): translation column, then rotation."""
+        E, r = self.rotation.residuals(point.rotations), self.translation_residuals(point)
+        return self._gradient_of(E, r)
+
+    def _gradient_of(self, E: FloatArray, r: FloatArray) -> FloatArray:
+        moment = (self.graph.tau[:, None] * r)[:, :, None] * self.graph.translations[:, None, :]
+        G = np.empty((self.n, r.shape[1], self.d + 1))
+        G[:, :, 0] = self._forces(r)
+        G[:, :, 1:] = self.rotation.gradient_of(E)
+        G[:, :, 1:] -= scatter_sum(self.graph.edges[:, 0], moment, self.n)
+        return G
+
+    def _forces(self, residuals: FloatArray) -> FloatArray:
+        """Half the gradient of F in the translations, (n, d), from the residuals."""
+        i, j = self.graph.edges.T
+        force = self.graph.tau[:, None] * residuals
+        return scatter_sum(j, force, self.n) - scatter_sum(i, force, self.n)
+
+    def residual_angles(self, estimate: Estimate) -> FloatArray:
+        """(m,) angles between R_i R_ij and R_j, radians."""
+        return self.rotation.residual_angles(estimate)
+
+    def hessian(self, estimate: Estimate, multipliers: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Blocks of the Riemannian Hessian of F/2; see `operators.pose_hessian`."""
+        return operators.pose_hessian(self.graph, estimate.rotations, multipliers)
+
+    @cached_property
+    def curvature(self) -> FloatArray:
+        """(n,) sums of kappa and of tau |t_ij|^2 at each node."""
+        return self.rotation.node_weights + self.lever_weights
+
+    def first_order(self, estimate: Estimate) -> FirstOrder:
+        """Cost, gradient, multipliers and stationarity at an estimate."""
+        R = estimate.rotations
+        E, r = self.rotation.residuals(R), self.translation_residuals(estimate)
+        G = self._gradient_of(E, r)
+        move, turn = G[:, :, 0], operators.tangent_gradient(G[:, :, 1:], R)
+        largest = float((np.linalg.norm(turn, axis=1) / self.curvature).max())
+        length = np.sqrt(self.lever_weights.sum() / self.graph.tau.sum())
+        if length > 0.0:
+            size = np.linalg.norm(move, axis=1) / (self.translation_weights * length)
+            largest = max(largest, float(size.max()))
+        tangent = np.concatenate([move, turn], axis=1)
+        multipliers = operators.multipliers(G[:, :, 1:], R)
+        return FirstOrder(self._cost_of(E, r), tangent, multipliers, largest)
+
+    @cached_property
+    def translation_weights(self) -> FloatArray:
+        """(n,) sums of tau at each node: the curvature of F/2 in a translation there."""
+        return operators.degrees(self.graph.edges, self.graph.tau, self.n)
+
+    @cached_property
+    def lever_weights(self) -> FloatArray:
+        """(n,) sums of tau |t_ij|^2 over the edges that leave each node."""
+        t = self.graph.translations
+        lever = self.graph.tau * np.einsum("ma,ma->m", t, t)
+        return scatter_sum(self.graph.edges[:, 0], lever, self.n)
+
+    def scaled(self, factor: float) -> PoseProblem:
+        """The same measurements with all weights times ``factor``; pattern and order are shared."""
+        return self.reweighted(np.full(self.graph.num_edges, factor))
+
+    def reweighted(self, factors: FloatArray) -> PoseProblem:
+        """The problem with each edge's weights times a factor (m,); at exactly 0 it is left out.
+
+        Raises
+        ------
+        GraphError
+            A product is out of a weight's range, or what is kept is not connected.
+        """
+        return self._shared(PoseProblem(self.graph.reweighted(factors)))
+
+    def with_unit_weights(self) -> PoseProblem:
+        """The same measurements with kappa = tau = 1, as the thesis weighs them."""
+        return PoseProblem(self.graph.with_weights(1.0, 1.0))
+
+
+Problem = RotationProblem | PoseProblem
+
+
+def problem_of(graph: RotationGraph | PoseGraph) -> Problem:
+    """The problem that a graph poses."""
+    return PoseProblem(graph) if isinstance(graph, PoseGraph) else RotationProblem(graph)
+
+
+def _require(problem: Problem, kind: type, otherwise: str) -> None:
+    if not isinstance(problem.graph, kind):
+        found, asked = type(problem.graph).__name__, type(problem).__name__
+        raise InputError(f"{asked} takes a {kind.__name__}, not a {found}; {otherwise}")
+
+
+def _translations(point: Point) -> FloatArray:
+    if point.translations is None:
+        raise GraphError("the estimate has no translations")
+    return point.translations

@@ -1,0 +1,112 @@
+"""The quadratic form of the rotations alone, translations eliminated exactly.
+
+F(R, t*(R)) = tr(R Q R^T), where Q is the Schur complement of M on the rotations, and Q = L for
+rotation averaging. Q of poses is dense and never formed: its products and its inverse come from
+sparse matrices that keep the translations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from certpgo.errors import NumericalError
+from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.blocks import add_to_diagonal, pinned
+from certpgo.linalg.factor import Factor
+from certpgo.objective.problem import PoseProblem, Problem
+
+#: Shifts over the mean diagonal, tried until the factorization succeeds.
+SHIFTS = (1e-11, 1e-9, 1e-7)
+#: The same for M, whose rounding grows with the translations.
+ELIMINATED_SHIFTS = (1e-9, 1e-7, 1e-5)
+
+
+class Reduced:
+    """A symmetric matrix of rotations (dn, dn), by its products, and solves with it shifted.
+
+    Attributes
+    ----------
+    shift : products and solves are those of Q + shift I
+    factor : of the sparse matrix behind the solves
+
+    Parameters
+    ----------
+    matrix : the problem's own, `problem.matrix`, or one of its pattern that differs only in the
+        rotations' rows and columns, such as a certificate matrix
+    shifts : the first that makes the matrix definite is taken; by default small ones, in units of
+        the mean weight of a node
+
+    Raises
+    ------
+    NumericalError
+        No shift sufficed.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        matrix: CSC | None = None,
+        shifts: tuple[float, ...] | None = None,
+    ) -> None:
+        self._problem = problem
+        self._matrix = problem.matrix if matrix is None else matrix
+        b = self._matrix.shape[0] // problem.n
+        self._rotations = np.arange(self._matrix.shape[0]) % b >= b - problem.d
+        self.shape = (problem.d * problem.n,) * 2
+        grounded = self._matrix
+        if isinstance(problem, PoseProblem):
+            grounded = pinned(grounded, np.array([0]))
+        unit = 1.0
+        if shifts is None:
+            unit = float(problem.rotation.node_weights.mean())
+            shifts = ELIMINATED_SHIFTS if isinstance(problem, PoseProblem) else SHIFTS
+
+        def build(shift: float) -> CSC:
+            return add_to_diagonal(grounded, np.where(self._rotations, shift, 0.0))
+
+        _, self.shift, self.factor = factor_shifted(problem, build, unit, shifts)
+
+    def solve(self, B: FloatArray) -> FloatArray:
+        """(Q + shift I)^-1 B for B (dn, k)."""
+        return np.asarray(self.factor.solve(self._padded(B))[self._rotations])
+
+    def __matmul__(self, B: FloatArray) -> FloatArray:
+        """(Q + shift I) B for B (dn, k)."""
+        if not isinstance(self._problem, PoseProblem):
+            return np.asarray(self._matrix @ B + self.shift * B)
+        product = self._matrix @ self._padded(B)
+        translations = np.zeros_like(product)
+        forces = product[~self._rotations]
+        translations[~self._rotations] = -self._problem.solve_translations(forces)
+        product += self._matrix @ translations
+        return np.asarray(product[self._rotations] + self.shift * B)
+
+    def _padded(self, B: FloatArray) -> FloatArray:
+        full = np.zeros((len(self._rotations), B.shape[1]))
+        full[self._rotations] = B
+        return full
+
+
+def factor_shifted(
+    problem: Problem, build: Callable[[float], CSC], unit: float, shifts: tuple[float, ...] = SHIFTS
+) -> tuple[CSC, float, Factor]:
+    """The first definite matrix ``build(shift)``, its shift, and its factor.
+
+    Parameters
+    ----------
+    build : shift -> a block matrix of the problem, semidefinite but for rounding without the shift
+    unit : what the shifts are multiplied by
+
+    Raises
+    ------
+    NumericalError
+        No shift sufficed.
+    """
+    for relative in shifts:
+        A = build(unit * relative)
+        factor = problem.symbolic(A).factor(A)
+        if factor is not None:
+            return A, unit * relative, factor
+    raise NumericalError("a semidefinite matrix could not be factorized, even when shifted")

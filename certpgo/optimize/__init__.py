@@ -1,0 +1,1 @@
+"""Initializations and descents, and what they report: solutions, traces, stopwatches."""

@@ -1,0 +1,103 @@
+"""Rotation averaging by Gauss-Newton steps with the scalar Laplacian as Hessian.
+
+In world-frame turns, X_i <- exp(delta_i) X_i, a residual R_j - R_i R_ij moves by delta_j - delta_i
+as far as the residual is small, whatever the rotations are: one n x n factorization serves every
+step and every axis. Converges linearly, at a rate that grows with the residual angles.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from certpgo.errors import NumericalError
+from certpgo.graph import Estimate
+from certpgo.linalg import so
+from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.factor import Factor
+from certpgo.objective.problem import RotationProblem
+from certpgo.optimize.monitor import Monitor, Stopwatch, silent
+from certpgo.optimize.progress import Progress
+from certpgo.optimize.solution import Solution, Status
+
+#: A step that leaves more than this part of the cost and of the gradient is slow.
+SLOW = 0.5
+
+
+def laplacian_gauss_newton(
+    problem: RotationProblem,
+    initial: Estimate,
+    *,
+    tolerance: float = 1e-11,
+    max_iterations: int = 100,
+    patience: int = 2,
+    monitor: Monitor = silent,
+    watch: Stopwatch | None = None,
+) -> Solution:
+    """Descend from ``initial`` by steps that solve with the graph Laplacian.
+
+    Parameters
+    ----------
+    initial : only its rotations count
+    tolerance : stationarity (radians, see `FirstOrder`) at which to stop
+    patience : more slow steps in a row, and the method is STALLED: far from any optimum, or
+        better left to Newton's method
+    watch : stopwatch that has already timed what led to ``initial``
+
+    Raises
+    ------
+    NumericalError
+        The Laplacian could not be factorized.
+    """
+    watch = watch or Stopwatch()
+    point = Estimate(initial.rotations)
+    with watch.phase("averaging"):
+        factor = problem.grounded_factor(problem.laplacian)
+        first = problem.first_order(point)
+    if factor is None:
+        raise NumericalError("the graph Laplacian could not be factorized")
+    progress = Progress(monitor, tolerance, max_iterations, watch)
+    step_norm, slow = 0.0, 0
+    while not progress.ends(first.cost, first.stationarity, step_norm):
+        with watch.phase("averaging"):
+            candidate, step_norm = _stepped(factor, point, first.tangent)
+            following = problem.first_order(candidate)
+        lasting = following.stationarity > SLOW * first.stationarity
+        slow = slow + 1 if lasting and following.cost > SLOW * first.cost else 0
+        if slow > patience or not following.cost <= first.cost * (1.0 + 1e-12):
+            progress.status = Status.STALLED
+            break
+        point, first = candidate, following
+    return Solution(
+        estimate=Estimate(point.rotations),
+        cost=first.cost,
+        status=progress.status,
+        iterations=progress.steps,
+        seconds=watch.seconds,
+        trace=tuple(progress.trace),
+        counts={"factorizations": 1},
+    )
+
+
+def laplacian_step(problem: RotationProblem, point: Estimate) -> tuple[Estimate, float]:
+    """One such step, whatever it does to F, and its norm.
+
+    Raises
+    ------
+    NumericalError
+        The Laplacian could not be factorized.
+    """
+    factor = problem.grounded_factor(problem.laplacian)
+    if factor is None:
+        raise NumericalError("the graph Laplacian could not be factorized")
+    return _stepped(factor, point, problem.tangent_gradient(point))
+
+
+def _stepped(factor: Factor, point: Estimate, tangent: FloatArray) -> tuple[Estimate, float]:
+    delta = -0.5 * factor.solve(_in_world(point.rotations, tangent))
+    return Estimate.trusted(so.exp(delta) @ point.rotations), float(np.linalg.norm(delta))
+
+
+def _in_world(R: FloatArray, tangent: FloatArray) -> FloatArray:
+    """Body-frame tangents (n, p) in the world frame; the first is zero, as that node is held."""
+    world = tangent if R.shape[-1] == 2 else (R @ tangent[:, :, None])[:, :, 0]
+    return np.concatenate([np.zeros_like(world[:1]), world[1:]])

@@ -1,0 +1,305 @@
+"""The search for an answer and its bound: start, descend, climb, round, settle for less.
+
+The Riemannian staircase (Boumal 2015; Rosen et al., SE-Sync, IJRR 2019), begun at rank d: a local
+minimum whose certificate matrix has a negative eigenvalue is left through a new dimension, along
+the eigenvector, and what low-rank optimization finds there is rounded and polished.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from certpgo.certify import DualBound, cost_upper
+from certpgo.certify.case import MAX_STEPS, Basin, Case
+from certpgo.certify.curvature import negative_curvature
+from certpgo.errors import NumericalError
+from certpgo.graph import Estimate
+from certpgo.linalg.arrays import FloatArray
+from certpgo.objective.lift import Lift, Point, rounded
+from certpgo.optimize.monitor import Iteration, Monitor
+from certpgo.optimize.newton import newton
+from certpgo.optimize.progress import Stop
+from certpgo.optimize.roundings import roundings
+from certpgo.optimize.solution import Solution, Status
+from certpgo.optimize.starts import Start, start_of
+from certpgo.solvers import low_rank
+
+#: Stationarity asked of estimates, and over the typical residual of points of higher rank; radians.
+TOLERANCE, LIFTED_TOLERANCE = 1e-11, 1e-5
+#: Steps of low-rank optimization at each rank.
+RANK_STEPS = 100
+#: Seconds that the climb goes on, once a first bound is in hand, where no time limit is given.
+PATIENCE = 30.0
+#: Rounds of roundings in vain, at most, before the answer stands, and nodes in all of them; graphs
+#: of so few nodes that each round tries everything need but one.
+ROUNDS, NODES, FEW = 10, 1_000, 8
+#: Of the tolerance, what is not worth another rank.
+NOTHING = 0.1
+#: Relative difference of costs that are the same.
+SAME = 1e-9
+#: Steps in which a descent must be able to reach the best answer, at the pace of its last one.
+HOPE = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """One step of the staircase.
+
+    Attributes
+    ----------
+    rank : dimensions of the points
+    cost : F at the point found there
+    status : how the descent to it ended
+    eigenvalue : negative, when the certificate matrix was found to have such an eigenvalue there
+    """
+
+    rank: int
+    cost: float
+    status: Status
+    eigenvalue: float | None = None
+
+
+class Staircase:
+    """The search: the best estimate and bound so far, and how they were found.
+
+    Parameters
+    ----------
+    case : the problem in units of its own size, and its tolerances
+    stop : the monitor of all phases
+    patience : seconds that the climb goes on once a first bound is in hand
+    """
+
+    def __init__(self, case: Case, stop: Stop, patience: float) -> None:
+        self.case, self.problem, self.stop = case, case.problem, stop
+        self.watch = stop.watch
+        self.patience, self.impatient = patience, math.inf
+        self.levels: list[Level] = []
+        self.counts: Counter[str] = Counter()
+        self.bound: DualBound | None = None
+        self.exhausted: Point | None = None  # of which no better bound is to be had
+        self.floor = -math.inf  # the relaxation's lowest cost, where the climb has reached it
+        self.ended_early = False
+
+    def begin(self, initial: Estimate | None, try_own_start: bool) -> None:
+        """The first descent, at rank d, and its bound: from the given start, then from our own."""
+        start = self.own_start() if initial is None else self.given(initial)
+        self.start = self.origin = start.name
+        self.take(self.descend(start.estimate, near=start.near))
+        # Of a bridge's weight, a tolerance may hide that there is something better.
+        enough = self.stop.asked or self.case.is_sharp(self.basin)
+        if initial is not None and try_own_start and not enough:
+            with suppress(NumericalError, np.linalg.LinAlgError):
+                own = self.own_start()
+                if self.improve(self.descend(own.estimate, near=own.near)):
+                    self.start = own.name
+                    self.origin = f"{own.name}, which led to a lower cost than the estimate given"
+        self.levels.append(Level(self.problem.d, self.best.cost, self.best.status))
+
+    def given(self, initial: Estimate) -> Start:
+        """The start that the caller chose, with the best translations."""
+        with self.watch.phase("start"):
+            return Start(self.problem.complete(initial.rotations), "given")
+
+    def own_start(self) -> Start:
+        """The start that we would choose."""
+        with self.watch.phase("start"):
+            return start_of(self.problem)
+
+    def go_on(self, highest: int) -> None:
+        """What follows where the first descent's answer is not certified."""
+        point = self.climb(highest)
+        self.round(point)
+        self.settle_for_less(point)
+
+    def climb(self, highest: int) -> Point:
+        """Escape to higher ranks until the gap is closed or the relaxation is solved.
+
+        Returns the point of the relaxation where it ended.
+        """
+        point: Point = self.best.estimate
+        # What was found before an error stays, and is judged.
+        with suppress(NumericalError, np.linalg.LinAlgError):
+            while not self.is_done:
+                eigenvalue, direction = self.way_down(point)
+                rank = self.levels[-1].rank + 1
+                self.ended_early = self.is_impatient
+                if eigenvalue is None or rank > highest or self.ended_early:
+                    break
+                before = self.problem.cost(point)
+                point = self.escape(point, rank, direction)
+                lower = self.levels[-1].cost
+                if before - lower <= NOTHING * self.case.tolerance(lower) and not self.is_done:
+                    self.floor = lower  # the eigenvalue was rounding
+                    break
+                nearest = self.problem.complete(rounded(point).rotations)
+                self.improve(self.descend(nearest))
+                if self.best.cost < (1.0 - SAME) * lower:
+                    point = self.best.estimate  # the higher rank has gained nothing yet
+                elif not self.is_certified:
+                    self.improve_bound(point)
+        return point
+
+    def way_down(self, point: Point) -> tuple[float | None, FloatArray]:
+        """A negative eigenvalue of the certificate matrix and its vector; None where F is lowest.
+
+        Notes the lowest cost of the relaxation where the point has it, and takes a first bound
+        where the eigenvalue says that it has one and the climb may take long.
+        """
+        with self.watch.phase("escape"):
+            eigenvalue, direction = negative_curvature(self.problem, point)
+        level = self.levels[-1]
+        # F can fall by at most this much for every point of the relaxation.
+        fall = -eigenvalue * direction.size
+        if fall <= NOTHING * self.case.tolerance(self.best.cost):
+            self.floor = self.problem.cost(point)
+            return None, direction
+        self.levels[-1] = replace(level, eigenvalue=self.case.unit * eigenvalue)
+        if level.rank > self.problem.d and level.cost - fall > self.basin.value:
+            self.improve_bound(point, tight=False)
+        return eigenvalue, direction
+
+    def escape(self, point: Point, rank: int, direction: FloatArray) -> Lift:
+        """The point that low-rank optimization finds from a saddle."""
+        found = low_rank.descend(
+            self.problem,
+            point,
+            rank,
+            direction=direction,
+            tolerance=max(LIFTED_TOLERANCE * math.sqrt(self.cost / self.problem.scale), TOLERANCE),
+            max_iterations=RANK_STEPS,
+            monitor=lambda step: self.stop(step) or self.is_impatient,
+            watch=self.watch,
+        )
+        self.counts.update(found.counts)
+        status = found.status
+        if status is Status.INTERRUPTED:
+            status = self.stop.status or Status.TIME_LIMIT
+        self.levels.append(Level(rank, found.cost, status))
+        return found.point
+
+    def round(self, point: Point) -> None:
+        """Descents from random roundings of the point and kicks of the answer, while they pay."""
+        rng = np.random.default_rng(0)
+        # The looser the relaxation, the more dimensions its points have, and the more it takes.
+        more = self.levels[-1].rank - self.problem.d
+        n = self.problem.n
+        vain, enough = 0, max(1, min(more**2, n // FEW, max(2, NODES // n), ROUNDS))
+        while vain < enough and not (self.is_done or self.has_reached_the_floor):
+            before = self.best
+            with self.watch.phase("round"):
+                starts = roundings(self.problem, point, before.estimate, rng)
+            self.polish(starts)
+            vain = vain + 1 if self.best is before else 0
+
+    def polish(self, starts: Iterable[Estimate]) -> None:
+        """Descents from several starts, those without prospects given up."""
+        for start in starts:
+            if self.is_done:
+                break
+            self.improve(self.descend(start, monitor=_Hopeful(self.stop, self.best.cost)))
+
+    def descend(
+        self, start: Estimate, *, near: bool = False, monitor: Monitor | None = None
+    ) -> Solution:
+        """Newton's method at rank d."""
+        found = newton(
+            self.problem,
+            start,
+            tolerance=TOLERANCE,
+            max_iterations=MAX_STEPS,
+            near=near,
+            monitor=monitor or self.stop,
+            watch=self.watch,
+        )
+        self.counts.update(found.counts)
+        return found
+
+    def improve(self, found: Solution) -> bool:
+        """Take a solution if it is better than the best so far; whether it is."""
+        better = found.cost < (1.0 - SAME) * self.best.cost
+        if better:
+            self.take(found)
+        return better
+
+    def take(self, best: Solution) -> None:
+        """Make a solution the best so far, and take its bound if that is missing."""
+        self.best, self.cost = best, cost_upper(self.problem, best.estimate)
+        if self.bound is None or not self.is_certified:
+            self.improve_bound(best.estimate)
+
+    def improve_bound(self, point: Point, *, tight: bool = True) -> None:
+        """Take the bound of a point where it is better."""
+        if self.stop.asked:
+            return
+        with self.watch.phase("certify"):
+            bound = self.case.bound(point, self.cost, sharp=False, tight=tight)
+        if bound is not None or not tight:
+            self.exhausted = point
+        if bound is None:
+            return
+        self.counts["factorizations"] += bound.factorizations
+        self.counts["nonzeros"] = max(self.counts["nonzeros"], bound.nonzeros)
+        if self.bound is None or bound.value > self.bound.value:
+            self.bound = bound
+        if self.basin.value > 0.0:
+            self.impatient = min(self.impatient, time.monotonic() + self.patience)
+
+    def settle_for_less(self, point: Point) -> None:
+        """Bounds that a negative eigenvalue weakens: better than none."""
+        for candidate in (point, self.best.estimate):
+            if not self.is_certified and candidate is not self.exhausted:
+                self.improve_bound(candidate, tight=False)
+            if self.basin.value > 0.0:
+                break
+
+    @property
+    def status(self) -> Status:
+        """How the search ended."""
+        limit = Status.TIME_LIMIT if self.ended_early else None
+        return self.stop.status or limit or self.best.status
+
+    @property
+    def has_reached_the_floor(self) -> bool:
+        """Whether the relaxation has no point that costs less than the answer."""
+        return self.best.cost - self.floor <= self.case.tolerance(self.best.cost)
+
+    @property
+    def is_certified(self) -> bool:
+        """Whether the gap is closed."""
+        return self.cost - self.basin.value <= self.case.tolerance(self.cost)
+
+    @property
+    def is_done(self) -> bool:
+        """Whether there is nothing more to do, or no more is wished for."""
+        return self.is_certified or self.stop.asked
+
+    @property
+    def is_impatient(self) -> bool:
+        """Whether the climb has had its time."""
+        return time.monotonic() > self.impatient
+
+    @property
+    def basin(self) -> Basin:
+        """The best so far, as the judge takes it."""
+        return Basin(self.best.estimate, self.cost, True, self.bound)
+
+
+@dataclass
+class _Hopeful:
+    """A monitor that gives up descents which, at the pace of the last step, stay above the best."""
+
+    stop: Stop
+    best: float
+    last: float = math.inf
+
+    def __call__(self, iteration: Iteration) -> bool:
+        """Pass an iteration on; whether to stop."""
+        pace, self.last = self.last - iteration.cost, iteration.cost
+        return self.stop(iteration) or iteration.cost - self.best > HOPE * pace

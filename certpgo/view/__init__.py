@@ -1,0 +1,1 @@
+"""HTML pages about a certified estimate, with plots and a 3D view."""

@@ -1,0 +1,186 @@
+"""The truth in balls: costs, and lower bounds by an interval L D L^T, with python-flint.
+
+Nothing of the package's operators or factorizations takes part. The data are exact: the rotations
+nearest to the stored matrices, enclosed in balls, and the stored translations and weights.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from certpgo.errors import MissingDependency
+from certpgo.graph import Estimate
+from certpgo.linalg.arrays import FloatArray
+from certpgo.objective.problem import PoseProblem, Problem
+
+#: Bits of the balls' midpoints, and of another attempt where long chains have used them up.
+BITS, MORE_BITS = 160, 1024
+#: Shifts of the multipliers that are tried, in units of each node's curvature.
+SHIFTS = tuple(10.0**-k for k in range(14, 6, -1))
+
+Matrix = dict[tuple[int, int], Any]
+
+
+def cost(problem: Problem, estimate: Estimate) -> tuple[float, float]:
+    """A lower and an upper bound on F of an estimate."""
+    with library().ctx.workprec(BITS):
+        return _cost(problem, estimate)
+
+
+def _cost(problem: Problem, estimate: Estimate) -> tuple[float, float]:
+    flint = library()
+    R, measured = _rotations(estimate.rotations), _rotations(problem.rotation.graph.rotations)
+    total = flint.arb(0)
+    for e, (i, j) in enumerate(problem.graph.edges.tolist()):
+        residual = R[j] - R[i] * measured[e]
+        squares = (residual * residual.transpose()).trace()
+        total += float(problem.rotation.graph.kappa[e]) * squares
+        if isinstance(problem, PoseProblem) and estimate.translations is not None:
+            t, step = estimate.translations, _column(problem.graph.translations[e])
+            gap = _column(t[j]) - _column(t[i]) - R[i] * step
+            total += float(problem.graph.tau[e]) * (gap.transpose() * gap)[0, 0]
+    return _below(total), -_below(-total)
+
+
+def lower_bound(problem: Problem, point: Estimate, allowed: float) -> float:
+    """A number that F* is proven to be at least, from the multipliers of a stationary point.
+
+    Minus infinity where no shift of the multipliers that costs at most ``allowed`` leaves the
+    certificate matrix positive semidefinite: the relaxation is loose, or the point not optimal.
+    """
+    multipliers = problem.multipliers(point)
+    with library().ctx.workprec(BITS):
+        M = _objective(problem)
+        for shift in SHIFTS:
+            loss = shift * np.asarray(problem.curvature)
+            if problem.d * float(loss.sum()) > allowed:
+                break
+            reduced = multipliers - loss[:, None, None] * np.eye(problem.d)
+            if _is_definite(_certificate_matrix(problem, M, reduced)):
+                diagonal = np.diagonal(reduced, axis1=1, axis2=2)
+                return math.nextafter(math.fsum(diagonal.ravel()), -math.inf)
+    return -math.inf
+
+
+def is_proof(problem: Problem, multipliers: FloatArray) -> bool | None:
+    """Whether tr(Lam) is a lower bound: M - blkdiag(0, Lam) is positive semidefinite.
+
+    None where the balls do not tell.
+    """
+    for bits in (BITS, MORE_BITS):
+        with library().ctx.workprec(bits):
+            S = _certificate_matrix(problem, _objective(problem), multipliers)
+            found = _is_definite(S)
+        if found is not None:
+            return found
+    return None
+
+
+def _certificate_matrix(problem: Problem, M: Matrix, multipliers: FloatArray) -> Matrix:
+    """M - blkdiag(0, Lam), the first translation cut off."""
+    flint, d = library(), problem.d
+    poses = isinstance(problem, PoseProblem)
+    width = d + poses
+    S = dict(M)
+    for node, block in enumerate(0.5 * (multipliers + np.swapaxes(multipliers, 1, 2))):
+        for a in range(d):
+            for b in range(d):
+                at = node * width + poses + a, node * width + poses + b
+                S[at] = S.get(at, flint.arb(0)) - float(block[a, b])
+    return {at: x for at, x in S.items() if not (poses and 0 in at)}
+
+
+def _objective(problem: Problem) -> Matrix:
+    """M with F = tr(X M X^T), by the definition of F, edge by edge."""
+    flint, d = library(), problem.d
+    poses = isinstance(problem, PoseProblem)
+    width = d + poses
+    M: Matrix = {}
+
+    def add(p: int, q: int, value: Any) -> None:
+        M[p, q] = M.get((p, q), flint.arb(0)) + value
+
+    measured = _rotations(problem.rotation.graph.rotations)
+    for e, (i, j) in enumerate(problem.graph.edges.tolist()):
+        kappa = flint.arb(float(problem.rotation.graph.kappa[e]))
+        at_i, at_j = i * width + poses, j * width + poses
+        for a in range(d):
+            add(at_i + a, at_i + a, kappa)
+            add(at_j + a, at_j + a, kappa)
+            for b in range(d):
+                entry = -kappa * measured[e][a, b]
+                add(at_i + a, at_j + b, entry)
+                add(at_j + b, at_i + a, entry)
+        if isinstance(problem, PoseProblem):
+            tau = flint.arb(float(problem.graph.tau[e]))
+            step = [(at_i + a, -float(x)) for a, x in enumerate(problem.graph.translations[e])]
+            terms = [(j * width, 1.0), (i * width, -1.0), *step]
+            for p, x in terms:
+                for q, y in terms:
+                    add(p, q, tau * x * y)
+    return M
+
+
+def _is_definite(S: Matrix) -> bool | None:
+    """Whether a symmetric matrix is positive definite, by L D L^T; None where a pivot may be 0."""
+    rows: dict[int, dict[int, Any]] = {}
+    for (p, q), value in S.items():
+        rows.setdefault(p, {})[q] = value
+    for k in sorted(rows):
+        column = rows.pop(k)
+        pivot = column.pop(k)
+        if not pivot > 0:
+            return False if pivot < 0 else None
+        others = list(column.items())
+        for place, (p, x) in enumerate(others):
+            row, ratio = rows[p], x / pivot
+            del row[k]
+            for q, y in others[: place + 1]:
+                row[q] = rows[q][p] = row.get(q, 0) - ratio * y
+    return True
+
+
+def _rotations(R: FloatArray) -> list[Any]:
+    """The rotations nearest to stored matrices, in balls."""
+    flint, d = library(), R.shape[-1]
+    identity = flint.arb_mat(np.eye(d).tolist())
+    enclosed = []
+    for stored in R.tolist():
+        X = flint.arb_mat(stored)
+        for _ in range(3):  # Newton's iteration for the polar factor, quadratic from rounding on
+            X = X * (3 * identity - X.transpose() * X) / 2
+        left = X.transpose() * X - identity
+        # |X - Q| <= |X^T X - I|, and the largest row sum bounds the norm.
+        size = sum(float(abs(left[a, b]).upper()) for a in range(d) for b in range(d))
+        ball = flint.arb(0, size)
+        enclosed.append(X + flint.arb_mat([[ball] * d] * d))
+    return enclosed
+
+
+def _column(v: FloatArray) -> Any:
+    return library().arb_mat([[float(x)] for x in v])
+
+
+def _below(ball: Any) -> float:
+    """A double that is no larger than any number of the ball."""
+    return math.nextafter(float(ball.lower()), -math.inf)
+
+
+def library() -> Any:
+    """The library.
+
+    Raises
+    ------
+    MissingDependency
+        It is not installed.
+    """
+    try:
+        import flint
+    except ImportError:
+        raise MissingDependency(
+            "python-flint, which the zoo knows the truth from,", "test"
+        ) from None
+    return flint

@@ -1,0 +1,1 @@
+"""Commands that ``certpgo`` has in a checkout, one file each."""

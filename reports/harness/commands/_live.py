@@ -1,0 +1,136 @@
+"""How far a run is, on stderr: a live view on a terminal, a line a finished row elsewhere."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from reports.harness.experiments.execute import TaskResult
+    from reports.harness.experiments.plan import Task
+
+
+class RunView:
+    """Counts what is done, running and failed, and shows nothing.
+
+    Parameters
+    ----------
+    tasks : all that will run
+    """
+
+    def __init__(self, tasks: Sequence[Task]) -> None:
+        self.total = sum(task.steps for task in tasks)
+        self.done = 0
+        self._began: dict[str, float] = {}
+        self._results: Counter[str] = Counter()
+        self._failures: Counter[str] = Counter()
+        self._left_out: Counter[str] = Counter()
+
+    @property
+    def failed(self) -> int:
+        """How many results are failures."""
+        return self._failures.total()
+
+    def announce(self, message: str) -> None:
+        """Say what runs."""
+
+    def starting(self, task: Task) -> None:
+        """Count a task that was handed out."""
+        self._began[task.label] = time.perf_counter()
+        self.refresh()
+
+    def show(self, outcome: TaskResult) -> None:
+        """Count what a task gave."""
+        from reports.harness.experiments.records import is_left_out
+
+        label = outcome.task.label
+        said = [record.error for record in outcome.records]
+        said += [outcome.figure] if isinstance(outcome.figure, str) else []
+        left_out = sum(map(is_left_out, said))
+        self._left_out[label] += left_out
+        self._failures[label] += sum(map(bool, said)) - left_out
+        self._results[label] += len(outcome.records)
+        if outcome.is_last:
+            self.done += outcome.task.steps
+            began = self._began.pop(label)
+            self.finished(label, time.perf_counter() - began)
+        self.refresh()
+
+    def finished(self, label: str, seconds: float) -> None:
+        """Say that a task is done."""
+
+    def refresh(self) -> None:
+        """Show the numbers anew."""
+
+
+class LineView(RunView):
+    """A line a finished task."""
+
+    def finished(self, label: str, seconds: float) -> None:
+        """Say that a task is done."""
+        counts = {"failed": self._failures[label], "not run": self._left_out[label]}
+        said = "".join(f", {count} {what}" for what, count in counts.items() if count)
+        typer.echo(f"{self.done} of {self.total}: {label}{said} ({seconds:.1f} s)", err=True)
+
+
+class BarView(RunView):
+    """A bar with what is planned, done, running and failed, and the time left."""
+
+    def __init__(self, tasks: Sequence[Task], progress: Progress) -> None:
+        super().__init__(tasks)
+        self._progress = progress
+        self._bar = progress.add_task("", total=self.total, running="", failed=0)
+
+    def announce(self, message: str) -> None:
+        """Say what runs."""
+        self._progress.update(self._bar, running=message)
+
+    def refresh(self) -> None:
+        """Show the numbers anew."""
+        running = list(self._began)
+        first = f"{len(running)} running: {running[0]}" if running else ""
+        part = sum(self._results[label] for label in running)
+        done = min(self.done + part, self.total)
+        self._progress.update(self._bar, completed=done, running=first, failed=self.failed)
+
+
+@contextmanager
+def watching(tasks: Sequence[Task], *, lines: bool) -> Iterator[RunView]:
+    """The view of a run of these tasks.
+
+    Parameters
+    ----------
+    lines : where stderr is no terminal, print a line a finished task
+    """
+    if not tasks or not sys.stderr.isatty():
+        yield LineView(tasks) if lines else RunView(tasks)
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[failed]} failed"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[running]}", markup=False),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        yield BarView(tasks, progress)

@@ -1,0 +1,211 @@
+"""A table or figure that is asked for: its files, its tasks, and what is printed of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from certpgo.cli._show import table
+from certpgo.io.plural import counted
+
+if TYPE_CHECKING:
+    from reports.harness.experiments.execute import TaskResult
+    from reports.harness.experiments.figure import Figure
+    from reports.harness.experiments.keys import Profile
+    from reports.harness.experiments.plan import FigureTask, TableTask
+    from reports.harness.experiments.records import Journal, Record
+    from reports.harness.experiments.spec import Table
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is asked for.
+
+    Attributes
+    ----------
+    out : folder for the results
+    data : folder to look for files in first
+    seeds : instances that a synthetic row stands for, by default the table's
+    quick : the small profile
+    again : do anew what is there
+    seconds : limit on the time of a method on an instance; None for none
+    named : the rows were asked for by name: one that cannot be read is an error, and only what is
+        computed now is shown
+    """
+
+    out: Path
+    data: Path | None = None
+    seeds: int | None = None
+    quick: bool = False
+    again: bool = False
+    seconds: float | None = None
+    named: bool = False
+
+    @property
+    def profile(self) -> Profile:
+        """What records call the profile."""
+        return "quick" if self.quick else "full"
+
+
+class TableReport:
+    """A table's file of records, and what is rendered from it.
+
+    Attributes
+    ----------
+    tasks : what there is to do
+    beside : suffix of the file that is written beside the records
+    """
+
+    beside = "md"
+
+    def __init__(self, spec: Table, order: Order) -> None:
+        from reports.harness.experiments.limits import Limit
+        from reports.harness.experiments.plan import keys, table_tasks
+        from reports.harness.experiments.records import Journal
+
+        self.spec, self._order = spec, order
+        # That there are any rows is said before files are opened.
+        self._keys = tuple(keys(spec, quick=order.quick, seeds=order.seeds, data=order.data))
+        self._journal: Journal = Journal(order.out, spec.name)
+        self._fresh: dict[str, list[Record]] = {}
+        self._unread: list[Record] = []
+        self.tasks: tuple[TableTask, ...] = table_tasks(
+            spec,
+            (lambda key: ()) if order.again else self._journal.find,
+            quick=order.quick,
+            seeds=order.seeds,
+            data=order.data,
+            limit=Limit(order.seconds),
+        )
+
+    def keep(self, outcome: TaskResult) -> None:
+        """Keep records; those of named graphs that were not read, only beside others."""
+        for record in outcome.records:
+            self._fresh.setdefault(record.key, []).append(record)
+            if self._order.named and record.n is None:
+                self._unread.append(record)
+            else:
+                self._journal.add(record)
+
+    @property
+    def records(self) -> list[Record]:
+        """What there is, in the order of the table."""
+        from reports.harness.experiments.plan import in_order
+
+        found = self._fresh.get if self._order.named else self._journal.find
+        return in_order(self._keys, lambda key: found(key) or ())
+
+    @property
+    def unread(self) -> tuple[str, ...]:
+        """Why graphs asked for by name were not read."""
+        return tuple(dict.fromkeys(record.error for record in self._unread))
+
+    @property
+    def is_any(self) -> bool:
+        """Whether there is a record of more than graphs that were not read."""
+        return len(self.records) > len(self._unread)
+
+    def close(self, *, interrupted: bool) -> Path:
+        """Render what there is; returns the path of the records."""
+        from certpgo.io.writing import write_whole
+        from reports.harness.rendering.render import markdown
+
+        if self.is_any:
+            for record in self._unread:
+                self._journal.add(record)
+            text = markdown(self.spec, self.records, interrupted=interrupted)
+            write_whole(self._journal.path.with_suffix(".md"), text.encode())
+        self._journal.close()
+        return self._journal.path
+
+    def data(self) -> list[dict[str, Any]]:
+        """The records as plain data."""
+        from reports.harness.experiments.records import as_data
+
+        return [as_data(record) for record in self.records]
+
+    def show(self) -> None:
+        """Print it."""
+        from reports.harness.rendering.render import notes, sections
+
+        records = self.records
+        typer.echo(self.spec.title)
+        for section in sections(self.spec, records):
+            typer.echo()
+            table(section.title, section.header, section.rows, section.caption)
+        for sentence in notes(self.spec, records):
+            typer.echo(sentence)
+
+    def line(self) -> str:
+        """It in one line."""
+        records = self.records
+        failed = sum(bool(record.error) for record in records)
+        said = f", {failed} failed or not run" if failed else ""
+        return f"{self.spec.name}: {counted(len(records), 'result{s}')}{said}"
+
+
+class FigureReport:
+    """A figure's files.
+
+    Attributes
+    ----------
+    tasks : what there is to do
+    beside : suffix of the file that is written beside the drawing
+    failure : why there is no figure, or empty
+    """
+
+    beside = "json"
+
+    def __init__(self, spec: Figure, order: Order) -> None:
+        from reports.harness.experiments.plan import figure_tasks
+
+        self.spec, self._order = spec, order
+        self.tasks: tuple[FigureTask, ...] = figure_tasks(
+            spec, order.out, quick=order.quick, again=order.again, data=order.data
+        )
+        self.failure = ""
+
+    @property
+    def unread(self) -> tuple[str, ...]:
+        """Why it could not be drawn."""
+        return (self.failure,) if self.failure else ()
+
+    def keep(self, outcome: TaskResult) -> None:
+        """Write its files, or remember why there are none."""
+        from reports.harness.experiments.figure import publish
+
+        if isinstance(outcome.figure, str):
+            self.failure = outcome.figure
+        else:
+            publish(self.spec, outcome.figure, self._order.out, profile=self._order.profile)
+
+    @property
+    def is_any(self) -> bool:
+        """Whether it is drawn."""
+        return self.data() is not None
+
+    def close(self, *, interrupted: bool) -> Path:
+        """The path of the drawing."""
+        return self._order.out / f"{self.spec.name}.svg"
+
+    def data(self) -> dict[str, Any] | None:
+        """The document of its file."""
+        from reports.harness.experiments.figure import read_figure
+
+        return read_figure(self.spec, self._order.out)
+
+    def show(self) -> None:
+        """Print its caption."""
+        if (kept := self.data()) is not None:
+            for sentence in (kept["title"], kept["caption"], *kept["notes"]):
+                typer.echo(sentence)
+
+    def line(self) -> str:
+        """It in one line."""
+        return f"{self.spec.name}: {self.failure or ('drawn' if self.data() else 'not drawn')}"
+
+
+Report = TableReport | FigureReport

@@ -1,0 +1,41 @@
+"""certpgo report: every table and figure from its records, and an index of what was found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from certpgo.cli._show import notice, working
+
+
+def command(
+    results: Annotated[
+        Path | None,
+        typer.Option("--results", metavar="DIR", help="Records; the checkout's by default."),
+    ] = None,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Folder for the rendered files.")
+    ] = Path("report"),
+    html: Annotated[
+        Path | None, typer.Option("--html", metavar="OUT", help="Write it all as one page, too.")
+    ] = None,
+) -> None:
+    """Render tables (Markdown, CSV, LaTeX), figures and an index, from records alone."""
+    from certpgo import registry
+    from certpgo.cli._writing import refuse_unwritable
+    from certpgo.io.writing import atomically
+    from reports.harness.rendering.index import summary
+    from reports.harness.rendering.publication import page, write
+    from reports.harness.rendering.results import gather
+
+    refuse_unwritable(html)
+    with working("reading the results"):
+        report = gather(results or registry.repository() / "reports" / "results")
+        path = write(report, out)
+        if html is not None:
+            text = page(report)
+            atomically(html, lambda beside: beside.write_text(text, "utf-8", newline="\n"))
+    typer.echo(summary(report.tables, report.figures))
+    notice(f"written to {path}, with the tables and figures beside it")

@@ -1,0 +1,63 @@
+"""certpgo reproduce: papers' tables, our numbers beside the printed ones, and figures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from certpgo.errors import InputError
+from reports.harness.commands._reports import Order
+from reports.harness.commands._tables import run_all, run_report
+
+
+def command(
+    name: Annotated[
+        str | None, typer.Argument(metavar="[NAME]", help="See list tables, list figures.")
+    ] = None,
+    every: Annotated[bool, typer.Option("--all", help="All tables and figures.")] = False,
+    seeds: Annotated[
+        int | None, typer.Option("--seeds", min=1, help="Instances a synthetic row stands for.")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="The small profile only.")] = False,
+    jobs: Annotated[int, typer.Option("--jobs", min=1, help="Rows to run at once.")] = 1,
+    scheduler: Annotated[
+        str,
+        typer.Option("--scheduler", metavar="ADDR", help="Of a cluster: tcp://... or ray://..."),
+    ] = "",
+    again: Annotated[bool, typer.Option("--again", help="Do anew what is there.")] = False,
+    time_limit: Annotated[
+        float,
+        typer.Option("--time-limit", min=0.001, metavar="S", help="Seconds, of each method."),
+    ] = 1800.0,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Folder for the results.")
+    ] = Path("reproduce-results"),
+    data: Annotated[
+        Path | None, typer.Option("--data", metavar="DIR", help="Folder to look in first.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> int:
+    """Run tables of papers and say which printed numbers ours agree with; draw figures.
+
+    Only what has no result yet is run: a run that was stopped goes on.
+    """
+
+    from reports.harness.experiments import scan
+    from reports.harness.experiments.execute import Pool
+    from reports.harness.experiments.figure import Figure
+
+    if every == (name is not None):
+        raise InputError("give the name of a table or figure, or --all")
+    pool = Pool(jobs, scheduler)
+    # A quick run is no result of the report, and must not pass for one.
+    folder = out / "quick" if quick else out
+    order = Order(folder, data, seeds, quick=quick, again=again, seconds=time_limit)
+    if name is None:
+        names = (*scan.table_names(), *scan.figure_names())
+        return run_all(names, order, pool, json=json)
+    spec = scan.get_experiment(name)
+    if seeds is not None and isinstance(spec, Figure):
+        raise InputError(f"--seeds is for tables; the seeds of {spec.name} are fixed")
+    return run_report(spec, order, pool, json=json)

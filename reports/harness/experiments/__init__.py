@@ -1,0 +1,1 @@
+"""Tables and figures as data: specified, planned, run and recorded."""

@@ -1,0 +1,91 @@
+"""What became of the claims of a table or figure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from certpgo.io.plural import counted
+from reports.harness.experiments.averages import summarized
+from reports.harness.experiments.claims import Claim
+from reports.harness.experiments.figure import Data, Figure
+from reports.harness.experiments.records import Record
+from reports.harness.experiments.spec import Table
+
+
+class ClaimStatus(StrEnum):
+    """What became of a claim."""
+
+    HOLDS = "holds"
+    DIFFERS = "differs"
+    NOT_RUN = "not run"
+
+
+@dataclass(frozen=True)
+class ClaimOutcome:
+    """A claim and what became of it.
+
+    Attributes
+    ----------
+    held, decided, asked : of a claim about each row, in how many rows it holds, in how many that
+        can be told, and in how many it was asked; of others, of one
+    """
+
+    claim: Claim
+    found: ClaimStatus
+    held: int
+    decided: int
+    asked: int
+
+    @property
+    def said(self) -> str:
+        """What became of it, in words."""
+        if not self.claim.each or self.found is ClaimStatus.NOT_RUN:
+            return self.found.value
+        part = f"in {self.held} of {counted(self.decided, 'row{s}')}"
+        missing = self.asked - self.decided
+        left = f"; {counted(missing, 'row{s}')} not run" if missing else ""
+        if self.found is ClaimStatus.HOLDS:
+            return f"holds {part}{left}"
+        return f"differs: holds {part}{left}"
+
+    @property
+    def told(self) -> str:
+        """The same, with what is to be remarked where it does not hold."""
+        remark = "" if self.found is ClaimStatus.HOLDS else self.claim.remark
+        return ". ".join(filter(None, (self.said, remark)))
+
+
+def of_table(table: Table, records: Iterable[Record]) -> tuple[ClaimOutcome, ...]:
+    """What became of the table's claims."""
+    by_row: dict[str, list[Record]] = {row.label: [] for row in table.rows}
+    for record in records:
+        by_row.setdefault(record.row, []).append(record)
+    if table.summary:
+        by_row = {label: summarized(group, table.summary) for label, group in by_row.items()}
+    return tuple(_outcome(claim, by_row) for claim in table.claims)
+
+
+def of_figure(figure: Figure, data: Data | None) -> tuple[ClaimOutcome, ...]:
+    """What became of the figure's claims; ``data`` is its record, or None without one."""
+    return tuple(
+        _decided(claim, [None if data is None else claim.holds(data)]) for claim in figure.claims
+    )
+
+
+def _outcome(claim: Claim, by_row: Mapping[str, Sequence[Record]]) -> ClaimOutcome:
+    labels = claim.rows or tuple(by_row)
+    groups = [by_row.get(label, ()) for label in labels]
+    if not claim.each:
+        groups = [[record for group in groups for record in group]]
+    return _decided(claim, [claim.holds(group) if group else None for group in groups])
+
+
+def _decided(claim: Claim, answers: Sequence[bool | None]) -> ClaimOutcome:
+    told = [answer for answer in answers if answer is not None]
+    held = sum(told)
+    found = ClaimStatus.NOT_RUN
+    if told:
+        found = ClaimStatus.HOLDS if held >= claim.share * len(told) else ClaimStatus.DIFFERS
+    return ClaimOutcome(claim, found, held, len(told), len(answers))

@@ -1,0 +1,93 @@
+"""What a paper says of its table or figure in words, and whether our records bear it out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from certpgo.errors import SpecError
+
+if TYPE_CHECKING:
+    from reports.harness.experiments.records import Record
+
+#: Asked of records, one an instance and method (means or medians, where the table shows those), or
+#: of a figure's record; None where what it needs was not run.
+Holds = Callable[[Any], bool | None]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A sentence of a paper that records can contradict.
+
+    Attributes
+    ----------
+    text : the sentence, quoted or shortened
+    holds : whether it is so
+    source : where it stands
+    each : it is said of every row: ``holds`` is asked of the records of each in turn
+    share : the share of the rows of which it must be so, where a paper says "nearly all"
+    rows : labels of the rows it is about; empty for all
+    remark : what is to be said where ours differ, or why nobody can tell
+    """
+
+    text: str
+    holds: Holds
+    source: str = ""
+    each: bool = False
+    share: float = 1.0
+    rows: tuple[str, ...] = ()
+    remark: str = ""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.share <= 1.0:
+            raise SpecError(f"claim {self.text!r}: a share lies between 0 and 1, not {self.share}")
+
+
+def number(records: Iterable[Record], method: str, metric: str) -> float | None:
+    """The method's metric on the first instance that has it, or None."""
+    for record in records:
+        value = record.metrics.get(metric) if record.method == method else None
+        if value is not None:
+            return value
+    return None
+
+
+def numbers(records: Iterable[Record], method: str, metric: str) -> list[float]:
+    """The method's metric on every instance that has it."""
+    found = [r.metrics.get(metric) for r in records if r.method == method]
+    return [value for value in found if value is not None]
+
+
+def below(metric: str, method: str, other: str, factor: float = 1.0, slack: float = 0.0) -> Holds:
+    """Whether the method's metric is at most ``factor`` times the other's, plus ``slack``."""
+
+    def holds(records: Sequence[Record]) -> bool | None:
+        mine, theirs = (number(records, name, metric) for name in (method, other))
+        return None if mine is None or theirs is None else mine <= factor * theirs + slack
+
+    return holds
+
+
+def within(metric: str, method: str, lower: float, upper: float) -> Holds:
+    """Whether the method's metric lies between two numbers, both included."""
+
+    def holds(records: Sequence[Record]) -> bool | None:
+        value = number(records, method, metric)
+        return None if value is None else lower <= value <= upper
+
+    return holds
+
+
+def together(*conditions: Holds) -> Holds:
+    """Whether all hold of those that can be told."""
+
+    def holds(records: Any) -> bool | None:
+        told = [answer for c in conditions if (answer := c(records)) is not None]
+        return all(told) if told else None
+
+    return holds
+
+
+def unknown(records: Any) -> None:
+    """Nobody can tell: what the claim is about cannot be run."""

@@ -1,0 +1,170 @@
+"""What a figure is: a record, computed once, and a drawing that is a function of it alone."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from certpgo.assess.provenance import provenance
+from certpgo.io.plain import plain
+from certpgo.io.writing import folder_to_write, write_whole
+from certpgo.linalg.factor import default_engine
+from certpgo.registry import source
+from reports.harness.experiments.claims import Claim
+from reports.harness.experiments.keys import Profile, content_key
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Canvas
+
+#: Numbers, texts, lists and mappings of such, as JSON has them.
+Data = dict[str, Any]
+
+#: Where a record keeps views for the report: a list of ``title`` and ``scene``, which is of
+#: `certpgo.view.scene.scene`.
+VIEWS = "views"
+
+#: Matplotlib's settings for every figure: small type that stays legible in a column of 8.8 cm, thin
+#: lines, and dense artists at the resolution of a screen.
+STYLE = {
+    "font.size": 8.0,
+    "axes.titlesize": 8.0,
+    "axes.labelsize": 8.0,
+    "xtick.labelsize": 7.0,
+    "ytick.labelsize": 7.0,
+    "legend.fontsize": 7.0,
+    "legend.frameon": False,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 3.5,
+    "grid.linewidth": 0.4,
+    "savefig.dpi": 130,
+}
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of a report.
+
+    Attributes
+    ----------
+    name : name of its file
+    title, source : heading, and the citation of the figure it is compared with
+    compute : the record: everything that is drawn, and the numbers that the caption states. Told
+        whether to make the quick profile's small one, and the folder to look for files in first;
+        raises InputError where they are not here
+    draw : draws the record, told a Matplotlib figure and the record
+    caption : a format string whose fields are the record's
+    notes : sentences printed below the caption
+    claims : what the paper says of it in words, asked of the record
+    timed : it shows times, so that nothing else may run while it is computed
+    """
+
+    name: str
+    title: str
+    source: str
+    compute: Callable[[bool, Path | None], Data]
+    draw: Callable[[Canvas, Data], None]
+    caption: str
+    notes: tuple[str, ...] = ()
+    claims: tuple[Claim, ...] = ()
+    timed: bool = False
+
+    def captioned(self, record: Data) -> str:
+        """The caption with the record's numbers."""
+        return self.caption.format_map(record)
+
+
+def computed(figure: Figure, *, quick: bool = False, data: Path | None = None) -> Data:
+    """The figure's record, as it is when read from its file.
+
+    Parameters
+    ----------
+    quick : the small profile
+    data : folder to look for files in first
+
+    Raises
+    ------
+    InputError
+        The files are not here.
+    """
+    record: Data = json.loads(_text(figure.compute(quick, data)))
+    return record
+
+
+def figure_key(figure: Figure, profile: Profile) -> str:
+    """What a figure's record is of: its name, its profile and the version that computed it."""
+    from certpgo import __version__
+
+    return content_key({"figure": figure.name, "profile": profile, "version": __version__})
+
+
+def document(figure: Figure, record: Data, *, profile: Profile = "full") -> Data:
+    """The record with what it is of, and what made it."""
+    return {
+        "figure": figure.name,
+        "key": figure_key(figure, profile),
+        "profile": profile,
+        "title": figure.title,
+        "source": figure.source,
+        "caption": figure.captioned(record),
+        "notes": list(figure.notes),
+        "data": record,
+        "provenance": provenance(default_engine(), source()),
+    }
+
+
+def rendered(figure: Figure, record: Data, form: str = "svg") -> bytes:
+    """The drawing, the same bytes every time.
+
+    Parameters
+    ----------
+    form : ``"svg"``, or ``"png"`` to look at
+    """
+    import matplotlib as mpl
+    from matplotlib.figure import Figure as Canvas
+
+    stream = io.BytesIO()
+    with mpl.rc_context():
+        mpl.rcdefaults()  # whatever the reader's own settings are
+        settings: Any = {**STYLE, "svg.hashsalt": figure.name}
+        mpl.rcParams.update(settings)
+        canvas = Canvas(layout="constrained")
+        figure.draw(canvas, record)
+        dated: Mapping[str, Any] = {"Date": None} if form == "svg" else {}
+        canvas.savefig(stream, format=form, metadata={**dated, "Title": figure.title})
+    return stream.getvalue()
+
+
+def read_figure(figure: Figure, folder: Path) -> Data | None:
+    """The figure's document in the folder, or None where there is none, or half of one."""
+    try:
+        kept = json.loads((folder / f"{figure.name}.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    whole = isinstance(kept, dict) and "data" in kept and (folder / f"{figure.name}.svg").exists()
+    return kept if whole else None
+
+
+def publish(figure: Figure, record: Data, folder: Path, *, profile: Profile = "full") -> Path:
+    """Write ``NAME.json`` and ``NAME.svg``, each whole or not at all; returns the drawing's path.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written to.
+    """
+    drawing = rendered(figure, record)
+    text = _text(document(figure, record, profile=profile))
+    folder_to_write(folder)
+    write_whole(folder / f"{figure.name}.json", text.encode() + b"\n")
+    return write_whole(folder / f"{figure.name}.svg", drawing)
+
+
+def _text(data: Data) -> str:
+    return json.dumps(plain(data), allow_nan=False, separators=(",", ":"))

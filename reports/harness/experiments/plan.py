@@ -1,0 +1,230 @@
+"""What there is to do: tasks that know nothing of one another, for what has no record yet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from certpgo.assess.comparison import in_one_line
+from certpgo.errors import CertPGOError, InputError
+from reports.harness.experiments import scan
+from reports.harness.experiments.figure import Data, Figure, computed, figure_key, read_figure
+from reports.harness.experiments.instances import is_here
+from reports.harness.experiments.keys import Profile
+from reports.harness.experiments.limits import NO_LIMIT, Limit
+from reports.harness.experiments.records import Record
+from reports.harness.experiments.runner import Announce, run_case, suits
+from reports.harness.experiments.spec import Row, Table
+from reports.harness.experiments.timing import single_threaded
+from reports.harness.experiments.trials import Trial, cases
+
+#: The records of a key in the file of a table.
+Find = Callable[[str], Sequence[Record]]
+
+#: Why there is no answer of a worker that died.
+DIED = "the process that ran it was killed (out of memory, or deaf to its time limit)"
+
+
+@dataclass(frozen=True)
+class TableTask:
+    """Methods on one row and repetition of a table.
+
+    Attributes
+    ----------
+    case : the row; its table holds nothing but what a run needs
+    methods : labels of the methods that have no record yet
+    data : folder to look for files in first
+    limit : on the time of each method
+    """
+
+    case: Trial
+    methods: tuple[str, ...]
+    data: Path | None = None
+    limit: Limit = NO_LIMIT
+
+    @property
+    def report(self) -> str:
+        """The table's name."""
+        return self.case.table.name
+
+    @property
+    def label(self) -> str:
+        """What it is called while it runs."""
+        seed = f", seed {self.case.repetition}" if self.case.row.generator else ""
+        return f"{self.report}: {self.case.row.label}{seed}"
+
+    @property
+    def timed(self) -> bool:
+        """Whether its numbers are times, so that nothing else may run."""
+        return self.case.table.reference is not None
+
+    @property
+    def steps(self) -> int:
+        """How many methods are run."""
+        return len(self.methods)
+
+    def records(self, announce: Announce) -> Iterator[Record]:
+        """Run it, with thread pools at one thread; a record as soon as it is made."""
+        with ExitStack() as stack:
+            single_threaded(stack)
+            for record in run_case(
+                self.case,
+                data=self.data,
+                methods=self.methods,
+                limit=self.limit,
+                announce=announce,
+            ):
+                yield replace(record, provenance={**record.provenance, "threads": "1"})
+
+    def died(self) -> tuple[Record, ...]:
+        """The records of methods whose process died."""
+        methods = (m for m in self.case.table.methods if m.label in self.methods)
+        return tuple(replace(self.case.blank(m), error=DIED) for m in methods)
+
+
+@dataclass(frozen=True)
+class FigureTask:
+    """A figure, told by its name.
+
+    Attributes
+    ----------
+    report : the figure's name
+    timed : whether it shows times
+    """
+
+    report: str
+    profile: Profile
+    timed: bool = False
+    data: Path | None = None
+
+    steps = 1
+
+    @property
+    def label(self) -> str:
+        """What it is called while it runs."""
+        return self.report
+
+    def drawn(self) -> Data | str:
+        """The figure's record, or why there is none."""
+        figure: Figure = scan.get_figure(self.report)
+        try:
+            with ExitStack() as stack:
+                single_threaded(stack)
+                return computed(figure, quick=self.profile == "quick", data=self.data)
+        except CertPGOError as error:
+            return str(error)
+        except Exception as error:  # the other figures are made whatever this one raises
+            return in_one_line(error)
+
+
+Task = TableTask | FigureTask
+
+
+def run_task(task: Task) -> list[Record] | Data | str:
+    """Run a task to its end: a table's records, or a figure's record or why there is none."""
+    return task.drawn() if isinstance(task, FigureTask) else list(task.records(lambda _: None))
+
+
+def table_tasks(
+    table: Table,
+    find: Find,
+    *,
+    quick: bool = False,
+    seeds: int | None = None,
+    data: Path | None = None,
+    limit: Limit = NO_LIMIT,
+) -> tuple[TableTask, ...]:
+    """The tasks of a table, one a row and repetition that lacks a record.
+
+    Parameters
+    ----------
+    find : the records of a key that are there; none to do all anew
+    quick, seeds, data : see `reports.harness.experiments.runner.run_table`
+    limit : on the time of each method
+
+    Raises
+    ------
+    InputError
+        Rows are optional, and the files of none of them are here.
+    """
+    tasks = []
+    for case in cases(table, data=data, seeds=seeds, quick=quick):
+        methods = _lacking(case, find, data)
+        if methods:
+            tasks.append(TableTask(_lean(case), methods, data, limit))
+    return tuple(tasks)
+
+
+def figure_tasks(
+    figure: Figure, folder: Path, *, quick: bool, again: bool = False, data: Path | None = None
+) -> tuple[FigureTask, ...]:
+    """The task of a figure, or none where the folder holds it as this version draws it."""
+    profile: Profile = "quick" if quick else "full"
+    kept = read_figure(figure, folder)
+    if not again and kept is not None and kept.get("key") == figure_key(figure, profile):
+        return ()
+    return (FigureTask(figure.name, profile, figure.timed, data),)
+
+
+def keys(
+    table: Table, *, quick: bool = False, seeds: int | None = None, data: Path | None = None
+) -> Iterator[str]:
+    """The keys of all that the table asks for, row by row and method by method."""
+    for case in cases(table, data=data, seeds=seeds, quick=quick):
+        yield from (case.key(method) for method in table.methods if case.row.runs(method))
+
+
+def _lacking(case: Trial, find: Find, data: Path | None) -> tuple[str, ...]:
+    found = [(m, find(case.key(m))) for m in case.table.methods if case.row.runs(m)]
+    # Once one method has told what the graph measures, those for others are known to have none.
+    kinds = {record.kind for _, records in found for record in records} - {""}
+    return tuple(
+        method.label
+        for method, records in found
+        if not _is_settled(case, records, data)
+        and (not kinds or any(suits(case.row, method, kind) for kind in kinds))
+    )
+
+
+def _is_settled(case: Trial, records: Sequence[Record], data: Path | None) -> bool:
+    """Whether all components have a record that a further run would not better.
+
+    A graph that was not read and a package that was not installed may be there by now, and cost
+    nothing to try.
+    """
+    if not records or len(records) < records[-1].parts:
+        return False
+    if any("is not installed: " in record.error for record in records):
+        return False
+    unread = [r for r in records if r.n is None and r.error != DIED]
+    return not unread or bool(case.row.absent) or not _is_here(case.row, data)
+
+
+def _is_here(row: Row, data: Path | None) -> bool:
+    try:
+        return is_here(row, data)
+    except InputError:
+        return False  # neither a file nor a dataset's name
+
+
+def _lean(case: Trial) -> Trial:
+    """The case with what a run needs of its table, and nothing that stays behind."""
+    table = case.table
+    lean = Table(
+        table.name,
+        table.title,
+        (case.row,),
+        tuple(method for method in table.methods if case.row.runs(method)),
+        table.columns,
+        certify=table.certify,
+        reference=table.reference,
+        seed=table.seed,
+    )
+    return replace(case, table=lean)
+
+
+def in_order(keys: Iterable[str], find: Find) -> list[Record]:
+    """The records of the keys, in their order."""
+    return [record for key in keys for record in find(key)]

@@ -1,0 +1,266 @@
+"""What a table is: rows, methods, columns and the numbers a paper printed; validated, never run."""
+
+from __future__ import annotations
+
+import copyreg
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Literal
+
+from certpgo.assess import comparison
+from certpgo.errors import SpecError
+from certpgo.graph.components import Components
+from reports.harness.experiments.claims import Claim
+
+#: Metrics that `evaluate` knows, besides a record's own fields.
+METRICS = (
+    "cost",
+    "f_ml",
+    "mean_symmetry",
+    "lower_bound",
+    "gap",
+    "relative_gap",
+    "certify_seconds",
+    "lambda1",
+    "lambda2",
+    "lambda3",
+    "fiedler",
+    "error",
+    "global_percent",
+    "mean_deg",
+    "median_deg",
+    "rmse_deg",
+    "mean_l1_deg",
+    "median_l1_deg",
+    "rmse_l1_deg",
+    "f_gt",
+    "kept_percent",
+    "precision",
+    "recall",
+    "own_bound",
+    "max_residual_deg",
+    "median_residual_deg",
+    "within_2_deg_percent",
+    "apart_deg",
+    "alpha_max_deg",
+    "normalized_alpha_max_deg",
+    "total_seconds",
+    "ratio",
+    "median_seconds",
+    "reference_seconds",
+)
+#: Metrics of the graph itself, which need no estimate.
+GRAPH_METRICS = ("lambda1", "lambda2", "lambda3", "fiedler")
+#: Angles up to which residuals of stationary rotations are safe; of the graph, with or without one.
+SAFE_ANGLES = ("alpha_max_deg", "normalized_alpha_max_deg")
+#: Metrics that compare with the optimum, which the certified pipeline finds first: F above it, and
+#: 100 where F is it, so that the mean is a share.
+OPTIMUM_METRICS = ("error", "global_percent")
+#: Metrics that compare with ground truth, where that is known, on the nodes that it knows.
+TRUTH_METRICS = (
+    *(f"{which}{norm}_deg" for norm in ("", "_l1") for which in ("mean", "median", "rmse")),
+    "f_gt",
+)
+#: Metrics measured under the timing protocol, against the table's reference.
+TIMING_METRICS = ("ratio", "median_seconds", "reference_seconds")
+#: Metrics that compare with the answer of the row's first method.
+COMPARING = ("apart_deg",)
+#: Columns of times, under the protocol or not.
+TIMES = ("seconds", "certify_seconds", "total_seconds", *TIMING_METRICS)
+#: A reference that is no method: one numeric factorization of the optimum's certificate matrix.
+FACTORIZATION = "factorization"
+FIELDS = ("verdict", "certified_by", "seconds", "status", "iterations", "counts")
+
+
+def _frozen(mapping: Mapping[str, Any]) -> MappingProxyType[str, Any]:
+    return MappingProxyType(dict(mapping))
+
+
+# Specifications travel to other processes.
+copyreg.pickle(MappingProxyType, lambda mapping: (_frozen, (dict(mapping),)))
+
+
+@dataclass(frozen=True)
+class Row:
+    """An instance: a dataset or file, or a synthetic one with a seed.
+
+    Attributes
+    ----------
+    dataset : name in the catalogue, or path of a file; empty for a synthetic row
+    label : what the table calls it, by default the dataset
+    reading : options for `certpgo.io.read`
+    judging : options for reading the graph that metrics are evaluated on, where it is another
+    rotations : of a pose graph, the rotations alone
+    known : the nodes alone whose truth is known, and the edges between them
+    methods : labels of the methods that run on this row; empty for all
+    generator : function of `certpgo.datasets.synthetic` or `certpgo.datasets.thesis`, called with
+        ``arguments``, ``rng`` and, if it takes that, ``data``, the folder to look in first
+    arguments : its keyword arguments
+    published : the key of this row in the table's published numbers
+    comparable : those are of this very instance; others are shown, never compared
+    components : of a graph that is not connected: ``"refuse"`` it, run ``"each"`` or the
+        ``"largest"``
+    settings : settings of single methods in this row alone, by the method's label
+    absent : why the row cannot be run by anybody, where that is known; it is shown nevertheless
+    """
+
+    dataset: str = ""
+    label: str = ""
+    reading: Mapping[str, Any] = field(default_factory=dict)
+    judging: Mapping[str, Any] | None = None
+    rotations: bool = False
+    known: bool = False
+    methods: tuple[str, ...] = ()
+    generator: str = ""
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    published: str = ""
+    comparable: bool = True
+    components: Components = "refuse"
+    settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    absent: str = ""
+
+    def __post_init__(self) -> None:
+        if bool(self.dataset) == bool(self.generator):
+            raise SpecError(f"row {self.label!r}: give either a dataset or a generator")
+        for name in ("reading", "arguments", "settings"):
+            object.__setattr__(self, name, _frozen(getattr(self, name)))
+        if not self.label:
+            object.__setattr__(self, "label", self.dataset or self.generator)
+
+    def runs(self, method: Method) -> bool:
+        """Whether the method is among the row's."""
+        return not self.methods or method.label in self.methods
+
+
+@dataclass(frozen=True)
+class Method(comparison.Competitor):
+    """A `certpgo.assess.comparison.Competitor` with what a table says of it besides.
+
+    Attributes
+    ----------
+    solver : name in the registry; empty for the graph itself (eigenvalues and the like)
+    start : the method whose answer is the initial estimate, or None
+    engine : factorization engine, by default the preferred one installed
+    max_nodes : larger graphs are not for it, or would take too long; None for any
+    published : metric to the column of the published numbers that holds it; of no solver, the
+        metrics to evaluate
+    printed : what the published numbers call the method, where they have a line a method: it is
+        joined to the row's key
+    """
+
+    start: Method | None = None
+    engine: str = ""
+    max_nodes: int | None = None
+    published: Mapping[str, str] = field(default_factory=dict)
+    printed: str = ""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "published", _frozen(self.published))
+
+
+def extended(method: comparison.Competitor) -> Method:
+    """A method of the library's comparison as one of a table."""
+    start = None if method.start is None else extended(method.start)
+    return Method(**{**vars(method), "start": start})
+
+
+@dataclass(frozen=True)
+class Column:
+    """A metric with its title and number format.
+
+    Attributes
+    ----------
+    key : one of `METRICS`, or a field of the record: one of `FIELDS`
+    title : the header
+    format : a format specification such as ``".6g"``
+    better : ``"lower"`` or ``"higher"`` numbers are better than printed ones, not only different
+    """
+
+    key: str
+    title: str
+    format: str = ".6g"
+    better: Literal["", "lower", "higher"] = ""
+
+    def __post_init__(self) -> None:
+        if self.key not in METRICS + FIELDS:
+            raise SpecError.unknown("column", self.key, METRICS + FIELDS)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of a report.
+
+    Attributes
+    ----------
+    name : name of its file
+    title, source : caption, and the citation of the numbers it is compared with
+    rows, methods, columns : what is run, by what, and what is shown
+    stand_ins : rows that are run when no row's file is here (files in the gtsam wheel)
+    optional : leave rows out whose file is not here, instead of showing them as not run
+    published : file of ``reports/published``, without suffix; empty for none
+    key : its column that holds a row's ``published`` key; several, joined by commas, make keys that
+        are joined by slashes
+    comparable : the printed numbers are of the same instances, or of draws of the same kind;
+        others are shown, never compared
+    summary : of the instances of a synthetic row only the ``"mean"`` is shown, or the ``"median"``
+        with quartiles; empty shows each
+    certify : judge every estimate with a certificate
+    reference : the method that the others are timed against, or None
+    seed, seeds : base seed, and how many instances a synthetic row stands for
+    quick : labels of the rows that the quick profile keeps
+    notes : sentences printed below the table
+    claims : what the paper says of it in words
+    explained : why printed numbers differ or cannot be had, by row, by method or by both with a
+        slash between; of lines that none of the rows stands for, by their key or a part of it
+    """
+
+    name: str
+    title: str
+    rows: tuple[Row, ...]
+    methods: tuple[Method, ...]
+    columns: tuple[Column, ...]
+    source: str = ""
+    stand_ins: tuple[Row, ...] = ()
+    optional: bool = False
+    published: str = ""
+    key: str = "dataset"
+    comparable: bool = True
+    summary: Literal["", "mean", "median"] = ""
+    certify: bool = True
+    reference: Method | None = None
+    seed: int = 0
+    seeds: int = 1
+    quick: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    claims: tuple[Claim, ...] = ()
+    explained: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "explained", _frozen(self.explained))
+        if not (self.rows and self.methods and self.columns):
+            raise SpecError(f"table {self.name}: rows, methods and columns must not be empty")
+        labels = [row.label for row in self.rows + self.stand_ins]
+        for kind, names in (("row", labels), ("method", [m.label for m in self.methods])):
+            _refuse_repetition(self.name, kind, names)
+        for label in (*self.quick, *(label for claim in self.claims for label in claim.rows)):
+            if label not in labels:
+                raise SpecError.unknown(f"row of table {self.name}", label, labels)
+        if self.reference is None and set(self.metrics) & set(TIMING_METRICS):
+            raise SpecError(f"table {self.name}: times are relative to a reference; give one")
+        if self.seeds < 1:
+            raise SpecError(f"table {self.name}: seeds must be at least 1, not {self.seeds}")
+
+    @property
+    def metrics(self) -> tuple[str, ...]:
+        """Keys of the columns that are evaluated."""
+        return tuple(column.key for column in self.columns if column.key in METRICS)
+
+
+def _refuse_repetition(table: str, kind: str, names: Iterable[str]) -> None:
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise SpecError(f"table {table}: two {kind}s are called {name!r}")
+        seen.add(name)

@@ -1,0 +1,1 @@
+"""Records as text: cells compared with published numbers, tables, pages and the report."""

@@ -1,0 +1,149 @@
+"""Every value a paper's table prints beside ours: reproduced, better, different or not run.
+
+Times are no value cells: machines and years differ, and only the order that they claim can be
+looked at, see `reports.harness.experiments.claims`. Nor are the columns that say what a row is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from statistics import fmean, median, stdev
+
+from reports.harness.experiments.records import Record
+from reports.harness.experiments.spec import Method, Row, Table
+from reports.harness.rendering.published import compared, published
+
+#: A printed number is reproduced within this many standard errors of our mean over the seeds.
+ERRORS = 2.0
+
+
+class CellStatus(StrEnum):
+    """What became of a printed number, the best first."""
+
+    REPRODUCED = "reproduced"
+    BETTER = "better"
+    DIFFERS = "differs"
+    NOT_RUN = "not run"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A printed value.
+
+    Attributes
+    ----------
+    key, column : its line and column in the published file
+    printed : as the paper prints it
+    found : what became of it
+    row, method, metric : ours that come nearest, or empty
+    ours : our number, or None
+    standard_error : of our mean over the seeds, or None of a single instance
+    reason : why it differs, is better or was not run
+    """
+
+    key: str
+    column: str
+    printed: str
+    found: CellStatus
+    row: str = ""
+    method: str = ""
+    metric: str = ""
+    ours: float | None = None
+    standard_error: float | None = None
+    reason: str = ""
+
+
+def is_time(metric: str) -> bool:
+    """Whether the metric is a time, or a ratio of times."""
+    return metric == "ratio" or metric.endswith("_seconds")
+
+
+def value_columns(table: Table) -> tuple[str, ...]:
+    """The published columns that hold values: those of some method's metric that is no time."""
+    columns = (
+        column
+        for method in table.methods
+        for metric, column in method.published.items()
+        if not is_time(metric)
+    )
+    return tuple(dict.fromkeys(columns))
+
+
+def cells(table: Table, records: Iterable[Record]) -> tuple[Cell, ...]:
+    """Every value that the paper's table prints, whether or not it is among our rows.
+
+    Where several of our rows or methods stand for one, the best of them counts.
+    """
+    return tuple(_cells(table, list(records)))
+
+
+def _cells(table: Table, records: Sequence[Record]) -> Iterator[Cell]:
+    if not table.published:
+        return
+    places: dict[tuple[str, str], list[tuple[Row, Method, str]]] = {}
+    for row in table.rows + table.stand_ins:
+        for method in filter(row.runs, table.methods):
+            for metric, column in method.published.items():
+                if row.published:
+                    key = "/".join(filter(None, (row.published, method.printed)))
+                    places.setdefault((key, column), []).append((row, method, metric))
+    for key, line in published(table.published, table.key).items():
+        for column in value_columns(table):
+            printed = line.get(column)
+            if not printed:
+                continue
+            blank = Cell(key, column, printed, CellStatus.NOT_RUN, reason=_said_of_line(table, key))
+            ours = places.get((key, column), ())
+            found = [_judged(table, blank, *place, records) for place in ours]
+            yield min(found, key=lambda cell: list(CellStatus).index(cell.found), default=blank)
+
+
+def _judged(
+    table: Table, blank: Cell, row: Row, method: Method, metric: str, records: Sequence[Record]
+) -> Cell:
+    mine = [r for r in records if (r.row, r.method) == (row.label, method.label)]
+    values = [value for r in mine if (value := r.metrics.get(metric)) is not None]
+    said = explanation(table, row.label, method.label)
+    cell = replace(blank, row=row.label, method=method.label, metric=metric)
+    if not values:
+        failed = next((r.error for r in mine if r.error), "").removeprefix("not run: ")
+        return replace(cell, reason=failed or (said if mine else "") or "no record")
+    ours = median(values) if table.summary == "median" else fmean(values)
+    error = _standard_error(values)
+    cell = replace(cell, ours=ours, standard_error=error, reason="")
+    if not (table.comparable and row.comparable):
+        return replace(cell, reason=said or "of another instance")
+    better = {column.key: column.better for column in table.columns}
+    comparison = compared(blank.printed, ours, better.get(metric, ""))
+    away = abs(fmean(values) - float(blank.printed))
+    if comparison.agrees or (error is not None and away <= ERRORS * error):
+        return replace(cell, found=CellStatus.REPRODUCED)
+    found = CellStatus.BETTER if comparison.is_better else CellStatus.DIFFERS
+    return replace(cell, found=found, reason=said)
+
+
+def _standard_error(values: Sequence[float]) -> float | None:
+    count = len(values)
+    return float(stdev(values) / count**0.5) if count > 1 else None
+
+
+def explanation(table: Table, row: str, method: str) -> str:
+    """What the table says of the method on that row, of the row, or of the method."""
+    said = (table.explained.get(key, "") for key in (f"{row}/{method}", row, method))
+    return next(filter(None, said), "")
+
+
+def _said_of_line(table: Table, key: str) -> str:
+    """What the table says of a line that none of its rows stands for."""
+    said = (table.explained.get(part, "") for part in (key, *key.split("/")))
+    return next(filter(None, said), "not among our rows")
+
+
+def tally(found: Iterable[Cell]) -> dict[CellStatus, int]:
+    """How many cells became what."""
+    counts = dict.fromkeys(CellStatus, 0)
+    for cell in found:
+        counts[cell.found] += 1
+    return counts

@@ -1,0 +1,6 @@
+"""Markdown: sections, printed values, claims and notes."""
+
+from reports.harness.rendering.formats import Form
+from reports.harness.rendering.render import markdown
+
+FORM = Form("md", "Markdown", markdown)

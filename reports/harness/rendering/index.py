@@ -1,0 +1,163 @@
+"""The report's first page: what was reproduced, in numbers, and where to find it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+from certpgo.io.plural import counted
+from certpgo.view.markdown_tables import markdown_table
+from reports.harness.experiments import claim_outcomes
+from reports.harness.experiments.claim_outcomes import ClaimOutcome
+from reports.harness.rendering import cells
+from reports.harness.rendering.cells import Cell
+from reports.harness.rendering.citations import citation
+from reports.harness.rendering.formats import forms
+from reports.harness.rendering.results import FigureResult, TableResult
+
+INTRODUCTION = """\
+Rendered from the records by `certpgo report`, a pure function of them. A printed value is
+reproduced when ours rounds to the printed digits or, of a mean over seeds, when it lies within two
+standard errors of our mean; it is better where lower or higher numbers are, and ours is. Where
+several of our readings stand for one value, the nearest counts. Every value of the papers' tables
+is counted, whether or not it could be run. Times are no such values, nor is what says what a row is
+of: of times the order that is claimed is looked at, among the claims. Where a claim names no
+tolerance, the one in its sentence is ours."""
+
+
+def index(tables: Sequence[TableResult], figures: Sequence[FigureResult]) -> str:
+    """The page as Markdown."""
+    lines = ["# Tables and figures, the papers' numbers beside ours", ""]
+    lines += [f"**{summary(tables, figures)}**", "", INTRODUCTION, ""]
+    if any(getattr(r, "profile", "") == "quick" for t in tables for r in t.records):
+        lines += ["**Results of the quick profile: of a part of the rows alone.**", ""]
+    lines += ["## Printed values by table", "", *_by_table(tables), ""]
+    lines += ["## Printed values that differ", "", *_reasons(tables, cells.CellStatus.DIFFERS), ""]
+    lines += ["## Printed values not run", "", *_reasons(tables, cells.CellStatus.NOT_RUN), ""]
+    lines += ["## Claims", "", *_claims(tables, figures), ""]
+    lines += ["## Tables", "", *_tables(tables), ""]
+    lines += ["## Figures", "", *_figures(figures), ""]
+    lines += ["## Environment", "", *_environment(tables, figures), ""]
+    return "\n".join(lines)
+
+
+def summary(tables: Sequence[TableResult], figures: Sequence[FigureResult]) -> str:
+    """What became of the papers' printed values and claims, in two sentences."""
+    found = [cell for table in tables for cell in table.cells]
+    outcomes = [outcome for _, about in _named(tables, figures) for outcome in about]
+    return f"{_of_cells(found)} {_of_claims(outcomes)}"
+
+
+def _of_cells(found: Sequence[Cell]) -> str:
+    counts = cells.tally(found)
+    unexplained = sum(c.found is cells.CellStatus.DIFFERS and not c.reason for c in found)
+    why = f", {unexplained} of them unexplained" if unexplained else ", each explained"
+    reproduced, better = counts[cells.CellStatus.REPRODUCED], counts[cells.CellStatus.BETTER]
+    differing = counts[cells.CellStatus.DIFFERS]
+    ran = reproduced + better + differing
+    share = f" ({100 * (reproduced + better) / ran:.0f} %)" if ran else ""
+    return (
+        f"Of {counted(len(found), 'value{s}')} printed in the papers' tables {ran} were run: "
+        f"{reproduced} reproduced and {better} better{share}, "
+        f"{differing} different{why if differing else ''}; "
+        f"{counts[cells.CellStatus.NOT_RUN]} were not run."
+    )
+
+
+def _of_claims(outcomes: Sequence[ClaimOutcome]) -> str:
+    held, differ, open_ = _tally(outcomes)
+    return (
+        f"Of {counted(len(outcomes), 'claim{s}')} of the papers {held} hold, {differ} differ and "
+        f"{open_} were not run."
+    )
+
+
+def _tally(outcomes: Iterable[ClaimOutcome]) -> tuple[int, int, int]:
+    found = [outcome.found for outcome in outcomes]
+    holds, differs, not_run = (found.count(kind) for kind in claim_outcomes.ClaimStatus)
+    return holds, differs, not_run
+
+
+def _by_table(tables: Sequence[TableResult]) -> list[str]:
+    kinds = list(cells.CellStatus)
+    rows = []
+    total = dict.fromkeys(kinds, 0)
+    for result in tables:
+        if result.cells:
+            counts = cells.tally(result.cells)
+            total = {kind: total[kind] + counts[kind] for kind in kinds}
+            rows.append((_link(result), *_numbers(len(result.cells), counts)))
+    rows.append(("all", *_numbers(sum(total.values()), total)))
+    return markdown_table(("table", "printed", *(kind.value for kind in kinds)), rows)
+
+
+def _numbers(printed: int, counts: Mapping[cells.CellStatus, int]) -> tuple[str, ...]:
+    return str(printed), *(str(count) for count in counts.values())
+
+
+def _reasons(tables: Iterable[TableResult], found: cells.CellStatus) -> list[str]:
+    """Why values differ or were not run, and how many of each table."""
+    counts = Counter(
+        (result.table.name, cell.reason or "not explained")
+        for result in tables
+        for cell in result.cells
+        if cell.found is found
+    )
+    rows = [(name, str(count), reason) for (name, reason), count in counts.items()]
+    return markdown_table(("table", "values", "because"), rows) if rows else ["None."]
+
+
+def _claims(tables: Iterable[TableResult], figures: Iterable[FigureResult]) -> list[str]:
+    rows = [
+        (name, outcome.claim.text, outcome.claim.source, outcome.told)
+        for name, outcomes in _named(tables, figures)
+        for outcome in outcomes
+    ]
+    return markdown_table(("of", "claim", "where", "found"), rows) if rows else ["None."]
+
+
+def _named(
+    tables: Iterable[TableResult], figures: Iterable[FigureResult]
+) -> Iterator[tuple[str, tuple[ClaimOutcome, ...]]]:
+    yield from ((result.table.name, result.claims) for result in tables)
+    yield from ((result.figure.name, result.claims) for result in figures)
+
+
+def _tables(tables: Iterable[TableResult]) -> list[str]:
+    rows = []
+    for result in tables:
+        ends = (f"[{f.title}]({result.table.name}.{f.suffix})" for f in forms().values())
+        files = ", ".join(ends) if result.records else "not run"
+        cited = result.table.published or result.table.name
+        rows.append((result.table.name, result.table.title, files, _cite(cited)))
+    return markdown_table(("table", "title", "files", "cite"), rows)
+
+
+def _figures(figures: Iterable[FigureResult]) -> list[str]:
+    rows = []
+    for result in figures:
+        name = result.figure.name
+        file = "not made" if result.drawing is None else f"[SVG]({name}.svg)"
+        rows.append((name, result.figure.title, file, _cite(name)))
+    return markdown_table(("figure", "title", "file", "cite"), rows)
+
+
+def _cite(name: str) -> str:
+    return f"`{name.partition('_')[0]}` in [sources.bib](sources.bib)" if citation(name) else ""
+
+
+def _link(result: TableResult) -> str:
+    name = result.table.name
+    return f"[{name}]({name}.md)" if result.records else name
+
+
+def _environment(tables: Iterable[TableResult], figures: Iterable[FigureResult]) -> Iterator[str]:
+    origins = [r.provenance for t in tables for r in t.records if r.provenance]
+    origins += [f.document.get("provenance", {}) for f in figures if f.document is not None]
+    for key in sorted({key for origin in origins for key in origin}):
+        values = dict.fromkeys(sorted(str(origin[key]) for origin in origins if key in origin))
+        if key == "date" and len(values) > 1:
+            first, *_, last = values
+            yield f"- {key}: {first} to {last}"
+        else:
+            yield f"- {key}: {' | '.join(values)}"
