@@ -57,14 +57,12 @@ def command(
     """Run methods on graphs and print cost, proven gap, verdict and time of each."""
     from dataclasses import asdict
 
-    from certpgo.assess.comparison import METHODS, NOTES, TITLE
+    from certpgo.assess.comparison import METHODS, NOTES
 
     chosen = METHODS if methods is None else _methods(methods.split(","))
     names = tuple(dict.fromkeys(graphs)) if graphs else _usual(reading, quick)
     for name in names:
         reading.locate(name)  # said before the work, and downloaded where it was asked for
-    if not json:
-        typer.echo(TITLE)
     found: list[MethodResult] = []
     unread: list[str] = []
     interrupted = False
@@ -101,7 +99,7 @@ def _compare(
     part: Instance, methods: Sequence[Competitor], found: list[MethodResult], *, shown: bool
 ) -> None:
     """Append the results on a connected graph as they are made, and show those there are."""
-    from certpgo.assess.comparison import compare
+    from certpgo.assess.comparison import TITLE, compare
 
     before = len(found)
     try:
@@ -113,7 +111,7 @@ def _compare(
             found += compare(part, methods, announce=announce)
     finally:
         if shown and len(found) > before:
-            typer.echo()
+            typer.echo("" if before else f"{TITLE}\n")
             table(*_section(found[before:]))
 
 

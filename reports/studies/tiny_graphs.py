@@ -2,9 +2,9 @@
 
     python -m reports.studies.tiny_graphs 10000
 
-Graphs of `reports.harness.certifiers.campaign.uneven_graph`, by seed. Prints how often each function
-gave which verdict or documented refusal, and every exception that is none of these; exit code 1 if
-there was one.
+Graphs of `reports.harness.certifiers.campaign.uneven_graph`, by seed. Prints how often each
+function gave which verdict or documented refusal, and every exception that is none of these; exit
+code 1 if there was one.
 """
 
 import argparse

@@ -9,7 +9,6 @@ import pytest
 
 import certpgo as package
 from certpgo.cli import command_names
-from reports.harness.experiments.records import read_records
 
 
 def test_help_lists_every_command(certpgo):
@@ -278,6 +277,10 @@ def test_info_of_a_disconnected_graph_is_no_error(certpgo, tmp_path):
     assert len(certpgo("info", path, "--components", "each", "--json").json["spectra"]) == 2
 
 
+def results(folder):
+    return [json.loads(line) for line in (folder / "compare.jsonl").read_text().splitlines()]
+
+
 def test_compare_prints_and_writes(certpgo, square, tmp_path):
     out = tmp_path / "results"
     methods = ("--methods", "spanning_tree,eigen_ma + newton")
@@ -285,8 +288,7 @@ def test_compare_prints_and_writes(certpgo, square, tmp_path):
     assert done.code == 0
     assert "CERTIFIED" in done.out
     assert sorted(path.name for path in out.iterdir()) == ["compare.jsonl", "compare.md"]
-    records = read_records(out / "compare.jsonl")
-    assert [record.method for record in records] == ["spanning_tree", "eigen_ma + newton"]
+    assert [found["method"] for found in results(out)] == ["spanning_tree", "eigen_ma + newton"]
     assert "| spanning_tree |" in (out / "compare.md").read_text()
 
 
@@ -294,7 +296,7 @@ def test_compare_reads_as_it_is_told(certpgo, square, tmp_path):
     common = ("compare", square, "--methods", "newton", "--out", tmp_path / "r", "--json")
     [file], [unit] = certpgo(*common).json, certpgo(*common, "--unit-weights").json
     assert (file["reading"]["weights"], unit["reading"]["weights"]) == ("file", "unit")
-    assert file["metrics"]["cost"] != unit["metrics"]["cost"]
+    assert file["cost"] != unit["cost"]
 
 
 def test_compare_takes_components_one_by_one(certpgo, tmp_path):
@@ -302,12 +304,13 @@ def test_compare_takes_components_one_by_one(certpgo, tmp_path):
     lines = [f"EDGE_SE2 {i} {i + 1} 1 0 0.1 1 0 0 1 0 1" for i in (0, 1, 5)]
     path.write_text("\n".join(lines) + "\n")
     common = ("compare", path, "--methods", "newton", "--out", tmp_path / "r", "--json")
-    [refused] = certpgo(*common).json
-    assert "2 components of 3, 2 nodes" in refused["error"]
+    refused = certpgo(*common)
+    assert (refused.code, refused.out) == (1, "")
+    assert "2 components of 3, 2 nodes" in refused.err
     parts = certpgo(*common, "--components", "each").json
-    assert [record["n"] for record in parts] == [3, 2]
-    assert len({record["part"] for record in parts}) == 2
-    assert all(record["verdict"] == "CERTIFIED" for record in parts)
+    assert [found["nodes"] for found in parts] == [3, 2]
+    assert len({found["graph"] for found in parts}) == 2
+    assert all(found["verdict"] == "CERTIFIED" for found in parts)
 
 
 def test_compare_leaves_out_methods_for_other_graphs_unless_asked(certpgo, tmp_path):
@@ -316,7 +319,7 @@ def test_compare_leaves_out_methods_for_other_graphs_unless_asked(certpgo, tmp_p
     path = tmp_path / "cycle.npz"
     package.write(path, winding_cycle(5, 0.1, 0)[0])
     common = ("compare", path, "--out", tmp_path / "r", "--json")
-    methods = [record["method"] for record in certpgo(*common).json]
+    methods = [found["method"] for found in certpgo(*common).json]
     assert "eigen_ra" in methods
     assert "eigen_ma" not in methods
     [asked] = certpgo(*common, "--methods", "eigen_ma").json
@@ -327,27 +330,41 @@ def test_compare_leaves_out_methods_for_other_graphs_unless_asked(certpgo, tmp_p
 def test_an_interrupted_comparison_keeps_what_is_done(
     certpgo, square, tmp_path, monkeypatch, count
 ):
-    from reports.harness.experiments import plan
+    from certpgo.assess import comparison
 
     common = ("compare", square, "--methods", "newton,eigen_ma", "--out", tmp_path / "r")
     certpgo(*common)
     before = {path.name: path.read_bytes() for path in (tmp_path / "r").iterdir()}
-    whole = plan.run_case
+    whole = comparison.compare
 
     def interrupted(*args, **kwargs):
         yield from islice(whole(*args, **kwargs), count)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(plan, "run_case", interrupted)
+    monkeypatch.setattr(comparison, "compare", interrupted)
     done = certpgo(*common)
     assert done.code == 130
     assert "interrupted" in done.err
     after = {path.name: path.read_bytes() for path in (tmp_path / "r").iterdir()}
-    assert after.keys() == before.keys()
-    assert after["compare.jsonl"].startswith(before["compare.jsonl"])
-    assert len(read_records(tmp_path / "r" / "compare.jsonl")) == 2 + count
-    assert (b"Interrupted" in after["compare.md"]) == bool(count)
-    assert after["compare.md"].count(b"eigen_ma") == (0 if count else 1)
+    if not count:
+        assert after == before
+        return
+    assert [found["method"] for found in results(tmp_path / "r")] == ["newton"]
+    assert b"Interrupted" in after["compare.md"]
+    assert "newton" in done.out
+
+
+def test_a_method_that_breaks_is_a_row_with_the_reason(certpgo, square, tmp_path, monkeypatch):
+    from certpgo.solvers.spanning_tree import SpanningTree
+
+    def breaks(self, problem, **more):
+        raise ZeroDivisionError("by design\nand more")
+
+    monkeypatch.setattr(SpanningTree, "solve", breaks)
+    methods = ("--methods", "spanning_tree,newton")
+    broken, fine = certpgo("compare", square, *methods, "--out", tmp_path / "r", "--json").json
+    assert (broken["error"], broken["cost"]) == ("ZeroDivisionError: by design", None)
+    assert fine["verdict"] == "CERTIFIED"
 
 
 def test_a_named_graph_that_cannot_be_read_fails_the_comparison(certpgo, square, tmp_path):
@@ -361,7 +378,7 @@ def test_a_named_graph_that_cannot_be_read_fails_the_comparison(certpgo, square,
     mixed = certpgo("compare", square, bad, *common)
     assert mixed.code == 1
     assert "bad.g2o:1" in mixed.err
-    assert len(read_records(tmp_path / "r" / "compare.jsonl")) == 2
+    assert len(results(tmp_path / "r")) == 1
 
 
 def test_reproduce_quick_writes_elsewhere(certpgo, tmp_path):

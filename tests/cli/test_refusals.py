@@ -144,9 +144,15 @@ def test_what_is_no_estimate_is_told_where_to_go():
         certify(problem, "estimate.tum")
 
 
-def test_without_a_checkout_compare_says_so(certpgo, square, tmp_path, monkeypatch):
+def test_without_a_checkout_reproduce_says_so(certpgo, tmp_path, monkeypatch):
     monkeypatch.setenv("CERTPGO_REPOSITORY", str(tmp_path))
-    fails_in_one_line(certpgo("compare", square), "need the checkout")
+    fails_in_one_line(certpgo("reproduce", "compare"), "needs certpgo's checkout")
+
+
+def test_compare_needs_no_checkout(certpgo, square, tmp_path, monkeypatch):
+    monkeypatch.setenv("CERTPGO_REPOSITORY", str(tmp_path))
+    done = certpgo("compare", square, "--methods", "newton", "--out", tmp_path / "r")
+    assert (done.code, "CERTIFIED" in done.out) == (0, True)
 
 
 @pytest.mark.parametrize(

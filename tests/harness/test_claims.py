@@ -3,6 +3,7 @@
 import pytest
 
 from certpgo.errors import SpecError
+from reports.harness.experiments import claim_outcomes
 from reports.harness.experiments.claims import (
     Claim,
     ClaimStatus,

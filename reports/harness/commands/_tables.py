@@ -58,7 +58,6 @@ def run_report(
 
 def run_all(names: Iterable[str], order: Order, pool: Pool, *, json: bool) -> int:
     """Run tables and figures as one, print a line each, and write them into a folder."""
-
     from reports.harness.experiments import scan
 
     reports: dict[str, Report] = {}

@@ -43,7 +43,6 @@ def command(
 
     Only what has no result yet is run: a run that was stopped goes on.
     """
-
     from reports.harness.experiments import scan
     from reports.harness.experiments.execute import Pool
     from reports.harness.experiments.figure import Figure

@@ -8,7 +8,7 @@ import pytest
 
 from certpgo import registry
 from certpgo.errors import InputError, SpecError
-from reports.harness.experiments import scan
+from reports.harness.experiments import claim_outcomes, scan
 from reports.harness.experiments.figure import Figure, computed, publish, rendered
 
 

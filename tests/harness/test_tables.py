@@ -7,7 +7,7 @@ import pytest
 from certpgo import registry
 from certpgo.errors import InputError
 from certpgo.registry import build
-from reports.harness.experiments import scan
+from reports.harness.experiments import claim_outcomes, scan
 from reports.harness.experiments.figure import Figure
 from reports.harness.experiments.records import from_line, latest, read_records, to_line
 from reports.harness.experiments.runner import run_table
