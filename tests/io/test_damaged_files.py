@@ -1,11 +1,9 @@
 """Whatever the bytes of a file, its reader gives an answer or one line that names the file."""
 
-import importlib
 import struct
 import zipfile
 import zlib
 from io import BytesIO
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,9 +21,9 @@ from certpgo.io.matlab import sparse_pattern
 SAMPLE = 350
 
 
-def test_a_sample_of_the_benchmark(tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "reports")
-    fuzz = importlib.import_module("fuzz_readers")
+def test_a_sample_of_the_benchmark(tmp_path):
+    from reports.studies import fuzz_readers as fuzz
+
     tally, fuzzer = fuzz.Tally(), fuzz.Fuzzer(15, fuzz.samples(), tmp_path)
     for number in range(SAMPLE):
         fuzzer.judge(number, tally)
