@@ -10,9 +10,9 @@ import numpy as np
 
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
+from certpgo.graph.lift import Lift, rounded
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.lift import Lift, rounded
 from certpgo.objective.problem import Problem
 from certpgo.optimize.monitor import Stopwatch
 from certpgo.optimize.solution import Status

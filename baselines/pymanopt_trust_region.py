@@ -9,8 +9,8 @@ import numpy as np
 
 from certpgo.errors import MissingDependency, SpecError
 from certpgo.graph import Estimate
+from certpgo.graph.lift import Lift, lifted, rounded
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.lift import Lift, lifted, rounded
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.solution import Solution, Status

@@ -3,142 +3,180 @@
 import ast
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "certpgo"
+HARNESS = ROOT / "reports" / "harness"
 FILES = sorted(PACKAGE.rglob("*.py"))
+HARNESS_FILES = sorted(HARNESS.rglob("*.py"))
 
-#: Lower imports nothing higher; names of one rank never import one another.
+#: The order of reading: a room imports from rooms of lower rank alone.
 RANKS = {
     "checker": 0,
     "errors": 0,
-    "monitor": 0,
     "linalg": 1,
+    "registry": 1,
     "graph": 2,
-    "estimate": 2,
-    "cycles": 3,
-    "bridges": 3,
-    "trees": 3,
-    "lift": 3,
-    "io": 4,
+    "io": 3,
+    "objective": 3,
     "datasets": 4,
-    "operators": 4,
-    "objective": 5,
-    "problem": 5,
-    "solution": 6,
-    "progress": 6,
-    "reduced": 6,
-    "averaging": 7,
-    "consistency": 8,
-    "newton": 7,
-    "spectral": 7,
-    "starts": 8,
-    "roundings": 8,
-    "solvers": 8,
-    "certify": 8,
-    "metrics": 8,
-    "staircase": 9,
-    "disagreement": 9,
-    "solve": 10,
-    "registry": 11,
-    "robust": 11,
-    "harness": 11,
-    "cli": 12,
-    "__init__": 13,
+    "optimize": 4,
+    "certify": 5,
+    "solvers": 6,
+    "assess": 7,
+    "view": 8,
+    "__init__": 8,
+    "cli": 9,
 }
-#: Of one rank, and yet: an estimate is checked against nothing of a graph but for its type; the
-#: catalogue reads what it finds; a problem is an objective; the harness finds methods by name.
-SIBLINGS = {
-    ("problem", "objective"),
-    ("progress", "solution"),
-    ("graph", "estimate"),
-    ("datasets", "io"),
-    ("harness", "registry"),
+HARNESS_RANKS = {
+    "experiments": 0,
+    "rendering": 1,
+    "certifiers": 1,
+    "scaling": 1,
+    "commands": 2,
 }
 
 #: Third-party packages with one home each.
 HOMES = {
-    "cvxpy": ("solvers/sdp_",),
-    "cvxopt": ("linalg/factor.py",),
-    "pymetis": ("linalg/factor.py",),
-    "pooch": ("datasets/lookup.py",),
-    "typer": ("cli/",),
-    "rich": ("cli/",),
-    "threadpoolctl": ("certify/proof.py",),
-    "jinja2": ("view/page.py",),
+    "cvxpy": ("certpgo/solvers/sdp_",),
+    "cvxopt": ("certpgo/linalg/factor.py",),
+    "pymetis": ("certpgo/linalg/factor.py",),
+    "pooch": ("certpgo/datasets/lookup.py",),
+    "typer": ("certpgo/cli/", "reports/harness/commands/"),
+    "rich": ("certpgo/cli/", "reports/harness/commands/"),
+    "threadpoolctl": ("certpgo/certify/proof.py", "reports/harness/experiments/timing.py"),
+    "jinja2": ("certpgo/view/page.py",),
+    "flint": ("reports/harness/certifiers/oracle.py",),
+    "matplotlib": ("reports/harness/experiments/figure.py",),
+    "joblib": ("reports/harness/experiments/execute.py",),
+    "distributed": ("reports/harness/experiments/execute.py",),
+    "ray": ("reports/harness/experiments/execute.py",),
     "gtsam": (),
 }
+#: Lines of a file; the checker is one file, so that it can be copied and read alone.
+LONGEST, CHECKER = 400, 900
+#: Lines of a function, without its signature and docstring.
+LONGEST_FUNCTION = 80
 
 
-def part(path):
-    """The part of the house a file belongs to: a folder or module below the package."""
-    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+@cache
+def tree(path):
+    """A file's syntax tree: parsed once."""
+    return ast.parse(path.read_text())
 
 
+@cache
 def imports(path):
-    """Absolute names of the modules a file imports, with those under TYPE_CHECKING."""
-    for node in ast.walk(ast.parse(path.read_text())):
+    """Absolute names of the modules a file imports, and of what it takes from them."""
+    names = []
+    for node in ast.walk(tree(path)):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
-            parents = (PACKAGE.name, *path.relative_to(PACKAGE).parts)
-            base = ".".join(parents[: -node.level]) if node.level else ""
-            module = ".".join(filter(None, (base, node.module)))
-            yield module
-            yield from (f"{module}.{alias.name}" for alias in node.names)
+            assert node.level == 0, f"{path}: imports are absolute"
+            names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+    return names
 
 
-def house_imports(path):
+def inner(path, root):
+    """The parts of a file's path below a root, without suffix."""
+    return path.relative_to(root).with_suffix("").parts
+
+
+def rooms_imported(path, prefix, ranks):
     for name in imports(path):
-        head, _, rest = name.partition(".")
-        first = rest.partition(".")[0]
-        if head == "certpgo" and first in RANKS:
-            yield first
+        rest = name.removeprefix(prefix)
+        if rest != name and (room := rest.partition(".")[0]) in ranks:
+            yield room
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_imports_point_down(path):
-    own = part(path)
-    if own == "checker":
-        assert list(house_imports(path)) == []
-        return
-    assert own in RANKS, f"{own} has no rank: say where it stands"
-    for other in house_imports(path):
-        below = RANKS[other] < RANKS[own] or other == own or (own, other) in SIBLINGS
-        assert below, f"{path.relative_to(ROOT)} imports {other}"
+@pytest.mark.parametrize(
+    ("root", "prefix", "ranks"),
+    [(PACKAGE, "certpgo.", RANKS), (HARNESS, "reports.harness.", HARNESS_RANKS)],
+    ids=["certpgo", "harness"],
+)
+def test_imports_point_down(root, prefix, ranks):
+    for path in sorted(root.rglob("*.py")):
+        own = inner(path, root)[0]
+        if root == HARNESS and own == "__init__":
+            continue
+        assert own in ranks, f"{own} has no rank: say where it stands"
+        for other in rooms_imported(path, prefix, ranks):
+            below = ranks[other] < ranks[own] or other == own
+            assert below, f"{path.relative_to(ROOT)} imports {other}"
 
 
-def test_nothing_imports_baselines_or_reports():
+def test_no_files_import_each_other_in_a_circle():
+    files = {".".join(inner(path, ROOT)).removesuffix(".__init__"): path for path in FILES}
+    files |= {".".join(inner(path, ROOT)).removesuffix(".__init__"): path for path in HARNESS_FILES}
+    number = {name: k for k, name in enumerate(files)}
+    edges = [
+        (number[name], number[other])
+        for name, path in files.items()
+        for other in imports(path)
+        # A package's door is imported with everything behind it.
+        if other in files and files[other].name != "__init__.py"
+    ]
+    i, j = zip(*edges, strict=True)
+    graph = coo_array(([1] * len(edges), (i, j)), shape=(len(files), len(files)))
+    _, labels = connected_components(graph, directed=True, connection="strong")
+    circles = {}
+    for name, label in zip(files, labels, strict=True):
+        circles.setdefault(label, []).append(name)
+    assert [circle for circle in circles.values() if len(circle) > 1] == []
+
+
+def test_the_library_imports_nothing_of_the_checkout():
     for path in FILES:
         heads = {name.partition(".")[0] for name in imports(path)}
         assert not heads & {"baselines", "reports", "tests"}, path
 
 
-@pytest.mark.parametrize("package", sorted(HOMES))
-def test_third_party_packages_have_one_home(package):
-    for path in FILES:
-        relative = path.relative_to(PACKAGE).as_posix()
-        if package in {name.partition(".")[0] for name in imports(path)}:
-            assert relative.startswith(HOMES[package]) if HOMES[package] else False, relative
+def test_third_party_packages_have_one_home():
+    for path in [*FILES, *HARNESS_FILES]:
+        relative = path.relative_to(ROOT).as_posix()
+        heads = {name.partition(".")[0] for name in imports(path)}
+        for package in heads & HOMES.keys():
+            assert relative.startswith(HOMES[package]), f"{relative} imports {package}"
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_no_assert_and_no_print(path):
-    for node in ast.walk(ast.parse(path.read_text())):
-        assert not isinstance(node, ast.Assert), f"{path}:{node.lineno}"
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-            assert node.func.id != "print", f"{path}:{node.lineno}"
+def test_no_assert_and_no_print():
+    for path in [*FILES, *HARNESS_FILES]:
+        for node in ast.walk(tree(path)):
+            place = f"{path}:{getattr(node, 'lineno', 0)}"
+            assert not isinstance(node, ast.Assert), place
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+                assert node.func.id != "print", place
 
 
-def test_no_module_is_above_400_lines():
-    long = {str(path): len(path.read_text().splitlines()) for path in FILES}
-    long = {path: lines for path, lines in long.items() if lines > 400}
-    # One file, so that it can be copied and read alone.
-    assert list(long) == [str(PACKAGE / "checker.py")]
-    assert long.popitem()[1] <= 900
+def test_no_file_is_long():
+    for path in [*FILES, *HARNESS_FILES]:
+        limit = CHECKER if path.name == "checker.py" else LONGEST
+        assert len(path.read_text().splitlines()) <= limit, path
+
+
+def test_no_function_is_long():
+    for path in [*FILES, *HARNESS_FILES]:
+        for node in ast.walk(tree(path)):
+            if isinstance(node, ast.FunctionDef):
+                body = node.body[1:] if ast.get_docstring(node) else node.body
+                lines = node.end_lineno - body[0].lineno + 1 if body else 0
+                assert lines <= LONGEST_FUNCTION, f"{path}:{node.lineno} {node.name}"
+
+
+def test_one_name_is_one_class():
+    places = {}
+    for path in [*FILES, *HARNESS_FILES]:
+        for node in tree(path).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places.setdefault(node.name, []).append(path.name)
+    assert {name: where for name, where in places.items() if len(where) > 1} == {}
 
 
 def test_the_checker_imports_numpy_and_the_standard_library_alone():

@@ -19,8 +19,8 @@ from certpgo.certify.proof import exact_cost, exact_graph, proven_bound
 from certpgo.certify.units import in_units, unit_of
 from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.graph import Estimate
+from certpgo.graph.lift import Point
 from certpgo.linalg import factor
-from certpgo.objective.lift import Point
 from certpgo.objective.problem import Problem
 from certpgo.optimize.newton import newton
 from certpgo.optimize.solution import Status

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from certpgo.graph.lift import Point
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.eigen import krylov_schur
-from certpgo.objective.lift import Point
 from certpgo.objective.problem import Problem
 from certpgo.objective.reduced import Reduced
 

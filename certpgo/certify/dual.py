@@ -20,10 +20,10 @@ import numpy as np
 from certpgo.certify.residual import measured_residual
 from certpgo.certify.rounding import U, rotation_defect
 from certpgo.certify.shifted import Shifted
+from certpgo.graph.lift import Point
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal, pinned, scatter_sum
 from certpgo.linalg.factor import Factor
-from certpgo.objective.lift import Point
 from certpgo.objective.problem import PoseProblem, Problem
 
 #: First shift tried, in units of rounding of the mean diagonal; then this much more each time.

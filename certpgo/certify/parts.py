@@ -19,9 +19,9 @@ from scipy.sparse import csgraph
 from certpgo.certify.dual import DualBound
 from certpgo.graph import Estimate
 from certpgo.graph.bridges import bridges
+from certpgo.graph.lift import Point
 from certpgo.linalg.arrays import IntArray
 from certpgo.linalg.blocks import adjacency
-from certpgo.objective.lift import Point
 from certpgo.objective.problem import PoseProblem, Problem, problem_of
 from certpgo.optimize.newton import newton
 

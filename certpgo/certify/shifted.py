@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.certify.rounding import U
+from certpgo.graph.lift import Point
 from certpgo.linalg.arrays import BoolArray, FloatArray
-from certpgo.objective.lift import Point
 from certpgo.objective.problem import PoseProblem, Problem
 
 

@@ -11,12 +11,12 @@ import numpy as np
 
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph.lift import Point
 from certpgo.linalg import factor
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.blocks import BlockPattern, expand, pinned
 from certpgo.linalg.factor import Factor, Symbolic
 from certpgo.objective import operators
-from certpgo.objective.lift import Point
 
 AnyProblem = TypeVar("AnyProblem", bound="Objective")
 

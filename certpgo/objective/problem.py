@@ -15,13 +15,13 @@ import numpy as np
 from certpgo.errors import GraphError, InputError, NumericalError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.graph import require_connected
+from certpgo.graph.lift import Point
 from certpgo.linalg import network, so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.factor import Factor
 from certpgo.objective import operators
 from certpgo.objective.base import FirstOrder, Objective
-from certpgo.objective.lift import Point
 
 AnyPoint = TypeVar("AnyPoint", bound=Point)
 

@@ -14,9 +14,9 @@ from itertools import islice
 import numpy as np
 
 from certpgo.graph import Estimate
+from certpgo.graph.lift import Lift, Point
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.lift import Lift, Point
 from certpgo.objective.problem import PoseProblem, Problem
 
 #: Rotations in all candidates together, and the fewest and most candidates; at most two a node.

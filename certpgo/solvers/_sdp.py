@@ -13,8 +13,8 @@ import numpy as np
 
 from certpgo.errors import MissingDependency, NumericalError, SpecError
 from certpgo.graph import Estimate
+from certpgo.graph.lift import Lift, rounded
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.lift import Lift, rounded
 from certpgo.objective.problem import Problem, RotationProblem
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.solution import Relaxation, Solution, Status

@@ -8,8 +8,8 @@ import numpy as np
 
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate
+from certpgo.graph.lift import Lift, rounded
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.lift import Lift, rounded
 from certpgo.objective.problem import Problem, RotationProblem
 from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch, silent
 from certpgo.optimize.solution import Relaxation, Solution, Status

@@ -11,13 +11,13 @@ import numpy as np
 
 from certpgo.errors import NumericalError, SpecError
 from certpgo.graph import Estimate
+from certpgo.graph.lift import Lift, Point, lifted, rounded
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal
 from certpgo.linalg.cg import End, conjugate_gradients
 from certpgo.linalg.factor import Factor
 from certpgo.objective import operators
-from certpgo.objective.lift import Lift, Point, lifted, rounded
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize import spectral
 from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch, silent

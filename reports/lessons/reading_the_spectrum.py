@@ -223,14 +223,13 @@ apart = np.linalg.eigvalsh(L.reshape(120, 120))[0]
 print(f"lambda_2(L_G) = {spectra.graph[1]:.5f} <= {cut_bound}")
 print(f"lambda_1(L) = {spectra.measured[0, 0]:.5f} >= {apart:.5f}, of the cliques apart")
 
-# %% [markdown]
-# The conjecture can fail wherever a graph has a bottleneck and its parts have cycles of their own,
-# as maps have. The thesis' Table 5.6 prints 0.22 for both eigenvalues of its Sphere. We find the
-# same $\lambda_1(L)$ in the public file with unit weights, but another Fiedler value, 0.0153, and
-# with it a ratio above 14 (a test in `tests/assess/test_consistency.py`); the printed one is that
-# of no reading of the file. On random graphs the ratio stays below 1 for a reason: $\lambda_1(L)$ is at
-# most the smallest degree, the Rayleigh quotient of a vector at a single node, and there the
-# weakest cut is hardly weaker than the one around a single node.
+# %% [markdown] The conjecture can fail wherever a graph has a bottleneck and its parts have cycles
+# of their own, as maps have. The thesis' Table 5.6 prints 0.22 for both eigenvalues of its Sphere.
+# We find the same $\lambda_1(L)$ in the public file with unit weights, but another Fiedler value,
+# 0.0153, and with it a ratio above 14 (a test in `tests/assess/test_consistency.py`); the printed
+# one is that of no reading of the file. On random graphs the ratio stays below 1 for a reason:
+# $\lambda_1(L)$ is at most the smallest degree, the Rayleigh quotient of a vector at a single node,
+# and there the weakest cut is hardly weaker than the one around a single node.
 
 # %%
 of_cliques = mean_ratios(cliques, draws=1)

@@ -21,8 +21,8 @@ import certpgo
 from certpgo.assess.ladder import ladder
 from certpgo.certify.bounds import alpha_max, fiedler_value, normalized_fiedler_value, row_bound
 from certpgo.datasets.synthetic import complete, random_graph
+from certpgo.graph.lift import Lift
 from certpgo.linalg import so
-from certpgo.objective.lift import Lift
 from certpgo.optimize.newton import newton
 
 BLUE, VERMILION, GREEN, PURPLE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#999999"

@@ -22,9 +22,9 @@ import numpy as np
 import certpgo
 from certpgo.certify.curvature import negative_curvature
 from certpgo.datasets.synthetic import winding_cycle
+from certpgo.graph.lift import Lift
 from certpgo.linalg import so
 from certpgo.objective import operators
-from certpgo.objective.lift import Lift
 from certpgo.optimize.newton import newton
 from certpgo.solvers.cycle_closed_form import stationary_point
 from certpgo.solvers.low_rank import descend, tangent_basis

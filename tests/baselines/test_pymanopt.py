@@ -11,8 +11,8 @@ from certpgo.certify import Verdict
 from certpgo.datasets import synthetic
 from certpgo.errors import InputError, MissingDependency, SpecError
 from certpgo.graph import PoseGraph
+from certpgo.graph.lift import Lift
 from certpgo.linalg import so
-from certpgo.objective.lift import Lift
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.optimize.solution import Status
 

@@ -11,8 +11,8 @@ from strategies import dimensions, pose_graph, rng_of, seeds
 from certpgo.certify.curvature import negative_curvature
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.graph import Estimate, PoseGraph
+from certpgo.graph.lift import lifted
 from certpgo.linalg import factor
-from certpgo.objective.lift import lifted
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.optimize.newton import newton
 from certpgo.solvers import low_rank

@@ -13,8 +13,8 @@ from strategies import dimensions, pose_graph, rng_of, seeds
 from certpgo.certify import cost_upper, dual, dual_bound
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph.lift import Lift, lifted
 from certpgo.linalg import factor, so
-from certpgo.objective.lift import Lift, lifted
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.optimize.newton import newton
 from certpgo.solvers.low_rank import LowRank, descend

@@ -7,9 +7,9 @@ from strategies import dimensions, rng_of, seeds
 
 from certpgo.certify import Verdict, certify
 from certpgo.errors import FormatError
+from certpgo.graph.lift import Lift, rounded
 from certpgo.io import read_estimate
 from certpgo.linalg import so
-from certpgo.objective.lift import Lift, rounded
 from certpgo.objective.problem import PoseProblem
 from certpgo.optimize.newton import newton
 

@@ -9,8 +9,8 @@ from strategies import dimensions, pose_graph, rng_of, seeds
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
+from certpgo.graph.lift import Lift
 from certpgo.linalg import factor, so
-from certpgo.objective.lift import Lift
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.objective.reduced import ELIMINATED_SHIFTS, SHIFTS, Reduced
 from certpgo.optimize.newton import newton

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, seeds
 
 from certpgo.graph import Estimate
+from certpgo.graph.lift import Lift
 from certpgo.linalg import so
-from certpgo.objective.lift import Lift
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.roundings import _Candidates, roundings
 

@@ -12,9 +12,9 @@ from certpgo.certify.curvature import negative_curvature
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate
+from certpgo.graph.lift import Lift, lifted
 from certpgo.linalg import factor, so
 from certpgo.objective import operators
-from certpgo.objective.lift import Lift, lifted
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.optimize.newton import newton
 from certpgo.optimize.solution import Status

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import FormatError
+from certpgo.graph.lift import Lift, rounded
 from certpgo.io.chunks import text_lines
 from certpgo.io.format import Format, LabelledPoses
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.lift import Lift, rounded
 
 #: Largest entry of Y_i^T Y_i - I of an iterate written with few digits.
 FEW_DIGITS = 1e-2

@@ -21,8 +21,8 @@ from certpgo.certify.case import MAX_STEPS, Basin, Case
 from certpgo.certify.curvature import negative_curvature
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
+from certpgo.graph.lift import Lift, Point, rounded
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.lift import Lift, Point, rounded
 from certpgo.optimize.monitor import Iteration, Monitor
 from certpgo.optimize.newton import newton
 from certpgo.optimize.progress import Stop
