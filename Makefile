@@ -44,7 +44,7 @@ $(MADE):
 	@touch $@
 
 $(COMPARE): pyproject.toml $(MADE)
-	$(PIP) --editable '.[baselines]'
+	$(PIP) --editable '.[baselines,pages,downloads]'
 	@touch $@
 
 $(DEVELOP): pyproject.toml $(MADE)

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any, Literal, Union, get_args, get_origin, get
 from certpgo.errors import MissingDependency, SpecError, UnusableFile
 
 if TYPE_CHECKING:
+    from certpgo.graph import Graph
     from certpgo.optimize.solution import Solver
 
 #: Environment variable naming the checkout, where it is not beside the package.
@@ -101,6 +102,20 @@ def build(name: str, settings: Mapping[str, Any]) -> Solver:
         problem = f"{name}'s setting {key} has no default: --set {key}=VALUE gives it one"
         raise UnusableFile(inspect.getfile(solver), problem)
     return solver(**settings)
+
+
+def refuse_unsuited(name: str, solver: Solver | type[Solver], graph: Graph) -> None:
+    """Refuse a graph that the method is not for.
+
+    Raises
+    ------
+    SpecError
+        The method takes poses only, or rotations only.
+    """
+    if graph.kind == "poses" and not solver.poses:
+        raise SpecError(f"{name} takes rotation graphs only; this graph measures poses")
+    if graph.kind == "rotations" and not solver.rotations:
+        raise SpecError(f"{name} takes pose graphs only; this graph measures rotations")
 
 
 def setting_fields(solver: type[Solver]) -> dict[str, Field[Any]]:

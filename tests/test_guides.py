@@ -12,7 +12,7 @@ import click
 import pytest
 import typer
 
-from certpgo.cli import application
+from certpgo.cli import application, command_names
 from certpgo.errors import InputNotice
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -92,7 +92,7 @@ def commands(page):
 
 @pytest.mark.parametrize("page", [p for p in PAGES if commands(p)], ids=name)
 def test_command_lines_have_a_command_and_options_that_exist(page):
-    group = typer.main.get_command(application())
+    group = typer.main.get_command(application(command_names()))
     for line in commands(page):
         words = shlex.split(line.partition("|")[0].partition(" > ")[0], comments=True)
         words = words[words.index("certpgo") + 1 :]
@@ -105,7 +105,7 @@ def test_command_lines_have_a_command_and_options_that_exist(page):
 
 
 def test_a_wrong_option_would_be_noticed():
-    group = typer.main.get_command(application())
+    group = typer.main.get_command(application(command_names()))
     with pytest.raises(Exception, match="--no-such"):
         group.get_command(click.Context(group), "solve").make_context("solve", ["x", "--no-such"])
 

@@ -12,13 +12,11 @@ from certpgo import registry
 from certpgo.assess.metrics import f_ml
 from certpgo.assess.wording import reading_sentence
 from certpgo.certify import Certificate, certify
-from certpgo.errors import CertPGOError, SpecError
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph
+from certpgo.errors import CertPGOError
+from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.plural import counted
 from certpgo.objective.problem import Problem, problem_of
 from certpgo.optimize.solution import Solution, Solver, Status
-
-Kind = Literal["poses", "rotations"]
 
 
 @dataclass(frozen=True)
@@ -50,7 +48,7 @@ class Competitor:
 
     def suits(self, graph: Graph) -> bool:
         """Whether the method is run on such graphs."""
-        return self.takes in ("", kind_of(graph))
+        return self.takes in ("", graph.kind)
 
 
 _EIGEN_MA = Competitor("eigen_ma", takes="poses")
@@ -219,7 +217,7 @@ def solution_of(
     if method.reads_source:
         own["source"] = source
     solver = registry.build(method.solver, own)
-    refuse_unsuited(method.solver, solver, problem.graph)
+    registry.refuse_unsuited(method.solver, solver, problem.graph)
     if method.start is None:
         return _timed(solver, problem)
     start = solution_of(method.start, problem, source=source, settings=settings)
@@ -237,26 +235,6 @@ def certified(solution: Solution, problem: Problem) -> tuple[Certificate, float]
     start = time.perf_counter()
     certificate = certify(solution.judged(problem), solution.estimate)
     return certificate, time.perf_counter() - start
-
-
-def refuse_unsuited(name: str, solver: Solver | type[Solver], graph: Graph) -> None:
-    """Refuse a graph that the method is not for.
-
-    Raises
-    ------
-    SpecError
-        The method takes poses only, or rotations only.
-    """
-    kind = kind_of(graph)
-    if kind == "poses" and not solver.poses:
-        raise SpecError(f"{name} takes rotation graphs only; this graph measures poses")
-    if kind == "rotations" and not solver.rotations:
-        raise SpecError(f"{name} takes pose graphs only; this graph measures rotations")
-
-
-def kind_of(graph: Graph) -> Kind:
-    """``"poses"`` or ``"rotations"``."""
-    return "poses" if isinstance(graph, PoseGraph) else "rotations"
 
 
 def in_one_line(error: Exception) -> str:

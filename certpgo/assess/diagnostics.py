@@ -71,7 +71,7 @@ def structure(instance: Instance) -> Structure:
     rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
     simple = len(np.unique(np.sort(graph.edges, axis=1), axis=0))
     return Structure(
-        kind="poses" if isinstance(graph, PoseGraph) else "rotations",
+        kind=graph.kind,
         d=graph.d,
         nodes=graph.num_nodes,
         edges=graph.num_edges,

@@ -50,14 +50,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         # Not list(...): the command of that name is an attribute of this module.
         arguments = [*(sys.argv[1:] if argv is None else argv)]
-        application()(arguments, prog_name="certpgo")
+        # Only the command that is asked for is imported.
+        known = arguments and arguments[0] in command_names()
+        names = arguments[:1] if known else command_names()
+        application(names)(arguments, prog_name="certpgo")
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else int(end.code is not None)
     return 0
 
 
-def application() -> typer.Typer:
-    """The application with every command of the folder."""
+def application(names: Sequence[str]) -> typer.Typer:
+    """The application with the commands of these names."""
     app = typer.Typer(
         name="certpgo",
         help="Pose-graph optimization and rotation averaging whose answers come with a proof.",
@@ -67,7 +70,7 @@ def application() -> typer.Typer:
         pretty_exceptions_enable=False,
     )
     app.callback()(_root)
-    for name in command_names():
+    for name in names:
         app.command(name)(_guarded(_function(name)))
     return app
 
@@ -88,10 +91,20 @@ def _own_commands() -> tuple[str, ...]:
 
 
 def _function(name: str) -> Command:
-    if name in _own_commands():
-        function: Command = importlib.import_module(f"{__name__}.{name}").command
-    else:
-        function = registry.get_command(name)
+    """The command; of a file that cannot be loaded, one that says so."""
+    try:
+        if name in _own_commands():
+            function: Command = importlib.import_module(f"{__name__}.{name}").command
+        else:
+            function = registry.get_command(name)
+    except CertPGOError as reason:
+        error = reason
+
+        def unusable() -> None:
+            """Not usable: its file cannot be loaded."""
+            raise error
+
+        return unusable
     return function
 
 

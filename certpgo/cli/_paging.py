@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from enum import Enum
@@ -17,6 +18,18 @@ if TYPE_CHECKING:
     from certpgo.objective.problem import Problem
     from certpgo.optimize.monitor import Iteration
     from certpgo.view.certificate_page import Origin
+
+
+def require_pages(out: Path | None) -> None:
+    """Refuse to write a page, before the work and not after, where its package is missing.
+
+    Raises
+    ------
+    MissingDependency
+        jinja2 is not installed.
+    """
+    if out is not None:
+        importlib.import_module("certpgo.view.page")
 
 
 def origin_of(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from certpgo.cli import _verdict
-from certpgo.cli._paging import origin_of, write_page
+from certpgo.cli._paging import origin_of, require_pages, write_page
 from certpgo.cli._proving import REFUSED, provable_source, prove
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, notice, noticing, working
@@ -86,6 +86,7 @@ def command(
         format_to_write(polish, None)  # a wrong suffix is said before the work, not after
     for out in (polish, csv, proof, html):
         refuse_unwritable(out)
+    require_pages(html)
     refuse_overwriting([polish, csv, proof, html], [graph, *estimates, timestamps], reading.data)
     if proof is not None:
         _verdict.refuse_screening(tier)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from certpgo.cli import _verdict
-from certpgo.cli._paging import origin_of, write_page
+from certpgo.cli._paging import origin_of, require_pages, write_page
 from certpgo.cli._proving import REFUSED, provable_source, prove
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, facts, notice, noticing, working
@@ -93,10 +93,9 @@ def command(
     fails. Ctrl-C returns the best estimate so far; a second one abandons it. With --robust,
     measurements that disagree with the rest are left out, and the verdict is about the others.
     """
-    from certpgo.assess.comparison import refuse_unsuited
     from certpgo.io import read_estimate, write
     from certpgo.io.format import format_to_write
-    from certpgo.registry import build, parse_settings
+    from certpgo.registry import build, parse_settings, refuse_unsuited
 
     _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank)
     if proof is not None:
@@ -106,6 +105,7 @@ def command(
         format_to_write(out, format)  # a wrong suffix is said before the work, not after
     for written in (out, proof, html):
         refuse_unwritable(written)
+    require_pages(html)
     refuse_overwriting([out, proof, html], [graph, initial], reading.data)
     source = None if proof is None else provable_source(graph, reading)
     instance = reading.open(graph)

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from certpgo.datasets.catalogue import Entry
-from certpgo.errors import InputError
+from certpgo.errors import InputError, MissingDependency
 
 #: Environment variable naming a data folder.
 DATA_VARIABLE = "CERTPGO_DATA"
@@ -40,9 +40,9 @@ def places(data: str | Path | None) -> dict[str, Path]:
 
 def cache_folder() -> Path:
     """The user's cache, where downloads go."""
-    import pooch
+    import platformdirs
 
-    return Path(pooch.os_cache("certpgo"))
+    return Path(platformdirs.user_cache_dir("certpgo"))
 
 
 def search(entry: Entry, folders: Iterable[Path]) -> tuple[Path | None, list[Path]]:
@@ -71,8 +71,10 @@ def download(entry: Entry) -> Path:
     InputError
         The download failed, or what came is another file.
     """
-    import pooch
-
+    try:
+        import pooch
+    except ImportError:
+        raise MissingDependency("pooch, which downloads files,", "downloads") from None
     target = cache_folder() / entry.file
     target.unlink(missing_ok=True)  # it did not agree, or it would have been found
     pooch.get_logger().setLevel("WARNING")

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 from scipy.sparse import csgraph
@@ -41,6 +41,7 @@ class RotationGraph:
 
     Attributes
     ----------
+    kind : ``"rotations"``, what is measured
     num_nodes : number n of nodes, numbered 0 ... n-1
     edges : (m, 2) node pairs (i, j); parallel edges are allowed, their terms add
     rotations : (m, d, d) measured R_ij ~ R_i^T R_j, d = 2 or 3; a matrix that is a rotation to few
@@ -64,6 +65,8 @@ class RotationGraph:
     >>> graph.num_edges, graph.d, graph.is_connected
     (3, 2, True)
     """
+
+    kind: ClassVar[Literal["poses", "rotations"]] = "rotations"
 
     num_nodes: int
     edges: IntArray
@@ -152,6 +155,7 @@ class PoseGraph:
 
     Attributes
     ----------
+    kind : ``"poses"``, what is measured
     rotation : the graph of relative rotations
     translations : (m, d) measured t_ij ~ R_i^T (t_j - t_i), metres
     tau : (m,) translational concentrations, 1/m^2, between 2^-400 and 2^400
@@ -174,6 +178,8 @@ class PoseGraph:
     >>> graph.num_nodes, graph.translations.shape
     (4, (4, 2))
     """
+
+    kind: ClassVar[Literal["poses", "rotations"]] = "poses"
 
     rotation: RotationGraph
     translations: FloatArray

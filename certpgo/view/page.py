@@ -10,10 +10,14 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
-
+from certpgo.errors import MissingDependency
 from certpgo.io.plain import plain
+
+try:
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    from markupsafe import Markup
+except ImportError:
+    raise MissingDependency("jinja2, which fills pages,", "pages") from None
 
 #: Cells of columns that stand at the right.
 NUMBER = re.compile(r"[-+]?[\d.,]+(e[-+]?\d+)?( %)?")

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import typer
 
-from certpgo.cli import EXIT_CODES, application
+from certpgo.cli import EXIT_CODES, application, command_names
 
 _HEAD = "| {} | |\n|---|---|\n"
 
 
 def pages() -> dict[str, str]:
     """Markdown by file name: each command, and the exit codes that all share."""
-    group = typer.main.get_command(application())
+    group = typer.main.get_command(application(command_names()))
     commands = sorted(group.commands.items())  # type: ignore[attr-defined]
     made = {f"{name}.md": _page(name, command) for name, command in commands}
     rows = "".join(f"| {code} | {meaning} |\n" for code, meaning in EXIT_CODES.items())

@@ -24,6 +24,7 @@ def command(
 ) -> None:
     """Render tables (Markdown, CSV, LaTeX), figures and an index, from records alone."""
     from certpgo import registry
+    from certpgo.cli._paging import require_pages
     from certpgo.cli._writing import refuse_unwritable
     from certpgo.io.writing import atomically
     from reports.harness.rendering.index import summary
@@ -31,6 +32,7 @@ def command(
     from reports.harness.rendering.results import gather
 
     refuse_unwritable(html)
+    require_pages(html)
     with working("reading the results"):
         report = gather(results or registry.repository() / "reports" / "results")
         path = write(report, out)

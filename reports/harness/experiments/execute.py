@@ -72,8 +72,10 @@ class Pool:
     @property
     def alone(self) -> str:
         """Whether each task has a core to itself: ``"yes"``, ``"no"`` or ``"unknown"``."""
-        import joblib
-
+        try:
+            import joblib
+        except ImportError:
+            raise MissingDependency("joblib, which runs rows at once,", "reports") from None
         if self.scheduler:
             return "unknown"
         return "yes" if self.jobs <= joblib.cpu_count() else "no"

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from certpgo.assess.provenance import provenance
+from certpgo.errors import MissingDependency
 from certpgo.io.plain import plain
 from certpgo.io.writing import folder_to_write, write_whole
 from certpgo.linalg.factor import default_engine
@@ -126,7 +127,10 @@ def rendered(figure: Figure, record: Data, form: str = "svg") -> bytes:
     ----------
     form : ``"svg"``, or ``"png"`` to look at
     """
-    import matplotlib as mpl
+    try:
+        import matplotlib as mpl
+    except ImportError:
+        raise MissingDependency("matplotlib, which draws figures,", "reports") from None
     from matplotlib.figure import Figure as Canvas
 
     stream = io.BytesIO()

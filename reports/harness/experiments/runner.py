@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo import registry
-from certpgo.assess.comparison import certified, in_one_line, kind_of, solution_of
+from certpgo.assess.comparison import certified, in_one_line, solution_of
 from certpgo.assess.provenance import provenance
 from certpgo.errors import CertPGOError, InputError
 from certpgo.graph import Estimate, Graph, Instance
@@ -104,7 +104,7 @@ def run_case(
             limit=limit,
             announce=announce,
         )
-        suited = [m for m in table.methods if suits(row, m, kind_of(part.graph))]
+        suited = [m for m in table.methods if suits(row, m, part.graph.kind)]
         for method in suited:
             if method not in wanted:
                 trial.remember(method)
@@ -216,7 +216,7 @@ def _run_method(method: Method, trial: _Trial) -> Record:
         d=graph.d,
         n=graph.num_nodes,
         m=graph.num_edges,
-        kind=kind_of(graph),
+        kind=graph.kind,
     )
     if method.max_nodes is not None and graph.num_nodes > method.max_nodes:
         return replace(record, error=f"not run: above {method.max_nodes} nodes")
