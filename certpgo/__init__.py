@@ -5,8 +5,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-# `certify` and `solve` are functions here and modules as well: importing them now, before anyone
-# else does, is what makes the functions win.
+# `certify` is a function here and a package as well: importing it now, before anyone else does, is
+# what makes the function win.
 from certpgo.certify import Certificate, Tier, Verdict, certify
 from certpgo.errors import (
     CertPGOError,
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 #: Imported when first used: reading and finding methods are not everybody's errand.
 _LATER = {
     "check": "checker",
-    "certify_values": "harness.assessment",
+    "certify_values": "assess.assessment",
     "read": "io",
     "read_estimate": "io",
     "write": "io",
