@@ -83,6 +83,7 @@ class Assessment:
     Attributes
     ----------
     certificate : the verdict
+    cost : F of the estimate as given, as computed
     best : the best answer in hand: the better one of another basin, else the refined one
     best_cost : its F
     best_is_optimal : whether it is proven to be within the tolerance of the best possible
@@ -93,6 +94,7 @@ class Assessment:
     """
 
     certificate: Certificate
+    cost: float
     best: Estimate
     best_cost: float
     best_is_optimal: bool
@@ -124,18 +126,17 @@ def assess(
     writing : how the file of the estimate writes poses, see `certpgo.io.digits.writing_of`
     """
     c = certificate
-    best, cost = c.refined, c.refined_cost
-    if c.better is not None and c.better_cost is not None:
-        best, cost = c.better, c.better_cost
-    if not cost < c.cost:  # improved by rounding at most
-        best, cost = estimate, c.cost
+    best, cost = c.best, c.best_cost
+    if not cost < c.cost_upper:  # improved by rounding at most
+        best, cost = estimate, c.cost_upper
     proven = c.tier is not Tier.SCREEN and cost - c.lower_bound <= c.rtol * cost + c.atol * c.scale
     return Assessment(
         certificate=c,
+        cost=problem.cost(estimate),
         best=best,
         best_cost=cost,
         best_is_optimal=proven,
-        excess=c.cost - cost if math.isfinite(c.cost) else math.inf,
+        excess=c.cost_upper - cost if math.isfinite(c.cost_upper) else math.inf,
         distance=distance(estimate, best),
         edges=costly_edges(problem, estimate, np.arange(problem.n) if ids is None else ids),
         rounding=None if writing is None else rounding_cost(problem, estimate, best, writing),

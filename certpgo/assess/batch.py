@@ -32,7 +32,8 @@ class JudgedEstimate:
     ----------
     estimate, graph : what was judged, and for what
     verdict : or ``ERROR``, the reason then being the error and all numbers None
-    cost, lower_bound, gap, relative_gap, refined_cost : as in `certpgo.certify.Certificate`
+    cost : F of the estimate, as computed
+    lower_bound, gap, relative_gap, refined_cost : as in `certpgo.certify.Certificate`
     best_cost : F of the best answer in hand, see `certpgo.assess.assessment.Assessment`
     mean_deg, worst_deg, mean_m, worst_m : distance to that one, degrees and metres
     reason : one sentence
@@ -132,7 +133,7 @@ def _row(name: str, graph: str, a: Assessment) -> JudgedEstimate:
         graph=graph,
         verdict=c.verdict.value,
         reason=c.reason,
-        cost=c.cost,
+        cost=a.cost,
         lower_bound=c.lower_bound,
         gap=c.gap,
         relative_gap=c.relative_gap,

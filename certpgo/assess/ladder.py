@@ -130,7 +130,7 @@ def ladder(
         problem.check(point := estimate)
         (certificate, proven), seconds = _timed(lambda: _certificates(problem, point))
     beside = _stationary_rotations(problem, point)
-    F = _Cost(problem.cost(point), certificate.cost)
+    F = _Cost(problem.cost(point), certificate.cost_upper)
     rungs = [*_spectral(problem, F), *_angles(problem, beside)]
     rungs.append(_program(problem, F, force) if sdp else _unasked(F))
     rungs.append(_proven(proven, F, seconds))
@@ -149,7 +149,7 @@ def rungs_of_eigenvalues(
     problem: Problem, estimate: Estimate, certificate: Certificate
 ) -> tuple[Rung, ...]:
     """The rungs that a few eigenvalues give, for an estimate that is certified already."""
-    F = _Cost(problem.cost(estimate), certificate.cost)
+    F = _Cost(problem.cost(estimate), certificate.cost_upper)
     beside = _stationary_rotations(problem, estimate)
     return tuple(_in_view_of_earlier([*_spectral(problem, F), *_angles(problem, beside)]))
 

@@ -97,18 +97,17 @@ def few_edges(instance: Instance, edges: IntArray) -> str:
 
 def numbers(certificate: Certificate) -> Iterable[tuple[str, str]]:
     """Cost, bound, gap and tolerance; names and values."""
-    yield "cost F", f"{certificate.cost:.12g}"
+    yield "cost F", f"{certificate.cost_upper:.12g}"
     if math.isfinite(certificate.lower_bound):
         said = "no answer of this graph costs less"
         said = f"likely: {said}" if certificate.tier.value == "screen" else said
         yield "lower bound", f"{certificate.lower_bound:.12g}  ({said})"
-        share = (
-            "" if certificate.cost <= 0.0 else f"  ({part(certificate.relative_gap)} of the cost)"
-        )
+        positive = certificate.cost_upper > 0.0
+        share = f"  ({part(certificate.relative_gap)} of the cost)" if positive else ""
         yield "gap", f"{certificate.gap:.3g}{share}"
     yield "tolerance", f"{certificate.tolerance:.3g}"
     yield "worst residual", f"{math.degrees(certificate.max_residual_angle):.4g} degrees"
-    if certificate.refined_cost < certificate.cost - certificate.tolerance:
+    if certificate.refined_cost < certificate.cost_upper - certificate.tolerance:
         yield (
             "improved",
             f"{certificate.refined_cost:.12g}  (its cost after improving it step by step)",
@@ -134,7 +133,7 @@ def distances(a: Assessment) -> Iterable[tuple[str, str]]:
     if d.mean_m is not None:
         apart += f"; {d.mean_m:.3g} m on average, {d.worst_m:.3g} m at most"
     yield "distance", apart
-    share = f" ({part(a.excess / c.cost)})" if math.isfinite(c.cost) else ""
+    share = f" ({part(a.excess / c.cost_upper)})" if math.isfinite(c.cost_upper) else ""
     yield "", f"and costs {a.excess:.4g}{share} less than this one"
 
 

@@ -236,7 +236,7 @@ class Case:
         judged = Certificate(
             verdict=verdict,
             tier=self.tier,
-            cost=cost,
+            cost_upper=cost,
             lower_bound=best.value,
             gap=gap,
             rtol=self.rtol,
@@ -276,22 +276,22 @@ def _tier(tier: Tier | str) -> Tier:
 
 
 def _reason(c: Certificate) -> str:
-    if not math.isfinite(c.cost):
+    if not math.isfinite(c.cost_upper):
         return "the cost of this estimate is beyond the range of doubles"
     floor = f"no estimate of this graph has a cost below {c.lower_bound:.10g}"
     if c.tier is Tier.SCREEN:
         floor = f"likely, though not proven at this tier: {floor}"
-    yours = f"yours costs {c.cost:.10g}"
+    yours = f"yours costs {c.cost_upper:.10g}"
     improved = f"{yours} and, improved, {c.refined_cost:.10g}"
-    lower = c.refined_cost < c.cost - c.tolerance
+    lower = c.refined_cost < c.cost_upper - c.tolerance
     if c.verdict is Verdict.CERTIFIED:
         within = f"{floor}; {yours}, within {_of_f(c)} of the best possible"
-        if c.gap <= c.rtol * c.cost:
+        if c.gap <= c.rtol * c.cost_upper:
             return within
         small = f"{within}, which is negligible relative to the total weight W = {c.scale:.2g}"
         return (
             f"{small}, though not to F: atol=0 judges by F alone"
-            if c.gap > LARGE * c.cost
+            if c.gap > LARGE * c.cost_upper
             else small
         )
     if c.better_cost is not None and c.verdict is not Verdict.REFUTED:
@@ -316,8 +316,8 @@ def _reason(c: Certificate) -> str:
 
 def _of_f(c: Certificate) -> str:
     """The gap relative to F, then in its units."""
-    if not c.cost > 0.0:
+    if not c.cost_upper > 0.0:
         return f"{c.gap:.2g}"
-    share = c.gap / c.cost
+    share = c.gap / c.cost_upper
     said = f"{100.0 * share:.2g} % of" if share > LARGE else f"{share:.2g}"
     return f"{said} F = {c.gap:.2g}"

@@ -74,10 +74,10 @@ class Certificate:
     ----------
     verdict : see `Verdict`
     tier : what was trusted
-    cost : F of the estimate as given, rounded up
+    cost_upper : F of the estimate as given, rounded up
     lower_bound : no estimate of this graph has a smaller F; 0 when nothing more was proven
-    gap : ``cost - lower_bound``
-    rtol, atol : CERTIFIED means gap <= rtol * cost + atol * scale
+    gap : ``cost_upper - lower_bound``, rounded up
+    rtol, atol : CERTIFIED means gap <= rtol * cost_upper + atol * scale
     scale : W, the problem's scale
     stationarity : largest gradient of a node over its weight at the estimate as given, radians
     max_residual_angle : largest angle between R_i R_ij and R_j, radians
@@ -100,7 +100,7 @@ class Certificate:
     >>> from certpgo.datasets.synthetic import winding_cycle
     >>> instance, _ = winding_cycle(6, 0.3, 0)
     >>> certificate = certify(RotationProblem(instance.graph), instance.truth)
-    >>> certificate.lower_bound <= certificate.cost
+    >>> certificate.lower_bound <= certificate.cost_upper
     True
     >>> certificate.gap <= certificate.tolerance
     True
@@ -110,7 +110,7 @@ class Certificate:
 
     verdict: Verdict
     tier: Tier
-    cost: float
+    cost_upper: float
     lower_bound: float
     gap: float
     rtol: float
@@ -131,10 +131,20 @@ class Certificate:
 
     @property
     def relative_gap(self) -> float:
-        """``gap / cost``."""
-        return self.gap / self.cost if self.cost > 0.0 else math.inf
+        """``gap / cost_upper``."""
+        return self.gap / self.cost_upper if self.cost_upper > 0.0 else math.inf
+
+    @property
+    def best(self) -> Estimate:
+        """The lowest-cost estimate found: ``better``, or else ``refined``."""
+        return self.refined if self.better is None else self.better
+
+    @property
+    def best_cost(self) -> float:
+        """F of ``best``, rounded up."""
+        return self.refined_cost if self.better_cost is None else self.better_cost
 
     @property
     def tolerance(self) -> float:
         """The gap up to which this estimate counts as optimal."""
-        return self.rtol * self.cost + self.atol * self.scale
+        return self.rtol * self.cost_upper + self.atol * self.scale

@@ -40,7 +40,7 @@ def in_units(unit: float, found: Certificate) -> Certificate:
         bounds = replace(bounds, spectral=spectral, fiedler=fiedler)
     return replace(
         found,
-        cost=scaled_up(unit, found.cost),
+        cost_upper=scaled_up(unit, found.cost_upper),
         lower_bound=scaled_down(unit, found.lower_bound),
         gap=scaled_up(unit, found.gap),
         scale=unit * found.scale,

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from certpgo.cli._show import notice, working
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from certpgo.graph import Estimate, Instance
     from certpgo.objective.problem import Problem
     from certpgo.optimize.monitor import Iteration
+    from certpgo.solvers.certified.settings import SolveSettings
     from certpgo.view.certificate_page import Origin
 
 
@@ -41,6 +42,7 @@ def origin_of(
     method: str = "",
     remarks: Sequence[str] = (),
     partial: bool = False,
+    settings: SolveSettings | None = None,
 ) -> Origin:
     """Where an answer came from; of what made it, all but the date, so that a page is repeated."""
     from certpgo.assess.provenance import provenance
@@ -57,6 +59,7 @@ def origin_of(
         method=method,
         remarks=tuple(remarks),
         partial=partial,
+        settings=() if settings is None else tuple(_settings(settings)),
         environment={key: said for key, said in made.items() if key != "date"},
     )
 
@@ -84,6 +87,16 @@ def write_page(
         text = certificate_page(instance, problem, estimate, assessment, origin, trace)
     atomically(out, lambda beside: beside.write_text(text, encoding="utf-8", newline="\n"))
     notice(f"the page is in {out}")
+
+
+def _settings(settings: Any, prefix: str = "") -> Iterator[str]:
+    """The settings of a search, one text each."""
+    for field in fields(settings):
+        value = getattr(settings, field.name)
+        if is_dataclass(value):
+            yield from _settings(value, f"{field.name}.")
+        else:
+            yield f"{prefix}{field.name}={value.value if isinstance(value, Enum) else value}"
 
 
 def _arguments(reading: Reading) -> Iterator[str]:

@@ -13,11 +13,11 @@ REFUSED = 6
 
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
-    from certpgo.cli._reading import Reading
+    from certpgo.datasets.source import Source
     from certpgo.graph import Estimate, Instance
 
 
-def provable_source(graph: str, reading: Reading) -> Path:
+def provable_source(source: Source) -> Path:
     """The graph's file, if the checker reads it: said before the work and not after.
 
     Raises
@@ -27,7 +27,7 @@ def provable_source(graph: str, reading: Reading) -> Path:
     """
     from certpgo.certify.proof_file import provable
 
-    return provable(reading.locate(graph))
+    return provable(source.path())
 
 
 def prove(
@@ -56,7 +56,7 @@ def prove(
         notice(said)
     else:
         facts([("proof", said), ("about", answer.about)])
-    if certificate.gap <= certificate.rtol * certificate.cost < answer.upper - answer.lower:
+    if certificate.gap <= certificate.rtol * certificate.cost_upper < answer.upper - answer.lower:
         notice(
             f"the bound in {out} is weaker than the certificate's: a proof file takes the graph as "
             "a whole, a certificate the parts between long bridges one by one"

@@ -19,6 +19,7 @@ from certpgo.cli._show import notice, progress_bar
 from certpgo.errors import GraphError
 
 if TYPE_CHECKING:
+    from certpgo.datasets.source import Source
     from certpgo.graph import Instance
 
 #: Seconds of reading after which a progress bar appears.
@@ -86,11 +87,11 @@ class Reading:
         Path | None, _option("--data", metavar="DIR", help="Folder to look for datasets in first.")
     ] = None
 
-    def locate(self, source: str) -> Path:
-        """The file that a path or a dataset's name stands for."""
+    def resolve(self, name: str) -> Source:
+        """What a path or a dataset's name stands for."""
         from certpgo.datasets.source import resolve
 
-        return resolve(source, self.data).path()
+        return resolve(name, self.data)
 
     @property
     def options(self) -> dict[str, Any]:
@@ -104,12 +105,10 @@ class Reading:
             "unit_weights": self.unit_weights,
         }
 
-    def open(self, name: str, *, notices: bool = True) -> Instance:
-        """Read the graph of a path or dataset name; its notices go to stderr if wanted."""
-        from certpgo.datasets.source import resolve
+    def open(self, source: Source, *, notices: bool = True) -> Instance:
+        """Read the graph; its notices go to stderr unless they are shown elsewhere."""
         from certpgo.graph.components import rotations_alone
 
-        source = resolve(name, self.data)
         with _reading_progress() as progress:
             instance = source.graph(progress=progress, quiet=True, **self.options)
         for sentence in instance.notices if notices else ():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import asdict, fields
 from typing import TYPE_CHECKING, Any
 
 from certpgo.cli._show import facts
@@ -65,16 +66,63 @@ def show(
     )
 
 
+#: Of the JSON documents of ``solve`` and ``certify``; raised whenever a key moves.
+SCHEMA = 2
+
+
+def as_json(
+    part: Instance,
+    certificate: Certificate | None,
+    cost: float,
+    *,
+    disagreement: Disagreement | None = None,
+    assessment: Assessment | None = None,
+) -> dict[str, Any]:
+    """An estimate of a connected graph: the verdict first, then what stands behind it.
+
+    Angles are in radians, but for those that are called degrees.
+
+    Parameters
+    ----------
+    certificate : None where none was asked for
+    cost : F of the estimate, as computed, for the measurements that the certificate is about
+    """
+    from certpgo.assess.wording import judged_by
+
+    c = certificate
+    return {
+        "schema": SCHEMA,
+        "graph": part.name,
+        "reading": dict(part.options),
+        "certified_cost": judged_by(part.options),
+        "verdict": None if c is None else c.verdict.value,
+        "reason": None if c is None else c.reason,
+        "tier": None if c is None else c.tier.value,
+        "cost": cost,
+        "lower_bound": None if c is None else c.lower_bound,
+        "gap": None if c is None else c.gap,
+        "relative_gap": None if c is None else c.relative_gap,
+        "certificate": None if c is None else _details(c),
+        "disagreement": None if disagreement is None else _disagreement(part, disagreement),
+        **({} if assessment is None else _assessment(assessment)),
+    }
+
+
 def edges_as_json(instance: Instance, edges: IntArray) -> list[dict[str, Any]]:
     """Edges by their numbers and the ids of their nodes."""
     pairs = instance.ids[instance.graph.edges[edges]].tolist()
     return [{"edge": e, "ids": ids} for e, ids in zip(edges.tolist(), pairs, strict=True)]
 
 
-def disagreement_as_json(instance: Instance, found: Disagreement | None) -> dict[str, Any] | None:
-    """The measurements that disagree; angles in radians."""
-    if found is None:
-        return None
+def _details(certificate: Certificate) -> dict[str, Any]:
+    """What of a certificate is neither at the top nor an array."""
+    top = {"verdict", "reason", "tier", "lower_bound", "gap"}
+    arrays = {"multipliers", "refined", "better", "bounds"}
+    names = [field.name for field in fields(certificate) if field.name not in top | arrays]
+    return {name: getattr(certificate, name) for name in names}
+
+
+def _disagreement(instance: Instance, found: Disagreement) -> dict[str, Any]:
     return {
         "sentence": str(found),
         "count": len(found.edges),
@@ -84,58 +132,16 @@ def disagreement_as_json(instance: Instance, found: Disagreement | None) -> dict
     }
 
 
-def comparison_as_json(a: Assessment) -> dict[str, Any]:
-    """What `show` says beyond the certificate; angles of edges in radians."""
-    d = a.distance
+def _assessment(a: Assessment) -> dict[str, Any]:
+    written = a.rounding
     return {
         "best": {
-            "cost": a.best_cost,
+            "cost_upper": a.best_cost,
             "is_optimal": a.best_is_optimal,
             "excess": a.excess,
             "relative_excess": a.relative_excess,
-            "mean_deg": d.mean_deg,
-            "worst_deg": d.worst_deg,
-            "mean_m": d.mean_m,
-            "worst_m": d.worst_m,
+            **asdict(a.distance),
         },
-        "costliest_edges": [
-            {
-                "edge": edge.edge,
-                "ids": list(edge.ids),
-                "cost": edge.cost,
-                "share": edge.share,
-                "angle": edge.angle,
-                "metres": edge.metres,
-            }
-            for edge in a.edges
-        ],
-        "digits": None
-        if a.rounding is None
-        else {
-            "count": a.rounding.digits.count,
-            "decimals": a.rounding.digits.decimals,
-            "cost": a.rounding.cost,
-        },
-    }
-
-
-def as_json(certificate: Certificate) -> dict[str, Any]:
-    """The certificate without its arrays; angles in radians."""
-    return {
-        "verdict": certificate.verdict.value,
-        "reason": certificate.reason,
-        "tier": certificate.tier.value,
-        "cost": certificate.cost,
-        "lower_bound": certificate.lower_bound,
-        "gap": certificate.gap,
-        "relative_gap": certificate.relative_gap,
-        "rtol": certificate.rtol,
-        "atol": certificate.atol,
-        "scale": certificate.scale,
-        "stationarity": certificate.stationarity,
-        "max_residual_angle": certificate.max_residual_angle,
-        "refined_cost": certificate.refined_cost,
-        "basin_is_global": certificate.basin_is_global,
-        "better_cost": certificate.better_cost,
-        "engine": certificate.engine,
+        "costliest_edges": [asdict(edge) for edge in a.edges],
+        "digits": None if written is None else {**asdict(written.digits), "cost": written.cost},
     }

@@ -5,8 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from certpgo.errors import InputError, SpecError
+from certpgo.errors import InputError
+
+if TYPE_CHECKING:
+    from certpgo.datasets.source import Source
 
 
 def refuse_unwritable(out: Path | None) -> None:
@@ -22,7 +26,9 @@ def refuse_unwritable(out: Path | None) -> None:
 
 
 def refuse_overwriting(
-    outputs: Iterable[Path | None], inputs: Iterable[str | Path | None], data: Path | None = None
+    outputs: Iterable[Path | None],
+    inputs: Iterable[Source | str | Path | None],
+    data: Path | None = None,
 ) -> None:
     """Refuse to write to a file that is read.
 
@@ -37,26 +43,26 @@ def refuse_overwriting(
     InputError
         An output is an input, under this or another path, or is named twice.
     """
-    wanted = [out for out in outputs if out is not None]
-    for k, out in enumerate(wanted):
-        if any(_is_same(out, earlier) for earlier in wanted[:k]):
+    written = [out for out in outputs if out is not None]
+    for k, out in enumerate(written):
+        if any(_is_same(out, earlier) for earlier in written[:k]):
             raise InputError(f"{out}: named for two outputs; one would overwrite the other")
-    read = [path for source in inputs if wanted and source for path in _files(source, data)]
-    for out in wanted:
+    read = [path for source in inputs if written and source for path in _files(source, data)]
+    for out in written:
         for path in read:
             if _is_same(out, path):
                 raise InputError(f"{out}: is read as well, and would be lost; write elsewhere")
 
 
-def _files(source: str | Path, data: Path | None) -> Iterator[Path]:
-    from certpgo import datasets
+def _files(source: Source | str | Path, data: Path | None) -> Iterator[Path]:
+    from certpgo.datasets.source import resolve
 
-    path: Path | None = Path(source)
-    if not Path(source).exists():
+    if isinstance(source, str):
         try:
-            path = datasets.find(str(source), data)
-        except SpecError:
+            source = resolve(source, data)
+        except InputError:
             return  # neither a file nor a dataset; said when it is read
+    path = source if isinstance(source, Path) else source.found
     if path is not None:
         yield from path.iterdir() if path.is_dir() else (path,)
 

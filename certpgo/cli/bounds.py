@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from certpgo.cli._options import Json, Timestamps
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, facts, noticing, table, working
 
@@ -30,10 +31,8 @@ def command(
     force: Annotated[
         bool, typer.Option("--force", help="Solve it even where memory may not suffice.")
     ] = False,
-    timestamps: Annotated[
-        str, typer.Option("--timestamps", help="Of a TUM file: ids, index, or a file of seconds.")
-    ] = "ids",
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    timestamps: Timestamps = "ids",
+    json: Json = False,
     *,
     reading: Reading,
 ) -> None:
@@ -41,8 +40,8 @@ def command(
     from certpgo.assess.ladder import ladder
     from certpgo.objective.problem import problem_of
 
-    path = None if estimate is None else reading.locate(estimate)
-    instance = reading.open(graph)
+    path = None if estimate is None else reading.resolve(estimate).path()
+    instance = reading.open(reading.resolve(graph))
     parts = reading.parts(instance)
     points: list[Estimate | None] = [None] * len(parts)
     if path is not None:

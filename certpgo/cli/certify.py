@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from certpgo.cli import _verdict
+from certpgo.cli._options import HtmlOut, Json, ProofOut, Timestamps
 from certpgo.cli._paging import origin_of, require_pages, write_page
 from certpgo.cli._proving import REFUSED, provable_source, prove
 from certpgo.cli._reading import Reading, takes_reading
@@ -50,24 +51,16 @@ def command(
     refine: Annotated[
         bool, typer.Option("--refine/--no-refine", help="Take the bound from an improved copy.")
     ] = True,
-    polish: Annotated[
-        Path | None, typer.Option("--polish", metavar="OUT", help="Write the best answer found.")
+    best: Annotated[
+        Path | None, typer.Option("--best", metavar="OUT", help="Write the best estimate found.")
     ] = None,
-    timestamps: Annotated[
-        str, typer.Option("--timestamps", help="Of a TUM file: ids, index, or a file of seconds.")
-    ] = "ids",
+    timestamps: Timestamps = "ids",
     csv: Annotated[
         Path | None, typer.Option("--csv", metavar="OUT", help="Write a row for each ESTIMATE.")
     ] = None,
-    proof: Annotated[
-        Path | None,
-        typer.Option("--proof", metavar="OUT", help="Write a proof that certpgo check checks."),
-    ] = None,
-    html: Annotated[
-        Path | None,
-        typer.Option("--html", metavar="OUT", help="Write a page about the answer, with a view."),
-    ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    proof: ProofOut = None,
+    html: HtmlOut = None,
+    json: Json = False,
     *,
     reading: Reading,
 ) -> int:
@@ -80,46 +73,47 @@ def command(
 
     if len(estimates) > 1 and csv is None:
         raise InputError("several estimates need --csv OUT, for a row each")
-    if csv is not None and not (polish is None and proof is None and html is None):
-        raise InputError("--polish, --proof and --html are of one answer: not with --csv")
-    if polish is not None:
-        format_to_write(polish, None)  # a wrong suffix is said before the work, not after
-    for out in (polish, csv, proof, html):
+    if csv is not None and not (best is None and proof is None and html is None):
+        raise InputError("--best, --proof and --html are of one estimate: not with --csv")
+    if best is not None:
+        format_to_write(best, None)  # a wrong suffix is said before the work, not after
+    for out in (best, csv, proof, html):
         refuse_unwritable(out)
     require_pages(html)
-    refuse_overwriting([polish, csv, proof, html], [graph, *estimates, timestamps], reading.data)
+    source = reading.resolve(graph)
+    refuse_overwriting([best, csv, proof, html], [source, *estimates, timestamps], reading.data)
     if proof is not None:
         _verdict.refuse_screening(tier)
     tier = tier or ("standard" if proof is None else "proof")
-    source = None if proof is None else provable_source(graph, reading)
-    instance = reading.open(graph)
+    provable = None if proof is None else provable_source(source)
+    instance = reading.open(source)
     parts = []
     for connected in reading.parts(instance):
         problem = problem_of(connected.graph)
         judge = Judge(problem, tier=tier, rtol=rtol, atol=atol, refine=refine)
         parts.append(JudgedGraph(connected, problem, judge))
-    if polish is not None and len(parts) > 1:
-        raise InputError("--polish writes one answer; choose one with --components largest")
+    if best is not None and len(parts) > 1:
+        raise InputError("--best writes one estimate; choose one with --components largest")
     if proof is not None and len(parts) > 1:
         raise InputError("--proof is about a connected graph; write each component to a file")
     if html is not None and len(parts) > 1:
-        raise InputError("--html shows one answer; choose one with --components largest")
+        raise InputError("--html shows one estimate; choose one with --components largest")
     if csv is not None:
         return _batch(estimates, instance, parts, timestamps, csv, json, reading)
-    path = reading.locate(estimates[0])
+    path = reading.resolve(estimates[0]).path()
     given = _read(path, instance, parts, timestamps)
     assessments, disagreements = _single(path, given, parts, json)
-    if polish is not None:
-        _polish(polish, parts[0], assessments[0])
+    if best is not None:
+        _write_best(best, parts[0], assessments[0])
     elif any(a.excess > a.certificate.tolerance for a in assessments):
-        notice("--polish OUT writes the better answer")
+        notice("--best OUT writes the lower-cost estimate")
     if any(_may_gain(a.certificate) for a in assessments):
         notice("rounding may be what limits the bound: --tier proof allows for less of it")
     code = _verdict.exit_code(a.certificate for a in assessments)
     proven = True
-    if proof and source:
+    if proof and provable:
         certificate = assessments[0].certificate
-        proven = prove(proof, source, parts[0].instance, given[0], certificate, json=json)
+        proven = prove(proof, provable, parts[0].instance, given[0], certificate, json=json)
     if html is not None:
         part = parts[0]
         written = proof if proven else None
@@ -141,7 +135,6 @@ def _may_gain(certificate: Certificate) -> bool:
 def _single(
     path: Path, given: Sequence[Estimate], parts: Sequence[JudgedGraph], json: bool
 ) -> tuple[list[Assessment], list[Disagreement | None]]:
-    from certpgo.assess.wording import judged_by
     from certpgo.io.digits import writing_of
     from certpgo.solvers.certified.disagreement import disagreement
 
@@ -160,14 +153,13 @@ def _single(
             _verdict.show(found.certificate, part.instance.options, found, disagreements[-1])
     if json:
         reports = [
-            {
-                "graph": part.instance.name,
-                "options": dict(part.instance.options),
-                "judged_by": judged_by(part.instance.options),
-                **_verdict.as_json(assessment.certificate),
-                **_verdict.comparison_as_json(assessment),
-                "disagreement": _verdict.disagreement_as_json(part.instance, disagreeing),
-            }
+            _verdict.as_json(
+                part.instance,
+                assessment.certificate,
+                assessment.cost,
+                disagreement=disagreeing,
+                assessment=assessment,
+            )
             for part, assessment, disagreeing in zip(parts, assessments, disagreements, strict=True)
         ]
         document(reports[0] if len(reports) == 1 else reports)
@@ -193,7 +185,7 @@ def _batch(
 
         def read(name: str) -> list[Estimate]:
             status.update(f"certifying {name}")
-            return _read(reading.locate(name), instance, parts, timestamps)
+            return _read(reading.resolve(name).path(), instance, parts, timestamps)
 
         for row in judge_all(names, parts, read):
             rows.append(row)
@@ -215,9 +207,9 @@ def _read(
         return estimates_for(path, instance, [part.instance for part in parts], timestamps)
 
 
-def _polish(out: Path, part: JudgedGraph, assessment: Assessment) -> None:
+def _write_best(out: Path, part: JudgedGraph, assessment: Assessment) -> None:
     from certpgo.io import write
 
     with noticing():
         write(out, assessment.best, instance=part.instance)
-    notice(f"the best answer found is in {out}")
+    notice(f"the best estimate found is in {out}")

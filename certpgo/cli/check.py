@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from certpgo.cli._options import Data, Json
 from certpgo.cli._proving import REFUSED
 from certpgo.cli._show import document, working
 from certpgo.errors import InputError
@@ -17,15 +18,13 @@ from certpgo.errors import InputError
 def command(
     graph: Annotated[str, typer.Argument(metavar="GRAPH", help="A g2o or 1DSfM file, or dataset.")],
     proof: Annotated[Path, typer.Argument(metavar="PROOF", help="See certify --proof.")],
-    data: Annotated[
-        Path | None, typer.Option("--data", metavar="DIR", help="Folder to look in first.")
-    ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    data: Data = None,
+    json: Json = False,
 ) -> int:
     """Check a proof with the independent checker, a program of its own (certpgo/checker.py)."""
     from certpgo.cli._reading import Reading
 
-    path = Reading(data=data).locate(graph)
+    path = Reading(data=data).resolve(graph).path()
     if json:
         return _as_json(path, proof)
     program = Path(__file__).parents[1] / "checker.py"

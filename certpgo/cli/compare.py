@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from certpgo.cli._options import Json
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, notice, table, working
 from certpgo.cli._verdict import INTERRUPTED
@@ -50,7 +51,7 @@ def command(
         Path, typer.Option("--out", metavar="DIR", help="Folder for the results.")
     ] = Path("compare-results"),
     quick: Annotated[bool, typer.Option("--quick", help="Small graphs only.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    json: Json = False,
     *,
     reading: Reading,
 ) -> int:
@@ -61,15 +62,16 @@ def command(
 
     chosen = METHODS if methods is None else _methods(methods.split(","))
     names = tuple(dict.fromkeys(graphs)) if graphs else _usual(reading, quick)
-    for name in names:
-        reading.locate(name)  # said before the work, and downloaded where it was asked for
+    sources = [reading.resolve(name) for name in names]
+    for source in sources:
+        source.path()  # said before the work, and downloaded where it was asked for
     found: list[MethodResult] = []
     unread: list[str] = []
     interrupted = False
     try:
-        for name in names:
+        for source in sources:
             try:
-                parts = reading.parts(reading.open(name, notices=False))
+                parts = reading.parts(reading.open(source, notices=False))
             except CertPGOError as error:
                 unread.append(str(error))
                 continue

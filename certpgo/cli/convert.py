@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from certpgo.cli._options import Timestamps
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import noticing
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
@@ -40,9 +41,7 @@ def command(
     anchor: Annotated[
         Anchor | None, typer.Option("--anchor", help="Where an estimate is moved.")
     ] = None,
-    timestamps: Annotated[
-        str, typer.Option("--timestamps", help="Of a TUM file: ids, index, or a file of seconds.")
-    ] = "ids",
+    timestamps: Timestamps = "ids",
     *,
     reading: Reading,
 ) -> None:
@@ -53,17 +52,18 @@ def command(
     out = format_to_write(target, format)
     refuse_unwritable(target)
     refuse_overwriting([target], [source, graph, timestamps], reading.data)
-    given = reading.locate(source)
-    if not estimate and out.write_graph is not None and format_of(given).read_graph is not None:
+    given = reading.resolve(source)
+    path = given.path()
+    if not estimate and out.write_graph is not None and format_of(path).read_graph is not None:
         if anchor is not None:
             raise InputError("--anchor moves estimates; add --estimate to convert the poses")
-        write(target, reading.open(source), format=format)
+        write(target, reading.open(given), format=format)
         return
-    instance = None if graph is None else reading.open(graph)
+    instance = None if graph is None else reading.open(reading.resolve(graph))
     with noticing():
         write(
             target,
-            read_estimate(given, instance, timestamps=timestamps),
+            read_estimate(path, instance, timestamps=timestamps),
             instance=instance,
             format=format,
             anchor=None if anchor is None else anchor.value,

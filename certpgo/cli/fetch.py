@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from certpgo.cli._options import Data, Json
 from certpgo.cli._show import document, working
 
 
 def command(
     names: Annotated[list[str], typer.Argument(metavar="NAME...", help="See list datasets.")],
-    data: Annotated[
-        Path | None, typer.Option("--data", metavar="DIR", help="Folder to look in first.")
-    ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    data: Data = None,
+    json: Json = False,
 ) -> None:
     """Find or download datasets, check their checksums, and print where they are."""
     from certpgo import datasets

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from certpgo.cli._options import Json
 from certpgo.cli._reading import Components, Reading, takes_reading
 from certpgo.cli._show import document, facts, working
 
@@ -20,14 +21,14 @@ if TYPE_CHECKING:
 @takes_reading
 def command(
     graph: Annotated[str, typer.Argument(metavar="GRAPH", help="A file or dataset.")],
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    json: Json = False,
     *,
     reading: Reading,
 ) -> None:
     """Describe a graph: counts, connectivity, weights, eigenvalues, what is unusual."""
     from certpgo.assess import diagnostics as doctor
 
-    instance = reading.open(graph, notices=False)
+    instance = reading.open(reading.resolve(graph), notices=False)
     found = doctor.structure(instance)
     spectra: dict[str, dict[str, Spectrum]] = {}
     with working("eigenvalues"):

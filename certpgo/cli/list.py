@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from certpgo.cli._options import Data, Json
 from certpgo.cli._show import document, table
 from certpgo.errors import CertPGOError
 
@@ -35,10 +36,8 @@ def command(
     kinds: Annotated[
         list[Listing] | None, typer.Argument(help="What to list; everything by default.")
     ] = None,
-    data: Annotated[
-        Path | None, typer.Option("--data", metavar="DIR", help="Folder to look in first.")
-    ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    data: Data = None,
+    json: Json = False,
 ) -> None:
     """List methods, datasets, tables, figures, formats and engines, and which are here."""
     listed = {kind.value: _rows(kind, data) for kind in kinds or list(Listing)}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from certpgo.cli import _verdict
+from certpgo.cli._options import HtmlOut, Json, ProofOut
 from certpgo.cli._paging import origin_of, require_pages, write_page
 from certpgo.cli._proving import REFUSED, provable_source, prove
 from certpgo.cli._reading import Reading, takes_reading
@@ -23,8 +24,8 @@ if TYPE_CHECKING:
     from certpgo.certify import Certificate
     from certpgo.graph import Estimate, Instance
     from certpgo.optimize.solution import Solution, Solver
+    from certpgo.solvers.certified import CertifiedSolution
     from certpgo.solvers.certified.disagreement import Disagreement
-    from certpgo.solvers.certified.staircase import Level
 
 
 @takes_reading
@@ -37,25 +38,17 @@ def command(
     settings: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="A setting of it.")
     ] = None,
-    initial: Annotated[
-        Path | None, typer.Option("--initial", help="Estimate to start from.")
-    ] = None,
+    initial: Annotated[Path | None, typer.Option("--initial", help="Initial estimate.")] = None,
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="File for the estimate, see convert.")
     ] = None,
     format: Annotated[
         str | None, typer.Option("--format", help="Format of it, by default by its suffix.")
     ] = None,
-    proof: Annotated[
-        Path | None,
-        typer.Option("--proof", metavar="OUT", help="Write a proof that certpgo check checks."),
-    ] = None,
-    html: Annotated[
-        Path | None,
-        typer.Option("--html", metavar="OUT", help="Write a page about the answer, with a view."),
-    ] = None,
+    proof: ProofOut = None,
+    html: HtmlOut = None,
     certify: Annotated[
-        bool, typer.Option("--certify/--no-certify", help="Judge the answer of --method as well.")
+        bool, typer.Option("--certify/--no-certify", help="Certify the estimate of --method too.")
     ] = True,
     time_limit: Annotated[
         float | None,
@@ -83,13 +76,13 @@ def command(
         ),
     ] = None,
     trace: Annotated[bool, typer.Option("--trace", help="Print every iteration.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    json: Json = False,
     *,
     reading: Reading,
 ) -> int:
     """Find the best estimate of a graph and prove how good it is.
 
-    Without --method: start, optimise, certify, and climb the Riemannian staircase where that
+    Without --method: initialize, optimize, certify, and climb the Riemannian staircase where that
     fails. Ctrl-C returns the best estimate so far; a second one abandons it. With --robust,
     measurements that disagree with the rest are left out, and the verdict is about the others.
     """
@@ -106,16 +99,16 @@ def command(
     for written in (out, proof, html):
         refuse_unwritable(written)
     require_pages(html)
-    refuse_overwriting([out, proof, html], [graph, initial], reading.data)
-    source = None if proof is None else provable_source(graph, reading)
-    instance = reading.open(graph)
+    source = reading.resolve(graph)
+    refuse_overwriting([out, proof, html], [source, initial])
+    provable = None if proof is None else provable_source(source)
+    instance = reading.open(source)
     parts = reading.parts(instance)
-    if proof is not None and (len(parts) > 1 or not certify):
-        raise InputError("--proof is about a connected graph, and an answer that is certified")
-    if html is not None and (len(parts) > 1 or not certify):
-        raise InputError("--html is about a connected graph, and an answer that is certified")
+    for name, output in (("--proof", proof), ("--html", html)):
+        if output is not None and (len(parts) > 1 or not certify):
+            raise InputError(f"{name} is about a connected graph and a certified estimate")
     targets = _targets(out, parts)
-    refuse_overwriting(targets, [graph, initial], reading.data)
+    refuse_overwriting(targets, [source, initial])
     with noticing():
         start = None if initial is None else read_estimate(initial, instance)
     solver = None
@@ -123,110 +116,114 @@ def command(
         solver = build(method, parse_settings(method, settings or ()))
         for part in parts:
             refuse_unsuited(method, solver, part.graph)
-    answers: list[_Answer] = []
+    results: list[_Result] = []
     proven = True
     for part, target in zip(parts, targets, strict=True):
         begin = _restricted(start, instance, part)
         with working(f"solving {part.name}") as status:
-            monitor = TableMonitor() if trace else _Telling(status)
+            monitor = TableMonitor() if trace else _StatusLine(status)
             if solver is None or method is None:
-                answer = _certified(part, begin, time_limit, max_rank, tier, robust, monitor)
+                result = _certified(part, begin, time_limit, max_rank, tier, robust, monitor)
             else:
-                judging = (tier or "standard") if certify else None
-                answer = _by_method(part, method, solver, begin, judging, monitor, status)
+                asked = (tier or "standard") if certify else None
+                result = _by_method(part, method, solver, begin, asked, monitor, status)
         if target is not None:
             with noticing():
-                write(target, answer.solution.estimate, instance=part, format=format)
-        answers.append(answer)
+                write(target, result.solution.estimate, instance=part, format=format)
+        results.append(result)
         if not json:
-            answer.show(part, target)
-        certificate, estimate = answer.certificate, answer.solution.estimate
-        if proof and len(answer.solution.rejected):
-            notice(
-                "no proof is written: it would be about all measurements, not only the kept ones; "
-                "write a graph of these (see Reject outliers) and prove that"
-            )
-            proven = False
-        elif proof and source and certificate is not None and not answer.interrupted:
-            proven = prove(proof, source, part, estimate, certificate, json=json)
-        if html is not None and certificate is not None:
-            checked = proof if proven and not answer.interrupted else None
-            _page(html, graph, part, answer, target, checked, reading)
-        if answer.interrupted:
+            result.show(target)
+        if proof and provable and not result.interrupted:
+            proven = result.prove(proof, provable, json=json)
+        if html is not None:
+            checked = proof if proven and not result.interrupted else None
+            result.write_page(html, graph, target, checked, reading)
+        if result.interrupted:
             break
     if json:
-        reports = [
-            answer.report(part, target)
-            for answer, part, target in zip(answers, parts, targets, strict=False)
-        ]
+        reports = [result.report(target) for result, target in zip(results, targets, strict=False)]
         document(reports[0] if len(reports) == 1 else reports)
-    if answers[-1].interrupted:
+    if results[-1].interrupted:
         return _verdict.INTERRUPTED
-    code = _verdict.exit_code(a.certificate for a in answers if a.certificate is not None)
+    code = _verdict.exit_code(r.certificate for r in results if r.certificate is not None)
     return code if proven else code or REFUSED
 
 
 @dataclass(frozen=True)
-class _Answer:
-    """What a part of the graph got."""
+class _Result:
+    """What was found for a connected graph."""
 
-    name: str
+    part: Instance
+    method: str
     solution: Solution
     certificate: Certificate | None
-    start: str | None = None
-    levels: Sequence[Level] = ()
-    disagreement: Disagreement | None = None
+    found: CertifiedSolution | None = None  # by the certified pipeline
 
     @property
     def interrupted(self) -> bool:
         """Whether Ctrl-C ended the search."""
         return self.solution.status.value == "interrupted"
 
-    def report(self, part: Instance, written: Path | None) -> dict[str, Any]:
+    @property
+    def disagreement(self) -> Disagreement | None:
+        """Measurements that disagree with the rest."""
+        return None if self.found is None else self.found.disagreement
+
+    @property
+    def certified_cost(self) -> float:
+        """F of the measurements that the certificate is about: those that a robust method kept."""
+        from certpgo.objective.problem import problem_of
+
+        if self.solution.weights is None:
+            return self.solution.cost
+        return self.solution.judged(problem_of(self.part.graph)).cost(self.solution.estimate)
+
+    def report(self, written: Path | None) -> dict[str, Any]:
         """For --json."""
-        solution, certificate = self.solution, self.certificate
+        solution, found = self.solution, self.found
+        levels = () if found is None else found.levels
+        certificate, disagreement = self.certificate, self.disagreement
         return {
-            "graph": part.name,
-            "options": dict(part.options),
-            "method": self.name,
-            "start": self.start,
-            "levels": [
-                {"rank": level.rank, "cost": level.cost, "eigenvalue": level.eigenvalue}
-                for level in self.levels
-            ],
-            "status": solution.status.value,
-            "cost": solution.cost,
-            "iterations": solution.iterations,
-            "counts": dict(solution.counts),
-            "seconds": dict(solution.seconds),
-            "note": solution.note,
-            "kept": solution.kept,
-            "rejected": _verdict.edges_as_json(part, solution.rejected),
-            "disagreement": _verdict.disagreement_as_json(part, self.disagreement),
-            "certificate_of": "all measurements" if solution.kept is None else "those kept",
-            "lower_bound": solution.lower_bound,
-            "written": None if written is None else str(written),
-            "certificate": None if certificate is None else _verdict.as_json(certificate),
+            **_verdict.as_json(
+                self.part, certificate, self.certified_cost, disagreement=disagreement
+            ),
+            "solution": {
+                "method": self.method,
+                "start": None if found is None else found.start,
+                "levels": [{**asdict(level), "status": level.status.value} for level in levels],
+                "status": solution.status.value,
+                "cost": solution.cost,
+                "iterations": solution.iterations,
+                "counts": dict(solution.counts),
+                "seconds": dict(solution.seconds),
+                "note": solution.note,
+                "kept": solution.kept,
+                "rejected": _verdict.edges_as_json(self.part, solution.rejected),
+                "own_bound": solution.lower_bound,
+                "settings": None if found is None else asdict(found.settings),
+                "written": None if written is None else str(written),
+            },
         }
 
     def _own_bound(self) -> str:
-        """How far the method itself says that its answer is from the best possible."""
+        """How far the method itself says that its estimate is from the best possible."""
         bound = self.solution.lower_bound
         if bound is None:
             return "how far this is from the best possible is not known"
-        said = f"no answer costs less than {bound:.12g}"
-        return f"the method's own bound, not proven against rounding, is that {said}"
+        claim = f"no estimate costs less than {bound:.12g}"
+        return f"the method's own bound, not proven against rounding, is that {claim}"
 
-    def show(self, part: Instance, written: Path | None) -> None:
+    def show(self, written: Path | None) -> None:
         """For people."""
         from certpgo.assess.wording import few_edges
 
-        solution = self.solution
+        solution, part = self.solution, self.part
         seconds = ", ".join(f"{phase} {value:.3f}" for phase, value in solution.seconds.items())
-        lines = [("graph", part.name), ("method", self.name), ("ended", solution.status.value)]
+        lines = [("graph", part.name), ("method", self.method), ("ended", solution.status.value)]
         if solution.iterations:
             lines.append(("iterations", str(solution.iterations)))
-        lines += [("cost F", f"{solution.cost:.12g}"), ("seconds", seconds)]
+        of_all = " (of all measurements)" if solution.kept is not None else ""
+        lines += [("cost F", f"{solution.cost:.12g}{of_all}"), ("seconds", seconds)]
         if solution.note:
             lines.append(("note", solution.note))
         if solution.kept is not None:
@@ -237,7 +234,7 @@ class _Answer:
             lines.append(("written", str(written)))
         facts(lines)
         if self.certificate is None:
-            notice(f"{self._own_bound()}; --certify judges it")
+            notice(f"{self._own_bound()}; --certify certifies it")
             return
         typer.echo()
         if solution.kept is not None:
@@ -247,11 +244,57 @@ class _Answer:
             )
         _verdict.show(self.certificate, part.options, disagreement=self.disagreement)
         uncertified = self.certificate.verdict.value != "CERTIFIED"
-        if self.start is None and solution.kept is None and uncertified:
-            notice("without --method the best answer is searched for")
+        if self.found is None and solution.kept is None and uncertified:
+            notice("without --method the best estimate is searched for")
+
+    def prove(self, out: Path, source: Path, *, json: bool) -> bool:
+        """Write the proof; returns whether there is one."""
+        if len(self.solution.rejected):
+            notice(
+                "no proof is written: it would be about all measurements, not only the kept ones; "
+                "write a graph of these (see Reject outliers) and prove that"
+            )
+            return False
+        if self.certificate is None:
+            return True
+        estimate = self.solution.estimate
+        return prove(out, source, self.part, estimate, self.certificate, json=json)
+
+    def write_page(
+        self, out: Path, graph: str, written: Path | None, proof: Path | None, reading: Reading
+    ) -> None:
+        """Write the page of the certificate."""
+        from certpgo.assess.assessment import assess
+        from certpgo.assess.wording import hint
+        from certpgo.objective.problem import problem_of
+
+        solution, part = self.solution, self.part
+        if self.certificate is None:
+            return
+        remarks = [f"It ended: {solution.status.value}; {solution.note}."] if solution.note else []
+        if solution.kept is not None:
+            remarks.append(
+                f"The verdict is about the {solution.kept} of {part.graph.num_edges} measurements "
+                "that the method kept, with the weights they ended with; the view shows these."
+            )
+        if self.disagreement is not None:
+            remarks.append(f"{hint(self.disagreement)}.")
+        problem = solution.judged(problem_of(part.graph))
+        assessment = assess(problem, solution.estimate, self.certificate, ids=part.ids)
+        origin = origin_of(
+            graph,
+            reading,
+            estimate=written,
+            proof=proof,
+            method=self.method,
+            remarks=remarks,
+            partial=len(solution.rejected) > 0,
+            settings=None if self.found is None else self.found.settings,
+        )
+        write_page(out, part, problem, solution.estimate, assessment, origin, solution.trace)
 
 
-class _Telling:
+class _StatusLine:
     """The monitor that keeps the spinner's line up to date."""
 
     def __init__(self, status: Any) -> None:
@@ -265,97 +308,47 @@ class _Telling:
 
 def _certified(
     part: Instance,
-    start: Estimate | None,
+    initial: Estimate | None,
     time_limit: float | None,
     max_rank: int | None,
     tier: str | None,
     robust: bool,
     monitor: Monitor,
-) -> _Answer:
-    from certpgo import solve, solve_robustly
+) -> _Result:
+    from certpgo import SolveSettings, solve, solve_robustly
 
+    settings = SolveSettings(time_limit=time_limit, max_rank=max_rank, tier=tier)
     solver = solve_robustly if robust else partial(solve, on_disagreement=_hinting)
-    found = solver(
-        part.graph,
-        initial=start,
-        time_limit=time_limit,
-        max_rank=max_rank,
-        tier=tier,
-        monitor=monitor,
-    )
-    return _Answer(
-        "robust" if robust else "certified",
-        found.solution,
-        found.certificate,
-        found.start,
-        found.levels,
-        found.disagreement,
-    )
+    found = solver(part.graph, settings, initial=initial, monitor=monitor)
+    name = "robust" if robust else "certified"
+    return _Result(part, name, found.solution, found.certificate, found)
 
 
-def _hinting(told: Disagreement) -> None:
+def _hinting(found: Disagreement) -> None:
     from certpgo.assess.wording import hint
 
-    notice(hint(told))
+    notice(hint(found))
 
 
 def _by_method(
     part: Instance,
     name: str,
     solver: Solver,
-    start: Estimate | None,
+    initial: Estimate | None,
     tier: str | None,
     monitor: Monitor,
     status: Any,
-) -> _Answer:
+) -> _Result:
     from certpgo.certify import certify
     from certpgo.objective.problem import problem_of
 
     problem = problem_of(part.graph)
-    solution = solver.solve(problem, initial=start, monitor=monitor)
+    solution = solver.solve(problem, initial=initial, monitor=monitor)
     if tier is None:
-        return _Answer(name, solution, None)
-    status.update(f"certifying the answer for {part.name}")
+        return _Result(part, name, solution, None)
+    status.update(f"certifying the estimate of {part.name}")
     certificate = certify(solution.judged(problem), solution.estimate, tier=tier)
-    return _Answer(name, solution, certificate)
-
-
-def _page(
-    out: Path,
-    graph: str,
-    part: Instance,
-    answer: _Answer,
-    written: Path | None,
-    proof: Path | None,
-    reading: Reading,
-) -> None:
-    from certpgo.assess.assessment import assess
-    from certpgo.assess.wording import hint
-    from certpgo.objective.problem import problem_of
-
-    solution, certificate = answer.solution, answer.certificate
-    if certificate is None:
-        return
-    remarks = [f"It ended: {solution.status.value}; {solution.note}."] if solution.note else []
-    if solution.kept is not None:
-        remarks.append(
-            f"The verdict is about the {solution.kept} of {part.graph.num_edges} measurements that "
-            "the method kept, with the weights they ended with; the view shows these."
-        )
-    if answer.disagreement is not None:
-        remarks.append(f"{hint(answer.disagreement)}.")
-    problem = solution.judged(problem_of(part.graph))
-    assessment = assess(problem, solution.estimate, certificate, ids=part.ids)
-    origin = origin_of(
-        graph,
-        reading,
-        estimate=written,
-        proof=proof,
-        method=answer.name,
-        remarks=remarks,
-        partial=len(solution.rejected) > 0,
-    )
-    write_page(out, part, problem, solution.estimate, assessment, origin, solution.trace)
+    return _Result(part, name, solution, certificate)
 
 
 def _refuse_mixtures(

@@ -94,18 +94,28 @@ def load(
     InputError
         The file is nowhere, is no graph, or cannot be read.
     """
-    wanted = entry(name)
-    if wanted.kind not in ("graph", "adjacency"):
-        raise InputError(f"{name} holds no graph but {wanted.kind}; fetch gives its path")
-    path = fetch(name, data, download=download)
+    _require_graph(name)
+    return load_file(name, fetch(name, data, download=download), data, **options)
+
+
+def load_file(name: str, path: Path, data: str | Path | None = None, **options: Any) -> Instance:
+    """`load` where the dataset's file has been found already."""
     from certpgo import io
 
+    wanted = _require_graph(name)
     instance = replace(io.read(path, **options), name=wanted.name)
     instance = replace(instance, outliers=_outliers(wanted, instance, data))
     known = None if instance.truth is not None else truth(name, instance, data)
     if known is None or len(known[0]) < instance.graph.num_nodes:
         return instance
     return replace(instance, truth=known[1])
+
+
+def _require_graph(name: str) -> Entry:
+    wanted = entry(name)
+    if wanted.kind not in ("graph", "adjacency"):
+        raise InputError(f"{name} holds no graph but {wanted.kind}; fetch gives its path")
+    return wanted
 
 
 def truth(

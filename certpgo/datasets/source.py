@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +28,15 @@ class Source:
     is_file: bool
     data: Path | None = None
 
+    @cached_property
+    def found(self) -> Path | None:
+        """The local file, or None: it is looked for once."""
+        return Path(self.name) if self.is_file else datasets.find(self.name, self.data)
+
     @property
     def is_here(self) -> bool:
         """Whether it needs no download."""
-        return self.is_file or datasets.find(self.name, self.data) is not None
+        return self.found is not None
 
     def path(self) -> Path:
         """The local file, downloaded if need be.
@@ -40,7 +46,7 @@ class Source:
         InputError
             The file is nowhere, or the download failed.
         """
-        return Path(self.name) if self.is_file else datasets.fetch(self.name, self.data)
+        return self.found or datasets.fetch(self.name, self.data)
 
     def graph(self, *, download: bool = True, **reading: Any) -> Instance:
         """The graph, with the dataset's ground truth where that is here.
@@ -57,7 +63,9 @@ class Source:
         """
         if self.is_file:
             return io.read(self.name, **reading)
-        return datasets.load(self.name, self.data, download=download, **reading)
+        if self.found is None:
+            return datasets.load(self.name, self.data, download=download, **reading)
+        return datasets.load_file(self.name, self.found, self.data, **reading)
 
 
 def resolve(name: str, data: Path | None = None) -> Source:

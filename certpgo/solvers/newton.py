@@ -14,7 +14,9 @@ from certpgo.optimize.solution import Solution
 
 @dataclass(frozen=True)
 class Newton(NewtonSettings):
-    """Damped Newton with the exact Hessian; local, see `certpgo.optimize.newton.NewtonSettings`.
+    """Damped Newton with the exact Hessian; local.
+
+    Its settings are those of `certpgo.optimize.newton.NewtonSettings`.
 
     Examples
     --------

@@ -39,6 +39,7 @@ class Origin:
     method : that found the answer, or empty
     remarks : sentences that a reader of the verdict should know
     partial : whether the verdict is about a part of the measurements, those that the method kept
+    settings : of the search that found the estimate, one text each
     environment : versions, machine and engine
     """
 
@@ -49,6 +50,7 @@ class Origin:
     method: str = ""
     remarks: tuple[str, ...] = ()
     partial: bool = False
+    settings: tuple[str, ...] = ()
     environment: Mapping[str, str] | None = None
 
 
@@ -102,6 +104,7 @@ def _page(
         no_charts=_no_trace(origin),
         recheck_said=recheck_said,
         recheck=recheck,
+        settings=origin.settings,
         environment=dict(origin.environment or {}),
     )
 

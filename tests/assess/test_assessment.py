@@ -183,7 +183,7 @@ def test_sentences_need_no_paper():
     for c in said:
         assert not any(word in c.reason.lower() for word in JARGON), c.reason
         assert "\n" not in c.reason
-        assert f"{c.cost:.10g}" in c.reason
+        assert f"{c.cost_upper:.10g}" in c.reason
         if c.verdict is not Verdict.UNDECIDED:
             assert f"{c.lower_bound:.10g}" in c.reason
 
@@ -210,7 +210,8 @@ def test_one_bound_serves_all_answers_that_lead_to_it(monkeypatch):
     alone = [certify(problem, shaken[name]) for name in shaken]
     for row, certificate in zip(rows, alone, strict=True):
         assert row.verdict == certificate.verdict.value == "BOUNDED"
-        assert row.cost == certificate.cost
+        assert row.cost == pytest.approx(certificate.cost_upper, rel=1e-9)
+        assert row.cost <= certificate.cost_upper
         assert row.lower_bound == pytest.approx(certificate.lower_bound, rel=1e-6)
 
 

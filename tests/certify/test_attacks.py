@@ -30,7 +30,7 @@ def test_overflow_certifies_nothing(refine):
     problem, wound = wound_poses(20, 1)
     far = Estimate(wound.rotations, 1e170 * np.eye(20, 3))
     certificate = certify(problem, far, refine=refine)
-    assert math.isinf(certificate.cost)
+    assert math.isinf(certificate.cost_upper)
     assert certificate.verdict is not Verdict.CERTIFIED
     assert "range of doubles" in certificate.reason
 
@@ -163,7 +163,7 @@ def test_descent_that_has_not_settled_refutes_nothing(monkeypatch):
         instance.truth.translations,
     )
     assert newton(problem, start, NewtonSettings(max_iterations=2)).status is Status.ITERATION_LIMIT
-    monkeypatch.setattr(case, "MAX_STEPS", 2)
+    monkeypatch.setattr(case, "DESCENT", NewtonSettings(max_iterations=2))
     certificate = certify(problem, start)
     assert certificate.verdict is not Verdict.REFUTED
     monkeypatch.undo()
@@ -215,7 +215,7 @@ def test_a_long_bridge_hides_no_winding(tier):
     wound = newton(problem, problem.complete(twice)).estimate
     certificate = certify(problem, wound, tier=tier)
     assert certificate.verdict is Verdict.REFUTED
-    assert certificate.better_cost < 0.1 * certificate.cost
+    assert certificate.better_cost < 0.1 * certificate.cost_upper
 
 
 def test_a_better_point_in_hand_is_given_even_where_descent_did_not_settle():

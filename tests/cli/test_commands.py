@@ -106,11 +106,27 @@ def test_solve_writes_and_certifies(certpgo, square, tmp_path):
     out = tmp_path / "out.g2o"
     done = certpgo("solve", square, "--method", "newton", "-o", out, "--certify", "--json")
     assert done.code == 0
-    assert done.json["certificate"]["verdict"] == "CERTIFIED"
-    assert done.json["written"] == str(out)
+    assert done.json["verdict"] == "CERTIFIED"
+    assert done.json["solution"]["written"] == str(out)
     judged = certpgo("certify", square, out, "--json")
     assert judged.code == 0
     assert judged.json["cost"] == pytest.approx(done.json["cost"], rel=1e-9)
+
+
+def test_documents_of_solve_and_certify_have_one_shape(certpgo, square, tmp_path):
+    out = tmp_path / "out.g2o"
+    solved = certpgo("solve", square, "-o", out, "--json").json
+    certified = certpgo("certify", square, out, "--json").json
+    shared = solved.keys() & certified.keys()
+    assert list(solved)[:5] == ["schema", "graph", "reading", "certified_cost", "verdict"]
+    assert solved.keys() - shared == {"solution"}
+    assert certified.keys() - shared == {"best", "costliest_edges", "digits"}
+    assert solved["certificate"].keys() == certified["certificate"].keys()
+    # What is rounded up says so.
+    for found in (solved, certified):
+        assert "cost" not in found["certificate"]
+        assert found["cost"] <= found["certificate"]["cost_upper"]
+        assert found["gap"] >= found["cost"] - found["lower_bound"]
 
 
 def test_solve_certifies_and_says_where_it_started(certpgo, square):
@@ -119,10 +135,10 @@ def test_solve_certifies_and_says_where_it_started(certpgo, square):
     assert "CERTIFIED" in done.out
     assert "started from laplacian_gauss_newton" in done.out
     report = certpgo("solve", square, "--json").json
-    assert report["start"] == "laplacian_gauss_newton"
-    assert [level["rank"] for level in report["levels"]] == [2]
-    assert report["counts"]["factorizations"] >= 1
-    assert report["certificate"]["verdict"] == "CERTIFIED"
+    assert report["solution"]["start"] == "laplacian_gauss_newton"
+    assert [level["rank"] for level in report["solution"]["levels"]] == [2]
+    assert report["solution"]["counts"]["factorizations"] >= 1
+    assert report["verdict"] == "CERTIFIED"
 
 
 def test_solve_shows_every_iteration_when_asked(certpgo, square):
@@ -144,9 +160,10 @@ def test_a_methods_own_bound_is_told_where_nothing_is_judged(certpgo, square):
     done = certpgo(*judged)
     assert "the method's own bound, not proven against rounding" in done.err
     found = certpgo(*judged, "--json").json
-    assert 0.0 <= found["lower_bound"] <= found["cost"]
+    assert 0.0 <= found["solution"]["own_bound"] <= found["cost"]
+    assert found["verdict"] is found["certificate"] is None
     done = certpgo("solve", square, "--method", "spanning_tree", "--no-certify")
-    assert "is not known; --certify judges it" in done.err
+    assert "is not known; --certify certifies it" in done.err
 
 
 def test_solve_by_a_method_without_a_judge_says_so(certpgo, square):
@@ -168,7 +185,8 @@ def test_an_answer_that_is_not_certified_says_what_to_try(certpgo, square):
 def test_list_shows_settings_as_they_are_given(certpgo):
     rows = certpgo("list", "methods", "--json").json["methods"]
     settings = {row["name"]: row["settings"] for row in rows}
-    assert settings["newton"] == "tolerance=1e-12, max_iterations=100"
+    assert settings["newton"].startswith("tolerance=1e-12, max_iterations=100, ")
+    assert "patience=30.0" in settings["certified"]
     assert "anchor=none" in settings["eigen_ra"]
     assert not any("`" in row["what"] for row in rows)
 
@@ -187,16 +205,16 @@ def test_a_reader_that_has_gone_gets_no_traceback_and_no_verdict():
 def test_solve_starts_where_it_is_told_and_obeys_settings(certpgo, square):
     settings = ("--method", "newton", "--set", "max_iterations=1", "--initial", square)
     done = certpgo("solve", square, *settings, "--json")
-    assert done.json["iterations"] == 1
-    assert done.json["status"] == "iteration limit"
+    assert done.json["solution"]["iterations"] == 1
+    assert done.json["solution"]["status"] == "iteration limit"
 
 
 def test_certify_polishes(certpgo, square, tmp_path):
     best = tmp_path / "best.g2o"
-    poor = certpgo("certify", square, square, "--polish", best, "--json")
+    poor = certpgo("certify", square, square, "--best", best, "--json")
     assert poor.code == 3
     assert poor.json["verdict"] == "BOUNDED"
-    assert poor.json["basin_is_global"]
+    assert poor.json["certificate"]["basin_is_global"]
     assert certpgo("certify", square, best).code == 0
 
 
@@ -423,11 +441,11 @@ def test_certify_says_how_far_the_best_answer_is_and_where_the_cost_sits(certpgo
     assert "the best possible answer is" in done.out
     assert "the file's 3 decimals make even the best answer cost" in done.out
     assert done.out.count("% of F, off by") == 3
-    assert "--polish" in done.err
+    assert "--best" in done.err
     report = certpgo("certify", square, rounded, "--json").json
-    assert report["judged_by"].startswith("F with weights from the file")
+    assert report["certified_cost"].startswith("F with weights from the file")
     assert report["best"]["is_optimal"]
-    assert report["best"]["cost"] == report["refined_cost"]
+    assert report["best"]["cost_upper"] == report["certificate"]["refined_cost"]
     assert 0.0 < report["best"]["mean_m"] <= report["best"]["worst_m"] < 1e-2
     assert report["digits"]["count"] == 3
     assert 0.1 < report["digits"]["cost"] / report["best"]["excess"] < 10.0
@@ -441,7 +459,7 @@ def test_certify_polishes_to_the_better_answer(certpgo, tmp_path):
     graph, estimate, best = (tmp_path / name for name in ("cycle.npz", "wound.npz", "best.npz"))
     package.write(graph, instance)
     package.write(estimate, wound)
-    done = certpgo("certify", graph, estimate, "--polish", best)
+    done = certpgo("certify", graph, estimate, "--best", best)
     assert done.code == 4
     assert "improving it step by step does not lead there" in done.out
     assert certpgo("certify", graph, best).code == 0
@@ -483,7 +501,7 @@ def test_what_an_output_has_no_room_for_is_said(certpgo, square, tmp_path):
     said = "holds rotations only: translations are not written"
     assert said in certpgo("solve", square, "-o", tmp_path / "a.rots").err
     assert said in certpgo("convert", square, tmp_path / "b.rots").err
-    assert said in certpgo("certify", square, square, "--polish", tmp_path / "c.rots").err
+    assert said in certpgo("certify", square, square, "--best", tmp_path / "c.rots").err
     assert said not in certpgo("convert", square, tmp_path / "d.tum").err
 
 

@@ -57,7 +57,7 @@ def test_a_method_that_keeps_no_trace(certpgo, square, tmp_path):
 def test_the_page_of_a_robust_method_is_of_what_it_kept(certpgo, square, tmp_path):
     out = tmp_path / "page.html"
     done = certpgo("solve", square, "--method", "graduated_non_convexity", "--html", out, "--json")
-    kept = done.json["kept"]
+    kept = done.json["solution"]["kept"]
     assert f"The verdict is about the {kept} of 4 measurements" in out.read_text()
 
 

@@ -108,12 +108,12 @@ def test_an_unusable_tolerance_or_tier(certpgo, square, option, value):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("certify", "g.g2o", "e.g2o", "--polish", "no/such/o.g2o"), "no/such/o.g2o: cannot be"),
+        (("certify", "g.g2o", "e.g2o", "--best", "no/such/o.g2o"), "no/such/o.g2o: cannot be"),
         (("certify", "g.g2o", "e.g2o", "--csv", "no/such/o.csv"), "no/such/o.csv: cannot be"),
         (("convert", "g.g2o", "no/such/o.g2o"), "no/such/o.g2o: cannot be"),
-        (("certify", "g.g2o", "e.g2o", "--polish", "o.docx"), "o.docx"),
+        (("certify", "g.g2o", "e.g2o", "--best", "o.docx"), "o.docx"),
         (("certify", "g.g2o", "a.g2o", "b.g2o"), "several estimates need --csv"),
-        (("certify", "g.g2o", "e.g2o", "--csv", "o.csv", "--polish", "o.g2o"), "--polish"),
+        (("certify", "g.g2o", "e.g2o", "--csv", "o.csv", "--best", "o.g2o"), "--best"),
     ],
 )
 def test_what_cannot_end_well_is_refused_before_anything_is_read(certpgo, arguments, said):
@@ -188,7 +188,7 @@ def test_notices_are_on_stderr_and_stdout_stays_clean(certpgo, tmp_path):
     done = certpgo("solve", graph, "--json")
     assert done.code == 0
     assert "note: " in done.err
-    assert done.json["status"] == "converged"
+    assert done.json["solution"]["status"] == "converged"
 
 
 @pytest.mark.parametrize(
@@ -201,8 +201,8 @@ def test_notices_are_on_stderr_and_stdout_stays_clean(certpgo, tmp_path):
         ("convert", "g.g2o", "g.g2o"),
         ("convert", "g.g2o", "g.g2o", "--estimate"),
         ("convert", "e.g2o", "g.g2o", "--graph", "g.g2o", "--estimate"),
-        ("certify", "g.g2o", "e.g2o", "--polish", "g.g2o"),
-        ("certify", "g.g2o", "e.g2o", "--polish", "e.g2o"),
+        ("certify", "g.g2o", "e.g2o", "--best", "g.g2o"),
+        ("certify", "g.g2o", "e.g2o", "--best", "e.g2o"),
         ("certify", "g.g2o", "e.g2o", "--csv", "e.g2o"),
     ],
 )

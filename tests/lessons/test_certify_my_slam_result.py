@@ -52,7 +52,7 @@ def test_the_better_answer_is_near_and_proven(taught):
 
 def test_the_wound_up_map_has_no_edge_to_blame_and_is_left_by_a_restart(taught):
     assert taught["wound"].edges[0].share < 0.05
-    assert taught["wound"].excess > 0.9 * taught["wound"].certificate.cost
+    assert taught["wound"].excess > 0.9 * taught["wound"].certificate.cost_upper
     assert taught["judged"](taught["again"]).verdict.value == "BOUNDED"
 
 

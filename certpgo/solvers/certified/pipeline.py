@@ -229,9 +229,9 @@ def _reason(search: Staircase, certificate: Certificate) -> str:
     stopped = search.stop.status is not None
     minimal = search.has_reached_the_floor and not stopped
     if certificate.verdict is Verdict.UNDECIDED and minimal:
-        share = certificate.cost / certificate.scale
+        share = certificate.cost_upper / certificate.scale
         return (
-            f"the relaxation shows no way down, but the cost, {certificate.cost:.4g}, is "
+            f"the relaxation shows no way down, but the cost, {certificate.cost_upper:.4g}, is "
             f"{share:.1g} of the weights of its terms, too little for a proof that allows for "
             f"rounding: atol={2.0 * share:.1g} counts that as nothing, and weights of the true "
             "precision of the data make it more"
@@ -249,7 +249,9 @@ def _reason(search: Staircase, certificate: Certificate) -> str:
 
 @dataclass(frozen=True)
 class Certified(SolveSettings):
-    """The certified pipeline as a method among others: the estimate of `certpgo.solve`.
+    """The certified pipeline as a method among others.
+
+    Its estimate is that of `certpgo.solve`, its settings are those of `SolveSettings`.
 
     Examples
     --------
