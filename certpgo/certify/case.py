@@ -20,7 +20,6 @@ from certpgo.certify.units import in_units, unit_of
 from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.graph import Estimate
 from certpgo.graph.lift import Point
-from certpgo.linalg import factor
 from certpgo.objective.problem import Problem
 from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.optimize.solution import Status
@@ -252,7 +251,7 @@ class Case:
             better=better.point if better else None,
             better_cost=better.cost if better else None,
             bounds=bounds,
-            engine=factor.default_engine(),
+            engine=problem.engine,
             reason="",
         )
         scaled = in_units(self.unit, judged)
