@@ -42,7 +42,7 @@ _BASELINES = """\
 Baselines
 =========
 
-Methods of other programs, in the checkout's folder ``baselines`` and not part of the wheel.
+Competing methods, in the checkout's folder ``baselines`` and not part of the wheel.
 ``certpgo.get_solver(NAME)`` and ``--method NAME`` find them like any method, and
 ``certpgo list methods`` shows which packages they need and their settings.
 

@@ -10,8 +10,8 @@
 #
 # How low can the cost be? Every lower bound on $F^*$ in rotation averaging, from a few eigenvalues
 # to a semidefinite program, is one inequality with different parameters. This lesson states it once
-# and computes the bounds in order of strength on one real graph: the run time of each, and the
-# improvement. The strongest is not the most expensive one.
+# and computes these bounds one by one on one real graph: the run time of each, and the improvement.
+# The strongest is not the most expensive one.
 
 # %%
 import tempfile
@@ -237,7 +237,7 @@ with plt.rc_context(STYLE):
 # translations included. Its middle entries are residual-angle bounds: Eriksson et al.'s Theorem 4.1
 # states that a stationary point of rotation averaging whose residuals are all below an angle is
 # optimal. For a pose graph they therefore concern rotation averaging on its rotations alone, never
-# the poses: a pose estimate can be stationary, with zero rotation residuals, and far from optimal
+# the full cost: there a point can be stationary, with zero rotation residuals, and far from optimal
 # (exercise 4). They take one eigenvalue, and constrain every edge: where the Fiedler value is small
 # relative to the degrees, as on long chains, the angle is tiny, and a single larger residual makes
 # them inconclusive.

@@ -179,8 +179,8 @@ print(f"what is proven: F* >= {F - problem.d * problem.n * eta:.4f}")
 
 # %% [markdown]
 # only that $F^*$ is at least some negative number, which is trivial. The figure shows this for all
-# $n$: a shift is useful only *below* $F / (d n)$, and the fixed rules exceed that. The shift that
-# our certificate of the right point needed is below it.
+# $n$: a shift is useful only *below* $F / (d n)$, which the fixed rules exceed. The shift that our
+# certificate of the right point needed is below it.
 
 # %%
 numbers = np.unique(np.geomspace(10, 1000, 60).round().astype(int))

@@ -91,8 +91,8 @@ slope = 2 * np.cos((theta + 2 * np.pi) / n) * (2 - 2 * np.cos(2 * np.pi / n))
 print(f"2 cos a_1 lambda_2(L_G):        {slope:.6f}")
 
 # %% [markdown]
-# Descent needs a good initial estimate, and random ones are not. Newton's method from 200 random
-# initial estimates:
+# Descent needs a good initial estimate; random ones are not good enough. Newton's method from 200
+# random initial estimates:
 
 # %%
 rng = np.random.default_rng(0)
