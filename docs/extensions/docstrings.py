@@ -29,6 +29,8 @@ _UNDERLINE = re.compile(r"-{3,}")
 _CODE = re.compile(r"(``.+?``|`[^`]+`)")
 _ALIAS = re.compile(r"\w*TypeAliasForwardRef\('([\w.]+)'\)")
 _MARK = "certpgo-name"
+#: Modules whose objects the reference describes.
+_DESCRIBED = ("certpgo", "reports.harness")
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
@@ -91,12 +93,12 @@ def complete(app: Sphinx, obj: object, bound: bool) -> None:
     These are the names imported for type checkers only and, for a class, those that its bases use.
     """
     module = inspect.getmodule(obj)
-    if module is None or not module.__name__.startswith("certpgo"):
+    if module is None or not module.__name__.startswith(_DESCRIBED):
         return
     _complete(module.__name__)
     owner = getattr(module, getattr(obj, "__qualname__", "").partition(".")[0], None)
     for base in inspect.getmro(owner) if isinstance(owner, type) else ():
-        if base.__module__.startswith("certpgo"):
+        if base.__module__.startswith(_DESCRIBED):
             _complete(base.__module__)
             for name, value in vars(sys.modules[base.__module__]).items():
                 vars(module).setdefault(name, value)

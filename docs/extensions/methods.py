@@ -50,7 +50,7 @@ Competing methods, in the checkout's folder ``baselines`` and not part of the wh
    :header-rows: 1
 
    * - name
-          - description
+     - description
 """
 
 
