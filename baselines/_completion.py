@@ -23,10 +23,10 @@ from certpgo.graph.trees import compose, spanning_tree
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.linalg.blocks import BlockPattern
 from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Solution
-from certpgo.solvers._iterative import Iterative
 
 from ._blocks import block_size, inverses, measured_both_ways, poses_of
 
@@ -199,7 +199,7 @@ class Alternation(Completion):
         blocks = known.at(L)
         cost, wanted = self.loss(known.blocks - blocks)
         fall, moved = np.inf, 0.0
-        while not progress.ends(cost, fall, moved):
+        while progress.advance(cost, fall, moved):
             before = cost, blocks
             with progress.watch.phase("completion"):
                 L = nearest(known.matrix(wanted), L)

@@ -65,7 +65,7 @@ class AugmentedLagrangian(Completion):
         measured, product = known.blocks, known.at(L)
         M, Y, mu = measured, np.zeros_like(measured), self.penalty
         moved = 0.0
-        while not progress.ends(
+        while progress.advance(
             self.cost(measured - product, L), float(np.linalg.norm(M - product)) / known.size, moved
         ):
             before = product

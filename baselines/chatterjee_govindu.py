@@ -28,10 +28,10 @@ from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.factor import Factor
 from certpgo.objective import operators
 from certpgo.objective.problem import Problem, RotationProblem
+from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Solution
-from certpgo.solvers._iterative import Iterative
 
 #: The largest weight of an edge, which keeps the least squares well conditioned.
 HEAVIEST = 1e8
@@ -83,7 +83,7 @@ class ChatterjeeGovindu(Iterative):
             R = self._l1ra(rotation, R)
         progress = Progress(monitor, self.tolerance, self.max_iterations, watch)
         w, moved = np.ones(rotation.graph.num_edges), math.inf
-        while not progress.ends(rotation.cost(Estimate.trusted(R)), moved, moved):
+        while progress.advance(rotation.cost(Estimate.trusted(R)), moved, moved):
             with watch.phase("irls"):
                 b = logarithms(rotation, R)
                 delta = laplacian_factor(rotation, w).solve(divergence(rotation, w[:, None] * b))

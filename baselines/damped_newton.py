@@ -79,7 +79,7 @@ class DampedNewton(Completion):
     ) -> FloatArray:
         """Algorithm 2."""
         point, damping, moved = Point(known, balanced(L), self.alpha), self.damping, 0.0
-        while not progress.ends(point.cost, point.stationarity, moved):
+        while progress.advance(point.cost, point.stationarity, moved):
             with progress.watch.phase("completion"):
                 following, damping = self.descended(problem, point, damping)
             if following is None:

@@ -19,10 +19,10 @@ from certpgo.errors import SpecError
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Solution
-from certpgo.solvers._iterative import Iterative
 
 from ._blocks import poses_of
 from ._eig_se3 import leading_eigenvectors
@@ -74,7 +74,7 @@ class IrlsEigSE3(Iterative):
                 before, w = w, cauchy_weights(residual_norms(problem, estimate))
                 change = float(np.linalg.norm(w - before) / np.linalg.norm(before))
             cost = problem.cost(estimate)
-            if progress.ends(cost, change, change):
+            if not progress.advance(cost, change, change):
                 break
         return Solution(
             estimate=estimate,

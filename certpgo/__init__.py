@@ -21,10 +21,12 @@ from certpgo.errors import (
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.optimize.monitor import Iteration, Monitor
+from certpgo.optimize.newton import NewtonSettings
 from certpgo.optimize.solution import Solution, Status
 from certpgo.solvers.certified.disagreement import Disagreement
 from certpgo.solvers.certified.pipeline import CertifiedSolution, solve
 from certpgo.solvers.certified.robust import solve_robustly
+from certpgo.solvers.certified.settings import SolveSettings
 
 if TYPE_CHECKING:
     from certpgo.assess.assessment import certify_values
@@ -60,12 +62,14 @@ __all__ = [
     "Iteration",
     "MissingDependency",
     "Monitor",
+    "NewtonSettings",
     "NumericalError",
     "PoseGraph",
     "PoseProblem",
     "RotationGraph",
     "RotationProblem",
     "Solution",
+    "SolveSettings",
     "SpecError",
     "Status",
     "Tier",

@@ -119,8 +119,9 @@ def refuse_unsuited(name: str, solver: Solver | type[Solver], graph: Graph) -> N
 
 
 def setting_fields(solver: type[Solver]) -> dict[str, Field[Any]]:
-    """The settings of a method by name."""
-    return {f.name: f for f in fields(solver) if f.init}  # type: ignore[arg-type]
+    """The settings of a method by name, without those that hold settings of their own."""
+    flat = (f for f in fields(solver) if f.init)  # type: ignore[arg-type]
+    return {f.name: f for f in flat if f.default_factory is MISSING}
 
 
 def defaults(solver: type[Solver]) -> dict[str, Any]:
@@ -129,8 +130,6 @@ def defaults(solver: type[Solver]) -> dict[str, Any]:
     for name, field in setting_fields(solver).items():
         if field.default is not MISSING:
             found[name] = field.default
-        elif field.default_factory is not MISSING:
-            found[name] = field.default_factory()
     return found
 
 

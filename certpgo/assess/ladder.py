@@ -30,7 +30,7 @@ from certpgo.graph import Estimate
 from certpgo.graph.cycles import is_cycle
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize import spectral
-from certpgo.optimize.newton import newton
+from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.registry import build, setting_fields
 from certpgo.solvers.certified.pipeline import solve
 
@@ -186,7 +186,9 @@ class _Cost(NamedTuple):
 
 
 def _stationary_rotations(problem: Problem, point: Estimate) -> Estimate | None:
-    found = newton(problem.rotation, Estimate.trusted(point.rotations), max_iterations=200)
+    found = newton(
+        problem.rotation, Estimate.trusted(point.rotations), NewtonSettings(max_iterations=200)
+    )
     settled = problem.rotation.stationarity(found.estimate) <= SETTLED
     return found.estimate if settled else None
 

@@ -22,7 +22,7 @@ from certpgo.graph import Estimate
 from certpgo.graph.lift import Point
 from certpgo.linalg import factor
 from certpgo.objective.problem import Problem
-from certpgo.optimize.newton import newton
+from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.optimize.solution import Status
 
 #: CERTIFIED means gap <= rtol F + atol W.
@@ -35,8 +35,8 @@ MUCH = 0.1
 PROOF_GAIN = 1e3
 #: Of F, a gap that is not small, whatever the weights.
 LARGE = 0.01
-#: Steps that descent may take; what has not settled by then is no basin of its own.
-MAX_STEPS = 200
+#: Descent to a basin; what has not converged by then is no basin of its own.
+DESCENT = NewtonSettings(max_iterations=200)
 #: Stationarity, radians, at which a stalled descent counts as settled, and a point as stationary.
 SETTLED = 1e-6
 
@@ -122,7 +122,7 @@ class Case:
         try:
             point = problem.complete(start.rotations)
             if refine:
-                solution = newton(problem, point, max_iterations=MAX_STEPS)
+                solution = newton(problem, point, DESCENT)
                 point = problem.complete(solution.estimate.rotations)
                 settled = solution.status is Status.CONVERGED or (
                     solution.status is Status.STALLED and problem.stationarity(point) < SETTLED

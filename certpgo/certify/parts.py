@@ -23,10 +23,10 @@ from certpgo.graph.lift import Point
 from certpgo.linalg.arrays import IntArray
 from certpgo.linalg.blocks import adjacency
 from certpgo.objective.problem import PoseProblem, Problem, problem_of
-from certpgo.optimize.newton import newton
+from certpgo.optimize.newton import NewtonSettings, newton
 
 #: Newton steps from the whole graph's point, which is nearly stationary in each part.
-MAX_STEPS = 20
+FEW_STEPS = NewtonSettings(max_iterations=20)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Part:
         point = self.problem.settled(point)
         if not (polish and isinstance(point, Estimate)):
             return point
-        refined = newton(self.problem, point, max_iterations=MAX_STEPS, near=True).estimate
+        refined = newton(self.problem, point, FEW_STEPS, near=True).estimate
         return self.problem.settled(refined)
 
 

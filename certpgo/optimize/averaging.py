@@ -57,7 +57,7 @@ def laplacian_gauss_newton(
         raise NumericalError("the graph Laplacian could not be factorized")
     progress = Progress(monitor, tolerance, max_iterations, watch)
     step_norm, slow = 0.0, 0
-    while not progress.ends(first.cost, first.stationarity, step_norm):
+    while progress.advance(first.cost, first.stationarity, step_norm):
         with watch.phase("averaging"):
             candidate, step_norm = _stepped(factor, point, first.tangent)
             following = problem.first_order(candidate)

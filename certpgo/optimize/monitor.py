@@ -20,7 +20,9 @@ class Iteration:
     cost : objective F there
     gradient : norm of the Riemannian gradient, relative to the problem's scale
     step : norm of the step that led here (radians and scaled translations together)
-    seconds : solver time so far, showing excluded
+    seconds : solver time so far, without monitoring
+    gain : decrease of F over the decrease that the model predicted, of trust-region methods
+    accepted : whether the last step was taken; a rejected one leaves the point where it was
 
     Examples
     --------
@@ -34,6 +36,8 @@ class Iteration:
     gradient: float
     step: float
     seconds: float
+    gain: float | None = None
+    accepted: bool = True
 
 
 class Monitor(Protocol):
@@ -81,10 +85,13 @@ class TableMonitor:
         """Print the iteration; never asks to stop."""
         stream = self.stream or sys.stderr
         if iteration.number == 0:
-            stream.write(f"{'it':>4} {'cost':>22} {'gradient':>10} {'step':>10} {'s':>8}\n")
+            heads = f"{'it':>4} {'cost':>22} {'gradient':>10} {'step':>10} {'gain':>9} {'s':>8}"
+            stream.write(f"{heads}\n")
+        gain = "" if iteration.gain is None else f"{iteration.gain:.3g}"
+        rejected = "" if iteration.accepted else "  rejected"
         stream.write(
             f"{iteration.number:4d} {iteration.cost:22.15g} {iteration.gradient:10.2e} "
-            f"{iteration.step:10.2e} {iteration.seconds:8.3f}\n"
+            f"{iteration.step:10.2e} {gain:>9} {iteration.seconds:8.3f}{rejected}\n"
         )
         return False
 

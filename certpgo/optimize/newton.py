@@ -6,8 +6,8 @@ as one body costs nothing, as linear moves of its translations would. Where the 
 negative, Gauss and Newton's takes its place, which never is, for as long as such steps pay. And a
 factorization serves as preconditioner of the steps after it while few products suffice.
 
-Local: it finds the stationary point near where it starts. Its factorization says that the point is
-a local minimum, never that it is the global one.
+Local: it finds the stationary point near its initial estimate. Its factorization says that the
+point is a local minimum, never that it is the global one.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
+from certpgo.errors import SpecError
 from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
@@ -28,36 +29,86 @@ from certpgo.linalg.cg import End, conjugate_gradients
 from certpgo.linalg.factor import Factor
 from certpgo.objective.base import FirstOrder
 from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Solution, Status
 
-#: After a Gauss-Newton step that lowered F by less than this part, the exact Hessian is tried.
-PAYING = 0.5
-#: So it is where a node's own step would be smaller than this angle.
-NEAR = 1e-3
-#: Gauss-Newton steps stand in for an indefinite Hessian while the last one lowered F by this part.
-SLOW = 1e-3
-#: Damping, in units of the metric: after an indefinite Hessian, after a step that did not improve,
-#: and the ends of the range.
-FIRST_DAMPING, SECOND_DAMPING = 1e-3, 1e-6
-SMALLEST_DAMPING, LARGEST_DAMPING = 1e-9, 1e9
-#: Conjugate gradients on an old factor: relative residuals asked for, and products that cost less
-#: than a new factor.
-LOOSEST, TIGHTEST = 0.1, 1e-6
-MAX_PRODUCTS = 8
-#: Nodes from which a new factor costs more than twice as many, so that any old one is tried first.
-LARGE = 20_000
 #: A predicted decrease below this many units of rounding of F cannot be seen in F.
 ROUNDING = 16 * np.finfo(float).eps
+
+
+@dataclass(frozen=True)
+class NewtonSettings(Iterative):
+    """Settings of Newton's method; the defaults serve graphs of any size and noise.
+
+    Attributes
+    ----------
+    tolerance : stationarity at which to stop, radians, see `FirstOrder`
+    max_iterations : stop anyway
+    slow_decrease : the exact Hessian is tried after a Gauss-Newton step that lowered F by less than
+        this part
+    near : and where a node's own step would be smaller than this angle, radians
+    stagnation : Gauss-Newton steps stand in for an indefinite Hessian while the last one lowered F
+        by this part
+    min_gain, good_gain : decrease over predicted decrease from which a step is taken, and from
+        which the damping falls
+    first_damping, second_damping : after an indefinite Hessian, and after a rejected step; in units
+        of the metric
+    smallest_damping, largest_damping : below the former there is none, above the latter no step
+    loosest, tightest : relative residuals asked of conjugate gradients on an old factor
+    max_products : products that cost less than a new factor; twice as many for large graphs
+    large : nodes from which a graph is large, where any old factor is tried first
+
+    Raises
+    ------
+    SpecError
+        A setting out of its range.
+
+    Examples
+    --------
+    >>> from certpgo.optimize.newton import NewtonSettings
+    >>> NewtonSettings(max_iterations=20).tolerance
+    1e-12
+    """
+
+    tolerance: float = 1e-12
+    max_iterations: int = 100
+    slow_decrease: float = 0.5
+    near: float = 1e-3
+    stagnation: float = 1e-3
+    min_gain: float = 1e-3
+    good_gain: float = 0.75
+    first_damping: float = 1e-3
+    second_damping: float = 1e-6
+    smallest_damping: float = 1e-9
+    largest_damping: float = 1e9
+    loosest: float = 0.1
+    tightest: float = 1e-6
+    max_products: int = 8
+    large: int = 20_000
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0.0 < self.min_gain < self.good_gain < 1.0:
+            raise SpecError("0 < min_gain < good_gain < 1 is needed")
+        if not 0.0 < self.tightest <= self.loosest < 1.0:
+            raise SpecError("0 < tightest <= loosest < 1 is needed")
+        dampings = (self.smallest_damping, self.second_damping, self.first_damping)
+        if not 0.0 < min(dampings) <= max(dampings) < self.largest_damping:
+            raise SpecError("dampings must be positive, and largest_damping the largest")
+        if min(self.slow_decrease, self.near, self.stagnation, self.max_products, self.large) < 0:
+            raise SpecError("settings of Newton's method must not be negative")
+
+
+DEFAULT = NewtonSettings()
 
 
 def newton(
     problem: Problem,
     initial: Estimate,
+    settings: NewtonSettings = DEFAULT,
     *,
-    tolerance: float = 1e-12,
-    max_iterations: int = 100,
     near: bool = False,
     monitor: Monitor = silent,
     watch: Stopwatch | None = None,
@@ -66,16 +117,15 @@ def newton(
 
     Parameters
     ----------
-    tolerance : stationarity (radians, see `FirstOrder`) at which to stop
-    near : the start is in a basin's core, so that the exact Hessian is tried at once
+    near : the initial estimate is in its basin's core, so that the exact Hessian is tried at once
     watch : stopwatch that has already timed what led to ``initial``
     """
     problem.check(initial)
     watch = watch or Stopwatch()
-    work = _Work(_metric(problem))
+    work = _Work(settings, _metric(problem))
     state = _State(initial, problem.first_order(initial), exact=near)
-    progress = Progress(monitor, tolerance, max_iterations, watch)
-    while not progress.ends(state.cost, state.stationarity, state.step_norm):
+    progress = Progress(monitor, settings.tolerance, settings.max_iterations, watch)
+    while progress.advance(state.cost, state.stationarity, state.step_norm, gain=state.gain):
         with watch.phase("newton"):
             following = _advance(problem, state, work)
         if following is None:
@@ -93,12 +143,14 @@ def newton(
     )
 
 
-def forcing_term(progress: float) -> float:
+def forcing_term(
+    progress: float, loosest: float = DEFAULT.loosest, tightest: float = DEFAULT.tightest
+) -> float:
     """The relative residual to ask of a step after one that took the part ``progress`` off F.
 
     F falls by the square of the distance, which Newton's steps square.
     """
-    return min(LOOSEST, max(TIGHTEST, math.sqrt(max(progress, 0.0))))
+    return min(loosest, max(tightest, math.sqrt(max(progress, 0.0))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +160,7 @@ class _State:
     point: Estimate
     first: FirstOrder
     step_norm: float = 0.0
+    gain: float | None = None  # of the step that led here: decrease over predicted decrease
     exact: bool = False  # whether the last step was Newton's, not Gauss and Newton's
     progress: float = np.inf  # the part of F that it took off
     damping: float = 0.0
@@ -125,6 +178,7 @@ class _State:
 class _Work:
     """What outlives a step: the last factor, how well it still serves, and what was done."""
 
+    settings: NewtonSettings
     metric: FloatArray  # (n, b) diagonal in which damping is measured
     factor: Factor | None = None
     pace: float = np.inf  # nats a product by which conjugate gradients last fell with the factor
@@ -166,6 +220,7 @@ class _Proposal:
 
 def _advance(problem: Problem, state: _State, work: _Work) -> _State | None:
     """The next point; None when no step improves on this one."""
+    settings = work.settings
     for proposal in _proposals(problem, state, work):
         if not np.isfinite(proposal.step).all():
             continue
@@ -175,16 +230,17 @@ def _advance(problem: Problem, state: _State, work: _Work) -> _State | None:
         gain = (state.cost - cost) / proposal.predicted if proposal.predicted > 0.0 else 0.0
         # Below rounding F can no longer tell; the gradient still can.
         invisible = proposal.predicted <= ROUNDING * state.cost
-        if not invisible and not gain > 1e-3:
+        if not invisible and not gain > settings.min_gain:
             continue
-        damping = proposal.damping / 10.0 if gain > 0.75 else proposal.damping
+        damping = proposal.damping / 10.0 if gain > settings.good_gain else proposal.damping
         following = _State(
             candidate,
             first,
             step_norm=float(np.linalg.norm(proposal.step)),
+            gain=None if invisible else gain,
             exact=proposal.exact,
             progress=(state.cost - cost) / state.cost if state.cost > 0.0 else 0.0,
-            damping=damping if damping >= SMALLEST_DAMPING and not invisible else 0.0,
+            damping=damping if damping >= settings.smallest_damping and not invisible else 0.0,
         )
         risen = cost > (1.0 + 2.0 * ROUNDING) * state.cost
         if invisible and (risen or following.stationarity >= state.stationarity):
@@ -195,15 +251,16 @@ def _advance(problem: Problem, state: _State, work: _Work) -> _State | None:
 
 def _proposals(problem: Problem, state: _State, work: _Work) -> Iterator[_Proposal]:
     """Steps: by an old factor if it still serves, else by new ones, damped more and more."""
-    model = _Model(problem, state, work.metric)
+    settings, model = work.settings, _Model(problem, state, work.metric)
     g, metric = model.g, work.metric.ravel()
-    exact = state.exact or state.progress < PAYING or state.stationarity < NEAR
-    tol = forcing_term(state.progress)
+    slow, near = state.progress < settings.slow_decrease, state.stationarity < settings.near
+    exact = state.exact or slow or near
+    tol = forcing_term(state.progress, settings.loosest, settings.tightest)
     expected = -math.log(tol) / work.pace
-    large = problem.n >= LARGE
-    most = 2 * MAX_PRODUCTS if large else MAX_PRODUCTS
-    settled = (state.exact or large) and state.damping == 0.0
-    if work.factor is not None and settled and expected <= most:
+    large = problem.n >= settings.large
+    most = settings.max_products * (2 if large else 1)
+    reusable = (state.exact or large) and state.damping == 0.0
+    if work.factor is not None and reusable and expected <= most:
         H = model.hessian if exact else model.gauss_newton
         solved = conjugate_gradients(
             H.__matmul__, -g, work.factor.solve, tol=tol, max_iterations=most
@@ -214,9 +271,9 @@ def _proposals(problem: Problem, state: _State, work: _Work) -> Iterator[_Propos
             work.pace = -math.log(tol) / solved.products
             yield _Proposal(solved.x, predicted, exact, 0.0)
         elif solved.end is End.NEGATIVE_CURVATURE:
-            exact = exact and state.progress < SLOW
+            exact = exact and state.progress < settings.stagnation
     damping = state.damping
-    while damping <= LARGEST_DAMPING:
+    while damping <= settings.largest_damping:
         H = model.hessian if exact else model.gauss_newton
         damped = damping * metric
         work.factor, work.pace = None, np.inf  # its memory serves the next
@@ -227,10 +284,11 @@ def _proposals(problem: Problem, state: _State, work: _Work) -> Iterator[_Propos
         if factor is not None:
             step = -factor.solve(g)
             yield _Proposal(step, float(step @ (damped * step - g)), exact, damping)
-        elif exact and state.progress >= SLOW:
+        elif exact and state.progress >= settings.stagnation:
             exact = False
             continue
-        damping = max(10.0 * damping, FIRST_DAMPING if factor is None else SECOND_DAMPING)
+        least = settings.first_damping if factor is None else settings.second_damping
+        damping = max(10.0 * damping, least)
 
 
 def _metric(problem: Problem) -> FloatArray:
@@ -245,7 +303,7 @@ def _metric(problem: Problem) -> FloatArray:
 
 
 def _retract(problem: Problem, point: Estimate, step: FloatArray) -> Estimate:
-    """The point moved by body-frame turns, and its translations settled anew."""
+    """The point moved by body-frame turns, with the best translations for it."""
     turns = step.reshape(problem.n, -1)[:, -so.tangent_dim(problem.d) :]
     turned = point.rotations @ so.exp(turns)
     if point.translations is None or not isinstance(problem, PoseProblem):

@@ -33,15 +33,24 @@ class Progress:
     trace: list[Iteration] = field(default_factory=list)
     status: Status = Status.ITERATION_LIMIT
 
-    def ends(self, cost: float, stationarity: float, step: float) -> bool:
-        """Take note of a point; whether it is the last."""
-        here = Iteration(len(self.trace), cost, stationarity, step, self.watch.total)
+    def advance(
+        self,
+        cost: float,
+        stationarity: float,
+        step: float,
+        *,
+        gain: float | None = None,
+        accepted: bool = True,
+    ) -> bool:
+        """Record a point, see `Iteration`; returns whether the method should go on from it."""
+        number = len(self.trace)
+        here = Iteration(number, cost, stationarity, step, self.watch.total, gain, accepted)
         self.trace.append(here)
         if self.monitor(here):
             self.status = Status.INTERRUPTED
         elif stationarity <= self.tolerance:
             self.status = Status.CONVERGED
-        return self.status is not Status.ITERATION_LIMIT or here.number == self.max_iterations
+        return self.status is Status.ITERATION_LIMIT and number < self.max_iterations
 
     @property
     def steps(self) -> int:
@@ -59,8 +68,8 @@ class Stop:
     unit : what the phases' costs are multiplied by for that
     deadline : of `time.monotonic`
     watch : stopwatch of all phases
-    trace : everything told
-    status : why to stop, or None
+    trace : everything recorded
+    interrupted : whether the monitor or Ctrl-C has asked to stop
     """
 
     monitor: Monitor
@@ -68,20 +77,25 @@ class Stop:
     deadline: float
     watch: Stopwatch = field(default_factory=Stopwatch)
     trace: list[Iteration] = field(default_factory=list)
-    status: Status | None = None
+    interrupted: bool = False
+
+    @property
+    def status(self) -> Status | None:
+        """Why to stop now, or None."""
+        if self.interrupted:
+            return Status.INTERRUPTED
+        return Status.TIME_LIMIT if time.monotonic() > self.deadline else None
 
     @property
     def asked(self) -> bool:
         """Whether to stop, by the monitor, Ctrl-C or the clock."""
-        if self.status is None and time.monotonic() > self.deadline:
-            self.status = Status.TIME_LIMIT
         return self.status is not None
 
     def interrupt(self, signum: int, frame: FrameType | None) -> None:
         """Handle Ctrl-C: stop at the next occasion; the second time, at once."""
-        if self.status is Status.INTERRUPTED:
+        if self.interrupted:
             raise KeyboardInterrupt
-        self.status = Status.INTERRUPTED
+        self.interrupted = True
 
     def __call__(self, iteration: Iteration) -> bool:
         """Pass an iteration on; whether to stop."""
@@ -92,8 +106,7 @@ class Stop:
             seconds=self.watch.total,
         )
         self.trace.append(told)
-        if self.monitor(told):
-            self.status = self.status or Status.INTERRUPTED
+        self.interrupted = self.monitor(told) or self.interrupted
         return self.asked
 
 

@@ -21,7 +21,7 @@ from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.objective.problem import RotationProblem
-from certpgo.solvers._iterative import Iterative
+from certpgo.optimize.iterative import Iterative
 
 Order = Literal["colors", "cyclic", "random"]
 

@@ -8,7 +8,7 @@ from certpgo.graph import Estimate
 from certpgo.graph.trees import minimum_spanning_tree
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.objective.problem import Problem
-from certpgo.optimize import newton
+from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Solution
 
@@ -48,7 +48,7 @@ def fitted(
     costs = problem.edge_costs(point)
     weights = connected(problem, np.where(kept, 1.0, 0.0), costs)
     with progress.watch.phase("newton"):
-        point = newton.newton(problem.reweighted(weights), point, tolerance=1e-9).estimate
+        point = newton(problem.reweighted(weights), point, NewtonSettings(tolerance=1e-9)).estimate
     return Solution(
         estimate=point,
         cost=problem.cost(point),

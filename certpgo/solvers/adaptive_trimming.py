@@ -24,10 +24,10 @@ from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.objective.problem import Problem
 from certpgo.optimize.averaging import laplacian_step
+from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Solution
-from certpgo.solvers._iterative import Iterative
 from certpgo.solvers._robust import FAINT, fitted
 from certpgo.solvers.eigen_ra import EigenRA
 
@@ -101,7 +101,7 @@ class AdaptiveTrimming(Iterative):
         r = np.sqrt(rotation.edge_costs(point))
         threshold, kept, moved = np.inf, np.ones(len(r), dtype=bool), np.inf
         progress = Progress(monitor, self.tolerance, self.max_iterations, watch)
-        while not progress.ends(rotation.cost(point), moved, moved):
+        while progress.advance(rotation.cost(point), moved, moved):
             with watch.phase("trim"):
                 count = int(kept.sum())
                 redundant = (count - rotation.n + 1) / count

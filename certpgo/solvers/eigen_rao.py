@@ -35,10 +35,10 @@ from certpgo.objective import operators
 from certpgo.objective.problem import Problem, RotationProblem
 from certpgo.objective.reduced import factor_shifted
 from certpgo.optimize import spectral
+from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Solution
-from certpgo.solvers._iterative import Iterative
 from certpgo.solvers._robust import connected, remark
 
 #: Shifts that make a reweighted matrix definite, in units of the mean degree: its row sums are the
@@ -124,7 +124,7 @@ class EigenRAO(Iterative):
         for step in self.steps(rotation, watch):
             change = abs(step.eigenvalue - eigenvalue) / float(rotation.node_weights.mean())
             eigenvalue = step.eigenvalue
-            if progress.ends(rotation.cost(step.estimate), change, change):
+            if not progress.advance(rotation.cost(step.estimate), change, change):
                 break
         W = np.where(step.replaced | (step.weights < NEGLIGIBLE), 0.0, step.weights)
         weights = connected(rotation, W, rotation.edge_costs(step.estimate))

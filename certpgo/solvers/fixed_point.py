@@ -9,9 +9,9 @@ import numpy as np
 from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.objective.problem import Problem
+from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch, silent
 from certpgo.optimize.solution import Solution, Status
-from certpgo.solvers._iterative import Iterative
 from certpgo.solvers.eigen_ra import EigenRA
 
 

@@ -18,11 +18,11 @@ from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import PoseProblem, Problem
-from certpgo.optimize import newton
+from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
+from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Solution
-from certpgo.solvers._iterative import Iterative
 from certpgo.solvers._robust import FAINT, fitted
 from certpgo.solvers.spanning_tree import SpanningTree
 
@@ -85,12 +85,12 @@ class GraduatedNonConvexity(Iterative):
         mu = 1.0 / float(np.clip(2.0 * (r.max() / c) ** 2 - 1.0, 1e-6, CONVEX))
         progress = Progress(monitor, self.tolerance, self.max_iterations, watch)
         undecided = np.inf
-        while not progress.ends(problem.cost(point), undecided, undecided):
+        while progress.advance(problem.cost(point), undecided, undecided):
             with watch.phase("descent"):
                 weights = surrogate_weights(r, c, mu)
                 weighted = problem.reweighted(np.maximum(weights, FAINT))
-                point = newton.newton(
-                    weighted, point, tolerance=1e-9, max_iterations=STEPS
+                point = newton(
+                    weighted, point, NewtonSettings(tolerance=1e-9, max_iterations=STEPS)
                 ).estimate
                 r = np.sqrt(problem.edge_costs(point))
                 # Below 1, small weights are those of residuals that may yet be right.

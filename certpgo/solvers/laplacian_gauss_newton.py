@@ -8,9 +8,9 @@ from certpgo.graph import Estimate
 from certpgo.graph.trees import compose, spanning_tree
 from certpgo.objective.problem import Problem
 from certpgo.optimize.averaging import laplacian_gauss_newton
+from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.solution import Solution
-from certpgo.solvers._iterative import Iterative
 
 
 @dataclass(frozen=True)

@@ -6,20 +6,15 @@ from dataclasses import dataclass
 
 from certpgo.graph import Estimate
 from certpgo.objective.problem import Problem
-from certpgo.optimize import newton, spectral
+from certpgo.optimize import spectral
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
+from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.optimize.solution import Solution
-from certpgo.solvers._iterative import Iterative
 
 
 @dataclass(frozen=True)
-class Newton(Iterative):
-    """Damped Newton with the exact Hessian; local, see `certpgo.optimize.newton`.
-
-    Attributes
-    ----------
-    tolerance : stationarity at which to stop, radians
-    max_iterations : stop anyway
+class Newton(NewtonSettings):
+    """Damped Newton with the exact Hessian; local, see `certpgo.optimize.newton.NewtonSettings`.
 
     Examples
     --------
@@ -31,9 +26,6 @@ class Newton(Iterative):
     ('converged', True)
     """
 
-    tolerance: float = 1e-12
-    max_iterations: int = 100
-
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
@@ -42,14 +34,7 @@ class Newton(Iterative):
         if initial is None:
             with watch.phase("start"):
                 initial = spectral.spectral_start(problem)
-        return newton.newton(
-            problem,
-            initial,
-            tolerance=self.tolerance,
-            max_iterations=self.max_iterations,
-            monitor=monitor,
-            watch=watch,
-        )
+        return newton(problem, initial, self, monitor=monitor, watch=watch)
 
 
 SOLVER = Newton

@@ -23,10 +23,10 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.base import FirstOrder
 from certpgo.objective.problem import Problem
+from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Solution, Status
-from certpgo.solvers._iterative import Iterative
 
 Rule = Literal["barzilai_borwein", "constant"]
 
@@ -86,7 +86,7 @@ class RiemannianGradient(Iterative):
         progress = Progress(monitor, self.tolerance, self.max_iterations, watch)
         step, moved = SAFE, 0.0
         average, weight = state.first.cost, 1.0
-        while not progress.ends(state.first.cost, state.first.stationarity, moved):
+        while progress.advance(state.first.cost, state.first.stationarity, moved):
             with watch.phase("descent"):
                 found = _descended(state, step, average)
             if found is None:

@@ -18,7 +18,7 @@ from certpgo.assess import metrics
 from certpgo.datasets import synthetic
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.optimize.newton import newton
+from certpgo.optimize.newton import NewtonSettings, newton
 from reports.harness.experiments.claims import Claim
 from reports.harness.experiments.figure import Data, Figure
 
@@ -62,7 +62,7 @@ def minima(starts: int) -> list[Minimum]:
     ends: list[tuple[float, Estimate]] = []
     for _ in range(starts):
         start = Estimate(so.random(rng, cameras.n, cameras.d))
-        end = newton(cameras, start, max_iterations=300).estimate
+        end = newton(cameras, start, NewtonSettings(max_iterations=300)).estimate
         if is_minimum(cameras, end):
             ends.append((cameras.cost(end), end))
     ends.sort(key=lambda end: end[0])

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from certpgo import Estimate, PoseProblem
 from certpgo.assess import metrics
-from certpgo.optimize.newton import newton
+from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.registry import get_solver
 from reports.harness.experiments.figure import Data, Figure
 
@@ -49,7 +49,7 @@ def compute(quick: bool, data: Path | None) -> Data:
 
 def _refined(problem: PoseProblem, start: Estimate, gtsam: bool) -> Estimate:
     if not gtsam:
-        return newton(problem, start, max_iterations=ITERATIONS).estimate
+        return newton(problem, start, NewtonSettings(max_iterations=ITERATIONS)).estimate
     solver = get_solver("gtsam_gauss_newton")(max_iterations=ITERATIONS)
     return solver.solve(problem, initial=start).estimate
 

@@ -25,9 +25,9 @@ from certpgo.datasets.synthetic import winding_cycle
 from certpgo.graph.lift import Lift
 from certpgo.linalg import so
 from certpgo.objective import operators
+from certpgo.optimize.low_rank import descend, tangent_basis
 from certpgo.optimize.newton import newton
 from certpgo.solvers.cycle_closed_form import stationary_point
-from certpgo.solvers.low_rank import descend, tangent_basis
 
 BLUE, VERMILION, GREY = "#0072B2", "#D55E00", "#999999"  # Okabe and Ito's
 n, theta = 24, np.radians(20.0)

@@ -13,7 +13,7 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import factor, so
 from certpgo.linalg.arrays import CSC
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
-from certpgo.optimize.newton import newton
+from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.optimize.solution import Status
 from certpgo.solvers.eigen_ra import EigenRA
 
@@ -162,7 +162,7 @@ def test_descent_that_has_not_settled_refutes_nothing(monkeypatch):
         instance.truth.rotations @ so.exp(0.3 * rng.standard_normal((problem.n, 3))),
         instance.truth.translations,
     )
-    assert newton(problem, start, max_iterations=2).status is Status.ITERATION_LIMIT
+    assert newton(problem, start, NewtonSettings(max_iterations=2)).status is Status.ITERATION_LIMIT
     monkeypatch.setattr(case, "MAX_STEPS", 2)
     certificate = certify(problem, start)
     assert certificate.verdict is not Verdict.REFUTED

@@ -20,7 +20,7 @@ from certpgo.graph import Estimate, RotationGraph
 from certpgo.io import read
 from certpgo.linalg import so
 from certpgo.objective.problem import RotationProblem
-from certpgo.optimize.newton import newton
+from certpgo.optimize.newton import NewtonSettings, newton
 
 
 def identity_graph(n, edges, kappa=None):
@@ -108,7 +108,7 @@ def test_stationary_points_within_a_bound_are_optimal(seed, d, noise):
     n = int(rng.integers(3, 9))
     graph, R = rotation_graph(rng, n, d, extra=int(rng.integers(0, 2 * n)), noise=noise)
     problem = RotationProblem(graph)
-    point = newton(problem, Estimate(R), max_iterations=200).estimate
+    point = newton(problem, Estimate(R), NewtonSettings(max_iterations=200)).estimate
     largest = problem.residual_angles(point).max()
     b = bounds_of(problem, point)
     within = (

@@ -14,7 +14,7 @@ from certpgo.certify.bounds import alpha_max, normalized_fiedler_value, row_boun
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.linalg import so
 from certpgo.objective.problem import RotationProblem
-from certpgo.optimize.newton import newton
+from certpgo.optimize.newton import NewtonSettings, newton
 
 ATTACKS = int(os.environ.get("CERTPGO_ATTACKS", "300"))
 #: Half of the attacks come closer to a bound than this.
@@ -110,7 +110,9 @@ def descended(rng, edges, kappa, d):
 
     def at(scale):
         graph = graph_of(edges, kappa, scale * noise)
-        return graph, newton(RotationProblem(graph), Estimate(start), max_iterations=200).estimate
+        return graph, newton(
+            RotationProblem(graph), Estimate(start), NewtonSettings(max_iterations=200)
+        ).estimate
 
     return at
 

@@ -15,7 +15,7 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import factor, so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.optimize import spectral
-from certpgo.optimize.newton import newton
+from certpgo.optimize.newton import NewtonSettings, newton
 
 
 def winding(n, theta, k, d=3, scale=1.0):
@@ -109,7 +109,7 @@ def test_lower_bounds_are_below_every_cost_in_sight(seed, d, poses):
     assert certificate.lower_bound <= problem.cost(certificate.refined)
     for _ in range(5):
         other = problem.complete(so.random(rng, 7, d))
-        local = newton(problem, other, max_iterations=200)
+        local = newton(problem, other, NewtonSettings(max_iterations=200))
         assert certificate.lower_bound <= local.cost * (1 + 1e-12)
         if certificate.verdict is Verdict.CERTIFIED:
             assert local.cost >= certificate.cost - certificate.tolerance
@@ -188,7 +188,9 @@ def test_noise_beyond_tightness_is_bounded_with_a_proven_gap():
         best = min(
             (
                 newton(
-                    problem, Estimate(so.random(np.random.default_rng(k), 8, 3)), max_iterations=300
+                    problem,
+                    Estimate(so.random(np.random.default_rng(k), 8, 3)),
+                    NewtonSettings(max_iterations=300),
                 )
                 for k in range(8)
             ),

@@ -14,8 +14,8 @@ from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.lift import lifted
 from certpgo.linalg import factor
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
-from certpgo.optimize.newton import newton
-from certpgo.solvers import low_rank
+from certpgo.optimize import low_rank
+from certpgo.optimize.newton import NewtonSettings, newton
 
 
 def eliminated(problem, point):
@@ -87,7 +87,9 @@ def test_it_is_found_where_there_is_some(seed, d, poses):
     """Loose relaxations: the value lies above the dense eigenvalue, and is as negative, nearly."""
     graph, R, t = pose_graph(rng_of(seed), 7, d, noise=1.5)
     problem = problem_of(graph if poses else graph.rotation)
-    found = newton(problem, Estimate(R, t if poses else None), max_iterations=200).estimate
+    found = newton(
+        problem, Estimate(R, t if poses else None), NewtonSettings(max_iterations=200)
+    ).estimate
     point = problem.complete(found.rotations)
     smallest = np.linalg.eigvalsh(eliminated(problem, point))[0]
     value, direction = negative_curvature(problem, point)

@@ -16,7 +16,7 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.lift import Lift, lifted
 from certpgo.linalg import factor, so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
-from certpgo.optimize.newton import newton
+from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.solvers.low_rank import LowRank, descend
 
 
@@ -166,7 +166,7 @@ def test_indefinite_certificate_matrices_give_the_eigenvalue_bound():
     for seed in range(30):
         graph, R, _ = pose_graph(np.random.default_rng(seed), 6, 3, noise=1.0)
         problem = RotationProblem(graph.rotation)
-        point = newton(problem, Estimate(R), max_iterations=300).estimate
+        point = newton(problem, Estimate(R), NewtonSettings(max_iterations=300)).estimate
         smallest = np.linalg.eigvalsh(
             problem.certificate_matrix(problem.multipliers(point)).toarray()
         )[0]
@@ -386,7 +386,9 @@ def test_points_of_higher_rank_bound_loose_relaxations(poses):
         assert bound.value >= relaxed.cost - 1e-6 * problem.scale
         S = exact_certificate(graph, exact, bound.multipliers, poses)
         assert positive_definite_in_balls(S)
-        best = newton(problem, Estimate(R, t if poses else None), max_iterations=300).cost
+        best = newton(
+            problem, Estimate(R, t if poses else None), NewtonSettings(max_iterations=300)
+        ).cost
         assert bound.value <= best
         loose += best > 1.01 * relaxed.cost
     assert loose >= 2

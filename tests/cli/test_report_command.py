@@ -7,9 +7,10 @@ import pytest
 from certpgo import registry
 from certpgo.errors import FormatError, InputError
 from reports.harness.experiments.records import Record, latest, to_line
-from reports.harness.rendering import citations, report
+from reports.harness.rendering import citations, publication
 from reports.harness.rendering.citations import citation
 from reports.harness.rendering.published import published
+from reports.harness.rendering.results import gather
 
 TABLE = """\
 from reports.harness.experiments.claims import Claim, within
@@ -73,7 +74,7 @@ def record(row, cost, **more):
 
 
 def test_the_index_says_first_what_was_reproduced(results):
-    text = dict(report.rendered(report.gather(results)))["index.md"].decode()
+    text = dict(publication.rendered(gather(results)))["index.md"].decode()
     assert text.split("\n")[2] == (
         "**Of 2 values printed in the papers' tables 2 were run: 1 reproduced and 0 better (50 %), "
         "1 different, each explained; 0 were not run. Of 3 claims of the papers 1 hold, 2 differ "
@@ -95,7 +96,7 @@ def test_the_index_says_first_what_was_reproduced(results):
 
 
 def test_every_link_of_the_index_leads_somewhere(results):
-    files = dict(report.rendered(report.gather(results)))
+    files = dict(publication.rendered(gather(results)))
     targets = {part.partition(")")[0] for part in files["index.md"].decode().split("](")[1:]}
     assert targets == set(files) - {"index.md"}
 
@@ -103,14 +104,14 @@ def test_every_link_of_the_index_leads_somewhere(results):
 def test_the_same_results_give_the_same_bytes(results, tmp_path):
     first, second = tmp_path / "first", tmp_path / "second"
     for folder in (first, second, second):
-        report.write(report.gather(results), folder)
+        publication.write(gather(results), folder)
     names = sorted(path.name for path in first.iterdir())
     assert names == sorted(path.name for path in second.iterdir())
     assert all((first / name).read_bytes() == (second / name).read_bytes() for name in names)
 
 
 def test_a_table_offers_its_citation(results):
-    files = dict(report.rendered(report.gather(results)))
+    files = dict(publication.rendered(gather(results)))
     assert b"```bibtex\n@book{paper,\n  title = {A paper}\n}\n```" in files["paper_table1.md"]
     assert rb"A small table~\cite{paper}" in files["paper_table1.tex"]
     assert files["sources.bib"].decode() == BIB
@@ -119,7 +120,7 @@ def test_a_table_offers_its_citation(results):
 
 
 def test_the_last_record_of_a_kind_counts(results):
-    [table] = report.gather(results).tables
+    [table] = gather(results).tables
     assert [(r.row, r.metrics["cost"]) for r in table.records] == [("a", 1.0), ("b", 1.5)]
 
 
@@ -131,7 +132,7 @@ def test_parts_seeds_and_methods_are_told_apart():
 
 def test_what_was_not_run_is_counted_and_said(results):
     (results / "paper_table1.jsonl").unlink()
-    files = dict(report.rendered(report.gather(results)))
+    files = dict(publication.rendered(gather(results)))
     text = files["index.md"].decode()
     assert "0 different; 2 were not run. Of 3 claims of the papers 1 hold, 0 differ and 2" in text
     assert "| paper_table1 | 2 | no record |" in text
@@ -142,7 +143,7 @@ def test_what_was_not_run_is_counted_and_said(results):
 def test_what_differs_without_explanation_is_said(results):
     path = registry.repository() / "reports/tables/paper_table1.py"
     path.write_text(TABLE.replace("another b", ""))
-    text = dict(report.rendered(report.gather(results)))["index.md"].decode()
+    text = dict(publication.rendered(gather(results)))["index.md"].decode()
     assert "1 different, 1 of them unexplained; 0" in text
     assert "| paper_table1 | 1 | not explained |" in text
 
@@ -162,14 +163,14 @@ def test_no_results_are_one_clear_line(results, tmp_path, certpgo):
     assert "no such folder" in done.err
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match="no results"):
-        report.gather(tmp_path / "empty")
+        gather(tmp_path / "empty")
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"data": 1}'])
 def test_a_spoilt_figure_is_named(results, text):
     (results / "paper_figure1.json").write_text(text)
     with pytest.raises(FormatError, match=r"paper_figure1\.json"):
-        report.gather(results)
+        gather(results)
 
 
 def test_the_report_as_one_page(certpgo, tmp_path):

@@ -4,9 +4,9 @@ import pytest
 
 from certpgo.errors import SpecError
 from reports.harness.experiments import claim_outcomes
+from reports.harness.experiments.claim_outcomes import ClaimStatus
 from reports.harness.experiments.claims import (
     Claim,
-    ClaimStatus,
     below,
     number,
     numbers,

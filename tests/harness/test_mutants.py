@@ -63,7 +63,7 @@ def checkout(tmp_path):
     ):
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / path).write_text(text)
-    shutil.copy(SCRIPT, tmp_path / "reports")
+    shutil.copy(SCRIPT, tmp_path / "reports" / "studies")
     return tmp_path
 
 

@@ -8,12 +8,13 @@ import pytest
 from hypothesis import given, settings
 from strategies import dimensions, pose_graph, rng_of, seeds
 
+from certpgo.errors import SpecError
 from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.optimize import spectral
 from certpgo.optimize.monitor import Iteration, Stopwatch, TableMonitor, silent
-from certpgo.optimize.newton import newton
+from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.optimize.solution import Status
 
 #: DESIGN section 5: SE-Sync's weights, poses and rotations alone.
@@ -66,7 +67,9 @@ def test_starts_far_away_are_damped_into_a_minimum():
     graph, _, _ = pose_graph(rng, 20, 3)
     problem = RotationProblem(graph.rotation)
     for _ in range(5):
-        solution = newton(problem, Estimate(so.random(rng, 20, 3)), max_iterations=300)
+        solution = newton(
+            problem, Estimate(so.random(rng, 20, 3)), NewtonSettings(max_iterations=300)
+        )
         assert problem.stationarity(solution.estimate) < 1e-10
 
 
@@ -81,11 +84,48 @@ def test_noise_free_graph_reaches_zero():
 def test_iteration_limit_and_interruption():
     graph, R, t = pose_graph(np.random.default_rng(0), 10, 3)
     problem = PoseProblem(graph)
-    limited = newton(problem, Estimate(R, t), max_iterations=1)
+    limited = newton(problem, Estimate(R, t), NewtonSettings(max_iterations=1))
     assert (limited.status, limited.iterations) == (Status.ITERATION_LIMIT, 1)
     stopped = newton(problem, Estimate(R, t), monitor=lambda step: step.number == 1)
     assert (stopped.status, stopped.iterations) == (Status.INTERRUPTED, 1)
     assert stopped.cost < problem.cost(Estimate(R, t))
+
+
+def test_the_trace_says_how_well_the_model_predicted_each_step():
+    graph, R, t = pose_graph(np.random.default_rng(0), 10, 3)
+    solution = newton(PoseProblem(graph), Estimate(R, t))
+    first, *steps = solution.trace
+    assert first.gain is None
+    seen = [step.gain for step in steps if step.gain is not None]
+    assert len(seen) >= len(steps) - 2  # the last ones change F by less than its rounding
+    assert min(seen) > NewtonSettings().min_gain
+    assert all(step.accepted for step in steps)
+    assert seen[-1] == pytest.approx(1.0, abs=0.1)  # near a minimum the model is F
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"min_gain": 0.8}, "min_gain < good_gain"),
+        ({"tightest": 0.5}, "tightest <= loosest"),
+        ({"largest_damping": 1e-9}, "largest_damping the largest"),
+        ({"near": -1.0}, "must not be negative"),
+        ({"max_iterations": 0}, "max_iterations at least 1"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(changed, message):
+    with pytest.raises(SpecError, match=message):
+        NewtonSettings(**changed)
+
+
+def test_the_monitor_prints_gains_and_rejected_steps():
+    stream = io.StringIO()
+    monitor = TableMonitor(stream)
+    monitor(Iteration(0, 4.0, 1.0, 0.0, 0.0))
+    monitor(Iteration(1, 4.0, 1.0, 0.5, 0.1, gain=-0.25, accepted=False))
+    _, first, second = stream.getvalue().splitlines()
+    assert "rejected" not in first
+    assert second.split()[4:] == ["-0.25", "0.100", "rejected"]
 
 
 def test_table_monitor_prints_one_line_an_iteration():

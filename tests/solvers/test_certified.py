@@ -5,6 +5,7 @@ import math
 import os
 import signal
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,18 +13,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, random_edges, rng_of, rotation_graph, seeds
 
-from certpgo import certify, solve
+from certpgo import SolveSettings, certify, solve
 from certpgo.certify import Tier, Verdict
 from certpgo.certify.case import Case
 from certpgo.datasets.synthetic import corridor, grid3d, helix, winding_cycle
-from certpgo.errors import GraphError, InputError, NumericalError
+from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import factor, so
 from certpgo.objective.problem import RotationProblem, problem_of
 from certpgo.optimize.monitor import silent
-from certpgo.optimize.newton import newton
+from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.optimize.progress import Stop
 from certpgo.optimize.solution import Status
+from certpgo.solvers.certified import pipeline
 from certpgo.solvers.certified.staircase import Staircase
 from certpgo.solvers.low_rank import LowRank
 
@@ -213,7 +215,9 @@ def test_loose_relaxations_end_bounded():
         judged = certify(problem, answer.estimate)
         assert judged.lower_bound <= answer.certificate.lower_bound * (1.0 + 1e-9)
         for _ in range(3):
-            local = newton(problem, problem.complete(so.random(rng, 8, d)), max_iterations=200)
+            local = newton(
+                problem, problem.complete(so.random(rng, 8, d)), NewtonSettings(max_iterations=200)
+            )
             assert answer.certificate.lower_bound <= local.cost * (1.0 + 1e-12)
     assert verdicts.count(Verdict.BOUNDED) >= 6
     assert set(verdicts) <= {Verdict.BOUNDED, Verdict.CERTIFIED}
@@ -619,15 +623,14 @@ def test_a_given_start_is_kept_where_our_own_is_no_better():
     assert answer.cost <= own.cost * (1.0 + 1e-12)
 
 
-def test_the_climb_ends_some_time_after_a_first_bound(monkeypatch):
+def test_the_climb_ends_some_time_after_a_first_bound():
     """No time at all here: the bound in hand, how the search ended, and how to go on."""
-    monkeypatch.setattr(importlib.import_module("certpgo.solvers.certified"), "PATIENCE", 0.0)
     for seed in range(20):
         graph, _, _ = rotations_at_random(np.random.default_rng(seed), 30)
         whole = solve(graph, time_limit=math.inf)
         if len(whole.levels) > 3:
             break
-    answer = solve(graph)
+    answer = solve(graph, patience=0.0)
     assert len(answer.levels) < len(whole.levels)
     assert (answer.verdict, answer.solution.status) == (Verdict.BOUNDED, Status.TIME_LIMIT)
     assert 0.0 < answer.certificate.lower_bound <= whole.certificate.lower_bound
@@ -710,7 +713,7 @@ def test_an_error_in_the_climb_loses_nothing(monkeypatch, where):
         raise NumericalError("not today")
 
     module, _, name = where.rpartition(".")
-    place = "certpgo.solvers.low_rank" if module else "certpgo.solvers.certified.staircase"
+    place = "certpgo.optimize.low_rank" if module else "certpgo.solvers.certified.staircase"
     monkeypatch.setattr(importlib.import_module(place), name, fails)
     problem = RotationProblem(instance.graph)
     answer = solve_from(instance.graph, wound)
@@ -766,11 +769,10 @@ def test_a_search_stopped_before_its_proof_claims_none():
     """The standard tier certifies, and then the time is up: that is no proof."""
     instance, _ = winding_cycle(6, 0.3, 0)
     case = Case.of(problem_of(instance.graph), Tier.STANDARD, 1e-5, 1e-12)
-    search = Staircase(case, Stop(silent, case.unit, math.inf), math.inf)
-    search.begin(None, True)
+    search = Staircase(case, SolveSettings(), Stop(silent, case.unit, math.inf), None)
     assert search.is_certified
-    search.stop.status = Status.TIME_LIMIT
-    judged = importlib.import_module("certpgo.solvers.certified")._judged
+    search.stop.deadline = -math.inf
+    judged = pipeline._judged
     assert judged(search, Tier.STANDARD).verdict is Verdict.CERTIFIED
     stopped = judged(search, Tier.PROOF)
     assert (stopped.verdict, stopped.tier) == (Verdict.UNDECIDED, Tier.PROOF)
@@ -784,3 +786,28 @@ def test_every_tier_can_be_asked_for(tier):
     assert answer.certificate.tier is Tier(tier)
     verdict = Verdict.BOUNDED if tier == "screen" else Verdict.CERTIFIED
     assert answer.verdict is verdict
+
+
+def test_settings_are_in_the_answer_and_can_be_given_one_by_one():
+    graph = winding_cycle(6, 0.3, 0)[0].graph
+    settings = SolveSettings(time_limit=100.0, newton=NewtonSettings(tolerance=1e-9))
+    answer = solve(graph, settings, max_rank=5)
+    assert answer.settings == replace(settings, max_rank=5)
+    assert solve(graph).settings == SolveSettings()
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"time_limit": -1.0}, InputError, "time limit must not be negative"),
+        ({"patience": math.nan}, SpecError, "patience must not be negative"),
+        ({"rounds": 0}, SpecError, "rounds must be positive"),
+        ({"same_cost": 1.0}, SpecError, "same_cost must lie between 0 and 1"),
+        ({"time_limits": 1.0}, SpecError, "unknown setting of solve 'time_limits'; did you mean"),
+        ({"max_rank": 1}, InputError, "maximal rank must be at least 3"),
+        ({"tier": "proofs"}, SpecError, "did you mean proof"),
+    ],
+)
+def test_settings_out_of_range_are_refused(options, error, message):
+    with pytest.raises(error, match=message):
+        solve(winding_cycle(6, 0.3, 0)[0].graph, **options)

@@ -16,9 +16,10 @@ from certpgo.graph.lift import Lift, lifted
 from certpgo.linalg import factor, so
 from certpgo.objective import operators
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.optimize.low_rank import _Tangent, descend, leave, tangent_basis
 from certpgo.optimize.newton import newton
 from certpgo.optimize.solution import Status
-from certpgo.solvers.low_rank import LowRank, _Tangent, descend, leave, tangent_basis
+from certpgo.solvers.low_rank import LowRank
 
 SMALL_GRID = 1025.398056  # DESIGN section 5
 

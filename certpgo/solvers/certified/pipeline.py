@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from certpgo.certify import Certificate, Tier, Verdict
-from certpgo.certify.case import ATOL, PROOF_GAIN, RTOL, Basin, Case
+from certpgo.certify.case import PROOF_GAIN, Basin, Case
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, Graph, PoseGraph, RotationGraph
 from certpgo.objective.problem import Problem, problem_of
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.progress import stoppable
-from certpgo.optimize.solution import Solution
+from certpgo.optimize.solution import Solution, Status
 from certpgo.solvers.certified.disagreement import Disagreement, agrees, disagreement, ignore
-from certpgo.solvers.certified.staircase import PATIENCE, Level, Staircase
+from certpgo.solvers.certified.settings import SolveSettings
+from certpgo.solvers.certified.staircase import Level, Staircase
 
 #: Dimensions that the staircase may add to the d of space.
 MORE_RANKS = 7
@@ -32,6 +32,7 @@ class CertifiedSolution:
     certificate : what is proven about it
     start : the method that the descent started from, or "given"
     levels : the steps of the staircase, one when it never climbed
+    settings : that it was found with
     disagreement : measurements that disagree with the rest, if residuals give reason to say so;
         `certpgo.solve_robustly` leaves such out
 
@@ -50,6 +51,7 @@ class CertifiedSolution:
     certificate: Certificate
     start: str
     levels: tuple[Level, ...]
+    settings: SolveSettings
     disagreement: Disagreement | None = None
 
     @property
@@ -70,16 +72,12 @@ class CertifiedSolution:
 
 def solve(
     graph: Graph,
+    settings: SolveSettings | None = None,
     *,
     initial: Estimate | None = None,
-    try_own_start: bool = True,
-    time_limit: float | None = None,
-    max_rank: int | None = None,
-    tier: Tier | str | None = None,
-    rtol: float = RTOL,
-    atol: float = ATOL,
     monitor: Monitor = silent,
     on_disagreement: Callable[[Disagreement], object] = ignore,
+    **options: Any,
 ) -> CertifiedSolution:
     """The best estimate of a graph, with a certificate of how good it is.
 
@@ -89,19 +87,13 @@ def solve(
     Parameters
     ----------
     graph : the measurements of n poses or rotations, connected
-    initial : where to start instead of a start of our own; n poses, in metres
-    try_own_start : where descent from the given start is not certified, try a start of our own
-        before climbing; the better one counts, and the answer says which
-    time_limit : seconds after which to return the best estimate so far; what is under way, such
-        as a factorization, is finished first. Without a limit the staircase still climbs for no
-        more than 30 s once a first bound is in hand; `math.inf` lets it go on to the end
-    max_rank : dimensions at which the staircase ends; by default d + 7
-    tier : what the certificate may trust, see `Tier`; by default the standard tier is asked, and
-        the proof tier where rounding is all that the former lacks
-    rtol, atol : CERTIFIED means gap <= rtol F + atol W
-    monitor : is told each iteration, and may stop the search
-    on_disagreement : is told of measurements that disagree with the rest, before the search goes on
-        to escape from where they led
+    settings : limits, tolerances and tuning, see `SolveSettings`
+    initial : where to start instead of an initialization of our own; n poses, in metres
+    monitor : is called with each iteration, and may stop the search
+    on_disagreement : is called with measurements that disagree with the rest, before the search
+        goes on to escape from where they led
+    options : single settings instead: ``time_limit``, ``max_rank``, ``tier``, ``rtol``, ``atol``
+        and any other field of `SolveSettings`
 
     Returns
     -------
@@ -117,16 +109,16 @@ def solve(
         An initial estimate of another graph, limits or tolerances that make no sense, weights
         beyond the range of doubles.
     SpecError
-        An unknown tier.
+        An unknown tier or setting.
     NumericalError
-        No start could be computed.
+        No initialization could be computed.
 
     Examples
     --------
     >>> import certpgo
     >>> from certpgo.datasets.synthetic import winding_cycle
     >>> instance, _ = winding_cycle(6, 0.3, 0)
-    >>> answer = certpgo.solve(instance.graph)
+    >>> answer = certpgo.solve(instance.graph, time_limit=10.0)
     >>> answer.verdict.value
     'CERTIFIED'
     >>> print(f"{answer.cost:.6f}")  # 8 n sin^2(theta / (2 n)), the closing error shared out
@@ -136,51 +128,32 @@ def solve(
         raise InputError(
             f"solve takes a graph, such as instance.graph, not a {type(graph).__name__}"
         )
-    return _solve(
-        problem_of(graph),
-        initial=initial,
-        try_own_start=try_own_start,
-        time_limit=time_limit,
-        max_rank=max_rank,
-        tier=tier,
-        rtol=rtol,
-        atol=atol,
-        monitor=monitor,
-        on_disagreement=on_disagreement,
-    )
+    chosen = (settings or SolveSettings()).changed(options)
+    return _solve(problem_of(graph), chosen, initial, monitor, on_disagreement)
 
 
 def _solve(
     problem: Problem,
-    *,
+    settings: SolveSettings,
     initial: Estimate | None,
-    try_own_start: bool = True,
-    time_limit: float | None = None,
-    max_rank: int | None,
-    tier: Tier | str | None = None,
-    rtol: float = RTOL,
-    atol: float = ATOL,
     monitor: Monitor,
     on_disagreement: Callable[[Disagreement], object] | None = None,
 ) -> CertifiedSolution:
     if initial is not None:
         problem.check(initial)
-    if time_limit is not None and not time_limit >= 0.0:
-        raise InputError(f"the time limit must not be negative: {time_limit}")
-    highest = problem.d + MORE_RANKS if max_rank is None else max_rank
+    highest = problem.d + MORE_RANKS if settings.max_rank is None else settings.max_rank
     if highest < problem.d:
         raise InputError(f"the maximal rank must be at least {problem.d}, not {highest}")
-    case = Case.of(problem, tier or Tier.STANDARD, rtol, atol)
+    case = Case.of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
     # The cheaper bounds are enough to steer by.
     steering = replace(case, tier=Tier.STANDARD) if case.tier is Tier.PROOF else case
-    patience = PATIENCE if time_limit is None else math.inf
-    with stoppable(monitor, case.unit, time_limit) as stop:
-        search = Staircase(steering, stop, patience)
-        search.begin(initial, try_own_start)
+    with stoppable(monitor, case.unit, settings.time_limit) as stop:
+        search = Staircase(steering, settings, stop, initial)
         found = on_disagreement and _disagreement(search, problem, on_disagreement)
         search.go_on(highest)
-        certificate = _judged(search, None if tier is None else case.tier)
-    answer = _result(problem, search, certificate)
+        ended = search.status
+        certificate = _judged(search, None if settings.tier is None else case.tier)
+    answer = _result(problem, search, ended, certificate)
     # Where the first descent ended may have been no more than a local minimum.
     stands = found and not agrees(problem, answer.estimate)
     return replace(answer, disagreement=found) if stands else answer
@@ -219,14 +192,16 @@ def _judged(search: Staircase, tier: Tier | None) -> Certificate:
     return proven if tier is Tier.PROOF or better else certificate
 
 
-def _result(problem: Problem, search: Staircase, certificate: Certificate) -> CertifiedSolution:
+def _result(
+    problem: Problem, search: Staircase, ended: Status, certificate: Certificate
+) -> CertifiedSolution:
     """Everything in the units of the graph."""
     stop, unit, estimate = search.stop, search.case.unit, search.best.estimate
     certificate = replace(certificate, reason=_reason(search, certificate))
     solution = Solution(
         estimate=estimate,
         cost=problem.cost(estimate),
-        status=search.status,
+        status=ended,
         iterations=max(len(stop.trace) - 1, 0),
         lower_bound=certificate.lower_bound,
         seconds=search.watch.seconds,
@@ -235,7 +210,7 @@ def _result(problem: Problem, search: Staircase, certificate: Certificate) -> Ce
         note=f"started from {search.origin}; {_end(search)}",
     )
     levels = tuple(replace(level, cost=unit * level.cost) for level in search.levels)
-    return CertifiedSolution(solution, certificate, search.start, levels)
+    return CertifiedSolution(solution, certificate, search.start, levels, search.settings)
 
 
 def _end(search: Staircase) -> str:
@@ -273,12 +248,8 @@ def _reason(search: Staircase, certificate: Certificate) -> str:
 
 
 @dataclass(frozen=True)
-class Certified:
-    """The certified pipeline as a method among others: certpgo.solve's estimate.
-
-    Attributes
-    ----------
-    max_rank : dimensions at which the staircase ends; by default d + 7
+class Certified(SolveSettings):
+    """The certified pipeline as a method among others: the estimate of `certpgo.solve`.
 
     Examples
     --------
@@ -289,8 +260,6 @@ class Certified:
     True
     """
 
-    max_rank: int | None = None
-
     poses: ClassVar[bool] = True
     rotations: ClassVar[bool] = True
 
@@ -298,8 +267,7 @@ class Certified:
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """The best estimate found."""
-        found = _solve(problem, initial=initial, max_rank=self.max_rank, monitor=monitor)
-        return found.solution
+        return _solve(problem, self, initial, monitor).solution
 
 
 SOLVER = Certified

@@ -7,28 +7,24 @@ Here a robust method says which to believe, and the pipeline solves and certifie
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
-from certpgo.certify import Tier
-from certpgo.certify.case import ATOL, RTOL
-from certpgo.errors import InputError
 from certpgo.graph import Estimate, Graph
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.progress import stoppable
 from certpgo.solvers.certified.disagreement import select
 from certpgo.solvers.certified.pipeline import CertifiedSolution, solve
+from certpgo.solvers.certified.settings import SolveSettings
 
 
 def solve_robustly(
     graph: Graph,
+    settings: SolveSettings | None = None,
     *,
     initial: Estimate | None = None,
-    time_limit: float | None = None,
-    max_rank: int | None = None,
-    tier: Tier | str | None = None,
-    rtol: float = RTOL,
-    atol: float = ATOL,
     monitor: Monitor = silent,
+    **options: Any,
 ) -> CertifiedSolution:
     """The best estimate of the measurements that agree with one another, with its certificate.
 
@@ -39,8 +35,8 @@ def solve_robustly(
     Parameters
     ----------
     initial : where the robust fit starts; n poses, in metres
-    time_limit : seconds for the choice and the search
-    graph, max_rank, tier, rtol, atol, monitor : as in `certpgo.solve`
+    graph, settings, monitor, options : as in `certpgo.solve`; the time limit is for the choice and
+        the search together
 
     Returns
     -------
@@ -51,7 +47,7 @@ def solve_robustly(
 
     Raises
     ------
-    GraphError, InputError, NumericalError
+    GraphError, InputError, SpecError, NumericalError
         As `certpgo.solve`.
 
     Examples
@@ -66,32 +62,29 @@ def solve_robustly(
     ('CERTIFIED', True)
     """
     problem = problem_of(graph)
-    if time_limit is not None and not time_limit >= 0.0:
-        raise InputError(f"the time limit must not be negative: {time_limit}")
+    chosen = (settings or SolveSettings()).changed(options)
+    limit = chosen.time_limit
     if initial is not None:
         problem.check(initial)
-    with stoppable(monitor, 1.0, time_limit) as stop:
+    with stoppable(monitor, 1.0, limit) as stop:
         with stop.watch.phase("select"):
-            chosen = select(problem, initial=initial, monitor=stop)
-        left = None if time_limit is None else time_limit - min(time_limit, stop.watch.total)
+            selection = select(problem, initial=initial, monitor=stop)
+        left = None if limit is None else limit - min(limit, stop.watch.total)
+        ended = stop.status
         found = solve(
-            problem.reweighted(chosen.weights).graph,
-            initial=chosen.estimate,
-            time_limit=0.0 if stop.asked else left,
-            max_rank=max_rank,
-            tier=tier,
-            rtol=rtol,
-            atol=atol,
+            problem.reweighted(selection.weights).graph,
+            replace(chosen, time_limit=left if ended is None else 0.0),
+            initial=selection.estimate,
             monitor=monitor,
         )
     solution = replace(
         found.solution,
         cost=problem.cost(found.estimate),
-        status=stop.status or found.solution.status,
+        status=ended or found.solution.status,
         seconds={**stop.watch.seconds, **found.solution.seconds},
-        note=f"{chosen.note(problem)}; {found.solution.note}".replace(
+        note=f"{selection.note(problem)}; {found.solution.note}".replace(
             "started from given", "started from the robust fit"
         ),
-        weights=chosen.weights,
+        weights=selection.weights,
     )
-    return replace(found, solution=solution, start=chosen.method, disagreement=None)
+    return replace(found, solution=solution, start=selection.method, disagreement=None)

@@ -17,35 +17,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from certpgo.certify import DualBound, cost_upper
-from certpgo.certify.case import MAX_STEPS, Basin, Case
+from certpgo.certify.case import Basin, Case
 from certpgo.certify.curvature import negative_curvature
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.lift import Lift, Point, rounded
 from certpgo.linalg.arrays import FloatArray
+from certpgo.optimize import low_rank
 from certpgo.optimize.monitor import Iteration, Monitor
 from certpgo.optimize.newton import newton
 from certpgo.optimize.progress import Stop
 from certpgo.optimize.roundings import roundings
 from certpgo.optimize.solution import Solution, Status
 from certpgo.optimize.starts import Start, start_of
-from certpgo.solvers import low_rank
-
-#: Stationarity asked of estimates, and over the typical residual of points of higher rank; radians.
-TOLERANCE, LIFTED_TOLERANCE = 1e-11, 1e-5
-#: Steps of low-rank optimization at each rank.
-RANK_STEPS = 100
-#: Seconds that the climb goes on, once a first bound is in hand, where no time limit is given.
-PATIENCE = 30.0
-#: Rounds of roundings in vain, at most, before the answer stands, and nodes in all of them; graphs
-#: of so few nodes that each round tries everything need but one.
-ROUNDS, NODES, FEW = 10, 1_000, 8
-#: Of the tolerance, what is not worth another rank.
-NOTHING = 0.1
-#: Relative difference of costs that are the same.
-SAME = 1e-9
-#: Steps in which a descent must be able to reach the best answer, at the pace of its last one.
-HOPE = 20
+from certpgo.solvers.certified.settings import SolveSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,38 +54,48 @@ class Level:
 class Staircase:
     """The search: the best estimate and bound so far, and how they were found.
 
+    It begins with a first descent, at rank d, and its bound: from the initial estimate, and where
+    that is not certified from an initialization of our own.
+
     Parameters
     ----------
     case : the problem in units of its own size, and its tolerances
+    settings : limits and tuning
     stop : the monitor of all phases
-    patience : seconds that the climb goes on once a first bound is in hand
+    initial : where to start instead of an initialization of our own
     """
 
-    def __init__(self, case: Case, stop: Stop, patience: float) -> None:
-        self.case, self.problem, self.stop = case, case.problem, stop
+    def __init__(
+        self, case: Case, settings: SolveSettings, stop: Stop, initial: Estimate | None
+    ) -> None:
+        self.case, self.problem, self.settings, self.stop = case, case.problem, settings, stop
         self.watch = stop.watch
-        self.patience, self.impatient = patience, math.inf
-        self.levels: list[Level] = []
+        self.patience = settings.patience if settings.time_limit is None else math.inf
+        self.impatient = math.inf
         self.counts: Counter[str] = Counter()
         self.bound: DualBound | None = None
         self.exhausted: Point | None = None  # of which no better bound is to be had
         self.floor = -math.inf  # the relaxation's lowest cost, where the climb has reached it
         self.ended_early = False
-
-    def begin(self, initial: Estimate | None, try_own_start: bool) -> None:
-        """The first descent, at rank d, and its bound: from the given start, then from our own."""
         start = self.own_start() if initial is None else self.given(initial)
         self.start = self.origin = start.name
-        self.take(self.descend(start.estimate, near=start.near))
+        self.best = self.descend(start.estimate, near=start.near)
+        self.cost = cost_upper(self.problem, self.best.estimate)
+        self.improve_bound(self.best.estimate)
+        if initial is not None and settings.try_own_start:
+            self.start_again()
+        self.levels = [Level(self.problem.d, self.best.cost, self.best.status)]
+
+    def start_again(self) -> None:
+        """A descent from an initialization of our own; the better one counts."""
         # Of a bridge's weight, a tolerance may hide that there is something better.
-        enough = self.stop.asked or self.case.is_sharp(self.basin)
-        if initial is not None and try_own_start and not enough:
-            with suppress(NumericalError, np.linalg.LinAlgError):
-                own = self.own_start()
-                if self.improve(self.descend(own.estimate, near=own.near)):
-                    self.start = own.name
-                    self.origin = f"{own.name}, which led to a lower cost than the estimate given"
-        self.levels.append(Level(self.problem.d, self.best.cost, self.best.status))
+        if self.stop.asked or self.case.is_sharp(self.basin):
+            return
+        with suppress(NumericalError, np.linalg.LinAlgError):
+            own = self.own_start()
+            if self.improve(self.descend(own.estimate, near=own.near)):
+                self.start = own.name
+                self.origin = f"{own.name}, which led to a lower cost than the estimate given"
 
     def given(self, initial: Estimate) -> Start:
         """The start that the caller chose, with the best translations."""
@@ -135,12 +130,15 @@ class Staircase:
                 before = self.problem.cost(point)
                 point = self.escape(point, rank, direction)
                 lower = self.levels[-1].cost
-                if before - lower <= NOTHING * self.case.tolerance(lower) and not self.is_done:
+                if (
+                    before - lower <= self.settings.negligible * self.case.tolerance(lower)
+                    and not self.is_done
+                ):
                     self.floor = lower  # the eigenvalue was rounding
                     break
                 nearest = self.problem.complete(rounded(point).rotations)
                 self.improve(self.descend(nearest))
-                if self.best.cost < (1.0 - SAME) * lower:
+                if self.best.cost < (1.0 - self.settings.same_cost) * lower:
                     point = self.best.estimate  # the higher rank has gained nothing yet
                 elif not self.is_certified:
                     self.improve_bound(point)
@@ -157,7 +155,7 @@ class Staircase:
         level = self.levels[-1]
         # F can fall by at most this much for every point of the relaxation.
         fall = -eigenvalue * direction.size
-        if fall <= NOTHING * self.case.tolerance(self.best.cost):
+        if fall <= self.settings.negligible * self.case.tolerance(self.best.cost):
             self.floor = self.problem.cost(point)
             return None, direction
         self.levels[-1] = replace(level, eigenvalue=self.case.unit * eigenvalue)
@@ -167,13 +165,16 @@ class Staircase:
 
     def escape(self, point: Point, rank: int, direction: FloatArray) -> Lift:
         """The point that low-rank optimization finds from a saddle."""
+        residual = math.sqrt(self.cost / self.problem.scale)
         found = low_rank.descend(
             self.problem,
             point,
             rank,
             direction=direction,
-            tolerance=max(LIFTED_TOLERANCE * math.sqrt(self.cost / self.problem.scale), TOLERANCE),
-            max_iterations=RANK_STEPS,
+            tolerance=max(
+                self.settings.lifted_tolerance * residual, self.settings.newton.tolerance
+            ),
+            max_iterations=self.settings.rank_steps,
             monitor=lambda step: self.stop(step) or self.is_impatient,
             watch=self.watch,
         )
@@ -190,7 +191,8 @@ class Staircase:
         # The looser the relaxation, the more dimensions its points have, and the more it takes.
         more = self.levels[-1].rank - self.problem.d
         n = self.problem.n
-        vain, enough = 0, max(1, min(more**2, n // FEW, max(2, NODES // n), ROUNDS))
+        few, nodes, rounds = self.settings.few, self.settings.round_nodes, self.settings.rounds
+        vain, enough = 0, max(1, min(more**2, n // few, max(2, nodes // n), rounds))
         while vain < enough and not (self.is_done or self.has_reached_the_floor):
             before = self.best
             with self.watch.phase("round"):
@@ -203,7 +205,9 @@ class Staircase:
         for start in starts:
             if self.is_done:
                 break
-            self.improve(self.descend(start, monitor=_Hopeful(self.stop, self.best.cost)))
+            self.improve(
+                self.descend(start, monitor=_Hopeful(self.stop, self.best.cost, self.settings.hope))
+            )
 
     def descend(
         self, start: Estimate, *, near: bool = False, monitor: Monitor | None = None
@@ -212,8 +216,7 @@ class Staircase:
         found = newton(
             self.problem,
             start,
-            tolerance=TOLERANCE,
-            max_iterations=MAX_STEPS,
+            self.settings.newton,
             near=near,
             monitor=monitor or self.stop,
             watch=self.watch,
@@ -223,7 +226,7 @@ class Staircase:
 
     def improve(self, found: Solution) -> bool:
         """Take a solution if it is better than the best so far; whether it is."""
-        better = found.cost < (1.0 - SAME) * self.best.cost
+        better = found.cost < (1.0 - self.settings.same_cost) * self.best.cost
         if better:
             self.take(found)
         return better
@@ -297,9 +300,10 @@ class _Hopeful:
 
     stop: Stop
     best: float
+    hope: float
     last: float = math.inf
 
     def __call__(self, iteration: Iteration) -> bool:
         """Pass an iteration on; whether to stop."""
         pace, self.last = self.last - iteration.cost, iteration.cost
-        return self.stop(iteration) or iteration.cost - self.best > HOPE * pace
+        return self.stop(iteration) or iteration.cost - self.best > self.hope * pace

@@ -10,7 +10,7 @@ from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.objective.problem import Problem, RotationProblem
-from certpgo.optimize.newton import newton
+from certpgo.optimize.newton import NewtonSettings, newton
 from reports.harness.certifiers import oracle, search
 
 #: Of the tolerance: a point this near the optimum is one that a certifier should not miss, and a
@@ -82,7 +82,9 @@ class JudgedPoint:
 
 def stationary(problem: Problem, start: Estimate) -> Estimate:
     """Where descent from an estimate ends."""
-    point = newton(problem, problem.complete(start.rotations), max_iterations=300).estimate
+    point = newton(
+        problem, problem.complete(start.rotations), NewtonSettings(max_iterations=300)
+    ).estimate
     return problem.complete(point.rotations)
 
 

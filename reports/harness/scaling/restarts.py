@@ -12,7 +12,7 @@ from certpgo.datasets.edges import random_edges
 from certpgo.graph import Estimate, Graph, PoseGraph, RotationGraph
 from certpgo.linalg import so
 from certpgo.objective.problem import Problem, problem_of
-from certpgo.optimize.newton import newton
+from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.solvers.certified.pipeline import solve
 
 #: Noise of the rotations, radians, and of the steps beside their size; None is uniform.
@@ -71,7 +71,7 @@ def attacked(number: int, graph: Graph, restarts: int) -> RestartOutcome:
 
 
 def _restarted(problem: Problem, start: Estimate) -> float:
-    return newton(problem, start, tolerance=TOLERANCE, max_iterations=STEPS).cost
+    return newton(problem, start, NewtonSettings(tolerance=TOLERANCE, max_iterations=STEPS)).cost
 
 
 def _graph(

@@ -1,4 +1,4 @@
-"""What iterative methods share."""
+"""Settings that iterative methods share."""
 
 from __future__ import annotations
 
@@ -10,7 +10,13 @@ from certpgo.errors import SpecError
 
 @dataclass(frozen=True)
 class Iterative:
-    """Settings of a method that descends on poses or on rotations until it has settled."""
+    """Settings of a method that descends on poses or on rotations until it has converged.
+
+    Attributes
+    ----------
+    tolerance : stationarity at which to stop, radians
+    max_iterations : stop anyway
+    """
 
     tolerance: float
     max_iterations: int

@@ -1,0 +1,219 @@
+"""Low-rank optimization: a Riemannian trust region on St(r, d)^n, translations eliminated."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from certpgo.errors import NumericalError
+from certpgo.graph.lift import Lift, Point, lifted
+from certpgo.linalg import so
+from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.blocks import add_to_diagonal
+from certpgo.linalg.cg import End, conjugate_gradients
+from certpgo.linalg.factor import Factor
+from certpgo.objective import operators
+from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch, silent
+from certpgo.optimize.newton import ROUNDING, forcing_term
+from certpgo.optimize.progress import Progress
+from certpgo.optimize.solution import Status
+
+#: A step is taken when it gains this part of what the model predicts; the region shrinks below the
+#: second and grows above the third.
+ACCEPTED, POOR, GOOD = 0.01, 0.25, 0.75
+#: Products allowed in conjugate gradients, and products up to which the preconditioner serves the
+#: next step as well.
+MAX_PRODUCTS, FEW_PRODUCTS = 100, 10
+#: Shift of the preconditioner, over the mean diagonal: the gauge group is larger than one pose, and
+#: what rounding makes of it must stay below the least curvature.
+SHIFT = 1e-8
+#: Halvings of a step along a given direction.
+MAX_HALVINGS = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Descent:
+    """Where low-rank optimization ended."""
+
+    point: Lift
+    cost: float
+    status: Status
+    trace: tuple[Iteration, ...]
+    counts: dict[str, int]
+
+
+def descend(
+    problem: Problem,
+    initial: Point,
+    rank: int,
+    *,
+    direction: FloatArray | None = None,
+    tolerance: float = 1e-10,
+    max_iterations: int = 500,
+    monitor: Monitor = silent,
+    watch: Stopwatch | None = None,
+) -> Descent:
+    """Minimise F over St(rank, d)^n from ``initial``, by truncated Newton steps.
+
+    Absil, Baker, Gallivan, "Trust-region methods on Riemannian manifolds" (2007). The
+    preconditioner, and the metric of the trust region, is the Gauss-Newton matrix: a step's size
+    is by how much it changes the residuals.
+
+    Parameters
+    ----------
+    initial : a point of at most that rank
+    direction : (n, d) rows by which the blocks leave along a new dimension first, such as an
+        eigenvector of the certificate matrix with a negative eigenvalue: at a stationary point of
+        lower rank there is no other way down
+    tolerance : stationarity (radians) at which to stop
+    watch : stopwatch that has already timed what led to ``initial``
+    """
+    watch = watch or Stopwatch()
+    counts: Counter[str] = Counter()
+    progress = Progress(monitor, tolerance, max_iterations, watch)
+    with watch.phase("low rank"):
+        start = problem.settled(lifted(initial, rank))
+        if direction is not None:
+            start = leave(problem, start, direction)
+        here = _Tangent(problem, start)
+    metric: Factor | None = None
+    radius, step_norm, gained = math.sqrt(here.cost), 0.0, 1.0
+    gain: float | None = None
+    accepted = True
+    while progress.advance(here.cost, here.stationarity, step_norm, gain=gain, accepted=accepted):
+        with watch.phase("low rank"):
+            if metric is None:
+                metric = here.metric()
+                counts["factorizations"] += 1
+            solved = conjugate_gradients(
+                here.hessian.__matmul__,
+                -here.gradient,
+                metric.solve,
+                tol=forcing_term(gained),
+                max_iterations=MAX_PRODUCTS,
+                radius=radius,
+            )
+            counts["products"] += solved.products
+            predicted = float(solved.x @ (solved.residual - here.gradient))
+            there = _Tangent(problem, here.retract(solved.x))
+        if predicted <= ROUNDING * here.cost:
+            # F can no longer tell; the gradient still can.
+            risen = there.cost > (1.0 + 2.0 * ROUNDING) * here.cost
+            if risen or not there.stationarity < here.stationarity:
+                progress.status = Status.STALLED
+                break
+            gain = 1.0
+        else:
+            gain = (here.cost - there.cost) / predicted
+        if not gain >= POOR:
+            radius *= 0.25
+        elif gain > GOOD and solved.end in (End.BOUNDARY, End.NEGATIVE_CURVATURE):
+            radius *= 2.0
+        accepted = gain > ACCEPTED
+        if accepted:
+            gained = max(here.cost - there.cost, 0.0) / here.cost
+            here, step_norm = there, float(np.linalg.norm(solved.x))
+            if solved.products > FEW_PRODUCTS:
+                metric = None
+        elif radius**2 < ROUNDING * here.cost:
+            progress.status = Status.STALLED
+            break
+    return Descent(here.point, here.cost, progress.status, tuple(progress.trace), dict(counts))
+
+
+class _Tangent:
+    """A point with what a step from it needs: gradient, Hessian, metric, retraction.
+
+    Steps are (n, r + q), translations first, or (n, q) for rotations alone: coordinates in an
+    orthonormal basis of each block's tangent space.
+    """
+
+    def __init__(self, problem: Problem, point: Lift) -> None:
+        self._problem = problem
+        self.point = point
+        self.cost = problem.cost(point)
+        Y = point.rotations
+        G = problem.gradient(point)
+        self._multipliers = operators.multipliers(G[:, :, -problem.d :], Y)
+        self._basis = tangent_basis(Y)
+        turn = np.einsum("nqrd,nrd->nq", self._basis, G[:, :, -problem.d :])
+        self.stationarity = float((np.linalg.norm(turn, axis=1) / problem.curvature).max())
+        moves = [G[:, :, 0]] if isinstance(problem, PoseProblem) else []
+        self.gradient = np.concatenate([*moves, turn], axis=1).ravel()
+
+    @cached_property
+    def hessian(self) -> CSC:
+        """The Riemannian Hessian of F/2."""
+        return self._matrix(self._multipliers)
+
+    def metric(self) -> Factor:
+        """The factor of the Gauss-Newton matrix, shifted."""
+        matrix = self._matrix(np.zeros_like(self._multipliers))
+        shifted = add_to_diagonal(matrix, SHIFT * float(matrix.diagonal().mean()))
+        factor = self._problem.symbolic(shifted).factor(shifted)
+        if factor is None:
+            raise NumericalError("the Gauss-Newton matrix could not be factorized")
+        return factor
+
+    def _matrix(self, multipliers: FloatArray) -> CSC:
+        blocks = operators.lifted_hessian(self._problem.graph, self._basis, multipliers)
+        return self._problem.pattern.assemble(*blocks)
+
+    def retract(self, x: FloatArray) -> Lift:
+        """The nearest point of the manifold, translations settled."""
+        q = self._basis.shape[1]
+        V = np.einsum("nq,nqrd->nrd", x.reshape(self._problem.n, -1)[:, -q:], self._basis)
+        return _moved(self._problem, self.point, V)
+
+
+def tangent_basis(Y: FloatArray) -> FloatArray:
+    """(n, q, r, d) orthonormal bases of the tangent spaces of St(r, d) at blocks (n, r, d).
+
+    Turns within the columns' span, Y hat(e_k) / sqrt(2), then moves out of it.
+    """
+    n, r, d = Y.shape
+    generators = so.hat(np.eye(so.tangent_dim(d))) / math.sqrt(2.0)
+    within = Y[:, None] @ generators
+    if r == d:
+        return within
+    normal = np.linalg.qr(Y, mode="complete")[0][:, :, d:]
+    out = np.einsum("nra,bc->nabrc", normal, np.eye(d)).reshape(n, -1, r, d)
+    return np.concatenate([within, out], axis=1)
+
+
+def leave(problem: Problem, point: Lift, direction: FloatArray) -> Lift:
+    """The point moved along its last, empty dimension as far as F decreases.
+
+    Parameters
+    ----------
+    direction : (n, d) rows v_i; block i moves from [Y_i; 0] towards [Y_i; v_i], which is tangent
+    """
+    V = np.zeros_like(point.rotations)
+    V[:, -1, :] = direction / np.linalg.norm(direction, axis=1).max()
+    best, cost = point, problem.cost(point)
+    step = 1.0
+    for _ in range(MAX_HALVINGS):
+        candidate = _moved(problem, point, step * V)
+        lower = problem.cost(candidate)
+        if lower < cost:
+            best, cost = candidate, lower
+        elif best is not point:
+            break
+        step *= 0.5
+    return best
+
+
+def _moved(problem: Problem, point: Lift, V: FloatArray) -> Lift:
+    return problem.settled(Lift(orthonormal(point.rotations + V), point.translations))
+
+
+def orthonormal(Z: FloatArray) -> FloatArray:
+    """The polar factors of blocks (n, r, d)."""
+    values, vectors = np.linalg.eigh(np.swapaxes(Z, 1, 2) @ Z)
+    root = (vectors / np.sqrt(values)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+    return np.asarray(Z @ root)
