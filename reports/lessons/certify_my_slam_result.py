@@ -280,7 +280,7 @@ for edge in wound.edges[:3]:
     print(f"{first:3} to {second:3}: {edge.share:.2%} of F, {off}")
 
 again = optimized(folder / "drive.g2o", wound.best)
-print("restarted from the better estimate:", judged(again).verdict.value)
+print("reinitialized by the better estimate:", judged(again).verdict.value)
 
 # %% [markdown]
 # **UNDECIDED.** With `refine=True`, the default, this is rare, and means noise beyond what the
