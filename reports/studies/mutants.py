@@ -48,7 +48,11 @@ TESTS = {
     "certpgo/certify/certificate.py": ("certify/test_certificate*", "certify/test_certify*"),
     "certpgo/certify/curvature.py": ("certify/test_curvature*",),
     "certpgo/certify/dual.py": ("certify/test_dual*", "certify/test_residual*"),
-    "certpgo/certify/judge.py": ("certify/test_certify*", "certify/test_attacks*"),
+    "certpgo/certify/judge.py": (
+        "certify/test_judge*",
+        "certify/test_certify*",
+        "certify/test_attacks*",
+    ),
     "certpgo/certify/parts.py": ("certify/test_parts*",),
     "certpgo/certify/proof.py": ("certify/test_proof*", "test_checker*"),
     "certpgo/certify/proof_file.py": ("certify/test_proof*", "test_checker*"),

@@ -85,6 +85,16 @@ def test_a_small_part_is_not_lost_beside_an_exact_one():
     assert 0.99 * optimum <= certificate.lower_bound <= optimum * (1.0 + 1e-12)
 
 
+def test_parts_of_an_unrefined_estimate_are_not_improved_either():
+    graph = joined(0, 1e3)
+    best = certpgo.solve(graph)
+    turned = so.exp(1e-3 * np.random.default_rng(0).standard_normal((24, 3)))
+    off = Estimate(best.estimate.rotations @ turned, best.estimate.translations)
+    problem = PoseProblem(graph)
+    assert certify(problem, off).lower_bound >= 0.99 * best.cost
+    assert certify(problem, off, refine=False).lower_bound == 0.0
+
+
 def test_parts_are_what_bridges_leave():
     graph = joined(0, 5.0)
     problem = PoseProblem(graph)
