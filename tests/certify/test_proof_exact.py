@@ -7,7 +7,6 @@ import numpy as np
 import proofs
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, seeds
 
 import certpgo
