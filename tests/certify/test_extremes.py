@@ -167,6 +167,19 @@ def test_certificates_in_units_that_underflow_stay_true(power):
     assert scaled.scale == unit * certificate.scale
 
 
+@pytest.mark.parametrize("power", [-300, -3, 0, 300])
+def test_the_bounds_of_a_certificate_are_in_the_weights_units(power):
+    """Of a triangle that does not close, whose bound by eigenvalues is its optimum."""
+    instance, _ = winding_cycle(3, 0.5, 0)
+    problem = RotationProblem(instance.graph.with_weights(2.0**power))
+    found = certify(problem, instance.truth).bounds
+    assert found.fiedler == pytest.approx(2.0**power * 3.0, rel=1e-9)
+    optimum = 2.0**power * 24.0 * math.sin(0.5 / 6.0) ** 2
+    assert found.spectral == pytest.approx(optimum, rel=1e-4)
+    assert found.spectral <= optimum
+    assert found.cycle == pytest.approx(math.pi / 3.0)
+
+
 @pytest.mark.parametrize("scale", [2.0**-380, 1.0, 2.0**380])
 @pytest.mark.parametrize("tier", TIERS)
 def test_verdicts_at_the_ends_of_the_range(tier, scale):
