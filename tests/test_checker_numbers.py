@@ -277,9 +277,14 @@ def test_blocks_are_the_certificate_matrix_to_100_bits(seed, d, poses, spread, e
     assert np.array_equal(blocks.weights, weights)
 
 
-@pytest.mark.parametrize(("power", "passes"), [(-50, True), (-80, False)])
+@pytest.mark.parametrize(
+    ("power", "passes"), [(-50, True), (-58, True), (-60, False), (-80, False)]
+)
 def test_what_was_truncated_must_not_be_magnified(power, passes):
-    """Lam takes all of a weight of 1 and leaves 2^power: the rotation's 160 bits are to last."""
+    """Lam takes all of a weight of 1 and leaves 2^power: the rotation's 160 bits are to last.
+
+    Scaled until what is left is about 1/2, they are off by 2^(-161 - power), to be below 2^-102.
+    """
     edges, kappa = [[0, 1], [1, 2], [2, 0]], np.array([1.0, 2.0**power, 2.0**power])
     still = np.tile([1.0, 0.0], (3, 1))
     graph = graph_of(edges, 3, still, np.zeros((3, 2)), kappa, np.ones(3))
