@@ -349,3 +349,10 @@ def test_the_component_is_the_file_that_was_proven_about(tmp_path):
     (tmp_path / "cc.txt").write_bytes(ids + b" 4")
     with pytest.raises(checker.Refused, match=r"cc.txt is not the file"):
         checker._component(path, text, claim)
+
+
+@pytest.mark.parametrize("arguments", [[], ["graph"], ["graph", "proof", "more"]])
+def test_other_than_two_arguments_are_answered_by_how_to_use_it(arguments, capsys):
+    assert checker.main(arguments) == 2
+    said = capsys.readouterr()
+    assert (said.out, said.err) == ("", "usage: checker.py GRAPH PROOF\n")
