@@ -165,7 +165,10 @@ def test_a_rotation_of_zero_is_refused():
         read("EDGE_SE3:QUAT 0 1 0 0 0 0 0 0 0\n")
 
 
-@pytest.mark.parametrize(("theta", "passes"), [(1e6, True), (-1e6, True), (1000001.0, False)])
+@pytest.mark.parametrize(
+    ("theta", "passes"),
+    [(1e6, True), (-1e6, True), (1000001.0, False), (-1000001.0, False), (math.nan, False)],
+)
 def test_angles_have_a_range(theta, passes):
     if passes:
         c, s = checker.half_angle(theta)
