@@ -130,6 +130,7 @@ def test_the_component_keeps_edges_with_both_ends_in_it():
         "EDGE_SE2 0 1 1 0 0",
         "\n\n  EDGE_SE2\t0  1 1 0 0 \t\r\nVERTEX_SE2 0 0 0 0\r\n",
         "# EDGE_SE2 5 6 1 0 0\nEDGE_SE2 0 1 1 0 0 # and so on\nFIX 0\n",
+        "# \u00c0 \u00e9 \u20ac \U0001d40b\nEDGE_SE2 0 1 1 0 0 # \u00ff\n",
         "EDGE_SE2_XY 0 7 1 1 1 0 1\nEDGE_SE2 0 1 1 0 0\nLANDMARK2 3 4\nPARAMS_SE2OFFSET 0 0 0 0\n",
     ],
 )
