@@ -340,9 +340,10 @@ def run_tests(folder: Path, files: list[str], session: Session) -> int:
     # No assertions are rewritten: that would take longer than many a test.
     arguments = ["-x", "-q", "--tb=line", "--assert=plain", "-p", "no:cacheprovider", *files]
     try:
-        return int(pytest.main(arguments, plugins=[session]))
-    except SystemExit:
+        code = int(pytest.main(arguments, plugins=[session]))
+    except SystemExit:  # while a conftest is imported
         return LEFT
+    return LEFT if code == pytest.ExitCode.INTERNAL_ERROR else code  # and later
 
 
 def forked(task: Callable[[], int], limit: float) -> tuple[int | None, str]:

@@ -117,9 +117,10 @@ def test_survivors_are_found_and_the_equivalent_excused(checkout):
     assert " 0 equivalent" not in again.stdout
 
 
-def test_tests_that_end_the_process_do_not_pass(tool, checkout):
+@pytest.mark.parametrize("where", ["tests/conftest.py", "tests/certify/test_small.py"])
+def test_tests_that_end_the_process_do_not_pass(tool, checkout, where):
     """What leaves as it is imported takes pytest with it."""
-    (checkout / "tests/certify/test_small.py").write_text("raise SystemExit(0)\n")
+    (checkout / where).write_text("raise SystemExit(0)\n")
     session = tool.Session(checkout / "times.json")
     files = ["tests/certify/test_small.py"]
     code, _ = tool.forked(lambda: tool.run_tests(checkout, files, session), 60.0)
