@@ -167,6 +167,12 @@ def test_unrefined_estimates_are_judged_by_their_own_multipliers():
     assert given.settled
 
 
+@pytest.mark.parametrize("tier", [Tier.SCREEN, Tier.STANDARD])
+def test_only_screening_trusts_a_factorization_as_it_is(tier):
+    case, right, _ = case_of_a_triangle(tier)
+    assert (case.basin(right, refine=True).bound.nonzeros == 0) is (tier is Tier.SCREEN)
+
+
 # --- The sentence
 
 
@@ -238,6 +244,10 @@ SMALL = "negligible relative to the total weight W = 1e+03"
             {"verdict": Verdict.CERTIFIED},
             f"{FLOOR_6}; yours costs 8, within 25 % of F = 2 of the best possible, which is "
             f"{SMALL}, though not to F: atol=0 judges by F alone",
+        ),
+        (
+            {"verdict": Verdict.CERTIFIED, "cost": 0.5, "gap": 5e-7},
+            f"{FLOOR_6}; yours costs 0.5, within 1e-06 F = 5e-07 of the best possible",
         ),
         (
             {"verdict": Verdict.CERTIFIED, "cost": 0.0, "gap": 0.0},

@@ -153,6 +153,11 @@ def test_multipliers_in_other_units_are_no_larger(seed, d, power):
             assert less[a][a] >= sum(abs(less[a][b]) for b in range(d) if b != a)
 
 
+def test_multipliers_in_other_units_are_the_same_where_nothing_underflows():
+    A = np.random.default_rng(0).standard_normal((3, 2, 2))
+    np.testing.assert_array_equal(scaled_blocks(2.0**-100, A), 2.0**-100 * A)
+
+
 @pytest.mark.parametrize("power", [-1074, -1000])
 def test_certificates_in_units_that_underflow_stay_true(power):
     instance, _ = winding_cycle(9, 0.3, 0)

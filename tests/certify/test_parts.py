@@ -106,6 +106,12 @@ def test_parts_are_what_bridges_leave():
     assert parts(found[0].problem) == []
 
 
+def test_a_pair_measured_twice_between_bridges_is_a_part():
+    edges = np.array([[0, 5], [0, 1], [1, 2], [2, 1], [2, 3], [3, 4]])
+    graph = RotationGraph(6, edges, np.tile(np.eye(3), (6, 1, 1)), np.ones(6))
+    assert [part.nodes.tolist() for part in parts(RotationProblem(graph))] == [[1, 2]]
+
+
 @given(st.integers(0, 1000))
 def test_every_edge_is_a_bridge_or_in_a_part(seed):
     rng = np.random.default_rng(seed)

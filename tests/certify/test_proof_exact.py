@@ -12,7 +12,14 @@ from strategies import dimensions, pose_graph, rng_of, seeds
 import certpgo
 from certpgo.certify import proof
 from certpgo.certify.dual import dual_bound
-from certpgo.certify.proof import distances, exact_graph, prove, proven_bound, quaternions
+from certpgo.certify.proof import (
+    distances,
+    exact_cost,
+    exact_graph,
+    prove,
+    proven_bound,
+    quaternions,
+)
 from certpgo.linalg import so
 from certpgo.objective.problem import problem_of
 
@@ -80,6 +87,12 @@ def test_diagonals_are_rounded_down_even_where_nothing_is_off(monkeypatch):
     before = prove(problem, mine, x, start.multipliers)[0]
     less = np.einsum("naa->na", before) - np.einsum("naa->na", bound.multipliers)
     assert np.all((less > 0.0) & (less < 1e-14))
+
+
+def test_costs_beyond_the_range_of_doubles_are_infinite():
+    problem, x = optimum(poses=True)
+    far = certpgo.Estimate(x.rotations, 1e170 * np.eye(problem.n, 3))
+    assert exact_cost(problem, exact_graph(problem), far) == math.inf
 
 
 @pytest.mark.parametrize("poses", [True, False])
