@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from strategies import pose_graph
 
 from certpgo.certify import Tier, Verdict
+from certpgo.certify import case as module
 from certpgo.certify.case import FLOOR, Basin, Case, _difference_up, _reason
 from certpgo.certify.dual import DualBound
 from certpgo.datasets.synthetic import winding_cycle
@@ -171,6 +172,14 @@ def test_unrefined_estimates_are_judged_by_their_own_multipliers():
 def test_only_screening_trusts_a_factorization_as_it_is(tier):
     case, right, _ = case_of_a_triangle(tier)
     assert (case.basin(right, refine=True).bound.nonzeros == 0) is (tier is Tier.SCREEN)
+
+
+def test_a_bound_is_enough_where_it_certifies_what_it_is_asked_for(monkeypatch):
+    case, right, _ = case_of_a_triangle(rtol=0.25, atol=2.0**-10)
+    asked = []
+    monkeypatch.setattr(module, "dual_bound", lambda *_, enough, **__: asked.append(enough))
+    case.bound(right, 8.0)
+    assert asked == [8.0 - case.tolerance(8.0)]
 
 
 # --- The sentence
