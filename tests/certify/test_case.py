@@ -115,9 +115,9 @@ def test_certified_is_a_gap_up_to_the_tolerance(share, tier, verdict):
     judged = case.certificate(wound, own)
     assert judged.verdict is verdict
     assert judged.basin_is_global is (verdict is Verdict.CERTIFIED)
-    assert judged.gap == judged.cost - judged.lower_bound
-    assert judged.cost == own.cost * case.unit
-    assert judged.lower_bound == (share or 0.0) * judged.cost
+    assert judged.gap == judged.cost_upper - judged.lower_bound
+    assert judged.cost_upper == own.cost * case.unit
+    assert judged.lower_bound == (share or 0.0) * judged.cost_upper
     assert (judged.multipliers is None) is (share is None)
 
 
@@ -136,7 +136,7 @@ def test_another_basin_refutes_where_it_is_better_than_the_estimates_own():
         assert judged.verdict is (Verdict.REFUTED if refuted else Verdict.BOUNDED)
         assert judged.better_cost == (other_cost * case.unit if better else None)
         assert (judged.better is right) is better
-        assert judged.lower_bound == 0.25 * judged.cost  # the better of the two bounds
+        assert judged.lower_bound == 0.25 * judged.cost_upper  # the better of the two bounds
 
 
 def test_a_point_that_is_worse_than_the_improved_estimate_is_no_better_one():
@@ -189,78 +189,78 @@ def made(**changes):
     """A certificate with the numbers that its reason speaks of."""
     case, right, _ = case_of_a_triangle(rtol=1e-5, atol=1e-12)
     plain = case.certificate(right, basin(case, right, value=0.0))
-    numbers = {"cost": 8.0, "refined_cost": 8.0, "lower_bound": 6.0, "gap": 2.0, "scale": 1e3}
+    numbers = {"cost_upper": 8.0, "refined_cost": 8.0, "lower_bound": 6.0, "gap": 2.0, "scale": 1e3}
     bounded = replace(plain, verdict=Verdict.BOUNDED, basin_is_global=False, **numbers)
     return replace(bounded, **changes)
 
 
-FLOOR_6 = "no estimate of this graph has a cost below 6"
+FLOOR_6 = "no estimate of this graph costs less than 6"
 SMALL = "negligible relative to the total weight W = 1e+03"
 
 
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
-        ({}, f"{FLOOR_6}; yours costs 8, at most 25 % of F = 2 above the best possible"),
+        ({}, f"{FLOOR_6}; this one costs 8, at most 25 % of F = 2 above the optimum"),
         (
             {"tier": Tier.SCREEN},
-            f"likely, though not proven at this tier: {FLOOR_6}; yours costs 8, at most 25 % of "
-            "F = 2 above the best possible",
+            f"likely, though not proven at this tier: {FLOOR_6}; this one costs 8, at most 25 % of "
+            "F = 2 above the optimum",
         ),
         (
             {"gap": 0.004},
-            f"{FLOOR_6}; yours costs 8, at most 0.0005 F = 0.004 above the best possible",
+            f"{FLOOR_6}; this one costs 8, at most 0.0005 F = 0.004 above the optimum",
         ),
-        ({"cost": math.inf}, "the cost of this estimate is beyond the range of doubles"),
+        ({"cost_upper": math.inf}, "the cost of this estimate is beyond the range of doubles"),
         (
             {"verdict": Verdict.UNDECIDED, "lower_bound": 0.0},
-            "yours costs 8, and no lower bound above zero, to compare it with, could be proven",
+            "this one costs 8, and no lower bound above zero could be proven",
         ),
         (
             {"refined_cost": 7.0},
-            f"{FLOOR_6}; yours costs 8 and, improved, 7: the best possible is no more than that",
+            f"{FLOOR_6}; this one costs 8 and, after local descent, 7: the optimum is at most that",
         ),
         (
             {"refined_cost": 7.0, "basin_is_global": True},
-            f"{FLOOR_6}; yours costs 8 and, improved, 7, the best possible: yours is in the right "
-            "basin, but not at its lowest point",
+            f"{FLOOR_6}; this one costs 8 and, after local descent, 7, the optimum: this one is in the "
+            "right basin, but not at its minimum",
         ),
         (
             {"verdict": Verdict.REFUTED, "better_cost": 6.5},
-            "another estimate costs 6.5; yours costs 8, and improving it step by step does not "
-            f"lead there; {FLOOR_6}",
+            "another estimate costs 6.5; this one costs 8, and local descent from it does not lead "
+            f"there; {FLOOR_6}",
         ),
         (
             {"verdict": Verdict.REFUTED, "better_cost": 6.5, "refined_cost": 7.0},
-            "another estimate costs 6.5; yours costs 8 and, improved, 7, and improving it step by "
-            f"step does not lead there; {FLOOR_6}",
+            "another estimate costs 6.5; this one costs 8 and, after local descent, 7, and local "
+            f"descent from it does not lead there; {FLOOR_6}",
         ),
         (
             {"better_cost": 6.5, "refined_cost": 7.0},
-            f"{FLOOR_6}; yours costs 8 and, improved, 7; another estimate costs 6.5",
+            f"{FLOOR_6}; this one costs 8 and, after local descent, 7; another estimate costs 6.5",
         ),
-        ({"better_cost": 6.5}, f"{FLOOR_6}; yours costs 8; another estimate costs 6.5"),
+        ({"better_cost": 6.5}, f"{FLOOR_6}; this one costs 8; another estimate costs 6.5"),
         (
             {"verdict": Verdict.CERTIFIED, "gap": 8e-6},
-            f"{FLOOR_6}; yours costs 8, within 1e-06 F = 8e-06 of the best possible",
+            f"{FLOOR_6}; this one costs 8, within 1e-06 F = 8e-06 of the optimum",
         ),
         (
             {"verdict": Verdict.CERTIFIED, "gap": 0.004},
-            f"{FLOOR_6}; yours costs 8, within 0.0005 F = 0.004 of the best possible, which is "
+            f"{FLOOR_6}; this one costs 8, within 0.0005 F = 0.004 of the optimum, which is "
             f"{SMALL}",
         ),
         (
             {"verdict": Verdict.CERTIFIED},
-            f"{FLOOR_6}; yours costs 8, within 25 % of F = 2 of the best possible, which is "
-            f"{SMALL}, though not to F: atol=0 judges by F alone",
+            f"{FLOOR_6}; this one costs 8, within 25 % of F = 2 of the optimum, which is "
+            f"{SMALL}, though not to F: atol=0 compares with F alone",
         ),
         (
-            {"verdict": Verdict.CERTIFIED, "cost": 0.5, "gap": 5e-7},
-            f"{FLOOR_6}; yours costs 0.5, within 1e-06 F = 5e-07 of the best possible",
+            {"verdict": Verdict.CERTIFIED, "cost_upper": 0.5, "gap": 5e-7},
+            f"{FLOOR_6}; this one costs 0.5, within 1e-06 F = 5e-07 of the optimum",
         ),
         (
-            {"verdict": Verdict.CERTIFIED, "cost": 0.0, "gap": 0.0},
-            f"{FLOOR_6}; yours costs 0, within 0 of the best possible",
+            {"verdict": Verdict.CERTIFIED, "cost_upper": 0.0, "gap": 0.0},
+            f"{FLOOR_6}; this one costs 0, within 0 of the optimum",
         ),
     ],
 )
@@ -271,4 +271,4 @@ def test_the_reason_is_a_sentence_of_the_numbers(changes, expected):
 def test_what_improves_by_no_more_than_the_tolerance_is_not_said_to():
     for refined, improved in ((7.5, False), (7.0, True)):
         said = _reason(made(refined_cost=refined, rtol=0.1, atol=0.0))
-        assert ("improved" in said) is improved
+        assert ("after local descent" in said) is improved
