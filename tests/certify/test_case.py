@@ -222,8 +222,8 @@ SMALL = "negligible relative to the total weight W = 1e+03"
         ),
         (
             {"refined_cost": 7.0, "basin_is_global": True},
-            f"{FLOOR_6}; this one costs 8 and, after local descent, 7, the optimum: this one is in the "
-            "right basin, but not at its minimum",
+            f"{FLOOR_6}; this one costs 8 and, after local descent, 7, the optimum: this one is in "
+            "the right basin, but not at its minimum",
         ),
         (
             {"verdict": Verdict.REFUTED, "better_cost": 6.5},
