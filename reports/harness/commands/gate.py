@@ -53,13 +53,8 @@ def command(
 ) -> int:
     """Compare results with the committed ones; exit code 7 when a value got worse or differs."""
     from certpgo import registry
-    from reports.harness.experiments.regression import (
-        FIXED,
-        TIMES,
-        findings,
-        load_records,
-        run_quick,
-    )
+    from reports.harness.experiments.metrics import TIMES
+    from reports.harness.experiments.regression import FIXED, findings, load_records, run_quick
 
     against = against or registry.repository() / "reports" / "results"
     if new is not None and new.resolve() == against.resolve():

@@ -7,7 +7,8 @@ import json
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from reports.harness.experiments.spec import COMPARING, Method, Row, Table
+from reports.harness.experiments.metrics import Needs, needing
+from reports.harness.experiments.spec import Method, Row, Table
 
 Profile = Literal["quick", "full"]
 
@@ -28,7 +29,7 @@ def record_key(
     asked = set(table.metrics)
     if not method.solver and method.published:
         asked &= set(method.published)
-    first = [m for m in table.methods if row.runs(m)][:1] if asked & set(COMPARING) else []
+    first = [m for m in table.methods if row.runs(m)][:1] if needing(asked, Needs.FIRST) else []
     return content_key(
         {
             "table": table.name,

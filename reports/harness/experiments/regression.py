@@ -11,6 +11,7 @@ from typing import Any, Literal, NamedTuple
 from certpgo.errors import FormatError, InputError
 from certpgo.optimize.solution import Status
 from reports.harness.experiments import scan
+from reports.harness.experiments.metrics import TIMES, WORK, Better, Tolerance, metric_of
 from reports.harness.experiments.records import (
     Record,
     from_line,
@@ -37,38 +38,12 @@ Direction = Literal["worse", "different", "better", "told"]
 #: Directions that fail the gate.
 FAILING = ("worse", "different")
 
-#: Which way a metric or count is better; any move of another is a difference.
-BETTER: Mapping[str, Literal["lower", "higher"]] = {
-    **dict.fromkeys(("cost", "error", "gap", "relative_gap", "f_gt", "ratio"), "lower"),
-    **dict.fromkeys(("mean_deg", "median_deg", "rmse_deg"), "lower"),
-    **dict.fromkeys(("mean_l1_deg", "median_l1_deg", "rmse_l1_deg"), "lower"),
-    **dict.fromkeys(("iterations", "factorizations", "products", "nonzeros"), "lower"),
-    **dict.fromkeys(("f_ml", "lower_bound", "own_bound", "global_percent"), "higher"),
-    **dict.fromkeys(("within_2_deg_percent", "precision", "recall"), "higher"),
-}
-#: Costs, bounds and eigenvalues may move by this part. Other BLAS kernels move them by 3e-10 in the
-#: fixed set, another factorization engine by 2e-7; a certificate calls 1e-5 equal.
-SAME = 1e-6
-#: What is this close to zero is zero to rounding.
-ZERO = 1e-12
-#: Angles and shares may move by this part: what ends at a tolerance of its own is that exact. Other
-#: kernels move interior points' angles by 1e-8.
-SAME_ANGLE = 1e-4
-#: Differences of costs, which may move by `SAME` of F.
-OF_COST = ("gap", "error")
-#: Metrics of the order of one or zero, which may move by `SAME`.
-OF_ONE = ("relative_gap", "mean_symmetry")
-#: Metrics of the clock and the memory, which belong to a machine.
-MEASURED = ("seconds", "memory_gb")
 #: A count may move by this part, rounded down: one below 20 is exact, and a long iteration that
 #: ends at a tolerance may end a little earlier or later with other BLAS kernels (98 for 99 steps).
 COUNTS = 0.05
 #: With another factorization engine a count may move by one as well: a matrix that is nearly
 #: singular is one engine's failure and another's success.
 OTHER_ENGINE = 1
-#: Ratios of times may move by this factor. Those of milliseconds moved by 1.4 with three jobs a
-#: core, and the timing protocol asks for a core of one's own.
-TIMES = 1.5
 #: A cost is below a bound, or a bound above a cost, beyond rounding.
 ROUNDING = 1e-9
 
@@ -277,15 +252,16 @@ def _movements(key: Key, before: Record, after: Record, times: float) -> Iterato
     yield from _contradictions(moved, before, after)
     same_engine = _engine(before) == _engine(after)
     was, now = dict(before.metrics), dict(after.metrics)
-    for metric in dict.fromkeys((*was, *now)):
-        if metric.endswith(MEASURED) or (metric == "ratio" and not same_engine):
+    for known in map(metric_of, dict.fromkeys((*was, *now))):
+        of_engine = known.tolerance is Tolerance.TIME_RATIO
+        if known.tolerance is Tolerance.MACHINE or (of_engine and not same_engine):
             continue
-        x, y = was.get(metric), now.get(metric)
+        x, y = was.get(known.key), now.get(known.key)
         if x is None or y is None:  # not finite, or not asked for
             if (x is None) != (y is None):
-                yield moved(metric, "told" if x is None else "different", x, y)
-        elif abs(y - x) > _allowed(metric, x, y, was.get("cost"), times):
-            yield moved(metric, _direction(metric, x, y), x, y)
+                yield moved(known.key, "told" if x is None else "different", x, y)
+        elif abs(y - x) > known.allowed(x, y, was.get("cost") or 0.0, times):
+            yield moved(known.key, _direction(known.better, x, y), x, y)
     counted = {"iterations": (before.iterations, after.iterations)}
     for name in dict.fromkeys((*before.counts, *after.counts)):
         if same_engine or name != "nonzeros":
@@ -294,24 +270,11 @@ def _movements(key: Key, before: Record, after: Record, times: float) -> Iterato
         if k is None or now_k is None:
             continue
         if abs(now_k - k) > max(math.floor(COUNTS * k), 0 if same_engine else OTHER_ENGINE):
-            yield moved(name, _direction(name, k, now_k), k, now_k)
+            yield moved(name, _direction("lower" if name in WORK else "", k, now_k), k, now_k)
 
 
-def _allowed(metric: str, x: float, y: float, cost: float | None, times: float) -> float:
-    """How far a metric may move."""
-    if metric == "ratio":
-        return (times - 1.0) * min(abs(x), abs(y))
-    if metric in OF_COST:
-        return max(SAME * max(abs(x), abs(cost or 0.0)), ZERO)
-    if metric in OF_ONE:
-        return SAME * max(1.0, abs(x))
-    loose = metric.endswith(("_deg", "_percent")) or metric in ("precision", "recall", "f_gt")
-    return max((SAME_ANGLE if loose else SAME) * abs(x), ZERO)
-
-
-def _direction(metric: str, x: float, y: float) -> Direction:
-    better = BETTER.get(metric)
-    if better is None:
+def _direction(better: Better, x: float, y: float) -> Direction:
+    if not better:
         return "different"
     return "better" if (y < x) == (better == "lower") else "worse"
 

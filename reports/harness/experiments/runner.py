@@ -28,8 +28,9 @@ from reports.harness.experiments import evaluate
 from reports.harness.experiments import reference as bench
 from reports.harness.experiments.instances import known_truth, load_row
 from reports.harness.experiments.limits import NO_LIMIT, Limit, OutOfTime
+from reports.harness.experiments.metrics import Needs, needing
 from reports.harness.experiments.records import Record, of_certificate, of_solution, trace_of
-from reports.harness.experiments.spec import COMPARING, OPTIMUM_METRICS, Method, Row, Table
+from reports.harness.experiments.spec import Method, Row, Table
 from reports.harness.experiments.trials import Trial, cases
 
 #: Environment variable that `certpgo.linalg.factor.default_engine` obeys.
@@ -126,7 +127,7 @@ def suits(row: Row, method: Method, kind: str) -> bool:
 
 def _optimum(table: Table, part: Instance, announce: Announce) -> float | None:
     """F of the part's optimum, where the table compares with it."""
-    if not set(table.metrics) & set(OPTIMUM_METRICS):
+    if not needing(table.metrics, Needs.OPTIMUM):
         return None
     announce(f"{part.name}: the optimum")
     try:
@@ -197,7 +198,7 @@ class _Trial:
     def remember(self, method: Method) -> None:
         """Solve again what others are compared with, where its record is there already."""
         table = self.case.table
-        if method is not table.methods[0] or not set(table.metrics) & set(COMPARING):
+        if method is not table.methods[0] or not needing(table.metrics, Needs.FIRST):
             return
         self.announce(f"{self.instance.name}: {method.label} again")
         with suppress(Exception, OutOfTime), _engine(method.engine), self.limit.kept():

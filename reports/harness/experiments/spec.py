@@ -12,62 +12,8 @@ from certpgo.assess import comparison
 from certpgo.errors import SpecError
 from certpgo.graph.components import Components
 from reports.harness.experiments.claims import Claim
+from reports.harness.experiments.metrics import METRICS, Better, Needs, metric_of, needing
 
-#: Metrics that `evaluate` knows, besides a record's own fields.
-METRICS = (
-    "cost",
-    "f_ml",
-    "mean_symmetry",
-    "lower_bound",
-    "gap",
-    "relative_gap",
-    "certify_seconds",
-    "lambda1",
-    "lambda2",
-    "lambda3",
-    "fiedler",
-    "error",
-    "global_percent",
-    "mean_deg",
-    "median_deg",
-    "rmse_deg",
-    "mean_l1_deg",
-    "median_l1_deg",
-    "rmse_l1_deg",
-    "f_gt",
-    "kept_percent",
-    "precision",
-    "recall",
-    "own_bound",
-    "max_residual_deg",
-    "median_residual_deg",
-    "within_2_deg_percent",
-    "apart_deg",
-    "alpha_max_deg",
-    "normalized_alpha_max_deg",
-    "total_seconds",
-    "ratio",
-    "median_seconds",
-    "reference_seconds",
-)
-#: Metrics of the graph itself, which need no estimate.
-GRAPH_METRICS = ("lambda1", "lambda2", "lambda3", "fiedler")
-#: Angles up to which residuals of stationary rotations are safe; of the graph, with or without one.
-SAFE_ANGLES = ("alpha_max_deg", "normalized_alpha_max_deg")
-#: Metrics that compare with the optimum, which the certified pipeline finds first: F above it, and
-#: 100 where F is it, so that the mean is a share.
-OPTIMUM_METRICS = ("error", "global_percent")
-#: Metrics that compare with ground truth, where that is known, on the nodes that it knows.
-TRUTH_METRICS = (
-    *(f"{which}{norm}_deg" for norm in ("", "_l1") for which in ("mean", "median", "rmse")),
-    "f_gt",
-)
-#: Metrics measured under the timing protocol, against the table's reference.
-TIMING_METRICS = ("ratio", "median_seconds", "reference_seconds")
-#: Metrics that compare with the answer of the row's first method.
-COMPARING = ("apart_deg",)
-#: Columns of times, under the protocol or not.
-TIMES = ("seconds", "certify_seconds", "total_seconds", *TIMING_METRICS)
 #: A reference that is no method: one numeric factorization of the optimum's certificate matrix.
 FACTORIZATION = "factorization"
 FIELDS = ("verdict", "certified_by", "seconds", "status", "iterations", "counts")
@@ -172,20 +118,31 @@ class Column:
 
     Attributes
     ----------
-    key : one of `METRICS`, or a field of the record: one of `FIELDS`
+    key : one of `reports.harness.experiments.metrics.METRICS`, or a field of the record: one of
+        `FIELDS`
     title : the header
     format : a format specification such as ``".6g"``
-    better : ``"lower"`` or ``"higher"`` numbers are better than printed ones, not only different
+    exact : the printed numbers are of the optimum itself: ours agree or differ, and none is better
     """
 
     key: str
     title: str
     format: str = ".6g"
-    better: Literal["", "lower", "higher"] = ""
+    exact: bool = False
 
     def __post_init__(self) -> None:
-        if self.key not in METRICS + FIELDS:
-            raise SpecError.unknown("column", self.key, METRICS + FIELDS)
+        if self.key not in METRICS and self.key not in FIELDS:
+            raise SpecError.unknown("column", self.key, (*METRICS, *FIELDS))
+
+    @property
+    def better(self) -> Better:
+        """Which numbers are better than printed ones, if any."""
+        return "" if self.exact else metric_of(self.key).better
+
+    @property
+    def is_time(self) -> bool:
+        """Whether it shows times, or ratios of times."""
+        return self.key == "seconds" or metric_of(self.key).is_time
 
 
 @dataclass(frozen=True)
@@ -247,7 +204,7 @@ class Table:
         for label in (*self.quick, *(label for claim in self.claims for label in claim.rows)):
             if label not in labels:
                 raise SpecError.unknown(f"row of table {self.name}", label, labels)
-        if self.reference is None and set(self.metrics) & set(TIMING_METRICS):
+        if self.reference is None and needing(self.metrics, Needs.TIMING):
             raise SpecError(f"table {self.name}: times are relative to a reference; give one")
         if self.seeds < 1:
             raise SpecError(f"table {self.name}: seeds must be at least 1, not {self.seeds}")

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from statistics import fmean, median, stdev
 
+from reports.harness.experiments.metrics import metric_of
 from reports.harness.experiments.records import Record
 from reports.harness.experiments.spec import Method, Row, Table
 from reports.harness.rendering.published import compared, published
@@ -55,18 +56,13 @@ class Cell:
     reason: str = ""
 
 
-def is_time(metric: str) -> bool:
-    """Whether the metric is a time, or a ratio of times."""
-    return metric == "ratio" or metric.endswith("_seconds")
-
-
 def value_columns(table: Table) -> tuple[str, ...]:
     """The published columns that hold values: those of some method's metric that is no time."""
     columns = (
         column
         for method in table.methods
-        for metric, column in method.published.items()
-        if not is_time(metric)
+        for key, column in method.published.items()
+        if not metric_of(key).is_time
     )
     return tuple(dict.fromkeys(columns))
 

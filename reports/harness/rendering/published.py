@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from functools import cache
 from pathlib import Path
-from typing import Literal
 
 from certpgo import registry
 from certpgo.errors import FormatError, InputError, SpecError
+from reports.harness.experiments.metrics import Better
 from reports.harness.experiments.spec import Method, Row, Table
 
 
@@ -34,9 +34,7 @@ class PrintedComparison:
         return f"{self.printed} {found}"
 
 
-def compared(
-    printed: str, ours: float, better: Literal["", "lower", "higher"] = ""
-) -> PrintedComparison:
+def compared(printed: str, ours: float, better: Better = "") -> PrintedComparison:
     """Compare to the printed digits: within half a unit of the last one (and rounding's worth).
 
     Parameters

@@ -15,7 +15,7 @@ from certpgo.io.plural import counted
 from certpgo.view.markdown_tables import markdown_table
 from reports.harness.experiments.averages import LOWER, UPPER, summarized
 from reports.harness.experiments.records import Record, latest
-from reports.harness.experiments.spec import FIELDS, TIMES, Column, Method, Row, Table
+from reports.harness.experiments.spec import FIELDS, Column, Method, Row, Table
 from reports.harness.rendering.citations import citation
 from reports.harness.rendering.findings import findings
 from reports.harness.rendering.published import compared, printed_number
@@ -78,7 +78,7 @@ def arranged(table: Table, records: Iterable[Record]) -> list[Record]:
 def notes(table: Table, records: Iterable[Record]) -> tuple[str, ...]:
     """The sentences below the table: its own, and a warning of times that were not taken alone."""
     said = [record.provenance.get("alone", "yes") for record in records if record.seconds]
-    if not any(column.key in TIMES for column in table.columns) or set(said) <= {"yes"}:
+    if not any(column.is_time for column in table.columns) or set(said) <= {"yes"}:
         return table.notes
     return (*table.notes, CROWDED)
 
