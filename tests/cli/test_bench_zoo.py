@@ -30,13 +30,13 @@ def test_bench_zoo_counts_and_goes_on(certpgo, tmp_path, small):
     assert "se_sync_rule" in done.out
     assert "# The zoo" in (tmp_path / "zoo.md").read_text(encoding="utf-8")
     again = certpgo("bench", "zoo", "--quick", "--out", tmp_path, "--json")
-    assert again.json[0]["counts"]["certpgo standard: refused"] == 20
+    assert again.json[0]["outcomes"]["certpgo standard"]["refused"] == 20
     assert len(small) == 1
 
 
 def test_something_false_of_ours_is_an_exit_code(certpgo, tmp_path, small, monkeypatch):
     honest = run.record
-    monkeypatch.setattr(run, "record", lambda job: replace(honest(job), note="false bound"))
+    monkeypatch.setattr(run, "record", lambda job: replace(honest(job), faults=["false bound"]))
     assert certpgo("bench", "zoo", "--out", tmp_path).code == 1
     assert "false bound" in (tmp_path / "zoo.md").read_text(encoding="utf-8")
 

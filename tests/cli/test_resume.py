@@ -10,7 +10,8 @@ import time
 import pytest
 from repeated import by_key
 
-from reports.harness.experiments.records import read_records
+from reports.harness.experiments.journal import read_entries
+from reports.harness.experiments.records import Record
 
 #: Records of the table of cycles: six rows, two methods.
 ALL = 12
@@ -48,7 +49,7 @@ def runs(log):
 
 
 def lines_of(folder):
-    return read_records(folder / "cycles.jsonl")
+    return read_entries(folder / "cycles.jsonl", Record)
 
 
 @pytest.fixture

@@ -1,8 +1,11 @@
 """Printed values beside ours, on a small paper made by hand."""
 
+from dataclasses import replace
+
 import pytest
 
 from certpgo import registry
+from reports.harness.experiments.absence import Absence
 from reports.harness.experiments.records import Record
 from reports.harness.experiments.spec import Column, Method, Row, Table
 from reports.harness.rendering import cells
@@ -40,8 +43,8 @@ def table(**more):
     )
 
 
-def record(row="a", error="", seed=None, **metrics):
-    return Record("t", row, "m", seed=seed, metrics=metrics, error=error)
+def record(row="a", seed=None, **metrics):
+    return Record("t", row, "m", seed=seed, metrics=metrics)
 
 
 def found(records, **more):
@@ -76,7 +79,8 @@ def test_what_is_worse_is_not_better():
 
 
 def test_a_failure_says_why_before_any_explanation():
-    values = found([record(error="not run: file not here")], explained={"m": "another program"})
+    absent = replace(record(), absence=Absence.NOT_HERE, error="file not here")
+    values = found([absent], explained={"m": "another program"})
     assert values["one", "x_f"].reason == "file not here"
     assert values["two", "x_f"].reason == "no record"
     assert values["three", "x_f"].reason == "not among our rows"

@@ -117,7 +117,7 @@ def test_figure_1_of_eriksson_shows_three_minima_of_which_the_lowest_is_certifie
 def test_a_figure_whose_file_is_nowhere_says_which(monkeypatch, tmp_path):
     monkeypatch.setenv("CERTPGO_DATA", str(tmp_path))
     monkeypatch.setattr("certpgo.datasets.lookup.cache_folder", lambda: tmp_path)
-    with pytest.raises(InputError, match=r"not run: file not here \(Ellis_Island\)"):
+    with pytest.raises(InputError, match=r"file not here \(Ellis_Island\)"):
         computed(scan.get_figure("moreira2020_figure4_4"))
 
 

@@ -7,6 +7,7 @@ import pytest
 from repeated import numbers
 
 from reports.harness.experiments import scan
+from reports.harness.experiments.absence import Absence
 from reports.harness.experiments.plan import in_order, keys, run_task, table_tasks
 from reports.harness.experiments.runner import run_table
 from reports.harness.experiments.spec import Column, Method, Row, Table
@@ -145,7 +146,7 @@ def test_a_graph_that_was_not_here_is_tried_again_when_it_is(tmp_path):
 
 def test_a_package_that_was_missing_is_tried_again():
     [record, _] = [
-        replace(r, error="GTSAM is not installed: pip install x") for r in run_table(TABLE)
+        replace(r, absence=Absence.MISSING_PACKAGE, error="pip install x") for r in run_table(TABLE)
     ][:2]
     assert table_tasks(TABLE, found([record]), seeds=1)[0].methods == ("eigen_ra", "spanning_tree")
 

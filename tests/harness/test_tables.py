@@ -9,7 +9,8 @@ from certpgo.errors import InputError
 from certpgo.registry import build
 from reports.harness.experiments import claim_outcomes, scan
 from reports.harness.experiments.figure import Figure
-from reports.harness.experiments.records import from_line, latest, read_records, to_line
+from reports.harness.experiments.journal import from_line, latest, read_entries, to_line
+from reports.harness.experiments.records import Record
 from reports.harness.experiments.runner import run_table
 from reports.harness.experiments.spec import FACTORIZATION
 from reports.harness.experiments.trials import chosen_rows
@@ -101,7 +102,7 @@ def committed(table):
     path = RESULTS / f"{table.name}.jsonl"
     if not path.is_file():
         pytest.skip(f"no results of {table.name} here")
-    return latest(read_records(path))
+    return latest(read_entries(path, Record))
 
 
 def test_every_committed_value_that_differs_is_explained(table):
@@ -147,7 +148,7 @@ def test_quick_profile_runs_and_renders(table, records):
     assert {record.method for record in records} <= methods
     assert {record.row for record in records} == {row.label for row in rows}
     for record in records:
-        assert bool(record.error) != bool(record.metrics), record
+        assert bool(record.absence) != bool(record.metrics), record
     text = markdown(table, records)
     for section in sections(table, records):
         assert section.title in text
@@ -155,7 +156,7 @@ def test_quick_profile_runs_and_renders(table, records):
 
 
 def test_rendering_is_a_function_of_the_records_alone(table, records):
-    again = [from_line(to_line(record)) for record in records]
+    again = [from_line(to_line(record), Record) for record in records]
     for form in forms().values():
         assert form.render(table, again) == form.render(table, records)
 

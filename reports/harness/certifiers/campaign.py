@@ -19,7 +19,7 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.problem import PoseProblem, Problem, RotationProblem, problem_of
 from reports.harness.certifiers import made
-from reports.harness.certifiers.judging import Judge, Tally, judged
+from reports.harness.certifiers.judging import Judge, judged
 from reports.harness.certifiers.made import Made
 from reports.harness.certifiers.points import (
     JudgedPoint,
@@ -30,9 +30,10 @@ from reports.harness.certifiers.points import (
     truth_by_oracle,
     truth_by_search,
 )
+from reports.harness.certifiers.zoo_records import ALL, BLOCK, Tally, total
 
-#: Instances in a block, which is what a process is given and a record holds.
-BLOCK = 50
+#: Sorts of instances: a draw whose optimum stays open, and one that local descent may miss.
+SET_ASIDE, WOUND_OR_LOOSE = "set aside", "wound-up or loose"
 #: Draws after which a kind has nothing to offer for a seed.
 MOST_DRAWS = 200
 
@@ -82,31 +83,26 @@ def draws(kind: InstanceKind, seed: int) -> Iterator[list[JudgedPoint]]:
             return
 
 
-def block(kind: InstanceKind, first: int, judges: dict[str, Judge]) -> tuple[Tally, list[str]]:
-    """Counts over a block of seeds, and what is false of ours, in words."""
-    tally: Tally = Counter()
-    faults: list[str] = []
+def block(kind: InstanceKind, first: int, judges: dict[str, Judge]) -> Tally:
+    """Counts over a block of seeds."""
+    tallies = []
     for seed in range(first, first + BLOCK):
         for cases in draws(kind, seed):
-            for fact in _facts(kind, cases[0]):
-                tally["", fact] += 1
-            for case in cases:
-                counts, said = judged(case, judges)
-                tally += counts
-                faults += said
-    return tally, faults
+            tallies.append(Tally(instances=Counter(_facts(kind, cases[0]))))
+            tallies += [judged(case, judges) for case in cases]
+    return total(tallies)
 
 
 def _facts(kind: InstanceKind, case: JudgedPoint) -> Iterator[str]:
     if case.truth.known is Known.OPEN:
-        yield "set aside"
+        yield SET_ASIDE
         return
-    yield "instances"
-    yield f"{case.truth.known.value}, instances"
+    yield ALL
+    yield case.truth.known.value
     poses = isinstance(case.problem, PoseProblem)
-    yield f"{case.problem.d}D {'poses' if poses else 'rotations'}, instances"
+    yield f"{case.problem.d}D {'poses' if poses else 'rotations'}"
     if case.truth.loose or kind.draw is _wound:
-        yield "wound-up or loose, instances"
+        yield WOUND_OR_LOOSE
 
 
 def _wound(rng: np.random.Generator) -> Posed | None:

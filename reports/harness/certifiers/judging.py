@@ -15,20 +15,10 @@ from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import Problem
 from reports.harness.certifiers import oracle, rules
 from reports.harness.certifiers.points import JudgedPoint, Known
+from reports.harness.certifiers.zoo_records import ALL, FAULTS, Outcome, Tally
 
-#: What may be false of a certifier's answer; that it fails, and what it may otherwise lack.
-FALSE, BOUND, REFUTATION, BASIN = "false", "false bound", "false refutation", "false basin"
-PROOF = "false proof"
-FAULTS = (FALSE, BOUND, REFUTATION, BASIN, PROOF)
-#: What an interval factorization says of the multipliers that a bound rests on.
-CONFIRMED, UNDECIDED = "bound confirmed", "bound undecided"
-#: Nodes up to which it is asked.
+#: Nodes up to which an interval factorization confirms bounds.
 MOST_NODES = 200
-FAILED, MISSED, LOOSE, UNCONFIRMED = "failed", "missed", "missed, loose", "unconfirmed"
-#: Of ours: UNDECIDED though a lower bound above the tolerance exists.
-NO_ANSWER = "no answer"
-
-Tally = Counter[tuple[str, str]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,22 +55,22 @@ def certifiers() -> dict[str, Judge]:
     return judges
 
 
-def judged(case: JudgedPoint, judges: dict[str, Judge]) -> tuple[Tally, list[str]]:
-    """Counts by certifier and outcome, and what is false of ours, or failed, in words."""
-    tally: Tally = Counter()
-    for fact in _facts(case):
-        tally["", fact] += 1
-    faults = []
-    for name, judge in judges.items():
-        for outcome in _outcomes(case, judge):
-            tally[name, outcome] += 1
-            if outcome in (*FAULTS, FAILED) and name.startswith("certpgo"):
-                faults.append(f"{case.name}: {name}: {outcome}")
-    return tally, faults
+def judged(case: JudgedPoint, judges: dict[str, Judge]) -> Tally:
+    """What every certifier says of a point."""
+    outcomes: dict[str, Counter[str]] = {
+        name: Counter(_outcomes(case, judge)) for name, judge in judges.items()
+    }
+    faults = [
+        f"{case.name}: {name}: {outcome}"
+        for name, counts in outcomes.items()
+        for outcome in counts
+        if outcome in (*FAULTS, Outcome.FAILED) and name.startswith("certpgo")
+    ]
+    return Tally(points=Counter(_facts(case)), outcomes=outcomes, faults=faults)
 
 
 def _facts(case: JudgedPoint) -> Iterator[str]:
-    yield "points"
+    yield ALL
     yield case.truth.known.value
     if case.truth.loose:
         yield "loose"
@@ -94,47 +84,50 @@ def _facts(case: JudgedPoint) -> Iterator[str]:
         yield "open point" if case.truth.known is Known.OPEN else "borderline"
 
 
-def _outcomes(case: JudgedPoint, judge: Judge) -> Iterator[str]:
+def _outcomes(case: JudgedPoint, judge: Judge) -> Iterator[Outcome]:
     try:
         with np.errstate(all="ignore"):
             opinion = judge(case.problem, case.point)
     except MissingDependency:
-        yield "not installed"
+        yield Outcome.NOT_INSTALLED
         return
     except InputError:
-        yield "refused"
+        yield Outcome.REFUSED
         return
     except Exception:  # a zoo survives whatever a certifier raises
         opinion = None
     if opinion is None:
-        yield FAILED
+        yield Outcome.FAILED
     else:
-        yield "not certified" if opinion.certified is None else "certified"
+        yield Outcome.NOT_CERTIFIED if opinion.certified is None else Outcome.CERTIFIED
         yield from _faults(case, opinion)
         if opinion.undecided and case.truth.lower > case.tolerance(case.truth.upper):
-            yield NO_ANSWER
+            yield Outcome.NO_ANSWER
     missed = opinion is None or (opinion.certified is None and not _is_refuted(case, opinion))
     if missed and case.feasible and case.is_optimal(case.point):
-        yield LOOSE if case.truth.loose else MISSED
+        yield Outcome.MISSED_LOOSE if case.truth.loose else Outcome.MISSED
 
 
-def _faults(case: JudgedPoint, opinion: Opinion) -> Iterator[str]:
+def _faults(case: JudgedPoint, opinion: Opinion) -> Iterator[Outcome]:
     if opinion.certified is not None:
         # What is no estimate cannot be the best one.
         feasible = opinion.certified is not case.point or case.feasible
         if not feasible or case.is_beaten(opinion.certified):
-            yield FALSE
+            yield Outcome.FALSE
         elif case.truth.known is Known.OPEN:
-            yield UNCONFIRMED
+            yield Outcome.UNCONFIRMED
     if opinion.lower_bound > case.truth.upper:
-        yield BOUND
+        yield Outcome.FALSE_BOUND
     if opinion.better is not None and not _is_refuted(case, opinion):
-        yield REFUTATION
+        yield Outcome.FALSE_REFUTATION
     if opinion.basin is not None and case.is_beaten(opinion.basin):
-        yield BASIN
+        yield Outcome.FALSE_BASIN
     if opinion.multipliers is not None and case.problem.n <= MOST_NODES:
         holds = oracle.is_proof(case.problem, opinion.multipliers)
-        yield PROOF if holds is False else CONFIRMED if holds else UNDECIDED
+        if holds is False:
+            yield Outcome.FALSE_PROOF
+        else:
+            yield Outcome.CONFIRMED if holds else Outcome.UNDECIDED
 
 
 def _is_refuted(case: JudgedPoint, opinion: Opinion) -> bool:

@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from certpgo.view.markdown_tables import bar
+from reports.harness.certifiers.campaign import SET_ASIDE, WOUND_OR_LOOSE
 from reports.harness.certifiers.points import Known
-from reports.harness.experiments.records import Record
-
-OUTCOMES = (
-    "certified",
-    "false",
-    "missed",
-    "missed, loose",
-    "no answer",
-    "unconfirmed",
-    "refused",
-    "failed",
-    "not installed",
+from reports.harness.certifiers.zoo_records import (
+    ALL,
+    OTHER_FAULTS,
+    Outcome,
+    Tally,
+    ZooRecord,
+    total,
 )
-#: What else may be false, of certifiers that say so much.
-OTHERS = ("false bound", "false refutation", "false basin", "false proof")
+
+#: The outcomes that are shown, in their order.
+SHOWN = (
+    Outcome.CERTIFIED,
+    Outcome.FALSE,
+    Outcome.MISSED,
+    Outcome.MISSED_LOOSE,
+    Outcome.NO_ANSWER,
+    Outcome.UNCONFIRMED,
+    Outcome.REFUSED,
+    Outcome.FAILED,
+    Outcome.NOT_INSTALLED,
+)
 
 INTRODUCTION = """\
 Every certifier is told a problem and a point and says whether the point is optimal. A certificate
@@ -57,7 +63,7 @@ no better one is known to and whose optimality the oracle leaves open, as that o
 is too large for it."""
 
 
-def markdown(records: Sequence[Record]) -> str:
+def markdown(records: Sequence[ZooRecord]) -> str:
     """The report: totals, the random instances and where their truth is from, family by family."""
     lines = ["# The zoo: adversarial points for certifiers", "", INTRODUCTION, ""]
     named = [record for record in records if record.seed is None]
@@ -69,7 +75,7 @@ def markdown(records: Sequence[Record]) -> str:
     lines += [f"Cells: certified / false / missed; {NOTHING} where it judged nothing.", ""]
     lines += _table(*families(records))
     lines += ["", NOTES, ""]
-    false = [f"- {record.row}: {record.note}" for record in records if record.note]
+    false = [f"- {record.label}: {'; '.join(record.faults)}" for record in records if record.faults]
     if false:
         lines += ["## Where certpgo is false or fails", "", *false, ""]
     if records:
@@ -82,62 +88,64 @@ def markdown(records: Sequence[Record]) -> str:
 NOTHING = "–"  # noqa: RUF001 - a dash in a cell
 
 
-def totals(records: Sequence[Record]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def totals(records: Sequence[ZooRecord]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Header and rows: each certifier's outcomes over everything."""
-    counts = _sum(records)
-    header = ("certifier", *OUTCOMES[:2], "otherwise false", "bounds confirmed", *OUTCOMES[2:])
+    counts = total(records)
+    header = ("certifier", *SHOWN[:2], "otherwise false", "bounds confirmed", *SHOWN[2:])
     rows = []
     for name in certifiers(records):
-        own = [f"{counts[f'{name}: {outcome}']:,}" for outcome in OUTCOMES]
+        outcomes = counts.of(name)
+        own = [f"{outcomes[outcome]:,}" for outcome in SHOWN]
         extra = [NOTHING, NOTHING]
         if name.startswith("certpgo"):
-            confirmed, open_ = (counts[f"{name}: bound {k}"] for k in ("confirmed", "undecided"))
-            others = sum(counts[f"{name}: {outcome}"] for outcome in OTHERS)
+            confirmed, open_ = outcomes[Outcome.CONFIRMED], outcomes[Outcome.UNDECIDED]
+            others = sum(outcomes[fault] for fault in OTHER_FAULTS)
             extra = [f"{others:,}", f"{confirmed:,} of {confirmed + open_:,}"]
         rows.append((name, *own[:2], *extra, *own[2:]))
     return header, rows
 
 
-def families(records: Sequence[Record]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def families(records: Sequence[ZooRecord]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Header and rows: each family's points and what each certifier said of them."""
     names = certifiers(records)
     header = ("family", "points", "optimal", "not optimal", "truth from", *names)
-    groups: dict[str, list[Record]] = {}
+    groups: dict[str, list[ZooRecord]] = {}
     for record in records:
-        groups.setdefault(record.part, []).append(record)
+        groups.setdefault(record.family, []).append(record)
     rows = []
-    for part, members in groups.items():
-        counts = _sum(members)
-        truth = ", ".join(k.value for k in Known if counts[k.value])
-        points = (counts["points"], counts["optimal"], counts["not optimal"])
+    for family, members in groups.items():
+        counts = total(members)
+        truth = ", ".join(k.value for k in Known if counts.points[k.value])
+        points = (counts.points[k] for k in (ALL, "optimal", "not optimal"))
         cells = (_cell(counts, name) for name in names)
-        rows.append((part, *(f"{number:,}" for number in points), truth, *cells))
+        rows.append((family, *(f"{number:,}" for number in points), truth, *cells))
     return header, rows
 
 
-def certifiers(records: Sequence[Record]) -> list[str]:
+def certifiers(records: Sequence[ZooRecord]) -> list[str]:
     """Every certifier that a record names."""
-    return list(dict.fromkeys(n for r in records for n in r.settings.get("certifiers", ())))
+    return list(dict.fromkeys(n for r in records for n in r.certifiers))
 
 
-def _shares(records: Iterable[Record]) -> list[str]:
+def _shares(records: Iterable[ZooRecord]) -> list[str]:
     """What the points are, in sentences."""
-    counts = _sum(records)
-    points, optimal, not_optimal = (counts[k] for k in ("points", "optimal", "not optimal"))
+    counts = total(records)
+    points, optimal, not_optimal = (counts.points[k] for k in (ALL, "optimal", "not optimal"))
     said = f"{points:,} points, {optimal:,} of them optimal and {not_optimal:,} not."
-    total = counts["instances"]
-    if not total:
+    instances = counts.instances
+    every = instances[ALL]
+    if not every:
         return [said]
-    known = [k.value for k in Known if counts[f"{k.value}, instances"]]
-    parts = ", ".join(f"{_percent(counts[f'{k}, instances'], total)} by {k}" for k in known)
+    known = [k.value for k in Known if instances[k.value]]
+    parts = ", ".join(f"{_percent(instances[k], every)} by {k}" for k in known)
     kinds = [f"{d}D {what}" for d in (2, 3) for what in ("rotations", "poses")]
-    sorts = ", ".join(f"{_percent(counts[f'{k}, instances'], total)} {k}" for k in kinds)
-    adverse = _percent(counts["wound-up or loose, instances"], total)
+    sorts = ", ".join(f"{_percent(instances[k], every)} {k}" for k in kinds)
+    adverse = _percent(instances[WOUND_OR_LOOSE], every)
     return [
-        f"{total:,} instances of known optimum, of 3 to 15 nodes, with {said} The optimum is known "
+        f"{every:,} instances of known optimum, of 3 to 15 nodes, with {said} The optimum is known "
         f"{parts}; {sorts}; {adverse} are wound-up or loose. Half of them have their weights "
         "multiplied by a power of two between 2^-40 and 2^40. Another "
-        f"{counts['set aside']:,} problems, whose optimum stays open, were judged for what can be "
+        f"{instances[SET_ASIDE]:,} problems, whose optimum stays open, were judged for what can be "
         "seen to be false all the same."
     ]
 
@@ -146,18 +154,12 @@ def _percent(part: int, total: int) -> str:
     return f"{100.0 * part / total:.0f} %"
 
 
-def _cell(counts: Counter[str], name: str) -> str:
-    yes, false, missed = (counts[f"{name}: {outcome}"] for outcome in OUTCOMES[:3])
-    if not yes and not counts[f"{name}: not certified"] and not counts[f"{name}: failed"]:
+def _cell(counts: Tally, name: str) -> str:
+    outcomes = counts.of(name)
+    yes, false, missed = (outcomes[outcome] for outcome in SHOWN[:3])
+    if not yes and not outcomes[Outcome.NOT_CERTIFIED] and not outcomes[Outcome.FAILED]:
         return NOTHING
     return f"{yes} / {f'**{false}**' if false else 0} / {missed}"
-
-
-def _sum(records: Iterable[Record]) -> Counter[str]:
-    total: Counter[str] = Counter()
-    for record in records:
-        total.update(record.counts)
-    return total
 
 
 def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:

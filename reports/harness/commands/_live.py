@@ -49,14 +49,15 @@ class RunView:
 
     def show(self, outcome: TaskResult) -> None:
         """Count what a task gave."""
-        from reports.harness.experiments.records import is_left_out
+        from reports.harness.experiments.absence import Missing
 
         label = outcome.task.label
-        said = [record.error for record in outcome.records]
-        said += [outcome.figure] if isinstance(outcome.figure, str) else []
-        left_out = sum(map(is_left_out, said))
-        self._left_out[label] += left_out
-        self._failures[label] += sum(map(bool, said)) - left_out
+        absences = [record.absence for record in outcome.records if record.absence]
+        if isinstance(outcome.figure, Missing):
+            absences.append(outcome.figure.absence)
+        failures = sum(absence.is_failure for absence in absences)
+        self._failures[label] += failures
+        self._left_out[label] += len(absences) - failures
         self._results[label] += len(outcome.records)
         if outcome.is_last:
             self.done += outcome.task.steps

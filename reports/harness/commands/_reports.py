@@ -14,9 +14,10 @@ from certpgo.io.plural import counted
 if TYPE_CHECKING:
     from reports.harness.experiments.execute import TaskResult
     from reports.harness.experiments.figure import Figure
+    from reports.harness.experiments.journal import Journal
     from reports.harness.experiments.keys import Profile
     from reports.harness.experiments.plan import FigureTask, TableTask
-    from reports.harness.experiments.records import Journal, Record
+    from reports.harness.experiments.records import Record
     from reports.harness.experiments.spec import Table
 
 
@@ -62,14 +63,15 @@ class TableReport:
     beside = "md"
 
     def __init__(self, spec: Table, order: Order) -> None:
+        from reports.harness.experiments.journal import Journal
         from reports.harness.experiments.limits import Limit
         from reports.harness.experiments.plan import keys, table_tasks
-        from reports.harness.experiments.records import Journal
+        from reports.harness.experiments.records import Record
 
         self.spec, self._order = spec, order
         # That there are any rows is said before files are opened.
         self._keys = tuple(keys(spec, quick=order.quick, seeds=order.seeds, data=order.data))
-        self._journal: Journal = Journal(order.out, spec.name)
+        self._journal: Journal[Record] = Journal(order.out, spec.name, Record)
         self._fresh: dict[str, list[Record]] = {}
         self._unread: list[Record] = []
         self.tasks: tuple[TableTask, ...] = table_tasks(
@@ -101,7 +103,7 @@ class TableReport:
     @property
     def unread(self) -> tuple[str, ...]:
         """Why graphs asked for by name were not read."""
-        return tuple(dict.fromkeys(record.error for record in self._unread))
+        return tuple(dict.fromkeys(record.why_missing for record in self._unread))
 
     @property
     def is_any(self) -> bool:
@@ -123,7 +125,7 @@ class TableReport:
 
     def data(self) -> list[dict[str, Any]]:
         """The records as plain data."""
-        from reports.harness.experiments.records import as_data
+        from reports.harness.experiments.journal import as_data
 
         return [as_data(record) for record in self.records]
 
@@ -142,7 +144,7 @@ class TableReport:
     def line(self) -> str:
         """It in one line."""
         records = self.records
-        failed = sum(bool(record.error) for record in records)
+        failed = sum(bool(record.absence) for record in records)
         said = f", {failed} failed or not run" if failed else ""
         return f"{self.spec.name}: {counted(len(records), 'result{s}')}{said}"
 
@@ -175,11 +177,12 @@ class FigureReport:
 
     def keep(self, outcome: TaskResult) -> None:
         """Write its files, or remember why there are none."""
+        from reports.harness.experiments.absence import Missing
         from reports.harness.experiments.figure import publish
 
-        if isinstance(outcome.figure, str):
-            self.failure = outcome.figure
-        else:
+        if isinstance(outcome.figure, Missing):
+            self.failure = str(outcome.figure)
+        elif outcome.figure is not None:
             publish(self.spec, outcome.figure, self._order.out, profile=self._order.profile)
 
     @property

@@ -6,8 +6,9 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from statistics import fmean, quantiles
-from typing import Literal
+from typing import Any, Literal
 
+from reports.harness.experiments.absence import Absence
 from reports.harness.experiments.records import Record
 
 #: What the metrics of lower and upper quartiles are called, after the metric.
@@ -32,7 +33,6 @@ def _summary(group: Sequence[Record], summary: Literal["mean", "median"]) -> Rec
     of_metrics = _means if summary == "mean" else _quartiles
     steps = [r.iterations for r in group if r.iterations is not None]
     counts = _means([r.counts for r in group])
-    failed = [r.error for r in group if r.error]
     return replace(
         group[0],
         metrics=of_metrics([r.metrics for r in group]),
@@ -43,7 +43,7 @@ def _summary(group: Sequence[Record], summary: Literal["mean", "median"]) -> Rec
         certified_by=_each(group),
         status=_tally(r.status for r in group),
         note=group[0].note if len({r.note for r in group}) == 1 else "",
-        error=_failures(failed, len(group)),
+        **_failures(group),
     )
 
 
@@ -76,9 +76,13 @@ def _each(group: Sequence[Record]) -> str:
     return ", ".join(name if k == always else f"{name} ({k})" for name, k in held.items())
 
 
-def _failures(errors: Sequence[str], runs: int) -> str:
-    if not errors:
-        return ""
-    if len(errors) == runs and len(set(errors)) == 1:
-        return errors[0]
-    return f"{len(errors)} of {runs}: {errors[0]}"
+def _failures(group: Sequence[Record]) -> dict[str, Any]:
+    """Why there are no results, where some are missing: the first reason, and how often."""
+    failed = [record for record in group if record.absence]
+    if not failed:
+        return {}
+    first = failed[0]
+    if len(failed) == len(group) and len({(r.absence, r.error) for r in failed}) == 1:
+        return {"absence": first.absence, "error": first.error}
+    said = f"{len(failed)} of {len(group)}: {first.why_missing}"
+    return {"absence": Absence.FAILED, "error": said}

@@ -18,6 +18,7 @@ from typing import Any
 
 from certpgo import registry
 from certpgo.errors import InputError, MissingDependency
+from reports.harness.experiments.absence import Missing
 from reports.harness.experiments.figure import Data
 from reports.harness.experiments.plan import DIED, FigureTask, TableTask, Task, run_task
 from reports.harness.experiments.records import Record
@@ -38,13 +39,13 @@ class TaskResult:
     Attributes
     ----------
     records : of a table's task: all, or those since its last outcome
-    figure : of a figure's task: its record, or why there is none
+    figure : of a figure's task: its record, or why there is none; None of a table's
     is_last : the task is done
     """
 
     task: Task
     records: Sequence[Record] = ()
-    figure: Data | str = ""
+    figure: Data | Missing | None = None
     is_last: bool = True
 
 
@@ -189,7 +190,7 @@ def _parallel(connect: Callable[[], Any], jobs: int, calls: Iterator[Any]) -> It
         )(calls)
 
 
-def _in_worker(number: int, task: Task) -> tuple[int, list[Record] | Data | str]:
+def _in_worker(number: int, task: Task) -> tuple[int, list[Record] | Data | Missing]:
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its workers
     if isinstance(task, TableTask):

@@ -49,14 +49,14 @@ class Limit:
                 late = PATIENCE * self.seconds
                 faulthandler.dump_traceback_later(late, exit=True, file=nowhere)
                 stack.callback(faulthandler.cancel_dump_traceback_later)
-            stack.callback(signal.signal, signal.SIGALRM, signal.signal(signal.SIGALRM, _ring))
+            before = signal.signal(signal.SIGALRM, self._ring)
+            stack.callback(signal.signal, signal.SIGALRM, before)
             stack.callback(signal.setitimer, signal.ITIMER_REAL, 0.0)
             signal.setitimer(signal.ITIMER_REAL, self.seconds)
             yield
 
+    def _ring(self, signum: int, frame: FrameType | None) -> None:
+        raise OutOfTime(f"not finished within {self.seconds:g} s")
+
 
 NO_LIMIT = Limit()
-
-
-def _ring(signum: int, frame: FrameType | None) -> None:
-    raise OutOfTime

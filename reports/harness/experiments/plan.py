@@ -7,9 +7,9 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from certpgo.assess.comparison import in_one_line
-from certpgo.errors import CertPGOError, InputError
+from certpgo.errors import InputError
 from reports.harness.experiments import scan
+from reports.harness.experiments.absence import Absence, Missing, missing
 from reports.harness.experiments.figure import Data, Figure, computed, figure_key, read_figure
 from reports.harness.experiments.instances import is_here
 from reports.harness.experiments.keys import Profile
@@ -23,8 +23,11 @@ from reports.harness.experiments.trials import Trial, cases
 #: The records of a key in the file of a table.
 Find = Callable[[str], Sequence[Record]]
 
-#: Why there is no answer of a worker that died.
-DIED = "the process that ran it was killed (out of memory, or deaf to its time limit)"
+#: Why there is no result of a worker that died.
+DIED = Missing(
+    Absence.PROCESS_DIED,
+    "the process that ran it was killed (out of memory, or it did not respond to its time limit)",
+)
 
 
 @dataclass(frozen=True)
@@ -81,7 +84,7 @@ class TableTask:
     def died(self) -> tuple[Record, ...]:
         """The records of methods whose process died."""
         methods = (m for m in self.case.table.methods if m.label in self.methods)
-        return tuple(replace(self.case.blank(m), error=DIED) for m in methods)
+        return tuple(replace(self.case.blank(m), **DIED._asdict()) for m in methods)
 
 
 @dataclass(frozen=True)
@@ -106,23 +109,21 @@ class FigureTask:
         """What it is called while it runs."""
         return self.report
 
-    def drawn(self) -> Data | str:
+    def drawn(self) -> Data | Missing:
         """The figure's record, or why there is none."""
         figure: Figure = scan.get_figure(self.report)
         try:
             with ExitStack() as stack:
                 single_threaded(stack)
                 return computed(figure, quick=self.profile == "quick", data=self.data)
-        except CertPGOError as error:
-            return str(error)
         except Exception as error:  # the other figures are made whatever this one raises
-            return in_one_line(error)
+            return missing(error)
 
 
 Task = TableTask | FigureTask
 
 
-def run_task(task: Task) -> list[Record] | Data | str:
+def run_task(task: Task) -> list[Record] | Data | Missing:
     """Run a task to its end: a table's records, or a figure's record or why there is none."""
     return task.drawn() if isinstance(task, FigureTask) else list(task.records(lambda _: None))
 
@@ -196,9 +197,9 @@ def _is_settled(case: Trial, records: Sequence[Record], data: Path | None) -> bo
     """
     if not records or len(records) < records[-1].parts:
         return False
-    if any("is not installed: " in record.error for record in records):
+    if any(record.absence is Absence.MISSING_PACKAGE for record in records):
         return False
-    unread = [r for r in records if r.n is None and r.error != DIED]
+    unread = [r for r in records if r.n is None and r.absence is not Absence.PROCESS_DIED]
     return not unread or bool(case.row.absent) or not _is_here(case.row, data)
 
 

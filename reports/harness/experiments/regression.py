@@ -11,14 +11,9 @@ from typing import Any, Literal, NamedTuple
 from certpgo.errors import FormatError, InputError
 from certpgo.optimize.solution import Status
 from reports.harness.experiments import scan
+from reports.harness.experiments.journal import from_line, read_entries, to_line
 from reports.harness.experiments.metrics import TIMES, WORK, Better, Tolerance, metric_of
-from reports.harness.experiments.records import (
-    Record,
-    from_line,
-    is_left_out,
-    read_records,
-    to_line,
-)
+from reports.harness.experiments.records import Record
 from reports.harness.experiments.runner import run_table
 
 #: Tables whose quick profiles are run when no new records are given: quick ones without times.
@@ -31,6 +26,8 @@ FIXED = (
     "compare",
 )
 
+#: Files of another kind of records, which have a check of their own: `certpgo bench zoo`.
+OTHERS = ("zoo",)
 #: Folder of the quick profile's records, whose seeds are others than the full profile's.
 QUICK = "quick"
 
@@ -139,10 +136,10 @@ def findings(new: Records, committed: Records, *, times: float = TIMES) -> GateF
     compared = other_engine = 0
     for key, after in new.items():
         before = committed.get(key)
-        if is_left_out(after.error):
-            if before is not None and not is_left_out(before.error):
-                missing[key] = after.error
-        elif before is None or is_left_out(before.error):
+        if _is_left_out(after):
+            if before is not None and not _is_left_out(before):
+                missing[key] = after.why_missing
+        elif before is None or _is_left_out(before):
             added.append(key)
         else:
             compared += 1
@@ -150,7 +147,7 @@ def findings(new: Records, committed: Records, *, times: float = TIMES) -> GateF
             movements.extend(_movements(key, before, after, times))
     profiles = {key.profile for key in new}
     tables = {(key.profile, key.table) for key in new}
-    rest = [key for key in committed if key not in new and not is_left_out(committed[key].error)]
+    rest = [key for key in committed if key not in new and not _is_left_out(committed[key])]
     missing |= {key: "" for key in rest if key[:2] in tables}
     untouched = {key.table for key in rest if key.profile in profiles and key[:2] not in tables}
     return GateFindings(
@@ -171,8 +168,10 @@ def load_records(source: Path) -> Records:
     if not source.exists():
         raise InputError(f"{source}: no such file or folder")
     folders = (source, source / QUICK)
-    paths = [p for f in folders for p in sorted(f.glob("*.jsonl"))] if source.is_dir() else [source]
-    found = {_key(r, path.resolve().parent.name): r for path in paths for r in _read(path)}
+    paths = [source]
+    if source.is_dir():
+        paths = [p for f in folders for p in sorted(f.glob("*.jsonl")) if p.stem not in OTHERS]
+    found = {_key(record): record for path in paths for record in _read(path)}
     if not found:
         raise InputError(f"{source}: no records in there")
     return found
@@ -195,8 +194,8 @@ def run_quick(
     for name in names:
         try:
             for record in run_table(scan.get_table(name), data=data, quick=True, announce=announce):
-                kept = from_line(to_line(record))  # settings as a file has them
-                found[_key(kept, QUICK)] = kept
+                kept = from_line(to_line(record), Record)  # settings as a file has them
+                found[_key(kept)] = kept
         except InputError as error:
             refused[name] = str(error)
     return found, refused
@@ -204,7 +203,7 @@ def run_quick(
 
 def _read(path: Path) -> Iterator[Record]:
     try:
-        records = read_records(path)
+        records = read_entries(path, Record)
     except UnicodeDecodeError:
         raise FormatError(path, None, "records are text in UTF-8") from None
     for record in records:
@@ -217,9 +216,12 @@ def _read(path: Path) -> Iterator[Record]:
         yield record
 
 
-def _key(record: Record, folder: str) -> Key:
-    profile = record.profile or (QUICK if folder == QUICK else "full")
-    return Key(profile, record.table, record.row, record.part, record.method, record.seed)
+def _key(record: Record) -> Key:
+    return Key(record.profile, record.table, record.row, record.part, record.method, record.seed)
+
+
+def _is_left_out(record: Record) -> bool:
+    return record.absence is not None and not record.absence.is_failure
 
 
 def _engine(record: Record) -> str:
@@ -230,12 +232,13 @@ def _movements(key: Key, before: Record, after: Record, times: float) -> Iterato
     def moved(metric: str, direction: Direction, was: Any, now: Any) -> Movement:
         return Movement(key, metric, was, now, direction)
 
-    if before.error or after.error:
-        if before.error != after.error:
+    if before.absence or after.absence:
+        was_missing, is_missing = before.why_missing, after.why_missing
+        if was_missing != is_missing:
             direction: Direction = "told"
-            if not (before.error and after.error):
-                direction = "worse" if after.error else "better"
-            yield moved("error", direction, before.error or "none", after.error or "none")
+            if not (was_missing and is_missing):
+                direction = "worse" if is_missing else "better"
+            yield moved("error", direction, was_missing or "none", is_missing or "none")
         return
     other = [f for f in _SPECIFICATION if getattr(before, f) != getattr(after, f)]
     if other:  # another problem or method: values beside each other would say nothing

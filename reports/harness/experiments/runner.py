@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from certpgo import registry
-from certpgo.assess.comparison import certified, in_one_line, solution_of
+from certpgo.assess.comparison import certified, solution_of
 from certpgo.assess.provenance import provenance
-from certpgo.errors import CertPGOError, InputError
+from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.components import connected_parts, rotations_alone
 from certpgo.linalg.factor import default_engine
@@ -26,6 +26,7 @@ from certpgo.objective.problem import problem_of
 from certpgo.optimize.solution import Status
 from reports.harness.experiments import evaluate
 from reports.harness.experiments import reference as bench
+from reports.harness.experiments.absence import Absence, NotRun, missing
 from reports.harness.experiments.instances import known_truth, load_row
 from reports.harness.experiments.limits import NO_LIMIT, Limit, OutOfTime
 from reports.harness.experiments.metrics import Needs, needing
@@ -85,13 +86,13 @@ def run_case(
     announce(f"{row.label}: reading")
     try:
         if row.absent:
-            raise InputError(f"not run: {row.absent}")
+            raise NotRun(Absence.LEFT_OUT, row.absent)
         complete = load_row(replace(row, rotations=False), data, case.seed)
         instance = rotations_alone(complete) if row.rotations else complete
         judged = instance if row.judging is None else _rejudged(row, data, case.seed)
     except CertPGOError as error:
         for method in wanted:
-            yield replace(case.blank(method), error=str(error))
+            yield replace(case.blank(method), **missing(error)._asdict())
         return
     parts = _parts(row, instance)
     for part in parts:
@@ -219,20 +220,14 @@ def _run_method(method: Method, trial: _Trial) -> Record:
         m=graph.num_edges,
         kind=graph.kind,
     )
-    if method.max_nodes is not None and graph.num_nodes > method.max_nodes:
-        return replace(record, error=f"not run: above {method.max_nodes} nodes")
     try:
+        if method.max_nodes is not None and graph.num_nodes > method.max_nodes:
+            raise NotRun(Absence.TOO_LARGE, f"above {method.max_nodes} nodes")
         best = trial.best
         with trial.limit.kept():
             return _judged(method, trial, best, record)
-    except OutOfTime:
-        return replace(record, error=f"not finished within {trial.limit.seconds:g} s")
-    except MemoryError:
-        return replace(record, error="not enough memory")
-    except CertPGOError as error:
-        return replace(record, error=str(error))
-    except Exception as error:  # a table survives whatever a method raises
-        return replace(record, error=in_one_line(error))
+    except (Exception, OutOfTime) as error:  # a table survives whatever a method raises
+        return replace(record, **missing(error)._asdict())
 
 
 def _judged(method: Method, trial: _Trial, best: float | None, record: Record) -> Record:

@@ -104,7 +104,7 @@ def _judged(
     said = explanation(table, row.label, method.label)
     cell = replace(blank, row=row.label, method=method.label, metric=metric)
     if not values:
-        failed = next((r.error for r in mine if r.error), "").removeprefix("not run: ")
+        failed = next((r.error for r in mine if r.absence), "")
         return replace(cell, reason=failed or (said if mine else "") or "no record")
     ours = median(values) if table.summary == "median" else fmean(values)
     error = _standard_error(values)

@@ -14,7 +14,8 @@ from certpgo.assess.wording import reading_sentence
 from certpgo.io.plural import counted
 from certpgo.view.markdown_tables import markdown_table
 from reports.harness.experiments.averages import LOWER, UPPER, summarized
-from reports.harness.experiments.records import Record, latest
+from reports.harness.experiments.journal import latest
+from reports.harness.experiments.records import Record
 from reports.harness.experiments.spec import FIELDS, Column, Method, Row, Table
 from reports.harness.rendering.citations import citation
 from reports.harness.rendering.findings import findings
@@ -113,7 +114,7 @@ def _section(table: Table, group: Sequence[Record]) -> Section:
         seed = "" if first.seed is None else f", {table.summary} of {counted(count, 'instance{s}')}"
         group = summarized(group, table.summary)
     lines = [_line(table, record) for record in group]
-    if len({line[1:] for line in lines}) == 1 and first.error:
+    if len({line[1:] for line in lines}) == 1 and first.absence:
         lines = [("every method", *lines[0][1:])]
     header = ("method", *(c.title for c in table.columns), "published", "not run or failed")
     # The last two columns are shown where they say something.
@@ -144,7 +145,7 @@ def _reading(record: Record) -> str:
 def _line(table: Table, record: Record) -> tuple[str, ...]:
     """One record's cells; the last two are the printed numbers and the error, or empty."""
     cells = [cell_text(column, record) for column in table.columns]
-    return (record.method, *cells, "; ".join(_comparisons(table, record)), record.error)
+    return (record.method, *cells, "; ".join(_comparisons(table, record)), record.why_missing)
 
 
 def cell_text(column: Column, record: Record) -> str:

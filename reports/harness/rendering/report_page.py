@@ -137,7 +137,7 @@ def _table(results: TablePart) -> dict[str, Any]:
 def _results(records: Sequence[Record]) -> str:
     if not records:
         return "not run"
-    failed = sum(bool(record.error) for record in records)
+    failed = sum(bool(record.absence) for record in records)
     said = counted(len(records), "record{s}")
     return f"{said}, {failed} not run or failed" if failed else said
 

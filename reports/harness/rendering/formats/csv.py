@@ -42,7 +42,7 @@ def _header(table: Table) -> list[str]:
 
 def _line(table: Table, record: Record, instances: int) -> dict[str, object]:
     line: dict[str, object] = {name: getattr(record, name, None) for name in LEADING}
-    line |= {"instances": instances, "error": record.error}
+    line |= {"instances": instances, "error": record.why_missing}
     if table.summary:
         line["seed"] = None
     for column in table.columns:
