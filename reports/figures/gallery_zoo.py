@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from certpgo.registry import repository
-from reports.harness.certifiers.summary import certifiers
+from reports.harness.certifiers.summary import certifier_names
 from reports.harness.certifiers.zoo_records import ALL, Outcome, Tally, ZooRecord, total
 from reports.harness.experiments.absence import Absence, NotRun
 from reports.harness.experiments.figure import Data, Figure
@@ -47,7 +47,7 @@ def compute(quick: bool, data: Path | None) -> Data:
     records = read_entries(path, ZooRecord)
     named = [record for record in records if record.seed is None]
     drawn = [record for record in records if record.seed is not None]
-    names = certifiers(records)
+    names = certifier_names(records)
     outcomes = {
         name: {"named": _outcome(total(named), name), "random": _outcome(total(drawn), name)}
         for name in names
@@ -89,11 +89,11 @@ def draw(figure, record: Data) -> None:
     names = list(record["certifiers"])
     for shift, (group, label) in zip((-0.19, 0.19), GROUPS.items(), strict=True):
         for row, name in enumerate(names):
-            told = record["certifiers"][name][group]
-            share = 100.0 * told["false"] / max(told["certified"], 1)
+            counts = record["certifiers"][name][group]
+            share = 100.0 * counts["false"] / max(counts["certified"], 1)
             named = label if row == 0 else None
             left.barh(row + shift, share, 0.34, color=COLOURS[group], label=named)
-            said = f"{told['false']:,} of {told['certified']:,}"
+            said = f"{counts['false']:,} of {counts['certified']:,}"
             left.text(share + 0.8, row + shift, said, va="center", fontsize=6.5)
     left.set_yticks(range(len(names)), [LABELS.get(name, name) for name in names])
     left.invert_yaxis()

@@ -76,7 +76,7 @@ def record(row, cost):
 
 
 def test_the_index_says_first_what_was_reproduced(results):
-    text = dict(publication.rendered(gather(results)))["index.md"].decode()
+    text = dict(publication.report_files(gather(results)))["index.md"].decode()
     assert text.split("\n")[2] == (
         "**Of 2 values printed in the papers' tables 2 were run: 1 reproduced and 0 better (50 %), "
         "1 different, each explained; 0 were not run. Of 3 claims of the papers 1 hold, 2 differ "
@@ -98,7 +98,7 @@ def test_the_index_says_first_what_was_reproduced(results):
 
 
 def test_every_link_of_the_index_leads_somewhere(results):
-    files = dict(publication.rendered(gather(results)))
+    files = dict(publication.report_files(gather(results)))
     targets = {part.partition(")")[0] for part in files["index.md"].decode().split("](")[1:]}
     assert targets == set(files) - {"index.md"}
 
@@ -106,14 +106,14 @@ def test_every_link_of_the_index_leads_somewhere(results):
 def test_the_same_results_give_the_same_bytes(results, tmp_path):
     first, second = tmp_path / "first", tmp_path / "second"
     for folder in (first, second, second):
-        publication.write(gather(results), folder)
+        publication.write_report(gather(results), folder)
     names = sorted(path.name for path in first.iterdir())
     assert names == sorted(path.name for path in second.iterdir())
     assert all((first / name).read_bytes() == (second / name).read_bytes() for name in names)
 
 
 def test_a_table_offers_its_citation(results):
-    files = dict(publication.rendered(gather(results)))
+    files = dict(publication.report_files(gather(results)))
     assert b"```bibtex\n@book{paper,\n  title = {A paper}\n}\n```" in files["paper_table1.md"]
     assert rb"A small table~\cite{paper}" in files["paper_table1.tex"]
     assert files["sources.bib"].decode() == BIB
@@ -128,7 +128,7 @@ def test_the_last_record_of_a_kind_counts(results):
 
 def test_what_was_not_run_is_counted_and_said(results):
     (results / "paper_table1.jsonl").unlink()
-    files = dict(publication.rendered(gather(results)))
+    files = dict(publication.report_files(gather(results)))
     text = files["index.md"].decode()
     assert "0 different; 2 were not run. Of 3 claims of the papers 1 hold, 0 differ and 2" in text
     assert "| paper_table1 | 2 | no record |" in text
@@ -139,7 +139,7 @@ def test_what_was_not_run_is_counted_and_said(results):
 def test_what_differs_without_explanation_is_said(results):
     path = registry.repository() / "reports/tables/paper_table1.py"
     path.write_text(TABLE.replace("another b", ""))
-    text = dict(publication.rendered(gather(results)))["index.md"].decode()
+    text = dict(publication.report_files(gather(results)))["index.md"].decode()
     assert "1 different, 1 of them unexplained; 0" in text
     assert "| paper_table1 | 1 | not explained |" in text
 

@@ -7,7 +7,7 @@ from reports.harness.experiments.absence import Absence
 from reports.harness.experiments.records import Record
 from reports.harness.experiments.spec import Column, Method, Row, Table
 from reports.harness.rendering.published import compared
-from reports.harness.rendering.render import CROWDED, markdown, notes, sections
+from reports.harness.rendering.render import CROWDED, notes, sections, table_markdown
 
 TABLE = Table(
     "t",
@@ -53,7 +53,7 @@ def test_markdown_to_the_byte():
     good = record(verdict="CERTIFIED", seconds={"x": 0.25, "y": 0.5}, note="a | b")
     bad = record("other", metrics={}, absence=Absence.FAILED, error="it failed")
     good = Record(**{**vars(good), "provenance": {"engine": "superlu"}})
-    assert markdown(TABLE, [good, bad]).split("\n") == [
+    assert table_markdown(TABLE, [good, bad]).split("\n") == [
         "# A title",
         "",
         "## a (4 nodes, 5 edges, 3D)",
@@ -103,10 +103,10 @@ def test_what_is_no_number_cannot_be_compared():
 def test_the_order_in_which_records_were_made_does_not_show():
     first, second = record(key="1", seed=0), record("other", key="2", seed=0)
     later = [record(key="3", seed=1), record("other", key="4", seed=1)]
-    text = markdown(TABLE, [first, second, *later])
-    assert markdown(TABLE, [*reversed(later), second, first]) == text
+    text = table_markdown(TABLE, [first, second, *later])
+    assert table_markdown(TABLE, [*reversed(later), second, first]) == text
     assert (
-        markdown(
+        table_markdown(
             TABLE,
             [record(key="1", seed=0, absence=Absence.FAILED, error="old"), *later, second, first],
         )

@@ -18,7 +18,7 @@ from reports.harness.rendering import cells
 from reports.harness.rendering.citations import citation
 from reports.harness.rendering.formats import forms
 from reports.harness.rendering.published import printed_number, published
-from reports.harness.rendering.render import markdown, sections
+from reports.harness.rendering.render import sections, table_markdown
 
 NAMES = scan.table_names()
 RESULTS = registry.repository() / "reports" / "results"
@@ -149,7 +149,7 @@ def test_quick_profile_runs_and_renders(table, records):
     assert {record.row for record in records} == {row.label for row in rows}
     for record in records:
         assert bool(record.absence) != bool(record.metrics), record
-    text = markdown(table, records)
+    text = table_markdown(table, records)
     for section in sections(table, records):
         assert section.title in text
         assert all(len(row) == len(section.header) for row in section.rows)
@@ -164,7 +164,7 @@ def test_rendering_is_a_function_of_the_records_alone(table, records):
 def test_moreira_table_5_6_agrees_with_its_printed_eigenvalues(dataset_path):
     dataset_path("parking-garage")
     table = scan.get_table("moreira2020_table5_6")
-    text = markdown(table, list(run_table(table, quick=True)))
+    text = table_markdown(table, list(run_table(table, quick=True)))
     assert text.count(" agrees") == 4
     assert " differs" not in text
 
@@ -174,4 +174,4 @@ def test_moreira_table_5_7_agrees_with_its_printed_likelihoods(dataset_path):
     table = scan.get_table("moreira2020_table5_7")
     [eigen_ma, *_] = run_table(table, quick=True)
     assert f"{eigen_ma.metrics['f_ml']:.1f}" == "18824.3"
-    assert "f_ML 18824.3 agrees; s 1.0 agrees" in markdown(table, [eigen_ma])
+    assert "f_ML 18824.3 agrees; s 1.0 agrees" in table_markdown(table, [eigen_ma])

@@ -19,12 +19,12 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.problem import PoseProblem, Problem, RotationProblem, problem_of
 from reports.harness.certifiers import made
-from reports.harness.certifiers.judging import Judge, judged
 from reports.harness.certifiers.made import Made
+from reports.harness.certifiers.opinions import Certifier, tally_of
 from reports.harness.certifiers.points import (
-    JudgedPoint,
     Known,
     Truth,
+    ZooPoint,
     best_of,
     truth_by_form,
     truth_by_oracle,
@@ -56,7 +56,7 @@ class InstanceKind:
     draw: Callable[[np.random.Generator], Posed | None]
 
 
-def draws(kind: InstanceKind, seed: int) -> Iterator[list[JudgedPoint]]:
+def draws(kind: InstanceKind, seed: int) -> Iterator[list[ZooPoint]]:
     """Problems with up to two points each, until the optimum of one is known.
 
     Every second seed's weights are multiplied by a power of two.
@@ -76,24 +76,23 @@ def draws(kind: InstanceKind, seed: int) -> Iterator[list[JudgedPoint]]:
         scaled = problem.scaled(factor)
         name = f"seed {seed}, draw {draw}"
         yield [
-            JudgedPoint(f"{name}, point {k}", scaled, point, truth)
-            for k, point in enumerate(points)
+            ZooPoint(f"{name}, point {k}", scaled, point, truth) for k, point in enumerate(points)
         ]
         if truth.known is not Known.OPEN:
             return
 
 
-def block(kind: InstanceKind, first: int, judges: dict[str, Judge]) -> Tally:
+def block(kind: InstanceKind, first: int, asked: dict[str, Certifier]) -> Tally:
     """Counts over a block of seeds."""
     tallies = []
     for seed in range(first, first + BLOCK):
         for cases in draws(kind, seed):
             tallies.append(Tally(instances=Counter(_facts(kind, cases[0]))))
-            tallies += [judged(case, judges) for case in cases]
+            tallies += [tally_of(case, asked) for case in cases]
     return total(tallies)
 
 
-def _facts(kind: InstanceKind, case: JudgedPoint) -> Iterator[str]:
+def _facts(kind: InstanceKind, case: ZooPoint) -> Iterator[str]:
     if case.truth.known is Known.OPEN:
         yield SET_ASIDE
         return

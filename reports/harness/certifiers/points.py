@@ -46,7 +46,7 @@ class Truth:
 
 
 @dataclass(frozen=True, eq=False)
-class JudgedPoint:
+class ZooPoint:
     """A problem with a point to judge.
 
     Attributes

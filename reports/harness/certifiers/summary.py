@@ -63,7 +63,7 @@ no better one is known to and whose optimality the oracle leaves open, as that o
 is too large for it."""
 
 
-def markdown(records: Sequence[ZooRecord]) -> str:
+def zoo_markdown(records: Sequence[ZooRecord]) -> str:
     """The report: totals, the random instances and where their truth is from, family by family."""
     lines = ["# The zoo: adversarial points for certifiers", "", INTRODUCTION, ""]
     named = [record for record in records if record.seed is None]
@@ -93,7 +93,7 @@ def totals(records: Sequence[ZooRecord]) -> tuple[tuple[str, ...], list[tuple[st
     counts = total(records)
     header = ("certifier", *SHOWN[:2], "otherwise false", "bounds confirmed", *SHOWN[2:])
     rows = []
-    for name in certifiers(records):
+    for name in certifier_names(records):
         outcomes = counts.of(name)
         own = [f"{outcomes[outcome]:,}" for outcome in SHOWN]
         extra = [NOTHING, NOTHING]
@@ -107,7 +107,7 @@ def totals(records: Sequence[ZooRecord]) -> tuple[tuple[str, ...], list[tuple[st
 
 def families(records: Sequence[ZooRecord]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Header and rows: each family's points and what each certifier said of them."""
-    names = certifiers(records)
+    names = certifier_names(records)
     header = ("family", "points", "optimal", "not optimal", "truth from", *names)
     groups: dict[str, list[ZooRecord]] = {}
     for record in records:
@@ -122,7 +122,7 @@ def families(records: Sequence[ZooRecord]) -> tuple[tuple[str, ...], list[tuple[
     return header, rows
 
 
-def certifiers(records: Sequence[ZooRecord]) -> list[str]:
+def certifier_names(records: Sequence[ZooRecord]) -> list[str]:
     """Every certifier that a record names."""
     return list(dict.fromkeys(n for r in records for n in r.certifiers))
 

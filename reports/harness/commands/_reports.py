@@ -113,12 +113,12 @@ class TableReport:
     def close(self, *, interrupted: bool) -> Path:
         """Render what there is; returns the path of the records."""
         from certpgo.io.writing import write_whole
-        from reports.harness.rendering.render import markdown
+        from reports.harness.rendering.render import table_markdown
 
         if self.is_any:
             for record in self._unread:
                 self._journal.add(record)
-            text = markdown(self.spec, self.records, interrupted=interrupted)
+            text = table_markdown(self.spec, self.records, interrupted=interrupted)
             write_whole(self._journal.path.with_suffix(".md"), text.encode())
         self._journal.close()
         return self._journal.path

@@ -71,18 +71,17 @@ def command(
 
 def _zoo(campaign: int, quick: bool, processes: int, out: Path, shown: bool) -> list[ZooRecord]:
     from certpgo.io.writing import write_whole
-    from reports.harness.certifiers import run
-    from reports.harness.certifiers import summary as report
+    from reports.harness.certifiers import summary, zoo
     from reports.harness.certifiers.zoo_records import FILE, ZooRecord
     from reports.harness.experiments.journal import Journal
 
     journal = Journal(out, FILE, ZooRecord)
     with working("zoo") as status:
-        jobs = run.jobs(campaign, quick)
-        records = list(run.run_jobs(journal, jobs, processes=processes, announce=status.update))
-    write_whole(out / f"{FILE}.md", report.markdown(records).encode())
+        jobs = zoo.jobs(campaign, quick)
+        records = list(zoo.run_jobs(journal, jobs, processes=processes, announce=status.update))
+    write_whole(out / f"{FILE}.md", summary.zoo_markdown(records).encode())
     if shown:
-        table("points judged, and what was false", *report.totals(records))
+        table("points judged, and what was false", *summary.totals(records))
     return records
 
 

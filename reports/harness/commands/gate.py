@@ -54,7 +54,12 @@ def command(
     """Compare results with the committed ones; exit code 7 when a value got worse or differs."""
     from certpgo import registry
     from reports.harness.experiments.metrics import TIMES
-    from reports.harness.experiments.regression import FIXED, findings, load_records, run_quick
+    from reports.harness.experiments.regression import (
+        FIXED,
+        compare_records,
+        load_records,
+        run_quick,
+    )
 
     against = against or registry.repository() / "reports" / "results"
     if new is not None and new.resolve() == against.resolve():
@@ -66,7 +71,7 @@ def command(
     else:
         with working("the fixed set") as status:
             records, refused = run_quick(FIXED, data, status.update)
-    found = findings(records, committed, times=times or TIMES)
+    found = compare_records(records, committed, times=times or TIMES)
     if not found.compared:
         raise InputError(f"nothing to compare: {against} has none of these records")
     holds = found.holds(complete=complete)

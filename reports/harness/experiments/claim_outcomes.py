@@ -39,7 +39,7 @@ class ClaimOutcome:
     asked: int
 
     @property
-    def said(self) -> str:
+    def in_brief(self) -> str:
         """What became of it, in words."""
         if not self.claim.each or self.found is ClaimStatus.NOT_RUN:
             return self.found.value
@@ -51,10 +51,10 @@ class ClaimOutcome:
         return f"differs: holds {part}{left}"
 
     @property
-    def told(self) -> str:
+    def in_full(self) -> str:
         """The same, with what is to be remarked where it does not hold."""
         remark = "" if self.found is ClaimStatus.HOLDS else self.claim.remark
-        return ". ".join(filter(None, (self.said, remark)))
+        return ". ".join(filter(None, (self.in_brief, remark)))
 
 
 def of_table(table: Table, records: Iterable[Record]) -> tuple[ClaimOutcome, ...]:

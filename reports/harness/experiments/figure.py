@@ -120,7 +120,7 @@ def document(figure: Figure, record: Data, *, profile: Profile = "full") -> Data
     }
 
 
-def rendered(figure: Figure, record: Data, form: str = "svg") -> bytes:
+def figure_bytes(figure: Figure, record: Data, form: str = "svg") -> bytes:
     """The drawing, the same bytes every time.
 
     Parameters
@@ -163,7 +163,7 @@ def publish(figure: Figure, record: Data, folder: Path, *, profile: Profile = "f
     InputError
         The folder cannot be written to.
     """
-    drawing = rendered(figure, record)
+    drawing = figure_bytes(figure, record)
     text = _text(document(figure, record, profile=profile))
     folder_to_write(folder)
     write_whole(folder / f"{figure.name}.json", text.encode() + b"\n")

@@ -31,7 +31,7 @@ OTHERS = ("zoo",)
 #: Folder of the quick profile's records, whose seeds are others than the full profile's.
 QUICK = "quick"
 
-Direction = Literal["worse", "different", "better", "told"]
+Direction = Literal["worse", "different", "better", "noted"]
 #: Directions that fail the gate.
 FAILING = ("worse", "different")
 
@@ -73,7 +73,7 @@ class Movement:
     key : of the record
     metric : what moved
     before, after : committed and new, numbers or texts
-    direction : ``"worse"`` and ``"different"`` fail, ``"better"`` and ``"told"`` do not
+    direction : ``"worse"`` and ``"different"`` fail, ``"better"`` and ``"noted"`` do not
     """
 
     key: Key
@@ -123,7 +123,7 @@ class GateFindings:
         return not self.failures and not (complete and lacking)
 
 
-def findings(new: Records, committed: Records, *, times: float = TIMES) -> GateFindings:
+def compare_records(new: Records, committed: Records, *, times: float = TIMES) -> GateFindings:
     """Compare records that are of the same table, row, part, method, seed and profile.
 
     Parameters
@@ -235,7 +235,7 @@ def _movements(key: Key, before: Record, after: Record, times: float) -> Iterato
     if before.absence or after.absence:
         was_missing, is_missing = before.why_missing, after.why_missing
         if was_missing != is_missing:
-            direction: Direction = "told"
+            direction: Direction = "noted"
             if not (was_missing and is_missing):
                 direction = "worse" if is_missing else "better"
             yield moved("error", direction, was_missing or "none", is_missing or "none")
@@ -262,7 +262,7 @@ def _movements(key: Key, before: Record, after: Record, times: float) -> Iterato
         x, y = was.get(known.key), now.get(known.key)
         if x is None or y is None:  # not finite, or not asked for
             if (x is None) != (y is None):
-                yield moved(known.key, "told" if x is None else "different", x, y)
+                yield moved(known.key, "noted" if x is None else "different", x, y)
         elif abs(y - x) > known.allowed(x, y, was.get("cost") or 0.0, times):
             yield moved(known.key, _direction(known.better, x, y), x, y)
     counted = {"iterations": (before.iterations, after.iterations)}
@@ -303,9 +303,9 @@ def _of_verdict(before: str, after: str) -> Direction | None:
         return None
     # To refute is the judge's merit, or another method's; a worse answer has a worse cost.
     if after == "REFUTED":
-        return "worse" if before == "CERTIFIED" else "told"
+        return "worse" if before == "CERTIFIED" else "noted"
     if before == "REFUTED":
-        return "better" if after == "CERTIFIED" else "told"
+        return "better" if after == "CERTIFIED" else "noted"
     return "better" if _STRENGTH.get(after, 0) > _STRENGTH.get(before, 0) else "worse"
 
 
@@ -321,5 +321,5 @@ def _of_status(before: str, after: str) -> Direction | None:
         return None
     was, now = before in _ENDED_WELL, after in _ENDED_WELL
     if was == now:
-        return "told"
+        return "noted"
     return "better" if now else "worse"

@@ -57,7 +57,7 @@ def not_run(found: Iterable[Cell]) -> list[str]:
 
 def claims_table(found: Iterable[ClaimOutcome]) -> list[str]:
     """Claims, where they stand, and what became of them."""
-    rows = [(outcome.claim.text, outcome.claim.source, outcome.told) for outcome in found]
+    rows = [(outcome.claim.text, outcome.claim.source, outcome.in_full) for outcome in found]
     return [*markdown_table(("claim", "where", "found"), rows), ""]
 
 

@@ -109,7 +109,7 @@ def _reasons(tables: Iterable[TableResult], found: cells.CellStatus) -> list[str
 
 def _claims(tables: Iterable[TableResult], figures: Iterable[FigureResult]) -> list[str]:
     rows = [
-        (name, outcome.claim.text, outcome.claim.source, outcome.told)
+        (name, outcome.claim.text, outcome.claim.source, outcome.in_full)
         for name, outcomes in _named(tables, figures)
         for outcome in outcomes
     ]

@@ -25,7 +25,7 @@ from reports.harness.rendering.report_page import (
 from reports.harness.rendering.results import Report
 
 
-def rendered(report: Report) -> Iterator[tuple[str, bytes]]:
+def report_files(report: Report) -> Iterator[tuple[str, bytes]]:
     """Names and contents of the report's files, the same bytes every time."""
     for result in report.tables:
         for form in forms().values() if result.records else ():
@@ -40,7 +40,7 @@ def rendered(report: Report) -> Iterator[tuple[str, bytes]]:
     yield "index.md", index(report.tables, report.figures).encode()
 
 
-def write(report: Report, folder: Path) -> Path:
+def write_report(report: Report, folder: Path) -> Path:
     """Write the report's files, each whole or not at all; returns the index's path.
 
     Raises
@@ -49,12 +49,12 @@ def write(report: Report, folder: Path) -> Path:
         The folder cannot be written to.
     """
     folder_to_write(folder)
-    for name, content in rendered(report):
+    for name, content in report_files(report):
         write_whole(folder / name, content)
     return folder / "index.md"
 
 
-def page(report: Report) -> str:
+def report_html(report: Report) -> str:
     """The report as one HTML page, the same bytes every time."""
     tables = [
         TablePart(
@@ -98,7 +98,7 @@ def _differing(found: Iterable[Cell]) -> tuple[Section, ...]:
 
 
 def _claim_parts(outcomes: Iterable[ClaimOutcome]) -> list[ClaimPart]:
-    return [ClaimPart(o.claim.text, o.found.value, o.told, o.claim.source) for o in outcomes]
+    return [ClaimPart(o.claim.text, o.found.value, o.in_full, o.claim.source) for o in outcomes]
 
 
 def _sources() -> bytes:

@@ -84,7 +84,7 @@ def notes(table: Table, records: Iterable[Record]) -> tuple[str, ...]:
     return (*table.notes, CROWDED)
 
 
-def markdown(table: Table, records: Sequence[Record], *, interrupted: bool = False) -> str:
+def table_markdown(table: Table, records: Sequence[Record], *, interrupted: bool = False) -> str:
     """The table as Markdown, with where its numbers come from; it says if the run did not end."""
     lines = [f"# {table.title}", ""]
     if interrupted:

@@ -17,7 +17,7 @@ from reports.harness.rendering.render import grouped, work
 LEADING = ("row", "part", "seed", "instances", "d", "n", "m", "method")
 
 
-def text(table: Table, records: Sequence[Record]) -> str:
+def csv_text(table: Table, records: Sequence[Record]) -> str:
     """The table as CSV; of a summary, with its quartiles, and each printed number beside ours."""
     stream = io.StringIO()
     writer = csv.DictWriter(stream, _header(table), restval="", lineterminator="\n")
@@ -71,4 +71,4 @@ def _printed(table: Table, record: Record) -> Iterator[tuple[str, str]]:
                 yield f"{metric}.printed", printed_number(table, row, method, metric) or ""
 
 
-FORM = Form("csv", "CSV", text)
+FORM = Form("csv", "CSV", csv_text)

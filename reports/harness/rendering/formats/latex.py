@@ -24,7 +24,7 @@ _SPECIAL = {
 _NUMBER = re.compile(r"(?<![\w.])(-?\d+(?:\.\d+)?)(?:e([+-]\d+))?(?![\w.])")
 
 
-def text(table: Table, records: Sequence[Record]) -> str:
+def latex_text(table: Table, records: Sequence[Record]) -> str:
     """The table as LaTeX, to be read into a document."""
     shown = sections(table, records)
     header = _header(shown)
@@ -103,4 +103,4 @@ def numbered(words: str) -> str:
     return "".join([*parts, escaped(words[end:])])
 
 
-FORM = Form("tex", "LaTeX", text)
+FORM = Form("tex", "LaTeX", latex_text)

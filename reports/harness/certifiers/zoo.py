@@ -15,7 +15,7 @@ from certpgo.errors import NumericalError
 from certpgo.linalg.factor import default_engine
 from reports.harness.certifiers import campaign, oracle
 from reports.harness.certifiers.families import FAMILIES
-from reports.harness.certifiers.judging import certifiers, judged
+from reports.harness.certifiers.opinions import certifiers, tally_of
 from reports.harness.certifiers.zoo_records import Job, Outcome, ZooRecord, total
 from reports.harness.experiments.journal import Journal
 
@@ -36,7 +36,7 @@ def jobs(instances: int = 0, quick: bool = False) -> list[Job]:
 
 def run_jobs(
     journal: Journal[ZooRecord],
-    wanted: list[Job],
+    chosen: list[Job],
     *,
     processes: int = 1,
     announce: Announce = lambda _: None,
@@ -49,53 +49,53 @@ def run_jobs(
     announce : called with how many jobs are done
     """
     oracle.library()  # what is missing is said here, not by a process that dies of it
-    keys = {job: job.key(certifiers()) for job in wanted}
+    keys = {job: job.key(certifiers()) for job in chosen}
     # Without points its file was not here.
-    found = {job: kept for job in wanted for kept in journal.find(keys[job]) if kept.points}
-    left = [job for job in wanted if job not in found]
-    done = len(wanted) - len(left)
+    found = {job: kept for job in chosen for kept in journal.find(keys[job]) if kept.points}
+    left = [job for job in chosen if job not in found]
+    done = len(chosen) - len(left)
     for job, made in _made(left, processes):
         found[job] = made
         journal.add(made)
         done += 1
-        announce(f"{done} of {len(wanted)}: {job.label}")
-    yield from (found[job] for job in wanted)
+        announce(f"{done} of {len(chosen)}: {job.label}")
+    yield from (found[job] for job in chosen)
 
 
-def record(job: Job) -> ZooRecord:
+def record_of(job: Job) -> ZooRecord:
     """The record of a job, made in this process."""
-    judges = certifiers()
+    asked = certifiers()
     wrong: dict[str, list[str]] = {}
     if job.seed is None:
         tallies = []
         for case in FAMILIES[job.name](job.quick):
-            tallies.append(judged(case, judges))
-            for name in judges:
+            tallies.append(tally_of(case, asked))
+            for name in asked:
                 if tallies[-1].of(name)[Outcome.FALSE]:
                     wrong.setdefault(name, []).append(case.name)
         tally = total(tallies)
     else:
-        tally = campaign.block(campaign.kind_called(job.name), job.seed, judges)
+        tally = campaign.block(campaign.kind_called(job.name), job.seed, asked)
     return ZooRecord(
-        key=job.key(judges),
+        key=job.key(asked),
         family=job.name,
         seed=job.seed,
         quick=job.quick,
-        certifiers=list(judges),
+        certifiers=list(asked),
         falsely_certified=wrong,
         provenance=provenance(default_engine(), registry.source()),
         **vars(tally),
     )
 
 
-def _made(wanted: list[Job], processes: int) -> Iterator[tuple[Job, ZooRecord]]:
+def _made(chosen: list[Job], processes: int) -> Iterator[tuple[Job, ZooRecord]]:
     """Jobs with their records, as they are done."""
     context = multiprocessing.get_context("spawn")
     with (
         _one_thread_each(),
-        ProcessPoolExecutor(max(1, min(processes, len(wanted))), mp_context=context) as pool,
+        ProcessPoolExecutor(max(1, min(processes, len(chosen))), mp_context=context) as pool,
     ):
-        waiting = {pool.submit(record, job): job for job in wanted}
+        waiting = {pool.submit(record_of, job): job for job in chosen}
         try:
             for future in as_completed(waiting):
                 yield waiting[future], future.result()

@@ -14,7 +14,7 @@ from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import Problem
 from reports.harness.certifiers import oracle, rules
-from reports.harness.certifiers.points import JudgedPoint, Known
+from reports.harness.certifiers.points import Known, ZooPoint
 from reports.harness.certifiers.zoo_records import ALL, FAULTS, Outcome, Tally
 
 #: Nodes up to which an interval factorization confirms bounds.
@@ -43,22 +43,22 @@ class Opinion:
     undecided: bool = False
 
 
-Judge = Callable[[Problem, Estimate], Opinion]
+Certifier = Callable[[Problem, Estimate], Opinion]
 
 
-def certifiers() -> dict[str, Judge]:
+def certifiers() -> dict[str, Certifier]:
     """Ours, one a tier and the standard one on the point alone; then the competitors'."""
-    judges = {f"certpgo {t.value}": _ours(t, True) for t in Tier if t is not Tier.SCREEN}
-    judges["certpgo standard, unrefined"] = _ours(Tier.STANDARD, False)
+    asked = {f"certpgo {t.value}": _ours(t, True) for t in Tier if t is not Tier.SCREEN}
+    asked["certpgo standard, unrefined"] = _ours(Tier.STANDARD, False)
     for name in rules.rule_names():
-        judges[name] = _theirs(name)
-    return judges
+        asked[name] = _theirs(name)
+    return asked
 
 
-def judged(case: JudgedPoint, judges: dict[str, Judge]) -> Tally:
+def tally_of(case: ZooPoint, asked: dict[str, Certifier]) -> Tally:
     """What every certifier says of a point."""
     outcomes: dict[str, Counter[str]] = {
-        name: Counter(_outcomes(case, judge)) for name, judge in judges.items()
+        name: Counter(_outcomes(case, certifier)) for name, certifier in asked.items()
     }
     faults = [
         f"{case.name}: {name}: {outcome}"
@@ -69,7 +69,7 @@ def judged(case: JudgedPoint, judges: dict[str, Judge]) -> Tally:
     return Tally(points=Counter(_facts(case)), outcomes=outcomes, faults=faults)
 
 
-def _facts(case: JudgedPoint) -> Iterator[str]:
+def _facts(case: ZooPoint) -> Iterator[str]:
     yield ALL
     yield case.truth.known.value
     if case.truth.loose:
@@ -84,10 +84,10 @@ def _facts(case: JudgedPoint) -> Iterator[str]:
         yield "open point" if case.truth.known is Known.OPEN else "borderline"
 
 
-def _outcomes(case: JudgedPoint, judge: Judge) -> Iterator[Outcome]:
+def _outcomes(case: ZooPoint, certifier: Certifier) -> Iterator[Outcome]:
     try:
         with np.errstate(all="ignore"):
-            opinion = judge(case.problem, case.point)
+            opinion = certifier(case.problem, case.point)
     except MissingDependency:
         yield Outcome.NOT_INSTALLED
         return
@@ -108,7 +108,7 @@ def _outcomes(case: JudgedPoint, judge: Judge) -> Iterator[Outcome]:
         yield Outcome.MISSED_LOOSE if case.truth.loose else Outcome.MISSED
 
 
-def _faults(case: JudgedPoint, opinion: Opinion) -> Iterator[Outcome]:
+def _faults(case: ZooPoint, opinion: Opinion) -> Iterator[Outcome]:
     if opinion.certified is not None:
         # What is no estimate cannot be the best one.
         feasible = opinion.certified is not case.point or case.feasible
@@ -130,7 +130,7 @@ def _faults(case: JudgedPoint, opinion: Opinion) -> Iterator[Outcome]:
             yield Outcome.CONFIRMED if holds else Outcome.UNDECIDED
 
 
-def _is_refuted(case: JudgedPoint, opinion: Opinion) -> bool:
+def _is_refuted(case: ZooPoint, opinion: Opinion) -> bool:
     """Whether an estimate that is called better costs less, in interval arithmetic."""
     if opinion.better is None or not case.feasible:
         return False
@@ -138,8 +138,8 @@ def _is_refuted(case: JudgedPoint, opinion: Opinion) -> bool:
     return theirs < oracle.cost(case.problem, case.point)[0]
 
 
-def _ours(tier: Tier, refine: bool) -> Judge:
-    def judge(problem: Problem, point: Estimate) -> Opinion:
+def _ours(tier: Tier, refine: bool) -> Certifier:
+    def certifier(problem: Problem, point: Estimate) -> Opinion:
         estimate = Estimate(point.rotations, point.translations)  # which checks its matrices
         certificate = certify(problem, estimate, tier=tier, refine=refine)
         return Opinion(
@@ -151,9 +151,9 @@ def _ours(tier: Tier, refine: bool) -> Judge:
             certificate.verdict is Verdict.UNDECIDED,
         )
 
-    return judge
+    return certifier
 
 
-def _theirs(name: str) -> Judge:
-    certifier = rules.get_rule(name)
-    return lambda problem, point: Opinion(certifier(problem, point))
+def _theirs(name: str) -> Certifier:
+    rule = rules.get_rule(name)
+    return lambda problem, point: Opinion(rule(problem, point))
