@@ -1,6 +1,6 @@
-"""Random small instances whose optimum is known, by kind and seed, in blocks.
+"""Small random instances whose optimum is known, by kind and seed, in blocks.
 
-A draw whose optimum stays open is judged for what is false of it all the same, but is no instance,
+A draw whose optimum stays open is still checked for false certificates, but it is no instance,
 and the next one is drawn.
 """
 

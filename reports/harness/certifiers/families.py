@@ -169,7 +169,7 @@ def _noise_in_space(quick: bool) -> Iterator[ZooPoint]:
 
 
 def _half_turns(quick: bool) -> Iterator[ZooPoint]:
-    """Short wound-up cycles, and two nodes that are told opposites."""
+    """Short wound-up cycles, and two nodes with opposite measurements."""
     for d in (2, 3):
         for n, k in ((3, 1), (4, 1), (4, 2), (5, 2), (6, 3), (7, 3)):
             for theta in (0.0, 1e-8, 0.1):
@@ -283,12 +283,12 @@ def _soft_move(problem: RotationProblem, best: Estimate, times: float) -> Estima
         return Estimate(so.exp(size * mode[:, None] * axis) @ best.rotations)
 
     low, high = 0.0, 1e-9
-    wanted = times * problem.cost(best)
-    while problem.cost(moved(high)) < wanted:
+    target = times * problem.cost(best)
+    while problem.cost(moved(high)) < target:
         low, high = high, 2.0 * high
     for _ in range(60):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if problem.cost(moved(middle)) < wanted else (low, middle)
+        low, high = (middle, high) if problem.cost(moved(middle)) < target else (low, middle)
     return moved(high)
 
 

@@ -1,4 +1,4 @@
-"""Every certifier on a case: what it says, and where that is false."""
+"""What every certifier says of a point, and where that is false."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class Opinion:
     certified : the estimate that it calls optimal, or None
     lower_bound : no estimate costs less, it says
     better : an estimate that it calls better by more than the tolerance, or None
-    basin : an estimate that it calls optimal besides, or None
+    basin : another estimate that it calls optimal, or None
     multipliers : (n, d, d) what the lower bound rests on, or None
-    undecided : whether it has no answer
+    undecided : whether it decides nothing
     """
 
     certified: Estimate | None
@@ -94,7 +94,7 @@ def _outcomes(case: ZooPoint, certifier: Certifier) -> Iterator[Outcome]:
     except InputError:
         yield Outcome.REFUSED
         return
-    except Exception:  # a zoo survives whatever a certifier raises
+    except Exception:  # the zoo goes on whatever a certifier raises
         opinion = None
     if opinion is None:
         yield Outcome.FAILED

@@ -30,37 +30,36 @@ SHOWN = (
 )
 
 INTRODUCTION = """\
-Every certifier is told a problem and a point and says whether the point is optimal. A certificate
+Every certifier is given a problem and a point and says whether the point is optimal. A certificate
 is **false** when an estimate in hand is better by more than 1e-5 F + 1e-12 W (our tolerance; W is
 the sum of kappa and tau |t_ij|^2), or when the point is no estimate at all; it is **missed** when
 the point is within a tenth of that of the optimum, and not certified. A **false bound** is a proven
 lower bound above the cost of an estimate in hand, a **false refutation** one by an estimate that
-costs no less, a
-**false proof** one whose certificate matrix has a negative eigenvalue; these and optima that are
-none are counted as otherwise false. Up to 200 nodes an interval factorization of the very matrix
-that a bound rests on is asked to confirm it.
-**No answer** is UNDECIDED (of certpgo) where a lower bound above the tolerance exists.
+costs no less, a **false proof** one whose certificate matrix has a negative eigenvalue; these and
+optima that are none are counted as otherwise false. Up to 200 nodes an interval factorization of
+the very matrix that a bound rests on confirms it or not. **No answer** is UNDECIDED (of certpgo)
+where a lower bound above the tolerance exists.
 Costs in hand are enclosed in interval arithmetic. F* is known in closed form; or by an interval
 L D L^T of the certificate matrix, in 160-bit balls; or by branch and bound over the angles of up to
 four rotations in the plane."""
 
 NOTES = """\
-certpgo is asked twice: as it comes (it descends, takes the bound from there and from a second
-start, and judges the point as given), and unrefined, on the point's own multipliers alone.
+certpgo is run twice: as it comes (it descends, takes the bound from there and from a second
+start, and certifies the point as given), and unrefined, on the point's own multipliers alone.
 
 gtsam_shonan is `ShonanAveraging.checkOptimality` of GTSAM (smallest eigenvalue by Lanczos above
 -1e-4, S in twice our scale). gtsam_staircase is GTSAM's `RiemannianStaircaseOptimizer` started at
-the point and held at rank d: what it certifies is where its own descent ended, and that is judged,
-projected to rotations. se_sync_rule asks for a Cholesky factor of S + 1e-3 I, cora_rule of
+the point and held at rank d: what it certifies is where its own descent ended, and that is checked,
+projected to rotations. se_sync_rule requires a Cholesky factor of S + 1e-3 I, cora_rule of
 S + eta I with eta = 5e-6 F/2 between 1e-7 and 1e-1; both are our reading of those rules on our
 matrices, not runs of those programs. The rules are meant for stationary points, so that what they
 say of points that are not (moved along the softest mode, not stationary, scaled) is a warning to
 their users rather than a fault of their authors. GTSAM's two take rotations alone and refuse poses.
 
 Where the relaxation is loose no certificate of this kind can exist, and an optimal point is missed
-by everybody who is not false: "missed, loose". "Unconfirmed" is a certificate of a point that
-no better one is known to and whose optimality the oracle leaves open, as that of the garage, which
-is too large for it."""
+by every certifier that is not false: "missed, loose". "Unconfirmed" is a certificate of a point
+that no better one is known to and whose optimality the oracle leaves open, as that of the garage,
+which is too large for it."""
 
 
 def zoo_markdown(records: Sequence[ZooRecord]) -> str:
@@ -72,7 +71,7 @@ def zoo_markdown(records: Sequence[ZooRecord]) -> str:
         if group:
             lines += [f"## {title}", "", *_shares(group), "", *_table(*totals(group)), ""]
     lines += ["## Family by family", ""]
-    lines += [f"Cells: certified / false / missed; {NOTHING} where it judged nothing.", ""]
+    lines += [f"Cells: certified / false / missed; {NOTHING} where it took no point.", ""]
     lines += _table(*families(records))
     lines += ["", NOTES, ""]
     false = [f"- {record.label}: {'; '.join(record.faults)}" for record in records if record.faults]
@@ -145,8 +144,8 @@ def _shares(records: Iterable[ZooRecord]) -> list[str]:
         f"{every:,} instances of known optimum, of 3 to 15 nodes, with {said} The optimum is known "
         f"{parts}; {sorts}; {adverse} are wound-up or loose. Half of them have their weights "
         "multiplied by a power of two between 2^-40 and 2^40. Another "
-        f"{instances[SET_ASIDE]:,} problems, whose optimum stays open, were judged for what can be "
-        "seen to be false all the same."
+        f"{instances[SET_ASIDE]:,} problems, whose optimum stays open, were checked for what is "
+        "false nevertheless."
     ]
 
 

@@ -133,7 +133,7 @@ class ZooRecord(Tally, JournalEntry):
     family : its name
     seed : the first one of a block; None for a named family
     quick : whether it is of the quick profile
-    certifiers : those that were asked
+    certifiers : those that were run
     falsely_certified : by certifier, the names of a named family's points
     """
 

@@ -1,4 +1,4 @@
-"""How far a run is, on stderr: a live view on a terminal, a line a finished row elsewhere."""
+"""How far a run is, on stderr: a live view on a terminal, one line per finished row elsewhere."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class RunView:
         self.refresh()
 
     def show(self, outcome: TaskResult) -> None:
-        """Count what a task gave."""
+        """Count what a task returned."""
         from reports.harness.experiments.absence import Missing
 
         label = outcome.task.label
@@ -69,11 +69,11 @@ class RunView:
         """Say that a task is done."""
 
     def refresh(self) -> None:
-        """Show the numbers anew."""
+        """Update the numbers."""
 
 
 class LineView(RunView):
-    """A line a finished task."""
+    """One line per finished task."""
 
     def finished(self, label: str, seconds: float) -> None:
         """Say that a task is done."""
@@ -95,7 +95,7 @@ class BarView(RunView):
         self._progress.update(self._bar, running=message)
 
     def refresh(self) -> None:
-        """Show the numbers anew."""
+        """Update the numbers."""
         running = list(self._began)
         first = f"{len(running)} running: {running[0]}" if running else ""
         part = sum(self._results[label] for label in running)
@@ -109,7 +109,7 @@ def watching(tasks: Sequence[Task], *, lines: bool) -> Iterator[RunView]:
 
     Parameters
     ----------
-    lines : where stderr is no terminal, print a line a finished task
+    lines : where stderr is no terminal, print one line per finished task
     """
     if not tasks or not sys.stderr.isatty():
         yield LineView(tasks) if lines else RunView(tasks)

@@ -1,4 +1,4 @@
-"""A table or figure that is asked for: its files, its tasks, and what is printed of it."""
+"""A table or figure to reproduce: its files, its tasks, and what is printed of it."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Order:
-    """What is asked for.
+    """What to reproduce, and how.
 
     Attributes
     ----------
     out : folder for the results
     data : folder to look for files in first
-    seeds : instances that a synthetic row stands for, by default the table's
+    seeds : instances that a synthetic row represents, by default the table's
     quick : the small profile
-    again : do anew what is there
+    again : recompute existing results
     seconds : limit on the time of a method on an instance; None for none
-    named : the rows were asked for by name: one that cannot be read is an error, and only what is
+    named : the rows were given by name: one that cannot be read is an error, and only what is
         computed now is shown
     """
 
@@ -57,10 +57,10 @@ class TableReport:
     Attributes
     ----------
     tasks : what there is to do
-    beside : suffix of the file that is written beside the records
+    companion : suffix of the file that is written with the records
     """
 
-    beside = "md"
+    companion = "md"
 
     def __init__(self, spec: Table, order: Order) -> None:
         from reports.harness.experiments.journal import Journal
@@ -69,7 +69,7 @@ class TableReport:
         from reports.harness.experiments.records import Record
 
         self.spec, self._order = spec, order
-        # That there are any rows is said before files are opened.
+        # A table without rows is refused before files are opened.
         self._keys = tuple(keys(spec, quick=order.quick, seeds=order.seeds, data=order.data))
         self._journal: Journal[Record] = Journal(order.out, spec.name, Record)
         self._fresh: dict[str, list[Record]] = {}
@@ -84,7 +84,7 @@ class TableReport:
         )
 
     def keep(self, outcome: TaskResult) -> None:
-        """Keep records; those of named graphs that were not read, only beside others."""
+        """Keep records; those of named graphs that were not read, only if there are others."""
         for record in outcome.records:
             self._fresh.setdefault(record.key, []).append(record)
             if self._order.named and record.n is None:
@@ -102,7 +102,7 @@ class TableReport:
 
     @property
     def unread(self) -> tuple[str, ...]:
-        """Why graphs asked for by name were not read."""
+        """Why graphs given by name were not read."""
         return tuple(dict.fromkeys(record.why_missing for record in self._unread))
 
     @property
@@ -155,11 +155,11 @@ class FigureReport:
     Attributes
     ----------
     tasks : what there is to do
-    beside : suffix of the file that is written beside the drawing
+    companion : suffix of the file that is written with the drawing
     failure : why there is no figure, or empty
     """
 
-    beside = "json"
+    companion = "json"
 
     def __init__(self, spec: Figure, order: Order) -> None:
         from reports.harness.experiments.plan import figure_tasks

@@ -56,8 +56,8 @@ def command(
         records = measured = _scale(family, sizes, quick, seed, out, not json)
         code = int(any(record.absence for record in measured))
     elif what == "zoo":
-        records = judged = _zoo(campaign, quick, processes, out, not json)
-        code = int(any(record.faults for record in judged))
+        records = certified = _zoo(campaign, quick, processes, out, not json)
+        code = int(any(record.faults for record in certified))
     else:
         raise InputError(f"unknown benchmark {what!r}; known: scale, zoo")
     if json:
@@ -81,7 +81,7 @@ def _zoo(campaign: int, quick: bool, processes: int, out: Path, shown: bool) -> 
         records = list(zoo.run_jobs(journal, jobs, processes=processes, announce=status.update))
     write_whole(out / f"{FILE}.md", summary.zoo_markdown(records).encode())
     if shown:
-        table("points judged, and what was false", *summary.totals(records))
+        table("points, and what was false", *summary.totals(records))
     return records
 
 
@@ -101,11 +101,11 @@ def _scale(
     chosen = {name: scale.family(name) for name in names}
     everything: list[Record] = []
     for name, known in chosen.items():
-        wanted = sizes or (known.quick if quick else known.sizes)
+        chosen_sizes = sizes or (known.quick if quick else known.sizes)
         journal = Journal(out, scale.file_name(name), Record)
         records: list[Record] = []
         with working(name) as status:
-            for size in wanted:
+            for size in chosen_sizes:
                 status.update(f"{name}, size {size}")
                 kept = journal.find(scale.graph_key(name, size, seed))
                 if not kept or kept[0].absence:

@@ -38,6 +38,6 @@ def command(
         path = write_report(report, out)
         if html is not None:
             text = report_html(report)
-            atomically(html, lambda beside: beside.write_text(text, "utf-8", newline="\n"))
+            atomically(html, lambda path: path.write_text(text, "utf-8", newline="\n"))
     typer.echo(summary(report.tables, report.figures))
-    notice(f"written to {path}, with the tables and figures beside it")
+    notice(f"written to {path}, with the tables and figures in the same folder")

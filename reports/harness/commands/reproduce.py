@@ -1,4 +1,4 @@
-"""certpgo reproduce: papers' tables, our numbers beside the printed ones, and figures."""
+"""certpgo reproduce: papers' tables, our numbers next to the printed ones, and figures."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def command(
     ] = None,
     every: Annotated[bool, typer.Option("--all", help="All tables and figures.")] = False,
     seeds: Annotated[
-        int | None, typer.Option("--seeds", min=1, help="Instances a synthetic row stands for.")
+        int | None, typer.Option("--seeds", min=1, help="Instances of a synthetic row.")
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="The small profile only.")] = False,
     jobs: Annotated[int, typer.Option("--jobs", min=1, help="Rows to run at once.")] = 1,
@@ -26,7 +26,7 @@ def command(
         str,
         typer.Option("--scheduler", metavar="ADDR", help="Of a cluster: tcp://... or ray://..."),
     ] = "",
-    again: Annotated[bool, typer.Option("--again", help="Do anew what is there.")] = False,
+    again: Annotated[bool, typer.Option("--again", help="Recompute existing results.")] = False,
     time_limit: Annotated[
         float,
         typer.Option("--time-limit", min=0.001, metavar="S", help="Seconds, of each method."),

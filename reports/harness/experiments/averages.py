@@ -18,7 +18,7 @@ LOWER, UPPER = ".lower", ".upper"
 def summarized(records: Iterable[Record], summary: Literal["mean", "median"]) -> list[Record]:
     """One record a method, in the order of their first ones.
 
-    Metrics are means or medians over the records that have them, the latter with quartiles beside;
+    Metrics are means or medians over the records that have them, the latter with quartiles;
     times and counts are means; of texts, each with how many have it.
     """
     by_method: dict[str, list[Record]] = {}

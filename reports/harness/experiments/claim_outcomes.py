@@ -28,8 +28,8 @@ class ClaimOutcome:
 
     Attributes
     ----------
-    held, decided, asked : of a claim about each row, in how many rows it holds, in how many that
-        can be told, and in how many it was asked; of others, of one
+    held, decided, asked : of a claim about each row, in how many rows it holds, how many could
+        be decided, and how many it is about; of others, out of one
     """
 
     claim: Claim
@@ -52,7 +52,7 @@ class ClaimOutcome:
 
     @property
     def in_full(self) -> str:
-        """The same, with what is to be remarked where it does not hold."""
+        """The same, with the remark where it does not hold."""
         remark = "" if self.found is ClaimStatus.HOLDS else self.claim.remark
         return ". ".join(filter(None, (self.in_brief, remark)))
 
@@ -82,10 +82,10 @@ def _outcome(claim: Claim, by_row: Mapping[str, Sequence[Record]]) -> ClaimOutco
     return _decided(claim, [claim.holds(group) if group else None for group in groups])
 
 
-def _decided(claim: Claim, answers: Sequence[bool | None]) -> ClaimOutcome:
-    told = [answer for answer in answers if answer is not None]
-    held = sum(told)
-    found = ClaimStatus.NOT_RUN
-    if told:
-        found = ClaimStatus.HOLDS if held >= claim.share * len(told) else ClaimStatus.DIFFERS
-    return ClaimOutcome(claim, found, held, len(told), len(answers))
+def _decided(claim: Claim, found: Sequence[bool | None]) -> ClaimOutcome:
+    decided = [holds for holds in found if holds is not None]
+    held = sum(decided)
+    status = ClaimStatus.NOT_RUN
+    if decided:
+        status = ClaimStatus.HOLDS if held >= claim.share * len(decided) else ClaimStatus.DIFFERS
+    return ClaimOutcome(claim, status, held, len(decided), len(found))

@@ -1,4 +1,4 @@
-"""The judge of tables: metrics come from the problem and the certificate, never from a method."""
+"""Evaluates estimates: metrics come from the problem and the certificate, never from a method."""
 
 from __future__ import annotations
 
@@ -58,9 +58,9 @@ def optimum(problem: Problem) -> float | None:
 
 
 def certified_by(problem: Problem, certificate: Certificate) -> str:
-    """Which bounds show the stationary point beside an answer, or itself, to be optimal.
+    """Which bounds prove the estimate, or the stationary point near it, optimal.
 
-    Those by angles speak of stationary rotations alone, and say nothing of poses.
+    Residual-angle bounds are about stationary rotations alone, not about poses.
     """
     b, point = certificate.bounds, certificate.refined
     holding = []
@@ -86,7 +86,7 @@ def certified_by(problem: Problem, certificate: Certificate) -> str:
 def of_estimate(
     keys: Iterable[str],
     problem: Problem,
-    judge: Problem,
+    evaluated: Problem,
     solution: Solution,
     certificate: Certificate | None,
     certify_seconds: float = 0.0,
@@ -95,17 +95,17 @@ def of_estimate(
     outliers: BoolArray | None = None,
     other: Estimate | None = None,
 ) -> dict[str, float]:
-    """The metrics asked for.
+    """The metrics of an estimate: those of the keys, and those that cost nothing.
 
     Parameters
     ----------
     problem : the problem that was solved; F, bounds and gaps refer to it
-    judge : the problem whose graph the thesis' metrics are evaluated on
+    evaluated : the problem whose graph the thesis' metrics are evaluated on
     certificate : of the estimate, or None; of a robust method's, for the measurements it kept
     best : F of the optimum, or None
     truth : the nodes of which it is known, and theirs, or None
     outliers : (m,) True where a measurement is known to be wrong, or None
-    other : another answer, which this one is compared with, or None
+    other : another estimate, which this one is compared with, or None
     """
     keys, estimate = tuple(keys), solution.estimate
     if of_graph_alone := needing(keys, Needs.GRAPH):
@@ -132,9 +132,9 @@ def of_estimate(
     if solution.lower_bound is not None:
         values["own_bound"] = solution.lower_bound
     if "f_ml" in keys:
-        values["f_ml"] = metrics.f_ml(judge.graph, estimate)
-    if "mean_symmetry" in keys and isinstance(judge, PoseProblem):
-        values["mean_symmetry"] = metrics.mean_symmetry(judge.graph, estimate)
+        values["f_ml"] = metrics.f_ml(evaluated.graph, estimate)
+    if "mean_symmetry" in keys and isinstance(evaluated, PoseProblem):
+        values["mean_symmetry"] = metrics.mean_symmetry(evaluated.graph, estimate)
     if certificate is not None:
         values["lower_bound"] = certificate.lower_bound
         values["gap"] = certificate.gap

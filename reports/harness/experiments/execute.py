@@ -34,7 +34,7 @@ PATIENCE = 120
 
 @dataclass(frozen=True)
 class TaskResult:
-    """What a task gave.
+    """What a task returned.
 
     Attributes
     ----------
@@ -87,17 +87,17 @@ def execute(
 ) -> Generator[TaskResult]:
     """Run all tasks and yield what they give, in the order in which it is there.
 
-    Whoever stops early, by an interrupt or an error, stops the workers.
+    An interrupt or an error stops the workers.
 
     Parameters
     ----------
-    announce : told what runs, where that is known
-    starting : told each task when its turn has come, perhaps from another thread
+    announce : called with what runs, where that is known
+    starting : called with each task before it runs, perhaps from another thread
 
     Raises
     ------
     InputError
-        The scheduler does not answer.
+        The scheduler does not respond.
     MissingDependency
         The package that speaks to it is not installed.
     """
@@ -142,7 +142,7 @@ def _all(
     suspects: list[int] = []
     while left:
         running: set[int] = set()
-        # Of those that ran when a worker died, nobody knows which it was: they go one by one.
+        # Any of those that ran when a worker died may have killed it: they run one by one.
         turn = suspects[:1] or list(left)
         dispatched = _dispatched({number: left[number] for number in turn}, running, starting)
         try:
@@ -253,7 +253,7 @@ def _dask_client(address: str) -> Any:
         connect: Any = Client
         return connect(address, timeout="10s", set_as_default=False)
     except OSError:
-        raise InputError(f"{address}: no scheduler of Dask answers there") from None
+        raise InputError(f"{address}: no Dask scheduler responds there") from None
 
 
 def _connect_ray(address: str, stack: ExitStack) -> int:
@@ -268,7 +268,7 @@ def _connect_ray(address: str, stack: ExitStack) -> int:
     except ValueError:
         raise MissingDependency("Ray's client", package="'ray[client]'") from None
     except (OSError, RuntimeError):
-        raise InputError(f"{address}: no scheduler of Ray answers there") from None
+        raise InputError(f"{address}: no Ray scheduler responds there") from None
     stack.callback(cluster.shutdown)
     cluster.util.joblib.register_ray()
     cores = int(cluster.cluster_resources().get("CPU", 0))

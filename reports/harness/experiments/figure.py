@@ -56,13 +56,13 @@ class Figure:
     ----------
     name : name of its file
     title, source : heading, and the citation of the figure it is compared with
-    compute : the record: everything that is drawn, and the numbers that the caption states. Told
-        whether to make the quick profile's small one, and the folder to look for files in first;
-        raises InputError where they are not here
-    draw : draws the record, told a Matplotlib figure and the record
+    compute : the record: everything that is drawn, and the numbers that the caption states. Called
+        with whether to make the quick profile's small one, and the folder to look for files in
+        first; raises InputError where they are not here
+    draw : draws the record, called with a Matplotlib figure and the record
     caption : a format string whose fields are the record's
     notes : sentences printed below the caption
-    claims : what the paper says of it in words, asked of the record
+    claims : what the paper says of it in words, checked against the record
     timed : it shows times, so that nothing else may run while it is computed
     """
 

@@ -1,4 +1,4 @@
-"""Content keys: equal where a run would do the same again, whatever the captions say."""
+"""Content keys: equal where a run would repeat the same work, whatever the captions say."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from types import FrameType
 
-#: How much longer than its limit a worker may be deaf to the alarm before it is ended.
+#: How much longer than its limit a worker may ignore the alarm before it is ended.
 PATIENCE = 1.25
 
 
@@ -26,7 +26,7 @@ class Limit:
     Attributes
     ----------
     seconds : None for as long as it takes
-    expendable : end the process when it stays deaf to the alarm inside compiled code; of workers
+    expendable : end the process when compiled code ignores the alarm; for workers
     """
 
     seconds: float | None = None

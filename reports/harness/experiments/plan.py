@@ -1,4 +1,4 @@
-"""What there is to do: tasks that know nothing of one another, for what has no record yet."""
+"""What is left to run: independent tasks, for what has no record yet."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class TableTask:
 
 @dataclass(frozen=True)
 class FigureTask:
-    """A figure, told by its name.
+    """A figure, given by its name.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ class FigureTask:
             with ExitStack() as stack:
                 single_threaded(stack)
                 return computed(figure, quick=self.profile == "quick", data=self.data)
-        except Exception as error:  # the other figures are made whatever this one raises
+        except Exception as error:  # the other figures are drawn whatever this one raises
             return missing(error)
 
 
@@ -141,7 +141,7 @@ def table_tasks(
 
     Parameters
     ----------
-    find : the records of a key that are there; none to do all anew
+    find : the existing records of a key; none to recompute everything
     quick, seeds, data : see `reports.harness.experiments.runner.run_table`
     limit : on the time of each method
 
@@ -179,17 +179,17 @@ def keys(
 
 def _lacking(case: Trial, find: Find, data: Path | None) -> tuple[str, ...]:
     found = [(m, find(case.key(m))) for m in case.table.methods if case.row.runs(m)]
-    # Once one method has told what the graph measures, those for others are known to have none.
+    # Once one record says what the graph measures, methods for other graphs are known to have none.
     kinds = {record.kind for _, records in found for record in records} - {""}
     return tuple(
         method.label
         for method, records in found
-        if not _is_settled(case, records, data)
+        if not _is_final(case, records, data)
         and (not kinds or any(suits(case.row, method, kind) for kind in kinds))
     )
 
 
-def _is_settled(case: Trial, records: Sequence[Record], data: Path | None) -> bool:
+def _is_final(case: Trial, records: Sequence[Record], data: Path | None) -> bool:
     """Whether all components have a record that a further run would not better.
 
     A graph that was not read and a package that was not installed may be there by now, and cost

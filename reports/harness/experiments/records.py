@@ -1,4 +1,4 @@
-"""What came out of one method on one instance."""
+"""The result of one method on one instance."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from reports.harness.experiments.journal import JournalEntry
 
 #: Iterations that a record keeps of a method.
 TRACED = 40
-#: How far below and above the answer's cost the last one told may be, relative: what is told may
-#: end before a last projection, and nothing of F ends below it.
+#: How far below and above the estimate's cost the last reported cost may be, relative: reports may
+#: end before a last projection, and no cost F ends below it.
 ENDS = 1e-6, 1e-3
 
 
@@ -35,7 +35,7 @@ class Record(JournalEntry):
     d, n, m : dimension, nodes, edges
     metrics : metric to value
     verdict, tier, reason : of the certificate, or empty
-    certified_by : the bounds that show the answer, or the stationary one beside it, to be optimal
+    certified_by : the bounds that prove the estimate, or the stationary point near it, optimal
     status, iterations, seconds, counts, note : as the method reported them
     trace : at most `TRACED` rows of seconds and cost as the method went on, of the first seed alone
     absence, error : why there is no estimate, and the same in words; None and empty where there is
@@ -97,20 +97,20 @@ def of_solution(solution: Solution) -> dict[str, Any]:
 
 
 def trace_of(solution: Solution) -> tuple[tuple[float, float], ...]:
-    """Seconds and cost as the method went on; early iterations stand closer than late ones.
+    """Seconds and cost by iteration; early iterations are kept more densely than late ones.
 
-    Nothing of methods that tell another cost: robust ones, and those that do not end at F.
+    Empty for methods that report another cost: robust ones, and those that do not end at F.
     """
-    told = [iteration for iteration in solution.trace if math.isfinite(iteration.cost)]
+    reported = [iteration for iteration in solution.trace if math.isfinite(iteration.cost)]
     below, above = ENDS
     F = solution.cost
-    ends = told and -below * F <= told[-1].cost - F <= above * F
+    ends = reported and -below * F <= reported[-1].cost - F <= above * F
     if not ends or solution.weights is not None:
         return ()
-    if len(told) > TRACED:
-        places = np.geomspace(1, len(told), TRACED).round().astype(int) - 1
-        told = [told[place] for place in np.unique(places)]
-    return tuple((float(f"{it.seconds:.6g}"), float(f"{it.cost:.12g}")) for it in told)
+    if len(reported) > TRACED:
+        places = np.geomspace(1, len(reported), TRACED).round().astype(int) - 1
+        reported = [reported[place] for place in np.unique(places)]
+    return tuple((float(f"{it.seconds:.6g}"), float(f"{it.cost:.12g}")) for it in reported)
 
 
 def of_certificate(certificate: Certificate) -> dict[str, Any]:

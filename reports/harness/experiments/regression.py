@@ -187,7 +187,7 @@ def run_quick(
     Parameters
     ----------
     data : folder to look for files in first
-    announce : told what is about to run
+    announce : called with what is about to run
     """
     found: Records = {}
     refused: dict[str, str] = {}
@@ -241,7 +241,7 @@ def _movements(key: Key, before: Record, after: Record, times: float) -> Iterato
             yield moved("error", direction, was_missing or "none", is_missing or "none")
         return
     other = [f for f in _SPECIFICATION if getattr(before, f) != getattr(after, f)]
-    if other:  # another problem or method: values beside each other would say nothing
+    if other:  # another problem or method: comparing values would say nothing
         for name in other:
             yield moved(name, "different", getattr(before, name), getattr(after, name))
         return
@@ -301,7 +301,7 @@ def _contradictions(
 def _of_verdict(before: str, after: str) -> Direction | None:
     if before == after:
         return None
-    # To refute is the judge's merit, or another method's; a worse answer has a worse cost.
+    # A refutation may come from a better certifier; a worse estimate has a worse cost.
     if after == "REFUTED":
         return "worse" if before == "CERTIFIED" else "noted"
     if before == "REFUTED":

@@ -57,9 +57,9 @@ def run_table(
     Parameters
     ----------
     data : folder to look for files in first
-    seeds : how many instances a synthetic row stands for, by default the table's
+    seeds : how many instances a synthetic row represents, by default the table's
     quick : run the quick profile's rows alone, with one seed by default
-    announce : told what is about to run
+    announce : called with what is about to run
     """
     for case in cases(table, data=data, seeds=seeds, quick=quick):
         yield from run_case(case, data=data, announce=announce)
@@ -82,7 +82,7 @@ def run_case(
     limit : on the time of each
     """
     table, row = case.table, case.row
-    wanted = [m for m in table.methods if methods is None or m.label in methods]
+    chosen = [m for m in table.methods if methods is None or m.label in methods]
     announce(f"{row.label}: reading")
     try:
         if row.absent:
@@ -91,7 +91,7 @@ def run_case(
         instance = rotations_alone(complete) if row.rotations else complete
         judged = instance if row.judging is None else _rejudged(row, data, case.seed)
     except CertPGOError as error:
-        for method in wanted:
+        for method in chosen:
             yield replace(case.blank(method), **missing(error)._asdict())
         return
     parts = _parts(row, instance)
@@ -108,7 +108,7 @@ def run_case(
         )
         suited = [m for m in table.methods if suits(row, m, part.graph.kind)]
         for method in suited:
-            if method not in wanted:
+            if method not in chosen:
                 trial.remember(method)
                 continue
             announce(f"{part.name}: {method.label}")
@@ -170,7 +170,7 @@ def _rejudged(row: Row, data: Path | None, seed: np.random.SeedSequence | None) 
 
 @dataclass
 class _Trial:
-    """An instance with all that its methods' answers are held against.
+    """An instance with everything that its methods' estimates are evaluated with.
 
     Attributes
     ----------
@@ -179,7 +179,7 @@ class _Trial:
     timed : the graph that the reference of times is run on
     truth : nodes of which it is known, and theirs, or None
     limit : on the time of a method
-    first : the answer of the table's first method, once there is one
+    first : the estimate of the table's first method, once there is one
     """
 
     case: Trial
@@ -197,7 +197,7 @@ class _Trial:
         return _optimum(self.case.table, self.instance, self.announce)
 
     def remember(self, method: Method) -> None:
-        """Solve again what others are compared with, where its record is there already."""
+        """Solve again what others are compared with, where its record exists already."""
         table = self.case.table
         if method is not table.methods[0] or not needing(table.metrics, Needs.FIRST):
             return
@@ -225,19 +225,19 @@ def _run_method(method: Method, trial: _Trial) -> Record:
             raise NotRun(Absence.TOO_LARGE, f"above {method.max_nodes} nodes")
         best = trial.best
         with trial.limit.kept():
-            return _judged(method, trial, best, record)
-    except (Exception, OutOfTime) as error:  # a table survives whatever a method raises
+            return _solved(method, trial, best, record)
+    except (Exception, OutOfTime) as error:  # a table goes on whatever a method raises
         return replace(record, **missing(error)._asdict())
 
 
-def _judged(method: Method, trial: _Trial, best: float | None, record: Record) -> Record:
-    """The record completed by what the method answers."""
+def _solved(method: Method, trial: _Trial, best: float | None, record: Record) -> Record:
+    """The record completed by the method's estimate and its metrics."""
     case, instance, judged = trial.case, trial.instance, trial.judged
     table = case.table
     problem = problem_of(instance.graph)
     if not method.solver:
-        wanted = [key for key in table.metrics if key in (method.published or table.metrics)]
-        return replace(record, metrics=evaluate.of_graph(wanted, problem))
+        asked = [key for key in table.metrics if key in (method.published or table.metrics)]
+        return replace(record, metrics=evaluate.of_graph(asked, problem))
     times: dict[str, float] = {}
     if table.reference is not None:
         times, kept = bench.against(table.reference, method, instance.graph, trial.timed)
@@ -251,11 +251,11 @@ def _judged(method: Method, trial: _Trial, best: float | None, record: Record) -
     trace = () if record.seed else trace_of(solution)
     record = replace(record, **of_solution(solution), note=note, trace=trace)
     certificate, seconds = certified(solution, problem) if table.certify else (None, 0.0)
-    judge = problem if judged is instance else problem_of(judged.graph)
+    evaluated = problem if judged is instance else problem_of(judged.graph)
     metrics = evaluate.of_estimate(
         table.metrics,
         problem,
-        judge,
+        evaluated,
         solution,
         certificate,
         certify_seconds=seconds,

@@ -81,12 +81,12 @@ class Row:
 
 @dataclass(frozen=True)
 class Method(comparison.Competitor):
-    """A `certpgo.assess.comparison.Competitor` with what a table says of it besides.
+    """A `certpgo.assess.comparison.Competitor` with what else a table says of it.
 
     Attributes
     ----------
     solver : name in the registry; empty for the graph itself (eigenvalues and the like)
-    start : the method whose answer is the initial estimate, or None
+    start : the method whose estimate is the initial one, or None
     engine : factorization engine, by default the preferred one installed
     max_nodes : larger graphs are not for it, or would take too long; None for any
     published : metric to the column of the published numbers that holds it; of no solver, the
@@ -163,14 +163,14 @@ class Table:
         others are shown, never compared
     summary : of the instances of a synthetic row only the ``"mean"`` is shown, or the ``"median"``
         with quartiles; empty shows each
-    certify : judge every estimate with a certificate
+    certify : certify every estimate
     reference : the method that the others are timed against, or None
-    seed, seeds : base seed, and how many instances a synthetic row stands for
+    seed, seeds : base seed, and how many instances a synthetic row represents
     quick : labels of the rows that the quick profile keeps
     notes : sentences printed below the table
     claims : what the paper says of it in words
     explained : why printed numbers differ or cannot be had, by row, by method or by both with a
-        slash between; of lines that none of the rows stands for, by their key or a part of it
+        slash between; of lines that none of the rows corresponds to, by their key or a part of it
     """
 
     name: str

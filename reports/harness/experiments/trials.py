@@ -1,4 +1,4 @@
-"""Which instances a table stands for: a row and a repetition each."""
+"""The instances of a table: a row and a repetition each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every value a paper's table prints beside ours: reproduced, better, different or not run.
+"""Every value that a paper's table prints, and whether ours reproduces it.
 
 Times are no value cells: machines and years differ, and only the order that they claim can be
 looked at, see `reports.harness.experiments.claims`. Nor are the columns that say what a row is.
@@ -70,7 +70,7 @@ def value_columns(table: Table) -> tuple[str, ...]:
 def cells(table: Table, records: Iterable[Record]) -> tuple[Cell, ...]:
     """Every value that the paper's table prints, whether or not it is among our rows.
 
-    Where several of our rows or methods stand for one, the best of them counts.
+    Where several of our rows or methods correspond to one, the best of them counts.
     """
     return tuple(_cells(table, list(records)))
 
@@ -132,7 +132,7 @@ def explanation(table: Table, row: str, method: str) -> str:
 
 
 def _said_of_line(table: Table, key: str) -> str:
-    """What the table says of a line that none of its rows stands for."""
+    """What the table says of a line that none of its rows corresponds to."""
     said = (table.explained.get(part, "") for part in (key, *key.split("/")))
     return next(filter(None, said), "not among our rows")
 

@@ -1,4 +1,4 @@
-"""A table's printed cells and claims as text, to stand below it."""
+"""A table's printed values and claims as text, for below the table."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def not_run(found: Iterable[Cell]) -> list[str]:
 
 
 def claims_table(found: Iterable[ClaimOutcome]) -> list[str]:
-    """Claims, where they stand, and what became of them."""
+    """Claims, where they are made, and what became of them."""
     rows = [(outcome.claim.text, outcome.claim.source, outcome.in_full) for outcome in found]
     return [*markdown_table(("claim", "where", "found"), rows), ""]
 

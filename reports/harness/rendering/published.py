@@ -16,7 +16,7 @@ from reports.harness.experiments.spec import Method, Row, Table
 
 @dataclass(frozen=True)
 class PrintedComparison:
-    """A number of ours beside a printed one.
+    """A number of ours compared with a printed one.
 
     Attributes
     ----------
@@ -53,8 +53,8 @@ def compared(printed: str, ours: float, better: Better = "") -> PrintedCompariso
         raise InputError(f"{printed!r} is no printed number") from None
     difference = ours - float(number)
     agrees = abs(difference) <= 0.5 * 10.0**exponent * (1.0 + 1e-9)
-    wanted = {"": 0.0, "lower": -1.0, "higher": 1.0}[better]
-    return PrintedComparison(printed, agrees, not agrees and wanted * difference > 0.0)
+    sign = {"": 0.0, "lower": -1.0, "higher": 1.0}[better]
+    return PrintedComparison(printed, agrees, not agrees and sign * difference > 0.0)
 
 
 def printed_number(table: Table, row: Row, method: Method, metric: str) -> str | None:

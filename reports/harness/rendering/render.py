@@ -1,7 +1,7 @@
 """Records to text: a pure function, so that a caption costs no re-run.
 
 A section holds the records of one instance under one reading of its weights: costs under two
-readings are of two objectives, and never stand in one column.
+readings are of two objectives, and are never in one column.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from reports.harness.rendering.citations import citation
 from reports.harness.rendering.findings import findings
 from reports.harness.rendering.published import compared, printed_number
 
-#: Said of times that were taken while more ran than there are cores, or nobody knows what.
+#: A warning about times taken while more ran than there are cores, or an unknown number.
 CROWDED = (
-    "Not every run had a core to itself: its times are longer than they need be, and not to be "
+    "Not every run had a core to itself: those times are longer than necessary and should not be "
     "compared."
 )
 
@@ -149,7 +149,7 @@ def _line(table: Table, record: Record) -> tuple[str, ...]:
 
 
 def cell_text(column: Column, record: Record) -> str:
-    """What stands in the column for the record."""
+    """The text of the column for the record."""
     if column.key == "seconds":
         return seconds_by_phase(record.seconds)
     if column.key == "counts":

@@ -26,7 +26,7 @@ class ClaimPart:
     text : the sentence
     found : ``"holds"``, ``"differs"`` or ``"not run"``
     said : the same in more words; empty for none
-    source : where it stands, or empty
+    source : where it is made, or empty
     """
 
     text: str

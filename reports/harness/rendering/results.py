@@ -40,7 +40,7 @@ class FigureResult:
 
     Attributes
     ----------
-    document : what stands in ``NAME.json``, or None
+    document : the content of ``NAME.json``, or None
     drawing : the SVG's bytes, or None
     claims : what became of its claims
     """

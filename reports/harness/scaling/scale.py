@@ -156,7 +156,7 @@ def _blank(name: str, size: int, seed: int) -> Record:
 
 
 def _peak_memory() -> float:
-    """Gigabytes that this process has held at most; NaN where the system does not tell."""
+    """Gigabytes that this process has held at most; NaN where the system does not report it."""
     try:
         import resource
     except ImportError:

@@ -18,7 +18,7 @@ LEADING = ("row", "part", "seed", "instances", "d", "n", "m", "method")
 
 
 def csv_text(table: Table, records: Sequence[Record]) -> str:
-    """The table as CSV; of a summary, with its quartiles, and each printed number beside ours."""
+    """The table as CSV; with the quartiles of a summary, and each printed number next to ours."""
     stream = io.StringIO()
     writer = csv.DictWriter(stream, _header(table), restval="", lineterminator="\n")
     writer.writeheader()
