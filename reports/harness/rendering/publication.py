@@ -11,7 +11,7 @@ from reports.harness.experiments.claim_outcomes import ClaimOutcome
 from reports.harness.experiments.figure import VIEWS
 from reports.harness.rendering import cells, citations
 from reports.harness.rendering.cells import Cell
-from reports.harness.rendering.findings import our_number
+from reports.harness.rendering.findings import DIFFERING, differing
 from reports.harness.rendering.formats import csv, forms
 from reports.harness.rendering.index import index, summary
 from reports.harness.rendering.render import Section
@@ -88,13 +88,9 @@ def report_html(report: Report) -> str:
 
 
 def _differing(found: Iterable[Cell]) -> tuple[Section, ...]:
-    rows = tuple(
-        (c.row, c.method, c.metric, c.printed, our_number(c), c.found.value, c.reason)
-        for c in found
-        if c.found in (cells.CellStatus.DIFFERS, cells.CellStatus.BETTER)
-    )
-    header = ("row", "method", "metric", "printed", "ours", "found", "why they differ")
-    return (Section("Published values that ours differ from", "", header, rows),) if rows else ()
+    rows = differing(found)
+    title = "Published values that ours differ from"
+    return (Section(title, "", DIFFERING, rows),) if rows else ()
 
 
 def _claim_parts(outcomes: Iterable[ClaimOutcome]) -> list[ClaimPart]:
