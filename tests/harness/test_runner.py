@@ -56,6 +56,14 @@ def test_a_method_that_times_nothing_is_timed_as_a_whole(monkeypatch):
     assert both.trace[0].seconds == 0.75
 
 
+def test_a_method_runs_with_its_engine_and_leaves_the_environment_alone(monkeypatch):
+    monkeypatch.setenv("CERTPGO_ENGINE", "nowhere")
+    [record] = run_table(table((CYCLE,), (Method("eigen_ra", engine="superlu"),)))
+    assert (record.error, record.provenance["engine"]) == ("", "superlu")
+    [other] = run_table(table((CYCLE,), (RA,)))
+    assert "nowhere" in other.error
+
+
 def test_seeds_are_distinct_and_repeatable():
     twice = [list(run_table(table((CYCLE,), (RA,)), seeds=3)) for _ in range(2)]
     costs = [[record.metrics["cost"] for record in records] for records in twice]

@@ -6,9 +6,8 @@ interruption leaves what is done.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -33,9 +32,6 @@ from reports.harness.experiments.metrics import Needs, needing
 from reports.harness.experiments.records import Record, of_certificate, of_solution, trace_of
 from reports.harness.experiments.spec import Method, Row, Table
 from reports.harness.experiments.trials import Trial, cases
-
-#: Environment variable that `certpgo.linalg.factor.default_engine` obeys.
-ENGINE_VARIABLE = "CERTPGO_ENGINE"
 
 Announce = Callable[[str], None]
 
@@ -112,13 +108,12 @@ def run_case(
                 trial.remember(method)
                 continue
             announce(f"{part.name}: {method.label}")
-            with _engine(method.engine):
-                yield replace(
-                    _run_method(method, trial),
-                    part="" if whole else part.name,
-                    parts=len(parts),
-                    provenance=provenance(default_engine(), registry.source()),
-                )
+            yield replace(
+                _run_method(method, trial),
+                part="" if whole else part.name,
+                parts=len(parts),
+                provenance=provenance(method.engine or default_engine(), registry.source()),
+            )
 
 
 def suits(row: Row, method: Method, kind: str) -> bool:
@@ -147,21 +142,6 @@ def _truth(row: Row, part: Instance, data: Path | None) -> evaluate.Truth | None
 def _parts(row: Row, instance: Instance) -> list[Instance]:
     # Refused: every method then says why.
     return [instance] if row.components == "refuse" else connected_parts(instance, row.components)
-
-
-@contextmanager
-def _engine(name: str) -> Iterator[None]:
-    """Prefer an engine for a while."""
-    before = os.environ.get(ENGINE_VARIABLE)
-    if name:
-        os.environ[ENGINE_VARIABLE] = name
-    try:
-        yield
-    finally:
-        if before is not None:
-            os.environ[ENGINE_VARIABLE] = before
-        elif name:
-            del os.environ[ENGINE_VARIABLE]
 
 
 def _rejudged(row: Row, data: Path | None, seed: np.random.SeedSequence | None) -> Instance:
@@ -202,8 +182,9 @@ class _Trial:
         if method is not table.methods[0] or not needing(table.metrics, Needs.FIRST):
             return
         self.announce(f"{self.instance.name}: {method.label} again")
-        with suppress(Exception, OutOfTime), _engine(method.engine), self.limit.kept():
-            problem, source = problem_of(self.instance.graph), self.instance.source
+        with suppress(Exception, OutOfTime), self.limit.kept():
+            problem = problem_of(self.instance.graph, method.engine or None)
+            source = self.instance.source
             settings = self.case.row.settings
             self.first = solution_of(method, problem, source=source, settings=settings).estimate
 
@@ -234,7 +215,7 @@ def _solved(method: Method, trial: _Trial, best: float | None, record: Record) -
     """The record completed by the method's estimate and its metrics."""
     case, instance, judged = trial.case, trial.instance, trial.judged
     table = case.table
-    problem = problem_of(instance.graph)
+    problem = problem_of(instance.graph, method.engine or None)
     if not method.solver:
         asked = [key for key in table.metrics if key in (method.published or table.metrics)]
         return replace(record, metrics=evaluate.of_graph(asked, problem))
