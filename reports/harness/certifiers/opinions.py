@@ -47,7 +47,7 @@ Certifier = Callable[[Problem, Estimate], Opinion]
 
 
 def certifiers() -> dict[str, Certifier]:
-    """Ours, one a tier and the standard one on the point alone; then the competitors'."""
+    """Ours, one per tier and the standard one on the point alone; then the competitors'."""
     asked = {f"certpgo {t.value}": _ours(t, True) for t in Tier if t is not Tier.SCREEN}
     asked["certpgo standard, unrefined"] = _ours(Tier.STANDARD, False)
     for name in rules.rule_names():

@@ -1,4 +1,4 @@
-"""Runs the zoo: a record a family, then a record a block of random instances."""
+"""Runs the zoo: a record per family, then a record per block of random instances."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Announce = Callable[[str], None]
 
 
 def jobs(instances: int = 0, quick: bool = False) -> list[Job]:
-    """Every family, and random instances: at least ``instances`` of them, and some anyway."""
+    """Every family, and random instances: at least ``instances`` of them, and a few in any case."""
     total = max(instances, QUICK if quick else FEWEST)
     named = [Job(name, quick=quick) for name in FAMILIES]
     return named + [Job(kind.name, first) for kind, first in campaign.blocks(total)]
@@ -48,7 +48,7 @@ def run_jobs(
     processes : how many work at once, each with one thread
     announce : called with how many jobs are done
     """
-    oracle.library()  # what is missing is said here, not by a process that dies of it
+    oracle.library()  # a missing package is an error here, not in a process that dies of it
     keys = {job: job.key(certifiers()) for job in chosen}
     # Without points its file was not here.
     found = {job: kept for job in chosen for kept in journal.find(keys[job]) if kept.points}

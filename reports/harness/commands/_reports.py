@@ -56,7 +56,7 @@ class TableReport:
 
     Attributes
     ----------
-    tasks : what there is to do
+    tasks : what is left to run
     companion : suffix of the file that is written with the records
     """
 
@@ -94,7 +94,7 @@ class TableReport:
 
     @property
     def records(self) -> list[Record]:
-        """What there is, in the order of the table."""
+        """The existing records, in the order of the table."""
         from reports.harness.experiments.plan import in_order
 
         found = self._fresh.get if self._order.named else self._journal.find
@@ -107,11 +107,11 @@ class TableReport:
 
     @property
     def is_any(self) -> bool:
-        """Whether there is a record of more than graphs that were not read."""
+        """Whether there is any record of a graph that was read."""
         return len(self.records) > len(self._unread)
 
     def close(self, *, interrupted: bool) -> Path:
-        """Render what there is; returns the path of the records."""
+        """Render the existing records; returns the path of the records."""
         from certpgo.io.writing import write_whole
         from reports.harness.rendering.render import table_markdown
 
@@ -142,7 +142,7 @@ class TableReport:
             typer.echo(sentence)
 
     def line(self) -> str:
-        """It in one line."""
+        """A summary in one line."""
         records = self.records
         failed = sum(bool(record.absence) for record in records)
         said = f", {failed} failed or not run" if failed else ""
@@ -154,7 +154,7 @@ class FigureReport:
 
     Attributes
     ----------
-    tasks : what there is to do
+    tasks : what is left to run
     companion : suffix of the file that is written with the drawing
     failure : why there is no figure, or empty
     """
@@ -207,7 +207,7 @@ class FigureReport:
                 typer.echo(sentence)
 
     def line(self) -> str:
-        """It in one line."""
+        """A summary in one line."""
         return f"{self.spec.name}: {self.failure or ('drawn' if self.data() else 'not drawn')}"
 
 

@@ -57,7 +57,7 @@ def run_report(
 
 
 def run_all(names: Iterable[str], order: Order, pool: Pool, *, json: bool) -> int:
-    """Run tables and figures together, print a line each, and write them into a folder."""
+    """Run tables and figures together, print one line for each, and write them into a folder."""
     from reports.harness.experiments import scan
 
     reports: dict[str, Report] = {}

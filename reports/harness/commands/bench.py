@@ -48,8 +48,8 @@ def command(
 
     scale solves synthetic graphs of growing size, each in a process of its own: time, memory,
     slope, verdict. zoo puts points of known truth, most of them adversarial, before our certifier
-    and the competitors', and counts what is false. What is in the results folder already is taken
-    from there, so that a run that was interrupted goes on.
+    and the competitors', and counts what is false. Existing results in the folder are
+    reused, so that an interrupted run resumes.
     """
     records: Sequence[JournalEntry]
     if what == "scale":

@@ -14,11 +14,11 @@ from certpgo.errors import InputError
 if TYPE_CHECKING:
     from reports.harness.experiments.regression import GateFindings, Key, Movement, Records
 
-#: Exit code when something moved that must not.
+#: Exit code when a value got worse or differs.
 FAILED = 7
-#: Records that are named where some are on one side alone; --json has all.
+#: How many records are named of those on one side alone; --json has all.
 NAMED = 5
-#: Text of a cell, longer ones are cut.
+#: Longest text of a cell; longer ones are cut.
 CELL = 60
 
 

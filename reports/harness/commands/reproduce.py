@@ -41,7 +41,7 @@ def command(
 ) -> int:
     """Run tables of papers and say which printed numbers ours agree with; draw figures.
 
-    Only what has no result yet is run: a run that was stopped goes on.
+    Only missing results are computed, so that an interrupted run resumes.
     """
     from reports.harness.experiments import scan
     from reports.harness.experiments.execute import Pool
@@ -50,7 +50,7 @@ def command(
     if every == (name is not None):
         raise InputError("give the name of a table or figure, or --all")
     pool = Pool(jobs, scheduler)
-    # A quick run is no result of the report, and must not pass for one.
+    # Results of a quick run must not be taken for the report's.
     folder = out / "quick" if quick else out
     order = Order(folder, data, seeds, quick=quick, again=again, seconds=time_limit)
     if name is None:

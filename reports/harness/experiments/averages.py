@@ -1,4 +1,4 @@
-"""Many instances of a row as one record a method: means or medians, and tallies of verdicts."""
+"""Many instances of a row as one record per method: means or medians, and tallies of verdicts."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ LOWER, UPPER = ".lower", ".upper"
 
 
 def summarized(records: Iterable[Record], summary: Literal["mean", "median"]) -> list[Record]:
-    """One record a method, in the order of their first ones.
+    """One record per method, in the order of their first ones.
 
     Metrics are means or medians over the records that have them, the latter with quartiles;
-    times and counts are means; of texts, each with how many have it.
+    times and counts are means; texts are tallied.
     """
     by_method: dict[str, list[Record]] = {}
     for record in records:
@@ -70,7 +70,7 @@ def _tally(texts: Iterable[str]) -> str:
 
 
 def _each(group: Sequence[Record]) -> str:
-    """The bounds that hold, each with how often unless it is always."""
+    """The bounds that hold, each with how often, unless it always holds."""
     held = Counter(name for r in group for name in r.certified_by.split(", ") if name)
     always = sum(bool(r.certified_by) for r in group)
     return ", ".join(name if k == always else f"{name} ({k})" for name, k in held.items())

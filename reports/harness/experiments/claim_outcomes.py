@@ -1,4 +1,4 @@
-"""What became of the claims of a table or figure."""
+"""Outcomes of the claims of a table or figure."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from reports.harness.experiments.spec import Table
 
 
 class ClaimStatus(StrEnum):
-    """What became of a claim."""
+    """The outcome of a claim."""
 
     HOLDS = "holds"
     DIFFERS = "differs"
@@ -24,7 +24,7 @@ class ClaimStatus(StrEnum):
 
 @dataclass(frozen=True)
 class ClaimOutcome:
-    """A claim and what became of it.
+    """A claim and its outcome.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class ClaimOutcome:
 
     @property
     def in_brief(self) -> str:
-        """What became of it, in words."""
+        """The outcome in words."""
         if not self.claim.each or self.found is ClaimStatus.NOT_RUN:
             return self.found.value
         part = f"in {self.held} of {counted(self.decided, 'row{s}')}"
@@ -58,7 +58,7 @@ class ClaimOutcome:
 
 
 def of_table(table: Table, records: Iterable[Record]) -> tuple[ClaimOutcome, ...]:
-    """What became of the table's claims."""
+    """The outcomes of the table's claims."""
     by_row: dict[str, list[Record]] = {row.label: [] for row in table.rows}
     for record in records:
         by_row.setdefault(record.row, []).append(record)
@@ -68,7 +68,7 @@ def of_table(table: Table, records: Iterable[Record]) -> tuple[ClaimOutcome, ...
 
 
 def of_figure(figure: Figure, data: Data | None) -> tuple[ClaimOutcome, ...]:
-    """What became of the figure's claims; ``data`` is its record, or None without one."""
+    """The outcomes of the figure's claims; ``data`` is its record, or None without one."""
     return tuple(
         _decided(claim, [None if data is None else claim.holds(data)]) for claim in figure.claims
     )

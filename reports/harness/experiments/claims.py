@@ -1,4 +1,4 @@
-"""What a paper says of its table or figure in words, and whether our records bear it out."""
+"""What a paper says of its table or figure in words, and whether our records confirm it."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ class Claim:
     Attributes
     ----------
     text : the sentence, quoted or shortened
-    holds : whether it is so
+    holds : whether it is true
     source : where it is made
     each : it is about every row: ``holds`` is called with the records of each in turn
-    share : the share of the rows of which it must be so, where a paper says "nearly all"
+    share : the share of the rows for which it must hold, where a paper says "nearly all"
     rows : labels of the rows it is about; empty for all
     remark : what explains that ours differ, or why it cannot be decided
     """

@@ -1,6 +1,6 @@
 """Runs tasks: one by one here, or by joblib in processes of this machine or on a cluster.
 
-Results come back as they are made, to this process alone. Tasks whose numbers are times run after
+Results are returned to this process as they are made. Tasks whose numbers are times run after
 the others, one at a time.
 """
 
@@ -28,7 +28,7 @@ from reports.harness.experiments.runner import Announce
 DASK, RAY = "tcp://", "ray://"
 #: What joblib's backends raise for a worker that died: two of this machine's, Dask's, Ray's.
 DEATHS = ("TerminatedWorkerError", "BrokenProcessPool", "KilledWorker", "ActorDiedError")
-#: Seconds in which a cluster that has no worker must get one.
+#: Seconds to wait for a cluster's first worker.
 PATIENCE = 120
 
 
@@ -85,7 +85,7 @@ class Pool:
 def execute(
     tasks: Iterable[Task], pool: Pool, *, announce: Announce, starting: Callable[[Task], None]
 ) -> Generator[TaskResult]:
-    """Run all tasks and yield what they give, in the order in which it is there.
+    """Run all tasks and yield their results as they are ready.
 
     An interrupt or an error stops the workers.
 
@@ -137,7 +137,7 @@ def _stating(outcome: TaskResult, alone: str) -> TaskResult:
 def _all(
     tasks: Sequence[Task], connect: Callable[[], Any], jobs: int, starting: Callable[[Task], None]
 ) -> Iterator[TaskResult]:
-    """Run tasks in workers; one whose worker died, and then died again alone, has failed."""
+    """Run tasks in workers; one whose worker died, also when it ran alone, has failed."""
     left = dict(enumerate(tasks))
     suspects: list[int] = []
     while left:
@@ -181,7 +181,7 @@ def _parallel(connect: Callable[[], Any], jobs: int, calls: Iterator[Any]) -> It
             for batch in iter(lambda: list(islice(calls, jobs)), []):
                 yield from Parallel(n_jobs=max(jobs, 2), batch_size=1)(batch)
             return
-        # No more are handed out than run, so that a death leaves few suspects.
+        # Only as many are dispatched as run, so that a death leaves few suspects.
         yield from Parallel(
             n_jobs=max(jobs, 2),  # one job would be this process
             return_as="generator_unordered",
@@ -218,16 +218,16 @@ def _connection(pool: Pool, stack: ExitStack) -> tuple[Callable[[], Any], int]:
         cores = _connect_ray(pool.scheduler, stack)
         return lambda: parallel_config("ray"), cores
     client = stack.enter_context(_dask_client(pool.scheduler))
-    backend = _telling_of_deaths()
+    backend = _backend_reporting_deaths()
     waiting = {"wait_for_workers_timeout": PATIENCE}
     return lambda: parallel_config(backend(client=client, **waiting)), pool.jobs
 
 
-def _telling_of_deaths() -> Any:
-    """Joblib's backend for Dask; its own waits forever for a task that killed its workers."""
+def _backend_reporting_deaths() -> Any:
+    """Joblib's backend for Dask; joblib's own waits forever for a task that killed its workers."""
     from joblib._dask import DaskDistributedBackend
 
-    class Telling(DaskDistributedBackend):  # type: ignore[misc]
+    class Reporting(DaskDistributedBackend):  # type: ignore[misc]
         def effective_n_jobs(self, n_jobs: int) -> Any:
             return max(2, super().effective_n_jobs(n_jobs))  # one job would be this process
 
@@ -241,7 +241,7 @@ def _telling_of_deaths() -> Any:
                 out.result() if isinstance(out, Future) else out
             )
 
-    return Telling
+    return Reporting
 
 
 def _dask_client(address: str) -> Any:

@@ -99,14 +99,14 @@ def computed(figure: Figure, *, quick: bool = False, data: Path | None = None) -
 
 
 def figure_key(figure: Figure, profile: Profile) -> str:
-    """What a figure's record is of: its name, its profile and the version that computed it."""
+    """The key of a figure's record: of its name, its profile and the version that computed it."""
     from certpgo import __version__
 
     return content_key({"figure": figure.name, "profile": profile, "version": __version__})
 
 
 def document(figure: Figure, record: Data, *, profile: Profile = "full") -> Data:
-    """The record with what it is of, and what made it."""
+    """The record with what it shows and its provenance."""
     return {
         "figure": figure.name,
         "key": figure_key(figure, profile),
@@ -121,7 +121,7 @@ def document(figure: Figure, record: Data, *, profile: Profile = "full") -> Data
 
 
 def figure_bytes(figure: Figure, record: Data, form: str = "svg") -> bytes:
-    """The drawing, the same bytes every time.
+    """The drawing; the same record gives the same bytes.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def figure_bytes(figure: Figure, record: Data, form: str = "svg") -> bytes:
 
     stream = io.BytesIO()
     with mpl.rc_context():
-        mpl.rcdefaults()  # whatever the reader's own settings are
+        mpl.rcdefaults()  # not the reader's own settings
         settings: Any = {**STYLE, "svg.hashsalt": figure.name}
         mpl.rcParams.update(settings)
         canvas = Canvas(layout="constrained")
@@ -146,7 +146,7 @@ def figure_bytes(figure: Figure, record: Data, form: str = "svg") -> bytes:
 
 
 def read_figure(figure: Figure, folder: Path) -> Data | None:
-    """The figure's document in the folder, or None where there is none, or half of one."""
+    """The figure's document in the folder, or None where it is missing or incomplete."""
     try:
         kept = json.loads((folder / f"{figure.name}.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):

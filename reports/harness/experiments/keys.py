@@ -1,4 +1,4 @@
-"""Content keys: equal where a run would repeat the same work, whatever the captions say."""
+"""Content keys: equal where a run would repeat the same work, whatever the captions are."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DIGITS = 16
 def record_key(
     table: Table, row: Row, place: int, method: Method, repetition: int, profile: Profile
 ) -> str:
-    """The key of a method's records on one instance of a row, one record a component.
+    """The key of a method's records on one instance of a row, one record per component.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ PATIENCE = 1.25
 
 
 class OutOfTime(BaseException):
-    """The limit has passed; no `Exception`, so that no method takes it for one of its own."""
+    """The limit has passed; not an `Exception`, so that no method catches it."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Limit:
 
     Attributes
     ----------
-    seconds : None for as long as it takes
+    seconds : None for no limit
     expendable : end the process when compiled code ignores the alarm; for workers
     """
 

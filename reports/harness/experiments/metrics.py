@@ -27,7 +27,7 @@ class Tolerance(Enum):
     """How far a metric may move before it counts as different."""
 
     #: By `SAME` of its value.
-    EXACT = "exact"
+    RELATIVE = "relative"
     #: By `SAME_ANGLE` of its value.
     ANGLE = "angle"
     #: By `SAME` of F: a difference of costs.
@@ -71,7 +71,7 @@ class Metric:
     key: str
     unit: Literal["", "F", "deg", "%", "s", "GB"] = ""
     better: Better = ""
-    tolerance: Tolerance = Tolerance.EXACT
+    tolerance: Tolerance = Tolerance.RELATIVE
     needs: Needs = Needs.ESTIMATE
 
     @property
@@ -111,7 +111,7 @@ def _registry() -> Iterable[Metric]:
         yield Metric(key, "deg", "", Tolerance.ANGLE)
     yield Metric("within_2_deg_percent", "%", "higher", Tolerance.ANGLE)
     yield Metric("total_seconds", "s", "", Tolerance.MACHINE)
-    yield Metric("lower_bound", "F", "higher", Tolerance.EXACT, Needs.CERTIFICATE)
+    yield Metric("lower_bound", "F", "higher", Tolerance.RELATIVE, Needs.CERTIFICATE)
     yield Metric("gap", "F", "lower", Tolerance.COST_DIFFERENCE, Needs.CERTIFICATE)
     yield Metric("relative_gap", "", "lower", Tolerance.OF_ONE, Needs.CERTIFICATE)
     yield Metric("certify_seconds", "s", "", Tolerance.MACHINE, Needs.CERTIFICATE)
@@ -139,7 +139,7 @@ WORK = ("iterations", "factorizations", "products", "nonzeros")
 
 
 def metric_of(key: str) -> Metric:
-    """The metric of that key; one that is not in the registry is compared exactly."""
+    """The metric of that key; one that is not in the registry moves by `SAME`."""
     return METRICS.get(key, Metric(key))
 
 

@@ -28,7 +28,7 @@ FIXED = (
 
 #: Files of another kind of records, which have a check of their own: `certpgo bench zoo`.
 OTHERS = ("zoo",)
-#: Folder of the quick profile's records, whose seeds are others than the full profile's.
+#: Folder of the quick profile's records, whose seeds differ from the full profile's.
 QUICK = "quick"
 
 Direction = Literal["worse", "different", "better", "noted"]
@@ -60,7 +60,7 @@ class Key(NamedTuple):
     seed: int | None
 
 
-#: Records by what they are matched by.
+#: Records by their keys.
 Records = dict[Key, Record]
 
 
@@ -99,10 +99,10 @@ class GateFindings:
     ----------
     compared : records on both sides
     movements : in the order of the new records
-    missing : committed records of the new ones' tables that have no new one, and why if known
-    added : new records that no committed one is like
-    untouched : committed tables, of the new ones' profiles, that no new record is of
-    other_engine : records that another factorization engine made than the committed ones
+    missing : committed records of the same tables without a new one, and why if known
+    added : new records without a committed one
+    untouched : committed tables of the same profiles without any new record
+    other_engine : records made with another factorization engine than the committed ones
     """
 
     compared: int
@@ -118,7 +118,7 @@ class GateFindings:
         return tuple(move for move in self.movements if move.direction in FAILING)
 
     def holds(self, *, complete: bool = False) -> bool:
-        """Whether nothing failed and, if it is to be complete, no record is on one side alone."""
+        """Whether nothing failed and, if it is complete, no record is on one side alone."""
         lacking = self.missing or self.added or self.untouched
         return not self.failures and not (complete and lacking)
 
@@ -285,7 +285,7 @@ def _direction(better: Better, x: float, y: float) -> Direction:
 def _contradictions(
     moved: Callable[[str, Direction, Any, Any], Movement], before: Record, after: Record
 ) -> Iterator[Movement]:
-    """A cost of one side below what the other has proven to be the least, which cannot be."""
+    """A cost on one side below the bound proven on the other, which is impossible."""
     if "kept_percent" in before.metrics:
         return  # a robust method's bound is of the measurements it kept alone
     for title, bound, cost in (
@@ -312,7 +312,7 @@ def _of_verdict(before: str, after: str) -> Direction | None:
 def _of_bounds(before: str, after: str) -> Direction | None:
     was, now = ({name for name in text.split(", ") if name != "none"} for text in (before, after))
     if was == now or not (before and after):
-        return None  # older records do not say
+        return None  # not every record has them
     return "worse" if was - now else "better"
 
 

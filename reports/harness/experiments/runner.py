@@ -1,7 +1,7 @@
 """Runs a table: instance by instance, method by method, one record each.
 
 A failure is a record with its reason. Records are yielded as they are made, so that an
-interruption leaves what is done.
+interruption keeps what is done.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from reports.harness.experiments.limits import NO_LIMIT, Limit, OutOfTime
 from reports.harness.experiments.metrics import Needs, needing
 from reports.harness.experiments.records import Record, of_certificate, of_solution, trace_of
 from reports.harness.experiments.spec import Method, Row, Table
-from reports.harness.experiments.trials import Trial, cases
+from reports.harness.experiments.trials import Trial, trials_of
 
 Announce = Callable[[str], None]
 
@@ -57,12 +57,12 @@ def run_table(
     quick : run the quick profile's rows alone, with one seed by default
     announce : called with what is about to run
     """
-    for case in cases(table, data=data, seeds=seeds, quick=quick):
-        yield from run_case(case, data=data, announce=announce)
+    for trial in trials_of(table, data=data, seeds=seeds, quick=quick):
+        yield from run_trial(trial, data=data, announce=announce)
 
 
-def run_case(
-    case: Trial,
+def run_trial(
+    trial: Trial,
     *,
     data: Path | None = None,
     methods: Collection[str] | None = None,
@@ -77,24 +77,24 @@ def run_case(
     methods : labels of those to run; by default all
     limit : on the time of each
     """
-    table, row = case.table, case.row
+    table, row = trial.table, trial.row
     chosen = [m for m in table.methods if methods is None or m.label in methods]
     announce(f"{row.label}: reading")
     try:
         if row.absent:
             raise NotRun(Absence.LEFT_OUT, row.absent)
-        complete = load_row(replace(row, rotations=False), data, case.seed)
+        complete = load_row(replace(row, rotations=False), data, trial.seed)
         instance = rotations_alone(complete) if row.rotations else complete
-        judged = instance if row.judging is None else _rejudged(row, data, case.seed)
+        judged = instance if row.judging is None else _rejudged(row, data, trial.seed)
     except CertPGOError as error:
         for method in chosen:
-            yield replace(case.blank(method), **missing(error)._asdict())
+            yield replace(trial.blank(method), **missing(error)._asdict())
         return
     parts = _parts(row, instance)
     for part in parts:
         whole = part is instance
-        trial = _Trial(
-            case,
+        context = _Context(
+            trial,
             instance=part,
             judged=judged if whole else part,
             timed=complete.graph if whole else part.graph,
@@ -105,11 +105,11 @@ def run_case(
         suited = [m for m in table.methods if suits(row, m, part.graph.kind)]
         for method in suited:
             if method not in chosen:
-                trial.remember(method)
+                context.remember(method)
                 continue
             announce(f"{part.name}: {method.label}")
             yield replace(
-                _run_method(method, trial),
+                _run_method(method, context),
                 part="" if whole else part.name,
                 parts=len(parts),
                 provenance=provenance(method.engine or default_engine(), registry.source()),
@@ -149,12 +149,12 @@ def _rejudged(row: Row, data: Path | None, seed: np.random.SeedSequence | None) 
 
 
 @dataclass
-class _Trial:
+class _Context:
     """An instance with everything that its methods' estimates are evaluated with.
 
     Attributes
     ----------
-    case : the row that it is of
+    trial : the row that it is of
     instance, judged : the graph to solve, and the one that the thesis' metrics are evaluated on
     timed : the graph that the reference of times is run on
     truth : nodes of which it is known, and theirs, or None
@@ -162,7 +162,7 @@ class _Trial:
     first : the estimate of the table's first method, once there is one
     """
 
-    case: Trial
+    trial: Trial
     instance: Instance
     judged: Instance
     timed: Graph
@@ -174,26 +174,26 @@ class _Trial:
     @cached_property
     def best(self) -> float | None:
         """F of the optimum, where the table compares with it."""
-        return _optimum(self.case.table, self.instance, self.announce)
+        return _optimum(self.trial.table, self.instance, self.announce)
 
     def remember(self, method: Method) -> None:
         """Solve again what others are compared with, where its record exists already."""
-        table = self.case.table
+        table = self.trial.table
         if method is not table.methods[0] or not needing(table.metrics, Needs.FIRST):
             return
         self.announce(f"{self.instance.name}: {method.label} again")
         with suppress(Exception, OutOfTime), self.limit.kept():
             problem = problem_of(self.instance.graph, method.engine or None)
             source = self.instance.source
-            settings = self.case.row.settings
+            settings = self.trial.row.settings
             self.first = solution_of(method, problem, source=source, settings=settings).estimate
 
 
-def _run_method(method: Method, trial: _Trial) -> Record:
-    instance, judged = trial.instance, trial.judged
+def _run_method(method: Method, context: _Context) -> Record:
+    instance, judged = context.instance, context.judged
     graph = instance.graph
     record = replace(
-        trial.case.blank(method),
+        context.trial.blank(method),
         reading=dict(instance.options),
         judging=None if judged is instance else dict(judged.options),
         d=graph.d,
@@ -204,28 +204,28 @@ def _run_method(method: Method, trial: _Trial) -> Record:
     try:
         if method.max_nodes is not None and graph.num_nodes > method.max_nodes:
             raise NotRun(Absence.TOO_LARGE, f"above {method.max_nodes} nodes")
-        best = trial.best
-        with trial.limit.kept():
-            return _solved(method, trial, best, record)
+        best = context.best
+        with context.limit.kept():
+            return _solved(method, context, best, record)
     except (Exception, OutOfTime) as error:  # a table goes on whatever a method raises
         return replace(record, **missing(error)._asdict())
 
 
-def _solved(method: Method, trial: _Trial, best: float | None, record: Record) -> Record:
+def _solved(method: Method, context: _Context, best: float | None, record: Record) -> Record:
     """The record completed by the method's estimate and its metrics."""
-    case, instance, judged = trial.case, trial.instance, trial.judged
-    table = case.table
+    trial, instance, judged = context.trial, context.instance, context.judged
+    table = trial.table
     problem = problem_of(instance.graph, method.engine or None)
     if not method.solver:
         asked = [key for key in table.metrics if key in (method.published or table.metrics)]
         return replace(record, metrics=evaluate.of_graph(asked, problem))
     times: dict[str, float] = {}
     if table.reference is not None:
-        times, kept = bench.against(table.reference, method, instance.graph, trial.timed)
+        times, kept = bench.against(table.reference, method, instance.graph, context.timed)
         record = replace(record, metrics=times, note=kept)
         if not table.certify:
             return record
-    solution = solution_of(method, problem, source=instance.source, settings=case.row.settings)
+    solution = solution_of(method, problem, source=instance.source, settings=trial.row.settings)
     if solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     note = "; ".join(filter(None, (record.note, solution.note)))
@@ -241,12 +241,12 @@ def _solved(method: Method, trial: _Trial, best: float | None, record: Record) -
         certificate,
         certify_seconds=seconds,
         best=best,
-        truth=trial.truth,
+        truth=context.truth,
         outliers=instance.outliers,
-        other=trial.first,
+        other=context.first,
     )
     if method is table.methods[0]:
-        trial.first = solution.estimate
+        context.first = solution.estimate
     spent = {"total_seconds": sum(solution.seconds.values())}
     record = replace(record, metrics={**times, **metrics, **spent})
     if certificate is None:

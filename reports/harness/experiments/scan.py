@@ -1,4 +1,4 @@
-"""Names to tables and figures: one file each in the checkout's ``reports``."""
+"""Tables and figures by name: one file each in the checkout's ``reports``."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from certpgo.graph.components import Components
 from reports.harness.experiments.claims import Claim
 from reports.harness.experiments.metrics import METRICS, Better, Needs, metric_of, needing
 
-#: A reference that is no method: one numeric factorization of the optimum's certificate matrix.
+#: A reference that is not a method: one numeric factorization of the optimum's certificate matrix.
 FACTORIZATION = "factorization"
 FIELDS = ("verdict", "certified_by", "seconds", "status", "iterations", "counts")
 
@@ -23,7 +23,7 @@ def _frozen(mapping: Mapping[str, Any]) -> MappingProxyType[str, Any]:
     return MappingProxyType(dict(mapping))
 
 
-# Specifications travel to other processes.
+# Specifications are sent to other processes.
 copyreg.pickle(MappingProxyType, lambda mapping: (_frozen, (dict(mapping),)))
 
 
@@ -91,7 +91,7 @@ class Method(comparison.Competitor):
     max_nodes : larger graphs are not for it, or would take too long; None for any
     published : metric to the column of the published numbers that holds it; of no solver, the
         metrics to evaluate
-    printed : what the published numbers call the method, where they have a line a method: it is
+    printed : what the published numbers call the method, where they have one line per method: it is
         joined to the row's key
     """
 

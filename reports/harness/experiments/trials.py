@@ -56,7 +56,7 @@ class Trial:
         )
 
 
-def cases(
+def trials_of(
     table: Table, *, data: Path | None, seeds: int | None = None, quick: bool = False
 ) -> Iterator[Trial]:
     """Every row and repetition of the profile, see `reports.harness.experiments.runner.run_table`.

@@ -1,7 +1,7 @@
 """Every value that a paper's table prints, and whether ours reproduces it.
 
-Times are no value cells: machines and years differ, and only the order that they claim can be
-looked at, see `reports.harness.experiments.claims`. Nor are the columns that say what a row is.
+Times are not counted: machines and years differ, and only the claimed order can be checked, see
+`reports.harness.experiments.claims`. Nor are the columns that say what a row is.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ ERRORS = 2.0
 
 
 class CellStatus(StrEnum):
-    """What became of a printed number, the best first."""
+    """The outcome of a printed number, the best first."""
 
     REPRODUCED = "reproduced"
     BETTER = "better"
@@ -37,7 +37,7 @@ class Cell:
     ----------
     key, column : its line and column in the published file
     printed : as the paper prints it
-    found : what became of it
+    found : the outcome
     row, method, metric : ours that come nearest, or empty
     ours : our number, or None
     standard_error : of our mean over the seeds, or None of a single instance
@@ -138,7 +138,7 @@ def _said_of_line(table: Table, key: str) -> str:
 
 
 def tally(found: Iterable[Cell]) -> dict[CellStatus, int]:
-    """How many cells became what."""
+    """How many cells have each outcome."""
     counts = dict.fromkeys(CellStatus, 0)
     for cell in found:
         counts[cell.found] += 1

@@ -19,7 +19,7 @@ DIFFERING = ("row", "method", "metric", "printed", "ours", "found", "why they di
 
 
 def findings(table: Table, records: Sequence[Record]) -> list[str]:
-    """Lines of Markdown: what became of the printed values, and of the claims."""
+    """Lines of Markdown: the outcomes of the printed values and of the claims."""
     lines: list[str] = []
     if printed := cells.cells(table, records):
         lines += ["## Printed values", "", in_words(printed), ""]
@@ -32,7 +32,7 @@ def findings(table: Table, records: Sequence[Record]) -> list[str]:
 
 
 def in_words(found: Sequence[Cell]) -> str:
-    """How many values are printed, and what became of them."""
+    """How many values are printed, and their outcomes."""
     counts = cells.tally(found)
     return (
         f"Of {counted(len(found), 'printed value{s}')} {counts[cells.CellStatus.REPRODUCED]} "
@@ -58,7 +58,7 @@ def not_run(found: Iterable[Cell]) -> list[str]:
 
 
 def claims_table(found: Iterable[ClaimOutcome]) -> list[str]:
-    """Claims, where they are made, and what became of them."""
+    """Claims, where they are made, and their outcomes."""
     rows = [(outcome.claim.text, outcome.claim.source, outcome.in_full) for outcome in found]
     return [*markdown_table(("claim", "where", "found"), rows), ""]
 

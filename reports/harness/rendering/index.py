@@ -42,7 +42,7 @@ def index(tables: Sequence[TableResult], figures: Sequence[FigureResult]) -> str
 
 
 def summary(tables: Sequence[TableResult], figures: Sequence[FigureResult]) -> str:
-    """What became of the papers' printed values and claims, in two sentences."""
+    """The outcomes of the papers' printed values and claims, in two sentences."""
     found = [cell for table in tables for cell in table.cells]
     outcomes = [outcome for _, about in _named(tables, figures) for outcome in about]
     return f"{_of_cells(found)} {_of_claims(outcomes)}"

@@ -22,7 +22,7 @@ class PrintedComparison:
     ----------
     printed : as the paper prints it
     agrees : whether ours rounds to the printed digits
-    is_better : whether it does not, and is the better for it
+    is_better : whether it does not and is better
     """
 
     printed: str

@@ -37,7 +37,7 @@ class Section:
     title : the instance and its size
     caption : which reading of the weights was used
     header : column titles
-    rows : cells, one text a column
+    rows : cells, one text per column
     """
 
     title: str
@@ -85,7 +85,7 @@ def notes(table: Table, records: Iterable[Record]) -> tuple[str, ...]:
 
 
 def table_markdown(table: Table, records: Sequence[Record], *, interrupted: bool = False) -> str:
-    """The table as Markdown, with where its numbers come from; it says if the run did not end."""
+    """The table as Markdown, with its provenance; it says if the run was interrupted."""
     lines = [f"# {table.title}", ""]
     if interrupted:
         lines += ["**Interrupted: the results of a run that did not end.**", ""]

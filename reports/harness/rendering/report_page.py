@@ -19,7 +19,7 @@ from reports.harness.rendering.render import Section, sections
 
 @dataclass(frozen=True)
 class ClaimPart:
-    """A claim and what became of it.
+    """A claim and its outcome.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class ClaimPart:
 
 @dataclass(frozen=True)
 class TablePart:
-    """A table and what came out.
+    """A table and its results.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class TablePart:
 
 @dataclass(frozen=True)
 class FigurePart:
-    """A figure and what came out.
+    """A figure and its results.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ def report_page(
 
     Parameters
     ----------
-    summary : sentences at the top; by default, what became of the claims
+    summary : sentences at the top; by default, the outcomes of the claims
     environment : what made the page; by default, what made the first results that say so
     """
     shown = [_table(results) for results in tables]

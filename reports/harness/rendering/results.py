@@ -25,7 +25,7 @@ class TableResult:
     Attributes
     ----------
     records : the current ones, see `latest`; none where it was not run
-    cells, claims : what became of the printed values and of the claims
+    cells, claims : the outcomes of the printed values and of the claims
     """
 
     table: Table
@@ -42,7 +42,7 @@ class FigureResult:
     ----------
     document : the content of ``NAME.json``, or None
     drawing : the SVG's bytes, or None
-    claims : what became of its claims
+    claims : the outcomes of its claims
     """
 
     figure: Figure

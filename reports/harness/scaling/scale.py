@@ -1,6 +1,6 @@
-"""How the certified pipeline grows: synthetic families of known truth, one process a size.
+"""How the certified pipeline grows: synthetic families of known truth, one process per size.
 
-A process of its own shows what memory a size takes.
+A separate process shows how much memory a size takes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Comma-separated values: one row a method and section, numbers in full precision."""
+"""Comma-separated values: one row per method and section, numbers in full precision."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LEADING = ("row", "part", "seed", "instances", "d", "n", "m", "method")
 
 
 def csv_text(table: Table, records: Sequence[Record]) -> str:
-    """The table as CSV; with the quartiles of a summary, and each printed number next to ours."""
+    """The table as CSV, with the quartiles of a summary, and each printed number next to ours."""
     stream = io.StringIO()
     writer = csv.DictWriter(stream, _header(table), restval="", lineterminator="\n")
     writer.writeheader()

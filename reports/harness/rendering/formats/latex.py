@@ -1,4 +1,4 @@
-"""LaTeX: one longtable of booktabs' rules, a heading a section; needs booktabs and longtable."""
+"""LaTeX: one longtable with a heading per section; needs booktabs and longtable."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def _cited(table: Table) -> str:
 
 
 def escaped(words: str) -> str:
-    """The text with the characters that TeX would act upon made harmless."""
+    """The text with TeX's special characters escaped."""
     return "".join(_SPECIAL.get(character, character) for character in words)
 
 
