@@ -16,9 +16,10 @@ from repeated import by_key
 
 from certpgo.errors import InputError, MissingDependency
 from reports.harness.experiments import scan
+from reports.harness.experiments.absence import DIED
 from reports.harness.experiments.execute import Pool, execute
 from reports.harness.experiments.limits import Limit, OutOfTime
-from reports.harness.experiments.plan import DIED, table_tasks
+from reports.harness.experiments.plan import table_tasks
 from reports.harness.experiments.spec import Method
 
 

@@ -49,6 +49,13 @@ class Missing(NamedTuple):
         return f"not run: {self.error}" if self.absence.is_not_run else self.error
 
 
+#: Why there is no result of a process that died.
+DIED = Missing(
+    Absence.PROCESS_DIED,
+    "the process that ran it was killed (out of memory, or it did not respond to its time limit)",
+)
+
+
 class NotRun(InputError):  # noqa: N818 - the condition is the name
     """Something is not run, for a reason that is no failure."""
 

@@ -18,9 +18,9 @@ from typing import Any
 
 from certpgo import registry
 from certpgo.errors import InputError, MissingDependency
-from reports.harness.experiments.absence import Missing
+from reports.harness.experiments.absence import DIED, Missing
 from reports.harness.experiments.figure import Data
-from reports.harness.experiments.plan import DIED, FigureTask, TableTask, Task, run_task
+from reports.harness.experiments.plan import FigureTask, TableTask, Task, run_task
 from reports.harness.experiments.records import Record
 from reports.harness.experiments.runner import Announce
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from certpgo.errors import InputError
 from reports.harness.experiments import scan
-from reports.harness.experiments.absence import Absence, Missing, missing
+from reports.harness.experiments.absence import DIED, Absence, Missing, missing
 from reports.harness.experiments.figure import Data, Figure, computed, figure_key, read_figure
 from reports.harness.experiments.instances import is_here
 from reports.harness.experiments.keys import Profile
@@ -22,12 +22,6 @@ from reports.harness.experiments.trials import Trial, trials_of
 
 #: The records of a key in the file of a table.
 Find = Callable[[str], Sequence[Record]]
-
-#: Why there is no result of a worker that died.
-DIED = Missing(
-    Absence.PROCESS_DIED,
-    "the process that ran it was killed (out of memory, or it did not respond to its time limit)",
-)
 
 
 @dataclass(frozen=True)

@@ -217,7 +217,7 @@ def _read(path: Path) -> Iterator[Record]:
 
 
 def _key(record: Record) -> Key:
-    return Key(record.profile, record.table, record.row, record.part, record.method, record.seed)
+    return Key(*(getattr(record, name) for name in Key._fields))
 
 
 def _is_left_out(record: Record) -> bool:

@@ -12,8 +12,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-import numpy as np
-
 from certpgo import registry
 from certpgo.assess.comparison import certified, solution_of
 from certpgo.assess.provenance import provenance
@@ -85,7 +83,9 @@ def run_trial(
             raise NotRun(Absence.LEFT_OUT, row.absent)
         complete = load_row(replace(row, rotations=False), data, trial.seed)
         instance = rotations_alone(complete) if row.rotations else complete
-        judged = instance if row.judging is None else _rejudged(row, data, trial.seed)
+        judged = instance
+        if row.judging is not None:
+            judged = load_row(replace(row, reading=row.judging), data, trial.seed)
     except CertPGOError as error:
         for method in chosen:
             yield replace(trial.blank(method), **missing(error)._asdict())
@@ -121,17 +121,6 @@ def suits(row: Row, method: Method, kind: str) -> bool:
     return row.runs(method) and method.takes in ("", kind)
 
 
-def _optimum(table: Table, part: Instance, announce: Announce) -> float | None:
-    """F of the part's optimum, where the table compares with it."""
-    if not needing(table.metrics, Needs.OPTIMUM):
-        return None
-    announce(f"{part.name}: the optimum")
-    try:
-        return evaluate.optimum(problem_of(part.graph))
-    except CertPGOError:
-        return None  # every method then says why
-
-
 def _truth(row: Row, part: Instance, data: Path | None) -> evaluate.Truth | None:
     try:
         return known_truth(row, part, data)
@@ -142,10 +131,6 @@ def _truth(row: Row, part: Instance, data: Path | None) -> evaluate.Truth | None
 def _parts(row: Row, instance: Instance) -> list[Instance]:
     # Refused: every method then says why.
     return [instance] if row.components == "refuse" else connected_parts(instance, row.components)
-
-
-def _rejudged(row: Row, data: Path | None, seed: np.random.SeedSequence | None) -> Instance:
-    return load_row(replace(row, reading=row.judging or {}), data, seed)
 
 
 @dataclass
@@ -174,7 +159,13 @@ class _Context:
     @cached_property
     def best(self) -> float | None:
         """F of the optimum, where the table compares with it."""
-        return _optimum(self.trial.table, self.instance, self.announce)
+        if not needing(self.trial.table.metrics, Needs.OPTIMUM):
+            return None
+        self.announce(f"{self.instance.name}: the optimum")
+        try:
+            return evaluate.optimum(problem_of(self.instance.graph))
+        except CertPGOError:
+            return None  # every method then says why
 
     def remember(self, method: Method) -> None:
         """Solve again what others are compared with, where its record exists already."""

@@ -23,12 +23,10 @@ from certpgo.graph import Instance
 from certpgo.graph.components import rotations_alone
 from certpgo.linalg.factor import default_engine
 from certpgo.solvers.certified.pipeline import solve
-from reports.harness.experiments.absence import Absence, Missing, missing
+from reports.harness.experiments.absence import DIED, missing
 from reports.harness.experiments.keys import content_key
 from reports.harness.experiments.records import Record, of_certificate, of_solution
 
-#: Why there is no result of a process that died.
-KILLED = Missing(Absence.PROCESS_DIED, "the process was killed: no memory?")
 #: Kibibytes in a gigabyte.
 KIB = 1024 / 1e9
 
@@ -101,7 +99,7 @@ def measure(name: str, size: int, seed: int = 0) -> Record:
         try:
             return pool.submit(measured, name, size, seed).result()
         except BrokenProcessPool:
-            return replace(_blank(name, size, seed), **KILLED._asdict())
+            return replace(_blank(name, size, seed), **DIED._asdict())
 
 
 def measured(name: str, size: int, seed: int) -> Record:
