@@ -106,7 +106,7 @@ def test_nothing_is_done_twice_unless_asked(certpgo, small_checkout, tmp_path):
     text = (tmp_path / "cycles.md").read_bytes()
     again = certpgo(*common)
     assert again.out == first.out
-    assert "up to date; use --again to recompute" in again.err
+    assert "Up to date; use --again to recompute" in again.err
     assert (len(lines_of(tmp_path)), len(runs(small_checkout))) == (ALL, 6)
     assert (tmp_path / "cycles.md").read_bytes() == text
     assert certpgo(*common, "--again").code == 0

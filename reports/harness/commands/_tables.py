@@ -46,7 +46,7 @@ def run_report(
         hint = "" if order.named else "; the same command goes on from there"
         notice(f"interrupted with {report.line()}{hint}")
     elif not report.tasks:
-        notice("up to date; use --again to recompute")
+        notice("Up to date; use --again to recompute")
     if interrupted or not json:
         notice(f"written to {path} and {path.stem}.{report.companion}")
     for reason in unread:
@@ -78,7 +78,7 @@ def run_all(names: Iterable[str], order: Order, pool: Pool, *, json: bool) -> in
     for name, reason in skipped.items():
         notice(f"{name}: {reason}")
     if not any(report.tasks for report in reports.values()):
-        notice("up to date; use --again to recompute")
+        notice("Up to date; use --again to recompute")
     if not interrupted:
         notice(f"written to {order.out}")
         return 0
