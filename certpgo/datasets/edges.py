@@ -28,7 +28,7 @@ def viewing_edges(name: str, data: str | Path | None = None) -> tuple[str, int, 
 
     path = datasets.find(name, data)
     if path is None:
-        raise InputError("not run: file not here")
+        raise InputError(f"{name}: file not here; certpgo fetch {name}")
     graph = read(path, quiet=True).graph
     graph = graph.rotation if isinstance(graph, PoseGraph) else graph
     sizes = np.array(graph.component_sizes)

@@ -10,10 +10,10 @@ import numpy as np
 from certpgo import Instance, RotationGraph, RotationProblem, datasets
 from certpgo.assess.consistency import consistency
 from certpgo.datasets import thesis
-from certpgo.errors import InputError
 from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import IntArray
+from reports.harness.experiments.absence import Absence, NotRun
 
 #: The viewing graph of 553 nodes and 103932 edges that the thesis' synthetic scenes have.
 NOTRE_DAME = "Notre_Dame_viewing_graph"
@@ -61,9 +61,10 @@ def here(names: tuple[str, ...], data: Path | None) -> tuple[str, ...]:
     return found
 
 
-def not_here(*names: str) -> InputError:
+def not_here(*names: str) -> NotRun:
     """The error for files that a figure cannot do without."""
-    return InputError(f"not run: file not here ({', '.join(names)}); certpgo fetch or --data")
+    reason = f"file not here ({', '.join(names)}); certpgo fetch or --data"
+    return NotRun(Absence.NOT_HERE, reason)
 
 
 def generator(*key: int) -> np.random.Generator:

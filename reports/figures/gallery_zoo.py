@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable
 from pathlib import Path
 
-from certpgo.errors import InputError
 from certpgo.registry import repository
-from reports.harness.certifiers.summary import certifiers
+from reports.harness.certifiers.summary import certifier_names
+from reports.harness.certifiers.zoo_records import ALL, Outcome, Tally, ZooRecord, total
+from reports.harness.experiments.absence import Absence, NotRun
 from reports.harness.experiments.figure import Data, Figure
-from reports.harness.experiments.records import Record, read_records
+from reports.harness.experiments.journal import read_entries
 
 from . import _style
 
@@ -43,23 +42,25 @@ def compute(quick: bool, data: Path | None) -> Data:
     """False certificates and all, by certifier; and the families in which most are false."""
     path = repository() / "reports" / "results" / "zoo.jsonl"
     if not path.is_file():
-        raise InputError("not run: file not here (zoo.jsonl); certpgo bench zoo --campaign 10000")
-    records = read_records(path)
+        reason = "file not here (zoo.jsonl); certpgo bench zoo --campaign 10000"
+        raise NotRun(Absence.NOT_HERE, reason)
+    records = read_entries(path, ZooRecord)
     named = [record for record in records if record.seed is None]
     drawn = [record for record in records if record.seed is not None]
-    names = certifiers(records)
+    names = certifier_names(records)
     outcomes = {
-        name: {"named": _outcome(named, name), "random": _outcome(drawn, name)} for name in names
+        name: {"named": _outcome(total(named), name), "random": _outcome(total(drawn), name)}
+        for name in names
     }
     families = {}
-    for part in dict.fromkeys(record.part for record in named):
-        members = [record for record in named if record.part == part]
-        families[part] = {name: _outcome(members, name) for name in names}
+    for family in dict.fromkeys(record.family for record in named):
+        members = total(record for record in named if record.family == family)
+        families[family] = {name: _outcome(members, name) for name in names}
     caught = sorted(families, key=lambda part: -_most(families[part]))
     shown = [part for part in caught[: WORST // 2 if quick else WORST] if _most(families[part])]
     ours = [name for name in names if name.startswith("certpgo")]
     return {
-        "points": sum(record.counts["points"] for record in records),
+        "points": total(records).points[ALL],
         "certifiers": outcomes,
         "families": {part: families[part] for part in shown},
         "families_in_all": len(families),
@@ -69,13 +70,11 @@ def compute(quick: bool, data: Path | None) -> Data:
     }
 
 
-def _outcome(records: Iterable[Record], name: str) -> dict[str, int]:
+def _outcome(tally: Tally, name: str) -> dict[str, int]:
     """Points that a certifier judged, certified, and certified falsely."""
-    total: Counter[str] = Counter()
-    for record in records:
-        total.update(record.counts)
-    yes, no = (total[f"{name}: {key}"] for key in ("certified", "not certified"))
-    return {"judged": yes + no, "certified": yes, "false": total[f"{name}: false"]}
+    counts = tally.of(name)
+    yes, no = counts[Outcome.CERTIFIED], counts[Outcome.NOT_CERTIFIED]
+    return {"judged": yes + no, "certified": yes, "false": counts[Outcome.FALSE]}
 
 
 def _most(outcomes: dict[str, dict[str, int]]) -> float:
@@ -90,11 +89,11 @@ def draw(figure, record: Data) -> None:
     names = list(record["certifiers"])
     for shift, (group, label) in zip((-0.19, 0.19), GROUPS.items(), strict=True):
         for row, name in enumerate(names):
-            told = record["certifiers"][name][group]
-            share = 100.0 * told["false"] / max(told["certified"], 1)
+            counts = record["certifiers"][name][group]
+            share = 100.0 * counts["false"] / max(counts["certified"], 1)
             named = label if row == 0 else None
             left.barh(row + shift, share, 0.34, color=COLOURS[group], label=named)
-            said = f"{told['false']:,} of {told['certified']:,}"
+            said = f"{counts['false']:,} of {counts['certified']:,}"
             left.text(share + 0.8, row + shift, said, va="center", fontsize=6.5)
     left.set_yticks(range(len(names)), [LABELS.get(name, name) for name in names])
     left.invert_yaxis()

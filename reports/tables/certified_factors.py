@@ -22,7 +22,7 @@ TABLE = Table(
     reference=Method(FACTORIZATION),
     columns=(
         Column("verdict", "verdict"),
-        Column("cost", "F", ".10g"),
+        Column("cost", "F", ".10g", exact=True),
         Column("lower_bound", "F* >=", ".10g"),
         Column("relative_gap", "relative gap", ".1e"),
         Column("median_seconds", "seconds", ".3f"),

@@ -115,8 +115,8 @@ TABLE = Table(
         Method("cycle_closed_form"),
     ),
     columns=(
-        Column("error", "error", ".2e", better="lower"),
-        Column("global_percent", "% global", ".0f", better="higher"),
+        Column("error", "error", ".2e"),
+        Column("global_percent", "% global", ".0f"),
         Column("total_seconds", "seconds", ".4f"),
         Column("verdict", "verdict"),
         Column("certified_by", "bounds that hold"),

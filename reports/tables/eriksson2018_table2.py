@@ -1,4 +1,4 @@
-"""Eriksson et al. 2018, Table 2: largest residuals against the angles that are safe."""
+"""Eriksson et al. 2018, Table 2: largest residuals against residual-angle bounds."""
 
 from reports.harness.experiments.claims import Claim, below, number, unknown
 from reports.harness.experiments.records import Record
@@ -36,7 +36,7 @@ def algorithm_1_is_optimal(records: list[Record]) -> bool | None:
     return all(verdict == "CERTIFIED" for verdict in verdicts) if verdicts else None
 
 
-def is_safe(records: list[Record]) -> bool | None:
+def is_within_bound(records: list[Record]) -> bool | None:
     """Whether the optimum's residuals are below the angle of Theorem 4.1."""
     largest, bound = (
         number(records, "certified", f"{k}_deg") for k in ("max_residual", "alpha_max")
@@ -44,9 +44,9 @@ def is_safe(records: list[Record]) -> bool | None:
     return None if largest is None or bound is None else largest <= bound
 
 
-def is_tight_though_unsafe(records: list[Record]) -> bool | None:
+def is_tight_beyond_bound(records: list[Record]) -> bool | None:
     """Whether the dual certifies the optimum where its residuals are above the bound."""
-    if is_safe(records) is not False:
+    if is_within_bound(records) is not False:
         return None
     return all(verdict == "CERTIFIED" for verdict in _verdicts(records, "certified"))
 
@@ -75,7 +75,7 @@ CLAIMS = (
     ),
     Claim(
         "Where Theorem 4.1 is too conservative (as for Pumpkin), strong duality holds nevertheless",
-        is_tight_though_unsafe,
+        is_tight_beyond_bound,
         WHERE,
         each=True,
     ),
@@ -83,7 +83,7 @@ CLAIMS = (
 
 TABLE = Table(
     name="eriksson2018_table2",
-    title="Largest residuals and safe angles (Eriksson et al. 2018, Table 2)",
+    title="Largest residuals and residual-angle bounds (Eriksson et al. 2018, Table 2)",
     source="A. Eriksson, C. Olsson, F. Kahl, T.-J. Chin, Rotation Averaging and Strong Duality, "
     "CVPR 2018, Table 2",
     rows=(

@@ -89,7 +89,7 @@ TABLE = Table(
         Method("adaptive_trimming", "adaptive trimming"),
     ),
     columns=(
-        Column("rmse_deg", "RMSE, deg", ".3f", better="lower"),
+        Column("rmse_deg", "RMSE, deg", ".3f"),
         Column("mean_deg", "mean, deg", ".3f"),
         Column("median_deg", "median, deg", ".3f"),
         Column("precision", "precision", ".3f"),

@@ -86,9 +86,9 @@ TABLE = Table(
         Method("certified", "certified optimum, not robust"),
     ),
     columns=(
-        Column("mean_l1_deg", "mean, deg", ".2f", better="lower"),
-        Column("median_l1_deg", "median, deg", ".2f", better="lower"),
-        Column("rmse_l1_deg", "RMSE, deg", ".2f", better="lower"),
+        Column("mean_l1_deg", "mean, deg", ".2f"),
+        Column("median_l1_deg", "median, deg", ".2f"),
+        Column("rmse_l1_deg", "RMSE, deg", ".2f"),
         Column("mean_deg", "mean, deg (L2)", ".2f"),
         Column("median_deg", "median, deg (L2)", ".2f"),
         Column("rmse_deg", "RMSE, deg (L2)", ".2f"),

@@ -122,7 +122,7 @@ TABLE = Table(
         ),
     ),
     columns=(
-        Column("f_ml", "f_ML", ".1f", better="higher"),
+        Column("f_ml", "f_ML", ".1f"),
         Column("mean_symmetry", "s", ".2f"),
         Column("cost", "F", ".7g"),
         Column("lower_bound", "proven bound", ".7g"),

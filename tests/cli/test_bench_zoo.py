@@ -6,22 +6,22 @@ import pytest
 
 pytest.importorskip("flint", reason="python-flint is not installed")
 
-from reports.harness.certifiers import run
+from reports.harness.certifiers import zoo
 
 
 @pytest.fixture
 def small(monkeypatch):
     """A zoo of one family, made in this process; the list it returns holds the records made."""
-    told = []
+    made_here = []
 
     def made(jobs, processes):
         for job in jobs:
-            told.append(run.record(job))
-            yield job, told[-1]
+            made_here.append(zoo.record_of(job))
+            yield job, made_here[-1]
 
-    monkeypatch.setattr(run, "jobs", lambda *_: [run.Job("no rotations: reflected, scaled")])
-    monkeypatch.setattr(run, "_made", made)
-    return told
+    monkeypatch.setattr(zoo, "jobs", lambda *_: [zoo.Job("no rotations: reflected, scaled")])
+    monkeypatch.setattr(zoo, "_made", made)
+    return made_here
 
 
 def test_bench_zoo_counts_and_goes_on(certpgo, tmp_path, small):
@@ -30,13 +30,13 @@ def test_bench_zoo_counts_and_goes_on(certpgo, tmp_path, small):
     assert "se_sync_rule" in done.out
     assert "# The zoo" in (tmp_path / "zoo.md").read_text(encoding="utf-8")
     again = certpgo("bench", "zoo", "--quick", "--out", tmp_path, "--json")
-    assert again.json[0]["counts"]["certpgo standard: refused"] == 20
+    assert again.json[0]["outcomes"]["certpgo standard"]["refused"] == 20
     assert len(small) == 1
 
 
 def test_something_false_of_ours_is_an_exit_code(certpgo, tmp_path, small, monkeypatch):
-    honest = run.record
-    monkeypatch.setattr(run, "record", lambda job: replace(honest(job), note="false bound"))
+    honest = zoo.record_of
+    monkeypatch.setattr(zoo, "record_of", lambda job: replace(honest(job), faults=["false bound"]))
     assert certpgo("bench", "zoo", "--out", tmp_path).code == 1
     assert "false bound" in (tmp_path / "zoo.md").read_text(encoding="utf-8")
 

@@ -7,12 +7,12 @@ import pytest
 from certpgo import registry
 
 FIGURE = """\
-from certpgo.errors import InputError
+from reports.harness.experiments.absence import Absence, NotRun
 from reports.harness.experiments.figure import Figure
 
 def compute(quick, data):
     if data is not None:
-        raise InputError("not run: file not here")
+        raise NotRun(Absence.NOT_HERE, "file not here")
     return {"height": 1 if quick else 2}
 
 def draw(figure, record):

@@ -4,7 +4,8 @@ import pytest
 
 from certpgo import registry
 from reports.harness.experiments import regression
-from reports.harness.experiments.records import Record, to_line
+from reports.harness.experiments.journal import to_line
+from reports.harness.experiments.records import Record
 
 RECORD = Record(
     "t", "row", "newton", metrics={"cost": 10.0}, verdict="CERTIFIED", iterations=3, n=5

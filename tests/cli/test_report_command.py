@@ -6,7 +6,8 @@ import pytest
 
 from certpgo import registry
 from certpgo.errors import FormatError, InputError
-from reports.harness.experiments.records import Record, latest, to_line
+from reports.harness.experiments.journal import to_line
+from reports.harness.experiments.records import Record
 from reports.harness.rendering import citations, publication
 from reports.harness.rendering.citations import citation
 from reports.harness.rendering.published import published
@@ -59,7 +60,7 @@ def results(tmp_path, monkeypatch):
         cached.cache_clear()
     folder = tmp_path / "results"
     folder.mkdir()
-    lines = [to_line(record("a", 7.0)), to_line(record("b", 1.5)), to_line(record("a", 1.0))]
+    lines = [to_line(record("a", 7.0)), to_line(record("b", 2.5)), to_line(record("a", 1.0))]
     (folder / "paper_table1.jsonl").write_text("\n".join(lines) + "\n")
     made = {"data": {"height": 2}, "provenance": {**ORIGIN, "date": "2026-01-01T00:00Z"}}
     (folder / "paper_figure1.json").write_text(json.dumps(made))
@@ -69,12 +70,13 @@ def results(tmp_path, monkeypatch):
         cached.cache_clear()
 
 
-def record(row, cost, **more):
-    return Record("paper_table1", row, "m", metrics={"cost": cost}, provenance=ORIGIN, **more)
+def record(row, cost):
+    made = {"key": row, "metrics": {"cost": cost}, "provenance": ORIGIN}
+    return Record("paper_table1", row, "m", **made)
 
 
 def test_the_index_says_first_what_was_reproduced(results):
-    text = dict(publication.rendered(gather(results)))["index.md"].decode()
+    text = dict(publication.report_files(gather(results)))["index.md"].decode()
     assert text.split("\n")[2] == (
         "**Of 2 values printed in the papers' tables 2 were run: 1 reproduced and 0 better (50 %), "
         "1 different, each explained; 0 were not run. Of 3 claims of the papers 1 hold, 2 differ "
@@ -96,7 +98,7 @@ def test_the_index_says_first_what_was_reproduced(results):
 
 
 def test_every_link_of_the_index_leads_somewhere(results):
-    files = dict(publication.rendered(gather(results)))
+    files = dict(publication.report_files(gather(results)))
     targets = {part.partition(")")[0] for part in files["index.md"].decode().split("](")[1:]}
     assert targets == set(files) - {"index.md"}
 
@@ -104,14 +106,14 @@ def test_every_link_of_the_index_leads_somewhere(results):
 def test_the_same_results_give_the_same_bytes(results, tmp_path):
     first, second = tmp_path / "first", tmp_path / "second"
     for folder in (first, second, second):
-        publication.write(gather(results), folder)
+        publication.write_report(gather(results), folder)
     names = sorted(path.name for path in first.iterdir())
     assert names == sorted(path.name for path in second.iterdir())
     assert all((first / name).read_bytes() == (second / name).read_bytes() for name in names)
 
 
 def test_a_table_offers_its_citation(results):
-    files = dict(publication.rendered(gather(results)))
+    files = dict(publication.report_files(gather(results)))
     assert b"```bibtex\n@book{paper,\n  title = {A paper}\n}\n```" in files["paper_table1.md"]
     assert rb"A small table~\cite{paper}" in files["paper_table1.tex"]
     assert files["sources.bib"].decode() == BIB
@@ -121,18 +123,12 @@ def test_a_table_offers_its_citation(results):
 
 def test_the_last_record_of_a_kind_counts(results):
     [table] = gather(results).tables
-    assert [(r.row, r.metrics["cost"]) for r in table.records] == [("a", 1.0), ("b", 1.5)]
-
-
-def test_parts_seeds_and_methods_are_told_apart():
-    kept = (record("a", 1.0, part="x"), record("a", 2.0, part="y"), record("a", 3.0, seed=1))
-    assert latest(kept) == list(kept)
-    assert latest((*kept, kept[0])) == list(kept)
+    assert [(r.row, r.metrics["cost"]) for r in table.records] == [("a", 1.0), ("b", 2.5)]
 
 
 def test_what_was_not_run_is_counted_and_said(results):
     (results / "paper_table1.jsonl").unlink()
-    files = dict(publication.rendered(gather(results)))
+    files = dict(publication.report_files(gather(results)))
     text = files["index.md"].decode()
     assert "0 different; 2 were not run. Of 3 claims of the papers 1 hold, 0 differ and 2" in text
     assert "| paper_table1 | 2 | no record |" in text
@@ -143,7 +139,7 @@ def test_what_was_not_run_is_counted_and_said(results):
 def test_what_differs_without_explanation_is_said(results):
     path = registry.repository() / "reports/tables/paper_table1.py"
     path.write_text(TABLE.replace("another b", ""))
-    text = dict(publication.rendered(gather(results)))["index.md"].decode()
+    text = dict(publication.report_files(gather(results)))["index.md"].decode()
     assert "1 different, 1 of them unexplained; 0" in text
     assert "| paper_table1 | 1 | not explained |" in text
 

@@ -10,7 +10,8 @@ import time
 import pytest
 from repeated import by_key
 
-from reports.harness.experiments.records import read_records
+from reports.harness.experiments.journal import read_entries
+from reports.harness.experiments.records import Record
 
 #: Records of the table of cycles: six rows, two methods.
 ALL = 12
@@ -48,7 +49,7 @@ def runs(log):
 
 
 def lines_of(folder):
-    return read_records(folder / "cycles.jsonl")
+    return read_entries(folder / "cycles.jsonl", Record)
 
 
 @pytest.fixture
@@ -105,7 +106,7 @@ def test_nothing_is_done_twice_unless_asked(certpgo, small_checkout, tmp_path):
     text = (tmp_path / "cycles.md").read_bytes()
     again = certpgo(*common)
     assert again.out == first.out
-    assert "nothing was left to do; --again does it anew" in again.err
+    assert "Up to date; use --again to recompute" in again.err
     assert (len(lines_of(tmp_path)), len(runs(small_checkout))) == (ALL, 6)
     assert (tmp_path / "cycles.md").read_bytes() == text
     assert certpgo(*common, "--again").code == 0

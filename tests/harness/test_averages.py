@@ -7,6 +7,7 @@ from certpgo.certify import certify
 from certpgo.datasets import synthetic
 from certpgo.objective.problem import RotationProblem
 from reports.harness.experiments import evaluate
+from reports.harness.experiments.absence import Absence
 from reports.harness.experiments.averages import summarized
 from reports.harness.experiments.records import Record
 from reports.harness.experiments.runner import run_table
@@ -29,13 +30,13 @@ def record(method="m", **more):
 def test_numbers_are_means_and_texts_are_counted():
     first = record(metrics={"cost": 1.0}, verdict="CERTIFIED", seconds={"x": 1.0}, iterations=3)
     second = record(metrics={"cost": 3.0}, verdict="REFUTED", seconds={"x": 2.0}, iterations=6)
-    third = record(error="too large")
+    third = record(absence=Absence.TOO_LARGE, error="above 8 nodes")
     [mean] = summarized([first, second, third], "mean")
     assert mean.metrics == {"cost": 2.0}
     assert mean.seconds == {"x": 1.5}
     assert mean.verdict == "CERTIFIED (1); REFUTED (1)"
     assert mean.iterations == 4
-    assert mean.error == "1 of 3: too large"
+    assert mean.why_missing == "1 of 3: not run: above 8 nodes"
 
 
 def test_medians_come_with_quartiles():
@@ -76,7 +77,7 @@ def test_errors_are_against_the_certified_optimum():
 
 def test_a_method_may_be_for_small_graphs_alone_and_a_row_for_nobody():
     [small] = run_table(table(Method("newton", max_nodes=8)))
-    assert small.error == "not run: above 8 nodes"
+    assert small.why_missing == "not run: above 8 nodes"
     absent = Table(
         "t",
         "A title",
@@ -85,7 +86,7 @@ def test_a_method_may_be_for_small_graphs_alone_and_a_row_for_nobody():
         (Column("error", "error"),),
     )
     [record] = run_table(absent)
-    assert record.error == "not run: the edge set is not public"
+    assert record.why_missing == "not run: the edge set is not public"
 
 
 def test_which_bounds_hold_at_a_wound_up_cycle():

@@ -1,8 +1,11 @@
 """Printed values beside ours, on a small paper made by hand."""
 
+from dataclasses import replace
+
 import pytest
 
 from certpgo import registry
+from reports.harness.experiments.absence import Absence
 from reports.harness.experiments.records import Record
 from reports.harness.experiments.spec import Column, Method, Row, Table
 from reports.harness.rendering import cells
@@ -10,7 +13,7 @@ from reports.harness.rendering.cells import CellStatus
 from reports.harness.rendering.findings import findings
 from reports.harness.rendering.published import published
 
-#: f: the lower the better; g: neither; x_time_s: a time.
+#: x_f: of F, the lower the better; x_g: of the mean symmetry, neither; x_time_s: a time.
 PRINTED = "set,edges,x_f,x_g,x_time_s\none,5,1.50,2.0,9.1\ntwo,6,3.0,4.0,9.2\nthree,7,5.0,,9.3\n"
 
 
@@ -30,14 +33,18 @@ def table(**more):
         "t",
         "A title",
         (Row("a", published="one"), Row("b", published="two")),
-        (Method("m", published={"cost": "x_f", "f_ml": "x_g", "total_seconds": "x_time_s"}),),
-        (Column("cost", "f", better="lower"), Column("f_ml", "g")),
+        (
+            Method(
+                "m", published={"cost": "x_f", "mean_symmetry": "x_g", "total_seconds": "x_time_s"}
+            ),
+        ),
+        (Column("cost", "f"), Column("mean_symmetry", "g")),
         **{"published": "paper_table1", "key": "set", **more},
     )
 
 
-def record(row="a", error="", seed=None, **metrics):
-    return Record("t", row, "m", seed=seed, metrics=metrics, error=error)
+def record(row="a", seed=None, **metrics):
+    return Record("t", row, "m", seed=seed, metrics=metrics)
 
 
 def found(records, **more):
@@ -52,7 +59,7 @@ def test_every_printed_value_is_counted_and_nothing_else():
 
 
 def test_values_are_reproduced_better_different_or_not_run():
-    records = [record(cost=1.504, f_ml=2.06), record("b", cost=2.9)]
+    records = [record(cost=1.504, mean_symmetry=2.06), record("b", cost=2.9)]
     values = found(
         records, explained={"a": "read otherwise", "three": "lost", "b": "a program of today"}
     )
@@ -72,7 +79,8 @@ def test_what_is_worse_is_not_better():
 
 
 def test_a_failure_says_why_before_any_explanation():
-    values = found([record(error="not run: file not here")], explained={"m": "another program"})
+    absent = replace(record(), absence=Absence.NOT_HERE, error="file not here")
+    values = found([absent], explained={"m": "another program"})
     assert values["one", "x_f"].reason == "file not here"
     assert values["two", "x_f"].reason == "no record"
     assert values["three", "x_f"].reason == "not among our rows"
@@ -94,7 +102,7 @@ def test_two_standard_errors_of_the_mean_over_the_seeds(offset, expected):
     # Mean 4 + offset; deviation 0.2 of four, hence a standard error of 0.1.
     spread = 0.2 * 0.75**0.5
     values = [4.0 + offset + side * spread for side in (-1.0, -1.0, 1.0, 1.0)]
-    records = [record("b", seed=k, f_ml=value) for k, value in enumerate(values)]
+    records = [record("b", seed=k, mean_symmetry=value) for k, value in enumerate(values)]
     value = found(records, summary="mean")["two", "x_g"]
     assert value.standard_error == pytest.approx(0.1)
     assert value.ours == pytest.approx(4.0 + offset)
@@ -104,7 +112,9 @@ def test_two_standard_errors_of_the_mean_over_the_seeds(offset, expected):
 
 
 def test_ours_is_the_median_where_the_table_shows_medians():
-    records = [record("b", seed=k, f_ml=value) for k, value in enumerate((4.0, 4.02, 90.0))]
+    records = [
+        record("b", seed=k, mean_symmetry=value) for k, value in enumerate((4.0, 4.02, 90.0))
+    ]
     value = found(records, summary="median")["two", "x_g"]
     assert (value.ours, value.found) == (4.02, CellStatus.REPRODUCED)
 
@@ -116,11 +126,17 @@ def test_other_instances_are_never_compared():
 
 def test_the_nearest_of_several_readings_counts():
     rows = (Row("a", published="one"), Row("b", published="one"))
-    method = Method("m", published={"f_ml": "x_g"})
+    method = Method("m", published={"mean_symmetry": "x_g"})
     spec = Table(
-        "t", "", rows, (method,), (Column("f_ml", "g"),), published="paper_table1", key="set"
+        "t",
+        "",
+        rows,
+        (method,),
+        (Column("mean_symmetry", "g"),),
+        published="paper_table1",
+        key="set",
     )
-    first, *others = cells.cells(spec, [record(f_ml=9.0), record("b", f_ml=2.0)])
+    first, *others = cells.cells(spec, [record(mean_symmetry=9.0), record("b", mean_symmetry=2.0)])
     assert (first.row, first.found) == ("b", CellStatus.REPRODUCED)
     assert [cell.key for cell in others] == ["two"]
 
@@ -141,7 +157,7 @@ def test_of_lines_of_methods_the_key_names_both(tmp_path):
 
 
 def test_the_findings_to_the_byte():
-    records = [record(cost=1.504, f_ml=2.06), record("b", cost=2.9)]
+    records = [record(cost=1.504, mean_symmetry=2.06), record("b", cost=2.9)]
     assert findings(table(explained={"a": "read | otherwise"}), records) == [
         "## Printed values",
         "",
@@ -149,7 +165,7 @@ def test_the_findings_to_the_byte():
         "",
         "| row | method | metric | printed | ours | found | why they differ |",
         "| --- | --- | --- | --- | --- | --- | --- |",
-        "| a | m | f_ml | 2.0 | 2.06 | differs | read \\| otherwise |",
+        "| a | m | mean_symmetry | 2.0 | 2.06 | differs | read \\| otherwise |",
         "| b | m | cost | 3.0 | 2.9 | better |  |",
         "",
         "| not run, because | values |",

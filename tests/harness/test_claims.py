@@ -44,14 +44,14 @@ def outcome(claim, records, **more):
 def test_a_claim_of_each_row_holds_where_it_could_be_run():
     found = outcome(Claim("x", FASTER, each=True), [*pair("a", 1.0, 2.0), *pair("b", 2.0, 2.0)])
     assert (found.found, found.held, found.decided, found.asked) == (ClaimStatus.HOLDS, 2, 2, 3)
-    assert found.said == "holds in 2 of 2 rows; 1 row not run"
+    assert found.in_brief == "holds in 2 of 2 rows; 1 row not run"
 
 
 def test_one_row_is_enough_to_differ():
     claim = Claim("x", FASTER, each=True, remark="Ours waits")
     found = outcome(claim, [*pair("a", 1.0, 2.0), *pair("b", 3.0, 2.0)])
     assert found.found is ClaimStatus.DIFFERS
-    assert found.told == "differs: holds in 1 of 2 rows; 1 row not run. Ours waits"
+    assert found.in_full == "differs: holds in 1 of 2 rows; 1 row not run. Ours waits"
 
 
 def test_nearly_all_rows_are_enough_where_the_paper_says_so():
@@ -66,7 +66,7 @@ def test_nearly_all_rows_are_enough_where_the_paper_says_so():
 def test_without_its_numbers_a_claim_is_not_run(records):
     found = outcome(Claim("x", FASTER, each=True, rows=("a",), remark="Gone"), records)
     assert found.found is ClaimStatus.NOT_RUN
-    assert found.told == "not run. Gone"
+    assert found.in_full == "not run. Gone"
 
 
 def test_a_claim_of_the_table_sees_the_rows_it_is_about():
@@ -74,8 +74,8 @@ def test_a_claim_of_the_table_sees_the_rows_it_is_about():
         return {r.row for r in records} == {"a", "c"}
 
     records = [record(row, "mine", 1.0) for row in "abc"]
-    assert outcome(Claim("x", two, rows=("a", "c")), records).said == "holds"
-    assert outcome(Claim("x", two), records).said == "differs"
+    assert outcome(Claim("x", two, rows=("a", "c")), records).in_brief == "holds"
+    assert outcome(Claim("x", two), records).in_brief == "differs"
 
 
 def test_claims_are_of_means_where_the_table_shows_means():
@@ -96,7 +96,7 @@ def test_a_figures_claim_is_asked_of_its_record():
         "f", "t", "s", lambda quick, data: {}, lambda canvas, data: None, "", (), (claim,)
     )
     said = [
-        claim_outcomes.of_figure(figure, data)[0].said
+        claim_outcomes.of_figure(figure, data)[0].in_brief
         for data in ({"height": 2}, {"height": 1}, None)
     ]
     assert said == ["holds", "differs", "not run"]

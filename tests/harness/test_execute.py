@@ -16,9 +16,10 @@ from repeated import by_key
 
 from certpgo.errors import InputError, MissingDependency
 from reports.harness.experiments import scan
+from reports.harness.experiments.absence import DIED
 from reports.harness.experiments.execute import Pool, execute
 from reports.harness.experiments.limits import Limit, OutOfTime
-from reports.harness.experiments.plan import DIED, table_tasks
+from reports.harness.experiments.plan import table_tasks
 from reports.harness.experiments.spec import Method
 
 
@@ -87,7 +88,7 @@ def test_a_method_that_fails_is_a_row_with_its_reason(table, deed, said, jobs):
 def test_a_worker_that_dies_fails_its_own_task_alone(table):
     records = executed(mischievous(table, "die"), Pool(2))
     assert len(records) == 6
-    assert failures(records) == {"n = 6": DIED}
+    assert failures(records) == {"n = 6": DIED.error}
 
 
 def test_a_row_whose_worker_died_is_done(table):
@@ -172,7 +173,7 @@ def test_ray_runs_the_same_and_a_task_that_kills_its_worker_is_a_row(table, ray_
     assert {record.provenance["alone"] for record in records} == {"unknown"}
     deadly = replace(mischievous(table, "die", 4), rows=table.rows[:2], quick=())
     records = executed(deadly, Pool(scheduler=ray_address))
-    assert failures(records) == {"n = 4": DIED}
+    assert failures(records) == {"n = 4": DIED.error}
     assert len(records) == 2
 
 
@@ -181,7 +182,7 @@ def test_a_task_that_kills_every_worker_of_a_cluster_is_a_row(table, cluster):
     table = replace(mischievous(table, "die", 4), rows=table.rows[:2], quick=())
     with cluster(**{"distributed.scheduler.allowed-failures": 0}) as made:
         records = executed(table, Pool(scheduler=made.scheduler_address))
-    assert failures(records) == {"n = 4": DIED}
+    assert failures(records) == {"n = 4": DIED.error}
     assert len(records) == 2
 
 

@@ -9,7 +9,7 @@ import pytest
 from certpgo import registry
 from certpgo.errors import InputError, SpecError
 from reports.harness.experiments import claim_outcomes, scan
-from reports.harness.experiments.figure import Figure, computed, publish, rendered
+from reports.harness.experiments.figure import Figure, computed, figure_bytes, publish
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,7 @@ def test_every_figure_keeps_the_contract(name, quick, tmp_path):
     drawing = path.read_bytes()
     assert drawing.startswith(b"<?xml")
     assert len(drawing) < 400_000
-    assert rendered(figure, kept["data"]) == drawing
+    assert figure_bytes(figure, kept["data"]) == drawing
     assert all(
         o.found is not claim_outcomes.ClaimStatus.NOT_RUN
         for o in claim_outcomes.of_figure(figure, record)
@@ -73,16 +73,16 @@ def bar():
 def test_a_figure_is_drawn_from_its_record_alone(bar):
     record = computed(bar)
     assert bar.captioned(record) == "2 m"
-    assert rendered(bar, record) == rendered(bar, record)
-    assert rendered(bar, record) != rendered(bar, {"height": 3})
+    assert figure_bytes(bar, record) == figure_bytes(bar, record)
+    assert figure_bytes(bar, record) != figure_bytes(bar, {"height": 3})
 
 
 def test_a_figure_ignores_the_reader_s_own_matplotlib_settings(bar):
     import matplotlib as mpl
 
-    before = rendered(bar, {"height": 2})
+    before = figure_bytes(bar, {"height": 2})
     with mpl.rc_context({"font.size": 20, "axes.facecolor": "red"}):
-        assert rendered(bar, {"height": 2}) == before
+        assert figure_bytes(bar, {"height": 2}) == before
         assert mpl.rcParams["font.size"] == 20
 
 
@@ -117,7 +117,7 @@ def test_figure_1_of_eriksson_shows_three_minima_of_which_the_lowest_is_certifie
 def test_a_figure_whose_file_is_nowhere_says_which(monkeypatch, tmp_path):
     monkeypatch.setenv("CERTPGO_DATA", str(tmp_path))
     monkeypatch.setattr("certpgo.datasets.lookup.cache_folder", lambda: tmp_path)
-    with pytest.raises(InputError, match=r"not run: file not here \(Ellis_Island\)"):
+    with pytest.raises(InputError, match=r"file not here \(Ellis_Island\)"):
         computed(scan.get_figure("moreira2020_figure4_4"))
 
 

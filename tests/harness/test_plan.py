@@ -7,10 +7,11 @@ import pytest
 from repeated import numbers
 
 from reports.harness.experiments import scan
+from reports.harness.experiments.absence import Absence
 from reports.harness.experiments.plan import in_order, keys, run_task, table_tasks
 from reports.harness.experiments.runner import run_table
 from reports.harness.experiments.spec import Column, Method, Row, Table
-from reports.harness.experiments.trials import cases
+from reports.harness.experiments.trials import trials_of
 
 CYCLE = Row(generator="cycle", arguments={"n": 5, "sigma": 0.1})
 RA, TREE = Method("eigen_ra"), Method("spanning_tree")
@@ -25,8 +26,8 @@ def found(records):
 
 
 def key(table=TABLE, *, method=0, repetition=0, quick=False):
-    case = list(cases(table, data=None, quick=quick, seeds=2))[repetition]
-    return case.key(table.methods[method])
+    trial = list(trials_of(table, data=None, quick=quick, seeds=2))[repetition]
+    return trial.key(table.methods[method])
 
 
 def test_a_key_is_sixteen_hexadecimal_digits_and_the_same_tomorrow():
@@ -95,7 +96,7 @@ def test_a_task_a_row_and_repetition_with_the_methods_that_lack_a_record():
     assert [first.methods, second.methods] == [("eigen_ra", "spanning_tree")] * 2
     records = run_task(first)
     [left] = table_tasks(TABLE, found(records))
-    assert (left.case.repetition, left.methods) == (1, ("eigen_ra", "spanning_tree"))
+    assert (left.trial.repetition, left.methods) == (1, ("eigen_ra", "spanning_tree"))
     assert [t.methods for t in table_tasks(TABLE, found(records[:1]))] == [
         ("spanning_tree",),
         ("eigen_ra", "spanning_tree"),
@@ -120,8 +121,8 @@ def test_tasks_of_every_table_travel_and_keep_their_keys(name):
     for task in tasks:
         there = pickle.loads(pickle.dumps(task))
         assert there == task
-        for method in there.case.table.methods:
-            assert there.case.key(method) in known
+        for method in there.trial.table.methods:
+            assert there.trial.key(method) in known
 
 
 def test_each_table_has_a_key_of_its_own_for_each_record():
@@ -145,7 +146,7 @@ def test_a_graph_that_was_not_here_is_tried_again_when_it_is(tmp_path):
 
 def test_a_package_that_was_missing_is_tried_again():
     [record, _] = [
-        replace(r, error="GTSAM is not installed: pip install x") for r in run_table(TABLE)
+        replace(r, absence=Absence.MISSING_PACKAGE, error="pip install x") for r in run_table(TABLE)
     ][:2]
     assert table_tasks(TABLE, found([record]), seeds=1)[0].methods == ("eigen_ra", "spanning_tree")
 

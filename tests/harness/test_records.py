@@ -9,16 +9,9 @@ from certpgo.errors import FormatError, InputError
 from certpgo.graph import Estimate
 from certpgo.optimize.monitor import Iteration
 from certpgo.optimize.solution import Solution, Status
-from reports.harness.experiments.records import (
-    TRACED,
-    Journal,
-    Record,
-    from_line,
-    latest,
-    read_records,
-    to_line,
-    trace_of,
-)
+from reports.harness.experiments.absence import Absence
+from reports.harness.experiments.journal import Journal, from_line, latest, read_entries, to_line
+from reports.harness.experiments.records import TRACED, Record, trace_of
 
 RECORD = Record(
     "t",
@@ -34,7 +27,16 @@ RECORD = Record(
 
 
 def test_a_record_survives_its_line():
-    assert from_line(to_line(RECORD)) == RECORD
+    assert from_line(to_line(RECORD), Record) == RECORD
+    absent = Record("t", "row", "method", absence=Absence.TOO_LARGE, error="above 5 nodes")
+    assert from_line(to_line(absent), Record) == absent
+    assert absent.why_missing == "not run: above 5 nodes"
+
+
+@pytest.mark.parametrize("more", [{"error": "it broke"}, {"absence": "failed"}])
+def test_a_missing_result_has_a_reason_and_words_for_it(more):
+    with pytest.raises(ValueError, match="reason"):
+        Record("t", "row", "method", **more)
 
 
 def test_a_trace_is_thinned_and_keeps_its_ends():
@@ -54,22 +56,31 @@ def test_a_trace_is_thinned_and_keeps_its_ends():
     assert trace_of(robust) == ()
 
 
-def test_a_field_of_a_later_version_is_dropped():
-    line = to_line(RECORD).replace("{", '{"colour": "red", ', 1)
-    assert from_line(line) == RECORD
+@pytest.mark.parametrize(
+    "line",
+    [
+        to_line(RECORD).replace("{", '{"colour": "red", ', 1),
+        to_line(RECORD).replace('"absence": null, "error": ""', '"absence": "bored", "error": "x"'),
+        '{"table": "t"}',
+        "[]",
+    ],
+)
+def test_what_is_no_record_is_refused(line):
+    with pytest.raises((ValueError, TypeError)):
+        from_line(line, Record)
 
 
 def test_a_last_line_cut_short_is_passed_over(tmp_path):
     path = tmp_path / "r.jsonl"
     path.write_text(to_line(RECORD) + "\n" + to_line(RECORD)[:40])
-    assert read_records(path) == (RECORD,)
+    assert read_entries(path, Record) == (RECORD,)
 
 
 def test_another_broken_line_is_named(tmp_path):
     path = tmp_path / "r.jsonl"
     path.write_text(f"{to_line(RECORD)[:40]}\n{to_line(RECORD)}\n")
     with pytest.raises(FormatError, match=r"r\.jsonl:1: a record"):
-        read_records(path)
+        read_entries(path, Record)
 
 
 def test_numbers_that_are_not_finite_are_null():
@@ -81,65 +92,55 @@ def keyed(key="k", part="", **more):
 
 
 def test_records_are_appended_and_found_by_their_key(tmp_path):
-    journal = Journal(tmp_path / "new", "r")
+    journal = Journal(tmp_path / "new", "r", Record)
     made = [keyed(), keyed(part="b", parts=2), keyed("other"), keyed(iterations=7)]
     for record in made:
         journal.add(record)
-    assert read_records(journal.path) == tuple(made)
-    for found in (journal, Journal(tmp_path / "new", "r")):
+    assert read_entries(journal.path, Record) == tuple(made)
+    for found in (journal, Journal(tmp_path / "new", "r", Record)):
         assert found.find("k") == (made[3], made[1])
         assert found.find("none") == ()
 
 
 def test_what_says_the_same_again_is_not_appended(tmp_path):
-    journal = Journal(tmp_path, "r")
+    journal = Journal(tmp_path, "r", Record)
     journal.add(keyed(provenance={"date": "today"}))
     journal.add(keyed(provenance={"date": "tomorrow"}))
-    assert [r.provenance["date"] for r in read_records(journal.path)] == ["today"]
+    assert [r.provenance["date"] for r in read_entries(journal.path, Record)] == ["today"]
 
 
 def test_a_last_line_cut_short_is_cut_off(tmp_path):
     path = tmp_path / "r.jsonl"
     path.write_text(to_line(keyed()) + "\n" + to_line(RECORD)[:40])
-    Journal(tmp_path, "r").add(keyed("next"))
-    assert [record.key for record in read_records(path)] == ["k", "next"]
-
-
-def test_records_without_a_key_stay_and_are_not_found(tmp_path):
-    (tmp_path / "r.jsonl").write_text(to_line(RECORD) + "\n")
-    journal = Journal(tmp_path, "r")
-    assert journal.find("") == ()
-    journal.add(keyed())
-    assert read_records(journal.path) == (RECORD, keyed())
+    Journal(tmp_path, "r", Record).add(keyed("next"))
+    assert [record.key for record in read_entries(path, Record)] == ["k", "next"]
 
 
 def test_the_last_of_a_key_and_part_counts():
-    records = [RECORD, keyed(), keyed(part="b"), RECORD, keyed(iterations=7)]
+    records = [keyed(), keyed(part="b"), keyed(iterations=7)]
     assert latest(records) == [keyed(iterations=7), keyed(part="b")]
-    # Without keys, the last of a row, method, part and seed.
-    assert latest([RECORD, RECORD]) == [RECORD]
 
 
 def test_a_file_without_records_is_not_left_behind(tmp_path):
-    Journal(tmp_path / "new", "r").close()
+    Journal(tmp_path / "new", "r", Record).close()
     assert not (tmp_path / "new").exists()
-    journal = Journal(tmp_path / "new", "r")
+    journal = Journal(tmp_path / "new", "r", Record)
     journal.add(RECORD)
     journal.close()
-    assert read_records(journal.path) == (RECORD,)
+    assert read_entries(journal.path, Record) == (RECORD,)
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match=r"file: cannot write there: File exists"):
-        Journal(tmp_path / "file", "r")
+        Journal(tmp_path / "file", "r", Record)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
 def test_a_read_only_folder_is_named(tmp_path):
     (tmp_path / "ro").mkdir(mode=0o500)
     with pytest.raises(InputError, match=r"ro: cannot write there: Permission denied"):
-        Journal(tmp_path / "ro", "r")
+        Journal(tmp_path / "ro", "r", Record)
 
 
 def test_provenance_names_versions_engine_and_date():

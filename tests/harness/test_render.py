@@ -3,10 +3,11 @@ from dataclasses import replace
 import pytest
 
 from certpgo.errors import InputError
+from reports.harness.experiments.absence import Absence
 from reports.harness.experiments.records import Record
 from reports.harness.experiments.spec import Column, Method, Row, Table
 from reports.harness.rendering.published import compared
-from reports.harness.rendering.render import CROWDED, markdown, notes, sections
+from reports.harness.rendering.render import CROWDED, notes, sections, table_markdown
 
 TABLE = Table(
     "t",
@@ -18,8 +19,26 @@ TABLE = Table(
 )
 
 
+NOT_READ = {
+    "d": None,
+    "n": None,
+    "m": None,
+    "reading": {},
+    "metrics": {},
+    "absence": Absence.NOT_HERE,
+    "error": "file not here",
+}
+
+
 def record(method="m", **more):
-    parts = {"d": 3, "n": 4, "m": 5, "reading": {"weights": "file"}, "metrics": {"cost": 1.5}}
+    parts = {
+        "key": method,
+        "d": 3,
+        "n": 4,
+        "m": 5,
+        "reading": {"weights": "file"},
+        "metrics": {"cost": 1.5},
+    }
     return Record("t", "a", method, **{**parts, **more})
 
 
@@ -32,9 +51,9 @@ def test_costs_of_two_readings_never_share_a_section():
 
 def test_markdown_to_the_byte():
     good = record(verdict="CERTIFIED", seconds={"x": 0.25, "y": 0.5}, note="a | b")
-    bad = record("other", metrics={}, error="it failed")
+    bad = record("other", metrics={}, absence=Absence.FAILED, error="it failed")
     good = Record(**{**vars(good), "provenance": {"engine": "superlu"}})
-    assert markdown(TABLE, [good, bad]).split("\n") == [
+    assert table_markdown(TABLE, [good, bad]).split("\n") == [
         "# A title",
         "",
         "## a (4 nodes, 5 edges, 3D)",
@@ -54,7 +73,7 @@ def test_markdown_to_the_byte():
 
 
 def test_a_graph_that_is_not_here_is_said_once():
-    gone = [Record("t", "a", method, error="not run: file not here") for method in ("m", "other")]
+    gone = [record(m, **NOT_READ) for m in ("m", "other")]
     [section] = sections(TABLE, gone)
     assert section.rows == (("every method", "", "", "", "not run: file not here"),)
     assert section.caption == "Not read."
@@ -84,9 +103,15 @@ def test_what_is_no_number_cannot_be_compared():
 def test_the_order_in_which_records_were_made_does_not_show():
     first, second = record(key="1", seed=0), record("other", key="2", seed=0)
     later = [record(key="3", seed=1), record("other", key="4", seed=1)]
-    text = markdown(TABLE, [first, second, *later])
-    assert markdown(TABLE, [*reversed(later), second, first]) == text
-    assert markdown(TABLE, [record(key="1", seed=0, error="old"), *later, second, first]) == text
+    text = table_markdown(TABLE, [first, second, *later])
+    assert table_markdown(TABLE, [*reversed(later), second, first]) == text
+    assert (
+        table_markdown(
+            TABLE,
+            [record(key="1", seed=0, absence=Absence.FAILED, error="old"), *later, second, first],
+        )
+        == text
+    )
 
 
 def test_times_that_were_not_taken_alone_are_warned_of():

@@ -12,6 +12,7 @@ from certpgo.objective.problem import problem_of
 from certpgo.optimize.monitor import Iteration
 from certpgo.optimize.solution import Solution, Status
 from certpgo.registry import parse_settings
+from reports.harness.experiments.absence import Absence
 from reports.harness.experiments.instances import load_row, seed_of
 from reports.harness.experiments.runner import run_table
 from reports.harness.experiments.spec import Column, Method, Row, Table
@@ -55,6 +56,14 @@ def test_a_method_that_times_nothing_is_timed_as_a_whole(monkeypatch):
     assert both.trace[0].seconds == 0.75
 
 
+def test_a_method_runs_with_its_engine_and_leaves_the_environment_alone(monkeypatch):
+    monkeypatch.setenv("CERTPGO_ENGINE", "nowhere")
+    [record] = run_table(table((CYCLE,), (Method("eigen_ra", engine="superlu"),)))
+    assert (record.error, record.provenance["engine"]) == ("", "superlu")
+    [other] = run_table(table((CYCLE,), (RA,)))
+    assert "nowhere" in other.error
+
+
 def test_seeds_are_distinct_and_repeatable():
     twice = [list(run_table(table((CYCLE,), (RA,)), seeds=3)) for _ in range(2)]
     costs = [[record.metrics["cost"] for record in records] for records in twice]
@@ -90,7 +99,7 @@ def test_a_failure_is_a_record_with_its_reason_and_the_next_one_runs(
     monkeypatch.setenv("CERTPGO_DATA", str(tmp_path))
     rows = (row, Row(label="good", generator="cycle", arguments={"n": 5, "sigma": 0.1}))
     bad, *_, good = run_table(table(rows, (method, Method("eigen_ra", "good"))))
-    assert reason in bad.error
+    assert reason in bad.why_missing
     assert bad.metrics == {}
     assert good.error == ""
 
@@ -103,13 +112,14 @@ def test_a_family_that_reads_a_file_finds_it_in_the_data_folder(
     monkeypatch.setenv("CERTPGO_DATA", str(tmp_path))
     monkeypatch.setattr("certpgo.datasets.lookup.cache_folder", lambda: tmp_path)
     assert load_row(row, here, None).graph.num_edges == 20297
-    with pytest.raises(InputError, match="not run: file not here"):
+    with pytest.raises(InputError, match="file not here"):
         load_row(row, None, None)
 
 
 def test_gtsam_missing_is_a_record_with_the_install_line(monkeypatch):
     monkeypatch.setitem(sys.modules, "gtsam", None)
     [record] = run_table(table((POSES,), (Method("gtsam_chordal"),)))
+    assert record.absence is Absence.MISSING_PACKAGE
     assert record.error == "GTSAM is not installed: pip install 'certpgo[baselines]'"
 
 

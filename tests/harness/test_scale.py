@@ -1,13 +1,15 @@
 """Growth: families solved in processes of their own, slopes, and runs that go on."""
 
 import math
-from dataclasses import replace
+from concurrent.futures.process import BrokenProcessPool
 
 import numpy as np
 import pytest
 
 from certpgo.errors import FormatError, SpecError
-from reports.harness.experiments.records import Ledger, Record
+from reports.harness.experiments.absence import Absence
+from reports.harness.experiments.journal import Journal
+from reports.harness.experiments.records import Record
 from reports.harness.scaling import scale
 
 
@@ -42,26 +44,26 @@ def test_an_unknown_family_names_the_nearest():
         scale.measure("helx", 3)
 
 
-def test_a_ledger_goes_on_where_it_was_cut_off(tmp_path):
-    ledger = Ledger(tmp_path / "new", "scale_x")
-    first = Record("scale_x", "x 3", "certified", seed=0, n=9)
-    ledger.add(first)
-    ledger.add(replace(first, row="x 4", error="no memory"))
-    with ledger.path.open("a") as stream:
-        stream.write('{"table": "scale_x", "row"')  # killed while writing
-    again = Ledger(tmp_path / "new", "scale_x")
-    assert again.find("x 3", 0, "") == first
-    assert again.find("x 3", 1, "") is None
-    assert again.find("x 4", 0, "") is None  # what failed is done again
-    assert again.find("x 3", 0, "superlu") is None
-    again.add(replace(first, row="x 4"))
-    assert Ledger(tmp_path / "new", "scale_x").find("x 4", 0, "").n == 9
+def test_a_key_is_of_family_size_seed_and_engine(monkeypatch):
+    keys = [scale.graph_key("grid", 4, 0), scale.graph_key("grid", 5, 0)]
+    keys += [scale.graph_key("grid", 4, 1), scale.graph_key("helix", 4, 0)]
+    monkeypatch.setattr(scale, "default_engine", lambda: "another")
+    assert len({*keys, scale.graph_key("grid", 4, 0)}) == 5
 
 
 def test_a_file_of_something_else_is_refused(tmp_path):
     (tmp_path / "scale_x.jsonl").write_text("not a record\nat all\n")
     with pytest.raises(FormatError):
-        Ledger(tmp_path, "scale_x")
+        Journal(tmp_path, "scale_x", Record)
+
+
+def test_a_process_that_was_killed_is_a_record(monkeypatch):
+    def submit(*_):
+        raise BrokenProcessPool
+
+    monkeypatch.setattr(scale.ProcessPoolExecutor, "submit", submit)
+    record = scale.measure("grid", 4)
+    assert (record.absence, record.n) == (Absence.PROCESS_DIED, None)
 
 
 def test_the_uneven_helix_has_long_steps():

@@ -9,7 +9,8 @@ from certpgo.errors import InputError
 from certpgo.registry import build
 from reports.harness.experiments import claim_outcomes, scan
 from reports.harness.experiments.figure import Figure
-from reports.harness.experiments.records import from_line, latest, read_records, to_line
+from reports.harness.experiments.journal import from_line, latest, read_entries, to_line
+from reports.harness.experiments.records import Record
 from reports.harness.experiments.runner import run_table
 from reports.harness.experiments.spec import FACTORIZATION
 from reports.harness.experiments.trials import chosen_rows
@@ -17,7 +18,7 @@ from reports.harness.rendering import cells
 from reports.harness.rendering.citations import citation
 from reports.harness.rendering.formats import forms
 from reports.harness.rendering.published import printed_number, published
-from reports.harness.rendering.render import markdown, sections
+from reports.harness.rendering.render import sections, table_markdown
 
 NAMES = scan.table_names()
 RESULTS = registry.repository() / "reports" / "results"
@@ -101,7 +102,7 @@ def committed(table):
     path = RESULTS / f"{table.name}.jsonl"
     if not path.is_file():
         pytest.skip(f"no results of {table.name} here")
-    return latest(read_records(path))
+    return latest(read_entries(path, Record))
 
 
 def test_every_committed_value_that_differs_is_explained(table):
@@ -147,15 +148,15 @@ def test_quick_profile_runs_and_renders(table, records):
     assert {record.method for record in records} <= methods
     assert {record.row for record in records} == {row.label for row in rows}
     for record in records:
-        assert bool(record.error) != bool(record.metrics), record
-    text = markdown(table, records)
+        assert bool(record.absence) != bool(record.metrics), record
+    text = table_markdown(table, records)
     for section in sections(table, records):
         assert section.title in text
         assert all(len(row) == len(section.header) for row in section.rows)
 
 
 def test_rendering_is_a_function_of_the_records_alone(table, records):
-    again = [from_line(to_line(record)) for record in records]
+    again = [from_line(to_line(record), Record) for record in records]
     for form in forms().values():
         assert form.render(table, again) == form.render(table, records)
 
@@ -163,7 +164,7 @@ def test_rendering_is_a_function_of_the_records_alone(table, records):
 def test_moreira_table_5_6_agrees_with_its_printed_eigenvalues(dataset_path):
     dataset_path("parking-garage")
     table = scan.get_table("moreira2020_table5_6")
-    text = markdown(table, list(run_table(table, quick=True)))
+    text = table_markdown(table, list(run_table(table, quick=True)))
     assert text.count(" agrees") == 4
     assert " differs" not in text
 
@@ -173,4 +174,4 @@ def test_moreira_table_5_7_agrees_with_its_printed_likelihoods(dataset_path):
     table = scan.get_table("moreira2020_table5_7")
     [eigen_ma, *_] = run_table(table, quick=True)
     assert f"{eigen_ma.metrics['f_ml']:.1f}" == "18824.3"
-    assert "f_ML 18824.3 agrees; s 1.0 agrees" in markdown(table, [eigen_ma])
+    assert "f_ML 18824.3 agrees; s 1.0 agrees" in table_markdown(table, [eigen_ma])

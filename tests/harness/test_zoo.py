@@ -16,62 +16,59 @@ from certpgo.errors import InputError
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
-from reports.harness.certifiers import campaign, made, oracle, rules, run, search
-from reports.harness.certifiers import summary as report
+from reports.harness.certifiers import campaign, made, oracle, rules, search, summary, zoo
 from reports.harness.certifiers.families import FAMILIES
-from reports.harness.certifiers.judging import FAULTS, Opinion, certifiers, judged
+from reports.harness.certifiers.opinions import Opinion, certifiers, tally_of
 from reports.harness.certifiers.points import (
-    JudgedPoint,
     Known,
+    ZooPoint,
     stationary,
     truth_by_form,
     truth_by_oracle,
 )
-from reports.harness.experiments.records import Ledger, from_line, to_line
+from reports.harness.certifiers.zoo_records import ALL, BLOCK, FAULTS, ZooRecord, total
+from reports.harness.experiments.journal import Journal, from_line, to_line
 
 RULES = ("se_sync_rule", "cora_rule")
 
 
 def only(prefix):
-    return {name: judge for name, judge in certifiers().items() if name.startswith(prefix)}
+    return {name: certifier for name, certifier in certifiers().items() if name.startswith(prefix)}
 
 
 def wound_case(n, winding, factor=1.0):
     problem, best, other = made.wound(n, 0.3, winding).rotations_problem()
     truth = truth_by_form(problem, best, 8.0 * n * math.sin(0.3 / (2 * n)) ** 2)
     truth = replace(truth, upper=factor * truth.upper, lower=factor * truth.lower)
-    return JudgedPoint("wound", problem.scaled(factor), other, truth)
+    return ZooPoint("wound", problem.scaled(factor), other, truth)
 
 
 @pytest.mark.parametrize("name", FAMILIES)
 def test_ours_is_false_nowhere_in_a_family(name):
     judges = only("certpgo")
     cases = [c for c in FAMILIES[name](True) if c.problem.n <= 200][::5]
-    tally = Counter()
-    for case in cases:
-        counts, faults = judged(case, judges)
-        assert faults == []
-        tally += counts
-    assert tally["certpgo standard", "missed"] == 0
-    assert tally["certpgo standard", "failed"] == 0
+    tally = total(tally_of(case, judges) for case in cases)
+    assert tally.faults == []
+    assert tally.of("certpgo standard")["missed"] == 0
+    assert tally.of("certpgo standard")["failed"] == 0
 
 
 @pytest.mark.parametrize("kind", campaign.KINDS, ids=lambda kind: kind.name)
 def test_ours_is_false_nowhere_in_random_instances(kind):
-    judges, tally = only("certpgo"), Counter()
+    judges, points = only("certpgo"), Counter()
     for seed in range(6):
         for cases in campaign.draws(kind, seed):
             for case in cases:
-                counts, faults = judged(case, judges)
-                assert faults == []
-                tally += counts
+                tally = tally_of(case, judges)
+                assert tally.faults == []
+                points += tally.points
             shared = Judge(cases[0].problem)
             for case in cases[::-1]:
                 certificate = shared.certify(case.point)
                 assert certificate.lower_bound <= case.truth.upper
                 if certificate.verdict is Verdict.CERTIFIED:
                     assert not case.is_beaten(case.point)
-    assert tally["", "optimal"] + tally["", "not optimal"] >= 5
+    assert points["optimal"] + points["not optimal"] >= 5
 
 
 @pytest.mark.parametrize("seed", [382, 888])
@@ -85,21 +82,25 @@ def test_a_proof_holds_for_the_stored_matrices(seed):
 
 def test_the_rules_accept_what_the_zoo_knows_to_be_wrong():
     judges = {name: certifiers()[name] for name in RULES}
-    assert judged(wound_case(500, 1), judges)[0]["se_sync_rule", "false"] == 1
-    scaled, _ = judged(wound_case(60, 1, 2.0**-40), judges)
-    assert [scaled[rule, "false"] for rule in RULES] == [1, 1]
-    fine, _ = judged(wound_case(60, 1), judges)
-    assert [fine[rule, "not certified"] for rule in RULES] == [1, 1]
+    assert tally_of(wound_case(500, 1), judges).of("se_sync_rule")["false"] == 1
+    scaled = tally_of(wound_case(60, 1, 2.0**-40), judges)
+    assert [scaled.of(rule)["false"] for rule in RULES] == [1, 1]
+    fine = tally_of(wound_case(60, 1), judges)
+    assert [fine.of(rule)["not certified"] for rule in RULES] == [1, 1]
 
 
 @pytest.mark.gtsam
 def test_gtsam_accepts_wound_up_cycles():
     pytest.importorskip("gtsam", reason="the gtsam wheel is not installed")
     judges = only("gtsam")
-    tally, _ = judged(wound_case(1000, 1), judges)
-    assert tally["gtsam_shonan", "false"] == tally["gtsam_staircase", "false"] == 1
-    tally, _ = judged(wound_case(20, 1), judges)
-    assert tally["gtsam_shonan", "not certified"] == tally["gtsam_staircase", "not certified"] == 1
+    tally = tally_of(wound_case(1000, 1), judges)
+    assert tally.of("gtsam_shonan")["false"] == tally.of("gtsam_staircase")["false"] == 1
+    tally = tally_of(wound_case(20, 1), judges)
+    assert (
+        tally.of("gtsam_shonan")["not certified"]
+        == tally.of("gtsam_staircase")["not certified"]
+        == 1
+    )
 
 
 def always(opinion):
@@ -111,9 +112,9 @@ def test_every_fault_of_a_certifier_is_noticed():
     right = replace(case, point=made.wound(20, 0.3, 1).rotations_problem()[1])
 
     def outcomes(case, opinion):
-        tally, faults = judged(case, always(opinion))
-        found = {outcome for name, outcome in tally if name}
-        assert len(faults) == len(found & set(FAULTS))
+        tally = tally_of(case, always(opinion))
+        found = set(tally.of("certpgo rigged"))
+        assert len(tally.faults) == len(found & set(FAULTS))
         return found
 
     assert "false" in outcomes(case, Opinion)
@@ -142,8 +143,8 @@ def test_a_refusal_and_a_failure_are_told_apart():
     def fail(point):
         raise RuntimeError("broken")
 
-    assert judged(case, always(refuse))[0]["certpgo rigged", "refused"] == 1
-    assert judged(case, always(fail))[0]["certpgo rigged", "failed"] == 1
+    assert tally_of(case, always(refuse)).of("certpgo rigged")["refused"] == 1
+    assert tally_of(case, always(fail)).of("certpgo rigged")["failed"] == 1
 
 
 @pytest.mark.parametrize("d", [2, 3])
@@ -221,7 +222,7 @@ def test_instances_are_functions_of_their_seed():
 def test_a_campaign_has_at_least_as_many_instances_as_asked_for():
     counted = [0, 0]
     for _, first in campaign.blocks(10_000):
-        counted[0] += campaign.BLOCK
+        counted[0] += BLOCK
         counted[1] += first == 0
     assert counted[0] >= 10_000
     assert counted[1] == len(campaign.KINDS)
@@ -230,38 +231,40 @@ def test_a_campaign_has_at_least_as_many_instances_as_asked_for():
 
 def test_a_run_goes_on_and_its_report_is_a_function_of_its_records(tmp_path, monkeypatch):
     names = ("no rotations: reflected, scaled", "near ties")
-    wanted = [run.Job(name, quick=True) for name in names]
+    wanted = [zoo.Job(name, quick=True) for name in names]
     made_here = []
 
     def serial(jobs, processes):
         for job in jobs:
             made_here.append(job)
-            yield job, run.record(job)
+            yield job, zoo.record_of(job)
 
-    monkeypatch.setattr(run, "_made", serial)
-    records = list(run.run_jobs(Ledger(tmp_path, "zoo"), wanted[:1]))
-    records = list(run.run_jobs(Ledger(tmp_path, "zoo"), wanted))
+    monkeypatch.setattr(zoo, "_made", serial)
+    records = list(zoo.run_jobs(Journal(tmp_path, "zoo", ZooRecord), wanted[:1]))
+    records = list(zoo.run_jobs(Journal(tmp_path, "zoo", ZooRecord), wanted))
     assert made_here == wanted
-    text = report.markdown(records)
-    assert text == report.markdown([from_line(to_line(record)) for record in records])
+    text = summary.zoo_markdown(records)
+    assert text == summary.zoo_markdown(
+        [from_line(to_line(record), ZooRecord) for record in records]
+    )
     assert "| near ties | 60 | 36 | 24 | closed form | 36 / 0 / 0 |" in text
     assert "| no rotations: reflected, scaled | 20 | 0 | 0 | closed form | – |" in text  # noqa: RUF001
     assert "Where certpgo is false" not in text
-    told = replace(records[0], note="seed 1: certpgo standard: false")
-    assert "Where certpgo is false" in report.markdown([told])
+    false = replace(records[0], faults=["seed 1: certpgo standard: false"])
+    assert "Where certpgo is false" in summary.zoo_markdown([false])
     full = [replace(wanted[0], quick=False)]
-    monkeypatch.setattr(run, "certifiers", dict)
-    list(run.run_jobs(Ledger(tmp_path, "zoo"), full))
+    monkeypatch.setattr(zoo, "certifiers", dict)
+    list(zoo.run_jobs(Journal(tmp_path, "zoo", ZooRecord), full))
     assert made_here[-1] == full[0]  # another profile, other certifiers: not the same record
 
 
 def test_a_block_counts_what_its_instances_are():
     kind = replace(campaign.kind_called("wound-up, random"), share=1.0)
-    tally, faults = campaign.block(kind, 0, {})
-    assert faults == []
-    assert tally["", "instances"] == campaign.BLOCK
-    assert tally["", "closed form, instances"] == campaign.BLOCK
-    assert tally["", "not optimal"] >= campaign.BLOCK
+    tally = campaign.block(kind, 0, {})
+    assert tally.faults == []
+    assert tally.instances[ALL] == BLOCK
+    assert tally.instances["closed form"] == BLOCK
+    assert tally.points["not optimal"] >= BLOCK
 
 
 def test_poses_at_one_place_cost_what_their_rotations_do():

@@ -23,6 +23,7 @@ from certpgo.solvers.certified.pipeline import solve
 from certpgo.view.certificate_page import Origin, certificate_page
 from certpgo.view.page import embedded, numeric
 from certpgo.view.scene import scene
+from reports.harness.experiments.absence import Absence
 from reports.harness.experiments.records import Record
 from reports.harness.experiments.spec import Column, Method, Row, Table
 from reports.harness.rendering.render import Section
@@ -236,6 +237,7 @@ def results(**more):
     records = [
         Record(
             *("t", HOSTILE, "m"),
+            key="m",
             d=3,
             n=4,
             m=5,
@@ -243,7 +245,15 @@ def results(**more):
             trace=((0.0, 3.0), (0.1, 2.0), (0.2, 1.5)),
             provenance={"engine": "e"},
         ),
-        Record("t", HOSTILE, "other", d=3, n=4, m=5, error="it failed"),
+        Record(
+            *("t", HOSTILE, "other"),
+            key="other",
+            d=3,
+            n=4,
+            m=5,
+            absence=Absence.FAILED,
+            error="it failed",
+        ),
     ]
     return TablePart(TABLE, records, csv="row,F\na,1.5\n", bibtex="@book{a & b}", **more)
 

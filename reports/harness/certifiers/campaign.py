@@ -1,6 +1,6 @@
-"""Random small instances whose optimum is known, by kind and seed, in blocks.
+"""Small random instances whose optimum is known, by kind and seed, in blocks.
 
-A draw whose optimum stays open is judged for what is false of it all the same, but is no instance,
+A draw whose optimum stays open is still checked for false certificates, but it is no instance,
 and the next one is drawn.
 """
 
@@ -19,20 +19,21 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.problem import PoseProblem, Problem, RotationProblem, problem_of
 from reports.harness.certifiers import made
-from reports.harness.certifiers.judging import Judge, Tally, judged
 from reports.harness.certifiers.made import Made
+from reports.harness.certifiers.opinions import Certifier, tally_of
 from reports.harness.certifiers.points import (
-    JudgedPoint,
     Known,
     Truth,
+    ZooPoint,
     best_of,
     truth_by_form,
     truth_by_oracle,
     truth_by_search,
 )
+from reports.harness.certifiers.zoo_records import ALL, BLOCK, Tally, total
 
-#: Instances in a block, which is what a process is given and a record holds.
-BLOCK = 50
+#: Sorts of instances: a draw whose optimum stays open, and one that local descent may miss.
+SET_ASIDE, WOUND_OR_LOOSE = "set aside", "wound-up or loose"
 #: Draws after which a kind has nothing to offer for a seed.
 MOST_DRAWS = 200
 
@@ -55,7 +56,7 @@ class InstanceKind:
     draw: Callable[[np.random.Generator], Posed | None]
 
 
-def draws(kind: InstanceKind, seed: int) -> Iterator[list[JudgedPoint]]:
+def draws(kind: InstanceKind, seed: int) -> Iterator[list[ZooPoint]]:
     """Problems with up to two points each, until the optimum of one is known.
 
     Every second seed's weights are multiplied by a power of two.
@@ -75,38 +76,32 @@ def draws(kind: InstanceKind, seed: int) -> Iterator[list[JudgedPoint]]:
         scaled = problem.scaled(factor)
         name = f"seed {seed}, draw {draw}"
         yield [
-            JudgedPoint(f"{name}, point {k}", scaled, point, truth)
-            for k, point in enumerate(points)
+            ZooPoint(f"{name}, point {k}", scaled, point, truth) for k, point in enumerate(points)
         ]
         if truth.known is not Known.OPEN:
             return
 
 
-def block(kind: InstanceKind, first: int, judges: dict[str, Judge]) -> tuple[Tally, list[str]]:
-    """Counts over a block of seeds, and what is false of ours, in words."""
-    tally: Tally = Counter()
-    faults: list[str] = []
+def block(kind: InstanceKind, first: int, asked: dict[str, Certifier]) -> Tally:
+    """Counts over a block of seeds."""
+    tallies = []
     for seed in range(first, first + BLOCK):
         for cases in draws(kind, seed):
-            for fact in _facts(kind, cases[0]):
-                tally["", fact] += 1
-            for case in cases:
-                counts, said = judged(case, judges)
-                tally += counts
-                faults += said
-    return tally, faults
+            tallies.append(Tally(instances=Counter(_facts(kind, cases[0]))))
+            tallies += [tally_of(case, asked) for case in cases]
+    return total(tallies)
 
 
-def _facts(kind: InstanceKind, case: JudgedPoint) -> Iterator[str]:
+def _facts(kind: InstanceKind, case: ZooPoint) -> Iterator[str]:
     if case.truth.known is Known.OPEN:
-        yield "set aside"
+        yield SET_ASIDE
         return
-    yield "instances"
-    yield f"{case.truth.known.value}, instances"
+    yield ALL
+    yield case.truth.known.value
     poses = isinstance(case.problem, PoseProblem)
-    yield f"{case.problem.d}D {'poses' if poses else 'rotations'}, instances"
+    yield f"{case.problem.d}D {'poses' if poses else 'rotations'}"
     if case.truth.loose or kind.draw is _wound:
-        yield "wound-up or loose, instances"
+        yield WOUND_OR_LOOSE
 
 
 def _wound(rng: np.random.Generator) -> Posed | None:

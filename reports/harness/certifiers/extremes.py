@@ -13,7 +13,7 @@ from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from reports.harness.certifiers import made
 from reports.harness.certifiers.points import (
-    JudgedPoint,
+    ZooPoint,
     best_of,
     stationary,
     truth_by_form,
@@ -21,7 +21,7 @@ from reports.harness.certifiers.points import (
 )
 
 
-def half_turn_triangles(quick: bool) -> Iterator[JudgedPoint]:
+def half_turn_triangles(quick: bool) -> Iterator[ZooPoint]:
     """Three rotations, each measured a half-turn about another axis: F* = 6, and a saddle at 8."""
     x, y, z = (2.0 * np.outer(a, a) - np.eye(3) for a in np.eye(3))
     edges = np.array([[0, 1], [0, 2], [1, 2]])
@@ -35,10 +35,10 @@ def half_turn_triangles(quick: bool) -> Iterator[JudgedPoint]:
             points = [*best_of(problem, starts), saddle]
             truth = truth_by_oracle(problem, points[0])
             for name, point in (("best", points[0]), ("worst", points[-2]), ("saddle", saddle)):
-                yield JudgedPoint(f"frame {k}, {name}", problem, point, truth)
+                yield ZooPoint(f"frame {k}, {name}", problem, point, truth)
 
 
-def contradicting(quick: bool) -> Iterator[JudgedPoint]:
+def contradicting(quick: bool) -> Iterator[ZooPoint]:
     """Two measurements of one step that say opposites with equal weight: 8 for every estimate."""
     for d, power in itertools.product((2, 3), (-390, 0, 390)):
         half = so.project(so.exp(math.pi * np.eye(so.tangent_dim(d))[-1:]))
@@ -49,10 +49,10 @@ def contradicting(quick: bool) -> Iterator[JudgedPoint]:
         for k, angle in enumerate((0.0, 0.3, 1.5, math.pi)):
             turn = so.exp(angle * np.eye(so.tangent_dim(d))[-1:])[0]
             point = Estimate(so.project(np.stack([np.eye(d), turn])))
-            yield JudgedPoint(f"{d}D weights 2^{power}, point {k}", problem, point, truth)
+            yield ZooPoint(f"{d}D weights 2^{power}, point {k}", problem, point, truth)
 
 
-def uneven(quick: bool) -> Iterator[JudgedPoint]:
+def uneven(quick: bool) -> Iterator[ZooPoint]:
     """Wound-up cycles with one edge measured again, wrongly, at a weight that hardly counts."""
     powers = ((0, -390), (0, -200), (0, -60), (60, 0), (200, 0))
     for d, n, (heavy, faint) in itertools.product((2, 3), (10, 60), powers):
@@ -68,13 +68,13 @@ def uneven(quick: bool) -> Iterator[JudgedPoint]:
         best = stationary(problem, Estimate(ring.best))
         # The faint measurement adds at most 8 of its weight, which the slack contains.
         truth = truth_by_form(problem, best, 2.0**heavy * ring.optimum)
-        yield JudgedPoint(f"{d}D n={n} 2^{faint - heavy}, at the optimum", problem, best, truth)
-        yield JudgedPoint(
+        yield ZooPoint(f"{d}D n={n} 2^{faint - heavy}, at the optimum", problem, best, truth)
+        yield ZooPoint(
             f"{d}D n={n} 2^{faint - heavy}, wound up", problem, Estimate(ring.other), truth
         )
 
 
-def long_bridges(quick: bool) -> Iterator[JudgedPoint]:
+def long_bridges(quick: bool) -> Iterator[ZooPoint]:
     """Two wound-up cycles of poses and a bridge between them of up to 10^8 steps."""
     for d, n, length in itertools.product((2, 3), (10, 60), (1e2, 1e5, 1e8)):
         pair = made.joined(made.wound(n, 0.3, 1, d), made.wound(n, -0.2, 1, d), bridge=1.0)
@@ -85,6 +85,6 @@ def long_bridges(quick: bool) -> Iterator[JudgedPoint]:
         long = PoseProblem(PoseGraph(graph.rotation, steps, graph.tau))
         truth = truth_by_form(long, long.complete(best.rotations), pair.optimum)
         for name, point in (("at the optimum", best), ("wound up", other)):
-            yield JudgedPoint(
+            yield ZooPoint(
                 f"{d}D n={n}, {length:g}, {name}", long, long.complete(point.rotations), truth
             )

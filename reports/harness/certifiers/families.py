@@ -26,9 +26,9 @@ from certpgo.solvers.certified.pipeline import solve
 from reports.harness.certifiers import extremes, made, oracle
 from reports.harness.certifiers.made import Made
 from reports.harness.certifiers.points import (
-    JudgedPoint,
     Known,
     Truth,
+    ZooPoint,
     best_of,
     stationary,
     truth_by_form,
@@ -43,12 +43,12 @@ NOISY = ((60, 0.6), (60, 2.9), (100, 0.6), (100, 1.7), (200, 1.1), (200, 2.9))
 GARAGE = "parking-garage"
 
 
-def _wound(quick: bool) -> Iterator[JudgedPoint]:
+def _wound(quick: bool) -> Iterator[ZooPoint]:
     for d, n, k in itertools.product((2, 3), _sizes(quick), (1, 2, 3)):
         yield _other(made.wound(n, 0.3, k, d), f"{d}D n={n} k={k}")
 
 
-def _right(quick: bool) -> Iterator[JudgedPoint]:
+def _right(quick: bool) -> Iterator[ZooPoint]:
     for d, n in itertools.product((2, 3), _sizes(quick)):
         yield _best(made.wound(n, 0.3, 0, d), f"{d}D n={n}")
 
@@ -57,7 +57,7 @@ def _sizes(quick: bool) -> tuple[int, ...]:
     return tuple(n for n in SIZES if n <= 200) if quick else SIZES
 
 
-def _noisy(is_wound: bool, quick: bool) -> Iterator[JudgedPoint]:
+def _noisy(is_wound: bool, quick: bool) -> Iterator[ZooPoint]:
     """Cycles with noise, descended from the wound-up or from the right start."""
     for (n, degrees), d, seed in itertools.product(NOISY, (2, 3), range(1 if quick else 10)):
         rng = np.random.default_rng(np.random.SeedSequence((n, d, seed)))
@@ -68,10 +68,10 @@ def _noisy(is_wound: bool, quick: bool) -> Iterator[JudgedPoint]:
         if is_wound:
             turn = made.wound(n, 0.0, 1, d).other
             point = stationary(problem, Estimate(so.project(turn @ best.rotations)))
-        yield JudgedPoint(f"{d}D n={n} noise {degrees} deg, seed {seed}", problem, point, truth)
+        yield ZooPoint(f"{d}D n={n} noise {degrees} deg, seed {seed}", problem, point, truth)
 
 
-def _scaled(power: int, quick: bool) -> Iterator[JudgedPoint]:
+def _scaled(power: int, quick: bool) -> Iterator[ZooPoint]:
     factor = 2.0**power
     exact = (_other(made.wound(n, 0.3, k), f"n={n} k={k}") for n in SIZES[:7] for k in (1, 2))
     for case in itertools.chain(exact, _noisy(True, True)):
@@ -80,7 +80,7 @@ def _scaled(power: int, quick: bool) -> Iterator[JudgedPoint]:
         yield replace(case, problem=case.problem.scaled(factor), truth=truth)
 
 
-def _bridged(quick: bool) -> Iterator[JudgedPoint]:
+def _bridged(quick: bool) -> Iterator[ZooPoint]:
     for d, n, weight in itertools.product((2, 3), (10, 60, 200), (1e-4, 1.0, 1e4)):
         rng = np.random.default_rng(n)
         ring = made.wound(n, 0.3, 1, d)
@@ -90,7 +90,7 @@ def _bridged(quick: bool) -> Iterator[JudgedPoint]:
         yield from _both(pair, f"{d}D two of n={n}, bridge of weight {weight:g}")
 
 
-def _parallel(quick: bool) -> Iterator[JudgedPoint]:
+def _parallel(quick: bool) -> Iterator[ZooPoint]:
     for d, n in itertools.product((2, 3), (10, 60, 200, 600)):
         rng = np.random.default_rng(n)
         split = made.wound(n, 0.3, 1, d)
@@ -99,7 +99,7 @@ def _parallel(quick: bool) -> Iterator[JudgedPoint]:
         yield from _both(made.relabelled(split, rng), f"{d}D n={n}")
 
 
-def _weighted(quick: bool) -> Iterator[JudgedPoint]:
+def _weighted(quick: bool) -> Iterator[ZooPoint]:
     for d, n, decades in itertools.product((2, 3), (20, 60, 200), (0.5, 1, 2, 3)):
         rng = np.random.default_rng(np.random.SeedSequence((n, round(2 * decades))))
         found = made.wound_weighted(10.0 ** rng.uniform(0, decades, n), 0.3, 1, d)
@@ -107,19 +107,19 @@ def _weighted(quick: bool) -> Iterator[JudgedPoint]:
             yield from _both(found, f"{d}D n={n}, {decades:g} decades")
 
 
-def _poses(quick: bool) -> Iterator[JudgedPoint]:
+def _poses(quick: bool) -> Iterator[ZooPoint]:
     """Wound-up cycles of poses: all at one place, and around exact circles of several radii."""
     for d, n in itertools.product((2, 3), (10, 60, 200)):
         ring = made.wound(n, 0.3, 1, d)
         for tau in (1e-6, 1.0, 1e6):
             problem, best, other = ring.poses_problem(np.full(n, tau))
             truth = truth_by_form(problem, best, ring.optimum)
-            yield JudgedPoint(f"{d}D n={n} at one place, tau={tau:g}", problem, other, truth)
+            yield ZooPoint(f"{d}D n={n} at one place, tau={tau:g}", problem, other, truth)
         for radius in (1e-4, 1.0, 1e4):
             yield _circle(n, d, radius)
 
 
-def _circle(n: int, d: int, radius: float) -> JudgedPoint:
+def _circle(n: int, d: int, radius: float) -> ZooPoint:
     ring = made.wound(n, 0.0, 1, d)
     angles = 2.0 * np.pi * np.arange(n) / n
     t = np.zeros((n, d))
@@ -129,16 +129,16 @@ def _circle(n: int, d: int, radius: float) -> JudgedPoint:
     problem = PoseProblem(graph)
     truth = truth_by_form(problem, problem.complete(ring.best), 0.0)
     point = stationary(problem, Estimate(ring.other, t))
-    return JudgedPoint(f"{d}D n={n} circle of {radius:g} m", problem, point, truth)
+    return ZooPoint(f"{d}D n={n} circle of {radius:g} m", problem, point, truth)
 
 
-def _near_ties(quick: bool) -> Iterator[JudgedPoint]:
+def _near_ties(quick: bool) -> Iterator[ZooPoint]:
     """Two windings that cost nearly the same: theta just below pi."""
     for d, n, short in itertools.product((2, 3), (5, 20, 100), (1e-1, 1e-2, 1e-3, 1e-4, 1e-7)):
         yield from _both(made.wound(n, math.pi - short, -1, d), f"{d}D n={n}, {short:g} short")
 
 
-def _loose_in_the_plane(quick: bool) -> Iterator[JudgedPoint]:
+def _loose_in_the_plane(quick: bool) -> Iterator[ZooPoint]:
     """Four rotations whose relaxation is not tight, and a worse stationary point if there is."""
     found = 0
     for seed in itertools.count():
@@ -149,27 +149,27 @@ def _loose_in_the_plane(quick: bool) -> Iterator[JudgedPoint]:
             continue
         truth, best = searched
         worse = best_of(problem, [Estimate(so.random(rng, 4, 2)) for _ in range(6)])[-1]
-        yield JudgedPoint(f"K_4, seed {seed}, at the optimum", problem, best, truth)
+        yield ZooPoint(f"K_4, seed {seed}, at the optimum", problem, best, truth)
         if problem.cost(worse) > (1.0 + 1e-4) * problem.cost(best):
-            yield JudgedPoint(f"K_4, seed {seed}, another point", problem, worse, truth)
+            yield ZooPoint(f"K_4, seed {seed}, another point", problem, worse, truth)
         found += 1
         if found == (4 if quick else 20):
             return
 
 
-def _noise_in_space(quick: bool) -> Iterator[JudgedPoint]:
+def _noise_in_space(quick: bool) -> Iterator[ZooPoint]:
     """Random measurements between all pairs: loose or nearly, the best of eight descents."""
     for seed in range(8 if quick else 30):
         rng = np.random.default_rng(np.random.SeedSequence((8, seed)))
         problem = RotationProblem(_random_complete(4 + seed % 8, 3, rng))
         points = best_of(problem, [Estimate(so.random(rng, problem.n, 3)) for _ in range(8)])
         truth = truth_by_oracle(problem, points[0])
-        yield JudgedPoint(f"K_{problem.n}, seed {seed}, best", problem, points[0], truth)
-        yield JudgedPoint(f"K_{problem.n}, seed {seed}, worst", problem, points[-1], truth)
+        yield ZooPoint(f"K_{problem.n}, seed {seed}, best", problem, points[0], truth)
+        yield ZooPoint(f"K_{problem.n}, seed {seed}, worst", problem, points[-1], truth)
 
 
-def _half_turns(quick: bool) -> Iterator[JudgedPoint]:
-    """Short wound-up cycles, and two nodes that are told opposites."""
+def _half_turns(quick: bool) -> Iterator[ZooPoint]:
+    """Short wound-up cycles, and two nodes with opposite measurements."""
     for d in (2, 3):
         for n, k in ((3, 1), (4, 1), (4, 2), (5, 2), (6, 3), (7, 3)):
             for theta in (0.0, 1e-8, 0.1):
@@ -183,12 +183,12 @@ def _half_turns(quick: bool) -> Iterator[JudgedPoint]:
             # The sum of both is best matched by the heavier one.
             truth = truth_by_form(problem, points[0], 8.0 * weight)
             for k, point in enumerate(points):
-                yield JudgedPoint(
+                yield ZooPoint(
                     f"{d}D opposites, weight {weight!r}, point {k}", problem, point, truth
                 )
 
 
-def _written(quick: bool) -> Iterator[JudgedPoint]:
+def _written(quick: bool) -> Iterator[ZooPoint]:
     """Graphs and estimates through g2o files whose quaternions have any norm."""
     for n, norm in itertools.product((20, 60, 200), (1e-3, 0.5, 3.0, 1e3)):
         ring = made.wound(n, 0.3, 1, 3)
@@ -202,9 +202,7 @@ def _written(quick: bool) -> Iterator[JudgedPoint]:
             problem = RotationProblem(graph)  # type: ignore[arg-type]
             optimum = float(problem.graph.kappa[0]) * ring.optimum
             truth = truth_by_form(problem, Estimate(ring.best), optimum)
-            yield JudgedPoint(
-                f"{kind} n={n} norm {norm:g}", problem, Estimate(point.rotations), truth
-            )
+            yield ZooPoint(f"{kind} n={n} norm {norm:g}", problem, Estimate(point.rotations), truth)
 
 
 def _lines(ring: Made, rotations: FloatArray, norm: float) -> Iterator[str]:
@@ -225,7 +223,7 @@ def _numbers(values: FloatArray) -> str:
     return " ".join(repr(float(x)) for x in values)
 
 
-def _infeasible(quick: bool) -> Iterator[JudgedPoint]:
+def _infeasible(quick: bool) -> Iterator[ZooPoint]:
     for d, n in itertools.product((2, 3), (20, 200)):
         ring = made.wound(n, 0.3, 1, d)
         mirror = np.diag([1.0] * (d - 1) + [-1.0])
@@ -242,7 +240,7 @@ def _infeasible(quick: bool) -> Iterator[JudgedPoint]:
             yield replace(case, point=Estimate.trusted(rotations))
 
 
-def _stretched(quick: bool) -> Iterator[JudgedPoint]:
+def _stretched(quick: bool) -> Iterator[ZooPoint]:
     """Estimates that cost a multiple of the optimum, moved along the graph's softest mode."""
     for n, d in ((60, 2), (200, 2), (200, 3), (1000, 3)):
         problem = _cycle_problem(n, 0.01, np.random.default_rng(n), d)
@@ -250,10 +248,10 @@ def _stretched(quick: bool) -> Iterator[JudgedPoint]:
         truth = truth_by_form(problem, best, optimum)
         for times in (1.1, 3.2, 10.0):
             point = _soft_move(problem, best, times)
-            yield JudgedPoint(f"{d}D cycle n={n}, {times:g} F*", problem, point, truth)
+            yield ZooPoint(f"{d}D cycle n={n}, {times:g} F*", problem, point, truth)
 
 
-def _garage(quick: bool) -> Iterator[JudgedPoint]:
+def _garage(quick: bool) -> Iterator[ZooPoint]:
     """The same of the parking garage's rotations, where its file is here."""
     if datasets.find(GARAGE) is None:
         return
@@ -264,9 +262,9 @@ def _garage(quick: bool) -> Iterator[JudgedPoint]:
     best = solve(graph).estimate
     # Too large for the oracle: the better point refutes, and that the optimum is one stays open.
     truth = Truth(oracle.cost(problem, best)[1], -math.inf, Known.OPEN)
-    yield JudgedPoint("F*", problem, best, truth)
+    yield ZooPoint("F*", problem, best, truth)
     for times in (1.1, 3.2, 10.0, 100.0):
-        yield JudgedPoint(f"{times:g} F*", problem, _soft_move(problem, best, times), truth)
+        yield ZooPoint(f"{times:g} F*", problem, _soft_move(problem, best, times), truth)
 
 
 def _soft_move(problem: RotationProblem, best: Estimate, times: float) -> Estimate:
@@ -285,12 +283,12 @@ def _soft_move(problem: RotationProblem, best: Estimate, times: float) -> Estima
         return Estimate(so.exp(size * mode[:, None] * axis) @ best.rotations)
 
     low, high = 0.0, 1e-9
-    wanted = times * problem.cost(best)
-    while problem.cost(moved(high)) < wanted:
+    target = times * problem.cost(best)
+    while problem.cost(moved(high)) < target:
         low, high = high, 2.0 * high
     for _ in range(60):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if problem.cost(moved(middle)) < wanted else (low, middle)
+        low, high = (middle, high) if problem.cost(moved(middle)) < target else (low, middle)
     return moved(high)
 
 
@@ -318,22 +316,22 @@ def _cycle_problem(n: int, sigma: float, rng: np.random.Generator, d: int) -> Ro
     return RotationProblem(synthetic.cycle(n, sigma, rng, d).graph)  # type: ignore[arg-type]
 
 
-def _best(ring: Made, name: str) -> JudgedPoint:
+def _best(ring: Made, name: str) -> ZooPoint:
     problem, best, _ = ring.rotations_problem()
-    return JudgedPoint(name, problem, best, truth_by_form(problem, best, ring.optimum))
+    return ZooPoint(name, problem, best, truth_by_form(problem, best, ring.optimum))
 
 
-def _other(ring: Made, name: str) -> JudgedPoint:
+def _other(ring: Made, name: str) -> ZooPoint:
     problem, best, other = ring.rotations_problem()
-    return JudgedPoint(name, problem, other, truth_by_form(problem, best, ring.optimum))
+    return ZooPoint(name, problem, other, truth_by_form(problem, best, ring.optimum))
 
 
-def _both(ring: Made, name: str) -> Iterator[JudgedPoint]:
+def _both(ring: Made, name: str) -> Iterator[ZooPoint]:
     yield _best(ring, f"{name}, at the optimum")
     yield _other(ring, f"{name}, wound up")
 
 
-FAMILIES: dict[str, Callable[[bool], Iterator[JudgedPoint]]] = {
+FAMILIES: dict[str, Callable[[bool], Iterator[ZooPoint]]] = {
     "wound-up cycles": _wound,
     "noisy wound-up cycles, descended": partial(_noisy, True),
     **{

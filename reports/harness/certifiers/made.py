@@ -42,7 +42,7 @@ class Made:
         return RotationProblem(self.graph), Estimate(self.best), Estimate(self.other)
 
     def poses_problem(self, tau: FloatArray) -> tuple[PoseProblem, Estimate, Estimate]:
-        """The same of poses that all stand at one place: F* is that of the rotations."""
+        """The same as poses that are all at one place: F* is that of the rotations."""
         still = np.zeros((self.graph.num_edges, self.d))
         origin = np.zeros((self.n, self.d))
         problem = PoseProblem(PoseGraph(self.graph, still, tau))

@@ -1,6 +1,6 @@
 """The truth in balls: costs, and lower bounds by an interval L D L^T, with python-flint.
 
-Nothing of the package's operators or factorizations takes part. The data are exact: the rotations
+None of the package's operators or factorizations is used. The data are exact: the rotations
 nearest to the stored matrices, enclosed in balls, and the stored translations and weights.
 """
 
@@ -68,7 +68,7 @@ def lower_bound(problem: Problem, point: Estimate, allowed: float) -> float:
 def is_proof(problem: Problem, multipliers: FloatArray) -> bool | None:
     """Whether tr(Lam) is a lower bound: M - blkdiag(0, Lam) is positive semidefinite.
 
-    None where the balls do not tell.
+    None where the balls are too wide to say.
     """
     for bits in (BITS, MORE_BITS):
         with library().ctx.workprec(bits):

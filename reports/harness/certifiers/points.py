@@ -1,4 +1,4 @@
-"""A point before the certifiers, and how the truth about it is known."""
+"""A point that certifiers are tested on, and how the truth about it is known."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ class Truth:
 
 
 @dataclass(frozen=True, eq=False)
-class JudgedPoint:
-    """A problem with a point to judge.
+class ZooPoint:
+    """A problem with a point to certify.
 
     Attributes
     ----------
@@ -109,7 +109,7 @@ def truth_by_search(problem: RotationProblem) -> tuple[Truth, Estimate] | None:
 
 
 def truth_by_oracle(problem: Problem, best: Estimate) -> Truth:
-    """The truth as far as the interval oracle can tell, from the best point in hand."""
+    """The truth as far as the interval oracle knows it, from the best point in hand."""
     _, upper = oracle.cost(problem, best)
     allowed = MARGIN * (RTOL * upper + ATOL * problem.scale)
     lower = oracle.lower_bound(problem, best, allowed)

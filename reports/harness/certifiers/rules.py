@@ -10,7 +10,7 @@ from certpgo.graph import Estimate
 from certpgo.objective.problem import Problem
 
 #: A rule that is given an estimate and returns the one it calls optimal (the same, or where its own
-#: descent ended), or None. InputError says that it does not judge such a thing.
+#: descent ended), or None. It raises InputError for a problem that it does not take.
 Rule = Callable[[Problem, Estimate], Estimate | None]
 
 

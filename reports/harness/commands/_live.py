@@ -1,4 +1,4 @@
-"""How far a run is, on stderr: a live view on a terminal, a line a finished row elsewhere."""
+"""How far a run is, on stderr: a live view on a terminal, one line per finished row elsewhere."""
 
 from __future__ import annotations
 
@@ -48,15 +48,16 @@ class RunView:
         self.refresh()
 
     def show(self, outcome: TaskResult) -> None:
-        """Count what a task gave."""
-        from reports.harness.experiments.records import is_left_out
+        """Count what a task returned."""
+        from reports.harness.experiments.absence import Missing
 
         label = outcome.task.label
-        said = [record.error for record in outcome.records]
-        said += [outcome.figure] if isinstance(outcome.figure, str) else []
-        left_out = sum(map(is_left_out, said))
-        self._left_out[label] += left_out
-        self._failures[label] += sum(map(bool, said)) - left_out
+        absences = [record.absence for record in outcome.records if record.absence]
+        if isinstance(outcome.figure, Missing):
+            absences.append(outcome.figure.absence)
+        failures = sum(absence.is_failure for absence in absences)
+        self._failures[label] += failures
+        self._left_out[label] += len(absences) - failures
         self._results[label] += len(outcome.records)
         if outcome.is_last:
             self.done += outcome.task.steps
@@ -68,11 +69,11 @@ class RunView:
         """Say that a task is done."""
 
     def refresh(self) -> None:
-        """Show the numbers anew."""
+        """Update the numbers."""
 
 
 class LineView(RunView):
-    """A line a finished task."""
+    """One line per finished task."""
 
     def finished(self, label: str, seconds: float) -> None:
         """Say that a task is done."""
@@ -94,7 +95,7 @@ class BarView(RunView):
         self._progress.update(self._bar, running=message)
 
     def refresh(self) -> None:
-        """Show the numbers anew."""
+        """Update the numbers."""
         running = list(self._began)
         first = f"{len(running)} running: {running[0]}" if running else ""
         part = sum(self._results[label] for label in running)
@@ -108,7 +109,7 @@ def watching(tasks: Sequence[Task], *, lines: bool) -> Iterator[RunView]:
 
     Parameters
     ----------
-    lines : where stderr is no terminal, print a line a finished task
+    lines : where stderr is no terminal, print one line per finished task
     """
     if not tasks or not sys.stderr.isatty():
         yield LineView(tasks) if lines else RunView(tasks)

@@ -1,4 +1,4 @@
-"""A table or figure that is asked for: its files, its tasks, and what is printed of it."""
+"""A table or figure to reproduce: its files, its tasks, and what is printed of it."""
 
 from __future__ import annotations
 
@@ -14,25 +14,26 @@ from certpgo.io.plural import counted
 if TYPE_CHECKING:
     from reports.harness.experiments.execute import TaskResult
     from reports.harness.experiments.figure import Figure
+    from reports.harness.experiments.journal import Journal
     from reports.harness.experiments.keys import Profile
     from reports.harness.experiments.plan import FigureTask, TableTask
-    from reports.harness.experiments.records import Journal, Record
+    from reports.harness.experiments.records import Record
     from reports.harness.experiments.spec import Table
 
 
 @dataclass(frozen=True)
 class Order:
-    """What is asked for.
+    """What to reproduce, and how.
 
     Attributes
     ----------
     out : folder for the results
     data : folder to look for files in first
-    seeds : instances that a synthetic row stands for, by default the table's
+    seeds : instances that a synthetic row represents, by default the table's
     quick : the small profile
-    again : do anew what is there
+    again : recompute existing results
     seconds : limit on the time of a method on an instance; None for none
-    named : the rows were asked for by name: one that cannot be read is an error, and only what is
+    named : the rows were given by name: one that cannot be read is an error, and only what is
         computed now is shown
     """
 
@@ -55,21 +56,22 @@ class TableReport:
 
     Attributes
     ----------
-    tasks : what there is to do
-    beside : suffix of the file that is written beside the records
+    tasks : what is left to run
+    companion : suffix of the file that is written with the records
     """
 
-    beside = "md"
+    companion = "md"
 
     def __init__(self, spec: Table, order: Order) -> None:
+        from reports.harness.experiments.journal import Journal
         from reports.harness.experiments.limits import Limit
         from reports.harness.experiments.plan import keys, table_tasks
-        from reports.harness.experiments.records import Journal
+        from reports.harness.experiments.records import Record
 
         self.spec, self._order = spec, order
-        # That there are any rows is said before files are opened.
+        # A table without rows is refused before files are opened.
         self._keys = tuple(keys(spec, quick=order.quick, seeds=order.seeds, data=order.data))
-        self._journal: Journal = Journal(order.out, spec.name)
+        self._journal: Journal[Record] = Journal(order.out, spec.name, Record)
         self._fresh: dict[str, list[Record]] = {}
         self._unread: list[Record] = []
         self.tasks: tuple[TableTask, ...] = table_tasks(
@@ -82,7 +84,7 @@ class TableReport:
         )
 
     def keep(self, outcome: TaskResult) -> None:
-        """Keep records; those of named graphs that were not read, only beside others."""
+        """Keep records; those of named graphs that were not read, only if there are others."""
         for record in outcome.records:
             self._fresh.setdefault(record.key, []).append(record)
             if self._order.named and record.n is None:
@@ -92,7 +94,7 @@ class TableReport:
 
     @property
     def records(self) -> list[Record]:
-        """What there is, in the order of the table."""
+        """The existing records, in the order of the table."""
         from reports.harness.experiments.plan import in_order
 
         found = self._fresh.get if self._order.named else self._journal.find
@@ -100,30 +102,30 @@ class TableReport:
 
     @property
     def unread(self) -> tuple[str, ...]:
-        """Why graphs asked for by name were not read."""
-        return tuple(dict.fromkeys(record.error for record in self._unread))
+        """Why graphs given by name were not read."""
+        return tuple(dict.fromkeys(record.why_missing for record in self._unread))
 
     @property
     def is_any(self) -> bool:
-        """Whether there is a record of more than graphs that were not read."""
+        """Whether there is any record of a graph that was read."""
         return len(self.records) > len(self._unread)
 
     def close(self, *, interrupted: bool) -> Path:
-        """Render what there is; returns the path of the records."""
+        """Render the existing records; returns the path of the records."""
         from certpgo.io.writing import write_whole
-        from reports.harness.rendering.render import markdown
+        from reports.harness.rendering.render import table_markdown
 
         if self.is_any:
             for record in self._unread:
                 self._journal.add(record)
-            text = markdown(self.spec, self.records, interrupted=interrupted)
+            text = table_markdown(self.spec, self.records, interrupted=interrupted)
             write_whole(self._journal.path.with_suffix(".md"), text.encode())
         self._journal.close()
         return self._journal.path
 
     def data(self) -> list[dict[str, Any]]:
         """The records as plain data."""
-        from reports.harness.experiments.records import as_data
+        from reports.harness.experiments.journal import as_data
 
         return [as_data(record) for record in self.records]
 
@@ -140,9 +142,9 @@ class TableReport:
             typer.echo(sentence)
 
     def line(self) -> str:
-        """It in one line."""
+        """A summary in one line."""
         records = self.records
-        failed = sum(bool(record.error) for record in records)
+        failed = sum(bool(record.absence) for record in records)
         said = f", {failed} failed or not run" if failed else ""
         return f"{self.spec.name}: {counted(len(records), 'result{s}')}{said}"
 
@@ -152,12 +154,12 @@ class FigureReport:
 
     Attributes
     ----------
-    tasks : what there is to do
-    beside : suffix of the file that is written beside the drawing
+    tasks : what is left to run
+    companion : suffix of the file that is written with the drawing
     failure : why there is no figure, or empty
     """
 
-    beside = "json"
+    companion = "json"
 
     def __init__(self, spec: Figure, order: Order) -> None:
         from reports.harness.experiments.plan import figure_tasks
@@ -175,11 +177,12 @@ class FigureReport:
 
     def keep(self, outcome: TaskResult) -> None:
         """Write its files, or remember why there are none."""
+        from reports.harness.experiments.absence import Missing
         from reports.harness.experiments.figure import publish
 
-        if isinstance(outcome.figure, str):
-            self.failure = outcome.figure
-        else:
+        if isinstance(outcome.figure, Missing):
+            self.failure = str(outcome.figure)
+        elif outcome.figure is not None:
             publish(self.spec, outcome.figure, self._order.out, profile=self._order.profile)
 
     @property
@@ -204,7 +207,7 @@ class FigureReport:
                 typer.echo(sentence)
 
     def line(self) -> str:
-        """It in one line."""
+        """A summary in one line."""
         return f"{self.spec.name}: {self.failure or ('drawn' if self.data() else 'not drawn')}"
 
 

@@ -28,7 +28,7 @@ def run_report(
     Parameters
     ----------
     pool : where it runs
-    lines : where stderr is no terminal, print a line a finished row
+    lines : where stderr is no terminal, print one line per finished row
     """
     report = _report(spec, order)
     interrupted = _run({spec.name: report}, pool, lines=lines)
@@ -46,9 +46,9 @@ def run_report(
         hint = "" if order.named else "; the same command goes on from there"
         notice(f"interrupted with {report.line()}{hint}")
     elif not report.tasks:
-        notice("nothing was left to do; --again does it anew")
+        notice("Up to date; use --again to recompute")
     if interrupted or not json:
-        notice(f"written to {path} and {path.stem}.{report.beside} beside it")
+        notice(f"written to {path} and {path.stem}.{report.companion}")
     for reason in unread:
         notice(f"not read: {reason}")
     if interrupted:
@@ -57,7 +57,7 @@ def run_report(
 
 
 def run_all(names: Iterable[str], order: Order, pool: Pool, *, json: bool) -> int:
-    """Run tables and figures as one, print a line each, and write them into a folder."""
+    """Run tables and figures together, print one line for each, and write them into a folder."""
     from reports.harness.experiments import scan
 
     reports: dict[str, Report] = {}
@@ -78,7 +78,7 @@ def run_all(names: Iterable[str], order: Order, pool: Pool, *, json: bool) -> in
     for name, reason in skipped.items():
         notice(f"{name}: {reason}")
     if not any(report.tasks for report in reports.values()):
-        notice("nothing was left to do; --again does it anew")
+        notice("Up to date; use --again to recompute")
     if not interrupted:
         notice(f"written to {order.out}")
         return 0

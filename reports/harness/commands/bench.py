@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,6 +13,8 @@ from certpgo.cli._show import document, notice, table, working
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
+    from reports.harness.certifiers.zoo_records import ZooRecord
+    from reports.harness.experiments.journal import JournalEntry
     from reports.harness.experiments.records import Record
 
 
@@ -45,19 +48,20 @@ def command(
 
     scale solves synthetic graphs of growing size, each in a process of its own: time, memory,
     slope, verdict. zoo puts points of known truth, most of them adversarial, before our certifier
-    and the competitors', and counts what is false. What is in the results folder already is taken
-    from there, so that a run that was interrupted goes on.
+    and the competitors', and counts what is false. Existing results in the folder are
+    reused, so that an interrupted run resumes.
     """
+    records: Sequence[JournalEntry]
     if what == "scale":
-        records = _scale(family, sizes, quick, seed, out, not json)
-        code = int(any(record.error for record in records))
+        records = measured = _scale(family, sizes, quick, seed, out, not json)
+        code = int(any(record.absence for record in measured))
     elif what == "zoo":
-        records = _zoo(campaign, quick, processes, out, not json)
-        code = int(any(record.note for record in records))
+        records = certified = _zoo(campaign, quick, processes, out, not json)
+        code = int(any(record.faults for record in certified))
     else:
         raise InputError(f"unknown benchmark {what!r}; known: scale, zoo")
     if json:
-        from reports.harness.experiments.records import as_data
+        from reports.harness.experiments.journal import as_data
 
         document([as_data(record) for record in records])
     else:
@@ -65,19 +69,19 @@ def command(
     return code
 
 
-def _zoo(campaign: int, quick: bool, processes: int, out: Path, shown: bool) -> list[Record]:
+def _zoo(campaign: int, quick: bool, processes: int, out: Path, shown: bool) -> list[ZooRecord]:
     from certpgo.io.writing import write_whole
-    from reports.harness.certifiers import run
-    from reports.harness.certifiers import summary as report
-    from reports.harness.experiments.records import Ledger
+    from reports.harness.certifiers import summary, zoo
+    from reports.harness.certifiers.zoo_records import FILE, ZooRecord
+    from reports.harness.experiments.journal import Journal
 
-    ledger = Ledger(out, run.TABLE)
+    journal = Journal(out, FILE, ZooRecord)
     with working("zoo") as status:
-        jobs = run.jobs(campaign, quick)
-        records = list(run.run_jobs(ledger, jobs, processes=processes, announce=status.update))
-    write_whole(out / f"{run.TABLE}.md", report.markdown(records).encode())
+        jobs = zoo.jobs(campaign, quick)
+        records = list(zoo.run_jobs(journal, jobs, processes=processes, announce=status.update))
+    write_whole(out / f"{FILE}.md", summary.zoo_markdown(records).encode())
     if shown:
-        table("points judged, and what was false", *report.totals(records))
+        table("points, and what was false", *summary.totals(records))
     return records
 
 
@@ -89,25 +93,25 @@ def _scale(
     out: Path,
     shown: bool,
 ) -> list[Record]:
-    from certpgo.linalg.factor import default_engine
-    from reports.harness.experiments.records import Ledger
+    from reports.harness.experiments.journal import Journal
+    from reports.harness.experiments.records import Record
     from reports.harness.scaling import scale
 
     names = family or list(scale.FAMILIES)
     chosen = {name: scale.family(name) for name in names}
     everything: list[Record] = []
     for name, known in chosen.items():
-        wanted = sizes or (known.quick if quick else known.sizes)
-        ledger = Ledger(out, f"scale_{name}")
+        chosen_sizes = sizes or (known.quick if quick else known.sizes)
+        journal = Journal(out, scale.file_name(name), Record)
         records: list[Record] = []
         with working(name) as status:
-            for size in wanted:
+            for size in chosen_sizes:
                 status.update(f"{name}, size {size}")
-                record = ledger.find(scale.label(name, size), seed, default_engine())
-                if record is None:
-                    record = scale.measure(name, size, seed)
-                    ledger.add(record)
-                records.append(record)
+                kept = journal.find(scale.graph_key(name, size, seed))
+                if not kept or kept[0].absence:
+                    kept = (scale.measure(name, size, seed),)
+                    journal.add(kept[0])
+                records += kept
         everything += records
         if shown:
             _show(name, records, scale.slope(records))
@@ -126,7 +130,7 @@ def _show(name: str, records: list[Record], slope: float) -> None:
             f"{r.metrics.get('median_seconds', float('nan')):.2f}",
             f"{r.metrics.get('memory_gb', float('nan')):.2f}",
             work(r),
-            r.error,
+            r.why_missing,
         )
         for r in records
     ]

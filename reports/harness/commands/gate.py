@@ -14,11 +14,11 @@ from certpgo.errors import InputError
 if TYPE_CHECKING:
     from reports.harness.experiments.regression import GateFindings, Key, Movement, Records
 
-#: Exit code when something moved that must not.
+#: Exit code when a value got worse or differs.
 FAILED = 7
-#: Records that are named where some are on one side alone; --json has all.
+#: How many records are named of those on one side alone; --json has all.
 NAMED = 5
-#: Text of a cell, longer ones are cut.
+#: Longest text of a cell; longer ones are cut.
 CELL = 60
 
 
@@ -53,10 +53,10 @@ def command(
 ) -> int:
     """Compare results with the committed ones; exit code 7 when a value got worse or differs."""
     from certpgo import registry
+    from reports.harness.experiments.metrics import TIMES
     from reports.harness.experiments.regression import (
         FIXED,
-        TIMES,
-        findings,
+        compare_records,
         load_records,
         run_quick,
     )
@@ -71,7 +71,7 @@ def command(
     else:
         with working("the fixed set") as status:
             records, refused = run_quick(FIXED, data, status.update)
-    found = findings(records, committed, times=times or TIMES)
+    found = compare_records(records, committed, times=times or TIMES)
     if not found.compared:
         raise InputError(f"nothing to compare: {against} has none of these records")
     holds = found.holds(complete=complete)

@@ -28,16 +28,16 @@ def command(
     from certpgo.cli._writing import refuse_unwritable
     from certpgo.io.writing import atomically
     from reports.harness.rendering.index import summary
-    from reports.harness.rendering.publication import page, write
+    from reports.harness.rendering.publication import report_html, write_report
     from reports.harness.rendering.results import gather
 
     refuse_unwritable(html)
     require_pages(html)
     with working("reading the results"):
         report = gather(results or registry.repository() / "reports" / "results")
-        path = write(report, out)
+        path = write_report(report, out)
         if html is not None:
-            text = page(report)
-            atomically(html, lambda beside: beside.write_text(text, "utf-8", newline="\n"))
+            text = report_html(report)
+            atomically(html, lambda path: path.write_text(text, "utf-8", newline="\n"))
     typer.echo(summary(report.tables, report.figures))
-    notice(f"written to {path}, with the tables and figures beside it")
+    notice(f"written to {path}, with the tables and figures in the same folder")

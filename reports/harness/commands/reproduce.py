@@ -1,4 +1,4 @@
-"""certpgo reproduce: papers' tables, our numbers beside the printed ones, and figures."""
+"""certpgo reproduce: papers' tables, our numbers next to the printed ones, and figures."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def command(
     ] = None,
     every: Annotated[bool, typer.Option("--all", help="All tables and figures.")] = False,
     seeds: Annotated[
-        int | None, typer.Option("--seeds", min=1, help="Instances a synthetic row stands for.")
+        int | None, typer.Option("--seeds", min=1, help="Instances of a synthetic row.")
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="The small profile only.")] = False,
     jobs: Annotated[int, typer.Option("--jobs", min=1, help="Rows to run at once.")] = 1,
@@ -26,7 +26,7 @@ def command(
         str,
         typer.Option("--scheduler", metavar="ADDR", help="Of a cluster: tcp://... or ray://..."),
     ] = "",
-    again: Annotated[bool, typer.Option("--again", help="Do anew what is there.")] = False,
+    again: Annotated[bool, typer.Option("--again", help="Recompute existing results.")] = False,
     time_limit: Annotated[
         float,
         typer.Option("--time-limit", min=0.001, metavar="S", help="Seconds, of each method."),
@@ -41,7 +41,7 @@ def command(
 ) -> int:
     """Run tables of papers and say which printed numbers ours agree with; draw figures.
 
-    Only what has no result yet is run: a run that was stopped goes on.
+    Only missing results are computed, so that an interrupted run resumes.
     """
     from reports.harness.experiments import scan
     from reports.harness.experiments.execute import Pool
@@ -50,7 +50,7 @@ def command(
     if every == (name is not None):
         raise InputError("give the name of a table or figure, or --all")
     pool = Pool(jobs, scheduler)
-    # A quick run is no result of the report, and must not pass for one.
+    # Results of a quick run must not be taken for the report's.
     folder = out / "quick" if quick else out
     order = Order(folder, data, seeds, quick=quick, again=again, seconds=time_limit)
     if name is None:

@@ -1,4 +1,4 @@
-"""Many instances of a row as one record a method: means or medians, and tallies of verdicts."""
+"""Many instances of a row as one record per method: means or medians, and tallies of verdicts."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from statistics import fmean, quantiles
-from typing import Literal
+from typing import Any, Literal
 
+from reports.harness.experiments.absence import Absence
 from reports.harness.experiments.records import Record
 
 #: What the metrics of lower and upper quartiles are called, after the metric.
@@ -15,10 +16,10 @@ LOWER, UPPER = ".lower", ".upper"
 
 
 def summarized(records: Iterable[Record], summary: Literal["mean", "median"]) -> list[Record]:
-    """One record a method, in the order of their first ones.
+    """One record per method, in the order of their first ones.
 
-    Metrics are means or medians over the records that have them, the latter with quartiles beside;
-    times and counts are means; of texts, each with how many have it.
+    Metrics are means or medians over the records that have them, the latter with quartiles;
+    times and counts are means; texts are tallied.
     """
     by_method: dict[str, list[Record]] = {}
     for record in records:
@@ -32,7 +33,6 @@ def _summary(group: Sequence[Record], summary: Literal["mean", "median"]) -> Rec
     of_metrics = _means if summary == "mean" else _quartiles
     steps = [r.iterations for r in group if r.iterations is not None]
     counts = _means([r.counts for r in group])
-    failed = [r.error for r in group if r.error]
     return replace(
         group[0],
         metrics=of_metrics([r.metrics for r in group]),
@@ -43,7 +43,7 @@ def _summary(group: Sequence[Record], summary: Literal["mean", "median"]) -> Rec
         certified_by=_each(group),
         status=_tally(r.status for r in group),
         note=group[0].note if len({r.note for r in group}) == 1 else "",
-        error=_failures(failed, len(group)),
+        **_failures(group),
     )
 
 
@@ -70,15 +70,19 @@ def _tally(texts: Iterable[str]) -> str:
 
 
 def _each(group: Sequence[Record]) -> str:
-    """The bounds that hold, each with how often unless it is always."""
+    """The bounds that hold, each with how often, unless it always holds."""
     held = Counter(name for r in group for name in r.certified_by.split(", ") if name)
     always = sum(bool(r.certified_by) for r in group)
     return ", ".join(name if k == always else f"{name} ({k})" for name, k in held.items())
 
 
-def _failures(errors: Sequence[str], runs: int) -> str:
-    if not errors:
-        return ""
-    if len(errors) == runs and len(set(errors)) == 1:
-        return errors[0]
-    return f"{len(errors)} of {runs}: {errors[0]}"
+def _failures(group: Sequence[Record]) -> dict[str, Any]:
+    """Why there are no results, where some are missing: the first reason, and how often."""
+    failed = [record for record in group if record.absence]
+    if not failed:
+        return {}
+    first = failed[0]
+    if len(failed) == len(group) and len({(r.absence, r.error) for r in failed}) == 1:
+        return {"absence": first.absence, "error": first.error}
+    said = f"{len(failed)} of {len(group)}: {first.why_missing}"
+    return {"absence": Absence.FAILED, "error": said}

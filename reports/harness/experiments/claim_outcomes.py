@@ -1,4 +1,4 @@
-"""What became of the claims of a table or figure."""
+"""Outcomes of the claims of a table or figure."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from reports.harness.experiments.spec import Table
 
 
 class ClaimStatus(StrEnum):
-    """What became of a claim."""
+    """The outcome of a claim."""
 
     HOLDS = "holds"
     DIFFERS = "differs"
@@ -24,12 +24,12 @@ class ClaimStatus(StrEnum):
 
 @dataclass(frozen=True)
 class ClaimOutcome:
-    """A claim and what became of it.
+    """A claim and its outcome.
 
     Attributes
     ----------
-    held, decided, asked : of a claim about each row, in how many rows it holds, in how many that
-        can be told, and in how many it was asked; of others, of one
+    held, decided, asked : of a claim about each row, in how many rows it holds, how many could
+        be decided, and how many it is about; of others, out of one
     """
 
     claim: Claim
@@ -39,8 +39,8 @@ class ClaimOutcome:
     asked: int
 
     @property
-    def said(self) -> str:
-        """What became of it, in words."""
+    def in_brief(self) -> str:
+        """The outcome in words."""
         if not self.claim.each or self.found is ClaimStatus.NOT_RUN:
             return self.found.value
         part = f"in {self.held} of {counted(self.decided, 'row{s}')}"
@@ -51,14 +51,14 @@ class ClaimOutcome:
         return f"differs: holds {part}{left}"
 
     @property
-    def told(self) -> str:
-        """The same, with what is to be remarked where it does not hold."""
+    def in_full(self) -> str:
+        """The same, with the remark where it does not hold."""
         remark = "" if self.found is ClaimStatus.HOLDS else self.claim.remark
-        return ". ".join(filter(None, (self.said, remark)))
+        return ". ".join(filter(None, (self.in_brief, remark)))
 
 
 def of_table(table: Table, records: Iterable[Record]) -> tuple[ClaimOutcome, ...]:
-    """What became of the table's claims."""
+    """The outcomes of the table's claims."""
     by_row: dict[str, list[Record]] = {row.label: [] for row in table.rows}
     for record in records:
         by_row.setdefault(record.row, []).append(record)
@@ -68,7 +68,7 @@ def of_table(table: Table, records: Iterable[Record]) -> tuple[ClaimOutcome, ...
 
 
 def of_figure(figure: Figure, data: Data | None) -> tuple[ClaimOutcome, ...]:
-    """What became of the figure's claims; ``data`` is its record, or None without one."""
+    """The outcomes of the figure's claims; ``data`` is its record, or None without one."""
     return tuple(
         _decided(claim, [None if data is None else claim.holds(data)]) for claim in figure.claims
     )
@@ -82,10 +82,10 @@ def _outcome(claim: Claim, by_row: Mapping[str, Sequence[Record]]) -> ClaimOutco
     return _decided(claim, [claim.holds(group) if group else None for group in groups])
 
 
-def _decided(claim: Claim, answers: Sequence[bool | None]) -> ClaimOutcome:
-    told = [answer for answer in answers if answer is not None]
-    held = sum(told)
-    found = ClaimStatus.NOT_RUN
-    if told:
-        found = ClaimStatus.HOLDS if held >= claim.share * len(told) else ClaimStatus.DIFFERS
-    return ClaimOutcome(claim, found, held, len(told), len(answers))
+def _decided(claim: Claim, found: Sequence[bool | None]) -> ClaimOutcome:
+    decided = [holds for holds in found if holds is not None]
+    held = sum(decided)
+    status = ClaimStatus.NOT_RUN
+    if decided:
+        status = ClaimStatus.HOLDS if held >= claim.share * len(decided) else ClaimStatus.DIFFERS
+    return ClaimOutcome(claim, status, held, len(decided), len(found))

@@ -1,4 +1,4 @@
-"""What a paper says of its table or figure in words, and whether our records bear it out."""
+"""What a paper says of its table or figure in words, and whether our records confirm it."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from certpgo.errors import SpecError
 if TYPE_CHECKING:
     from reports.harness.experiments.records import Record
 
-#: Asked of records, one an instance and method (means or medians, where the table shows those), or
-#: of a figure's record; None where what it needs was not run.
+#: Whether a claim holds for records, one for each instance and method (means or medians, where the
+#: table shows those), or for a figure's record; None where what it needs was not run.
 Holds = Callable[[Any], bool | None]
 
 
@@ -23,12 +23,12 @@ class Claim:
     Attributes
     ----------
     text : the sentence, quoted or shortened
-    holds : whether it is so
-    source : where it stands
-    each : it is said of every row: ``holds`` is asked of the records of each in turn
-    share : the share of the rows of which it must be so, where a paper says "nearly all"
+    holds : whether it is true
+    source : where it is made
+    each : it is about every row: ``holds`` is called with the records of each in turn
+    share : the share of the rows for which it must hold, where a paper says "nearly all"
     rows : labels of the rows it is about; empty for all
-    remark : what is to be said where ours differ, or why nobody can tell
+    remark : what explains that ours differ, or why it cannot be decided
     """
 
     text: str
@@ -80,14 +80,14 @@ def within(metric: str, method: str, lower: float, upper: float) -> Holds:
 
 
 def together(*conditions: Holds) -> Holds:
-    """Whether all hold of those that can be told."""
+    """Whether all hold of those that can be decided."""
 
     def holds(records: Any) -> bool | None:
-        told = [answer for c in conditions if (answer := c(records)) is not None]
-        return all(told) if told else None
+        found = [held for c in conditions if (held := c(records)) is not None]
+        return all(found) if found else None
 
     return holds
 
 
 def unknown(records: Any) -> None:
-    """Nobody can tell: what the claim is about cannot be run."""
+    """Undecided: what the claim is about cannot be run."""

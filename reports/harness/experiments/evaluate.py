@@ -1,4 +1,4 @@
-"""The judge of tables: metrics come from the problem and the certificate, never from a method."""
+"""Evaluates estimates: metrics come from the problem and the certificate, never from a method."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize import newton, spectral
 from certpgo.optimize.solution import Solution
 from certpgo.solvers.certified.pipeline import solve
-from reports.harness.experiments.spec import GRAPH_METRICS, SAFE_ANGLES, TRUTH_METRICS
+from reports.harness.experiments.metrics import METRICS, Needs, needing
 
 #: Nodes of which the truth is known, and theirs.
 Truth = tuple[IntArray, Estimate]
@@ -29,23 +29,24 @@ SAME, SAME_SCALE = 1e-6, 1e-12
 
 
 def of_graph(keys: Iterable[str], problem: Problem) -> dict[str, float]:
-    """Eigenvalues of the problem: the smallest of the connection Laplacian, and Fiedler's.
+    """Metrics of the graph alone, those asked for, and residual-angle bounds.
 
-    And the angles that follow from Fiedler's.
+    Eigenvalues are the smallest of the connection Laplacian, and Fiedler's, from which the bounds
+    follow.
     """
-    wanted = [key for key in keys if key in GRAPH_METRICS + SAFE_ANGLES]
+    asked = needing(keys, Needs.GRAPH, Needs.RESIDUAL_BOUND)
     values: dict[str, float] = {}
-    if any(key.startswith("lambda") for key in wanted):
+    if any(key.startswith("lambda") for key in asked):
         smallest = spectral.smallest_eigenpairs(problem.rotation).values
         values = {f"lambda{k}": float(value) for k, value in enumerate(smallest, start=1)}
-    if {"fiedler", "alpha_max_deg"} & set(wanted):
+    if {"fiedler", "alpha_max_deg"} & set(asked):
         values["fiedler"] = fiedler_value(problem.rotation)
         connectivity = values["fiedler"] / float(problem.rotation.node_weights.max())
         values["alpha_max_deg"] = math.degrees(alpha_max(connectivity))
-    if "normalized_alpha_max_deg" in wanted:
+    if "normalized_alpha_max_deg" in asked:
         nu = normalized_fiedler_value(problem.rotation)
         values["normalized_alpha_max_deg"] = math.degrees(alpha_max(nu))
-    return {key: values[key] for key in wanted if key in values}
+    return {key: values[key] for key in asked if key in values}
 
 
 def optimum(problem: Problem) -> float | None:
@@ -57,9 +58,9 @@ def optimum(problem: Problem) -> float | None:
 
 
 def certified_by(problem: Problem, certificate: Certificate) -> str:
-    """Which bounds show the stationary point beside an answer, or itself, to be optimal.
+    """Which bounds prove the estimate, or the stationary point near it, optimal.
 
-    Those by angles speak of stationary rotations alone, and say nothing of poses.
+    Residual-angle bounds are about stationary rotations alone, not about poses.
     """
     b, point = certificate.bounds, certificate.refined
     holding = []
@@ -85,7 +86,7 @@ def certified_by(problem: Problem, certificate: Certificate) -> str:
 def of_estimate(
     keys: Iterable[str],
     problem: Problem,
-    judge: Problem,
+    evaluated: Problem,
     solution: Solution,
     certificate: Certificate | None,
     certify_seconds: float = 0.0,
@@ -94,19 +95,21 @@ def of_estimate(
     outliers: BoolArray | None = None,
     other: Estimate | None = None,
 ) -> dict[str, float]:
-    """The metrics asked for.
+    """The metrics of an estimate: those of the keys, and those that cost nothing.
 
     Parameters
     ----------
     problem : the problem that was solved; F, bounds and gaps refer to it
-    judge : the problem whose graph the thesis' metrics are evaluated on
+    evaluated : the problem whose graph the thesis' metrics are evaluated on
     certificate : of the estimate, or None; of a robust method's, for the measurements it kept
     best : F of the optimum, or None
     truth : the nodes of which it is known, and theirs, or None
     outliers : (m,) True where a measurement is known to be wrong, or None
-    other : another answer, which this one is compared with, or None
+    other : another estimate, which this one is compared with, or None
     """
     keys, estimate = tuple(keys), solution.estimate
+    if of_graph_alone := needing(keys, Needs.GRAPH):
+        raise SpecError(f"{', '.join(of_graph_alone)}: of a graph, not of an estimate")
     cost = problem.cost(estimate)
     values = {"cost": cost}
     if {"max_residual_deg", "median_residual_deg", "within_2_deg_percent"} & set(keys):
@@ -120,21 +123,18 @@ def of_estimate(
         values["error"] = cost - best
         reached = cost - best <= SAME * best + SAME_SCALE * problem.scale
         values["global_percent"] = 100.0 * reached
-    if set(keys) & set(SAFE_ANGLES):
-        values.update(of_graph(SAFE_ANGLES, problem))
-    if truth is not None and set(keys) & set(TRUTH_METRICS):
+    if needing(keys, Needs.RESIDUAL_BOUND):
+        values.update(of_graph(needing(METRICS, Needs.RESIDUAL_BOUND), problem))
+    if truth is not None and needing(keys, Needs.TRUTH):
         values.update(_against_truth(estimate, truth))
     if solution.weights is not None:
         values.update(_kept(solution.weights, outliers))
     if solution.lower_bound is not None:
         values["own_bound"] = solution.lower_bound
-    for key in keys:
-        if key == "f_ml":
-            values[key] = metrics.f_ml(judge.graph, estimate)
-        elif key == "mean_symmetry" and isinstance(judge, PoseProblem):
-            values[key] = metrics.mean_symmetry(judge.graph, estimate)
-        elif key in GRAPH_METRICS:
-            raise SpecError(f"{key} belongs to a graph, not to an estimate")
+    if "f_ml" in keys:
+        values["f_ml"] = metrics.f_ml(evaluated.graph, estimate)
+    if "mean_symmetry" in keys and isinstance(evaluated, PoseProblem):
+        values["mean_symmetry"] = metrics.mean_symmetry(evaluated.graph, estimate)
     if certificate is not None:
         values["lower_bound"] = certificate.lower_bound
         values["gap"] = certificate.gap

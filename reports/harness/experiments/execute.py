@@ -1,6 +1,6 @@
 """Runs tasks: one by one here, or by joblib in processes of this machine or on a cluster.
 
-Results come back as they are made, to this process alone. Tasks whose numbers are times run after
+Results are returned to this process as they are made. Tasks whose numbers are times run after
 the others, one at a time.
 """
 
@@ -18,8 +18,9 @@ from typing import Any
 
 from certpgo import registry
 from certpgo.errors import InputError, MissingDependency
+from reports.harness.experiments.absence import DIED, Missing
 from reports.harness.experiments.figure import Data
-from reports.harness.experiments.plan import DIED, FigureTask, TableTask, Task, run_task
+from reports.harness.experiments.plan import FigureTask, TableTask, Task, run_task
 from reports.harness.experiments.records import Record
 from reports.harness.experiments.runner import Announce
 
@@ -27,24 +28,24 @@ from reports.harness.experiments.runner import Announce
 DASK, RAY = "tcp://", "ray://"
 #: What joblib's backends raise for a worker that died: two of this machine's, Dask's, Ray's.
 DEATHS = ("TerminatedWorkerError", "BrokenProcessPool", "KilledWorker", "ActorDiedError")
-#: Seconds in which a cluster that has no worker must get one.
+#: Seconds to wait for a cluster's first worker.
 PATIENCE = 120
 
 
 @dataclass(frozen=True)
 class TaskResult:
-    """What a task gave.
+    """What a task returned.
 
     Attributes
     ----------
     records : of a table's task: all, or those since its last outcome
-    figure : of a figure's task: its record, or why there is none
+    figure : of a figure's task: its record, or why there is none; None of a table's
     is_last : the task is done
     """
 
     task: Task
     records: Sequence[Record] = ()
-    figure: Data | str = ""
+    figure: Data | Missing | None = None
     is_last: bool = True
 
 
@@ -84,19 +85,19 @@ class Pool:
 def execute(
     tasks: Iterable[Task], pool: Pool, *, announce: Announce, starting: Callable[[Task], None]
 ) -> Generator[TaskResult]:
-    """Run all tasks and yield what they give, in the order in which it is there.
+    """Run all tasks and yield their results as they are ready.
 
-    Whoever stops early, by an interrupt or an error, stops the workers.
+    An interrupt or an error stops the workers.
 
     Parameters
     ----------
-    announce : told what runs, where that is known
-    starting : told each task when its turn has come, perhaps from another thread
+    announce : called with what runs, where that is known
+    starting : called with each task before it runs, perhaps from another thread
 
     Raises
     ------
     InputError
-        The scheduler does not answer.
+        The scheduler does not respond.
     MissingDependency
         The package that speaks to it is not installed.
     """
@@ -136,12 +137,12 @@ def _stating(outcome: TaskResult, alone: str) -> TaskResult:
 def _all(
     tasks: Sequence[Task], connect: Callable[[], Any], jobs: int, starting: Callable[[Task], None]
 ) -> Iterator[TaskResult]:
-    """Run tasks in workers; one whose worker died, and then died again alone, has failed."""
+    """Run tasks in workers; one whose worker died, also when it ran alone, has failed."""
     left = dict(enumerate(tasks))
     suspects: list[int] = []
     while left:
         running: set[int] = set()
-        # Of those that ran when a worker died, nobody knows which it was: they go one by one.
+        # Any of those that ran when a worker died may have killed it: they run one by one.
         turn = suspects[:1] or list(left)
         dispatched = _dispatched({number: left[number] for number in turn}, running, starting)
         try:
@@ -180,7 +181,7 @@ def _parallel(connect: Callable[[], Any], jobs: int, calls: Iterator[Any]) -> It
             for batch in iter(lambda: list(islice(calls, jobs)), []):
                 yield from Parallel(n_jobs=max(jobs, 2), batch_size=1)(batch)
             return
-        # No more are handed out than run, so that a death leaves few suspects.
+        # Only as many are dispatched as run, so that a death leaves few suspects.
         yield from Parallel(
             n_jobs=max(jobs, 2),  # one job would be this process
             return_as="generator_unordered",
@@ -189,7 +190,7 @@ def _parallel(connect: Callable[[], Any], jobs: int, calls: Iterator[Any]) -> It
         )(calls)
 
 
-def _in_worker(number: int, task: Task) -> tuple[int, list[Record] | Data | str]:
+def _in_worker(number: int, task: Task) -> tuple[int, list[Record] | Data | Missing]:
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends its workers
     if isinstance(task, TableTask):
@@ -217,16 +218,16 @@ def _connection(pool: Pool, stack: ExitStack) -> tuple[Callable[[], Any], int]:
         cores = _connect_ray(pool.scheduler, stack)
         return lambda: parallel_config("ray"), cores
     client = stack.enter_context(_dask_client(pool.scheduler))
-    backend = _telling_of_deaths()
+    backend = _backend_reporting_deaths()
     waiting = {"wait_for_workers_timeout": PATIENCE}
     return lambda: parallel_config(backend(client=client, **waiting)), pool.jobs
 
 
-def _telling_of_deaths() -> Any:
-    """Joblib's backend for Dask; its own waits forever for a task that killed its workers."""
+def _backend_reporting_deaths() -> Any:
+    """Joblib's backend for Dask; joblib's own waits forever for a task that killed its workers."""
     from joblib._dask import DaskDistributedBackend
 
-    class Telling(DaskDistributedBackend):  # type: ignore[misc]
+    class Reporting(DaskDistributedBackend):  # type: ignore[misc]
         def effective_n_jobs(self, n_jobs: int) -> Any:
             return max(2, super().effective_n_jobs(n_jobs))  # one job would be this process
 
@@ -240,7 +241,7 @@ def _telling_of_deaths() -> Any:
                 out.result() if isinstance(out, Future) else out
             )
 
-    return Telling
+    return Reporting
 
 
 def _dask_client(address: str) -> Any:
@@ -252,7 +253,7 @@ def _dask_client(address: str) -> Any:
         connect: Any = Client
         return connect(address, timeout="10s", set_as_default=False)
     except OSError:
-        raise InputError(f"{address}: no scheduler of Dask answers there") from None
+        raise InputError(f"{address}: no Dask scheduler responds there") from None
 
 
 def _connect_ray(address: str, stack: ExitStack) -> int:
@@ -267,7 +268,7 @@ def _connect_ray(address: str, stack: ExitStack) -> int:
     except ValueError:
         raise MissingDependency("Ray's client", package="'ray[client]'") from None
     except (OSError, RuntimeError):
-        raise InputError(f"{address}: no scheduler of Ray answers there") from None
+        raise InputError(f"{address}: no Ray scheduler responds there") from None
     stack.callback(cluster.shutdown)
     cluster.util.joblib.register_ray()
     cores = int(cluster.cluster_resources().get("CPU", 0))

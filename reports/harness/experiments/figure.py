@@ -56,13 +56,13 @@ class Figure:
     ----------
     name : name of its file
     title, source : heading, and the citation of the figure it is compared with
-    compute : the record: everything that is drawn, and the numbers that the caption states. Told
-        whether to make the quick profile's small one, and the folder to look for files in first;
-        raises InputError where they are not here
-    draw : draws the record, told a Matplotlib figure and the record
+    compute : the record: everything that is drawn, and the numbers that the caption states. Called
+        with whether to make the quick profile's small one, and the folder to look for files in
+        first; raises InputError where they are not here
+    draw : draws the record, called with a Matplotlib figure and the record
     caption : a format string whose fields are the record's
     notes : sentences printed below the caption
-    claims : what the paper says of it in words, asked of the record
+    claims : what the paper says of it in words, checked against the record
     timed : it shows times, so that nothing else may run while it is computed
     """
 
@@ -99,14 +99,14 @@ def computed(figure: Figure, *, quick: bool = False, data: Path | None = None) -
 
 
 def figure_key(figure: Figure, profile: Profile) -> str:
-    """What a figure's record is of: its name, its profile and the version that computed it."""
+    """The key of a figure's record: of its name, its profile and the version that computed it."""
     from certpgo import __version__
 
     return content_key({"figure": figure.name, "profile": profile, "version": __version__})
 
 
 def document(figure: Figure, record: Data, *, profile: Profile = "full") -> Data:
-    """The record with what it is of, and what made it."""
+    """The record with what it shows and its provenance."""
     return {
         "figure": figure.name,
         "key": figure_key(figure, profile),
@@ -120,8 +120,8 @@ def document(figure: Figure, record: Data, *, profile: Profile = "full") -> Data
     }
 
 
-def rendered(figure: Figure, record: Data, form: str = "svg") -> bytes:
-    """The drawing, the same bytes every time.
+def figure_bytes(figure: Figure, record: Data, form: str = "svg") -> bytes:
+    """The drawing; the same record gives the same bytes.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def rendered(figure: Figure, record: Data, form: str = "svg") -> bytes:
 
     stream = io.BytesIO()
     with mpl.rc_context():
-        mpl.rcdefaults()  # whatever the reader's own settings are
+        mpl.rcdefaults()  # not the reader's own settings
         settings: Any = {**STYLE, "svg.hashsalt": figure.name}
         mpl.rcParams.update(settings)
         canvas = Canvas(layout="constrained")
@@ -146,7 +146,7 @@ def rendered(figure: Figure, record: Data, form: str = "svg") -> bytes:
 
 
 def read_figure(figure: Figure, folder: Path) -> Data | None:
-    """The figure's document in the folder, or None where there is none, or half of one."""
+    """The figure's document in the folder, or None where it is missing or incomplete."""
     try:
         kept = json.loads((folder / f"{figure.name}.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -163,7 +163,7 @@ def publish(figure: Figure, record: Data, folder: Path, *, profile: Profile = "f
     InputError
         The folder cannot be written to.
     """
-    drawing = rendered(figure, record)
+    drawing = figure_bytes(figure, record)
     text = _text(document(figure, record, profile=profile))
     folder_to_write(folder)
     write_whole(folder / f"{figure.name}.json", text.encode() + b"\n")

@@ -9,10 +9,11 @@ import numpy as np
 
 from certpgo import datasets
 from certpgo.datasets.source import resolve
-from certpgo.errors import InputError, SpecError
+from certpgo.errors import SpecError
 from certpgo.graph import Estimate, Instance
 from certpgo.graph.components import restricted, rotations_alone
 from certpgo.linalg.arrays import IntArray
+from reports.harness.experiments.absence import Absence, NotRun
 from reports.harness.experiments.spec import Row
 
 
@@ -35,7 +36,7 @@ def load_row(row: Row, data: Path | None, seed: np.random.SeedSequence | None) -
     if row.known:
         truth = known_truth(row, instance, data)
         if truth is None:
-            raise InputError("not run: no truth here")
+            raise NotRun(Absence.NOT_HERE, "no truth here")
         nodes = np.sort(truth[0])
         instance = restricted(
             instance, nodes, f"{instance.name} [{len(nodes)} nodes of known truth]"
@@ -48,7 +49,7 @@ def _load(row: Row, data: Path | None, seed: np.random.SeedSequence | None) -> I
         return _generate(row, data, seed or np.random.SeedSequence(0))
     source = resolve(row.dataset, data)
     if not source.is_here:
-        raise InputError("not run: file not here")
+        raise NotRun(Absence.NOT_HERE, "file not here")
     return source.graph(download=False, quiet=True, **row.reading)
 
 
@@ -76,8 +77,11 @@ def _generate(row: Row, data: Path | None, seed: np.random.SeedSequence) -> Inst
     if row.generator not in families:
         raise SpecError.unknown("generator", row.generator, families)
     family = families[row.generator]
-    # Of families that read a file, the folder to look in first.
-    folder = {"data": data} if "data" in family.__annotations__ else {}
+    folder = {}
+    if "data" in family.__annotations__:  # it reads a dataset's file
+        if datasets.find(row.arguments["name"], data) is None:
+            raise NotRun(Absence.NOT_HERE, "file not here")
+        folder = {"data": data}
     instance: Instance = family(**row.arguments, **folder, rng=np.random.default_rng(seed))
     return instance
 

@@ -1,4 +1,4 @@
-"""Content keys: equal where a run would do the same again, whatever the captions say."""
+"""Content keys: equal where a run would repeat the same work, whatever the captions are."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import json
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from reports.harness.experiments.spec import COMPARING, Method, Row, Table
+from reports.harness.experiments.metrics import Needs, needing
+from reports.harness.experiments.spec import Method, Row, Table
 
 Profile = Literal["quick", "full"]
 
@@ -18,7 +19,7 @@ DIGITS = 16
 def record_key(
     table: Table, row: Row, place: int, method: Method, repetition: int, profile: Profile
 ) -> str:
-    """The key of a method's records on one instance of a row, one record a component.
+    """The key of a method's records on one instance of a row, one record per component.
 
     Parameters
     ----------
@@ -28,7 +29,7 @@ def record_key(
     asked = set(table.metrics)
     if not method.solver and method.published:
         asked &= set(method.published)
-    first = [m for m in table.methods if row.runs(m)][:1] if asked & set(COMPARING) else []
+    first = [m for m in table.methods if row.runs(m)][:1] if needing(asked, Needs.FIRST) else []
     return content_key(
         {
             "table": table.name,

@@ -11,12 +11,12 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from types import FrameType
 
-#: How much longer than its limit a worker may be deaf to the alarm before it is ended.
+#: How much longer than its limit a worker may ignore the alarm before it is ended.
 PATIENCE = 1.25
 
 
 class OutOfTime(BaseException):
-    """The limit has passed; no `Exception`, so that no method takes it for one of its own."""
+    """The limit has passed; not an `Exception`, so that no method catches it."""
 
 
 @dataclass(frozen=True)
@@ -25,8 +25,8 @@ class Limit:
 
     Attributes
     ----------
-    seconds : None for as long as it takes
-    expendable : end the process when it stays deaf to the alarm inside compiled code; of workers
+    seconds : None for no limit
+    expendable : end the process when compiled code ignores the alarm; for workers
     """
 
     seconds: float | None = None
@@ -49,14 +49,14 @@ class Limit:
                 late = PATIENCE * self.seconds
                 faulthandler.dump_traceback_later(late, exit=True, file=nowhere)
                 stack.callback(faulthandler.cancel_dump_traceback_later)
-            stack.callback(signal.signal, signal.SIGALRM, signal.signal(signal.SIGALRM, _ring))
+            before = signal.signal(signal.SIGALRM, self._ring)
+            stack.callback(signal.signal, signal.SIGALRM, before)
             stack.callback(signal.setitimer, signal.ITIMER_REAL, 0.0)
             signal.setitimer(signal.ITIMER_REAL, self.seconds)
             yield
 
+    def _ring(self, signum: int, frame: FrameType | None) -> None:
+        raise OutOfTime(f"not finished within {self.seconds:g} s")
+
 
 NO_LIMIT = Limit()
-
-
-def _ring(signum: int, frame: FrameType | None) -> None:
-    raise OutOfTime

@@ -30,7 +30,8 @@ def against(
         alone the method gets
     """
     with one_core() as kept:
-        times = paired(_step(method, graph), _step(reference, complete))
+        engine = method.engine or None
+        times = paired(_step(method, graph, engine), _step(reference, complete, engine))
     metrics = {
         "ratio": times.ratio,
         "median_seconds": times.first,
@@ -39,29 +40,29 @@ def against(
     return metrics, kept
 
 
-def _step(method: Method, graph: Graph) -> Step:
+def _step(method: Method, graph: Graph, engine: str | None) -> Step:
     if method.solver == FACTORIZATION:
-        return factorization(graph)
-    own = _own_step(method, graph)
+        return factorization(graph, engine)
+    own = _own_step(method, graph, engine)
     if method.start is None:
         return own
-    before = _step(method.start, graph)
+    before = _step(method.start, graph, engine)
     return lambda: (before(), own())
 
 
-def _own_step(method: Method, graph: Graph) -> Step:
+def _own_step(method: Method, graph: Graph, engine: str | None) -> Step:
     solver = build(method.solver, method.settings)
     prepared = getattr(solver, "prepared", None)
     if prepared is not None:
-        step: Step = prepared(problem_of(graph))
+        step: Step = prepared(problem_of(graph, engine))
         return step
     # A new problem each time: nothing remembered from the round before.
-    return lambda: solver.solve(problem_of(graph))
+    return lambda: solver.solve(problem_of(graph, engine))
 
 
-def factorization(graph: Graph) -> Step:
+def factorization(graph: Graph, engine: str | None = None) -> Step:
     """One numeric factorization of the optimum's certificate matrix: the machine's own unit."""
-    problem = problem_of(graph)
+    problem = problem_of(graph, engine)
     S = problem.certificate_matrix(problem.multipliers(solve(graph).estimate))
     if isinstance(graph, PoseGraph):
         S = pinned(S, np.array([0]))

@@ -11,13 +11,9 @@ from typing import Any, Literal, NamedTuple
 from certpgo.errors import FormatError, InputError
 from certpgo.optimize.solution import Status
 from reports.harness.experiments import scan
-from reports.harness.experiments.records import (
-    Record,
-    from_line,
-    is_left_out,
-    read_records,
-    to_line,
-)
+from reports.harness.experiments.journal import from_line, read_entries, to_line
+from reports.harness.experiments.metrics import TIMES, WORK, Better, Tolerance, metric_of
+from reports.harness.experiments.records import Record
 from reports.harness.experiments.runner import run_table
 
 #: Tables whose quick profiles are run when no new records are given: quick ones without times.
@@ -30,45 +26,21 @@ FIXED = (
     "compare",
 )
 
-#: Folder of the quick profile's records, whose seeds are others than the full profile's.
+#: Files of another kind of records, which have a check of their own: `certpgo bench zoo`.
+OTHERS = ("zoo",)
+#: Folder of the quick profile's records, whose seeds differ from the full profile's.
 QUICK = "quick"
 
-Direction = Literal["worse", "different", "better", "told"]
+Direction = Literal["worse", "different", "better", "noted"]
 #: Directions that fail the gate.
 FAILING = ("worse", "different")
 
-#: Which way a metric or count is better; any move of another is a difference.
-BETTER: Mapping[str, Literal["lower", "higher"]] = {
-    **dict.fromkeys(("cost", "error", "gap", "relative_gap", "f_gt", "ratio"), "lower"),
-    **dict.fromkeys(("mean_deg", "median_deg", "rmse_deg"), "lower"),
-    **dict.fromkeys(("mean_l1_deg", "median_l1_deg", "rmse_l1_deg"), "lower"),
-    **dict.fromkeys(("iterations", "factorizations", "products", "nonzeros"), "lower"),
-    **dict.fromkeys(("f_ml", "lower_bound", "own_bound", "global_percent"), "higher"),
-    **dict.fromkeys(("within_2_deg_percent", "precision", "recall"), "higher"),
-}
-#: Costs, bounds and eigenvalues may move by this part. Other BLAS kernels move them by 3e-10 in the
-#: fixed set, another factorization engine by 2e-7; a certificate calls 1e-5 equal.
-SAME = 1e-6
-#: What is this close to zero is zero to rounding.
-ZERO = 1e-12
-#: Angles and shares may move by this part: what ends at a tolerance of its own is that exact. Other
-#: kernels move interior points' angles by 1e-8.
-SAME_ANGLE = 1e-4
-#: Differences of costs, which may move by `SAME` of F.
-OF_COST = ("gap", "error")
-#: Metrics of the order of one or zero, which may move by `SAME`.
-OF_ONE = ("relative_gap", "mean_symmetry")
-#: Metrics of the clock and the memory, which belong to a machine.
-MEASURED = ("seconds", "memory_gb")
 #: A count may move by this part, rounded down: one below 20 is exact, and a long iteration that
 #: ends at a tolerance may end a little earlier or later with other BLAS kernels (98 for 99 steps).
 COUNTS = 0.05
 #: With another factorization engine a count may move by one as well: a matrix that is nearly
 #: singular is one engine's failure and another's success.
 OTHER_ENGINE = 1
-#: Ratios of times may move by this factor. Those of milliseconds moved by 1.4 with three jobs a
-#: core, and the timing protocol asks for a core of one's own.
-TIMES = 1.5
 #: A cost is below a bound, or a bound above a cost, beyond rounding.
 ROUNDING = 1e-9
 
@@ -88,7 +60,7 @@ class Key(NamedTuple):
     seed: int | None
 
 
-#: Records by what they are matched by.
+#: Records by their keys.
 Records = dict[Key, Record]
 
 
@@ -101,7 +73,7 @@ class Movement:
     key : of the record
     metric : what moved
     before, after : committed and new, numbers or texts
-    direction : ``"worse"`` and ``"different"`` fail, ``"better"`` and ``"told"`` do not
+    direction : ``"worse"`` and ``"different"`` fail, ``"better"`` and ``"noted"`` do not
     """
 
     key: Key
@@ -127,10 +99,10 @@ class GateFindings:
     ----------
     compared : records on both sides
     movements : in the order of the new records
-    missing : committed records of the new ones' tables that have no new one, and why if known
-    added : new records that no committed one is like
-    untouched : committed tables, of the new ones' profiles, that no new record is of
-    other_engine : records that another factorization engine made than the committed ones
+    missing : committed records of the same tables without a new one, and why if known
+    added : new records without a committed one
+    untouched : committed tables of the same profiles without any new record
+    other_engine : records made with another factorization engine than the committed ones
     """
 
     compared: int
@@ -146,12 +118,12 @@ class GateFindings:
         return tuple(move for move in self.movements if move.direction in FAILING)
 
     def holds(self, *, complete: bool = False) -> bool:
-        """Whether nothing failed and, if it is to be complete, no record is on one side alone."""
+        """Whether nothing failed and, if it is complete, no record is on one side alone."""
         lacking = self.missing or self.added or self.untouched
         return not self.failures and not (complete and lacking)
 
 
-def findings(new: Records, committed: Records, *, times: float = TIMES) -> GateFindings:
+def compare_records(new: Records, committed: Records, *, times: float = TIMES) -> GateFindings:
     """Compare records that are of the same table, row, part, method, seed and profile.
 
     Parameters
@@ -164,10 +136,10 @@ def findings(new: Records, committed: Records, *, times: float = TIMES) -> GateF
     compared = other_engine = 0
     for key, after in new.items():
         before = committed.get(key)
-        if is_left_out(after.error):
-            if before is not None and not is_left_out(before.error):
-                missing[key] = after.error
-        elif before is None or is_left_out(before.error):
+        if _is_left_out(after):
+            if before is not None and not _is_left_out(before):
+                missing[key] = after.why_missing
+        elif before is None or _is_left_out(before):
             added.append(key)
         else:
             compared += 1
@@ -175,7 +147,7 @@ def findings(new: Records, committed: Records, *, times: float = TIMES) -> GateF
             movements.extend(_movements(key, before, after, times))
     profiles = {key.profile for key in new}
     tables = {(key.profile, key.table) for key in new}
-    rest = [key for key in committed if key not in new and not is_left_out(committed[key].error)]
+    rest = [key for key in committed if key not in new and not _is_left_out(committed[key])]
     missing |= {key: "" for key in rest if key[:2] in tables}
     untouched = {key.table for key in rest if key.profile in profiles and key[:2] not in tables}
     return GateFindings(
@@ -196,8 +168,10 @@ def load_records(source: Path) -> Records:
     if not source.exists():
         raise InputError(f"{source}: no such file or folder")
     folders = (source, source / QUICK)
-    paths = [p for f in folders for p in sorted(f.glob("*.jsonl"))] if source.is_dir() else [source]
-    found = {_key(r, path.resolve().parent.name): r for path in paths for r in _read(path)}
+    paths = [source]
+    if source.is_dir():
+        paths = [p for f in folders for p in sorted(f.glob("*.jsonl")) if p.stem not in OTHERS]
+    found = {_key(record): record for path in paths for record in _read(path)}
     if not found:
         raise InputError(f"{source}: no records in there")
     return found
@@ -213,15 +187,15 @@ def run_quick(
     Parameters
     ----------
     data : folder to look for files in first
-    announce : told what is about to run
+    announce : called with what is about to run
     """
     found: Records = {}
     refused: dict[str, str] = {}
     for name in names:
         try:
             for record in run_table(scan.get_table(name), data=data, quick=True, announce=announce):
-                kept = from_line(to_line(record))  # settings as a file has them
-                found[_key(kept, QUICK)] = kept
+                kept = from_line(to_line(record), Record)  # settings as a file has them
+                found[_key(kept)] = kept
         except InputError as error:
             refused[name] = str(error)
     return found, refused
@@ -229,7 +203,7 @@ def run_quick(
 
 def _read(path: Path) -> Iterator[Record]:
     try:
-        records = read_records(path)
+        records = read_entries(path, Record)
     except UnicodeDecodeError:
         raise FormatError(path, None, "records are text in UTF-8") from None
     for record in records:
@@ -242,9 +216,12 @@ def _read(path: Path) -> Iterator[Record]:
         yield record
 
 
-def _key(record: Record, folder: str) -> Key:
-    profile = record.profile or (QUICK if folder == QUICK else "full")
-    return Key(profile, record.table, record.row, record.part, record.method, record.seed)
+def _key(record: Record) -> Key:
+    return Key(*(getattr(record, name) for name in Key._fields))
+
+
+def _is_left_out(record: Record) -> bool:
+    return record.absence is not None and not record.absence.is_failure
 
 
 def _engine(record: Record) -> str:
@@ -255,15 +232,16 @@ def _movements(key: Key, before: Record, after: Record, times: float) -> Iterato
     def moved(metric: str, direction: Direction, was: Any, now: Any) -> Movement:
         return Movement(key, metric, was, now, direction)
 
-    if before.error or after.error:
-        if before.error != after.error:
-            direction: Direction = "told"
-            if not (before.error and after.error):
-                direction = "worse" if after.error else "better"
-            yield moved("error", direction, before.error or "none", after.error or "none")
+    if before.absence or after.absence:
+        was_missing, is_missing = before.why_missing, after.why_missing
+        if was_missing != is_missing:
+            direction: Direction = "noted"
+            if not (was_missing and is_missing):
+                direction = "worse" if is_missing else "better"
+            yield moved("error", direction, was_missing or "none", is_missing or "none")
         return
     other = [f for f in _SPECIFICATION if getattr(before, f) != getattr(after, f)]
-    if other:  # another problem or method: values beside each other would say nothing
+    if other:  # another problem or method: comparing values would say nothing
         for name in other:
             yield moved(name, "different", getattr(before, name), getattr(after, name))
         return
@@ -277,15 +255,16 @@ def _movements(key: Key, before: Record, after: Record, times: float) -> Iterato
     yield from _contradictions(moved, before, after)
     same_engine = _engine(before) == _engine(after)
     was, now = dict(before.metrics), dict(after.metrics)
-    for metric in dict.fromkeys((*was, *now)):
-        if metric.endswith(MEASURED) or (metric == "ratio" and not same_engine):
+    for known in map(metric_of, dict.fromkeys((*was, *now))):
+        of_engine = known.tolerance is Tolerance.TIME_RATIO
+        if known.tolerance is Tolerance.MACHINE or (of_engine and not same_engine):
             continue
-        x, y = was.get(metric), now.get(metric)
+        x, y = was.get(known.key), now.get(known.key)
         if x is None or y is None:  # not finite, or not asked for
             if (x is None) != (y is None):
-                yield moved(metric, "told" if x is None else "different", x, y)
-        elif abs(y - x) > _allowed(metric, x, y, was.get("cost"), times):
-            yield moved(metric, _direction(metric, x, y), x, y)
+                yield moved(known.key, "noted" if x is None else "different", x, y)
+        elif abs(y - x) > known.allowed(x, y, was.get("cost") or 0.0, times):
+            yield moved(known.key, _direction(known.better, x, y), x, y)
     counted = {"iterations": (before.iterations, after.iterations)}
     for name in dict.fromkeys((*before.counts, *after.counts)):
         if same_engine or name != "nonzeros":
@@ -294,24 +273,11 @@ def _movements(key: Key, before: Record, after: Record, times: float) -> Iterato
         if k is None or now_k is None:
             continue
         if abs(now_k - k) > max(math.floor(COUNTS * k), 0 if same_engine else OTHER_ENGINE):
-            yield moved(name, _direction(name, k, now_k), k, now_k)
+            yield moved(name, _direction("lower" if name in WORK else "", k, now_k), k, now_k)
 
 
-def _allowed(metric: str, x: float, y: float, cost: float | None, times: float) -> float:
-    """How far a metric may move."""
-    if metric == "ratio":
-        return (times - 1.0) * min(abs(x), abs(y))
-    if metric in OF_COST:
-        return max(SAME * max(abs(x), abs(cost or 0.0)), ZERO)
-    if metric in OF_ONE:
-        return SAME * max(1.0, abs(x))
-    loose = metric.endswith(("_deg", "_percent")) or metric in ("precision", "recall", "f_gt")
-    return max((SAME_ANGLE if loose else SAME) * abs(x), ZERO)
-
-
-def _direction(metric: str, x: float, y: float) -> Direction:
-    better = BETTER.get(metric)
-    if better is None:
+def _direction(better: Better, x: float, y: float) -> Direction:
+    if not better:
         return "different"
     return "better" if (y < x) == (better == "lower") else "worse"
 
@@ -319,7 +285,7 @@ def _direction(metric: str, x: float, y: float) -> Direction:
 def _contradictions(
     moved: Callable[[str, Direction, Any, Any], Movement], before: Record, after: Record
 ) -> Iterator[Movement]:
-    """A cost of one side below what the other has proven to be the least, which cannot be."""
+    """A cost on one side below the bound proven on the other, which is impossible."""
     if "kept_percent" in before.metrics:
         return  # a robust method's bound is of the measurements it kept alone
     for title, bound, cost in (
@@ -335,18 +301,18 @@ def _contradictions(
 def _of_verdict(before: str, after: str) -> Direction | None:
     if before == after:
         return None
-    # To refute is the judge's merit, or another method's; a worse answer has a worse cost.
+    # A refutation may come from a better certifier; a worse estimate has a worse cost.
     if after == "REFUTED":
-        return "worse" if before == "CERTIFIED" else "told"
+        return "worse" if before == "CERTIFIED" else "noted"
     if before == "REFUTED":
-        return "better" if after == "CERTIFIED" else "told"
+        return "better" if after == "CERTIFIED" else "noted"
     return "better" if _STRENGTH.get(after, 0) > _STRENGTH.get(before, 0) else "worse"
 
 
 def _of_bounds(before: str, after: str) -> Direction | None:
     was, now = ({name for name in text.split(", ") if name != "none"} for text in (before, after))
     if was == now or not (before and after):
-        return None  # older records do not say
+        return None  # not every record has them
     return "worse" if was - now else "better"
 
 
@@ -355,5 +321,5 @@ def _of_status(before: str, after: str) -> Direction | None:
         return None
     was, now = before in _ENDED_WELL, after in _ENDED_WELL
     if was == now:
-        return "told"
+        return "noted"
     return "better" if now else "worse"

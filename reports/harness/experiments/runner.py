@@ -1,24 +1,21 @@
 """Runs a table: instance by instance, method by method, one record each.
 
 A failure is a record with its reason. Records are yielded as they are made, so that an
-interruption leaves what is done.
+interruption keeps what is done.
 """
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-import numpy as np
-
 from certpgo import registry
-from certpgo.assess.comparison import certified, in_one_line, solution_of
+from certpgo.assess.comparison import certified, solution_of
 from certpgo.assess.provenance import provenance
-from certpgo.errors import CertPGOError, InputError
+from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.components import connected_parts, rotations_alone
 from certpgo.linalg.factor import default_engine
@@ -26,14 +23,13 @@ from certpgo.objective.problem import problem_of
 from certpgo.optimize.solution import Status
 from reports.harness.experiments import evaluate
 from reports.harness.experiments import reference as bench
+from reports.harness.experiments.absence import Absence, NotRun, missing
 from reports.harness.experiments.instances import known_truth, load_row
 from reports.harness.experiments.limits import NO_LIMIT, Limit, OutOfTime
+from reports.harness.experiments.metrics import Needs, needing
 from reports.harness.experiments.records import Record, of_certificate, of_solution, trace_of
-from reports.harness.experiments.spec import COMPARING, OPTIMUM_METRICS, Method, Row, Table
-from reports.harness.experiments.trials import Trial, cases
-
-#: Environment variable that `certpgo.linalg.factor.default_engine` obeys.
-ENGINE_VARIABLE = "CERTPGO_ENGINE"
+from reports.harness.experiments.spec import Method, Row, Table
+from reports.harness.experiments.trials import Trial, trials_of
 
 Announce = Callable[[str], None]
 
@@ -55,16 +51,16 @@ def run_table(
     Parameters
     ----------
     data : folder to look for files in first
-    seeds : how many instances a synthetic row stands for, by default the table's
+    seeds : how many instances a synthetic row represents, by default the table's
     quick : run the quick profile's rows alone, with one seed by default
-    announce : told what is about to run
+    announce : called with what is about to run
     """
-    for case in cases(table, data=data, seeds=seeds, quick=quick):
-        yield from run_case(case, data=data, announce=announce)
+    for trial in trials_of(table, data=data, seeds=seeds, quick=quick):
+        yield from run_trial(trial, data=data, announce=announce)
 
 
-def run_case(
-    case: Trial,
+def run_trial(
+    trial: Trial,
     *,
     data: Path | None = None,
     methods: Collection[str] | None = None,
@@ -79,24 +75,26 @@ def run_case(
     methods : labels of those to run; by default all
     limit : on the time of each
     """
-    table, row = case.table, case.row
-    wanted = [m for m in table.methods if methods is None or m.label in methods]
+    table, row = trial.table, trial.row
+    chosen = [m for m in table.methods if methods is None or m.label in methods]
     announce(f"{row.label}: reading")
     try:
         if row.absent:
-            raise InputError(f"not run: {row.absent}")
-        complete = load_row(replace(row, rotations=False), data, case.seed)
+            raise NotRun(Absence.LEFT_OUT, row.absent)
+        complete = load_row(replace(row, rotations=False), data, trial.seed)
         instance = rotations_alone(complete) if row.rotations else complete
-        judged = instance if row.judging is None else _rejudged(row, data, case.seed)
+        judged = instance
+        if row.judging is not None:
+            judged = load_row(replace(row, reading=row.judging), data, trial.seed)
     except CertPGOError as error:
-        for method in wanted:
-            yield replace(case.blank(method), error=str(error))
+        for method in chosen:
+            yield replace(trial.blank(method), **missing(error)._asdict())
         return
     parts = _parts(row, instance)
     for part in parts:
         whole = part is instance
-        trial = _Trial(
-            case,
+        context = _Context(
+            trial,
             instance=part,
             judged=judged if whole else part,
             timed=complete.graph if whole else part.graph,
@@ -106,33 +104,21 @@ def run_case(
         )
         suited = [m for m in table.methods if suits(row, m, part.graph.kind)]
         for method in suited:
-            if method not in wanted:
-                trial.remember(method)
+            if method not in chosen:
+                context.remember(method)
                 continue
             announce(f"{part.name}: {method.label}")
-            with _engine(method.engine):
-                yield replace(
-                    _run_method(method, trial),
-                    part="" if whole else part.name,
-                    parts=len(parts),
-                    provenance=provenance(default_engine(), registry.source()),
-                )
+            yield replace(
+                _run_method(method, context),
+                part="" if whole else part.name,
+                parts=len(parts),
+                provenance=provenance(method.engine or default_engine(), registry.source()),
+            )
 
 
 def suits(row: Row, method: Method, kind: str) -> bool:
     """Whether the method is run on the row, whose graph is of that kind."""
     return row.runs(method) and method.takes in ("", kind)
-
-
-def _optimum(table: Table, part: Instance, announce: Announce) -> float | None:
-    """F of the part's optimum, where the table compares with it."""
-    if not set(table.metrics) & set(OPTIMUM_METRICS):
-        return None
-    announce(f"{part.name}: the optimum")
-    try:
-        return evaluate.optimum(problem_of(part.graph))
-    except CertPGOError:
-        return None  # every method then says why
 
 
 def _truth(row: Row, part: Instance, data: Path | None) -> evaluate.Truth | None:
@@ -147,40 +133,21 @@ def _parts(row: Row, instance: Instance) -> list[Instance]:
     return [instance] if row.components == "refuse" else connected_parts(instance, row.components)
 
 
-@contextmanager
-def _engine(name: str) -> Iterator[None]:
-    """Prefer an engine for a while."""
-    before = os.environ.get(ENGINE_VARIABLE)
-    if name:
-        os.environ[ENGINE_VARIABLE] = name
-    try:
-        yield
-    finally:
-        if before is not None:
-            os.environ[ENGINE_VARIABLE] = before
-        elif name:
-            del os.environ[ENGINE_VARIABLE]
-
-
-def _rejudged(row: Row, data: Path | None, seed: np.random.SeedSequence | None) -> Instance:
-    return load_row(replace(row, reading=row.judging or {}), data, seed)
-
-
 @dataclass
-class _Trial:
-    """An instance with all that its methods' answers are held against.
+class _Context:
+    """An instance with everything that its methods' estimates are evaluated with.
 
     Attributes
     ----------
-    case : the row that it is of
+    trial : the row that it is of
     instance, judged : the graph to solve, and the one that the thesis' metrics are evaluated on
     timed : the graph that the reference of times is run on
     truth : nodes of which it is known, and theirs, or None
     limit : on the time of a method
-    first : the answer of the table's first method, once there is one
+    first : the estimate of the table's first method, once there is one
     """
 
-    case: Trial
+    trial: Trial
     instance: Instance
     judged: Instance
     timed: Graph
@@ -192,25 +159,32 @@ class _Trial:
     @cached_property
     def best(self) -> float | None:
         """F of the optimum, where the table compares with it."""
-        return _optimum(self.case.table, self.instance, self.announce)
+        if not needing(self.trial.table.metrics, Needs.OPTIMUM):
+            return None
+        self.announce(f"{self.instance.name}: the optimum")
+        try:
+            return evaluate.optimum(problem_of(self.instance.graph))
+        except CertPGOError:
+            return None  # every method then says why
 
     def remember(self, method: Method) -> None:
-        """Solve again what others are compared with, where its record is there already."""
-        table = self.case.table
-        if method is not table.methods[0] or not set(table.metrics) & set(COMPARING):
+        """Solve again what others are compared with, where its record exists already."""
+        table = self.trial.table
+        if method is not table.methods[0] or not needing(table.metrics, Needs.FIRST):
             return
         self.announce(f"{self.instance.name}: {method.label} again")
-        with suppress(Exception, OutOfTime), _engine(method.engine), self.limit.kept():
-            problem, source = problem_of(self.instance.graph), self.instance.source
-            settings = self.case.row.settings
+        with suppress(Exception, OutOfTime), self.limit.kept():
+            problem = problem_of(self.instance.graph, method.engine or None)
+            source = self.instance.source
+            settings = self.trial.row.settings
             self.first = solution_of(method, problem, source=source, settings=settings).estimate
 
 
-def _run_method(method: Method, trial: _Trial) -> Record:
-    instance, judged = trial.instance, trial.judged
+def _run_method(method: Method, context: _Context) -> Record:
+    instance, judged = context.instance, context.judged
     graph = instance.graph
     record = replace(
-        trial.case.blank(method),
+        context.trial.blank(method),
         reading=dict(instance.options),
         judging=None if judged is instance else dict(judged.options),
         d=graph.d,
@@ -218,58 +192,52 @@ def _run_method(method: Method, trial: _Trial) -> Record:
         m=graph.num_edges,
         kind=graph.kind,
     )
-    if method.max_nodes is not None and graph.num_nodes > method.max_nodes:
-        return replace(record, error=f"not run: above {method.max_nodes} nodes")
     try:
-        best = trial.best
-        with trial.limit.kept():
-            return _judged(method, trial, best, record)
-    except OutOfTime:
-        return replace(record, error=f"not finished within {trial.limit.seconds:g} s")
-    except MemoryError:
-        return replace(record, error="not enough memory")
-    except CertPGOError as error:
-        return replace(record, error=str(error))
-    except Exception as error:  # a table survives whatever a method raises
-        return replace(record, error=in_one_line(error))
+        if method.max_nodes is not None and graph.num_nodes > method.max_nodes:
+            raise NotRun(Absence.TOO_LARGE, f"above {method.max_nodes} nodes")
+        best = context.best
+        with context.limit.kept():
+            return _solved(method, context, best, record)
+    except (Exception, OutOfTime) as error:  # a table goes on whatever a method raises
+        return replace(record, **missing(error)._asdict())
 
 
-def _judged(method: Method, trial: _Trial, best: float | None, record: Record) -> Record:
-    """The record completed by what the method answers."""
-    case, instance, judged = trial.case, trial.instance, trial.judged
-    table = case.table
-    problem = problem_of(instance.graph)
+def _solved(method: Method, context: _Context, best: float | None, record: Record) -> Record:
+    """The record completed by the method's estimate and its metrics."""
+    trial, instance, judged = context.trial, context.instance, context.judged
+    table = trial.table
+    problem = problem_of(instance.graph, method.engine or None)
     if not method.solver:
-        wanted = [key for key in table.metrics if key in (method.published or table.metrics)]
-        return replace(record, metrics=evaluate.of_graph(wanted, problem))
+        asked = [key for key in table.metrics if key in (method.published or table.metrics)]
+        return replace(record, metrics=evaluate.of_graph(asked, problem))
     times: dict[str, float] = {}
     if table.reference is not None:
-        times, kept = bench.against(table.reference, method, instance.graph, trial.timed)
+        times, kept = bench.against(table.reference, method, instance.graph, context.timed)
         record = replace(record, metrics=times, note=kept)
         if not table.certify:
             return record
-    solution = solution_of(method, problem, source=instance.source, settings=case.row.settings)
+    solution = solution_of(method, problem, source=instance.source, settings=trial.row.settings)
     if solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     note = "; ".join(filter(None, (record.note, solution.note)))
     trace = () if record.seed else trace_of(solution)
     record = replace(record, **of_solution(solution), note=note, trace=trace)
     certificate, seconds = certified(solution, problem) if table.certify else (None, 0.0)
-    judge = problem if judged is instance else problem_of(judged.graph)
+    evaluated = problem if judged is instance else problem_of(judged.graph)
     metrics = evaluate.of_estimate(
         table.metrics,
         problem,
-        judge,
+        evaluated,
         solution,
         certificate,
         certify_seconds=seconds,
         best=best,
-        truth=trial.truth,
+        truth=context.truth,
         outliers=instance.outliers,
-        other=trial.first,
+        other=context.first,
     )
     if method is table.methods[0]:
-        trial.first = solution.estimate
+        context.first = solution.estimate
     spent = {"total_seconds": sum(solution.seconds.values())}
     record = replace(record, metrics={**times, **metrics, **spent})
     if certificate is None:

@@ -1,4 +1,4 @@
-"""Names to tables and figures: one file each in the checkout's ``reports``."""
+"""Tables and figures by name: one file each in the checkout's ``reports``."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def get_experiment(name: str) -> Any:
     Raises
     ------
     SpecError
-        No checkout, or nothing of that name, with the nearest names of both kinds.
+        No checkout, or no table or figure of that name, with the nearest names of both kinds.
     """
     registry.repository()
     if _stem(name) in figure_names():

@@ -12,63 +12,9 @@ from certpgo.assess import comparison
 from certpgo.errors import SpecError
 from certpgo.graph.components import Components
 from reports.harness.experiments.claims import Claim
+from reports.harness.experiments.metrics import METRICS, Better, Needs, metric_of, needing
 
-#: Metrics that `evaluate` knows, besides a record's own fields.
-METRICS = (
-    "cost",
-    "f_ml",
-    "mean_symmetry",
-    "lower_bound",
-    "gap",
-    "relative_gap",
-    "certify_seconds",
-    "lambda1",
-    "lambda2",
-    "lambda3",
-    "fiedler",
-    "error",
-    "global_percent",
-    "mean_deg",
-    "median_deg",
-    "rmse_deg",
-    "mean_l1_deg",
-    "median_l1_deg",
-    "rmse_l1_deg",
-    "f_gt",
-    "kept_percent",
-    "precision",
-    "recall",
-    "own_bound",
-    "max_residual_deg",
-    "median_residual_deg",
-    "within_2_deg_percent",
-    "apart_deg",
-    "alpha_max_deg",
-    "normalized_alpha_max_deg",
-    "total_seconds",
-    "ratio",
-    "median_seconds",
-    "reference_seconds",
-)
-#: Metrics of the graph itself, which need no estimate.
-GRAPH_METRICS = ("lambda1", "lambda2", "lambda3", "fiedler")
-#: Angles up to which residuals of stationary rotations are safe; of the graph, with or without one.
-SAFE_ANGLES = ("alpha_max_deg", "normalized_alpha_max_deg")
-#: Metrics that compare with the optimum, which the certified pipeline finds first: F above it, and
-#: 100 where F is it, so that the mean is a share.
-OPTIMUM_METRICS = ("error", "global_percent")
-#: Metrics that compare with ground truth, where that is known, on the nodes that it knows.
-TRUTH_METRICS = (
-    *(f"{which}{norm}_deg" for norm in ("", "_l1") for which in ("mean", "median", "rmse")),
-    "f_gt",
-)
-#: Metrics measured under the timing protocol, against the table's reference.
-TIMING_METRICS = ("ratio", "median_seconds", "reference_seconds")
-#: Metrics that compare with the answer of the row's first method.
-COMPARING = ("apart_deg",)
-#: Columns of times, under the protocol or not.
-TIMES = ("seconds", "certify_seconds", "total_seconds", *TIMING_METRICS)
-#: A reference that is no method: one numeric factorization of the optimum's certificate matrix.
+#: A reference that is not a method: one numeric factorization of the optimum's certificate matrix.
 FACTORIZATION = "factorization"
 FIELDS = ("verdict", "certified_by", "seconds", "status", "iterations", "counts")
 
@@ -77,7 +23,7 @@ def _frozen(mapping: Mapping[str, Any]) -> MappingProxyType[str, Any]:
     return MappingProxyType(dict(mapping))
 
 
-# Specifications travel to other processes.
+# Specifications are sent to other processes.
 copyreg.pickle(MappingProxyType, lambda mapping: (_frozen, (dict(mapping),)))
 
 
@@ -135,17 +81,17 @@ class Row:
 
 @dataclass(frozen=True)
 class Method(comparison.Competitor):
-    """A `certpgo.assess.comparison.Competitor` with what a table says of it besides.
+    """A `certpgo.assess.comparison.Competitor` with what else a table says of it.
 
     Attributes
     ----------
     solver : name in the registry; empty for the graph itself (eigenvalues and the like)
-    start : the method whose answer is the initial estimate, or None
+    start : the method whose estimate is the initial one, or None
     engine : factorization engine, by default the preferred one installed
     max_nodes : larger graphs are not for it, or would take too long; None for any
     published : metric to the column of the published numbers that holds it; of no solver, the
         metrics to evaluate
-    printed : what the published numbers call the method, where they have a line a method: it is
+    printed : what the published numbers call the method, where they have one line per method: it is
         joined to the row's key
     """
 
@@ -172,20 +118,31 @@ class Column:
 
     Attributes
     ----------
-    key : one of `METRICS`, or a field of the record: one of `FIELDS`
+    key : one of `reports.harness.experiments.metrics.METRICS`, or a field of the record: one of
+        `FIELDS`
     title : the header
     format : a format specification such as ``".6g"``
-    better : ``"lower"`` or ``"higher"`` numbers are better than printed ones, not only different
+    exact : the printed numbers are of the optimum itself: ours agree or differ, and none is better
     """
 
     key: str
     title: str
     format: str = ".6g"
-    better: Literal["", "lower", "higher"] = ""
+    exact: bool = False
 
     def __post_init__(self) -> None:
-        if self.key not in METRICS + FIELDS:
-            raise SpecError.unknown("column", self.key, METRICS + FIELDS)
+        if self.key not in METRICS and self.key not in FIELDS:
+            raise SpecError.unknown("column", self.key, (*METRICS, *FIELDS))
+
+    @property
+    def better(self) -> Better:
+        """Which numbers are better than printed ones, if any."""
+        return "" if self.exact else metric_of(self.key).better
+
+    @property
+    def is_time(self) -> bool:
+        """Whether it shows times, or ratios of times."""
+        return self.key == "seconds" or metric_of(self.key).is_time
 
 
 @dataclass(frozen=True)
@@ -206,14 +163,14 @@ class Table:
         others are shown, never compared
     summary : of the instances of a synthetic row only the ``"mean"`` is shown, or the ``"median"``
         with quartiles; empty shows each
-    certify : judge every estimate with a certificate
+    certify : certify every estimate
     reference : the method that the others are timed against, or None
-    seed, seeds : base seed, and how many instances a synthetic row stands for
+    seed, seeds : base seed, and how many instances a synthetic row represents
     quick : labels of the rows that the quick profile keeps
     notes : sentences printed below the table
     claims : what the paper says of it in words
     explained : why printed numbers differ or cannot be had, by row, by method or by both with a
-        slash between; of lines that none of the rows stands for, by their key or a part of it
+        slash between; of lines that none of the rows corresponds to, by their key or a part of it
     """
 
     name: str
@@ -247,7 +204,7 @@ class Table:
         for label in (*self.quick, *(label for claim in self.claims for label in claim.rows)):
             if label not in labels:
                 raise SpecError.unknown(f"row of table {self.name}", label, labels)
-        if self.reference is None and set(self.metrics) & set(TIMING_METRICS):
+        if self.reference is None and needing(self.metrics, Needs.TIMING):
             raise SpecError(f"table {self.name}: times are relative to a reference; give one")
         if self.seeds < 1:
             raise SpecError(f"table {self.name}: seeds must be at least 1, not {self.seeds}")

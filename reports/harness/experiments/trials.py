@@ -1,4 +1,4 @@
-"""Which instances a table stands for: a row and a repetition each."""
+"""The instances of a table: a row and a repetition each."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Trial:
         )
 
 
-def cases(
+def trials_of(
     table: Table, *, data: Path | None, seeds: int | None = None, quick: bool = False
 ) -> Iterator[Trial]:
     """Every row and repetition of the profile, see `reports.harness.experiments.runner.run_table`.

@@ -1,7 +1,7 @@
-"""Every value a paper's table prints beside ours: reproduced, better, different or not run.
+"""Every value that a paper's table prints, and whether ours reproduces it.
 
-Times are no value cells: machines and years differ, and only the order that they claim can be
-looked at, see `reports.harness.experiments.claims`. Nor are the columns that say what a row is.
+Times are not counted: machines and years differ, and only the claimed order can be checked, see
+`reports.harness.experiments.claims`. Nor are the columns that say what a row is.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from statistics import fmean, median, stdev
 
+from reports.harness.experiments.metrics import metric_of
 from reports.harness.experiments.records import Record
 from reports.harness.experiments.spec import Method, Row, Table
 from reports.harness.rendering.published import compared, published
@@ -20,7 +21,7 @@ ERRORS = 2.0
 
 
 class CellStatus(StrEnum):
-    """What became of a printed number, the best first."""
+    """The outcome of a printed number, the best first."""
 
     REPRODUCED = "reproduced"
     BETTER = "better"
@@ -36,7 +37,7 @@ class Cell:
     ----------
     key, column : its line and column in the published file
     printed : as the paper prints it
-    found : what became of it
+    found : the outcome
     row, method, metric : ours that come nearest, or empty
     ours : our number, or None
     standard_error : of our mean over the seeds, or None of a single instance
@@ -55,18 +56,13 @@ class Cell:
     reason: str = ""
 
 
-def is_time(metric: str) -> bool:
-    """Whether the metric is a time, or a ratio of times."""
-    return metric == "ratio" or metric.endswith("_seconds")
-
-
 def value_columns(table: Table) -> tuple[str, ...]:
     """The published columns that hold values: those of some method's metric that is no time."""
     columns = (
         column
         for method in table.methods
-        for metric, column in method.published.items()
-        if not is_time(metric)
+        for key, column in method.published.items()
+        if not metric_of(key).is_time
     )
     return tuple(dict.fromkeys(columns))
 
@@ -74,7 +70,7 @@ def value_columns(table: Table) -> tuple[str, ...]:
 def cells(table: Table, records: Iterable[Record]) -> tuple[Cell, ...]:
     """Every value that the paper's table prints, whether or not it is among our rows.
 
-    Where several of our rows or methods stand for one, the best of them counts.
+    Where several of our rows or methods correspond to one, the best of them counts.
     """
     return tuple(_cells(table, list(records)))
 
@@ -108,7 +104,7 @@ def _judged(
     said = explanation(table, row.label, method.label)
     cell = replace(blank, row=row.label, method=method.label, metric=metric)
     if not values:
-        failed = next((r.error for r in mine if r.error), "").removeprefix("not run: ")
+        failed = next((r.error for r in mine if r.absence), "")
         return replace(cell, reason=failed or (said if mine else "") or "no record")
     ours = median(values) if table.summary == "median" else fmean(values)
     error = _standard_error(values)
@@ -136,13 +132,13 @@ def explanation(table: Table, row: str, method: str) -> str:
 
 
 def _said_of_line(table: Table, key: str) -> str:
-    """What the table says of a line that none of its rows stands for."""
+    """What the table says of a line that none of its rows corresponds to."""
     said = (table.explained.get(part, "") for part in (key, *key.split("/")))
     return next(filter(None, said), "not among our rows")
 
 
 def tally(found: Iterable[Cell]) -> dict[CellStatus, int]:
-    """How many cells became what."""
+    """How many cells have each outcome."""
     counts = dict.fromkeys(CellStatus, 0)
     for cell in found:
         counts[cell.found] += 1

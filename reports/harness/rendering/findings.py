@@ -1,4 +1,4 @@
-"""A table's printed cells and claims as text, to stand below it."""
+"""A table's printed values and claims as text, for below the table."""
 
 from __future__ import annotations
 
@@ -14,13 +14,17 @@ from reports.harness.experiments.spec import Table
 from reports.harness.rendering import cells
 from reports.harness.rendering.cells import Cell
 
+#: Titles of the columns of `differing`.
+DIFFERING = ("row", "method", "metric", "printed", "ours", "found", "why they differ")
+
 
 def findings(table: Table, records: Sequence[Record]) -> list[str]:
-    """Lines of Markdown: what became of the printed values, and of the claims."""
+    """Lines of Markdown: the outcomes of the printed values and of the claims."""
     lines: list[str] = []
     if printed := cells.cells(table, records):
         lines += ["## Printed values", "", in_words(printed), ""]
-        lines += disagreeing(printed)
+        if rows := differing(printed):
+            lines += [*markdown_table(DIFFERING, rows), ""]
         lines += not_run(printed)
     if found := claim_outcomes.of_table(table, records):
         lines += ["## Claims", "", *claims_table(found)]
@@ -28,7 +32,7 @@ def findings(table: Table, records: Sequence[Record]) -> list[str]:
 
 
 def in_words(found: Sequence[Cell]) -> str:
-    """How many values are printed, and what became of them."""
+    """How many values are printed, and their outcomes."""
     counts = cells.tally(found)
     return (
         f"Of {counted(len(found), 'printed value{s}')} {counts[cells.CellStatus.REPRODUCED]} "
@@ -37,15 +41,13 @@ def in_words(found: Sequence[Cell]) -> str:
     )
 
 
-def disagreeing(found: Iterable[Cell]) -> list[str]:
-    """The values that differ or are better, with ours and why."""
-    rows = [
+def differing(found: Iterable[Cell]) -> tuple[tuple[str, ...], ...]:
+    """The lines of a table of the values that differ or are better, see `DIFFERING`."""
+    return tuple(
         (c.row, c.method, c.metric, c.printed, our_number(c), c.found.value, _why(c))
         for c in found
         if c.found in (cells.CellStatus.DIFFERS, cells.CellStatus.BETTER)
-    ]
-    header = ("row", "method", "metric", "printed", "ours", "found", "why they differ")
-    return [*markdown_table(header, rows), ""] if rows else []
+    )
 
 
 def not_run(found: Iterable[Cell]) -> list[str]:
@@ -56,8 +58,8 @@ def not_run(found: Iterable[Cell]) -> list[str]:
 
 
 def claims_table(found: Iterable[ClaimOutcome]) -> list[str]:
-    """Claims, where they stand, and what became of them."""
-    rows = [(outcome.claim.text, outcome.claim.source, outcome.told) for outcome in found]
+    """Claims, where they are made, and their outcomes."""
+    rows = [(outcome.claim.text, outcome.claim.source, outcome.in_full) for outcome in found]
     return [*markdown_table(("claim", "where", "found"), rows), ""]
 
 

@@ -19,15 +19,15 @@ INTRODUCTION = """\
 Rendered from the records by `certpgo report`, a pure function of them. A printed value is
 reproduced when ours rounds to the printed digits or, of a mean over seeds, when it lies within two
 standard errors of our mean; it is better where lower or higher numbers are, and ours is. Where
-several of our readings stand for one value, the nearest counts. Every value of the papers' tables
-is counted, whether or not it could be run. Times are no such values, nor is what says what a row is
-of: of times the order that is claimed is looked at, among the claims. Where a claim names no
-tolerance, the one in its sentence is ours."""
+several of our readings correspond to one value, the nearest counts. Every value of the papers'
+tables is counted, whether or not it could be run, except times and what says what a row is of: for
+times the claimed order is checked, among the claims. Where a claim names no tolerance, the one in
+its sentence is ours."""
 
 
 def index(tables: Sequence[TableResult], figures: Sequence[FigureResult]) -> str:
     """The page as Markdown."""
-    lines = ["# Tables and figures, the papers' numbers beside ours", ""]
+    lines = ["# Tables and figures: the papers' numbers and ours", ""]
     lines += [f"**{summary(tables, figures)}**", "", INTRODUCTION, ""]
     if any(getattr(r, "profile", "") == "quick" for t in tables for r in t.records):
         lines += ["**Results of the quick profile: of a part of the rows alone.**", ""]
@@ -42,7 +42,7 @@ def index(tables: Sequence[TableResult], figures: Sequence[FigureResult]) -> str
 
 
 def summary(tables: Sequence[TableResult], figures: Sequence[FigureResult]) -> str:
-    """What became of the papers' printed values and claims, in two sentences."""
+    """The outcomes of the papers' printed values and claims, in two sentences."""
     found = [cell for table in tables for cell in table.cells]
     outcomes = [outcome for _, about in _named(tables, figures) for outcome in about]
     return f"{_of_cells(found)} {_of_claims(outcomes)}"
@@ -109,7 +109,7 @@ def _reasons(tables: Iterable[TableResult], found: cells.CellStatus) -> list[str
 
 def _claims(tables: Iterable[TableResult], figures: Iterable[FigureResult]) -> list[str]:
     rows = [
-        (name, outcome.claim.text, outcome.claim.source, outcome.told)
+        (name, outcome.claim.text, outcome.claim.source, outcome.in_full)
         for name, outcomes in _named(tables, figures)
         for outcome in outcomes
     ]

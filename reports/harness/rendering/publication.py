@@ -11,7 +11,7 @@ from reports.harness.experiments.claim_outcomes import ClaimOutcome
 from reports.harness.experiments.figure import VIEWS
 from reports.harness.rendering import cells, citations
 from reports.harness.rendering.cells import Cell
-from reports.harness.rendering.findings import our_number
+from reports.harness.rendering.findings import DIFFERING, differing
 from reports.harness.rendering.formats import csv, forms
 from reports.harness.rendering.index import index, summary
 from reports.harness.rendering.render import Section
@@ -25,7 +25,7 @@ from reports.harness.rendering.report_page import (
 from reports.harness.rendering.results import Report
 
 
-def rendered(report: Report) -> Iterator[tuple[str, bytes]]:
+def report_files(report: Report) -> Iterator[tuple[str, bytes]]:
     """Names and contents of the report's files, the same bytes every time."""
     for result in report.tables:
         for form in forms().values() if result.records else ():
@@ -40,7 +40,7 @@ def rendered(report: Report) -> Iterator[tuple[str, bytes]]:
     yield "index.md", index(report.tables, report.figures).encode()
 
 
-def write(report: Report, folder: Path) -> Path:
+def write_report(report: Report, folder: Path) -> Path:
     """Write the report's files, each whole or not at all; returns the index's path.
 
     Raises
@@ -49,12 +49,12 @@ def write(report: Report, folder: Path) -> Path:
         The folder cannot be written to.
     """
     folder_to_write(folder)
-    for name, content in rendered(report):
+    for name, content in report_files(report):
         write_whole(folder / name, content)
     return folder / "index.md"
 
 
-def page(report: Report) -> str:
+def report_html(report: Report) -> str:
     """The report as one HTML page, the same bytes every time."""
     tables = [
         TablePart(
@@ -88,17 +88,13 @@ def page(report: Report) -> str:
 
 
 def _differing(found: Iterable[Cell]) -> tuple[Section, ...]:
-    rows = tuple(
-        (c.row, c.method, c.metric, c.printed, our_number(c), c.found.value, c.reason)
-        for c in found
-        if c.found in (cells.CellStatus.DIFFERS, cells.CellStatus.BETTER)
-    )
-    header = ("row", "method", "metric", "printed", "ours", "found", "why they differ")
-    return (Section("Published values that ours differ from", "", header, rows),) if rows else ()
+    rows = differing(found)
+    title = "Published values that ours differ from"
+    return (Section(title, "", DIFFERING, rows),) if rows else ()
 
 
 def _claim_parts(outcomes: Iterable[ClaimOutcome]) -> list[ClaimPart]:
-    return [ClaimPart(o.claim.text, o.found.value, o.told, o.claim.source) for o in outcomes]
+    return [ClaimPart(o.claim.text, o.found.value, o.in_full, o.claim.source) for o in outcomes]
 
 
 def _sources() -> bytes:

@@ -7,22 +7,22 @@ from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from functools import cache
 from pathlib import Path
-from typing import Literal
 
 from certpgo import registry
 from certpgo.errors import FormatError, InputError, SpecError
+from reports.harness.experiments.metrics import Better
 from reports.harness.experiments.spec import Method, Row, Table
 
 
 @dataclass(frozen=True)
 class PrintedComparison:
-    """A number of ours beside a printed one.
+    """A number of ours compared with a printed one.
 
     Attributes
     ----------
     printed : as the paper prints it
     agrees : whether ours rounds to the printed digits
-    is_better : whether it does not, and is the better for it
+    is_better : whether it does not and is better
     """
 
     printed: str
@@ -34,9 +34,7 @@ class PrintedComparison:
         return f"{self.printed} {found}"
 
 
-def compared(
-    printed: str, ours: float, better: Literal["", "lower", "higher"] = ""
-) -> PrintedComparison:
+def compared(printed: str, ours: float, better: Better = "") -> PrintedComparison:
     """Compare to the printed digits: within half a unit of the last one (and rounding's worth).
 
     Parameters
@@ -55,8 +53,8 @@ def compared(
         raise InputError(f"{printed!r} is no printed number") from None
     difference = ours - float(number)
     agrees = abs(difference) <= 0.5 * 10.0**exponent * (1.0 + 1e-9)
-    wanted = {"": 0.0, "lower": -1.0, "higher": 1.0}[better]
-    return PrintedComparison(printed, agrees, not agrees and wanted * difference > 0.0)
+    sign = {"": 0.0, "lower": -1.0, "higher": 1.0}[better]
+    return PrintedComparison(printed, agrees, not agrees and sign * difference > 0.0)
 
 
 def printed_number(table: Table, row: Row, method: Method, metric: str) -> str | None:

@@ -1,7 +1,7 @@
 """Records to text: a pure function, so that a caption costs no re-run.
 
 A section holds the records of one instance under one reading of its weights: costs under two
-readings are of two objectives, and never stand in one column.
+readings are of two objectives, and are never in one column.
 """
 
 from __future__ import annotations
@@ -14,15 +14,16 @@ from certpgo.assess.wording import reading_sentence
 from certpgo.io.plural import counted
 from certpgo.view.markdown_tables import markdown_table
 from reports.harness.experiments.averages import LOWER, UPPER, summarized
-from reports.harness.experiments.records import Record, latest
-from reports.harness.experiments.spec import FIELDS, TIMES, Column, Method, Row, Table
+from reports.harness.experiments.journal import latest
+from reports.harness.experiments.records import Record
+from reports.harness.experiments.spec import FIELDS, Column, Method, Row, Table
 from reports.harness.rendering.citations import citation
 from reports.harness.rendering.findings import findings
 from reports.harness.rendering.published import compared, printed_number
 
-#: Said of times that were taken while more ran than there are cores, or nobody knows what.
+#: A warning about times taken while more ran than there are cores, or an unknown number.
 CROWDED = (
-    "Not every run had a core to itself: its times are longer than they need be, and not to be "
+    "Not every run had a core to itself: those times are longer than necessary and should not be "
     "compared."
 )
 
@@ -36,7 +37,7 @@ class Section:
     title : the instance and its size
     caption : which reading of the weights was used
     header : column titles
-    rows : cells, one text a column
+    rows : cells, one text per column
     """
 
     title: str
@@ -78,13 +79,13 @@ def arranged(table: Table, records: Iterable[Record]) -> list[Record]:
 def notes(table: Table, records: Iterable[Record]) -> tuple[str, ...]:
     """The sentences below the table: its own, and a warning of times that were not taken alone."""
     said = [record.provenance.get("alone", "yes") for record in records if record.seconds]
-    if not any(column.key in TIMES for column in table.columns) or set(said) <= {"yes"}:
+    if not any(column.is_time for column in table.columns) or set(said) <= {"yes"}:
         return table.notes
     return (*table.notes, CROWDED)
 
 
-def markdown(table: Table, records: Sequence[Record], *, interrupted: bool = False) -> str:
-    """The table as Markdown, with where its numbers come from; it says if the run did not end."""
+def table_markdown(table: Table, records: Sequence[Record], *, interrupted: bool = False) -> str:
+    """The table as Markdown, with its provenance; it says if the run was interrupted."""
     lines = [f"# {table.title}", ""]
     if interrupted:
         lines += ["**Interrupted: the results of a run that did not end.**", ""]
@@ -113,7 +114,7 @@ def _section(table: Table, group: Sequence[Record]) -> Section:
         seed = "" if first.seed is None else f", {table.summary} of {counted(count, 'instance{s}')}"
         group = summarized(group, table.summary)
     lines = [_line(table, record) for record in group]
-    if len({line[1:] for line in lines}) == 1 and first.error:
+    if len({line[1:] for line in lines}) == 1 and first.absence:
         lines = [("every method", *lines[0][1:])]
     header = ("method", *(c.title for c in table.columns), "published", "not run or failed")
     # The last two columns are shown where they say something.
@@ -144,11 +145,11 @@ def _reading(record: Record) -> str:
 def _line(table: Table, record: Record) -> tuple[str, ...]:
     """One record's cells; the last two are the printed numbers and the error, or empty."""
     cells = [cell_text(column, record) for column in table.columns]
-    return (record.method, *cells, "; ".join(_comparisons(table, record)), record.error)
+    return (record.method, *cells, "; ".join(_comparisons(table, record)), record.why_missing)
 
 
 def cell_text(column: Column, record: Record) -> str:
-    """What stands in the column for the record."""
+    """The text of the column for the record."""
     if column.key == "seconds":
         return seconds_by_phase(record.seconds)
     if column.key == "counts":

@@ -19,14 +19,14 @@ from reports.harness.rendering.render import Section, sections
 
 @dataclass(frozen=True)
 class ClaimPart:
-    """A claim and what became of it.
+    """A claim and its outcome.
 
     Attributes
     ----------
     text : the sentence
     found : ``"holds"``, ``"differs"`` or ``"not run"``
     said : the same in more words; empty for none
-    source : where it stands, or empty
+    source : where it is made, or empty
     """
 
     text: str
@@ -37,7 +37,7 @@ class ClaimPart:
 
 @dataclass(frozen=True)
 class TablePart:
-    """A table and what came out.
+    """A table and its results.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class TablePart:
 
 @dataclass(frozen=True)
 class FigurePart:
-    """A figure and what came out.
+    """A figure and its results.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ def report_page(
 
     Parameters
     ----------
-    summary : sentences at the top; by default, what became of the claims
+    summary : sentences at the top; by default, the outcomes of the claims
     environment : what made the page; by default, what made the first results that say so
     """
     shown = [_table(results) for results in tables]
@@ -137,7 +137,7 @@ def _table(results: TablePart) -> dict[str, Any]:
 def _results(records: Sequence[Record]) -> str:
     if not records:
         return "not run"
-    failed = sum(bool(record.error) for record in records)
+    failed = sum(bool(record.absence) for record in records)
     said = counted(len(records), "record{s}")
     return f"{said}, {failed} not run or failed" if failed else said
 

@@ -11,7 +11,8 @@ from certpgo.errors import FormatError, InputError
 from reports.harness.experiments import claim_outcomes, scan
 from reports.harness.experiments.claim_outcomes import ClaimOutcome
 from reports.harness.experiments.figure import Data, Figure
-from reports.harness.experiments.records import Record, latest, read_records
+from reports.harness.experiments.journal import latest, read_entries
+from reports.harness.experiments.records import Record
 from reports.harness.experiments.spec import Table
 from reports.harness.rendering import cells
 from reports.harness.rendering.cells import Cell
@@ -24,7 +25,7 @@ class TableResult:
     Attributes
     ----------
     records : the current ones, see `latest`; none where it was not run
-    cells, claims : what became of the printed values and of the claims
+    cells, claims : the outcomes of the printed values and of the claims
     """
 
     table: Table
@@ -39,9 +40,9 @@ class FigureResult:
 
     Attributes
     ----------
-    document : what stands in ``NAME.json``, or None
+    document : the content of ``NAME.json``, or None
     drawing : the SVG's bytes, or None
-    claims : what became of its claims
+    claims : the outcomes of its claims
     """
 
     figure: Figure
@@ -79,7 +80,7 @@ def gather(results: Path) -> Report:
 
 def _table(table: Table, results: Path) -> TableResult:
     path = results / f"{table.name}.jsonl"
-    records = tuple(latest(read_records(path))) if path.is_file() else ()
+    records = tuple(latest(read_entries(path, Record))) if path.is_file() else ()
     return TableResult(
         table, records, cells.cells(table, records), claim_outcomes.of_table(table, records)
     )

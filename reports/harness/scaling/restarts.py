@@ -1,4 +1,4 @@
-"""Whether anyone who simply starts again and again finds what `solve` did not."""
+"""Whether simply restarting many times finds what `solve` did not."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from certpgo.objective.problem import Problem, problem_of
 from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.solvers.certified.pipeline import solve
 
-#: Noise of the rotations, radians, and of the steps beside their size; None is uniform.
+#: Noise of the rotations, radians, and of the steps relative to their size; None is uniform.
 NOISES = (0.1, 0.3, 0.6, 1.0, 1.5, None)
 #: Newton's steps in a restart, and the stationarity at which its cost is known well enough.
 STEPS, TOLERANCE = 200, 1e-6
@@ -29,7 +29,7 @@ class RestartOutcome:
     ----------
     number : of the graph, from 0
     verdict : of `solve`
-    cost : of its answer
+    cost : of its estimate
     best : the lowest cost that a restart reached
     """
 
@@ -40,7 +40,7 @@ class RestartOutcome:
 
     @property
     def excess(self) -> float:
-        """By what part of its cost a restart beat the answer; negative where none did."""
+        """By what part of its cost a restart beat the estimate; negative where none did."""
         return (self.cost - self.best) / self.cost if self.cost > 0.0 else 0.0
 
 
@@ -59,15 +59,15 @@ def graphs(count: int, seed: int = 0) -> Iterator[Graph]:
 
 
 def attacked(number: int, graph: Graph, restarts: int) -> RestartOutcome:
-    """The answer of `solve`, and the best of Newton's method from uniformly random rotations."""
-    answer, problem = solve(graph), problem_of(graph)
+    """The estimate of `solve`, and the best of Newton's method from uniformly random rotations."""
+    solved, problem = solve(graph), problem_of(graph)
     best = np.inf
-    if answer.verdict is Verdict.BOUNDED:
+    if solved.verdict is Verdict.BOUNDED:
         rng = np.random.default_rng(number)
         for _ in range(restarts):
             start = problem.complete(so.random(rng, problem.n, problem.d))
             best = min(best, _restarted(problem, start))
-    return RestartOutcome(number, answer.verdict, answer.cost, best)
+    return RestartOutcome(number, solved.verdict, solved.cost, best)
 
 
 def _restarted(problem: Problem, start: Estimate) -> float:

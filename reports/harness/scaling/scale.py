@@ -1,6 +1,6 @@
-"""How the certified pipeline grows: synthetic families of known truth, one process a size.
+"""How the certified pipeline grows: synthetic families of known truth, one process per size.
 
-A process of its own shows what memory a size takes.
+A separate process shows how much memory a size takes.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ from certpgo.graph import Instance
 from certpgo.graph.components import rotations_alone
 from certpgo.linalg.factor import default_engine
 from certpgo.solvers.certified.pipeline import solve
+from reports.harness.experiments.absence import DIED, missing
+from reports.harness.experiments.keys import content_key
 from reports.harness.experiments.records import Record, of_certificate, of_solution
 
 #: Kibibytes in a gigabyte.
@@ -72,9 +74,15 @@ def family(name: str) -> Family:
     return FAMILIES[name]
 
 
-def label(name: str, size: int) -> str:
-    """What the records call a graph."""
-    return f"{name} {size}"
+def file_name(name: str) -> str:
+    """What the file of a family's records is called."""
+    return f"scale_{name}"
+
+
+def graph_key(name: str, size: int, seed: int) -> str:
+    """The key of a graph's record, with the factorization engine in use."""
+    engine = default_engine()
+    return content_key({"family": name, "size": size, "seed": seed, "engine": engine})
 
 
 def measure(name: str, size: int, seed: int = 0) -> Record:
@@ -91,7 +99,7 @@ def measure(name: str, size: int, seed: int = 0) -> Record:
         try:
             return pool.submit(measured, name, size, seed).result()
         except BrokenProcessPool:
-            return replace(_blank(name, size, seed), error="the process was killed: no memory?")
+            return replace(_blank(name, size, seed), **DIED._asdict())
 
 
 def measured(name: str, size: int, seed: int) -> Record:
@@ -106,7 +114,7 @@ def measured(name: str, size: int, seed: int) -> Record:
         found = solve(graph)
         elapsed = time.perf_counter() - start
     except (CertPGOError, MemoryError, np.linalg.LinAlgError) as error:
-        return replace(record, error=str(error) or type(error).__name__)
+        return replace(record, **missing(error)._asdict())
     metrics = {
         "cost": found.cost,
         "relative_gap": found.certificate.relative_gap,
@@ -135,11 +143,18 @@ def slope(records: Iterable[Record], metric: str = "median_seconds") -> float:
 
 
 def _blank(name: str, size: int, seed: int) -> Record:
-    return Record(f"scale_{name}", label(name, size), "certified", solver="certified", seed=seed)
+    return Record(
+        file_name(name),
+        f"{name} {size}",
+        "certified",
+        solver="certified",
+        seed=seed,
+        key=graph_key(name, size, seed),
+    )
 
 
 def _peak_memory() -> float:
-    """Gigabytes that this process has held at most; NaN where the system does not tell."""
+    """Gigabytes that this process has held at most; NaN where the system does not report it."""
     try:
         import resource
     except ImportError:

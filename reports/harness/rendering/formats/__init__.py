@@ -1,4 +1,4 @@
-"""What a table is rendered as: one file a format, exposing ``FORM``, found in this folder."""
+"""Formats of rendered tables: one file each in this folder, exposing ``FORM``."""
 
 from __future__ import annotations
 

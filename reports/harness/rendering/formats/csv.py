@@ -1,4 +1,4 @@
-"""Comma-separated values: one row a method and section, numbers in full precision."""
+"""Comma-separated values: one row per method and section, numbers in full precision."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from reports.harness.rendering.render import grouped, work
 LEADING = ("row", "part", "seed", "instances", "d", "n", "m", "method")
 
 
-def text(table: Table, records: Sequence[Record]) -> str:
-    """The table as CSV; of a summary, with its quartiles, and each printed number beside ours."""
+def csv_text(table: Table, records: Sequence[Record]) -> str:
+    """The table as CSV, with the quartiles of a summary, and each printed number next to ours."""
     stream = io.StringIO()
     writer = csv.DictWriter(stream, _header(table), restval="", lineterminator="\n")
     writer.writeheader()
@@ -42,7 +42,7 @@ def _header(table: Table) -> list[str]:
 
 def _line(table: Table, record: Record, instances: int) -> dict[str, object]:
     line: dict[str, object] = {name: getattr(record, name, None) for name in LEADING}
-    line |= {"instances": instances, "error": record.error}
+    line |= {"instances": instances, "error": record.why_missing}
     if table.summary:
         line["seed"] = None
     for column in table.columns:
@@ -71,4 +71,4 @@ def _printed(table: Table, record: Record) -> Iterator[tuple[str, str]]:
                 yield f"{metric}.printed", printed_number(table, row, method, metric) or ""
 
 
-FORM = Form("csv", "CSV", text)
+FORM = Form("csv", "CSV", csv_text)

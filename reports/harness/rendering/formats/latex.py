@@ -1,4 +1,4 @@
-"""LaTeX: one longtable of booktabs' rules, a heading a section; needs booktabs and longtable."""
+"""LaTeX: one longtable with a heading per section; needs booktabs and longtable."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _SPECIAL = {
 _NUMBER = re.compile(r"(?<![\w.])(-?\d+(?:\.\d+)?)(?:e([+-]\d+))?(?![\w.])")
 
 
-def text(table: Table, records: Sequence[Record]) -> str:
+def latex_text(table: Table, records: Sequence[Record]) -> str:
     """The table as LaTeX, to be read into a document."""
     shown = sections(table, records)
     header = _header(shown)
@@ -85,7 +85,7 @@ def _cited(table: Table) -> str:
 
 
 def escaped(words: str) -> str:
-    """The text with the characters that TeX would act upon made harmless."""
+    """The text with TeX's special characters escaped."""
     return "".join(_SPECIAL.get(character, character) for character in words)
 
 
@@ -103,4 +103,4 @@ def numbered(words: str) -> str:
     return "".join([*parts, escaped(words[end:])])
 
 
-FORM = Form("tex", "LaTeX", text)
+FORM = Form("tex", "LaTeX", latex_text)

@@ -1,4 +1,4 @@
-"""Every certifier on a case: what it says, and where that is false."""
+"""What every certifier says of a point, and where that is false."""
 
 from __future__ import annotations
 
@@ -14,21 +14,11 @@ from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import Problem
 from reports.harness.certifiers import oracle, rules
-from reports.harness.certifiers.points import JudgedPoint, Known
+from reports.harness.certifiers.points import Known, ZooPoint
+from reports.harness.certifiers.zoo_records import ALL, FAULTS, Outcome, Tally
 
-#: What may be false of a certifier's answer; that it fails, and what it may otherwise lack.
-FALSE, BOUND, REFUTATION, BASIN = "false", "false bound", "false refutation", "false basin"
-PROOF = "false proof"
-FAULTS = (FALSE, BOUND, REFUTATION, BASIN, PROOF)
-#: What an interval factorization says of the multipliers that a bound rests on.
-CONFIRMED, UNDECIDED = "bound confirmed", "bound undecided"
-#: Nodes up to which it is asked.
+#: Nodes up to which an interval factorization confirms bounds.
 MOST_NODES = 200
-FAILED, MISSED, LOOSE, UNCONFIRMED = "failed", "missed", "missed, loose", "unconfirmed"
-#: Of ours: UNDECIDED though a lower bound above the tolerance exists.
-NO_ANSWER = "no answer"
-
-Tally = Counter[tuple[str, str]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +30,9 @@ class Opinion:
     certified : the estimate that it calls optimal, or None
     lower_bound : no estimate costs less, it says
     better : an estimate that it calls better by more than the tolerance, or None
-    basin : an estimate that it calls optimal besides, or None
+    basin : another estimate that it calls optimal, or None
     multipliers : (n, d, d) what the lower bound rests on, or None
-    undecided : whether it has no answer
+    undecided : whether it decides nothing
     """
 
     certified: Estimate | None
@@ -53,34 +43,34 @@ class Opinion:
     undecided: bool = False
 
 
-Judge = Callable[[Problem, Estimate], Opinion]
+Certifier = Callable[[Problem, Estimate], Opinion]
 
 
-def certifiers() -> dict[str, Judge]:
-    """Ours, one a tier and the standard one on the point alone; then the competitors'."""
-    judges = {f"certpgo {t.value}": _ours(t, True) for t in Tier if t is not Tier.SCREEN}
-    judges["certpgo standard, unrefined"] = _ours(Tier.STANDARD, False)
+def certifiers() -> dict[str, Certifier]:
+    """Ours, one per tier and the standard one on the point alone; then the competitors'."""
+    asked = {f"certpgo {t.value}": _ours(t, True) for t in Tier if t is not Tier.SCREEN}
+    asked["certpgo standard, unrefined"] = _ours(Tier.STANDARD, False)
     for name in rules.rule_names():
-        judges[name] = _theirs(name)
-    return judges
+        asked[name] = _theirs(name)
+    return asked
 
 
-def judged(case: JudgedPoint, judges: dict[str, Judge]) -> tuple[Tally, list[str]]:
-    """Counts by certifier and outcome, and what is false of ours, or failed, in words."""
-    tally: Tally = Counter()
-    for fact in _facts(case):
-        tally["", fact] += 1
-    faults = []
-    for name, judge in judges.items():
-        for outcome in _outcomes(case, judge):
-            tally[name, outcome] += 1
-            if outcome in (*FAULTS, FAILED) and name.startswith("certpgo"):
-                faults.append(f"{case.name}: {name}: {outcome}")
-    return tally, faults
+def tally_of(case: ZooPoint, asked: dict[str, Certifier]) -> Tally:
+    """What every certifier says of a point."""
+    outcomes: dict[str, Counter[str]] = {
+        name: Counter(_outcomes(case, certifier)) for name, certifier in asked.items()
+    }
+    faults = [
+        f"{case.name}: {name}: {outcome}"
+        for name, counts in outcomes.items()
+        for outcome in counts
+        if outcome in (*FAULTS, Outcome.FAILED) and name.startswith("certpgo")
+    ]
+    return Tally(points=Counter(_facts(case)), outcomes=outcomes, faults=faults)
 
 
-def _facts(case: JudgedPoint) -> Iterator[str]:
-    yield "points"
+def _facts(case: ZooPoint) -> Iterator[str]:
+    yield ALL
     yield case.truth.known.value
     if case.truth.loose:
         yield "loose"
@@ -94,50 +84,53 @@ def _facts(case: JudgedPoint) -> Iterator[str]:
         yield "open point" if case.truth.known is Known.OPEN else "borderline"
 
 
-def _outcomes(case: JudgedPoint, judge: Judge) -> Iterator[str]:
+def _outcomes(case: ZooPoint, certifier: Certifier) -> Iterator[Outcome]:
     try:
         with np.errstate(all="ignore"):
-            opinion = judge(case.problem, case.point)
+            opinion = certifier(case.problem, case.point)
     except MissingDependency:
-        yield "not installed"
+        yield Outcome.NOT_INSTALLED
         return
     except InputError:
-        yield "refused"
+        yield Outcome.REFUSED
         return
-    except Exception:  # a zoo survives whatever a certifier raises
+    except Exception:  # the zoo goes on whatever a certifier raises
         opinion = None
     if opinion is None:
-        yield FAILED
+        yield Outcome.FAILED
     else:
-        yield "not certified" if opinion.certified is None else "certified"
+        yield Outcome.NOT_CERTIFIED if opinion.certified is None else Outcome.CERTIFIED
         yield from _faults(case, opinion)
         if opinion.undecided and case.truth.lower > case.tolerance(case.truth.upper):
-            yield NO_ANSWER
+            yield Outcome.NO_ANSWER
     missed = opinion is None or (opinion.certified is None and not _is_refuted(case, opinion))
     if missed and case.feasible and case.is_optimal(case.point):
-        yield LOOSE if case.truth.loose else MISSED
+        yield Outcome.MISSED_LOOSE if case.truth.loose else Outcome.MISSED
 
 
-def _faults(case: JudgedPoint, opinion: Opinion) -> Iterator[str]:
+def _faults(case: ZooPoint, opinion: Opinion) -> Iterator[Outcome]:
     if opinion.certified is not None:
         # What is no estimate cannot be the best one.
         feasible = opinion.certified is not case.point or case.feasible
         if not feasible or case.is_beaten(opinion.certified):
-            yield FALSE
+            yield Outcome.FALSE
         elif case.truth.known is Known.OPEN:
-            yield UNCONFIRMED
+            yield Outcome.UNCONFIRMED
     if opinion.lower_bound > case.truth.upper:
-        yield BOUND
+        yield Outcome.FALSE_BOUND
     if opinion.better is not None and not _is_refuted(case, opinion):
-        yield REFUTATION
+        yield Outcome.FALSE_REFUTATION
     if opinion.basin is not None and case.is_beaten(opinion.basin):
-        yield BASIN
+        yield Outcome.FALSE_BASIN
     if opinion.multipliers is not None and case.problem.n <= MOST_NODES:
         holds = oracle.is_proof(case.problem, opinion.multipliers)
-        yield PROOF if holds is False else CONFIRMED if holds else UNDECIDED
+        if holds is False:
+            yield Outcome.FALSE_PROOF
+        else:
+            yield Outcome.CONFIRMED if holds else Outcome.UNDECIDED
 
 
-def _is_refuted(case: JudgedPoint, opinion: Opinion) -> bool:
+def _is_refuted(case: ZooPoint, opinion: Opinion) -> bool:
     """Whether an estimate that is called better costs less, in interval arithmetic."""
     if opinion.better is None or not case.feasible:
         return False
@@ -145,8 +138,8 @@ def _is_refuted(case: JudgedPoint, opinion: Opinion) -> bool:
     return theirs < oracle.cost(case.problem, case.point)[0]
 
 
-def _ours(tier: Tier, refine: bool) -> Judge:
-    def judge(problem: Problem, point: Estimate) -> Opinion:
+def _ours(tier: Tier, refine: bool) -> Certifier:
+    def certifier(problem: Problem, point: Estimate) -> Opinion:
         estimate = Estimate(point.rotations, point.translations)  # which checks its matrices
         certificate = certify(problem, estimate, tier=tier, refine=refine)
         return Opinion(
@@ -158,9 +151,9 @@ def _ours(tier: Tier, refine: bool) -> Judge:
             certificate.verdict is Verdict.UNDECIDED,
         )
 
-    return judge
+    return certifier
 
 
-def _theirs(name: str) -> Judge:
-    certifier = rules.get_rule(name)
-    return lambda problem, point: Opinion(certifier(problem, point))
+def _theirs(name: str) -> Certifier:
+    rule = rules.get_rule(name)
+    return lambda problem, point: Opinion(rule(problem, point))

@@ -1,0 +1,120 @@
+"""Runs the zoo: a record per family, then a record per block of random instances."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+
+from certpgo import registry
+from certpgo.assess.provenance import provenance
+from certpgo.errors import NumericalError
+from certpgo.linalg.factor import default_engine
+from reports.harness.certifiers import campaign, oracle
+from reports.harness.certifiers.families import FAMILIES
+from reports.harness.certifiers.opinions import certifiers, tally_of
+from reports.harness.certifiers.zoo_records import Job, Outcome, ZooRecord, total
+from reports.harness.experiments.journal import Journal
+
+#: Random instances without a campaign, and of the quick profile.
+FEWEST, QUICK = 500, 5
+#: Thread pools of the libraries that a process may load.
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+Announce = Callable[[str], None]
+
+
+def jobs(instances: int = 0, quick: bool = False) -> list[Job]:
+    """Every family, and random instances: at least ``instances`` of them, and a few in any case."""
+    total = max(instances, QUICK if quick else FEWEST)
+    named = [Job(name, quick=quick) for name in FAMILIES]
+    return named + [Job(kind.name, first) for kind, first in campaign.blocks(total)]
+
+
+def run_jobs(
+    journal: Journal[ZooRecord],
+    chosen: list[Job],
+    *,
+    processes: int = 1,
+    announce: Announce = lambda _: None,
+) -> Iterator[ZooRecord]:
+    """The records of the jobs, in their order; those in the journal are not run again.
+
+    Parameters
+    ----------
+    processes : how many work at once, each with one thread
+    announce : called with how many jobs are done
+    """
+    oracle.library()  # a missing package is an error here, not in a process that dies of it
+    keys = {job: job.key(certifiers()) for job in chosen}
+    # Without points its file was not here.
+    found = {job: kept for job in chosen for kept in journal.find(keys[job]) if kept.points}
+    left = [job for job in chosen if job not in found]
+    done = len(chosen) - len(left)
+    for job, made in _made(left, processes):
+        found[job] = made
+        journal.add(made)
+        done += 1
+        announce(f"{done} of {len(chosen)}: {job.label}")
+    yield from (found[job] for job in chosen)
+
+
+def record_of(job: Job) -> ZooRecord:
+    """The record of a job, made in this process."""
+    asked = certifiers()
+    wrong: dict[str, list[str]] = {}
+    if job.seed is None:
+        tallies = []
+        for case in FAMILIES[job.name](job.quick):
+            tallies.append(tally_of(case, asked))
+            for name in asked:
+                if tallies[-1].of(name)[Outcome.FALSE]:
+                    wrong.setdefault(name, []).append(case.name)
+        tally = total(tallies)
+    else:
+        tally = campaign.block(campaign.kind_called(job.name), job.seed, asked)
+    return ZooRecord(
+        key=job.key(asked),
+        family=job.name,
+        seed=job.seed,
+        quick=job.quick,
+        certifiers=list(asked),
+        falsely_certified=wrong,
+        provenance=provenance(default_engine(), registry.source()),
+        **vars(tally),
+    )
+
+
+def _made(chosen: list[Job], processes: int) -> Iterator[tuple[Job, ZooRecord]]:
+    """Jobs with their records, as they are done."""
+    context = multiprocessing.get_context("spawn")
+    with (
+        _one_thread_each(),
+        ProcessPoolExecutor(max(1, min(processes, len(chosen))), mp_context=context) as pool,
+    ):
+        waiting = {pool.submit(record_of, job): job for job in chosen}
+        try:
+            for future in as_completed(waiting):
+                yield waiting[future], future.result()
+        except BrokenProcessPool:
+            raise NumericalError("a process was killed: no memory?") from None
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """For processes started inside: libraries read this when they are loaded."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
