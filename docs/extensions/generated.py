@@ -34,7 +34,7 @@ _COPIED = {
 _TO_COPIED = re.compile(rf"(\]\((?:\.\./)*)\.\./({'|'.join(map(re.escape, _COPIED))})")
 
 #: Files of `reports/results` that pages show or link to.
-RESULTS = ("*.md", "*.svg", "*.csv", "*.tex", "*.bib")
+RESULTS = ("*.md", "*.svg", "*.bib")
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

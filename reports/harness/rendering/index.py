@@ -12,11 +12,11 @@ from reports.harness.experiments.claim_outcomes import ClaimOutcome
 from reports.harness.rendering import cells
 from reports.harness.rendering.cells import Cell
 from reports.harness.rendering.citations import citation
-from reports.harness.rendering.formats import forms
 from reports.harness.rendering.results import FigureResult, TableResult
 
 INTRODUCTION = """\
-Rendered from the records by `certpgo report`, a pure function of them. A printed value is
+Rendered by `certpgo report`, a pure function of the records; it also writes each table as CSV and
+LaTeX. A printed value is
 reproduced when ours rounds to the printed digits or, of a mean over seeds, when it lies within two
 standard errors of our mean; it is better where lower or higher numbers are, and ours is. Where
 several of our readings correspond to one value, the nearest counts. Every value of the papers'
@@ -126,11 +126,10 @@ def _named(
 def _tables(tables: Iterable[TableResult]) -> list[str]:
     rows = []
     for result in tables:
-        ends = (f"[{f.title}]({result.table.name}.{f.suffix})" for f in forms().values())
-        files = ", ".join(ends) if result.records else "not run"
+        file = f"[Markdown]({result.table.name}.md)" if result.records else "not run"
         cited = result.table.published or result.table.name
-        rows.append((result.table.name, result.table.title, files, _cite(cited)))
-    return markdown_table(("table", "title", "files", "cite"), rows)
+        rows.append((result.table.name, result.table.title, file, _cite(cited)))
+    return markdown_table(("table", "title", "file", "cite"), rows)
 
 
 def _figures(figures: Iterable[FigureResult]) -> list[str]:
