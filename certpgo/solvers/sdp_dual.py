@@ -61,7 +61,7 @@ class DualSDP(Semidefinite):
         return Posed(problem, read)
 
     def scalars(self, n: int, d: int) -> int:
-        """Those of Lam."""
+        """The scalars of Lam."""
         return n * d * (d + 1) // 2
 
 
