@@ -84,7 +84,7 @@ def test_outliers_are_one_read_only_flag_an_edge_and_outlast_the_translations():
     with pytest.raises(ValueError, match="read-only"):
         marked.outliers[0] = True
     np.testing.assert_array_equal(rotations_alone(marked).outliers, marked.outliers)
-    with pytest.raises(GraphError, match="95 flags, one an edge"):
+    with pytest.raises(GraphError, match="95 flags, one per edge"):
         replace(path, outliers=np.zeros(94))
 
 
