@@ -97,7 +97,7 @@ def spherical_path(
     pairs = n * (n - 1) // 2
     m = round((1.0 - missing) * pairs)
     if not 2 <= n <= m + 1 <= pairs + 1:
-        raise InputError(f"a path of {n} poses cannot lack {missing:g} of its {pairs} pairs")
+        raise InputError(f"a path of {n} poses cannot omit {missing:g} of its {pairs} pairs")
     if not sigma_t >= 0.0:
         raise InputError(f"sigma_t must not be negative: {sigma_t}")
     R, t = _spiral(n, radius, turns)

@@ -154,8 +154,8 @@ def test_noise_of_a_spherical_path_has_the_stated_deviations():
         (lambda: thesis.langevin_graph(9, 2.0, -1.0, rng()), "sigma_R must not be negative"),
         (lambda: thesis.langevin_graph(9, 2.0, 1.0, rng(), outliers=1.5), "probability"),
         (lambda: thesis.langevin_graph(1, 2.0, 1.0, rng()), "at least 2"),
-        (lambda: thesis.spherical_path(0.999, 1.0, 0.1, rng()), "cannot miss 0.999"),
-        (lambda: thesis.spherical_path(-0.1, 1.0, 0.1, rng()), "cannot miss -0.1"),
+        (lambda: thesis.spherical_path(0.999, 1.0, 0.1, rng()), "cannot omit 0.999"),
+        (lambda: thesis.spherical_path(-0.1, 1.0, 0.1, rng()), "cannot omit -0.1"),
         (lambda: thesis.spherical_path(0.5, 1.0, -0.1, rng()), "sigma_t must not be negative"),
     ],
 )
