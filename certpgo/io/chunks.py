@@ -22,7 +22,7 @@ _PRINTED = bytes({*range(32, 256)} - {127}) + b"\t\r\n"
 
 
 def without_comments(text: bytes) -> bytes:
-    """The text with ``#`` and what follows it on a line removed."""
+    """The text without comments, from ``#`` to the end of a line."""
     return _COMMENT.sub(b"", text)
 
 

@@ -37,7 +37,7 @@ MAX_HALVINGS = 40
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """Where low-rank optimization ended."""
+    """The result of low-rank optimization."""
 
     point: Lift
     cost: float

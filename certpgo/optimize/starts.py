@@ -31,7 +31,7 @@ class Start:
 
     Attributes
     ----------
-    estimate : the estimate itself
+    estimate : rotations, and translations if the problem has them
     name : the method that computed it, for reports
     near : whether it is probably close to a minimum, where the Hessian is definite
     """

@@ -16,7 +16,7 @@ from certpgo.solvers._sdp import ConicSolution, Posed, Semidefinite
 class DualSDP(Semidefinite):
     """(D): max tr(Lam) such that L - blkdiag(Lam) is positive semidefinite.
 
-    Lam has 6n scalars in space, 3n in the plane. The settings are those of `Semidefinite`.
+    Lam has 6n scalars in 3D, 3n in 2D. The settings are those of `Semidefinite`.
 
     Examples
     --------

@@ -63,7 +63,7 @@ ROW_MAJOR_3D = InformationLayout(
         (5, 10, 14, 17, 19, 20),
     )
 )
-#: TORO's own order in the plane: xx xy yy tt xt yt.
+#: TORO's order in 2D: xx xy yy tt xt yt.
 TORO_2D = InformationLayout(((0, 1, 4), (1, 2, 5), (4, 5, 3)))
 
 
