@@ -1,4 +1,4 @@
-"""The site: pages of this folder, lessons that are run, and a reference read from the package."""
+"""The site: pages of this folder, executed lessons, and a reference generated from the package."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ HERE = Path(__file__).parent
 ROOT = HERE.parent
 sys.path[:0] = [str(ROOT), str(HERE)]
 
-# Lessons print the same digits however many cores there are, and on every build.
+# Lessons print the same digits on every build, for any number of cores.
 for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 os.environ["PYTHONPATH"] = os.pathsep.join(
     filter(None, (str(ROOT), os.environ.get("PYTHONPATH", "")))
 )
 
-# Kernels read no settings of the reader's own, do not warn of serving this machine alone, and send
-# what a cell prints in one piece: pieces cut by a clock would differ between builds.
+# Kernels read no user settings, do not warn that they serve only this machine, and send a cell's
+# output in one piece: pieces split by a timer would differ between builds.
 KERNEL = """\
 from ipykernel.iostream import OutStream
 OutStream.flush_interval = 3600.0
@@ -29,7 +29,7 @@ profile.mkdir(parents=True, exist_ok=True)
 (profile / "ipython_kernel_config.py").write_text(KERNEL)
 os.environ["IPYTHONDIR"] = str(profile.parent)
 
-import matplotlib.font_manager  # noqa: E402, F401 - or the first lesson tells of its cache
+import matplotlib.font_manager  # noqa: E402, F401 - or the first lesson reports its cache
 from extensions import generated  # noqa: E402
 
 import certpgo  # noqa: E402
@@ -47,19 +47,19 @@ extensions = [
     "extensions.generated",
     "extensions.pictures",
 ]
-include_patterns = ["**.md", "**.rst", "lessons/*.py"]  # other Python here is no page
-smartquotes = False  # they would make a dash of --method
+include_patterns = ["**.md", "**.rst", "lessons/*.py"]  # other Python here is not a page
+smartquotes = False  # they would turn -- of --method into a dash
 nitpicky = True
 # Types of other packages have no page here, and fetching their indices needs a network.
 nitpick_ignore_regex = [
-    (r"py:.*", r"(numpy|scipy|matplotlib|collections|pathlib)\..*"),
+    (r"py:.*", r"(numpy|scipy|matplotlib|collections|dataclasses|pathlib|types)\..*"),
 ]
 
 # Markdown
 myst_enable_extensions = ["amsmath", "deflist", "dollarmath", "fieldlist"]
 myst_heading_anchors = 3
 
-# Lessons: percent-format Python, run anew when it or the package changes
+# Lessons: percent-format Python, executed again when it or the package changes
 nb_custom_formats = {".py": ["jupytext.reads", {"fmt": "py:percent"}]}
 nb_execution_mode = "cache"
 nb_execution_cache_path = str(ROOT / "build" / "docs-cache" / generated.package_key())
@@ -69,7 +69,7 @@ nb_execution_raise_on_error = True
 nb_execution_show_tb = True
 nb_merge_streams = True
 nb_output_stderr = "warn"
-# Solutions are the only cells that are folded.
+# Solutions are the only hidden cells.
 nb_code_prompt_show = "Solution"
 nb_code_prompt_hide = "Hide the solution"
 

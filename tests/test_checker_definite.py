@@ -58,3 +58,13 @@ def test_sums_that_might_not_be_exact_prove_nothing(share, monkeypatch):
     assert (found is None) == (share > 1.0)
     # That much of a factor leaves a negative diagonal: nothing is proven either way.
     assert found is None or share < 0.5 or found.diagonal.max() < 0.0
+
+
+def test_rows_that_got_too_little_get_more_and_others_do_not():
+    """Half of the identity bears 0.3 off three rows, and not twice that; the last gets nothing."""
+    A = np.eye(4, dtype=int).astype(object) << (BITS_OF_INPUT - 1)
+    blocks, order, delta = blocks_of(A, 2), np.arange(2), np.array([0.3, 0.3, 0.3, 0.0])
+    found = checker.residual(blocks, order, delta)
+    assert (found.diagonal >= found.needed).tolist() == [True, True, True, False]
+    assert checker.is_positive_semidefinite(blocks, order, delta)
+    assert checker.residual(blocks, order, 2.0 * delta) is None

@@ -193,12 +193,13 @@ def test_long_arms_do_not_lose_what_the_truncated_rotation_turns_them_by(power, 
         assert cost < upper <= (1 + Fraction(1, 2**50)) * (cost + rounding + rounding**2)
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
 @pytest.mark.parametrize("power", [-60, -80, -99])
-def test_what_is_below_100_bits_is_rounded_up(power):
-    """A translation of 2^power and 2^-103 that nothing explains."""
+def test_what_is_below_100_bits_is_rounded_up(power, sign):
+    """A translation of 2^power and 2^-103 either way that nothing explains."""
     still, x = np.array([[1.0, 0.0], [1.0, 0.0]]), 2.0**power + 2.0**-103
     graph = graph_of([[0, 1]], 2, still[:1], np.zeros((1, 2)), np.array([2.0**-300]), np.ones(1))
-    upper = Fraction(checker.upper_bound(graph, still, np.array([[0.0, 0.0], [x, 0.0]])))
+    upper = Fraction(checker.upper_bound(graph, still, np.array([[0.0, 0.0], [sign * x, 0.0]])))
     assert Fraction(x) ** 2 < upper <= (Fraction(x) + Fraction(1, 2**99)) ** 2
 
 
@@ -277,9 +278,14 @@ def test_blocks_are_the_certificate_matrix_to_100_bits(seed, d, poses, spread, e
     assert np.array_equal(blocks.weights, weights)
 
 
-@pytest.mark.parametrize(("power", "passes"), [(-50, True), (-80, False)])
+@pytest.mark.parametrize(
+    ("power", "passes"), [(-50, True), (-58, True), (-60, False), (-80, False)]
+)
 def test_what_was_truncated_must_not_be_magnified(power, passes):
-    """Lam takes all of a weight of 1 and leaves 2^power: the rotation's 160 bits are to last."""
+    """Lam takes all of a weight of 1 and leaves 2^power: the rotation's 160 bits are to last.
+
+    Scaled until what is left is about 1/2, they are off by 2^(-161 - power), to be below 2^-102.
+    """
     edges, kappa = [[0, 1], [1, 2], [2, 0]], np.array([1.0, 2.0**power, 2.0**power])
     still = np.tile([1.0, 0.0], (3, 1))
     graph = graph_of(edges, 3, still, np.zeros((3, 2)), kappa, np.ones(3))

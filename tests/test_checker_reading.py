@@ -130,6 +130,7 @@ def test_the_component_keeps_edges_with_both_ends_in_it():
         "EDGE_SE2 0 1 1 0 0",
         "\n\n  EDGE_SE2\t0  1 1 0 0 \t\r\nVERTEX_SE2 0 0 0 0\r\n",
         "# EDGE_SE2 5 6 1 0 0\nEDGE_SE2 0 1 1 0 0 # and so on\nFIX 0\n",
+        "# \u00c0 \u00e9 \u20ac \U0001d40b\nEDGE_SE2 0 1 1 0 0 # \u00ff\n",
         "EDGE_SE2_XY 0 7 1 1 1 0 1\nEDGE_SE2 0 1 1 0 0\nLANDMARK2 3 4\nPARAMS_SE2OFFSET 0 0 0 0\n",
     ],
 )
@@ -165,7 +166,10 @@ def test_a_rotation_of_zero_is_refused():
         read("EDGE_SE3:QUAT 0 1 0 0 0 0 0 0 0\n")
 
 
-@pytest.mark.parametrize(("theta", "passes"), [(1e6, True), (-1e6, True), (1000001.0, False)])
+@pytest.mark.parametrize(
+    ("theta", "passes"),
+    [(1e6, True), (-1e6, True), (1000001.0, False), (-1000001.0, False), (math.nan, False)],
+)
 def test_angles_have_a_range(theta, passes):
     if passes:
         c, s = checker.half_angle(theta)
@@ -349,3 +353,10 @@ def test_the_component_is_the_file_that_was_proven_about(tmp_path):
     (tmp_path / "cc.txt").write_bytes(ids + b" 4")
     with pytest.raises(checker.Refused, match=r"cc.txt is not the file"):
         checker._component(path, text, claim)
+
+
+@pytest.mark.parametrize("arguments", [[], ["graph"], ["graph", "proof", "more"]])
+def test_other_than_two_arguments_are_answered_by_how_to_use_it(arguments, capsys):
+    assert checker.main(arguments) == 2
+    said = capsys.readouterr()
+    assert (said.out, said.err) == ("", "usage: checker.py GRAPH PROOF\n")

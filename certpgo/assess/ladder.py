@@ -1,4 +1,4 @@
-"""Every bound on a graph, rung by rung: what it needs, what it costs, what it says here.
+"""Every bound on a graph: what it needs, its run time, and what it implies here.
 
 Two kinds of rungs. Lower bounds on F* are compared with the cost of an answer. Angles speak of
 stationary rotations alone: where all residuals stay below one, those rotations are optimal.
@@ -55,7 +55,7 @@ class Rung:
         to its weight
     value : of the bound; None where there is none, for a reason that ``says`` gives
     against : what it is compared with: F, the largest residual angle (their sum), the largest ratio
-    holds : whether it settles that the answer (the stationary rotations beside it) is optimal; of
+    holds : whether it shows the estimate (the stationary rotations near it) to be optimal; of
         computed lower bounds, up to `TIGHT`; None without a value
     needs : what it takes to compute
     seconds : what it took here
@@ -91,7 +91,7 @@ class Ladder:
     cost : F of the estimate, given or found
     given : whether it was given
     largest : its largest residual angle, radians
-    settled : largest residual angle of the stationary rotations beside it, radians, which the
+    settled : largest residual angle of the stationary rotations near it, radians, which the
         angles are compared with; None where descent reached none
     certificate : of the estimate
     rungs : one bound each
@@ -129,9 +129,9 @@ def ladder(
     else:
         problem.check(point := estimate)
         (certificate, proven), seconds = _timed(lambda: _certificates(problem, point))
-    beside = _stationary_rotations(problem, point)
+    stationary = _stationary_rotations(problem, point)
     F = _Cost(problem.cost(point), certificate.cost_upper)
-    rungs = [*_spectral(problem, F), *_angles(problem, beside)]
+    rungs = [*_spectral(problem, F), *_angles(problem, stationary)]
     rungs.append(_program(problem, F, force) if sdp else _unasked(F))
     rungs.append(_proven(proven, F, seconds))
     angles = problem.rotation.residual_angles
@@ -139,7 +139,7 @@ def ladder(
         cost=F.computed,
         given=estimate is not None,
         largest=float(angles(point).max()),
-        settled=None if beside is None else float(angles(beside).max()),
+        settled=None if stationary is None else float(angles(stationary).max()),
         certificate=certificate,
         rungs=tuple(_in_view_of_earlier(rungs)),
     )
@@ -150,8 +150,8 @@ def rungs_of_eigenvalues(
 ) -> tuple[Rung, ...]:
     """The rungs that a few eigenvalues give, for an estimate that is certified already."""
     F = _Cost(problem.cost(estimate), certificate.cost_upper)
-    beside = _stationary_rotations(problem, estimate)
-    return tuple(_in_view_of_earlier([*_spectral(problem, F), *_angles(problem, beside)]))
+    stationary = _stationary_rotations(problem, estimate)
+    return tuple(_in_view_of_earlier([*_spectral(problem, F), *_angles(problem, stationary)]))
 
 
 def _certificates(problem: Problem, point: Estimate) -> tuple[Certificate, Certificate]:
@@ -241,17 +241,17 @@ def _lower(
     """A rung that bounds F from below, or the reason why there is none."""
     cost = F.computed
     if value is not None and value > F.upper:
-        value, why = None, f"not a bound: the value found, {value:.10g}, is above F"
+        value, why = None, f"not a bound: the computed value, {value:.10g}, is above F"
     if value is None:
         return Rung(key, title, "cost", None, cost, None, needs, seconds, why)
     gap = cost - value
     holds = gap <= TIGHT * cost
     if value <= 0.0 and cost > 0.0:
-        says = "nothing: no cost is below 0 anyway"
+        says = "nothing: no cost is negative"
     elif holds:
-        says = f"this answer is the best, to six digits{proven}"
+        says = f"this estimate is optimal, to six digits{proven}"
     else:
-        says = f"this answer is at most {_percent(gap / value)} above the best{proven}"
+        says = f"this estimate is at most {_percent(gap / value)} above the optimum{proven}"
     return Rung(key, title, "cost", value, cost, holds, needs, seconds, says)
 
 
@@ -259,20 +259,20 @@ def _percent(part: float) -> str:
     return f"{100.0 * part:.3g} %" if part < 10.0 else f"{part:.3g} times"
 
 
-def _angles(problem: Problem, beside: Estimate | None) -> Iterator[Rung]:
+def _angles(problem: Problem, stationary: Estimate | None) -> Iterator[Rung]:
     rotation = problem.rotation
-    largest = math.inf if beside is None else float(rotation.residual_angles(beside).max())
+    largest = math.inf if stationary is None else float(rotation.residual_angles(stationary).max())
     fiedler, why, seconds = _eigenvalues(lambda: fiedler_value(rotation))
     by_degree = None if fiedler is None else alpha_max(fiedler / float(rotation.node_weights.max()))
-    title, needs = "safe angle, by the largest degree", "one eigenvalue of the Laplacian"
+    title, needs = "residual-angle bound, largest degree", "one eigenvalue of the Laplacian"
     yield _angle("alpha_max", title, by_degree, largest, needs, seconds, why)
     nu, why, seconds = _eigenvalues(lambda: normalized_fiedler_value(rotation))
     by_node = None if nu is None else alpha_max(nu)
-    title = "safe angle, by each node's degree"
+    title = "residual-angle bound, each node's degree"
     needs = "one eigenvalue of the normalized Laplacian"
     yield _angle("normalized", title, by_node, largest, needs, seconds, why)
     rows, seconds = _timed(
-        lambda: math.inf if beside is None else float(row_bound(rotation, beside).max())
+        lambda: math.inf if stationary is None else float(row_bound(rotation, stationary).max())
     )
     holds = None if nu is None else rows < nu
     yield Rung(
@@ -286,7 +286,7 @@ def _angles(problem: Problem, beside: Estimate | None) -> Iterator[Rung]:
         seconds,
         why
         if holds is None
-        else _said(holds, beside is not None, f"a node has {rows:.4g} of its weight"),
+        else _said(holds, stationary is not None, f"a node has {rows:.4g} of its weight"),
     )
     if not is_cycle(rotation.graph):
         return
@@ -294,8 +294,8 @@ def _angles(problem: Problem, beside: Estimate | None) -> Iterator[Rung]:
     if equal is not None:
         needs = "one cycle, equal weights"
         yield _angle("cycle", "half a turn over the nodes", equal, largest, needs, 0.0)
-    total = math.inf if beside is None else float(rotation.residual_angles(beside).sum())
-    adds_up = beside is not None and cycle_sum_holds(rotation, beside) is True
+    total = math.inf if stationary is None else float(rotation.residual_angles(stationary).sum())
+    adds_up = stationary is not None and cycle_sum_holds(rotation, stationary) is True
     yield Rung(
         "cycle_sum",
         "the cycle's residuals, added up",
@@ -305,7 +305,7 @@ def _angles(problem: Problem, beside: Estimate | None) -> Iterator[Rung]:
         adds_up,
         "one cycle, residuals about one axis",
         0.0,
-        _said(adds_up, beside is not None, f"they add up to {math.degrees(total):.4g} degrees"),
+        _said(adds_up, stationary is not None, f"they add up to {math.degrees(total):.4g} degrees"),
     )
 
 
@@ -330,16 +330,16 @@ def _angle(
 
 def _said(holds: bool, settled: bool, otherwise: str) -> str:
     if not settled:
-        return "nothing: descent reached no stationary rotations"
-    return "the stationary rotations here are the best" if holds else f"nothing: {otherwise}"
+        return "nothing: local descent reached no stationary rotations"
+    return "the stationary rotations here are optimal" if holds else f"nothing: {otherwise}"
 
 
 def _unasked(F: _Cost) -> Rung:
-    return _sdp(None, F, 0.0, "not asked for: --sdp solves it")
+    return _sdp(None, F, 0.0, "not requested: --sdp solves it")
 
 
 def _sdp(value: float | None, F: _Cost, seconds: float, why: str, title: str = "") -> Rung:
-    needs = "interior points, or the like"
+    needs = "an interior-point solver"
     return _lower("sdp", f"semidefinite program{title}", value, F, needs, seconds, why)
 
 
@@ -347,15 +347,15 @@ def _program(problem: Problem, F: _Cost, force: bool) -> Rung:
     """The bound of the relaxation, of the rotations alone, by multipliers that are feasible.
 
     What the program itself calls its value may lie above F*: its solver's multipliers are feasible
-    up to a tolerance only. It is told in words.
+    up to a tolerance only. It is reported in words.
     """
     if PROGRAM not in registry.solver_names():
-        return _sdp(None, F, 0.0, f"not solved: there is no method {PROGRAM} here")
+        return _sdp(None, F, 0.0, f"not solved: no method {PROGRAM} here")
     start = time.perf_counter()
     try:
-        wanted = {"force": True} if force else {}
+        options = {"force": True} if force else {}
         known = setting_fields(registry.get_solver(PROGRAM))
-        solver = build(PROGRAM, {k: v for k, v in wanted.items() if k in known})
+        solver = build(PROGRAM, {k: v for k, v in options.items() if k in known})
         found = solver.solve(problem.rotation)
     except CertPGOError as error:
         reason = " ".join(str(error).split())
@@ -373,6 +373,6 @@ def _program(problem: Problem, F: _Cost, force: bool) -> Rung:
 
 
 def _proven(certificate: Certificate, F: _Cost, seconds: float) -> Rung:
-    needs = "a search, and factorizations, their rounding bounded"
+    needs = "a search, and factorizations with bounded rounding"
     bound = certificate.lower_bound
     return _lower("proven", "proven bound", bound, F, needs, seconds, proven=", proven")

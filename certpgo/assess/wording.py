@@ -1,4 +1,4 @@
-"""What a certificate says, in words that need no paper."""
+"""A certificate in words that need no paper."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ from certpgo.graph import Instance
 from certpgo.linalg.arrays import IntArray
 from certpgo.solvers.certified.disagreement import Disagreement
 
-#: Edges of a kind that are shown; --json has more.
+#: Edges shown; --json has more.
 EDGES = 3
-#: What a file's digits cost is said from this part of the tolerance on.
+#: Part of the tolerance from which the effect of a file's digits is reported.
 NOTABLE = 0.01
 
 _MEANINGS = {
-    "CERTIFIED": "no other answer can be better by more than the tolerance, and this is proven",
-    "BOUNDED": "how far this answer can be from the best is proven, but exceeds the tolerance",
-    "REFUTED": "a better answer is in hand, which improving this one step by step does not reach",
+    "CERTIFIED": "no estimate can be better by more than the tolerance; this is proven",
+    "BOUNDED": "the gap to the best possible estimate is proven, but exceeds the tolerance",
+    "REFUTED": "a lower-cost estimate exists that local descent from this one does not reach",
     "UNDECIDED": "nothing useful could be proven, for or against",
 }
-_RIGHT_BASIN = "not the best answer, but improving it reaches the best, and this is proven"
-_HINT = "a hint of how far this answer can be from the best; at this tier nothing is proven"
+_RIGHT_BASIN = "not the optimum, but local descent from here reaches it; this is proven"
+_HINT = "a hint of the gap to the best possible estimate; this tier proves nothing"
 _TRUSTS = {
-    "screen": "a factorization as it is, its rounding errors unbounded: a hint, no proof",
+    "screen": "a plain factorization whose rounding errors are not bounded: a hint, no proof",
     "standard": (
-        "a factorization whose rounding errors are bounded, if the linear algebra library keeps "
-        "the usual error bound of such factorizations"
+        "a factorization with bounded rounding errors, provided that the linear algebra library "
+        "keeps the usual error bound"
     ),
     "proof": (
-        "what a factorization leaves over, measured in integers and exact products: IEEE 754 "
-        "arithmetic, Python and sums of products by NumPy are all that is trusted"
+        "the residual of a factorization, measured in integers and exact products: only IEEE 754 "
+        "arithmetic, Python and NumPy's sums of products are trusted"
     ),
 }
 
@@ -50,8 +50,8 @@ def trusts(certificate: Certificate) -> str:
     return _TRUSTS[certificate.tier.value]
 
 
-def judged_by(reading: Mapping[str, str]) -> str:
-    """Which cost it is that the verdict is about."""
+def objective(reading: Mapping[str, str]) -> str:
+    """The cost that the verdict is about."""
     return f"F with {reading_sentence(reading)}"
 
 
@@ -73,7 +73,7 @@ def reading_sentence(reading: Mapping[str, str]) -> str:
 
 
 def _is_near(certificate: Certificate) -> bool:
-    """Whether the best answer is the one that this one leads to."""
+    """Whether local descent from the estimate reaches the optimum."""
     return certificate.verdict.value == "BOUNDED" and certificate.basin_is_global
 
 
@@ -83,7 +83,7 @@ def part(share: float) -> str:
 
 
 def hint(disagreement: Disagreement) -> str:
-    """Which measurements disagree, and what can be done."""
+    """Which measurements disagree, and what to try."""
     return f"{disagreement}: try certpgo solve --robust"
 
 
@@ -99,36 +99,36 @@ def numbers(certificate: Certificate) -> Iterable[tuple[str, str]]:
     """Cost, bound, gap and tolerance; names and values."""
     yield "cost F", f"{certificate.cost_upper:.12g}"
     if math.isfinite(certificate.lower_bound):
-        said = "no answer of this graph costs less"
-        said = f"likely: {said}" if certificate.tier.value == "screen" else said
-        yield "lower bound", f"{certificate.lower_bound:.12g}  ({said})"
+        claim = "no estimate of this graph costs less"
+        claim = f"likely: {claim}" if certificate.tier.value == "screen" else claim
+        yield "lower bound", f"{certificate.lower_bound:.12g}  ({claim})"
         positive = certificate.cost_upper > 0.0
         share = f"  ({part(certificate.relative_gap)} of the cost)" if positive else ""
         yield "gap", f"{certificate.gap:.3g}{share}"
     yield "tolerance", f"{certificate.tolerance:.3g}"
-    yield "worst residual", f"{math.degrees(certificate.max_residual_angle):.4g} degrees"
+    yield "largest residual", f"{math.degrees(certificate.max_residual_angle):.4g} degrees"
     if certificate.refined_cost < certificate.cost_upper - certificate.tolerance:
         yield (
-            "improved",
-            f"{certificate.refined_cost:.12g}  (its cost after improving it step by step)",
+            "after descent",
+            f"{certificate.refined_cost:.12g}  (its cost after local descent)",
         )
     if certificate.better_cost is not None:
-        yield "better answer", f"{certificate.better_cost:.12g}"
+        yield "lower cost", f"{certificate.better_cost:.12g}"
 
 
 def comparison(a: Assessment) -> Iterable[tuple[str, str]]:
-    """How far the best answer in hand is, where the cost sits, and what digits cost."""
+    """How far away the best estimate is, where the cost arises, and what rounding adds."""
     yield from distances(a)
     yield from _edges(a)
     yield from digits(a)
 
 
 def distances(a: Assessment) -> Iterable[tuple[str, str]]:
-    """How far the best answer in hand is, where that is another."""
+    """How far away the best estimate is, where that is another one."""
     c, d = a.certificate, a.distance
     if not a.excess > c.tolerance:
         return
-    which = "the best possible answer" if a.best_is_optimal else "the best answer found"
+    which = "the optimum" if a.best_is_optimal else "the best estimate found"
     apart = f"{which} is {d.mean_deg:.3g} degrees away on average, {d.worst_deg:.3g} at most"
     if d.mean_m is not None:
         apart += f"; {d.mean_m:.3g} m on average, {d.worst_m:.3g} m at most"
@@ -148,7 +148,7 @@ def _edges(a: Assessment) -> Iterable[tuple[str, str]]:
 
 
 def digits(a: Assessment) -> Iterable[tuple[str, str]]:
-    """What the file's digits cost, where that is notable."""
+    """What rounding to the file's digits adds to F, where that is notable."""
     if a.rounding is None:
         return
     written, cost = a.rounding.digits, a.rounding.cost
@@ -158,5 +158,5 @@ def digits(a: Assessment) -> Iterable[tuple[str, str]]:
         share = f", {cost / a.best_cost:.1e} of F" if a.best_cost > a.certificate.tolerance else ""
         yield (
             "digits",
-            f"the file's {written} make even the best answer cost {cost:.1g} more{share}",
+            f"rounding to the file's {written} raises even the best F by {cost:.1g}{share}",
         )

@@ -20,7 +20,6 @@ from certpgo.certify.units import in_units, unit_of
 from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.graph import Estimate
 from certpgo.graph.lift import Point
-from certpgo.linalg import factor
 from certpgo.objective.problem import Problem
 from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.optimize.solution import Status
@@ -252,7 +251,7 @@ class Case:
             better=better.point if better else None,
             better_cost=better.cost if better else None,
             bounds=bounds,
-            engine=factor.default_engine(),
+            engine=problem.engine,
             reason="",
         )
         scaled = in_units(self.unit, judged)
@@ -278,40 +277,40 @@ def _tier(tier: Tier | str) -> Tier:
 def _reason(c: Certificate) -> str:
     if not math.isfinite(c.cost_upper):
         return "the cost of this estimate is beyond the range of doubles"
-    floor = f"no estimate of this graph has a cost below {c.lower_bound:.10g}"
+    floor = f"no estimate of this graph costs less than {c.lower_bound:.10g}"
     if c.tier is Tier.SCREEN:
         floor = f"likely, though not proven at this tier: {floor}"
-    yours = f"yours costs {c.cost_upper:.10g}"
-    improved = f"{yours} and, improved, {c.refined_cost:.10g}"
+    own = f"this one costs {c.cost_upper:.10g}"
+    improved = f"{own} and, after local descent, {c.refined_cost:.10g}"
     lower = c.refined_cost < c.cost_upper - c.tolerance
     if c.verdict is Verdict.CERTIFIED:
-        within = f"{floor}; {yours}, within {_of_f(c)} of the best possible"
+        within = f"{floor}; {own}, within {_of_f(c)} of the optimum"
         if c.gap <= c.rtol * c.cost_upper:
             return within
         small = f"{within}, which is negligible relative to the total weight W = {c.scale:.2g}"
         return (
-            f"{small}, though not to F: atol=0 judges by F alone"
+            f"{small}, though not to F: atol=0 compares with F alone"
             if c.gap > LARGE * c.cost_upper
             else small
         )
     if c.better_cost is not None and c.verdict is not Verdict.REFUTED:
         also = f"another estimate costs {c.better_cost:.10g}"
-        return f"{floor}; {improved if lower else yours}; {also}"
+        return f"{floor}; {improved if lower else own}; {also}"
     if c.better_cost is not None:
         return (
-            f"another estimate costs {c.better_cost:.10g}; {improved if lower else yours}, and "
-            f"improving it step by step does not lead there; {floor}"
+            f"another estimate costs {c.better_cost:.10g}; {improved if lower else own}, and local "
+            f"descent from it does not lead there; {floor}"
         )
     if c.verdict is Verdict.UNDECIDED:
-        return f"{yours}, and no lower bound above zero, to compare it with, could be proven"
+        return f"{own}, and no lower bound above zero could be proven"
     if c.basin_is_global:
         return (
-            f"{floor}; {improved}, the best possible: yours is in the right basin, but not "
-            "at its lowest point"
+            f"{floor}; {improved}, the optimum: this one is in the right basin, but not at its "
+            "minimum"
         )
     if lower:
-        return f"{floor}; {improved}: the best possible is no more than that"
-    return f"{floor}; {yours}, at most {_of_f(c)} above the best possible"
+        return f"{floor}; {improved}: the optimum is at most that"
+    return f"{floor}; {own}, at most {_of_f(c)} above the optimum"
 
 
 def _of_f(c: Certificate) -> str:

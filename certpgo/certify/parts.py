@@ -67,7 +67,11 @@ def parts(problem: Problem) -> list[Part]:
     labels = csgraph.connected_components(tied, directed=False)[1]
     order = np.argsort(labels, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)
-    return [Part(nodes, problem_of(graph.subgraph(nodes))) for nodes in groups if len(nodes) > 1]
+    return [
+        Part(nodes, problem_of(graph.subgraph(nodes), problem.engine))
+        for nodes in groups
+        if len(nodes) > 1
+    ]
 
 
 def outside(problem: Problem, found: list[Part]) -> float:

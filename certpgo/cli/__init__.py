@@ -23,7 +23,7 @@ Command = Callable[..., int | None]
 
 #: What each exit code means.
 EXIT_CODES = {
-    0: "done or CERTIFIED",
+    0: "success or CERTIFIED",
     1: "unusable input",
     2: "usage",
     3: "BOUNDED",
@@ -32,7 +32,7 @@ EXIT_CODES = {
     6: "proof refused",
     7: "gate failed",
     130: "interrupted",
-    141: "output not read to its end",
+    141: "output pipe closed early",
 }
 
 
@@ -63,7 +63,7 @@ def application(names: Sequence[str]) -> typer.Typer:
     """The application with the commands of these names."""
     app = typer.Typer(
         name="certpgo",
-        help="Pose-graph optimization and rotation averaging whose answers come with a proof.",
+        help="Certifiable pose-graph optimization and rotation averaging.",
         epilog=_epilog(),
         no_args_is_help=True,
         add_completion=False,

@@ -31,7 +31,7 @@ def refuse_screening(tier: str | None) -> None:
         It is the tier ``screen``.
     """
     if tier == "screen":
-        raise InputError("--proof is judged at the proof tier, not with --tier screen")
+        raise InputError("--proof needs the proof tier, not --tier screen")
 
 
 def exit_code(certificates: Iterable[Certificate]) -> int:
@@ -50,18 +50,18 @@ def show(
     assessment: Assessment | None = None,
     disagreement: Disagreement | None = None,
 ) -> None:
-    """Print the verdict, its reason, the numbers behind it, and by which reading it is judged."""
-    from certpgo.assess.wording import comparison, hint, judged_by, meaning, numbers, trusts
+    """Print the verdict, its reason, the numbers behind it, and the objective."""
+    from certpgo.assess.wording import comparison, hint, meaning, numbers, objective, trusts
 
     facts(
         [
             (certificate.verdict.value, meaning(certificate)),
-            ("because", certificate.reason),
+            ("reason", certificate.reason),
             *numbers(certificate),
             *(() if disagreement is None else [("outliers?", hint(disagreement))]),
             *(() if assessment is None else comparison(assessment)),
             ("proof rests on", trusts(certificate)),
-            ("judged by", f"{judged_by(reading)} (other tools minimise other errors)"),
+            ("objective", f"{objective(reading)} (other tools minimise other errors)"),
         ]
     )
 
@@ -87,14 +87,14 @@ def as_json(
     certificate : None where none was asked for
     cost : F of the estimate, as computed, for the measurements that the certificate is about
     """
-    from certpgo.assess.wording import judged_by
+    from certpgo.assess.wording import objective
 
     c = certificate
     return {
         "schema": SCHEMA,
         "graph": part.name,
         "reading": dict(part.options),
-        "certified_cost": judged_by(part.options),
+        "objective": objective(part.options),
         "verdict": None if c is None else c.verdict.value,
         "reason": None if c is None else c.reason,
         "tier": None if c is None else c.tier.value,

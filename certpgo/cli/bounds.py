@@ -23,10 +23,12 @@ def command(
     graph: Annotated[str, typer.Argument(metavar="GRAPH", help="A file or dataset.")],
     estimate: Annotated[
         str | None,
-        typer.Argument(metavar="[ESTIMATE]", help="An answer to compare with; ours by default."),
+        typer.Argument(
+            metavar="[ESTIMATE]", help="Estimate to compare with; certpgo solve's by default."
+        ),
     ] = None,
     sdp: Annotated[
-        bool, typer.Option("--sdp", help="Solve the semidefinite program, too; slow.")
+        bool, typer.Option("--sdp", help="Also solve the semidefinite program; slow.")
     ] = False,
     force: Annotated[
         bool, typer.Option("--force", help="Solve it even where memory may not suffice.")
@@ -36,7 +38,7 @@ def command(
     *,
     reading: Reading,
 ) -> None:
-    """Bounds on the best answer, cheap ones first: value, price, and what each says here."""
+    """Bounds on the optimum, cheapest first: value, run time and implication for this graph."""
     from certpgo.assess.ladder import ladder
     from certpgo.objective.problem import problem_of
 
@@ -79,20 +81,20 @@ def _as_json(part: Instance, found: Ladder) -> dict[str, Any]:
 def _show(part: Instance, found: Ladder) -> None:
     facts(_head(part, found))
     rows = [(rung.title, rung.shown, rung.says, rung.needs, _seconds(rung)) for rung in found.rungs]
-    table("", ("bound", "value", "what it says here", "what it needs", "seconds"), rows)
+    table("", ("bound", "value", "implication here", "what it needs", "seconds"), rows)
 
 
 def _head(part: Instance, found: Ladder) -> Iterable[tuple[str, str]]:
-    from certpgo.assess.wording import judged_by
+    from certpgo.assess.wording import objective
 
     yield "graph", part.name
-    whose = "of the answer given" if found.given else "of our own answer"
+    whose = "of the given estimate" if found.given else "of certpgo solve's estimate"
     yield "cost F", f"{found.cost:.12g}  ({whose}: {found.certificate.verdict.value})"
-    yield "worst residual", f"{math.degrees(found.largest):.4g} degrees"
+    yield "largest residual", f"{math.degrees(found.largest):.4g} degrees"
     if found.settled is not None:
-        said = "after descent from it; bounds on angles speak of the rotations there alone"
+        said = "after local descent; residual-angle bounds are about the rotations there"
         yield "", f"{math.degrees(found.settled):.4g} degrees {said}"
-    yield "judged by", judged_by(part.options)
+    yield "objective", objective(part.options)
 
 
 def _seconds(rung: Rung) -> str:

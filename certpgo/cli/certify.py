@@ -1,4 +1,4 @@
-"""certpgo certify: judge an estimate, or many, whoever made them."""
+"""certpgo certify: an estimate, or many, from any solver."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def command(
     estimates: Annotated[
         list[str],
         typer.Argument(
-            metavar="ESTIMATE...", help="A file or dataset that holds poses; many with --csv."
+            metavar="ESTIMATE...", help="A file or dataset that holds poses; several with --csv."
         ),
     ],
     tier: Annotated[
@@ -49,7 +49,8 @@ def command(
         float, typer.Option("--atol", help="Gap, over the problem's scale, that counts as optimal.")
     ] = 1e-12,
     refine: Annotated[
-        bool, typer.Option("--refine/--no-refine", help="Take the bound from an improved copy.")
+        bool,
+        typer.Option("--refine/--no-refine", help="Take the bound after local descent."),
     ] = True,
     best: Annotated[
         Path | None, typer.Option("--best", metavar="OUT", help="Write the best estimate found.")
@@ -64,7 +65,7 @@ def command(
     *,
     reading: Reading,
 ) -> int:
-    """Judge an estimate, or many, against the best possible answer of the graph."""
+    """Certify an estimate, or many: how far each can be from the optimum of the graph."""
     from certpgo.assess.batch import JudgedGraph
     from certpgo.assess.wording import hint
     from certpgo.certify.judge import Judge
@@ -175,7 +176,7 @@ def _batch(
     json: bool,
     reading: Reading,
 ) -> int:
-    """Judge every estimate, saying on stderr how far this is; the exit code."""
+    """Certify every estimate, with progress on stderr; returns the exit code."""
     from dataclasses import asdict
 
     from certpgo.assess.batch import judge_all, write_rows

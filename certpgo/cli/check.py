@@ -21,7 +21,7 @@ def command(
     data: Data = None,
     json: Json = False,
 ) -> int:
-    """Check a proof with the independent checker, a program of its own (certpgo/checker.py)."""
+    """Verify a proof with the independent checker (certpgo/checker.py), run as its own program."""
     from certpgo.cli._reading import Reading
 
     path = Reading(data=data).resolve(graph).path()

@@ -16,7 +16,7 @@ from certpgo.errors import InputError
 
 
 class Anchor(StrEnum):
-    """Where an estimate is moved: poses have no frame of their own."""
+    """The frame that an estimate is moved to: poses are known up to a rigid motion."""
 
     FILE = "file"
     IDENTITY = "identity"
@@ -32,14 +32,14 @@ def command(
         str | None, typer.Option("--format", help="Format of OUT, by default by its suffix.")
     ] = None,
     estimate: Annotated[
-        bool, typer.Option("--estimate", help="Convert the poses, though IN has measurements too.")
+        bool, typer.Option("--estimate", help="Convert the poses, even if IN has measurements too.")
     ] = False,
     graph: Annotated[
         str | None,
         typer.Option("--graph", help="For an estimate: its graph, for ids and initial values."),
     ] = None,
     anchor: Annotated[
-        Anchor | None, typer.Option("--anchor", help="Where an estimate is moved.")
+        Anchor | None, typer.Option("--anchor", help="Frame that the estimate is moved to.")
     ] = None,
     timestamps: Timestamps = "ids",
     *,

@@ -1,4 +1,4 @@
-"""certpgo fetch: named datasets onto this machine."""
+"""certpgo fetch: download named datasets."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ def command(
     *,
     reading: Reading,
 ) -> None:
-    """Describe a graph: counts, connectivity, weights, eigenvalues, what is unusual."""
+    """Describe a graph: counts, connectivity, weights, eigenvalues, notices."""
     from certpgo.assess import diagnostics as doctor
 
     instance = reading.open(reading.resolve(graph), notices=False)
@@ -44,7 +44,7 @@ def command(
             typer.echo(f"\n{name}, {_WEIGHTS[weights]}")
             facts(_spectrum_lines(spectrum))
     if not spectra:
-        typer.echo("\neigenvalues belong to connected graphs: see --components largest or each")
+        typer.echo("\neigenvalues are of connected graphs: see --components largest or each")
 
 
 _WEIGHTS = {"unit": "every edge weighing 1", "weighted": "edges weighing kappa"}
@@ -98,7 +98,7 @@ def _lines(instance: Instance, found: Structure, engine: str) -> Iterable[tuple[
     yield "initial values", "in the file" if instance.initial is not None else "none"
     yield "ground truth", "here" if instance.truth is not None else "none"
     for sentence in instance.notices:
-        yield "unusual", sentence
+        yield "notice", sentence
     yield "engine", engine
 
 
@@ -115,8 +115,8 @@ def _spectrum_lines(spectrum: Spectrum) -> Iterable[tuple[str, str]]:
         f"{spectrum.inconsistency:.3g}  (the smallest over the connectivity, 0 if perfect)",
     )
     yield (
-        "safe angle",
+        "residual-angle bound",
         f"{math.degrees(spectrum.alpha_max):.4g} degrees by the largest degree, "
         f"{math.degrees(spectrum.normalized_alpha_max):.4g} by the normalized Laplacian",
     )
-    yield "", "(stationary rotations whose residuals all stay below are the best possible)"
+    yield "", "(stationary rotations whose residuals all stay below it are optimal)"

@@ -1,4 +1,4 @@
-"""certpgo list: what there is, what is available here, and why not."""
+"""certpgo list: what exists, what is available here, and why not."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def command(
     data: Data = None,
     json: Json = False,
 ) -> None:
-    """List methods, datasets, tables, figures, formats and engines, and which are here."""
+    """List methods, datasets, tables, figures, formats and engines, and what is available here."""
     listed = {kind.value: _rows(kind, data) for kind in kinds or list(Listing)}
     if json:
         document(listed)

@@ -47,6 +47,7 @@ class Objective(ABC):
     """The base of rotation and pose problems."""
 
     graph: RotationGraph | PoseGraph
+    engine: str
 
     @abstractmethod
     def first_order(self, estimate: Estimate) -> FirstOrder:
@@ -96,19 +97,20 @@ class Objective(ABC):
     @cached_property
     def order(self) -> IntArray:
         """(n,) fill-reducing order of the nodes."""
-        return factor.fill_reducing_order(self.pattern.indptr, self.pattern.indices)
+        return factor.fill_reducing_order(
+            self.pattern.indptr, self.pattern.indices, engine=self.engine
+        )
 
     @cached_property
-    def _analyses(self) -> dict[tuple[int, str], Symbolic]:
+    def _analyses(self) -> dict[int, Symbolic]:
         return {}
 
     def symbolic(self, A: CSC) -> Symbolic:
         """The symbolic analysis of a block matrix of this graph; computed once per block size."""
-        cache = self._analyses
-        b, engine = A.shape[0] // self.n, factor.default_engine()
-        if (b, engine) not in cache:
-            cache[b, engine] = factor.analyze(A, order=expand(self.order, b), engine=engine)
-        return cache[b, engine]
+        cache, b = self._analyses, A.shape[0] // self.n
+        if b not in cache:
+            cache[b] = factor.analyze(A, order=expand(self.order, b), engine=self.engine)
+        return cache[b]
 
     def certificate_matrix(self, multipliers: FloatArray) -> CSC:
         """S = M - blkdiag(0, Lam), or L - blkdiag(Lam) for rotations, with the pattern of M."""

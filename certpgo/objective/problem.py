@@ -6,7 +6,7 @@ digits to cancellation if translations are large.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TypeVar
 
@@ -19,7 +19,7 @@ from certpgo.graph.lift import Point
 from certpgo.linalg import network, so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import scatter_sum
-from certpgo.linalg.factor import Factor
+from certpgo.linalg.factor import Factor, default_engine
 from certpgo.objective import operators
 from certpgo.objective.base import FirstOrder, Objective
 
@@ -33,6 +33,7 @@ class RotationProblem(Objective):
     Attributes
     ----------
     graph : n nodes and m measured rotations R_ij ~ R_i^T R_j, with concentrations kappa
+    engine : factorization engine, see `certpgo.linalg.factor.engines`
 
     Raises
     ------
@@ -58,6 +59,7 @@ class RotationProblem(Objective):
     """
 
     graph: RotationGraph
+    engine: str = field(default_factory=default_engine)
 
     def __post_init__(self) -> None:
         _require(self, RotationGraph, "of a PoseGraph g take RotationProblem(g.rotation)")
@@ -160,11 +162,11 @@ class RotationProblem(Objective):
 
     def reweighted(self, factors: FloatArray) -> RotationProblem:
         """The problem with weights times factors (m,); an edge with factor 0 is removed."""
-        return self._shared(RotationProblem(self.graph.reweighted(factors)))
+        return self._shared(RotationProblem(self.graph.reweighted(factors), self.engine))
 
     def with_unit_weights(self) -> RotationProblem:
         """The same measurements with kappa = 1, as the thesis weighs them."""
-        return RotationProblem(self.graph.with_weights(1.0))
+        return RotationProblem(self.graph.with_weights(1.0), self.engine)
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,6 +180,7 @@ class PoseProblem(Objective):
     ----------
     graph : n poses and m measurements R_ij ~ R_i^T R_j, t_ij ~ R_i^T (t_j - t_i), metres, with
         concentrations kappa and tau
+    engine : factorization engine, see `certpgo.linalg.factor.engines`
 
     Raises
     ------
@@ -199,6 +202,7 @@ class PoseProblem(Objective):
     """
 
     graph: PoseGraph
+    engine: str = field(default_factory=default_engine)
 
     def __post_init__(self) -> None:
         _require(self, PoseGraph, "a RotationGraph has no translations: RotationProblem(g)")
@@ -207,7 +211,7 @@ class PoseProblem(Objective):
     @cached_property
     def rotation(self) -> RotationProblem:
         """The problem of the rotations alone; shares pattern and ordering."""
-        return self._shared(RotationProblem(self.graph.rotation))
+        return self._shared(RotationProblem(self.graph.rotation, self.engine))
 
     @cached_property
     def scale(self) -> float:
@@ -358,19 +362,22 @@ class PoseProblem(Objective):
 
     def reweighted(self, factors: FloatArray) -> PoseProblem:
         """The problem with weights times factors (m,); an edge with factor 0 is removed."""
-        return self._shared(PoseProblem(self.graph.reweighted(factors)))
+        return self._shared(PoseProblem(self.graph.reweighted(factors), self.engine))
 
     def with_unit_weights(self) -> PoseProblem:
         """The same measurements with kappa = tau = 1, as the thesis weighs them."""
-        return PoseProblem(self.graph.with_weights(1.0, 1.0))
+        return PoseProblem(self.graph.with_weights(1.0, 1.0), self.engine)
 
 
 Problem = RotationProblem | PoseProblem
 
 
-def problem_of(graph: RotationGraph | PoseGraph) -> Problem:
+def problem_of(graph: RotationGraph | PoseGraph, engine: str | None = None) -> Problem:
     """The problem of a graph."""
-    return PoseProblem(graph) if isinstance(graph, PoseGraph) else RotationProblem(graph)
+    engine = engine or default_engine()
+    if isinstance(graph, PoseGraph):
+        return PoseProblem(graph, engine)
+    return RotationProblem(graph, engine)
 
 
 def _require(problem: Problem, kind: type, otherwise: str) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from certpgo.assess.assessment import Assessment, CostlyEdge
 from certpgo.assess.ladder import rungs_of_eigenvalues
-from certpgo.assess.wording import digits, distances, judged_by, meaning, numbers, trusts
+from certpgo.assess.wording import digits, distances, meaning, numbers, objective, trusts
 from certpgo.certify.certificate import Certificate
 from certpgo.certify.curvature import smallest_eigenvalues
 from certpgo.errors import NumericalError
@@ -29,11 +29,11 @@ EIGENVALUES = 5
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a judged answer came from, and how to judge it again.
+    """Where an estimate came from, and how to certify it again.
 
     Attributes
     ----------
-    graph, estimate : as they were named; an answer of our own that was not written has none
+    graph, estimate : as they were named; an estimate of our own that was not written has none
     reading : options of the command line that say how the graph was read
     proof : the proof file, if one was written
     method : that found the answer, or empty
@@ -66,7 +66,7 @@ def certificate_page(
 
     Parameters
     ----------
-    instance, problem : the connected graph, and the problem that the estimate is judged by
+    instance, problem : the connected graph, and the problem that the certificate is about
     assessment : of the estimate, with its certificate
     trace : of the method that found it, if it kept one
     """
@@ -128,7 +128,7 @@ def _facts(instance: Instance, assessment: Assessment) -> Iterable[tuple[str, st
     yield from distances(assessment)
     yield from digits(assessment)
     yield "proof rests on", trusts(certificate)
-    yield "judged by", f"{judged_by(instance.options)} (other tools minimise other errors)"
+    yield "objective", f"{objective(instance.options)} (other tools minimise other errors)"
 
 
 def _edge(edge: CostlyEdge) -> tuple[str, ...]:
@@ -154,9 +154,9 @@ def _spectrum(problem: Problem, certificate: Certificate) -> tuple[Bars | None, 
     gauge = set(np.argsort(np.abs(values), kind="stable")[:d].tolist())
     names = [f"{k + 1}" + (" (gauge)" if k in gauge else "") for k in range(len(values))]
     said = (
-        "Translations are eliminated. Where none is negative, no answer is better than the point "
-        f"that they are of; the {d} that are nearest to zero are the gauge's, as the whole world "
-        "may be turned. Computed eigenvalues are a picture; the proof is a factorization with "
+        "Translations are eliminated. Where none is negative, no estimate is better than the point "
+        f"at which they are computed; the {d} nearest to zero belong to the gauge, a rotation of "
+        "the whole world. Computed eigenvalues are a picture; the proof is a factorization with "
         f"{certificate.shift:.3g} added to each, which the bound accounts for."
     )
     return bars(values.tolist(), names), said
@@ -187,7 +187,7 @@ def _no_trace(origin: Origin) -> str:
 def _recheck(origin: Origin, certificate: Certificate) -> tuple[str, list[str]]:
     quoted = shlex.quote
     if origin.proof:
-        said = "The proof file is checked by a program of its own, which trusts nothing of ours:"
+        said = "An independent program, which shares no code with certpgo, checks the proof file:"
         return said, [f"certpgo check {quoted(origin.graph)} {quoted(origin.proof)}"]
     options = " ".join(quoted(option) for option in origin.reading)
     estimate = origin.estimate or "best.g2o"
@@ -195,11 +195,11 @@ def _recheck(origin: Origin, certificate: Certificate) -> tuple[str, list[str]]:
     by = {"": "", "certified": "", "robust": " --robust"}.get(origin.method, named)
     solving = f"certpgo solve {quoted(origin.graph)}{by} {options}".rstrip()
     if origin.partial:
-        return "To choose the measurements and judge the answer again:", [solving]
+        return "To choose the measurements and certify the estimate again:", [solving]
     lines_ = [] if origin.estimate else [f"{solving} -o {estimate}"]
     judged = f"certpgo certify {quoted(origin.graph)} {quoted(estimate)} {options}".rstrip()
     tier = "" if certificate.tier.value == "standard" else f" --tier {certificate.tier.value}"
-    said = "No proof file was written. To judge the answer again and write a proof:"
+    said = "No proof file was written. To certify the estimate again and write a proof:"
     return said, [
         *lines_,
         f"{judged}{tier} --proof answer.cert",

@@ -1,1 +1,1 @@
-"""What the site needs of Sphinx beyond its own extensions."""
+"""The site's own Sphinx extensions."""

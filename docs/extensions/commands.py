@@ -1,4 +1,4 @@
-"""Pages of the command line, one a command, from the program itself."""
+"""Pages of the command line, one per command, from the program itself."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _HEAD = "| {} | |\n|---|---|\n"
 
 
 def pages() -> dict[str, str]:
-    """Markdown by file name: each command, and the exit codes that all share."""
+    """Markdown by file name: each command, and the exit codes they share."""
     group = typer.main.get_command(application(command_names()))
     commands = sorted(group.commands.items())  # type: ignore[attr-defined]
     made = {f"{name}.md": _page(name, command) for name, command in commands}
@@ -36,7 +36,7 @@ def _page(name: str, command: typer.core.TyperCommand) -> str:
     text = (command.help or "").replace("*", "\\*")
     return (
         f"# certpgo {name}\n\n```text\ncertpgo {name} {usage}\n```\n\n{text}\n\n{tables}\n"
-        "What a command ends with is said by its [exit code](exit-codes.md).\n"
+        "See also the [exit codes](exit-codes.md).\n"
     )
 
 

@@ -1,6 +1,6 @@
-"""Docstrings as the package writes them: numpydoc's sections, `name : what it is` in one piece.
+"""Docstrings as the package writes them: numpydoc's sections, `name : description` in one piece.
 
-There a type is said in words with its shape, so that all that follows the colon is description.
+Types are described in words with their shape, so everything after the colon is description.
 In running text a bar is a norm, an indented paragraph is a formula or a command, and a name in
 single backquotes is a link where the reference has such a name, and code elsewhere.
 """
@@ -29,6 +29,8 @@ _UNDERLINE = re.compile(r"-{3,}")
 _CODE = re.compile(r"(``.+?``|`[^`]+`)")
 _ALIAS = re.compile(r"\w*TypeAliasForwardRef\('([\w.]+)'\)")
 _MARK = "certpgo-name"
+#: Modules whose objects the reference describes.
+_DESCRIBED = ("certpgo", "reports.harness")
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
@@ -43,7 +45,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
 
 
 class Name(PyXRefRole):
-    """The default role: a Python name that may or may not have a place in the reference."""
+    """The default role: a Python name that the reference may or may not describe."""
 
     def run(self) -> tuple[list[Node], list[system_message]]:
         """One reference, resolved later."""
@@ -58,10 +60,10 @@ class Name(PyXRefRole):
 def resolve(
     app: Sphinx, env: BuildEnvironment, node: pending_xref, content: TextElement
 ) -> Element | None:
-    """A public name by its inner address; or, for a name in backquotes, plain code.
+    """Resolve a public name by its inner address, or a name in backquotes to plain code.
 
-    ``certpgo.io.read`` is described as ``certpgo.read``. What claims to be of the package and is
-    neither in the reference nor a module stays missing, and is warned of.
+    ``certpgo.io.read`` is described as ``certpgo.read``. A name of the package that is neither in
+    the reference nor a module stays unresolved and causes a warning.
     """
     target = str(node.get("reftarget", ""))
     if node.get("refdomain") != "py" or not (node.get(_MARK) or target.startswith("certpgo.")):
@@ -86,17 +88,17 @@ def _is_module(name: str) -> bool:
 
 
 def complete(app: Sphinx, obj: object, bound: bool) -> None:
-    """Give an object's module the names that its annotations need.
+    """Add to an object's module the names that its annotations need.
 
-    Those are the names imported for type checkers alone and, of a class, those that its bases use.
+    These are the names imported for type checkers only and, for a class, those that its bases use.
     """
     module = inspect.getmodule(obj)
-    if module is None or not module.__name__.startswith("certpgo"):
+    if module is None or not module.__name__.startswith(_DESCRIBED):
         return
     _complete(module.__name__)
     owner = getattr(module, getattr(obj, "__qualname__", "").partition(".")[0], None)
     for base in inspect.getmro(owner) if isinstance(owner, type) else ():
-        if base.__module__.startswith("certpgo"):
+        if base.__module__.startswith(_DESCRIBED):
             _complete(base.__module__)
             for name, value in vars(sys.modules[base.__module__]).items():
                 vars(module).setdefault(name, value)
@@ -124,7 +126,7 @@ def shortened(
     signature: str | None,
     returned: str | None,
 ) -> tuple[str | None, str | None]:
-    """A signature that can be parsed: a made default has no text, and an alias is its name."""
+    """A signature that can be parsed: a factory default has no text; an alias is its name."""
     parts = (part and _ALIAS.sub(r"\1", part) for part in (signature, returned))
     signature, returned = parts
     return signature and signature.replace("<factory>", "..."), returned
@@ -133,7 +135,7 @@ def shortened(
 def skipped(
     app: Sphinx, what: str, name: str, obj: object, skip: bool, options: Any
 ) -> bool | None:
-    """Whether to leave a member out: a module's constants are for who reads its source."""
+    """Whether to omit a member: a module's constants are documented in its source only."""
     return True if what == "module" and not callable(obj) else None
 
 
@@ -177,7 +179,7 @@ def _starless(name: str) -> str:
 
 
 def _entries(body: list[str]) -> Iterator[tuple[str, list[str]]]:
-    """Names and the words on them, of a section's items."""
+    """Names of a section's items, with their descriptions."""
     names, words = "", []
     for line in body:
         if not line.strip():
@@ -194,7 +196,7 @@ def _entries(body: list[str]) -> Iterator[tuple[str, list[str]]]:
 
 
 def _text(body: list[str]) -> Iterator[str]:
-    """Running text: paragraphs, lists, examples, and what is indented as it stands."""
+    """Running text: paragraphs, lists, examples, and indented text unchanged."""
     paragraph: list[str] = []
     for line in [*body, ""]:
         if line.strip():

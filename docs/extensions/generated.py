@@ -1,7 +1,7 @@
-"""Pages made before a build: copies of lessons and results, commands, methods.
+"""Pages generated before a build: copies of lessons and results, commands, methods.
 
-They are written beside the pages they belong to and are ignored by git. A file whose text has not
-changed is left alone, so that a second build has nothing to do.
+They are written next to the pages they belong to and are ignored by git. A file whose text has not
+changed is not rewritten, so that a second build has nothing to do.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from extensions import commands, methods
 DOCS = Path(__file__).parents[1]
 ROOT = DOCS.parent
 
-#: One file with all of TeX and glyphs as outlines: nothing is loaded later, not even a font.
+#: One file with all of TeX and glyphs as outlines: nothing else is loaded, not even a font.
 MATHJAX = "tex-svg-full.js"
 
-#: Links that work where the sources are read as they are lead to files that are copied here.
+#: Links to source files in the repository become links to the copies made here.
 _COPIED = {
     "reports/lessons/": "lessons/",
     "reports/results/": "results/",
@@ -33,13 +33,13 @@ _COPIED = {
 }
 _TO_COPIED = re.compile(rf"(\]\((?:\.\./)*)\.\./({'|'.join(map(re.escape, _COPIED))})")
 
-#: What `reports/results` holds that pages show or link to.
+#: Files of `reports/results` that pages show or link to.
 RESULTS = ("*.md", "*.svg", "*.csv", "*.tex", "*.bib")
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Connect to Sphinx."""
-    # Sphinx reads pages anew when a setting changes, and would not when these files do.
+    # Sphinx rereads pages when a setting changes, but not when these files do.
     app.add_config_value("extensions_key", _digest(Path(__file__).parent), "env")
     app.connect("config-inited", lambda app, config: write_pages())
     app.connect("source-read", _link_to_copies)
@@ -48,7 +48,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
 
 
 def write_pages() -> None:
-    """Write what is made from elsewhere."""
+    """Write the pages generated from other sources."""
     lessons = ROOT / "reports" / "lessons"
     sync(DOCS / "lessons", {p.name: p.read_bytes() for p in lessons.glob("*.py")}, ("*.py",))
     results = ROOT / "reports" / "results"
@@ -64,7 +64,7 @@ def encoded(pages: Mapping[str, str]) -> dict[str, bytes]:
 
 
 def sync(folder: Path, files: Mapping[str, bytes], patterns: tuple[str, ...] = ("*",)) -> None:
-    """Make those of a folder's files that match ``patterns`` these, touching what differs alone."""
+    """Make the files of a folder that match ``patterns`` equal to these; write only changes."""
     folder.mkdir(parents=True, exist_ok=True)
     for pattern in patterns:
         for path in folder.glob(pattern):
@@ -81,13 +81,13 @@ def _link_to_copies(app: Sphinx, page: str, source: list[str]) -> None:
 
 
 def package_key() -> str:
-    """What a lesson's output depends on besides its own text: the package and its foundations."""
+    """What a lesson's output depends on besides its text: the package and its dependencies."""
     foundations = ("numpy", "scipy", "matplotlib", "cvxpy", "clarabel", "gtsam")
     return "-".join([_digest(ROOT / "certpgo"), *map(_version, foundations)])
 
 
 def _version(package: str) -> str:
-    # GTSAM has no wheels for every platform, and lessons say so where it is absent.
+    # GTSAM has no wheel for some platforms; lessons report its absence.
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
@@ -104,7 +104,7 @@ def _digest(folder: Path) -> str:
 def _copy_mathjax(app: Sphinx, failure: Exception | None) -> None:
     if failure is not None or app.builder.format != "html":
         return
-    # The wheel's module is no identifier, but its folder can be found.
+    # The wheel's module name is not an identifier, but its folder can be found.
     spec = importlib.util.find_spec("sphinx-mathjax-offline")
     if spec is None or spec.origin is None:
         raise ExtensionError("sphinx-mathjax-offline is not installed")

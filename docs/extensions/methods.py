@@ -1,4 +1,4 @@
-"""Pages of the methods, found as the registry finds them: a new file is on the site by itself."""
+"""Pages of the methods, found as by the registry: a new file appears on the site by itself."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SOLVER = """\
 .. autoclass:: certpgo.solvers.{name}.{solver}
    :no-members:
 
-Takes {kinds}.
+Input: {kinds}.
 """
 
 _SHARED = """\
@@ -32,9 +32,9 @@ _BASE = """\
 
 """
 
-#: Included by the page of methods, and no page itself.
+#: Included by the page of methods; not a page itself.
 _OVERVIEW = """\
-| method | takes | what it is |
+| method | input | description |
 |---|---|---|
 """
 
@@ -42,15 +42,15 @@ _BASELINES = """\
 Baselines
 =========
 
-Competitors, in the checkout's folder ``baselines`` and no part of the wheel.
+Competing methods, in the checkout's folder ``baselines`` and not part of the wheel.
 ``certpgo.get_solver(NAME)`` and ``--method NAME`` find them like any method, and
-``certpgo list methods`` says which packages they need and what their settings are.
+``certpgo list methods`` shows which packages they need and their settings.
 
 .. list-table::
    :header-rows: 1
 
    * - name
-     - what it is
+     - description
 """
 
 
@@ -94,6 +94,6 @@ def _files(root: Path | None, folder: str) -> list[Path]:
 
 
 def _summary(path: Path) -> str:
-    """The first sentence of a file, which is read and not imported: its package may be missing."""
+    """A file's first sentence; the file is not imported, since its package may be missing."""
     text = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
     return text.partition("\n\n")[0].replace("\n", " ")

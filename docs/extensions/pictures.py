@@ -1,4 +1,4 @@
-"""Words for pictures that come without: those that a lesson's cells draw."""
+"""Alternative text for pictures without one: those that a lesson's cells draw."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
 
 
 def describe(doctree: nodes.document) -> None:
-    """Give each picture without a text the heading that it stands under.
+    """Use the section's heading for each picture without alternative text.
 
     Otherwise the text is the name of the picture's file, which for a cell's output is a digest.
     """

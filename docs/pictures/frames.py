@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 HERE = Path(__file__).parent
 
-#: Okabe and Ito's colours, which differ for every kind of sight.
+#: Okabe and Ito's colours, which remain distinct for every type of colour vision.
 ORANGE, BLUE, GREEN, GREY = "#d55e00", "#0072b2", "#009e73", "#444444"
 
 

@@ -8,10 +8,10 @@
 # %% [markdown]
 # # Certify my SLAM result
 #
-# An optimizer returns poses and an error that no longer falls. Whether a better answer exists it
-# cannot say: it has seen the neighbourhood of its start and nothing else. This lesson takes answers
-# of GTSAM to a verdict, to the distance from the best possible answer in metres and degrees, and to
-# a proof file that others can check.
+# An optimizer returns poses and an error that no longer decreases. It cannot tell whether a
+# lower-cost estimate exists: it has explored only the neighbourhood of its initial estimate. This
+# lesson computes, for GTSAM's estimates, a verdict, the distance from the optimum in metres and
+# degrees, and a proof file that others can check.
 
 # %%
 import contextlib
@@ -33,14 +33,15 @@ try:
     import gtsam
 except ImportError:
     gtsam = None
-    print("GTSAM is not installed: certpgo's Newton method stands in, with other weights than F's.")
+    print("GTSAM is not installed: certpgo's Newton method stands in, with weights other than F's.")
 
 # %% [markdown]
 # ## A graph
 #
 # A robot drives two laps of a circle with a radius of 10 m. It measures every step, and in the
-# second lap recognises every place of the first. Its sensors are not equally good in all
-# directions: a step is known better sideways than up, and its yaw worse than its roll and pitch.
+# second lap recognises every place of the first. Its sensors are not equally accurate in all
+# directions: a step is more accurate sideways than vertically, and its yaw less accurate than its
+# roll and pitch.
 
 # %%
 LAP, RADIUS = 60, 10.0
@@ -63,15 +64,15 @@ R_ij = np.swapaxes(R[i], 1, 2) @ R[j] @ turned  # R_i^T R_j, disturbed
 t_ij = np.einsum("mba,mb->ma", R[i], t[j] - t[i]) + moved  # R_i^T (t_j - t_i), disturbed
 
 # %% [markdown]
-# Where the graph comes from a file, `certpgo.read` reads it (g2o, TORO, iSAM and others); here it
-# is written first, as a front end would: with the full information matrix $\Omega$ of every edge.
-# The file of `certpgo.write` has isotropic matrices, one $\kappa$ and one $\tau$ an edge. It is
-# kept for later, and a copy gets the sensors' own.
+# `certpgo.read` reads a graph from a file (g2o, TORO, iSAM and others). Here we write one first, as
+# a front end would, with the full information matrix $\Omega$ of every edge. The file of
+# `certpgo.write` has isotropic matrices, one $\kappa$ and one $\tau$ per edge. We keep it for
+# later, and put the sensors' own matrices in a copy.
 
 # %%
 work = tempfile.TemporaryDirectory()
 folder = Path(work.name)
-# Isotropic stand-ins of the information: kappa = 3 / (2 sum sigma^2), tau = 3 / sum sigma^2.
+# Isotropic approximations of the information: kappa = 3 / (2 sum sigma^2), tau = 3 / sum sigma^2.
 kappa, tau = 1.5 / np.sum(SIGMA_R**2), 3.0 / np.sum(SIGMA_T**2)
 rotation = certpgo.RotationGraph(len(node), edges, R_ij, np.full(len(edges), kappa))
 graph = certpgo.PoseGraph(rotation, t_ij, np.full(len(edges), tau))
@@ -91,14 +92,15 @@ problem = certpgo.PoseProblem(instance.graph)
 print(f"{instance.graph.num_nodes} poses, {instance.graph.num_edges} measurements")
 
 # %% [markdown]
-# ## GTSAM's answer
+# ## GTSAM's estimate
 #
-# The start is the odometry. `drift` adds a yaw to every step, as a gyroscope with a bias would.
+# The initial estimate is the odometry. `drift` adds a yaw to every step, as a gyroscope with a bias
+# would.
 
 
 # %%
 def odometry(drift=0.0):
-    """Poses (R, t) composed from the steps, each turned by ``drift`` radians more."""
+    """Poses (R, t) composed from the steps, each turned by ``drift`` more radians."""
     rotations, positions = [np.eye(3)], [np.zeros(3)]
     turn = so.exp(np.array([0.0, 0.0, drift]))
     for step in range(len(steps)):
@@ -127,7 +129,7 @@ def optimized(file, start, iterations=100):
 
 
 def judged(values, **options):
-    """`certify_values`, or `certify` where an estimate stands in for Values."""
+    """`certify_values`, or `certify` for an estimate that replaces Values."""
     if gtsam is None:
         return certpgo.certify(problem, values, **options)
     return certpgo.certify_values(instance, values, **options)
@@ -147,32 +149,33 @@ print(certificate.reason)
 # %% [markdown]
 # ## What a verdict means
 #
-# The judge is
+# The cost is
 #
 # $$F(R, t) = \sum \kappa_{ij} \|R_j - R_i R_{ij}\|^2
 #   + \sum \tau_{ij} \|t_j - t_i - R_i t_{ij}\|^2.$$
 #
-# `certify` finds a lower bound of its minimum $F^*$ from duality: multipliers $\Lambda_i$ (Eriksson
-# et al. 2018, eq. 16) whose matrix $S$ is positive semidefinite make $\operatorname{tr} \Lambda$
-# such a bound (their eq. 18), and a factorization proves it. The bound belongs to the graph, not to
-# the answer; the verdict is about $F$ of the answer less the bound.
+# `certify` finds a lower bound on its minimum $F^*$ from duality. If the matrix $S$ of the
+# multipliers $\Lambda_i$ (Eriksson et al. 2018, eq. 16) is positive semidefinite,
+# $\operatorname{tr} \Lambda$ is such a bound (their eq. 18), and a factorization proves it. The
+# bound belongs to the graph, not to the estimate; the verdict depends on the estimate's $F$ minus
+# the bound.
 #
 # | verdict | means |
 # |---|---|
 # | CERTIFIED | $F$ is proven to be within $10^{-5} F + 10^{-12} W$ of $F^*$ |
 # | BOUNDED | a gap is proven, but it is larger |
-# | REFUTED | a better answer is in hand, and descending from this one does not lead to it |
+# | REFUTED | a lower-cost estimate exists that local descent from this one does not reach |
 # | UNDECIDED | no useful bound was found |
 #
-# ($W = \sum \kappa_{ij} + \sum \tau_{ij} \|t_{ij}\|^2$ is the size of $F$'s terms; it counts where
-# $F$ is almost zero.)
+# ($W = \sum \kappa_{ij} + \sum \tau_{ij} \|t_{ij}\|^2$ is the magnitude of $F$'s terms; it matters
+# where $F$ is almost zero.)
 #
-# Here is an answer of each kind, all of the same graph. The first one starts from odometry without
-# a bias, and has the weights of the isotropic file. The second is the one above, and the third was
-# stopped after one step. The fourth began with a bias of 360 degrees a lap: the optimizer
-# converges, to a map that winds twice as often. The fifth is the fourth again, but `refine=False`
-# forbids the judge to improve a copy first, and the multipliers of so poor a point prove nothing of
-# use.
+# Here is an estimate with each verdict, all for the same graph. The first is initialized with
+# unbiased odometry, and uses the weights of the isotropic file. The second is the one above, and
+# the third was stopped after one step. The fourth was initialized with a bias of 360 degrees per
+# lap: the optimizer converges to a map that winds twice as often. The fifth is the fourth again,
+# but with `refine=False`: no copy is refined first, and the multipliers of so poor a point give no
+# useful bound.
 
 # %%
 wound_start = odometry(drift=2.0 * np.pi / LAP)
@@ -206,7 +209,7 @@ for row, c in enumerate(judgements.values()):
     colour = COLOURS[c.verdict.value]
     low = max(c.lower_bound, 100.0)
     right.plot([low, c.cost], [row, row], color=colour, linewidth=2)
-    if c.lower_bound < low:  # an arrow towards zero, which a logarithmic axis has not
+    if c.lower_bound < low:  # an arrow towards zero, which a logarithmic axis lacks
         right.plot(low, row, "<", color=colour, clip_on=False)
     right.plot(c.cost, row, "o", color=colour)
     right.text(c.cost * 1.25, row, c.verdict.value, color=BLACK, va="center", fontsize=8)
@@ -219,21 +222,20 @@ for axes in (left, right):
 plt.show()
 
 # %% [markdown]
-# Left: both maps from above. In the small one a full turn too many is spread over the steps of a
-# lap, a few degrees each, and the loop closures fit: no small change makes it better. Right: what
-# is known of each answer. The dotted line is the one lower bound of the graph; the arrow goes on to
-# zero.
+# Left: both maps from above. In the small one an extra full turn is spread over the steps of a lap,
+# a few degrees each, and the loop closures fit: no small change improves it. Right: the interval
+# known for each estimate. The dotted line is the graph's lower bound; the arrow extends to zero.
 
 # %% [markdown]
 # ## Why full information is not CERTIFIED
 #
 # GTSAM minimises $\frac12 \sum r^\top \Omega\, r$ with $r = \log(T_{ij}^{-1} T_i^{-1} T_j)$ and the
-# whole $\Omega$. $F$ has one $\kappa$ and one $\tau$ an edge, which SE-Sync reads from the file as
+# full $\Omega$. $F$ has one $\kappa$ and one $\tau$ per edge, which SE-Sync reads from the file as
 # $\kappa = 3 / (2 \operatorname{tr} \Omega_R^{-1})$, $\tau = 3 / \operatorname{tr} \Omega_t^{-1}$.
-# These are two questions, and the best answer of one is near that of the other, not at it. That the
-# weights and not the logarithms make the difference here is what the isotropic file shows. So the
-# gap in $F$ says nothing about how well GTSAM minimised its own error; each of the two answers is
-# better by its own measure:
+# These are two objectives, and the optimum of one is near that of the other, not at it. The
+# isotropic file shows that here the weights, not the logarithms, make the difference. So the gap in
+# $F$ does not tell how well GTSAM minimised its own error; each of the two estimates is better by
+# its own measure:
 
 # %%
 review = assess(problem, estimate_of(answer), certificate, ids=instance.ids)
@@ -244,52 +246,52 @@ if gtsam is not None:
         pose = gtsam.Pose3(gtsam.Rot3(review.best.rotations[key]), review.best.translations[key])
         best_values.insert(key, pose)
     print("                  F      GTSAM's error")
-    print(f"GTSAM's answer    {certificate.cost_upper:.2f}  {factors.error(answer):.2f}")
-    print(f"best answer of F  {review.best_cost:.2f}  {factors.error(best_values):.2f}")
+    print(f"GTSAM's estimate  {certificate.cost_upper:.2f}  {factors.error(answer):.2f}")
+    print(f"best F            {review.best_cost:.2f}  {factors.error(best_values):.2f}")
 
 # %% [markdown]
-# ## What to do then
+# ## What to do next
 #
-# **BOUNDED.** `assess` says how far the best answer in hand is, in units that a robot cares about,
-# and whether it is proven to be the best. A few centimetres may be all there is to know.
+# **BOUNDED.** `assess` gives the distance to the best known estimate, in metres and degrees, and
+# whether that estimate is proven optimal. A few centimetres may not matter.
 
 # %%
 away = review.distance
 print(f"relative gap: {certificate.relative_gap:.2%}")
-print(f"best answer proven optimal: {review.best_is_optimal}")
+print(f"best estimate proven optimal: {review.best_is_optimal}")
 print(f"rotations:  {away.mean_deg:.2f} degrees away on average, {away.worst_deg:.2f} at most")
 print(f"positions:  {away.mean_m:.3f} m away on average, {away.worst_m:.3f} at most")
 
 # %% [markdown]
-# `review.best` is the better answer (`--best OUT` on the command line writes it). Where another
-# error is to be minimised, as here, it is a good start: proven to be best for $F$, and near where
-# the other error is least, but nothing is proven of that one.
+# `review.best` is the better estimate (`--best OUT` on the command line writes it). To minimise
+# another error, as here, it is a good initial estimate: proven optimal for $F$, and near the
+# minimum of the other error, about which nothing is proven.
 #
-# **REFUTED.** The better answer comes with the verdict; restart from it. Which edges pay most of
-# the cost often tells what went wrong, wrong loop closures above all. Here no measurement is
-# wrong, and even the worst pays only a few percent: the error is spread over both laps.
+# **REFUTED.** The verdict comes with the lower-cost estimate; restart from it. The edges with the
+# largest share of the cost often show the cause, above all wrong loop closures. Here no measurement
+# is wrong, and even the largest share is only a few percent: the error is spread over both laps.
 
 # %%
 wound = assess(problem, estimate_of(answers["wound up"]), judgements["wound up"], ids=instance.ids)
-print(f"the best answer costs {wound.excess / wound.certificate.cost_upper:.1%} less")
+print(f"the best estimate costs {wound.excess / wound.certificate.cost_upper:.1%} less")
 for edge in wound.edges[:3]:
     first, second = edge.ids
     off = f"off by {np.degrees(edge.angle):.1f} degrees"
     print(f"{first:3} to {second:3}: {edge.share:.2%} of F, {off}")
 
 again = optimized(folder / "drive.g2o", wound.best)
-print("restarted from the better answer:", judged(again).verdict.value)
+print("reinitialized by the better estimate:", judged(again).verdict.value)
 
 # %% [markdown]
 # **UNDECIDED.** With `refine=True`, the default, this is rare, and means noise beyond what the
 # relaxation can bound. Then `certpgo info` shows how consistent the measurements are, and
-# `certpgo bounds` what every bound makes of them.
+# `certpgo bounds` evaluates every bound.
 #
 # ## A proof for others
 #
-# A certificate is believed by whoever trusts this program. A proof file is for those who do not:
-# the answer, and the numbers that the lower bound follows from, tied to the graph file by its
-# SHA-256. The checker is one file that needs Python and NumPy and recomputes both bounds.
+# A certificate convinces only those who trust this program. A proof file is for everyone else: it
+# contains the estimate and the numbers from which the lower bound follows, tied to the graph file
+# by its SHA-256. The checker is one file that needs Python and NumPy and recomputes both bounds.
 
 # %%
 best = certpgo.certify(problem, review.best)
@@ -301,7 +303,7 @@ print(checked)
 print(f"{proof.stat().st_size} bytes for {problem.n} poses")
 
 # %% [markdown]
-# It is tied to the numbers in the graph file: of the other file it proves nothing.
+# The proof is tied to the numbers in the graph file; for the other file it proves nothing.
 
 # %%
 try:
@@ -314,8 +316,8 @@ except Refused as refusal:
 # ## The same on the command line
 #
 # GTSAM writes its Values with `gtsam.writeG2o(factors, values, "answer.g2o")`; the program reads
-# that, and other formats. What it prints is the certificate and the assessment. The exit code is
-# that of the verdict, for scripts.
+# that, and other formats. It prints the certificate and the assessment. The exit code gives the
+# verdict to scripts.
 
 # %%
 if gtsam is None:
@@ -342,25 +344,25 @@ codes = [
 # %% [markdown]
 # ## Exercises
 #
-# **1.** With which `rtol` is the answer for full information CERTIFIED? Predict it from the
+# **1.** With which `rtol` is the estimate for full information CERTIFIED? Predict it from the
 # certificate above, then check. Does the lower bound depend on `rtol`?
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
 # CERTIFIED means gap <= rtol F + atol W: the relative gap is the threshold. The bound belongs to
-# the graph, and changes with rtol by rounding at most.
+# the graph, and changes with rtol at most by rounding.
 threshold = certificate.relative_gap
 for rtol in (0.99 * threshold, 1.01 * threshold):
     c = judged(answer, rtol=rtol)
     print(f"rtol = {rtol:.4f}: {c.verdict.value}, F* >= {c.lower_bound:.4f}")
 
 # %% [markdown]
-# **2.** A file with few digits is another answer. Round the positions of the best answer to 1, 2, 3
-# and 4 decimals. From how many on is it still CERTIFIED? Why does the gap shrink a hundredfold for
-# each digit?
+# **2.** A file with few digits contains a different estimate. Round the positions of the best
+# estimate to 1, 2, 3 and 4 decimals. How many decimals keep it CERTIFIED? Why does the gap shrink a
+# hundredfold per digit?
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
 # F is quadratic about its minimum, where the gradient vanishes: a tenth of the error costs a
-# hundredth. Centimetres of rounding matter where tau is in the hundreds a square metre.
+# hundredth. Centimetres of rounding matter if tau is in the hundreds per square metre.
 rounded = {}
 for decimals in (1, 2, 3, 4):
     positions = np.round(review.best.translations, decimals)
@@ -369,14 +371,15 @@ for decimals in (1, 2, 3, 4):
     print(f"{decimals} decimals: {c.verdict.value:9} relative gap {c.relative_gap:.1e}")
 
 # %% [markdown]
-# **3.** Give the robot's gyroscope a bias of -360 degrees a lap instead, and of 180. What does the
-# judge say of the three answers, and why is a bias of 180 degrees a lap forgiven?
+# **3.** Give the robot's gyroscope a bias of -360 degrees per lap instead, and of 180. What are the
+# verdicts for the three estimates, and why does a bias of 180 degrees per lap do no harm?
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
-# Closures after a lap fit any whole number of turns. Half a turn is none, so that the closures pull
-# the map to one of its neighbours. With -360 degrees a lap the start does not turn at all: the
-# robot would drive straight on, and closures contradict that. GTSAM ends at a map that costs three
-# times as much as the one wound up once, Newton's method at the latter. Both are REFUTED.
+# Closures after a lap fit any integer number of turns. Half a turn is not an integer, so the
+# closures pull the map to a neighbouring one. With -360 degrees per lap the initial estimate does
+# not turn at all: the robot would drive straight on, and the closures contradict that. GTSAM ends
+# at a map that costs three times as much as the one wound up once, Newton's method at the latter.
+# Both are REFUTED.
 biased = {}
 for degrees in (-360, 180):
     start = odometry(drift=np.radians(degrees) / LAP)

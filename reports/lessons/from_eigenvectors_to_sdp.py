@@ -8,10 +8,10 @@
 # %% [markdown]
 # # From eigenvectors to SDP
 #
-# How good can the best answer be? Every lower bound on $F^*$ in rotation averaging, from a few
-# eigenvalues to a semidefinite program, is one inequality with other numbers put in. This lesson
-# states it once and climbs the ladder of bounds on one real graph: what each rung costs, and what
-# it gains. The top is not the most expensive one.
+# How low can the cost be? Every lower bound on $F^*$ in rotation averaging, from a few eigenvalues
+# to a semidefinite program, is one inequality with different parameters. This lesson states it once
+# and computes these bounds one by one on one real graph: the run time of each, and the improvement.
+# The strongest is not the most expensive one.
 
 # %%
 import tempfile
@@ -34,9 +34,8 @@ from reports.harness.experiments.figure import STYLE
 # ## The graph
 #
 # MIT is a robot's drive through the corridors of a university building (`MIT.g2o` of SE-Sync's
-# repository): long chains of poses, and a few places where they close. We take its rotations alone,
-# in the plane, with the weights of the file. Where the file is not here, a simulated helix takes
-# its place.
+# repository): long chains of poses, and a few places where they close. We use only its rotations,
+# in the plane, with the weights of the file. If the file is missing, a simulated helix replaces it.
 
 # %%
 try:
@@ -64,7 +63,7 @@ print(instance.name, "in", d, "dimensions:", n, "nodes,", problem.graph.num_edge
 #
 # because the rows of $R W^{1/2}$ are orthogonal and of squared length $\sum w_i$, and the trace of
 # a symmetric matrix over $d$ orthonormal vectors is at least the sum of its $d$ smallest
-# eigenvalues. The right-hand side does not know $R$: it is a lower bound on $F^*$. In code:
+# eigenvalues. The right-hand side does not depend on $R$: it is a lower bound on $F^*$. In code:
 
 
 # %%
@@ -77,7 +76,7 @@ def lower_bound(multipliers, weights):
 
 
 def timed(step, repeat=1):
-    """What a step returns, and the seconds of its fastest repetition."""
+    """The result of a step, and the seconds of its fastest repetition."""
     seconds = []
     for _ in range(repeat):
         start = time.perf_counter()
@@ -90,11 +89,11 @@ rungs = {}  # bound and seconds
 nothing, alike = np.zeros((n, d, d)), np.ones(n)
 
 # %% [markdown]
-# ## Rung one: eigenvalues
+# ## Bound one: eigenvalues
 #
-# $\Lambda = 0$ and $w = 1$ give $n(\lambda_1 + \dots + \lambda_d)$, the bound that the thesis draws
-# from its eq. 4.7. No estimate is needed. `EigenRA` computes it on the way, from a sparse
-# factorization, and subtracts what the eigenvalues may be off by.
+# $\Lambda = 0$ and $w = 1$ give $n(\lambda_1 + \dots + \lambda_d)$, the bound that the thesis
+# derives from its eq. 4.7. No estimate is needed. `EigenRA` computes it as a by-product, from a
+# sparse factorization, and subtracts a bound on the eigenvalues' error.
 
 # %%
 eigen, seconds = timed(lambda: get_solver("eigen_ra")().solve(problem), repeat=3)
@@ -102,11 +101,11 @@ rungs["eigenvalues"] = eigen.lower_bound, seconds
 print(f"by EigenRA {eigen.lower_bound:.6f}, by the inequality {lower_bound(nothing, alike):.6f}")
 
 # %% [markdown]
-# ## Rung two: weights
+# ## Bound two: weights
 #
 # With $\Lambda = 0$ and $w_i = \deg_i$, the weighted degrees, the matrix is the *normalized*
-# connection Laplacian. A node with few or weak measurements can no longer pull the eigenvalues down
-# as cheaply. (The time is that of dense eigenvalues. Sparse ones would cost what rung one does.)
+# connection Laplacian. A node with few or weak measurements no longer lowers the eigenvalues as
+# easily. (The time is that of dense eigenvalues. Sparse ones would take as long as bound one.)
 
 # %%
 weighted, seconds = timed(lambda: lower_bound(nothing, problem.node_weights))
@@ -114,20 +113,20 @@ rungs["weighted, dense"] = weighted, seconds
 print(f"weighted by degrees {weighted:.6f}")
 
 # %% [markdown]
-# ## Rung three: the best multipliers
+# ## Bound three: the best multipliers
 #
-# What choice of $\Lambda$ is best? If $S \succeq 0$ the eigenvalues can be left out, and
+# Which $\Lambda$ is best? If $S \succeq 0$ the eigenvalues can be omitted, and
 #
 # $$ \max_\Lambda \; \operatorname{tr} \Lambda \quad \text{such that} \quad
 #    L - \operatorname{blkdiag}(\Lambda) \succeq 0 $$
 #
 # is Eriksson et al.'s dual program (D), eq. 18, in our sign: their $\Lambda_i$ is $\deg_i I$ less
 # ours. Its dual is (DD), eq. 45: minimise $\operatorname{tr}(L Y)$ over $Y \succeq 0$ with
-# $Y_{ii} = I$, which is the original problem with $Y = R^\top R$ and the rank forgotten.
+# $Y_{ii} = I$, which is the original problem with $Y = R^\top R$ without the rank constraint.
 #
-# *An interior-point method* (Clarabel, by way of CVXPY) solves (D). What a program's solver calls
-# its value is no bound, for its multipliers are feasible up to a tolerance only; `sdp_dual` shifts
-# them until the matrix has a factor, and gives that bound.
+# *An interior-point method* (Clarabel, by way of CVXPY) solves (D). The value that a solver reports
+# is not a bound, because its multipliers are feasible only up to a tolerance; `sdp_dual` shifts
+# them until the matrix has a factor, and returns that bound.
 
 # %%
 sdp, seconds = timed(lambda: get_solver("sdp_dual")().solve(problem))
@@ -136,9 +135,9 @@ print(f"value {sdp.relaxation.value:.9f}, bound {sdp.lower_bound:.9f}")
 
 # %% [markdown]
 # *Block coordinate descent*, their Algorithm 1, works on (DD): it visits the nodes in turn, and
-# finds each one's block row of $Y$ in closed form. Each $Y$ has multipliers, and those a bound, by
-# the inequality. The sweeps are cheap. But information travels one edge a visit: on chains as long
-# as MIT's it takes its time, while the helix, which is short, is done in some tens of sweeps.
+# finds each one's block row of $Y$ in closed form. Each $Y$ has multipliers, which give a bound by
+# the inequality. The sweeps are cheap. But information travels one edge per visit: on chains as
+# long as MIT's convergence is slow, while the helix, which is short, needs some tens of sweeps.
 
 # %%
 SWEEPS = 800
@@ -150,14 +149,14 @@ rungs["block descent"] = descended, seconds
 print(f"{descent.iterations} sweeps, {descent.status.value}: bound {descended:.6f}")
 
 # %% [markdown]
-# ## Rung four: read the multipliers off
+# ## Bound four: multipliers from a stationary point
 #
 # At a stationary point $R$ of the original problem the multipliers need no program. The KKT
-# equations leave no choice: $\Lambda_i = \operatorname{sym}((L R^\top)_i R_i)$ (eq. 16). For these,
+# equations determine them: $\Lambda_i = \operatorname{sym}((L R^\top)_i R_i)$ (eq. 16). For these,
 # whatever $R$ is, $\operatorname{tr}\Lambda = F(R)$, so if $S \succeq 0$ then the bound *is* the
-# cost, and $R$ optimal. Finding $R$ takes a few sparse Newton steps from a good start, and
-# $S \succeq 0$ one factorization. That is what `certpgo.solve` does, and its bound has the rounding
-# of the factorization taken off:
+# cost, and $R$ optimal. Finding $R$ takes a few sparse Newton steps from a good initial estimate,
+# and checking $S \succeq 0$ one factorization. `certpgo.solve` does this, and its bound accounts
+# for the rounding of the factorization:
 
 # %%
 answer, seconds = timed(lambda: solve(problem.graph), repeat=3)
@@ -169,13 +168,13 @@ print(f"certificate {answer.certificate.lower_bound:.12f}")
 print(f"inequality  {by_inequality:.12f}  (dense, its rounding not bounded)")
 
 # %% [markdown]
-# ## Rung five: a proof
+# ## Bound five: a proof
 #
-# The certificate trusts that the factorization keeps the usual rounding bound. A proof trusts less:
-# the multipliers go into a file with the estimate, and an independent program redoes the
-# arithmetic, exactly where it matters. It factorizes once or twice, in plain NumPy, and takes as
-# long as 40 to 150 factorizations by a fast library (`reports/results/proofs.md`); the time below
-# is the checker's.
+# The certificate trusts that the factorization satisfies the usual rounding bound. A proof trusts
+# less: the multipliers are stored in a file with the estimate, and an independent program repeats
+# the arithmetic, exactly where it matters. It factorizes once or twice, in plain NumPy, and takes
+# as long as 40 to 150 factorizations by a fast library (`reports/results/proofs.md`); the time
+# below is the checker's.
 
 # %%
 with tempfile.TemporaryDirectory() as folder:
@@ -189,7 +188,7 @@ rungs["proof"] = proof.lower, seconds
 print(proof)
 
 # %% [markdown]
-# ## The ladder
+# ## All bounds
 
 # %%
 print(f"{'':22s}{'bound':>18s}{'gap to F, relative':>22s}{'seconds':>10s}")
@@ -224,24 +223,24 @@ with plt.rc_context(STYLE):
     lower.set_title("(b) what is missing", loc="left")
 
 # %% [markdown]
-# Three things are to be seen. Eigenvalues are nearly free and give the right order of magnitude.
-# The general-purpose program gives nearly everything, and asks for a great deal of time. And the
-# top of the ladder is cheap: once a stationary point is in hand, its multipliers solve the program,
-# and the work left is to check that they do. The program is needed to understand why this works
-# (its optimum is what $\operatorname{tr}\Lambda$ reaches), and where it cannot work: if the
-# relaxation is not tight, then no $\Lambda$ closes the gap, and the verdict is BOUNDED.
+# Note three things. Eigenvalues are nearly free and give the right order of magnitude. The
+# general-purpose program gives nearly the full bound, but takes much longer. And the strongest
+# bound is cheap: given a stationary point, its multipliers solve the program, and it only remains
+# to check that they do. The program explains why this works (its optimum is what
+# $\operatorname{tr}\Lambda$ attains), and where it cannot work: if the relaxation is not tight, no
+# $\Lambda$ closes the gap, and the verdict is BOUNDED.
 #
 # ## The same from the command line
 #
-# `certpgo bounds GRAPH` prints a ladder of this kind, with each rung's price and what it says;
-# `--sdp` adds the program. In Python it is `certpgo.assess.ladder.ladder`. Here for the poses,
-# translations included. Its middle rungs are angles: Eriksson et al.'s Theorem 4.1 says that a
-# stationary point of rotation averaging whose residuals are all below an angle is optimal. For a
-# pose graph they therefore speak of its rotations alone, descended by themselves, and never of the
-# map: there a point can be stationary, with no rotation residual at all, and far from optimal
-# (exercise 4). They take one eigenvalue, and speak of every edge: where the Fiedler value is small
-# beside the degrees, as on long chains, the angle is tiny, and a single larger residual is enough
-# for them to say nothing.
+# `certpgo bounds GRAPH` prints such bounds, each with its run time and implication; `--sdp` adds
+# the program. In Python it is `certpgo.assess.ladder.ladder`. Here it runs on the poses,
+# translations included. Its middle entries are residual-angle bounds: Eriksson et al.'s Theorem 4.1
+# states that a stationary point of rotation averaging whose residuals are all below an angle is
+# optimal. For a pose graph they therefore concern rotation averaging on its rotations alone, never
+# the full cost: there a point can be stationary, with zero rotation residuals, and far from optimal
+# (exercise 4). They take one eigenvalue, and constrain every edge: where the Fiedler value is small
+# relative to the degrees, as on long chains, the angle is tiny, and a single larger residual makes
+# them inconclusive.
 
 # %%
 climbed = ladder(problem_of(instance.graph))
@@ -257,7 +256,7 @@ for rung in climbed.rungs:
 # $\Lambda = 0$.
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
-# Not by any law. In the plane eigenvalues come in pairs, and to choose w is to choose multipliers
+# Not in general. In the plane eigenvalues come in pairs, and to choose w is to choose multipliers
 # mu w_i I, multiples of the identity: mu is where the smallest eigenvalue ends up. In space the
 # three smallest differ, and the bound is larger than what their least gives as such a mu. The best
 # choice of mu w_i is a semidefinite program as well.
@@ -268,16 +267,16 @@ for p in sorted(powers):
     print(f"p = {p:2d}: {powers[p]:.6f}")
 
 # %% [markdown]
-# **2.** Read the multipliers off EigenRA's rotations instead, which are near the optimum but not
-# stationary. Is the bound above or below the true $F^*$, and which is nearer to it, the bound or
-# the cost of the rotations? And at the optimum, with each rotation turned by a hundredth of a
+# **2.** Compute the multipliers from EigenRA's rotations instead, which are near the optimum but
+# not stationary. Is the bound above or below the true $F^*$, and which is nearer to it, the bound
+# or the cost of the rotations? And at the optimum, with each rotation turned by a hundredth of a
 # degree?
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
 # tr Lam = F(R) holds anywhere, but S R^T = 0 only at a stationary point. Elsewhere the rows of R
-# are no eigenvectors, and eigenvalues fall below zero, by about the gradient squared over the next
-# eigenvalue. The bound stays true, and loses the more the farther away the point is; certify
-# descends to a stationary point first, because the bound belongs to the problem.
+# are not eigenvectors, and eigenvalues fall below zero, by about the gradient squared over the next
+# eigenvalue. The bound stays valid, but is weaker the farther away the point is; certify descends
+# to a stationary point first, because the bound belongs to the problem.
 rng = np.random.default_rng(0)
 tiny = so.exp(np.radians(0.01) * rng.standard_normal((n, so.tangent_dim(d))))
 nearby = certpgo.Estimate(answer.estimate.rotations @ tiny)
@@ -287,27 +286,28 @@ for name, point in (("EigenRA", eigen.estimate), ("0.01 degrees off", nearby)):
     print(f"{name}: {off[name][0]:.6f} <= {F:.6f} <= {off[name][1]:.6f}")
 
 # %% [markdown]
-# **3.** Is the relaxation tight here, and how can it be told from the solution of (DD)? Look at the
-# rank of the program's $Y$ (`sdp.relaxation.rank`), and compare the rounded rotations' cost with
-# the bound.
+# **3.** Is the relaxation tight here, and how does the solution of (DD) show it? Look at the rank
+# of the program's $Y$ (`sdp.relaxation.rank`), and compare the rounded rotations' cost with the
+# bound.
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
-# Y = R^T R has the rank d. Where the program's Y has it too, its factor consists of orthogonal
+# Y = R^T R has the rank d. If the program's Y has it too, its factor consists of orthogonal
 # matrices. If their determinants have one sign, they are rotations up to one reflection of the
-# world: what was dropped holds by itself, and the bound is attained. (The sign needs a look: see
-# exercise 4 of *When duality fails*. The rounded cost below looks.)
+# world: the dropped constraints hold, and the bound is attained. (The sign must be checked: see
+# exercise 4 of *When duality fails*. The rounded cost below checks it.)
 print("rank", sdp.relaxation.rank, "of", d * n, "in dimension", d)
 print(f"bound {sdp.lower_bound:.7f} <= F* <= {sdp.cost:.7f}, of the rounded Y")
 
 # %% [markdown]
-# **4.** Two poses measure each other, $(0, 1)$ and $(1, 0)$: both say that the other is not turned,
+# **4.** Two poses measure each other, $(0, 1)$ and $(1, 0)$: each measures the other as not turned
 # and one metre ahead. Take $\kappa = 10^{-3}$ and $\tau = 1$. Find a stationary point of $F$ whose
 # rotation residuals are zero. Is it optimal?
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
-# Both rotations I: the positions cannot please both, and share the two metres that they are off.
-# With pose 1 turned by half a turn about z both see the other ahead, and only the rotations pay,
-# 2 kappa 8 = 0.016. The bound of angles holds for the rotations' own cost, which is zero at I, I.
+# Both rotations I: the positions cannot fit both measurements, and share the error of two metres.
+# With pose 1 turned by half a turn about z each sees the other ahead, and only the rotations
+# contribute, 2 kappa 8 = 0.016. The residual-angle bound holds for the rotations' own cost, which
+# is zero at I, I.
 both = np.array([[0, 1], [1, 0]])
 ahead = np.array([[1.0, 0.0, 0.0]] * 2)
 unturned = certpgo.RotationGraph(2, both, np.array([np.eye(3)] * 2), np.full(2, 1e-3))
@@ -320,10 +320,10 @@ print(f"F = {facing.cost(opposed):.3f} at half a turn")
 # %% [markdown]
 # ## What to remember
 #
-# - All these bounds are $\operatorname{tr} \Lambda$ plus eigenvalues of what is left. Any $\Lambda$
-#   gives a true one; the semidefinite program gives the best one.
+# - All these bounds are $\operatorname{tr} \Lambda$ plus eigenvalues of the remainder. Any
+#   $\Lambda$ gives a valid one; the semidefinite program gives the best one.
 # - Where the relaxation is tight, the best $\Lambda$ is a function of the optimal rotations. So
-#   search first, by any means, and prove afterwards: the proof does not care how the point was
+#   search first, by any means, and prove afterwards: the proof does not depend on how the point was
 #   found.
 #
 # Sources: A. Eriksson, C. Olsson, F. Kahl, T.-J. Chin, *Rotation Averaging and Strong Duality*,

@@ -8,10 +8,10 @@
 # %% [markdown]
 # # Outliers
 #
-# A certified optimum is the best answer to the measurements. If some of those are wrong, it is the
-# best answer to a wrong question, and certified all the same. This lesson spoils measurements whose
-# truth is known, lets three robust estimators find them, and asks what can still be certified
-# after that, and what no certificate can say.
+# A certified optimum is the best estimate for its measurements. If some of those are wrong, it is
+# the optimum of a wrong problem, and still certified. This lesson corrupts measurements whose truth
+# is known, lets three robust estimators find them, and shows what can still be certified afterwards
+# and what no certificate can show.
 
 # %%
 import matplotlib.pyplot as plt
@@ -26,11 +26,11 @@ from certpgo.solvers.graduated_non_convexity import quantile
 BLUE, VERMILION, GREEN, PURPLE, BLACK = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000"
 
 # %% [markdown]
-# ## Why least squares gives in
+# ## Why least squares fails
 #
-# A term of $F$ with weight 1 and a residual angle $\alpha$ costs $\|R_j - R_i R_{ij}\|^2 =
-# 8 \sin^2(\alpha/2)$: nearly $2 \alpha^2$, twice the square of the angle. So one measurement that
-# is far off has the say of hundreds that are good.
+# A term of $F$ with weight 1 and a residual angle $\alpha$ costs
+# $\|R_j - R_i R_{ij}\|^2 = 8 \sin^2(\alpha/2)$: nearly $2 \alpha^2$, twice the square of the angle.
+# So one large error has the influence of hundreds of good measurements.
 
 # %%
 good, wrong_angle = np.radians(5.0), np.radians(120.0)
@@ -38,11 +38,11 @@ outweighed = np.sin(wrong_angle / 2.0) ** 2 / np.sin(good / 2.0) ** 2
 print(f"a residual of 120 degrees costs as much as {outweighed:.0f} of 5 degrees")
 
 # %% [markdown]
-# ## Rotations with plenty of measurements
+# ## Rotations with many measurements
 #
 # `langevin_graph` draws a random graph whose rotations are measured with Langevin noise, here
 # $\sigma_R = 5$ degrees, as in the thesis (Moreira 2020, section 5.2). With the given probability a
-# measurement is a uniformly random rotation instead; `instance.outliers` says which.
+# measurement is a uniformly random rotation instead; `instance.outliers` marks these.
 
 # %%
 SIGMA = 5.0
@@ -56,18 +56,18 @@ def scene(share):
 
 
 # %% [markdown]
-# Three estimators, each of which ends with a weight for every measurement, zero where rejected:
+# We compare three estimators. Each returns a weight for every measurement, zero where rejected:
 #
 # - `eigen_rao` (thesis, Algorithm 3) weights blocks of the matrix whose eigenvectors are the
-#   estimate by $a + b \exp((\pi - e)/2)$ of the residual angle $e$, clipped at 0, again and again.
-#   (Our reading of eq. 4.9, which prints $\exp(\pi - e/2)$ and for its $a$ and $b$ never vanishes.)
+#   estimate by $a + b \exp((\pi - e)/2)$ of the residual angle $e$, clipped at 0, and repeats. (Our
+#   reading of eq. 4.9, which prints $\exp(\pi - e/2)$ and for its $a$ and $b$ never vanishes.)
 # - `adaptive_trimming` minimises truncated squares, $\sum \min(r_e^2, c^2)$, $r_e^2$ the terms of
-#   $F$, with a threshold $c$ that shrinks down to the noise, which it measures.
+#   $F$, with a threshold $c$ that decreases to the noise level, which it measures.
 # - `graduated_non_convexity` (Yang et al., RA-L 2020) minimises the same with a given $c$, through
-#   a family of losses that begins convex. It has to know the noise. Unit weights state a Langevin
-#   noise of $\sigma_R = 1$ radian, which is 0.71 radians about each axis; `scale` says by what to
-#   multiply that. By default it starts from the odometry; a photo collection has none, and the
-#   least-squares answer serves.
+#   a family of losses that begins convex. It must know the noise. Unit weights state a Langevin
+#   noise of $\sigma_R = 1$ radian, which is 0.71 radians about each axis; `scale` multiplies that.
+#   Its default initialization is the odometry; a photo collection has none, so we use the
+#   least-squares estimate.
 
 # %%
 ROBUST = {
@@ -105,17 +105,17 @@ print("least squares is        ", [run[2].verdict.value for run in runs.values()
 
 # %% [markdown]
 # One wrong measurement in twenty about doubles the error of least squares, and its optimum is
-# CERTIFIED: nothing in the certificate knows. With many wrong ones the convex relaxation itself is
-# no longer tight, and the verdict becomes BOUNDED. That is a hint of outliers, and no more: the
-# verdict is about $F$.
+# CERTIFIED: the certificate cannot detect it. With many wrong ones the convex relaxation itself is
+# no longer tight, and the verdict becomes BOUNDED. That is only a hint of outliers: the verdict is
+# about $F$.
 #
-# The robust methods hardly notice, until about half of the measurements are wrong and they fail at
-# once.
+# The robust methods are hardly affected until about half of the measurements are wrong, where they
+# fail abruptly.
 #
 # ## Poses: one wrong loop closure
 #
-# A pose graph has few measurements to spare. A helix of 144 poses has its odometry, which is
-# trusted, and 60 links to the turn above, some of which are now wrong in rotation and position.
+# A pose graph has few redundant measurements. A helix of 144 poses has trusted odometry and 60
+# links to the turn above, some of which are now wrong in rotation and position.
 
 # %%
 helix = synthetic.helix(12, np.random.default_rng(0))
@@ -176,18 +176,18 @@ for axes in (left, right):
 plt.show()
 
 # %% [markdown]
-# Left: rotations with plenty of measurements. Right: poses, where a single wrong loop closure
-# multiplies the error of least squares, and graduated non-convexity finds every one.
+# Left: rotations with many measurements. Right: poses, where a single wrong loop closure multiplies
+# the error of least squares, and graduated non-convexity finds every one.
 #
 # ## Precision and recall
 #
-# Of what is rejected, precision is the share that is wrong; of what is wrong, recall is the share
-# that is rejected.
+# Precision is the share of rejected measurements that are wrong; recall is the share of wrong
+# measurements that are rejected.
 
 
 # %%
 def precision_recall(weights, wrong):
-    """Of the rejected measurements, those of weight zero."""
+    """Precision and recall of the rejected measurements, those of weight zero."""
     rejected = weights == 0.0
     caught = np.count_nonzero(rejected & wrong)
     return caught / max(np.count_nonzero(rejected), 1), caught / np.count_nonzero(wrong)
@@ -200,13 +200,13 @@ for name, (precision, recall) in scores.items():
     print(f"{name:24} precision {precision:.2f}  recall {recall:.2f}")
 
 # %% [markdown]
-# Perfect scores are not to be had. A random rotation may be right by chance, or nearly. And a
-# threshold that keeps 99 % of what is right rejects the last percent.
+# Perfect scores are impossible. A random rotation may be right by chance, or nearly so. And a
+# threshold that keeps 99 % of the correct measurements rejects the last percent.
 #
 # ## What can still be certified
 #
-# `solution.judged(problem)` is the problem with the weights that the method ended with. A
-# certificate for it says: **no other answer fits the kept measurements better**.
+# `solution.judged(problem)` is the problem with the method's final weights. A certificate for it
+# states: **no other estimate fits the kept measurements better**.
 
 # %%
 kept = {}
@@ -217,14 +217,14 @@ for name, solution in found.items():
     print(f"{name:24} {said}")
 
 # %% [markdown]
-# `eigen_rao` takes its answer from eigenvectors, near the optimum for its weights, not at it: hence
-# BOUNDED, with a gap that is tiny. With the outliers gone the relaxation is tight again.
+# `eigen_rao` computes its estimate from eigenvectors, near the optimum for its weights, not at it:
+# hence BOUNDED, with a tiny gap. Without the outliers the relaxation is tight again.
 #
-# ## What cannot
+# ## What cannot be certified
 #
-# That the right ones were kept. Two rooms of 20 cameras each are measured well, and 20 measurements
-# lead from one to the other. The rooms look alike: some of those 20 mistake a wall for the next one
-# and are off by 90 degrees about one vertical axis, all in the same way. They are wrong, and
+# That the right measurements were kept. Two rooms of 20 cameras each are measured well, and 20
+# measurements connect them. The rooms look similar: some of those 20 mistake a wall for the next
+# one and are off by 90 degrees about one vertical axis, all in the same way. They are wrong, but
 # consistent.
 
 # %%
@@ -274,12 +274,12 @@ axes.spines[["top", "right"]].set_visible(False)
 plt.show()
 
 # %% [markdown]
-# The robust answer is right while the right ones are the majority, and wrong from then on. Every
-# point of it is CERTIFIED. Each room by itself is estimated well throughout, and the two are
-# 90 degrees apart from the truth, which after the best alignment is 45 degrees for either.
+# The robust estimate is right while the correct measurements are the majority, and wrong from then
+# on. Every point is CERTIFIED. Each room by itself is always estimated well, but their relative
+# rotation is off by 90 degrees, which after the best alignment is 45 degrees for each.
 #
-# No better method would help. By the robust cost itself, truncated squares, the wrong answer is
-# better than the one that keeps exactly the right measurements:
+# No better method would help. In the robust cost itself, truncated squares, the wrong estimate has
+# a lower value than the one that keeps exactly the correct measurements:
 
 # %%
 count = 14
@@ -290,25 +290,25 @@ ideal = certpgo.solve(right.graph).estimate
 c_squared = np.radians(3.0) ** 2 * 2.0 * quantile(rooms, 0.99)  # the noise is 3 degrees an axis
 truncated = {
     name: np.minimum(rooms.edge_costs(estimate), c_squared).sum()
-    for name, estimate in (("right answer", ideal), ("wrong answer", trimmed.estimate))
+    for name, estimate in (("right estimate", ideal), ("wrong estimate", trimmed.estimate))
 }
 for name, value in truncated.items():
     print(f"truncated squares of the {name}: {value:.2f}")
 
 # %% [markdown]
-# Who kept the wrong group has to be told from outside: by another sensor, by time, by odometry that
-# is trusted.
+# Only outside information can show that the wrong group was kept: another sensor, time, or trusted
+# odometry.
 #
 # ## Exercises
 #
-# **1.** Let `graduated_non_convexity` start from where it starts by default, the tree of the
-# earliest measurements, in the scene with a tenth of wrong measurements. What happens, and is it
-# CERTIFIED?
+# **1.** Use `graduated_non_convexity` with its default initialization, the tree of the earliest
+# measurements, in the scene with a tenth of wrong measurements. What happens, and is it CERTIFIED?
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
-# A tree of random measurements contains wrong ones; behind each, a whole part of the graph starts
-# far off. Its losses begin convex only in effect, and near the start. What it keeps it fits: the
-# verdict is CERTIFIED, with most of the rejected measurements being right.
+# A tree of random measurements contains wrong ones; beyond each, a whole part of the graph is
+# initialized far off. The losses are only effectively convex, near the initial estimate. The method
+# fits what it keeps: the verdict is CERTIFIED, although most of the rejected measurements are
+# right.
 instance, problem, _, _ = runs[0.1]
 badly = certpgo.get_solver("graduated_non_convexity")(scale=np.radians(SIGMA)).solve(problem)
 badly_error = angular_errors(badly.estimate, instance.truth).mean_deg
@@ -320,12 +320,12 @@ print(
 
 # %% [markdown]
 # **2.** In the scene with 30 % of wrong measurements, give `graduated_non_convexity` a noise that
-# is half, twice and ten times the true one. How do precision and recall move?
+# is half, twice and ten times the true one. How do precision and recall change?
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
 # The threshold is proportional to the scale. Too small, it rejects right measurements: precision
-# falls. Too large, it keeps wrong ones: recall falls, here to nothing rejected at all. Twice is
-# forgiven, as few random rotations are off by so little.
+# falls. Too large, it keeps wrong ones: recall falls, here until nothing is rejected. A factor of
+# two does no harm, as few random rotations are off by so little.
 instance, problem, squares, _ = runs[0.3]
 scaled = {}
 for factor in (0.5, 1.0, 2.0, 10.0):
@@ -336,12 +336,12 @@ for factor in (0.5, 1.0, 2.0, 10.0):
     print(f"{factor:4} times the noise: precision {precision:.2f}, recall {recall:.2f}")
 
 # %% [markdown]
-# **3.** Let one measurement alone lead from one room to the other, and let it be wrong. Which
-# residual does it have? Can any method reject it?
+# **3.** Let a single, wrong measurement connect the two rooms. What is its residual? Can any method
+# reject it?
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
-# It is a bridge: whatever it says can be fitted exactly, by turning one room as a whole. Its
-# residual is zero, F is that of the two rooms, and nothing contradicts it.
+# It is a bridge: any value can be fitted exactly, by rotating one room as a whole. Its residual is
+# zero, F is that of the two rooms, and nothing contradicts it.
 everything = mistaken(1)
 bridge = len(edges) - ACROSS  # the first of the doors, which is wrong
 lonely = certpgo.RotationProblem(everything.graph.with_edges(np.arange(bridge + 1)))

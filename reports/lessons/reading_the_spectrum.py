@@ -8,12 +8,11 @@
 # %% [markdown]
 # # Reading the spectrum
 #
-# Before anything is estimated, two matrices can be written down: the Laplacian of the graph, which
-# knows who was measured against whom, and the connection Laplacian, which knows the measured
-# rotations as well. How far their eigenvalues are apart says how far the measurements are from
-# agreeing with one another; the eigenvectors give an estimate, and the eigenvalues a bound on the
-# best one. A conjecture about them, nearly true of random graphs, is false, and it is instructive
-# to see why.
+# Two matrices are known before any estimation: the Laplacian of the graph, which contains the
+# edges, and the connection Laplacian, which also contains the measured rotations. The difference of
+# their eigenvalues shows how inconsistent the measurements are; the eigenvectors give an estimate,
+# and the eigenvalues a lower bound on the minimum cost. A conjecture about them, nearly true for
+# random graphs, is false, and it is instructive to see why.
 
 # %%
 import matplotlib.pyplot as plt
@@ -32,14 +31,13 @@ from reports.harness.experiments.figure import STYLE
 #
 # A graph with $n$ nodes and weights $\kappa_{ij}$ has the Laplacian $L_G = D - A$ (Eriksson et al.,
 # eq. 2): degrees on the diagonal, $-\kappa_{ij}$ at the edges. Its smallest eigenvalue is 0, with
-# the vector of ones. The second one, $\lambda_2(L_G)$, is the *Fiedler value*: 0 if the graph falls
-# apart, small if a few edges hold it together, $n$ for the complete graph.
+# the vector of ones. The second one, $\lambda_2(L_G)$, is the *Fiedler value*: 0 if the graph is
+# disconnected, small if a few edges connect it, $n$ for the complete graph.
 #
-# The *connection Laplacian* $L$ puts a rotation in the place of each number: blocks $\deg_i I$ on
-# the diagonal and $-\kappa_{ij} \tilde R_{ij}$ at the edges (thesis, eq. 4.6). It is the matrix of
-# the problem:
-# $F(R) = \sum \kappa_{ij} \|R_j - R_i \tilde R_{ij}\|_F^2 = \operatorname{tr}(R L R^\top)$ with
-# $R = [R_1 \dots R_n]$.
+# The *connection Laplacian* $L$ replaces each number by a rotation: blocks $\deg_i I$ on the
+# diagonal and $-\kappa_{ij} \tilde R_{ij}$ at the edges (thesis, eq. 4.6). It is the matrix of the
+# problem: $F(R) = \sum \kappa_{ij} \|R_j - R_i \tilde R_{ij}\|_F^2 = \operatorname{tr}(R L R^\top)$
+# with $R = [R_1 \dots R_n]$.
 #
 # Our graph is random, with 60 nodes and a Fiedler value near 3. The noise is the thesis', a
 # Langevin distribution whose $\sigma_R$ is given in degrees.
@@ -47,7 +45,7 @@ from reports.harness.experiments.figure import STYLE
 
 # %%
 def measured(instance, sigma_deg, seed=0):
-    """The instance's graph with measurements of that noise, about the truth; unit weights."""
+    """The instance's graph with measurements of the truth with that noise; unit weights."""
     rng = np.random.default_rng(seed)
     i, j = instance.graph.edges.T
     R, m = instance.truth.rotations, instance.graph.num_edges
@@ -72,7 +70,7 @@ print("Fiedler value:", round(consistency(perfect).graph[1], 4))
 # $$ L = D^\top (L_G \otimes I_3)\, D . $$
 #
 # So $L$ has the eigenvalues of $L_G$, each three times (Proposition 3.2.4), whatever the rotations
-# are. Its kernel has three dimensions, and they are the answer: the columns of $R^\top$.
+# are. Its kernel has three dimensions and gives the solution: the columns of $R^\top$.
 
 # %%
 repeated = consistency(perfect, 4)
@@ -105,25 +103,24 @@ for sigma in SIGMAS:
     print(f"{sigma:17.0f}   {weyl[sigma][0]:18.4f} {weyl[sigma][1]:8.4f}")
 
 # %% [markdown]
-# The bound holds, and it is generous: it allows for errors that all conspire, and random ones do
-# not. What is worth remembering is its direction. Spectra that are far apart *prove* that every set
-# of rotations leaves large residuals, because the inequality holds for any $R$, the best one
-# included.
+# The bound holds, but is loose: it allows for errors that all add up, and random ones do not. Its
+# direction is what matters. Spectra that are far apart *prove* that every set of rotations leaves
+# large residuals, because the inequality holds for any $R$, the best one included.
 #
-# ## EigenRA: an answer from three eigenvectors
+# ## EigenRA: an estimate from three eigenvectors
 #
-# With perfect measurements the kernel is the answer, so with good ones the three eigenvectors of
-# the smallest eigenvalues are nearly the answer. Their $3 \times 3$ blocks are not quite rotations,
-# and the nearest ones are taken. That is EigenRA (thesis, section 4.2). The constraints it drops
-# give it a bound for nothing: $n(\lambda_1 + \lambda_2 + \lambda_3) \le F^*$ (after
-# eq. 4.7).
+# With perfect measurements the kernel is the solution, so with good ones the three eigenvectors of
+# the smallest eigenvalues nearly are. Their $3 \times 3$ blocks are not quite rotations, so they
+# are projected to the nearest ones. That is EigenRA (thesis, section 4.2). Since it drops
+# constraints, it also gives a bound: $n(\lambda_1 + \lambda_2 + \lambda_3) \le F^*$ (after eq.
+# 4.7).
 
 # %%
 problem = measured(sparse, 10.0)
 values, vectors = np.linalg.eigh(problem.connection_laplacian.toarray())
-blocks = np.swapaxes(vectors[:, :3].reshape(-1, 3, 3), 1, 2)  # R^T has the R_i^T below one another
+blocks = np.swapaxes(vectors[:, :3].reshape(-1, 3, 3), 1, 2)  # R^T stacks the R_i^T
 if np.linalg.det(blocks).sum() < 0.0:
-    blocks[:, 0] *= -1.0  # eigenvectors have no sign: a common reflection is undone
+    blocks[:, 0] *= -1.0  # eigenvectors have no sign: undo a common reflection
 by_hand = Estimate(so.project(blocks))
 packaged = get_solver("eigen_ra")().solve(problem)
 print(f"F by hand {problem.cost(by_hand):.8f}, by the package {packaged.cost:.8f}")
@@ -141,16 +138,16 @@ for sigma in SIGMAS[1:]:
     print(f"{sigma:7.0f} {bound:10.3f} <= {best:9.3f} ({optimum.verdict.value}) <= {cost:9.3f}")
 
 # %% [markdown]
-# While the noise is small the three numbers are nearly one: the eigenvectors lie so close to
-# rotations that little is lost by asking for less. The gap between the outer two is known without
+# While the noise is small the three numbers nearly coincide: the eigenvectors are so close to
+# rotations that dropping constraints loses little. The gap between the outer two is known without
 # knowing $F^*$, and it grows with the noise.
 #
 # ## A conjecture
 #
-# What does the smallest eigenvalue do as noise grows and grows? It starts at 0. Conjecture 3.2.1 of
-# the thesis says that its expectation rises monotonically, and tends to the Fiedler value:
+# How does the smallest eigenvalue change as the noise grows? It starts at 0. Conjecture 3.2.1 of
+# the thesis states that its expectation rises monotonically, and tends to the Fiedler value:
 # $\lim_{\sigma_R \to \pi} \bar\lambda_1(L) = \lambda_2(L_G)$. The ratio
-# $\lambda_1(L) / \lambda_2(L_G)$, `Consistency.inconsistency`, would then tell how consistent any
+# $\lambda_1(L) / \lambda_2(L_G)$, `Consistency.inconsistency`, would then show how consistent any
 # measurements are, from 0 (perfect) to 1 (noise). Here are the means of five draws, on our graph
 # and on a denser one:
 
@@ -159,7 +156,7 @@ GRID = (0.0, 5.0, 10.0, 20.0, 40.0, 60.0, 90.0, 180.0, 1e6)  # the last: uniform
 
 
 def smallest(problem):
-    """lambda_1(L), by dense algebra, which is quick at this size."""
+    """lambda_1(L), by dense algebra, which is fast at this size."""
     return np.linalg.eigvalsh(problem.connection_laplacian.toarray())[0]
 
 
@@ -177,13 +174,13 @@ for fiedler, row in ratios.items():
 
 # %% [markdown]
 # The ratio rises, and levels off 6 to 9 percent below 1; more draws do not change that (exercise
-# 4). On these graphs the smallest eigenvalue stays below the Fiedler value, comes near it, and does
+# 4). On these graphs the smallest eigenvalue stays below the Fiedler value, comes near it, but does
 # not tend to it.
 #
-# ## and why it is false
+# ## Why the conjecture is false
 #
-# It fails by much more, and upwards, on other graphs. Take two complete graphs of 20 nodes and join
-# them by a single edge; let every measurement be a uniformly random rotation.
+# On other graphs it fails by much more, in the other direction. Take two complete graphs of 20
+# nodes and join them by a single edge; let every measurement be a uniformly random rotation.
 
 # %%
 CLIQUE = np.argwhere(np.tri(20, k=-1))
@@ -199,37 +196,38 @@ print("lambda_1(L):  ", spectra.measured[0, 0].round(5))
 print("ratio:        ", round(spectra.inconsistency, 1))
 
 # %% [markdown]
-# The ratio is above 100. Two short arguments show that this is no accident of the draw:
+# The ratio is above 100. Two short arguments show that this is not an accident of the draw:
 #
 # - *The Fiedler value is small because of one cut.* The vector that is $+1$ on one side and $-1$ on
 #   the other is orthogonal to the ones, so $\lambda_2(L_G)$ is at most its Rayleigh quotient: the
 #   weight of the cut times $n / (|S|\,|S'|)$, here $40/400$.
 # - *The smallest eigenvalue of $L$ does not see the cut.* Each edge adds a positive semidefinite
-#   term to $L$. Leave out the one between the cliques, and the eigenvalues can only fall; what is
-#   left are two cliques, neither of which agrees with itself. So $\lambda_1(L)$ is at least the
-#   smaller one of theirs, which is large.
+#   term to $L$. Without the one between the cliques, the eigenvalues can only decrease; what
+#   remains are two cliques, each inconsistent in itself. So $\lambda_1(L)$ is at least the smaller
+#   of their smallest eigenvalues, which is large.
 #
-# Both in numbers:
+# In numbers:
 
 # %%
 cut_bound = 1.0 * 40 / 20**2
 L = joined.connection_laplacian.toarray().reshape(40, 3, 40, 3)
 R = joined.graph.rotations[-1]
-L[0, :, 0] -= np.eye(3)  # take the term of the edge between away
+L[0, :, 0] -= np.eye(3)  # remove the term of the edge between them
 L[20, :, 20] -= np.eye(3)
 L[0, :, 20] += R
 L[20, :, 0] += R.T
 apart = np.linalg.eigvalsh(L.reshape(120, 120))[0]
 print(f"lambda_2(L_G) = {spectra.graph[1]:.5f} <= {cut_bound}")
-print(f"lambda_1(L) = {spectra.measured[0, 0]:.5f} >= {apart:.5f}, of the cliques apart")
+print(f"lambda_1(L) = {spectra.measured[0, 0]:.5f} >= {apart:.5f}, of the separate cliques")
 
-# %% [markdown] The conjecture can fail wherever a graph has a bottleneck and its parts have cycles
-# of their own, as maps have. The thesis' Table 5.6 prints 0.22 for both eigenvalues of its Sphere.
-# We find the same $\lambda_1(L)$ in the public file with unit weights, but another Fiedler value,
-# 0.0153, and with it a ratio above 14 (a test in `tests/assess/test_consistency.py`); the printed
-# one is that of no reading of the file. On random graphs the ratio stays below 1 for a reason:
-# $\lambda_1(L)$ is at most the smallest degree, the Rayleigh quotient of a vector at a single node,
-# and there the weakest cut is hardly weaker than the one around a single node.
+# %% [markdown]
+# The conjecture can fail wherever a graph has a bottleneck and its parts have cycles of their own,
+# as maps do. The thesis' Table 5.6 prints 0.22 for both eigenvalues of its Sphere. We find the same
+# $\lambda_1(L)$ in the public file with unit weights, but another Fiedler value, 0.0153, and with
+# it a ratio above 14 (a test in `tests/assess/test_consistency.py`); no reading of the file gives
+# the printed one. On random graphs the ratio stays below 1 for a reason: $\lambda_1(L)$ is at most
+# the smallest degree, the Rayleigh quotient of a vector at a single node, and there the weakest cut
+# is hardly weaker than the one around a single node.
 
 # %%
 of_cliques = mean_ratios(cliques, draws=1)
@@ -261,7 +259,7 @@ with plt.rc_context(STYLE):
     right.set_title("(b) the conjecture's ratio", loc="left")
 
 # %% [markdown]
-# ## What the spectrum does say
+# ## What the spectrum does show
 #
 # Three statements survive, whatever the graph:
 #
@@ -269,8 +267,8 @@ with plt.rc_context(STYLE):
 #    all three vanish if and only if rotations do, that is, if $F^* = 0$.
 # 2. $3 n \lambda_1(L) \le n(\lambda_1 + \lambda_2 + \lambda_3) \le F^*$: an eigenvalue above zero
 #    is a *proof* that no estimate fits.
-# 3. How large is large? Not the Fiedler value tells, but the same graph with its measurements
-#    replaced by random ones, which is cheap to draw.
+# 3. To judge whether it is large, compare not with the Fiedler value but with the same graph with
+#    random measurements, which are cheap to draw.
 #
 # The two cliques with a noise of only 5 degrees show the difference:
 
@@ -282,8 +280,8 @@ print(f"lambda_1 over the Fiedler value:           {against_fiedler:.4f}")
 print(f"lambda_1 over that of random measurements: {against_random:.4f}")
 
 # %% [markdown]
-# Read as the conjecture would have it, the first number calls good measurements mostly noise; the
-# second one says what they are.
+# Read according to the conjecture, the first number classifies good measurements as mostly noise;
+# the second one is correct.
 #
 # ## Exercises
 #
@@ -291,10 +289,10 @@ print(f"lambda_1 over that of random measurements: {against_random:.4f}")
 # $F^*$, and why? What happens to the spectrum of $L$?
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
-# F* stays: the edge is a bridge, and turning one whole side, R_i -> Q R_i, makes up for it and
-# changes no other residual. Only cycles can be inconsistent. The eigenvalues move a little all the
-# same: an eigenvector need not be a row of rotations, and how the two sides' errors match across
-# the bridge matters to it. The spectral bound is not a function of the cycles alone; F* is.
+# F* is unchanged: the edge is a bridge, and rotating one whole side, R_i -> Q R_i, compensates for
+# it and changes no other residual. Only cycles can be inconsistent. The eigenvalues still change a
+# little: an eigenvector need not be a row of rotations, so it depends on how the two sides' errors
+# match across the bridge. The spectral bound is not a function of the cycles alone; F* is.
 plain = measured(cliques, 20.0).graph
 other = plain.rotations.copy()
 other[-1] = so.random(np.random.default_rng(1), 1, 3)[0]
@@ -305,27 +303,29 @@ print("F*:", *optima)
 print("lambda_1:", before[0, 0], after[0, 0])
 
 # %% [markdown]
-# **2.** In the plane, a ring of $n$ identity measurements but one, a turn by $\theta$, has
-# $F^* = 8 n \sin^2(\theta/2n)$. What are the eigenvalues of its $L$? Show that the spectral bound
-# is not merely a bound here.
+# **2.** In the plane, a ring of $n$ measurements, all the identity except one rotation by $\theta$,
+# has $F^* = 8 n \sin^2(\theta/2n)$. What are the eigenvalues of its $L$? Show that the spectral
+# bound is exact here.
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
-# Gauge theta evenly around the ring: L becomes a circulant matrix, a turn by theta / n between
-# neighbours, with eigenvalues 2 - 2 cos((theta +- 2 pi k) / n). The smallest one occurs twice, and
-# n (lambda_1 + lambda_2) = 2 n (2 - 2 cos(theta / n)) = 8 n sin^2(theta / 2 n) = F*.
+# Distribute theta evenly around the ring by gauge: L becomes a circulant matrix, with a rotation by
+# theta / n between neighbours, with eigenvalues 2 - 2 cos((theta +- 2 pi k) / n). The smallest one
+# occurs twice, and n (lambda_1 + lambda_2) = 2 n (2 - 2 cos(theta / n)) = 8 n sin^2(theta / 2 n) =
+# F*.
 ring = RotationProblem(winding_cycle(12, 0.9, 0, d=2)[0].graph)
 ring_bound = ring.n * consistency(ring).measured[0].sum()
 ring_optimum = 8 * 12 * np.sin(0.9 / 24) ** 2
 print(f"bound {ring_bound:.12f}, F* {ring_optimum:.12f}")
 
 # %% [markdown]
-# **3.** One of the measurements of a perfect $K_{20}$ is replaced by a half turn away. By how much
-# can $\lambda_1(L)$ rise at most, by Weyl? By how much, from $F^*$? How much does it rise?
+# **3.** One of the measurements of a perfect $K_{20}$ is replaced by a half turn away. What upper
+# bound on the rise of $\lambda_1(L)$ does Weyl's inequality give? What bound does $F^*$ give? How
+# much does it rise?
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
 # Weyl: the block of P has the norm 2 sin(90 degrees) = 2. The cost: the true rotations cost
 # |R_j - R_i R_ij|^2 = 4 (1 - cos 180 degrees) = 8, so 3 n lambda_1 <= F* <= 8, far less: one wrong
-# measurement among many costs little, and hides well. Here it hides entirely: vectors along the
+# measurement among many costs little, and is hard to see. Here it is invisible: vectors along the
 # half turn's axis agree with all measurements, so that lambda_1 stays 0, and the next two rise.
 one_wrong = np.broadcast_to(np.eye(3), (len(CLIQUE), 3, 3)).copy()
 one_wrong[0] = np.diag([-1.0, -1.0, 1.0])
@@ -339,7 +339,7 @@ print("smallest eigenvalues:", abs(wrong_values.round(6)))
 # graph? Draw 40 sets of uniformly random rotations.
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
-# No: the mean is below 1 by many times its own error, and so is every single draw.
+# No: the mean is below 1 by many times its standard error, and every single draw is below 1.
 draws = np.array([smallest(measured(sparse, 1e6, seed)) for seed in range(40)])
 uniform = draws / consistency(perfect).graph[1]
 mean_error = uniform.std() / np.sqrt(len(uniform))
@@ -348,10 +348,10 @@ print(f"mean {uniform.mean():.4f} +- {mean_error:.4f}, largest {uniform.max():.4
 # %% [markdown]
 # ## What to remember
 #
-# - Perfect measurements repeat the graph's spectrum three times; the kernel of $L$ is the answer.
+# - Perfect measurements repeat the graph's spectrum three times; the kernel of $L$ is the solution.
 # - Weyl's inequality turns a difference of spectra into a lower bound on residuals, and eigenvalues
 #   into a lower bound on $F^*$.
-# - The Fiedler value is about the weakest cut of the graph, $\lambda_1(L)$ about the cycles on its
+# - The Fiedler value depends on the weakest cut of the graph, $\lambda_1(L)$ on the cycles on its
 #   sides. Neither bounds the other.
 #
 # Sources: G. Moreira, *A Unified Approach for Pose Graph Optimization*, 2020, sections 3.2 and 4.2;

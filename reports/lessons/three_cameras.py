@@ -8,10 +8,10 @@
 # %% [markdown]
 # # Three cameras
 #
-# Three cameras, and for every two of them a measured relative rotation. The three measurements
-# disagree by some angle. Which orientations fit them best, and how can one *know* that no others
-# fit better? With three cameras in the plane everything fits in 6 x 6 matrices that can be looked
-# at. What is found here is what the package does with thousands of cameras in space.
+# Three cameras, with a measured relative rotation for each pair. The three measurements disagree by
+# some angle. Which orientations fit them best, and how can one *know* that no others fit better?
+# With three cameras in the plane, all matrices are 6 x 6 and can be inspected. The package does the
+# same for thousands of cameras in space.
 
 # %%
 import matplotlib.pyplot as plt
@@ -28,15 +28,15 @@ plt.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.righ
 # %% [markdown]
 # ## The problem
 #
-# $R_i \in SO(2)$ turns camera $i$'s frame into the world's. An edge $(i, j)$ measures
+# $R_i \in SO(2)$ maps camera $i$'s frame to the world's. An edge $(i, j)$ measures
 # $R_{ij} \approx R_i^T R_j$, here with weight 1, and the cost is
 #
 # $$F(R) = \sum_{(i,j)} \|R_j - R_i R_{ij}\|_F^2 .$$
 #
-# Each camera may choose its own axes: $R_i Q_i$ in place of $R_i$ turns $R_{ij}$ into
-# $Q_i^T R_{ij} Q_j$ and leaves $F$ as it is. So two of the three measurements can be made the
-# identity. The third is then a rotation by the *closing error* $\theta$: what is left after going
-# around once.
+# Each camera's axes can be chosen freely: replacing $R_i$ by $R_i Q_i$ changes $R_{ij}$ to
+# $Q_i^T R_{ij} Q_j$ and leaves $F$ unchanged. So two of the three measurements can be made the
+# identity. The third is then a rotation by the *closing error* $\theta$: the composition of the
+# measurements around the triangle.
 
 
 # %%
@@ -59,7 +59,7 @@ def cost(R, theta):
 # %% [markdown]
 # $F$ is quadratic in the entries of $R = [R_1\; R_2\; R_3]$, a 2 x 6 matrix. Multiplied out,
 # $F(R) = \operatorname{tr}(R L R^T)$ with the *connection Laplacian* $L$: the number of neighbours
-# times the identity on the diagonal, $-R_{ij}$ beside it.
+# times the identity on the diagonal, $-R_{ij}$ off the diagonal.
 
 
 # %%
@@ -83,14 +83,14 @@ print(f"F, edge by edge {by_edges:.12f}, tr(R L R^T) {by_matrix:.12f}")
 # %% [markdown]
 # ## A stationary point
 #
-# Sharing the closing error out seems fair: camera $k$ turns by $-k\theta/3$, and every residual
+# Distribute the closing error evenly: camera $k$ turns by $-k\theta/3$, and every residual
 # $R_i R_{ij} R_j^T$ is then a rotation by $a = \theta/3$. In angles a term of $F$ is
 # $4(1 - \cos a)$, with derivative $4\sin a$. Camera $k$ lies between two edges that pull with the
 # same strength in opposite senses, so the gradient is zero, and
 #
 # $$F = 3 \cdot 4(1 - \cos a) = 24 \sin^2\tfrac{a}{2}.$$
 #
-# This is called a *stationary point*. It might be the best one, or the lowest nearby, or a saddle.
+# This is called a *stationary point*. It may be the global minimum, a local minimum, or a saddle.
 
 
 # %%
@@ -106,31 +106,31 @@ print(f"F = {F:.12f}, 24 sin^2(a/2) = {24 * np.sin(theta / 6) ** 2:.12f}")
 # %% [markdown]
 # ## The Lagrangian
 #
-# What makes the problem hard are its constraints, $R_i^T R_i = I$ for each camera. (A rotation has
-# determinant 1 as well. Leaving that out admits more points, so a bound that holds without it
-# holds with it.) Lagrange's idea is to drop a constraint and charge for violating it. A symmetric
-# matrix of prices $\Lambda_i$ for each camera, its *multipliers*, gives
+# The constraints, $R_i^T R_i = I$ for each camera, make the problem hard. (A rotation also has
+# determinant 1. Dropping that admits more points, so a bound that holds without it also holds with
+# it.) Lagrange's idea is to drop a constraint and penalise its violation. A symmetric matrix
+# $\Lambda_i$ of penalties for each camera, its *multipliers*, gives
 #
 # $$\ell(R, \Lambda) = \operatorname{tr}(R L R^T) + \sum_i \operatorname{tr}\bigl(\Lambda_i
 # (I - R_i^T R_i)\bigr) = \operatorname{tr}(R\, S\, R^T) + \operatorname{tr}\Lambda,
 # \qquad S = L - \operatorname{blkdiag}(\Lambda_1, \Lambda_2, \Lambda_3).$$
 #
-# Wherever the constraints hold, $\ell = F$, whatever the prices. (This is eq. 14 of Eriksson,
+# Wherever the constraints hold, $\ell = F$, for any multipliers. (This is eq. 14 of Eriksson,
 # Olsson, Kahl and Chin, *Rotation Averaging and Strong Duality*, CVPR 2018. Their multipliers are
 # $\deg_i I - \Lambda_i$ in terms of ours; their $\Lambda^* - \tilde R$ is our $S$.)
 #
 # Now minimise $\ell$ over *all* 2 x 6 matrices. A quadratic form without constraints is easy: if
-# $S$ has a negative eigenvalue, $\ell$ falls without end; if $S$ is positive semidefinite,
-# written $S \succeq 0$, the minimum is $\operatorname{tr}\Lambda$, at $R = 0$. The minimum over
-# more points is no larger, hence **weak duality**:
+# $S$ has a negative eigenvalue, $\ell$ is unbounded below; if $S$ is positive semidefinite, written
+# $S \succeq 0$, the minimum is $\operatorname{tr}\Lambda$, at $R = 0$. The minimum over more points
+# is no larger, hence **weak duality**:
 #
 # $$S \succeq 0 \quad\Longrightarrow\quad \operatorname{tr}\Lambda \le F(R') \quad
 # \text{for all rotations } R'.$$
 #
-# Any prices with $S \succeq 0$ are a proof that nothing costs less than $\operatorname{tr}\Lambda$.
-# Such multipliers are called *feasible*. Here are a thousand such proofs. Random symmetric blocks
-# are made feasible by adding the smallest eigenvalue of $S$ to their diagonals, which moves that of
-# $S$ to zero.
+# Any multipliers with $S \succeq 0$ prove that no rotations cost less than
+# $\operatorname{tr}\Lambda$. Such multipliers are called *feasible*. Here are a thousand such
+# proofs. Random symmetric blocks become feasible by adding the smallest eigenvalue of $S$ to their
+# diagonals, which shifts that of $S$ to zero.
 
 
 # %%
@@ -164,11 +164,11 @@ print(f"smallest of 1000 random costs {min(primal_values):.4f}, F at the station
 # $$\text{(D)}\qquad \max_\Lambda\ \operatorname{tr}\Lambda \quad\text{such that}\quad
 # L - \operatorname{blkdiag}(\Lambda) \succeq 0 .$$
 #
-# It is a semidefinite program: convex, hence without local optima, and solvers exist. Its own dual
-# replaces $R^T R$ in $F = \operatorname{tr}(L R^T R)$ by any positive semidefinite matrix with
-# identities as diagonal blocks (eq. 45). That is the *convex relaxation* of the problem; it has the
-# same value as (D), and is called *tight* where this value is $F^*$. Here is what a solver says,
-# from the package.
+# It is a semidefinite program: convex, hence without spurious local optima, and solvers exist. Its
+# own dual replaces $R^T R$ in $F = \operatorname{tr}(L R^T R)$ by any positive semidefinite matrix
+# with identities as diagonal blocks (eq. 45). That is the *convex relaxation* of the problem; it
+# has the same value as (D), and is called *tight* where this value is $F^*$. Here is the result of
+# a solver in the package.
 
 
 # %%
@@ -187,9 +187,9 @@ print(f"value of (D) {dual_value:.6f}, F at the stationary point {F:.6f}")
 #
 # ## The multipliers in closed form
 #
-# No solver was needed. If $R$ is stationary, the prices at which $\ell$ is stationary too follow
-# from $R$ itself. The derivative of $\ell$ in $R$ is $2RS$; setting its $i$-th block to zero gives
-# $R_i \Lambda_i = (RL)_i$, so that
+# No solver was needed. If $R$ is stationary, the multipliers at which $\ell$ is stationary too
+# follow from $R$ itself. The derivative of $\ell$ in $R$ is $2RS$; setting its $i$-th block to zero
+# gives $R_i \Lambda_i = (RL)_i$, so that
 #
 # $$\Lambda_i = R_i^T (R L)_i = \deg_i I - \sum_j R_i^T R_j R_{ji}.$$
 #
@@ -215,15 +215,15 @@ print(f"largest entry of R S: {np.abs(np.hstack(R) @ S).max():.1e}; tr(Lam) = {t
 print(f"eigenvalues of S: {eigenvalues.round(6) + 0.0}")
 
 # %% [markdown]
-# $S$ is the *certificate matrix*. Two of its eigenvalues are zero, since $RS = 0$: the world may
-# be turned without changing $F$. The others are positive, so $S \succeq 0$, $\Lambda$ is feasible
-# for (D), and its value there is $F(R)$. For any other rotations $R'$, in one line:
+# $S$ is the *certificate matrix*. Two of its eigenvalues are zero, since $RS = 0$: rotating the
+# world does not change $F$. The others are positive, so $S \succeq 0$, $\Lambda$ is feasible for
+# (D), and its value there is $F(R)$. For any other rotations $R'$, in one line:
 #
 # $$F(R') = \operatorname{tr}(R' S R'^T) + \operatorname{tr}\Lambda \;\ge\; \operatorname{tr}\Lambda
 # = F(R).$$
 #
-# That is the whole proof of optimality, and it consists of one matrix being positive semidefinite.
-# It is what `certify` checks, by a factorization whose rounding errors it bounds.
+# That is the complete proof of optimality: one matrix is positive semidefinite. `certify` checks
+# this by a factorization whose rounding errors it bounds.
 
 # %%
 certificate = certpgo.certify(problem, certpgo.Estimate(R))
@@ -234,18 +234,18 @@ print(f"{certificate.verdict.value}: {certificate.reason}")
 #
 # Let the residual angle $a = \theta/3$ grow. In the gauge of $R$ (block $(i, j)$ of $S$ multiplied
 # by $R_i$ and $R_j^T$) $S$ is circulant, with $2\cos a\, I$ on the diagonal and rotations by
-# $\pm a$, negated, beside it. Its eigenvalues are, twice each, $0$ and
+# $\pm a$, negated, off the diagonal. Its eigenvalues are, twice each, $0$ and
 #
 # $$3 \cos a \pm \sqrt3 \sin a .$$
 #
 # The smaller one is $2\sqrt3\,\cos(a + 30^\circ)$, which changes sign at $a = 60^\circ$. The code
-# below knows none of that: it computes eigenvalues, and looks for the zero. Adding a large
-# multiple of $R^T R$ moves the two zeros of the world's turning out of the way.
+# below does not use the closed form: it computes eigenvalues and finds the zero. Adding a large
+# multiple of $R^T R$ removes the two zeros of the world's rotation.
 
 
 # %%
 def smallest_eigenvalue(a):
-    """Of the certificate matrix at residual angle a, the turning of the world set aside."""
+    """Of the certificate matrix at residual angle a, excluding the world's rotation."""
     L, R = connection_laplacian(3.0 * a), shared_out(3.0 * a)
     row = np.hstack(R)
     return np.linalg.eigvalsh(certificate_matrix(L, multipliers(R, L)) + 10.0 * row.T @ row)[0]
@@ -259,15 +259,15 @@ print(f"largest difference from the closed form: {off:.1e}")
 print(f"the eigenvalue changes sign at {np.degrees(zero):.6f} degrees")
 
 # %% [markdown]
-# What happens at 60 degrees? There $\theta = 180^\circ$. Beyond, it is cheaper to go around the
-# other way: the closing error is just as well $\theta - 360^\circ$, with residuals
-# $a - 120^\circ$. That is a second stationary point, a *rival*, and from $a = 60^\circ$ on it is
-# the better one. The certificate matrix stops being positive semidefinite at the very angle where
-# the point stops being optimal.
+# What happens at 60 degrees? There $\theta = 180^\circ$. Beyond it, going around the other way
+# costs less: the closing error is also $\theta - 360^\circ$, with residuals $a - 120^\circ$. That
+# is a second stationary point, a *rival*, and from $a = 60^\circ$ on it has the lower cost. The
+# certificate matrix stops being positive semidefinite at exactly the angle where the point stops
+# being optimal.
 #
 # The first point stays a local minimum: turning the cameras by small angles $x$ changes $F$ by
 # $2 \cos a\; x^T L_G\, x$ to second order, with $L_G$ the triangle's graph Laplacian, and this is
-# not negative up to $a = 90^\circ$. Descent from the point does not find the rival.
+# nonnegative up to $a = 90^\circ$. Local descent from the point does not find the rival.
 
 # %%
 for a in np.radians((50.0, 70.0)):
@@ -275,10 +275,10 @@ for a in np.radians((50.0, 70.0)):
     print(f"residuals of {np.degrees(a):.0f} degrees: {judged.verdict.value}\n  {judged.reason}")
 
 # %% [markdown]
-# With a negative eigenvalue $-\eta$ the multipliers still prove something. $\Lambda - \eta I$ is
-# feasible for (D), and its value is $F - d n \eta$, here with $d n = 6$. The picture shows this
-# bound, the cost of the point and of its rival, and the value of (D) from the solver of
-# semidefinite programs.
+# With a negative eigenvalue $-\eta$ the multipliers still give a bound. $\Lambda - \eta I$ is
+# feasible for (D), and its value is $F - d n \eta$, here with $d n = 6$. The figure shows this
+# bound, the cost of the point and of its rival, and the value of (D) from the semidefinite-program
+# solver.
 
 # %%
 point = 24.0 * np.sin(grid / 2.0) ** 2
@@ -312,38 +312,39 @@ for axes in (left, right):
 plt.show()
 
 # %% [markdown]
-# Left of 60 degrees the point, the bound from its own multipliers and the dual value are one
-# curve. Right of it the dual value follows the rival: the relaxation is tight on both sides, and
-# it is the *point* that is no longer best. A lower bound belongs to the problem, not to the point
-# whose multipliers prove it, and here even the wrong point's multipliers, shifted, prove the best
-# bound there is. (That is owed to the triangle's symmetry. In general they prove less.)
+# Left of 60 degrees the point, the bound from its own multipliers and the dual value coincide.
+# Right of it the dual value follows the rival: the relaxation is tight on both sides, but
+# the *point* is no longer optimal. A lower bound belongs to the problem, not to the point whose
+# multipliers prove it, and here even the wrong point's multipliers, shifted, prove the best bound
+# possible. (This is due to the triangle's symmetry. In general they prove less.)
 #
 # ## Theorem 4.1 and its 60 degrees
 #
-# For other graphs there is no closed form, but a bound that holds for all of them. In the gauge of
-# $R$, $S = L_G \otimes I + \Delta$: the graph Laplacian, each entry times an identity block, and a
+# Other graphs have no closed form, but a bound holds for all of them. In the gauge of $R$,
+# $S = L_G \otimes I + \Delta$: the graph Laplacian, each entry times an identity block, and a
 # perturbation made of the residuals $E_{ij} = R_i R_{ij} R_j^T$. With spectral norms, all residual
 # angles at most $a$, and $s = \sin(a/2)$,
 #
 # - $\|\Delta_{ij}\| = \|I - E_{ij}\| \le 2s$ for each neighbour $j$ of $i$ (eq. 34),
 # - $\|\Delta_{ii}\| \le \deg_i (1 - \cos a) = 2 \deg_i s^2$ (eq. 29),
 #
-# so no eigenvalue of $\Delta$ is larger in size than the largest sum of norms over a row of blocks
-# (Gershgorin, by blocks), $2 d_{\max}\, s(1 + s)$ (eq. 37). Both $S$ and $L_G \otimes I$ vanish on
-# the turning of the world. On its complement $L_G$ is at least its second eigenvalue $\lambda_2$,
-# the *Fiedler value*, which measures how well connected the graph is. So $S \succeq 0$ as long as
+# so no eigenvalue of $\Delta$ exceeds in absolute value the largest sum of norms over a row of
+# blocks (Gershgorin, by blocks), $2 d_{\max}\, s(1 + s)$ (eq. 37). Both $S$ and $L_G \otimes I$
+# vanish on rotations of the world. On its complement $L_G$ is at least its second eigenvalue
+# $\lambda_2$, the *Fiedler value*, which measures how well connected the graph is. So $S \succeq 0$
+# as long as
 #
 # $$\lambda_2 \ge 2 d_{\max}\, s (1 + s)
 # \quad\Longleftrightarrow\quad
 # a \le \alpha_{\max} = 2 \arcsin\Bigl(\sqrt{\tfrac14 + \tfrac{\lambda_2}{2 d_{\max}}}
 # - \tfrac12\Bigr),$$
 #
-# which is Theorem 4.1 (eqs. 41 and 22). A triangle has $\lambda_2 = 3$ and $d_{\max} = 2$: the
-# root is $1$, the sine $\tfrac12$, and $\alpha_{\max} = 60^\circ$. The dashed curve of panel (a)
-# is $\lambda_2 - 2 d_{\max}\, s (1 + s)$. It lies below the computed eigenvalue (the small panel
-# shows by how much) and meets it at zero: for three cameras the theorem gives nothing away. A
-# complete graph of $n$ cameras has $\lambda_2 = n$ and $d_{\max} = n - 1$; its angle falls towards
-# a limit that complete graphs of any size may rely on (Corollary 4.1).
+# which is Theorem 4.1 (eqs. 41 and 22). A triangle has $\lambda_2 = 3$ and $d_{\max} = 2$: the root
+# is $1$, the sine $\tfrac12$, and $\alpha_{\max} = 60^\circ$. The dashed curve of panel (a) is
+# $\lambda_2 - 2 d_{\max}\, s (1 + s)$. It lies below the computed eigenvalue (the inset shows by
+# how much) and meets it at zero: for three cameras the theorem is sharp. A complete graph of $n$
+# cameras has $\lambda_2 = n$ and $d_{\max} = n - 1$; its angle decreases to a limit that holds for
+# complete graphs of any size (Corollary 4.1).
 
 # %%
 fiedler = fiedler_value(problem)
@@ -363,14 +364,14 @@ print(f"limit  {limit:8.4f} degrees")
 # %% [markdown]
 # ## Exercises
 #
-# **1.** Take perfect measurements, $\theta = 0$, and turn camera 0 by 40 degrees. All residuals
-# are below 60 degrees, and yet $F > 0 = F^*$. Why does Theorem 4.1 not call this point optimal?
-# What does the certificate matrix say of it?
+# **1.** Take perfect measurements, $\theta = 0$, and turn camera 0 by 40 degrees. All residuals are
+# below 60 degrees, and yet $F > 0 = F^*$. Why does Theorem 4.1 not apply to this point? What does
+# the certificate matrix show?
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
-# The theorem is about stationary points, and this is none: F falls as the camera turns back. The
-# multipliers exist all the same, and so does the bound F - d n eta. It is useless, as it must be:
-# S >= 0 would prove tr(Lam) = F > 0 to be a lower bound on F* = 0.
+# The theorem is about stationary points, and this is not one: F decreases as the camera turns back.
+# The multipliers still exist, and so does the bound F - d n eta. It is useless, as it must be: S >=
+# 0 would prove tr(Lam) = F > 0 to be a lower bound on F* = 0.
 L0 = connection_laplacian(0.0)
 turned = np.stack([rotation(np.radians(40.0)), rotation(0.0), rotation(0.0)])
 negative = np.linalg.eigvalsh(certificate_matrix(L0, multipliers(turned, L0)))[0]
@@ -380,7 +381,7 @@ print(f"F = {turned_cost:.4f}, smallest eigenvalue {negative:.4f}, bound {turned
 
 # %% [markdown]
 # **2.** At $a = 60^\circ$ the point and its rival cost the same. How many eigenvalues of $S$ are
-# zero there, and what has that to do with the two optima?
+# zero there, and how is that related to the two optima?
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
 # S certifies both optima R and R' at once: F(R') = tr(R' S R'^T) + tr(Lam) = F(R) makes tr(R' S
@@ -401,9 +402,9 @@ print(f"the mixture: value {np.trace(L1 @ mixture):.9f}, rank {mixture_rank}")
 # of the certificate matrix are new, and does the sign still change at 60 degrees?
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
-# Residuals about z leave the z axis alone: there E_ij is 1 and S is the graph Laplacian itself,
-# with eigenvalues 0, 3, 3. Three zeros now belong to the turning of the world; the rest is as
-# before, and so is the angle.
+# Residuals about z fix the z axis: there E_ij is 1 and S is the graph Laplacian itself, with
+# eigenvalues 0, 3, 3. Three zeros now belong to rotations of the world; the rest, including the
+# angle, is unchanged.
 space, best = winding_cycle(3, theta, 0, d=3)
 problem3 = certpgo.RotationProblem(space.graph)
 S3 = problem3.certificate_matrix(problem3.multipliers(best)).toarray()

@@ -9,10 +9,10 @@
 # # What a rounding error can do to a proof
 #
 # A certificate of optimality is a statement about signs: *no eigenvalue of this matrix is
-# negative*. The matrix has eigenvalues that are exactly zero, a computer sees them as a few
-# $10^{-16}$ of either sign, and so every certifier allows for a little. This lesson makes a false
-# certificate out of that little, and then shows how a true one is made: by a factorization whose
-# rounding is counted, paid for, and written to a file that another program checks.
+# negative*. The matrix has eigenvalues that are exactly zero. A computer sees them as a few
+# $10^{-16}$ of either sign, so every certifier needs some tolerance. This lesson constructs a false
+# certificate from that tolerance, and then a valid one: by a factorization whose rounding errors
+# are bounded, included in the bound, and written to a file that another program checks.
 
 # %%
 import tempfile
@@ -31,11 +31,11 @@ from reports.harness.experiments.figure import STYLE
 # %% [markdown]
 # ## Two points on a ring
 #
-# Cameras stand in a ring of $n$, and each measures its rotation relative to the next. All
-# measurements are the identity but the last, a turn of $\theta = -0.3$ about the $z$ axis. The cost
-# is Eriksson et al.'s (eq. 7), $F(R) = \sum_{(i,j)} \|R_j - R_i \tilde R_{ij}\|_F^2$. It has a
+# $n$ cameras form a ring, and each measures its rotation relative to the next. All measurements are
+# the identity except the last, a rotation by $\theta = -0.3$ about the $z$ axis. The cost is
+# Eriksson et al.'s (eq. 7), $F(R) = \sum_{(i,j)} \|R_j - R_i \tilde R_{ij}\|_F^2$. It has a
 # stationary point for every number $k$ of full turns that the rotations make around the ring: all
-# residuals are turns of $(\theta + 2\pi k)/n$, and
+# residuals are rotations by $(\theta + 2\pi k)/n$, and
 # $F = 8 n \sin^2\bigl((\theta + 2\pi k)/2n\bigr)$. Only $k = 0$ is optimal.
 
 # %%
@@ -54,10 +54,10 @@ for name, point in (("k = 0", best), ("k = 1", wound)):
     print(f"{name}: F = {problem.cost(point):.6f}, every residual {angle:.3f} degrees")
 
 # %% [markdown]
-# Edge by edge the wound-up point looks harmless, and yet it costs hundreds of times as much as the
+# At each edge the wound-up point looks harmless, yet it costs hundreds of times as much as the
 # optimum. No small step leads away from it: it is a local minimum.
 #
-# ## What is to be certified
+# ## What must be certified
 #
 # For any rotations $R = [R_1 \dots R_n]$ let $\Lambda_i = \operatorname{sym}((L R^\top)_i R_i)$ be
 # the multipliers (eq. 16 has $\deg_i I - \Lambda_i$) and $S = L - \operatorname{blkdiag}(\Lambda)$
@@ -67,7 +67,7 @@ for name, point in (("k = 0", best), ("k = 1", wound)):
 #
 # $$ S + \eta I \succeq 0 \quad\Longrightarrow\quad F(R) - F^* \le d\, n\, \eta . $$
 #
-# With $\eta = 0$ that is Eriksson et al.'s eq. 20. Three eigenvalues of $S$ vanish at a stationary
+# With $\eta = 0$ this is Eriksson et al.'s eq. 20. Three eigenvalues of $S$ vanish at a stationary
 # point, since $S R^\top = 0$. At the wound-up point the smallest one is
 # $2\cos\frac{\theta + 2\pi}{n} - 2\cos\frac{\theta}{n}$, negative at every $n$:
 
@@ -88,12 +88,12 @@ print(f"dense eigenvalues: {computed:.12f}")
 print(f"closed form:       {smallest_at_wound(200):.12f}")
 
 # %% [markdown]
-# ## Mistake one: believing an iteration
+# ## Mistake one: trusting an iteration
 #
-# $S$ is large and sparse, so one asks Lanczos' iteration for its smallest eigenvalue. It gives
-# values $\vartheta$ (Ritz values) and for each the norm of the residual $S x - \vartheta x$. A
+# $S$ is large and sparse, so programs compute its smallest eigenvalue by Lanczos' iteration. It
+# gives values $\vartheta$ (Ritz values), each with the norm of the residual $S x - \vartheta x$. A
 # small residual proves that *some* eigenvalue of $S$ is near $\vartheta$. It says nothing about
-# eigenvalues below. Started near the null space, which is known and therefore a tempting start, the
+# smaller eigenvalues. Started near the null space, a tempting choice because it is known, the
 # iteration finds zero first:
 
 
@@ -124,24 +124,24 @@ for step in (10, 20, 40, 60, 160):
     print(f"step {step:3d}: Ritz value {value:+.2e}, residual {residual:.1e}")
 
 # %% [markdown]
-# For dozens of steps the value is zero to many digits, and its residual falls. A program that stops
-# there and accepts what is above $-10^{-4}$ calls the wound-up point optimal. Only much later does
-# the negative eigenvalue appear. GTSAM 4.3.0's `ShonanAveraging3.checkOptimality`, a Lanczos
-# iteration with the bound $-10^{-4}$, is asked below where its wheel is installed.
+# For dozens of steps the value is zero to many digits, and its residual decreases. A program that
+# stops there and accepts values above $-10^{-4}$ declares the wound-up point optimal. The negative
+# eigenvalue appears only much later. GTSAM 4.3.0's `ShonanAveraging3.checkOptimality`, a Lanczos
+# iteration with the bound $-10^{-4}$, is tested below if its wheel is installed.
 #
-# ## Mistake two: a tolerance that is not paid for
+# ## Mistake two: a tolerance that is not accounted for
 #
-# A factorization is better: it completes, or it does not. SE-Sync's rule (`min_eig_num_tol` of its
+# A factorization is better: it either completes or fails. SE-Sync's rule (`min_eig_num_tol` of its
 # `SESync.h`, commit 9b631b6) is that $S + 10^{-3} I$ has a Cholesky factor; GTSAM 4.3.0's staircase
-# (`RiemannianStaircaseOptimizer.h`) has the same, but descends first, and its matrix is twice ours,
-# so that it errs from larger $n$ on. CORA (`CORA.cpp`, as of November 2026) takes
-# $\eta = 5 \cdot 10^{-6} F / 2$ in place of $10^{-3}$, kept between $10^{-7}$ and $10^{-1}$. These
-# rules stand in `baselines/certifiers`; here they judge the wound-up point, beside ours.
+# (`RiemannianStaircaseOptimizer.h`) has the same rule, but descends first, and its matrix is twice
+# ours, so that it fails from larger $n$ on. CORA (`CORA.cpp`, as of November 2026) takes
+# $\eta = 5 \cdot 10^{-6} F / 2$ in place of $10^{-3}$, clipped to between $10^{-7}$ and $10^{-1}$.
+# These rules are in `baselines/certifiers`; here they and our certifier test the wound-up point.
 
 
 # %%
 def accepts(rule, problem, point):
-    """Whether a rule calls a point optimal, or one that costs as much."""
+    """Whether a rule accepts a point, or one of equal cost, as optimal."""
     try:
         accepted = rules.get_rule(rule)(problem, point)
     except MissingDependency:
@@ -157,7 +157,7 @@ for n in SIZES:
         said[rule, n] = accepts(rule, ring_problem, wound_up)
     verdicts[n] = certify(ring_problem, wound_up).verdict.value
 
-WORDS = {True: "optimal", False: "no", None: "not here"}
+WORDS = {True: "optimal", False: "no", None: "missing"}
 print(f"{'n':>18s} " + "".join(f"{n:>10d}" for n in SIZES))
 print(f"{'eigenvalue':>18s} " + "".join(f"{smallest_at_wound(n):10.5f}" for n in SIZES))
 for rule in rules.rule_names():
@@ -165,21 +165,22 @@ for rule in rules.rule_names():
 print(f"{'certpgo':>18s} " + "".join(f"{verdicts[n]:>10s}" for n in SIZES))
 
 # %% [markdown]
-# Every `optimal` in this table is false. A tolerance of fixed size is no error of programming: the
-# eigenvalue drops below it as the ring grows, for it shrinks like $1/n^2$. What was forgotten is
-# the price. A shift $\eta$ proves a gap of $d\,n\,\eta$, so what was accepted at $n = 300$ says
+# Every `optimal` in this table is false. A fixed tolerance is not a programming error: the
+# eigenvalue shrinks like $1/n^2$, and so falls below it as the ring grows. The rules omit what the
+# shift implies. A shift $\eta$ proves a gap of $d\,n\,\eta$, so what was accepted at $n = 300$
+# means
 
 # %%
 eta = 1e-3
 problem, _, wound = ring(300)
 F = problem.cost(wound)
-print(f"F = {F:.4f}, price of the shift {problem.d * problem.n * eta:.4f}")
+print(f"F = {F:.4f}, gap from the shift {problem.d * problem.n * eta:.4f}")
 print(f"what is proven: F* >= {F - problem.d * problem.n * eta:.4f}")
 
 # %% [markdown]
-# that $F^*$ is at least something negative, which nobody doubted. The figure shows the same for all
-# $n$: a shift is worth anything only *below* $F / (d n)$, and there the rules of fixed size do not
-# stay. Below it, too, is the shift that our certificate of the right point needed.
+# only that $F^*$ is at least some negative number, which is trivial. The figure shows this for all
+# $n$: a shift is useful only *below* $F / (d n)$, which the fixed rules exceed. The shift that our
+# certificate of the right point needed is below it.
 
 # %%
 numbers = np.unique(np.geomspace(10, 1000, 60).round().astype(int))
@@ -197,20 +198,20 @@ with plt.rc_context(STYLE):
     upper.set_title("(a) wound up once, n = 200", loc="left")
     lower.loglog(numbers, -smallest_at_wound(numbers), color=VERMILION, label="$-\\lambda_{\\min}$")
     price = 8 * numbers * np.sin((THETA + 2 * np.pi) / (2 * numbers)) ** 2 / (3 * numbers)
-    lower.loglog(numbers, price, color=BLUE, ls="-.", label="$F/(dn)$, worthless above")
+    lower.loglog(numbers, price, color=BLUE, ls="-.", label="$F/(dn)$, useless above")
     lower.axhline(1e-3, color=GREY, ls=":", label="shift $10^{-3}$")
     lower.loglog(*np.transpose(ours), "o", color=GREEN, label="our shift, right point")
     lower.set(xlabel="cameras in the ring, $n$", ylabel="shift $\\eta$", ylim=(1e-15, 3e0))
     lower.legend(loc="lower right", bbox_to_anchor=(1.0, 0.26))
-    lower.set_title("(b) eigenvalue, price and shifts", loc="left")
+    lower.set_title("(b) eigenvalue, limit and shifts", loc="left")
 
 # %% [markdown]
 # ## The same graph in other units
 #
-# The weights $\kappa$ are concentrations. Multiply all of them by one number, as when a sensor's
-# standard deviation is restated, and no answer changes its rank: $F$ is multiplied by it, and so is
-# every eigenvalue of $S$. A tolerance of fixed size is not. (Powers of two, so that the numbers
-# themselves are the same to the last bit.)
+# The weights $\kappa$ are concentrations. Multiplying all of them by one number, as when a sensor's
+# standard deviation is restated, does not change the ranking of estimates: $F$ and every eigenvalue
+# of $S$ are multiplied by it. A fixed tolerance is not. (We use powers of two, so that the numbers
+# are the same to the last bit.)
 
 # %%
 POWERS = (-20, 0, 20, 50)
@@ -230,29 +231,29 @@ for who in ("se_sync_rule", "cora_rule", "certpgo"):
 
 # %% [markdown]
 # With small weights both rules accept the wrong point, CORA's because of its smallest $\eta$; with
-# large ones they refuse the right one, because the rounding errors of $S$ outgrow the largest. Our
-# verdicts are about the gap relative to $F$ (at most `rtol` $F$ + `atol` $W$ with
+# large ones they reject the right one, because the rounding errors of $S$ exceed the largest
+# $\eta$. Our verdicts depend on the gap relative to $F$ (at most `rtol` $F$ + `atol` $W$ with
 # $W = \sum \kappa$), and do not change.
 #
-# ## A factorization that pays for its rounding
+# ## A factorization that accounts for its rounding
 #
 # How can a computed factor prove anything? Let $A = S + \varepsilon I$, and let $\hat L$ be what a
-# Cholesky routine returned. It is not the factor of $A$, but it is the factor of something close:
-# if the routine ran to completion,
+# Cholesky routine returned. It is not the factor of $A$, but of a nearby matrix: if the routine
+# completed,
 #
 # $$ A = \hat L \hat L^\top + E, \qquad |E| \le \gamma\, |\hat L|\,|\hat L|^\top
 #    \quad\text{entry by entry},\qquad \gamma \approx (N + 1)\, u, \quad u = 2^{-53} $$
 #
 # for a matrix of order $N$ (Rump and Jeannerod 2014). A symmetric $E$ whose absolute row sums are
-# at most $\delta_i$ has $E + \operatorname{diag}(\delta) \succeq 0$. So if the routine keeps this
-# usual bound, $A + \operatorname{diag}(\delta) \succeq 0$ is *true*, of real numbers. Where $A$ is
-# exactly $S + \varepsilon I$, that proves $F(R) - F^* \le \sum_i (\varepsilon + \delta_i)$. In six
-# lines:
+# at most $\delta_i$ has $E + \operatorname{diag}(\delta) \succeq 0$. So if the routine satisfies
+# this usual bound, $A + \operatorname{diag}(\delta) \succeq 0$ is *true* in real arithmetic. Where
+# $A$ is exactly $S + \varepsilon I$, that proves $F(R) - F^* \le \sum_i (\varepsilon + \delta_i)$.
+# In six lines:
 
 
 # %%
 def proven_bound(problem, point, epsilon):
-    """F less what the shift and the factorization's rounding cost; None without a factor."""
+    """F minus the loss from shift and factorization rounding; None without a factor."""
     A = certificate_matrix(problem, point).toarray() + epsilon * np.eye(problem.d * problem.n)
     try:
         factor = np.linalg.cholesky(A)
@@ -275,18 +276,19 @@ first = min(shift for shift, value in attempts.items() if value is not None)
 print(f"wound up: no factor below {first:.0e}, which then proves F* >= {attempts[first]:.2f}")
 
 # %% [markdown]
-# The right point loses a part in billions. The wound-up one gets a factor only with a shift that
-# makes the bound worthless: whoever pays for the shift cannot be fooled by it. `certify` does the
-# same on sparse matrices, where rows of the factor are short, and accounts for the rounding in $A$
-# and in $F$ as well, which the six lines leave out. Its tier `"proof"` also drops the trust in the
-# routine: it *measures* $A - \hat L \hat L^\top$ with arithmetic that is exact where it matters.
+# The right point loses one part in billions. The wound-up one has a factor only with a shift that
+# makes the bound useless: if the shift is accounted for, it cannot cause a false certificate.
+# `certify` does the same on sparse matrices, where rows of the factor are short, and also accounts
+# for the rounding in $A$ and in $F$, which the six lines omit. Its tier `"proof"` does not even
+# trust the routine: it *measures* $A - \hat L \hat L^\top$ with arithmetic that is exact where it
+# matters.
 #
-# ## A proof that somebody else can check
+# ## A proof that others can check
 #
-# What a proof needs is little: the estimate, and the multipliers less the shifts, $\Lambda'$, with
+# A proof needs little: the estimate, and the multipliers minus the shifts, $\Lambda'$, with
 # $L - \operatorname{blkdiag}(\Lambda') \succeq 0$. Then $F^* \ge \operatorname{tr} \Lambda'$,
-# whatever the estimate. `write_proof` puts them into a file; `certpgo.check` reads that and the
-# graph, computes everything anew, and believes nothing.
+# whatever the estimate. `write_proof` writes them to a file; `certpgo.check` reads it and the
+# graph, recomputes everything, and trusts nothing.
 
 # %%
 folder = tempfile.TemporaryDirectory()
@@ -299,12 +301,12 @@ honest = certpgo.check(graph_file, proof_file)
 print(honest)
 
 # %% [markdown]
-# Now forge it. A proof file is an `.npz` archive of arrays, easily changed:
+# Now forge it. A proof file is an `.npz` archive of arrays, which is easy to change:
 
 
 # %%
 def forged(**changes):
-    """What the checker says of the proof with some of its arrays replaced."""
+    """The checker's output for the proof with some of its arrays replaced."""
     path = Path(folder.name, "forged.cert")
     with np.load(proof_file) as archive, path.open("wb") as file:
         np.savez(file, **{**archive, **changes})
@@ -331,8 +333,8 @@ print("wound-up estimate:", wound_estimate)
 # %% [markdown]
 # The raised multiplier is refused: the matrix is no longer proven to be positive semidefinite. The
 # wound-up estimate is *not* refused, and need not be: the checker computes its cost itself, and
-# prints a large gap. Nothing false can be said with this file. Nor can it be used for another
-# graph, since it names the graph by its SHA-256:
+# prints a large gap. This file cannot prove anything false. Nor can it be used for another graph,
+# since it identifies the graph by its SHA-256:
 
 # %%
 text = graph_file.read_text()
@@ -345,7 +347,7 @@ graph_file.write_text(text)
 # ## Exercises
 #
 # **1.** From which $n$ on does SE-Sync's rule accept the ring of identity measurements
-# ($\theta = 0$) that is wound up once? Compute it, then ask the rule.
+# ($\theta = 0$) that is wound up once? Compute it, then test the rule.
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
 # The eigenvalue is 2 cos(2 pi / n) - 2, and the rule accepts it above -1e-3.
@@ -355,9 +357,9 @@ for n in (threshold - 1, threshold):
     print(n, WORDS[accepts("se_sync_rule", RotationProblem(instance_.graph), wound_)])
 
 # %% [markdown]
-# **2.** Repair the rule: given that $S + \eta I$ has a factor, when may one say that the point is
-# within a part $r$ of the optimum? Choose $\eta$ from $F$, $d$, $n$ and $r = 10^{-5}$, and judge
-# both points of the ring with $n = 300$.
+# **2.** Repair the rule: given that $S + \eta I$ has a factor, when is the point proven to be
+# within a relative gap $r$ of the optimum? Choose $\eta$ from $F$, $d$, $n$ and $r = 10^{-5}$, and
+# test both points of the ring with $n = 300$.
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
 # The gap is at most d n eta, so eta = r F / (d n). It needs no unit: F and S scale alike.
@@ -370,12 +372,12 @@ for name, point in (("right", best_), ("wound up", wound_)):
 print(repaired)
 
 # %% [markdown]
-# **3.** What does the checker say when all quaternions are multiplied by 4? And when one diagonal
-# entry of $\Lambda'$ is lowered by $10^{-6}$? Why may it accept either?
+# **3.** What does the checker print when all quaternions are multiplied by 4? And when one diagonal
+# entry of $\Lambda'$ is lowered by $10^{-6}$? Why may it accept both?
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
 # R(q)/|q|^2 is the same rotation for any length of q: the same statement is proven. A lower Lambda'
-# only adds to the diagonal of a matrix that was positive semidefinite: a weaker bound, but true.
+# only adds to the diagonal of a matrix that was positive semidefinite: a weaker bound, but valid.
 lowered = multipliers.copy()
 lowered[0, 0] -= 1e-6
 longer, weaker = forged(rotations=4 * rotations), forged(multipliers=lowered)
@@ -390,12 +392,12 @@ folder.cleanup()
 #
 # - An iteration can show that an eigenvalue is negative, never that none is. Only a factorization
 #   certifies.
-# - A tolerance on an eigenvalue is a gap in disguise, $d\,n\,\eta$. Pay it, and the tolerance may
-#   be as large as it likes: the statement stays true, and says how little it may be worth.
-# - Rounding is not an opinion to be smoothed over. It has a bound; with the bound, if the routine
-#   keeps it, a floating-point factorization proves a theorem about real numbers.
+# - A tolerance on an eigenvalue implies a gap, $d\,n\,\eta$. If the gap is stated, the tolerance
+#   may have any size: the statement stays true, and shows how weak it is.
+# - Rounding errors have a bound. With it, if the routine satisfies it, a floating-point
+#   factorization proves a theorem about real numbers.
 #
 # Sources: A. Eriksson, C. Olsson, F. Kahl, T.-J. Chin, *Rotation Averaging and Strong Duality*,
 # CVPR 2018; S. Rump, C.-P. Jeannerod, *Improved backward error bounds for LU and Cholesky
-# factorizations*, SIMAX 2014. `certpgo bench zoo` puts thousands of such points before the same
-# certifiers; the whole argument of the checker is in `docs/checker.md`.
+# factorizations*, SIMAX 2014. `certpgo bench zoo` tests the same certifiers on thousands of such
+# points; the checker's complete argument is in `docs/checker.md`.

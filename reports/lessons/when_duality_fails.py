@@ -8,10 +8,9 @@
 # %% [markdown]
 # # When duality fails
 #
-# The convex relaxation proves optimality as long as it is *tight*. With more and more noise it
-# stops being so. This lesson turns the noise up on one graph of ten cameras, without changing
-# anything else, and watches: what each bound says on the way, where the proof ends, and what is
-# left after that.
+# The convex relaxation proves optimality as long as it is *tight*. With enough noise it is not.
+# This lesson increases the noise on one graph of ten cameras, without changing anything else. It
+# shows how each bound behaves, where the proof ends, and what remains after that.
 
 # %%
 import matplotlib.pyplot as plt
@@ -31,7 +30,7 @@ plt.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.righ
 
 # %%
 def noisy(degrees):
-    """Ten cameras in space and 20 measurements, with noise of so many degrees about each axis."""
+    """Ten cameras in space and 20 measurements, with this noise in degrees about each axis."""
     rng = np.random.default_rng(3)  # the same graph and the same draws, scaled
     return certpgo.RotationProblem(random_graph(10, 4.0, np.radians(degrees), rng).graph)
 
@@ -39,19 +38,20 @@ def noisy(degrees):
 # %% [markdown]
 # ## The relaxation and its rank
 #
-# With $R = [R_1 \dots R_n]$ the cost is $F = \operatorname{tr}(L\, R^T R)$ (see *Three cameras*
-# for $L$). Of $Y = R^T R$ the relaxation keeps that it is positive semidefinite and has identities
-# as diagonal blocks, and drops that its rank is $d = 3$ (Eriksson et al. 2018, eq. 45):
+# With $R = [R_1 \dots R_n]$ the cost is $F = \operatorname{tr}(L\, R^T R)$ (see *Three cameras* for
+# $L$). For $Y = R^T R$ the relaxation keeps the constraints that it is positive semidefinite with
+# identities as diagonal blocks, and drops the one that its rank is $d = 3$ (Eriksson et al. 2018,
+# eq. 45):
 #
 # $$\text{(DD)}\qquad v = \min_Y\ \operatorname{tr}(L Y) \quad\text{such that}\quad
 # Y \succeq 0,\quad Y_{ii} = I .$$
 #
-# It is convex, its dual is (D), both have the value $v \le F^*$. If its solution has rank $d$, it
-# is some $R^T R$ with orthogonal $R_i$. If their determinants have one sign besides, as they do
-# below (exercise 4 has a graph where they do not), these are rotations up to one reflection of the
-# world, and $v = F^*$: the relaxation is *tight*. If the solution has rank $r > d$, it consists of
-# frames in $r$ dimensions, $Y_{ij} = Y_i^T Y_j$ with $Y_i$ of size $r \times d$, which agree with
-# the measurements better than rotations in $d$ dimensions can.
+# It is convex, its dual is (D), and both have the value $v \le F^*$. If its solution has rank $d$,
+# it is some $R^T R$ with orthogonal $R_i$. If also their determinants have one sign, as below
+# (exercise 4 has a graph where they do not), these are rotations up to one reflection of the world,
+# and $v = F^*$: the relaxation is *tight*. If the solution has rank $r > d$, it consists of frames
+# in $r$ dimensions, $Y_{ij} = Y_i^T Y_j$ with $Y_i$ of size $r \times d$, which fit the
+# measurements better than rotations in $d$ dimensions can.
 
 # %%
 program = certpgo.get_solver("sdp_dual")()
@@ -66,33 +66,33 @@ for degrees in (20, 60):
     print(f"  F of the best rotations found {best_cost:.6f}")
 
 # %% [markdown]
-# ## Turning the noise up
+# ## Increasing the noise
 #
-# At each noise level: the certified pipeline's answer, ten random starts beside it in case they
-# find a better one, the relaxation, and every bound. The *gap* is the best cost known less $v$,
-# relative to the cost. The eigenvalue is the smallest of the certificate matrix at the best
-# estimate, the three zeros of the world's turning set aside. The *ratio* belongs to the last of
-# these bounds:
+# At each noise level we compute the certified pipeline's estimate, ten random initializations in
+# case they find a lower cost, the relaxation, and every bound. The *gap* is the best cost known
+# less $v$, relative to the cost. The eigenvalue is the smallest of the certificate matrix at the
+# best estimate, excluding the three zeros of the world's rotation. The *ratio* belongs to the last
+# of these bounds:
 #
 # - $\alpha_{\max}$ (Eriksson et al., Theorem 4.1): a stationary point whose residual angles are all
-#   below it is optimal. It depends on the graph alone, by $\lambda_2 / d_{\max}$.
+#   below it is optimal. It depends only on the graph, through $\lambda_2 / d_{\max}$.
 # - The *normalized* bound: the same with $\nu_2$, the second eigenvalue of the normalized Laplacian
 #   $D^{-1/2} L_G D^{-1/2}$, in place of $\lambda_2 / d_{\max}$. Never weaker.
-# - The *row* bound: each camera's own residuals in place of the worst. It needs the estimate: the
+# - The *row* bound: each camera's own residuals in place of the largest. It needs the estimate: the
 #   sum over a camera's block row, relative to its weight, must be below $\nu_2$ for every camera.
-#   The ratio is the largest of these to $\nu_2$.
+#   The ratio is the largest of these sums divided by $\nu_2$.
 
 
 # %%
 def besides_the_gauge(problem, estimate):
-    """Smallest eigenvalue of the certificate matrix, the turning of the world set aside."""
+    """Smallest eigenvalue of the certificate matrix, excluding the world's rotation."""
     S = problem.certificate_matrix(problem.multipliers(estimate)).toarray()
     X = np.swapaxes(estimate.rotations, 1, 2).reshape(-1, 3)
     return np.linalg.eigvalsh(S + 10.0 * X @ X.T)[0]
 
 
 def row_ratio(problem, estimate):
-    """Of the worst camera; the row bound holds below 1."""
+    """For the worst camera; the row bound holds below 1."""
     return row_bound(problem, estimate).max() / normalized_fiedler_value(problem)
 
 
@@ -130,9 +130,9 @@ for degrees, level in zip(noise, levels, strict=True):
 # %% [markdown]
 # ## Where each bound ends
 #
-# Bisection finds the noise at which each of the four stops speaking. The first three are
-# sufficient conditions, each of which implies the next; the last is what they imply, the
-# certificate matrix being positive semidefinite.
+# Bisection finds the noise at which each of the four stops holding. The first three are sufficient
+# conditions, each of which implies the next; the last, which they imply, is that the certificate
+# matrix is positive semidefinite.
 
 # %%
 clean = noisy(0.0)
@@ -141,7 +141,7 @@ normalized = np.degrees(alpha_max(normalized_fiedler_value(clean)))
 
 
 def last(holds):
-    """The largest noise, degrees, up to which a condition on problem and answer holds."""
+    """The largest noise, degrees, up to which a condition on problem and estimate holds."""
     low, high = 1.0, 60.0
     while high - low > 0.02:
         middle = (low + high) / 2.0
@@ -166,7 +166,7 @@ ends = {
 }
 print(f"alpha_max = {alpha:.2f} degrees, normalized {normalized:.2f} degrees")
 for name, degrees in ends.items():
-    print(f"{name:12} speaks up to a noise of {degrees:5.2f} degrees")
+    print(f"{name:12} holds up to a noise of {degrees:5.2f} degrees")
 
 # %%
 figure, (top, middle, bottom) = plt.subplots(
@@ -200,41 +200,42 @@ for (name, degrees), across in zip(ends.items(), (-3, -1.3, 3, 0), strict=True):
 plt.show()
 
 # %% [markdown]
-# Three things to see.
+# Note three things.
 #
-# *The cheap bounds end early.* They hold for every graph with the same eigenvalue, and so for the
-# worst of them. Between the end of the row bound and that of the certificate matrix every answer
-# is proven optimal all the same; it takes a factorization instead of an eigenvalue.
+# *The cheap bounds end early.* They hold for every graph with the same eigenvalue, including the
+# worst. Between the end of the row bound and that of the certificate matrix every estimate is still
+# proven optimal, by a factorization instead of an eigenvalue.
 #
-# *The relaxation fails at one point.* As long as it is tight, the eigenvalue beside the gauge's
-# zeros is positive; it falls as the noise grows. Where it reaches zero the rank of $Y$ rises above
-# 3, and the gap opens.
+# *The relaxation fails at one point.* As long as it is tight, the eigenvalue above the gauge's
+# zeros is positive; it decreases as the noise grows. Where it reaches zero, the rank of $Y$ rises
+# above 3 and the gap opens.
 #
 # *The bound does not fail.* Beyond that point the verdict is BOUNDED, and the proven bound is as
-# good as the relaxation: the squares lie on the dots. Nor does the gap grow for ever with the
+# good as the relaxation: the squares lie on the dots. Nor does the gap grow indefinitely with the
 # noise.
 #
-# ## What BOUNDED does not say
+# ## What BOUNDED does not mean
 #
 # A gap of a few percent does not mean that the estimate is a few percent too costly. The optimum
-# lies somewhere between the bound and the best cost known. Before it says BOUNDED, `solve` looks
-# for a better estimate itself: it rounds the relaxation's point in random directions, kicks its
-# answer, and descends from there. Ten random starts at each noise level had the same chance:
+# lies somewhere between the bound and the best cost known. Before it returns BOUNDED, `solve`
+# searches for a lower-cost estimate: it rounds the relaxation's point in random directions,
+# perturbs its estimate, and descends from there. For comparison, ten random initializations at each
+# noise level:
 
 # %%
 improved = [int(degrees) for degrees, level in zip(noise, levels, strict=True) if level["improved"]]
-print(f"random starts beat the pipeline at {len(improved)} of {len(noise)} noise levels")
+print(f"random initializations beat the pipeline at {len(improved)} of {len(noise)} noise levels")
 bounded = certpgo.solve(noisy(60.0).graph)
 print(bounded.verdict.value)
 print(bounded.certificate.reason)
 
 # %% [markdown]
-# What to do then: look for measurements that are plainly wrong (large residuals; the robust
-# methods reject some), add measurements where few connect the graph, for a well connected graph
-# tolerates more noise (exercise 1), or accept the estimate with its gap, which is a guarantee too.
+# In that case, look for clearly wrong measurements (large residuals; the robust methods reject
+# some), or add measurements where few connect the graph, since a well-connected graph tolerates
+# more noise (exercise 1), or accept the estimate with its gap, which is also a guarantee.
 #
-# `certpgo bounds GRAPH` prints all bounds of a graph as a ladder, cheap ones first. Here it is for
-# a noise of 10 degrees, between the ends of the first two:
+# `certpgo bounds GRAPH` prints all bounds of a graph, cheap ones first. Here they are for a noise
+# of 10 degrees, between the ends of the first two:
 
 # %%
 climbed = ladder(noisy(10.0), sdp=True)
@@ -245,12 +246,12 @@ for rung in climbed.rungs:
 # %% [markdown]
 # ## Exercises
 #
-# **1.** Let all ten cameras measure each other. Up to which noise is the answer certified now, on
+# **1.** Let all ten cameras measure each other. Up to which noise is the estimate certified now, on
 # the same grid of levels? Why do $\alpha_{\max}$ and the normalized bound agree?
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
-# All degrees are equal, and then nu_2 = lambda_2 / d_max. The complete graph is connected as well
-# as can be: the bound is larger, and the certificate lasts longer still.
+# All degrees are equal, so nu_2 = lambda_2 / d_max. The complete graph has the best connectivity:
+# the bound is larger, and the certificate holds for even more noise.
 dense = [complete(10, np.radians(s), np.random.default_rng(3)).graph for s in noise]
 dense_problem = certpgo.RotationProblem(dense[0])
 dense_alpha = alpha_max(fiedler_value(dense_problem) / dense_problem.node_weights.max())
@@ -267,8 +268,8 @@ print(f"certified up to a noise of {dense_last} degrees, here up to {ends['certi
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
 # Those are linear equations in the entries of X. X = I solves them. If no other X does, Y is the
-# only solution, has rank 5, and no rotations reach v. The multipliers must leave exactly rank-many
-# zeros.
+# only solution, has rank 5, and no rotations reach v. S must have exactly as many zero eigenvalues
+# as the rank.
 problem = noisy(60.0)
 relaxation = program.solve(problem).relaxation
 r = relaxation.rank
@@ -287,12 +288,12 @@ print(
 
 # %% [markdown]
 # **3.** Take little noise, 5 degrees, and replace one measurement by one that is 170 degrees off.
-# What do the angle bounds and the certificate say? And what does the certificate not say?
+# What do the residual-angle bounds and the certificate show? What does the certificate not show?
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
-# The wrong edge's residual is far beyond any angle bound, and the answer is certified: no other
-# estimate fits these measurements better. That the measurements are right nobody has claimed. The
-# edge with the largest residual is the wrong one.
+# The wrong edge's residual is far beyond any residual-angle bound, and the estimate is certified:
+# no other estimate fits these measurements better. The certificate does not claim that the
+# measurements are right. The edge with the largest residual is the wrong one.
 graph = noisy(5.0).graph
 measured_rotations = graph.rotations.copy()
 measured_rotations[7] = measured_rotations[7] @ so.exp(np.radians([0.0, 0.0, 170.0]))

@@ -9,9 +9,9 @@
 # # Winding
 #
 # Cameras on a ring, each measured against the next. A wrong estimate of such a ring can look right
-# everywhere: it turns once more around than the cameras did, and every residual is small. This
-# lesson writes those estimates down, shows why descent stops at them and why a certificate refuses
-# them, and then watches them come undone in a third dimension.
+# at every edge: it makes one full turn more than the cameras did, and every residual is small. This
+# lesson derives those estimates, shows why descent stops at them and why a certificate rejects
+# them, and then escapes from them through a third dimension.
 
 # %%
 from collections import Counter
@@ -38,17 +38,17 @@ n, theta = 24, np.radians(20.0)
 # A cycle of $n$ cameras in the plane, all weights 1. Composed around the cycle, the measurements
 # miss the identity by the closing error $\theta$. The cost is
 # $F(R) = \sum \|R_j - R_i R_{ij}\|_F^2$; an edge whose residual is a rotation by $a$ adds
-# $4(1 - \cos a)$, and pulls at its two cameras with strength $4 \sin a$. At a stationary point the
-# two edges of every camera pull alike, so all residuals may be one angle $a$. They add up to the
-# closing error, which is known up to full turns:
+# $4(1 - \cos a)$, and pulls its two cameras with strength $4 \sin a$. At a stationary point the two
+# edges of every camera pull equally, so all residuals may be one angle $a$. They add up to the
+# closing error, which is defined up to full turns:
 #
 # $$n a_k = \theta + 2 \pi k, \qquad
 # F_k = 4 n (1 - \cos a_k) = 8 n \sin^2\frac{\theta + 2 \pi k}{2 n}.$$
 #
-# The whole number $k$ is the *winding*. `stationary_point(graph, k)` computes the rotations.
+# The integer $k$ is the *winding number*. `stationary_point(graph, k)` computes the rotations.
 
 # %%
-graph = winding_cycle(n, theta, 0, d=2)[0].graph  # identities, but one rotation by theta
+graph = winding_cycle(n, theta, 0, d=2)[0].graph  # identities, except one rotation by theta
 problem = certpgo.RotationProblem(graph)
 points = {k: stationary_point(graph, k) for k in range(-3, 4)}
 costs = {k: problem.cost(point) for k, point in points.items()}
@@ -63,17 +63,17 @@ for k, point in points.items():
     )
 
 # %% [markdown]
-# Winding 0 shares the closing error out and is the best. The others are wrong by up to half a
-# turn, and yet their residuals are small: about 360 degrees over $n$ for one turn, whatever else
-# is wrong. On a ring of a thousand cameras that is a third of a degree.
+# Winding 0 distributes the closing error and is optimal. The others are wrong by up to half a turn,
+# and yet their residuals are small: about 360 degrees over $n$ for one turn. On a ring of a
+# thousand cameras that is a third of a degree.
 #
 # ## Why local search stops there
 #
 # To second order, turning the cameras by small angles $x$ changes $F$ by
-# $2 \cos a_k\; x^T L_G\, x$, where $L_G$ is the cycle's graph Laplacian. That is never negative,
-# and zero only if all cameras turn together, as long as $|a_k| < 90^\circ$. Hence every winding
-# with $|\theta + 2 \pi k| < n \pi / 2$ is a strict local minimum. The package's exact Hessian of
-# $F/2$ says the same.
+# $2 \cos a_k\; x^T L_G\, x$, where $L_G$ is the cycle's graph Laplacian. As long as
+# $|a_k| < 90^\circ$, that is nonnegative, and zero only if all cameras turn together. Hence every
+# winding with $|\theta + 2 \pi k| < n \pi / 2$ is a strict local minimum. The package's exact
+# Hessian of $F/2$ confirms this.
 
 
 # %%
@@ -91,7 +91,8 @@ slope = 2 * np.cos((theta + 2 * np.pi) / n) * (2 - 2 * np.cos(2 * np.pi / n))
 print(f"2 cos a_1 lambda_2(L_G):        {slope:.6f}")
 
 # %% [markdown]
-# A good start is needed, and at random it is not had. Newton's method from 200 random starts:
+# Descent needs a good initial estimate; random ones are not good enough. Newton's method from 200
+# random initial estimates:
 
 # %%
 rng = np.random.default_rng(0)
@@ -99,7 +100,7 @@ i, j = graph.edges.T
 
 
 def winding_of(estimate):
-    """How often the residuals turn around, beyond the closing error."""
+    """Number of full turns of the residuals, beyond the closing error."""
     R = estimate.rotations
     residuals = so.log(R[i] @ graph.rotations @ np.swapaxes(R[j], 1, 2))[:, 0]
     return round((residuals.sum() - theta) / (2 * np.pi))
@@ -112,12 +113,12 @@ for k in sorted(ended):
     print(f"winding {k:2}: {ended[k]:3} of 200")
 
 # %% [markdown]
-# ## Why the certificate refuses them
+# ## Why the certificate rejects them
 #
 # The certificate matrix $S = L - \operatorname{blkdiag}(\Lambda)$ of a stationary point must be
 # positive semidefinite for a proof of optimality (see *Three cameras*). In the gauge of the point
-# it is circulant, with $2 \cos a_k\, I$ on the diagonal and rotations by $\pm a_k$, negated,
-# beside it. Its eigenvalues, twice each, are $2 \cos a_k - 2 \cos(2 \pi j / n - a_k)$. With
+# it is circulant, with $2 \cos a_k\, I$ on the diagonal and rotations by $\pm a_k$, negated, off
+# the diagonal. Its eigenvalues, twice each, are $2 \cos a_k - 2 \cos(2 \pi j / n - a_k)$. With
 # $j = k$ the second angle is $\theta / n$ only, and
 #
 # $$\lambda_{\min}(S) = 2 \cos \frac{\theta + 2 \pi k}{n} - 2 \cos \frac{\theta}{n},$$
@@ -134,10 +135,10 @@ for k, point in points.items():
     print(f"winding {k:2}: eigenvalue {smallest[k] + 0.0:9.6f}, formula {expected:9.6f}, {verdict}")
 
 # %% [markdown]
-# A negative eigenvalue refuses the *proof*; it does not yet refute the estimate, for the
-# relaxation might be loose. REFUTED says more: a better estimate is in hand. `certify` first
-# descends from the estimate, which leads nowhere, then from another start, reaches a better point
-# that descent from the first does not, and keeps it.
+# A negative eigenvalue rules out the *proof*; it does not yet refute the estimate, because the
+# relaxation might be loose. REFUTED says more: a lower-cost estimate is known. `certify` first
+# descends from the estimate, without improvement. From another initialization it then reaches a
+# lower-cost point that descent from the first does not, and keeps it.
 
 # %%
 certificate = certpgo.certify(problem, points[1])
@@ -151,20 +152,20 @@ print(f"winding of the better estimate: {winding_of(certificate.better)}")
 # A rotation $R_i$ of the plane is two orthonormal columns in $\mathbb R^2$. The *Riemannian
 # staircase* (Boumal 2015; SE-Sync, IJRR 2019) lets them be orthonormal columns in $\mathbb R^3$:
 # blocks $Y_i$ of size 3 x 2, with the same cost $\sum \|Y_j - Y_i R_{ij}\|_F^2$. There are more
-# points, so a lower cost may be in reach, and none is below the value of the semidefinite
+# points, so a lower cost may be reachable, but none is below the value of the semidefinite
 # relaxation.
 #
-# An eigenvector of $S$ with a negative eigenvalue is the way out. Written as a row $v_i$ for each
-# camera, it moves $Y_i$ from $[R_i; 0]$ towards $[R_i; v_i]$, into the new dimension, and
+# An eigenvector of $S$ with a negative eigenvalue is a descent direction. Written as a row $v_i$
+# for each camera, it moves $Y_i$ from $[R_i; 0]$ towards $[R_i; v_i]$, into the new dimension, and
 # $F$ changes by $\lambda_{\min} \|v\|^2 < 0$ to second order: the minimum has become a saddle.
 #
-# This is the package's own low-rank descent. It is deterministic, so that stopping it after
-# 0, 1, 2, ... steps shows the points on its way.
+# This uses the package's own low-rank descent. It is deterministic, so stopping it after 0, 1, 2,
+# ... steps shows its intermediate points.
 
 
 # %%
 def on_the_way(start, rank, steps):
-    """The descent's point after so many steps from a point, left along the negative eigenvector."""
+    """The descent's point after some steps from a point, first along the negative eigenvector."""
     _, direction = negative_curvature(problem, start)
     return descend(problem, start, rank, direction=direction, max_iterations=steps)
 
@@ -180,10 +181,10 @@ print(f"winding 0: F {costs[0]:.4f}")
 
 # %% [markdown]
 # Each camera is drawn as two points on a sphere, the images of two axes of its body, joined from
-# camera to camera along the ring. The axes are chosen a share $\theta / n$ of the closing error
-# further on from camera to camera, so that winding 0 is one point for all cameras, and winding $k$
-# goes $k$ times around the equator. Of all such pairs of axes, those are drawn that the descent
-# treats most differently.
+# camera to camera along the ring. The axes turn by a share $\theta / n$ of the closing error from
+# camera to camera, so that winding 0 is one point for all cameras, and winding $k$ goes $k$ times
+# around the equator. Of all such pairs of axes, the figure shows the pair on which the descent acts
+# most differently.
 
 # %%
 shares = so.exp(np.arange(n)[:, None] * theta / n)
@@ -192,7 +193,7 @@ shares = so.exp(np.arange(n)[:, None] * theta / n)
 def pictured(descents):
     """The (n, 3, 2) blocks of points of one descent, in the three dimensions that matter."""
     blocks = [point.rotations @ shares for point in descents]
-    # The body axis whose images stay most together comes first, and points up.
+    # The body axis whose images stay closest together comes first, and points up.
     axes = np.linalg.svd(blocks[2].mean(axis=0))[2].T
     up = np.sign((blocks[2] @ axes)[:, 2, 0].sum())
     seen = []
@@ -240,20 +241,20 @@ figure.legend(*handles, loc="outside lower center", ncols=2, frameon=False, font
 plt.show()
 
 # %% [markdown]
-# Top row: the blue points slip off the equator and shrink towards the pole. The red ones cannot
-# follow. They go around a great circle, now about the axis that the blue points mark, and that is
-# a local minimum again, at about half the cost. Bottom row, winding 2: both slip off, and the
+# Top row: the blue points leave the equator and contract towards the pole. The red ones cannot
+# follow. They go around a great circle, now about the axis that the blue points mark. This is again
+# a local minimum, at about half the cost. Bottom row, winding 2: both leave the equator, and the
 # descent ends at winding 0 without another dimension.
 #
-# That two turns come off where one does not is topology. A block of two orthonormal columns in
-# $\mathbb R^3$ is a rotation of space (the third column follows), and in $SO(3)$ a loop of one
-# full turn cannot be shrunk to a point, while a loop of two can: the trick with the belt, or with
-# the plate on the palm. In $\mathbb R^4$ every such loop can be shrunk.
+# The reason why two turns can be undone but one cannot is topological. A block of two orthonormal
+# columns in $\mathbb R^3$ is a rotation of space (the third column follows), and in $SO(3)$ a loop
+# of one full turn cannot be contracted to a point, while a loop of two can (the belt trick). In
+# $\mathbb R^4$ every such loop can be contracted.
 #
-# The same facts in numbers: the smallest eigenvalues of the Hessian of $F/2$ where winding 1 is
-# caught, and the smallest of the certificate matrix there. None of the former is negative (the
-# zeros are turns of the world, three of them, and of the body axes of all cameras by one angle).
-# The latter is negative, and its eigenvector leads into the fourth dimension.
+# The same facts in numbers: the smallest eigenvalues of the Hessian of $F/2$ at the local minimum
+# that winding 1 reaches, and the smallest of the certificate matrix there. None of the former is
+# negative (three zeros are rotations of the world, one is a common rotation of all cameras' body
+# axes). The latter is negative, and its eigenvector leads into the fourth dimension.
 
 
 # %%
@@ -272,9 +273,9 @@ print(f"certificate matrix: {eigenvalue:.6f}")
 
 # %% [markdown]
 # `solve` does all of this by itself: it descends in the plane, finds the negative eigenvalue,
-# leaves through a new dimension, rounds the point found there to rotations and descends from these
-# in the plane again, adding dimensions until the answer is certified. Rounding may lead to the
-# optimum before the relaxation gets there, so that fewer dimensions are needed than above.
+# escapes through a new dimension, rounds the point found there to rotations and descends from these
+# in the plane again, adding dimensions until the estimate is certified. Rounding may lead to the
+# optimum before the relaxation gets there, so fewer dimensions may suffice than above.
 
 # %%
 answer = certpgo.solve(graph, initial=points[1], try_own_start=False)
@@ -285,9 +286,9 @@ print(f"answer: F {answer.cost:.6f}, winding {winding_of(answer.estimate)}, {ans
 # %% [markdown]
 # ## Exercises
 #
-# **1.** How small does the negative eigenvalue of winding 1 become as the ring grows? From how
-# many cameras on does a rule that accepts every eigenvalue above -0.001, whatever the weights,
-# accept winding 1 (take $\theta = 0$)? What does `certify` say of a ring of that size?
+# **1.** How small does the negative eigenvalue of winding 1 become as the ring grows? From how many
+# cameras on does a rule that accepts every eigenvalue above -0.001, whatever the weights, accept
+# winding 1 (take $\theta = 0$)? What is the verdict of `certify` for a ring of that size?
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
 # 2 cos(2 pi / n) - 2 is about -(2 pi / n)^2. An absolute threshold also changes its meaning with
@@ -302,12 +303,12 @@ large_verdicts = [
 print(f"from n = {first} on; winding 1 and 0 of that ring: {large_verdicts}")
 
 # %% [markdown]
-# **2.** Take perfect measurements, $\theta = 0$. Write down the point at which winding 1 is caught
-# in three dimensions. Show that its cost is exactly half of winding 1's.
+# **2.** Take perfect measurements, $\theta = 0$. Write down the local minimum that winding 1
+# reaches in three dimensions. Show that its cost is exactly half of winding 1's.
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
 # One body axis points to the pole in all cameras, the other goes around the equator once. Only the
-# second column costs anything: sum |y_j - y_i|^2 = n (2 sin(pi / n))^2 = 4 n sin^2(pi / n), where
+# second column costs anything: sum |y_j - y_i|^2 = n (2 sin(pi / n))^2 = 4 n sin^2(pi / n), while
 # winding 1 has two columns that each cost that much.
 perfect = certpgo.RotationProblem(winding_cycle(n, 0.0, 0, d=2)[0].graph)
 turn = 2 * np.pi * np.arange(n) / n
@@ -328,8 +329,8 @@ print(f"gradient beyond what the multipliers hold: {np.abs(left_over).max():.1e}
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
 # Edges pull with kappa sin(angle), so the weak edge takes a large angle: more than pi / n. It is
-# optimal all the same. In a weighted cycle what counts is that the residuals share axis and sign
-# and add up to at most half a turn.
+# still optimal. In a weighted cycle it suffices that the residuals share axis and sign and add up
+# to at most half a turn.
 weights = np.ones(n)
 weights[5] = 0.1
 weak_graph = winding_cycle(n, np.radians(90.0), 0, d=2)[0].graph.with_weights(weights)
@@ -340,17 +341,16 @@ weak_certificate = certpgo.certify(weak, weak_point)
 pulls = weights * np.sin(weak_angles)
 print(f"residuals {np.degrees(weak_angles.min()):.2f} and {np.degrees(weak_angles.max()):.2f} deg,")
 print(f"pi/n {180 / n:.2f} deg, sum {np.degrees(weak_angles.sum()):.2f} deg")
-print(f"pulls alike up to {np.ptp(pulls):.1e}; {weak_certificate.verdict.value}")
+print(f"pulls equal up to {np.ptp(pulls):.1e}; {weak_certificate.verdict.value}")
 
 # %% [markdown]
 # **4.** Put the ring in space: all rotations about the $z$ axis, but free to leave it. Which
-# windings are still local minima? Explain with the belt.
+# windings are still local minima? Explain with the belt trick.
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
-# Only 0 and -1. A loop in SO(3) of an odd number of turns can always be turned into one of a
-# single turn, an even one into none. Winding -1 turns by 340 degrees in all, the least of the odd
-# ones (winding 1 turns by 380). Every other winding is a saddle, and descent leaves it without
-# lifting.
+# Only 0 and -1. A loop in SO(3) with an odd number of turns can always be deformed into a single
+# turn, an even one into none. Winding -1 turns by 340 degrees in all, the least of the odd ones
+# (winding 1 turns by 380). Every other winding is a saddle, and descent leaves it without lifting.
 space = winding_cycle(n, theta, 0, d=3)[0].graph
 space_problem = certpgo.RotationProblem(space)
 space_minima = [

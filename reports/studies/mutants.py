@@ -48,7 +48,11 @@ TESTS = {
     "certpgo/certify/certificate.py": ("certify/test_certificate*", "certify/test_certify*"),
     "certpgo/certify/curvature.py": ("certify/test_curvature*",),
     "certpgo/certify/dual.py": ("certify/test_dual*", "certify/test_residual*"),
-    "certpgo/certify/judge.py": ("certify/test_certify*", "certify/test_attacks*"),
+    "certpgo/certify/judge.py": (
+        "certify/test_judge*",
+        "certify/test_certify*",
+        "certify/test_attacks*",
+    ),
     "certpgo/certify/parts.py": ("certify/test_parts*",),
     "certpgo/certify/proof.py": ("certify/test_proof*", "test_checker*"),
     "certpgo/certify/proof_file.py": ("certify/test_proof*", "test_checker*"),
@@ -68,6 +72,8 @@ ALLOWED = 0.05
 PATIENCE, FACTOR = 20.0, 5.0
 #: Bytes that a mutant may fill.
 MEMORY = 6 << 30
+#: Exit code of tests that end the process before they are done.
+LEFT = 71
 
 
 # --- The mutants
@@ -333,7 +339,11 @@ def run_tests(folder: Path, files: list[str], session: Session) -> int:
     sys.dont_write_bytecode = True
     # No assertions are rewritten: that would take longer than many a test.
     arguments = ["-x", "-q", "--tb=line", "--assert=plain", "-p", "no:cacheprovider", *files]
-    return int(pytest.main(arguments, plugins=[session]))
+    try:
+        code = int(pytest.main(arguments, plugins=[session]))
+    except SystemExit:  # while a conftest is imported
+        return LEFT
+    return LEFT if code == pytest.ExitCode.INTERNAL_ERROR else code  # and later
 
 
 def forked(task: Callable[[], int], limit: float) -> tuple[int | None, str]:
@@ -386,7 +396,7 @@ class Copy:
         words = next((x.split() for x in said.splitlines() if x.startswith("FAILED-IN")), None)
         if words:
             return "timeout" if "TIMEOUT" in words else "killed", words[1]
-        if code < 0 or "ImportError while loading conftest" in said:
+        if code < 0 or code == LEFT or "ImportError while loading conftest" in said:
             return "killed", f"exit code {code}"
         raise SystemExit(f"{module}: no test failed, and yet {code}:\n{said[-2000:]}")
 

@@ -78,7 +78,7 @@ def test_nothing_holds_for_a_wound_up_cycle():
     instance, point = synthetic.winding_cycle(12, 0.7, 1)
     found = rungs(RotationProblem(instance.graph), point)
     assert not any(rung.holds for rung in found.values())
-    assert "above the best" in found["proven"].says
+    assert "above the optimum" in found["proven"].says
 
 
 def test_poses_have_the_bound_with_translations_eliminated():
@@ -170,7 +170,7 @@ def test_what_is_above_the_cost_is_no_bound(program, monkeypatch):
     monkeypatch.setattr(program, "bound", problem.cost(point) * (1 + 1e-9))
     rung = rungs(problem, point, sdp=True)["sdp"]
     assert (rung.value, rung.holds) == (None, None)
-    assert rung.says.startswith("not a bound: the value found")
+    assert rung.says.startswith("not a bound: the computed value")
 
 
 @pytest.mark.parametrize(
@@ -209,4 +209,4 @@ def test_a_program_without_a_method_is_a_rung_with_its_reason(program, monkeypat
     instance, point = synthetic.winding_cycle(12, 0.7, 0)
     monkeypatch.setattr(registry, "solver_names", tuple)
     rung = rungs(RotationProblem(instance.graph), point, sdp=True)["sdp"]
-    assert rung.says == f"not solved: there is no method {PROGRAM} here"
+    assert rung.says == f"not solved: no method {PROGRAM} here"

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, seeds
 
-from certpgo.certify.curvature import negative_curvature
+from certpgo.certify.curvature import negative_curvature, smallest_eigenvalues
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.lift import lifted
@@ -99,3 +99,19 @@ def test_it_is_found_where_there_is_some(seed, d, poses):
         assert value < 0.5 * smallest
         start = lifted(point, d + 1)
         assert problem.cost(low_rank.leave(problem, start, direction)) < problem.cost(point)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("poses", [True, False])
+def test_the_smallest_eigenvalues_are_as_many_as_asked_for(d, poses):
+    """In ascending order, to three digits; of a matrix of that size no more than it has."""
+    graph, R, _ = pose_graph(rng_of(d), 7, d, noise=1.0)
+    problem = problem_of(graph if poses else graph.rotation)
+    point = problem.complete(R)
+    multipliers = problem.multipliers(point)
+    dense = np.linalg.eigvalsh(eliminated(problem, point))
+    for k in (1, d + 1, 7 * d, 7 * d + 5):
+        found = smallest_eigenvalues(problem, multipliers, k)
+        expected = dense[:k]
+        assert found.shape == expected.shape
+        np.testing.assert_allclose(found, expected, rtol=0, atol=2e-3 * np.abs(dense).max())

@@ -153,6 +153,11 @@ def test_multipliers_in_other_units_are_no_larger(seed, d, power):
             assert less[a][a] >= sum(abs(less[a][b]) for b in range(d) if b != a)
 
 
+def test_multipliers_in_other_units_are_the_same_where_nothing_underflows():
+    A = np.random.default_rng(0).standard_normal((3, 2, 2))
+    np.testing.assert_array_equal(scaled_blocks(2.0**-100, A), 2.0**-100 * A)
+
+
 @pytest.mark.parametrize("power", [-1074, -1000])
 def test_certificates_in_units_that_underflow_stay_true(power):
     instance, _ = winding_cycle(9, 0.3, 0)
@@ -165,6 +170,19 @@ def test_certificates_in_units_that_underflow_stay_true(power):
         exact = Fraction(unit) * Fraction(before)
         assert exact <= Fraction(after) <= exact + Fraction(2.0**-1074)
     assert scaled.scale == unit * certificate.scale
+
+
+@pytest.mark.parametrize("power", [-300, -3, 0, 300])
+def test_the_bounds_of_a_certificate_are_in_the_weights_units(power):
+    """Of a triangle that does not close, whose bound by eigenvalues is its optimum."""
+    instance, _ = winding_cycle(3, 0.5, 0)
+    problem = RotationProblem(instance.graph.with_weights(2.0**power))
+    found = certify(problem, instance.truth).bounds
+    assert found.fiedler == pytest.approx(2.0**power * 3.0, rel=1e-9)
+    optimum = 2.0**power * 24.0 * math.sin(0.5 / 6.0) ** 2
+    assert found.spectral == pytest.approx(optimum, rel=1e-4)
+    assert found.spectral <= optimum
+    assert found.cycle == pytest.approx(math.pi / 3.0)
 
 
 @pytest.mark.parametrize("scale", [2.0**-380, 1.0, 2.0**380])

@@ -85,6 +85,16 @@ def test_a_small_part_is_not_lost_beside_an_exact_one():
     assert 0.99 * optimum <= certificate.lower_bound <= optimum * (1.0 + 1e-12)
 
 
+def test_parts_of_an_unrefined_estimate_are_not_improved_either():
+    graph = joined(0, 1e3)
+    best = certpgo.solve(graph)
+    turned = so.exp(1e-3 * np.random.default_rng(0).standard_normal((24, 3)))
+    off = Estimate(best.estimate.rotations @ turned, best.estimate.translations)
+    problem = PoseProblem(graph)
+    assert certify(problem, off).lower_bound >= 0.99 * best.cost
+    assert certify(problem, off, refine=False).lower_bound == 0.0
+
+
 def test_parts_are_what_bridges_leave():
     graph = joined(0, 5.0)
     problem = PoseProblem(graph)
@@ -94,6 +104,12 @@ def test_parts_are_what_bridges_leave():
     assert sum(part.problem.graph.num_edges for part in found) == graph.num_edges - 1
     assert outside(problem, found) == pytest.approx(26.0 / problem.scale, rel=1e-12)
     assert parts(found[0].problem) == []
+
+
+def test_a_pair_measured_twice_between_bridges_is_a_part():
+    edges = np.array([[0, 5], [0, 1], [1, 2], [2, 1], [2, 3], [3, 4]])
+    graph = RotationGraph(6, edges, np.tile(np.eye(3), (6, 1, 1)), np.ones(6))
+    assert [part.nodes.tolist() for part in parts(RotationProblem(graph))] == [[1, 2]]
 
 
 @given(st.integers(0, 1000))

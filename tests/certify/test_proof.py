@@ -149,6 +149,31 @@ def test_a_proof_repeats_the_reading_options(tmp_path, options):
     assert said.upper == pytest.approx(answer.cost, rel=1e-12)
 
 
+@pytest.mark.parametrize("kept", [True, False])
+@pytest.mark.parametrize("by_folder", [True, False])
+def test_a_proof_is_about_the_component_beside_a_scene(tmp_path, kept, by_folder):
+    graph, _ = rotation_graph(rng_of(5), 6, 3, extra=6, noise=0.1)
+    lines = [
+        " ".join(map(repr, [int(i), int(j), *map(float, [*R.ravel(), 0.0, 0.0, 1.0])]))
+        for (i, j), R in zip(graph.edges, graph.rotations, strict=True)
+    ]
+    inside = set(range(6))
+    if kept:  # a measurement that leads out of the component
+        lines.append(" ".join(map(repr, [0, 6, *np.eye(3).ravel().tolist(), 0.0, 0.0, 1.0])))
+        (tmp_path / "cc.txt").write_text("\n".join(map(str, inside)))
+    (tmp_path / "EGs.txt").write_text("\n".join(lines))
+    source = tmp_path if by_folder else tmp_path / "EGs.txt"
+    instance = certpgo.read(source, quiet=True)
+    assert instance.graph.num_nodes == 6
+    answer = certpgo.solve(instance.graph)
+    proof = tmp_path / "scene.cert"
+    said = write_proof(proof, source, instance, answer.estimate, answer.certificate)
+    assert said.upper == pytest.approx(answer.cost, rel=1e-9)
+    assert said.relative_gap < 1e-9
+    assert said == checker.check(tmp_path, proof) == checker.check(tmp_path / "EGs.txt", proof)
+    assert ("nodes of cc.txt alone" in said.about) is kept
+
+
 def test_what_cannot_be_proven_is_said_and_nothing_is_written(tmp_path):
     graph, _, _ = pose_graph(rng_of(7), 6, 3)
     certpgo.write(tmp_path / "graph.npz", graph)

@@ -27,12 +27,12 @@ def wound(tmp_path):
 def test_bounds_in_words(certpgo, wound):
     done = certpgo("bounds", wound[0])
     assert done.code == 0
-    assert "of our own answer: CERTIFIED" in done.out
+    assert "of certpgo solve's estimate: CERTIFIED" in done.out
     for words in (
         "half a turn over the nodes",
         "15 deg",
-        "not asked for",
-        "the best, to six digits",
+        "not requested",
+        "optimal, to six digits",
     ):
         assert words in done.out
 

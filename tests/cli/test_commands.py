@@ -118,7 +118,7 @@ def test_documents_of_solve_and_certify_have_one_shape(certpgo, square, tmp_path
     solved = certpgo("solve", square, "-o", out, "--json").json
     certified = certpgo("certify", square, out, "--json").json
     shared = solved.keys() & certified.keys()
-    assert list(solved)[:5] == ["schema", "graph", "reading", "certified_cost", "verdict"]
+    assert list(solved)[:5] == ["schema", "graph", "reading", "objective", "verdict"]
     assert solved.keys() - shared == {"solution"}
     assert certified.keys() - shared == {"best", "costliest_edges", "digits"}
     assert solved["certificate"].keys() == certified["certificate"].keys()
@@ -133,7 +133,7 @@ def test_solve_certifies_and_says_where_it_started(certpgo, square):
     done = certpgo("solve", square)
     assert done.code == 0
     assert "CERTIFIED" in done.out
-    assert "started from laplacian_gauss_newton" in done.out
+    assert "initialized by laplacian_gauss_newton" in done.out
     report = certpgo("solve", square, "--json").json
     assert report["solution"]["start"] == "laplacian_gauss_newton"
     assert [level["rank"] for level in report["solution"]["levels"]] == [2]
@@ -177,7 +177,7 @@ def test_an_answer_that_is_not_certified_says_what_to_try(certpgo, square):
     done = certpgo("solve", square, "--method", "spanning_tree")
     assert done.code == 3
     assert "without --method" in done.err
-    assert "judged by" in done.out
+    assert "objective" in done.out
     assert "weights from the file" in done.out
     assert "note" not in certpgo("solve", square, "--method", "newton").err
 
@@ -228,7 +228,7 @@ def test_a_wrong_winding_is_refuted(certpgo, tmp_path):
     done = certpgo("certify", graph, estimate)
     assert done.code == 4
     assert done.out.startswith("REFUTED")
-    assert "better answer" in done.out
+    assert "lower cost" in done.out
 
 
 def test_the_screening_tier_never_certifies(certpgo, square, tmp_path):
@@ -438,12 +438,12 @@ def test_certify_says_how_far_the_best_answer_is_and_where_the_cost_sits(certpgo
     done = certpgo("certify", square, rounded)
     assert done.code == 3
     assert "the right basin" in done.out
-    assert "the best possible answer is" in done.out
-    assert "the file's 3 decimals make even the best answer cost" in done.out
+    assert "the optimum is" in done.out
+    assert "rounding to the file's 3 decimals raises even the best F by" in done.out
     assert done.out.count("% of F, off by") == 3
     assert "--best" in done.err
     report = certpgo("certify", square, rounded, "--json").json
-    assert report["certified_cost"].startswith("F with weights from the file")
+    assert report["objective"].startswith("F with weights from the file")
     assert report["best"]["is_optimal"]
     assert report["best"]["cost_upper"] == report["certificate"]["refined_cost"]
     assert 0.0 < report["best"]["mean_m"] <= report["best"]["worst_m"] < 1e-2
@@ -461,7 +461,7 @@ def test_certify_polishes_to_the_better_answer(certpgo, tmp_path):
     package.write(estimate, wound)
     done = certpgo("certify", graph, estimate, "--best", best)
     assert done.code == 4
-    assert "improving it step by step does not lead there" in done.out
+    assert "local descent from it does not lead there" in done.out
     assert certpgo("certify", graph, best).code == 0
 
 

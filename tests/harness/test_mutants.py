@@ -117,6 +117,16 @@ def test_survivors_are_found_and_the_equivalent_excused(checkout):
     assert " 0 equivalent" not in again.stdout
 
 
+@pytest.mark.parametrize("where", ["tests/conftest.py", "tests/certify/test_small.py"])
+def test_tests_that_end_the_process_do_not_pass(tool, checkout, where):
+    """What leaves as it is imported takes pytest with it."""
+    (checkout / where).write_text("raise SystemExit(0)\n")
+    session = tool.Session(checkout / "times.json")
+    files = ["tests/certify/test_small.py"]
+    code, _ = tool.forked(lambda: tool.run_tests(checkout, files, session), 60.0)
+    assert code == tool.LEFT
+
+
 def test_the_excused_are_mutants_of_today(tool):
     listed = tool.equivalent()
     modules = {m.module for m in listed}

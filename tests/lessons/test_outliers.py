@@ -52,7 +52,7 @@ def test_the_majority_wins_right_or_wrong_and_is_certified(taught):
     assert {verdict for _, verdict, *_ in alike.values()} == {"CERTIFIED"}
     assert all(error < 2.0 for count, (error, *_) in alike.items() if count < 10)
     assert all(error == pytest.approx(45.0, abs=1.0) for c, (error, *_) in alike.items() if c > 10)
-    assert taught["truncated"]["wrong answer"] < taught["truncated"]["right answer"]
+    assert taught["truncated"]["wrong estimate"] < taught["truncated"]["right estimate"]
 
 
 def test_exercises(taught):

@@ -5,9 +5,11 @@ import pytest
 from hypothesis import given
 from strategies import dense_cost, dimensions, pose_graph, rng_of, rotation_graph, seeds
 
+from certpgo import certify
 from certpgo.errors import GraphError, InputError
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.linalg import so
+from certpgo.linalg.factor import engines
 from certpgo.objective import operators
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 
@@ -218,3 +220,21 @@ def test_a_problem_of_another_kind_of_graph_is_refused():
         RotationProblem(graph)
     with pytest.raises(InputError, match="PoseProblem takes a PoseGraph, not a RotationGraph"):
         PoseProblem(graph.rotation)
+
+
+@pytest.mark.parametrize("engine", engines())
+def test_a_problem_has_its_engine_and_hands_it_on(engine):
+    graph, _, _ = pose_graph(np.random.default_rng(0), 8, 3)
+    problem = problem_of(graph, engine)
+    derived = (
+        problem,
+        problem.rotation,
+        problem.scaled(0.5),
+        problem.reweighted(np.ones(graph.num_edges)),
+        problem.with_unit_weights(),
+        problem.rotation.with_unit_weights(),
+    )
+    for other in derived:
+        assert other.engine == engine
+        assert other.symbolic(other.matrix).engine == engine
+    assert certify(problem, problem.complete(np.tile(np.eye(3), (8, 1, 1)))).engine == engine

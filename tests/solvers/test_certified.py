@@ -76,7 +76,7 @@ def solve_from(graph, start, **options):
 def climbed(answer):
     """Whether the staircase left the given start at rank d for a better point above."""
     ranks = [level.rank for level in answer.levels]
-    assert answer.start == "given"
+    assert answer.start == "the given estimate"
     assert len(ranks) > 1
     assert ranks == list(range(ranks[0], ranks[0] + len(ranks)))
     assert all(level.eigenvalue < 0.0 for level in answer.levels[:-1])
@@ -120,7 +120,7 @@ def test_wound_up_cycles_of_poses_are_unwound(n, winding, d):
     instance, wound = winding_cycle(n, 0.3, winding, d)
     graph, t = pulled(instance.graph, 0.5, np.random.default_rng(n))
     answer = solve_from(graph, Estimate(wound.rotations, t))
-    assert answer.start == "given"
+    assert answer.start == "the given estimate"
     # The steps agree with the optimum of the rotations, and pull nowhere.
     assert certified_at(answer, 8 * n * math.sin(0.3 / (2 * n)) ** 2, problem_of(graph).scale)
     if n == 60 and winding == 1:
@@ -152,7 +152,7 @@ def test_helices_wound_up_around_the_cylinder(turns, winding, poses):
     assert own.verdict is Verdict.CERTIFIED
     answer = solve_from(graph, start)
     assert certified_at(answer, own.cost)
-    assert answer.start == "given"
+    assert answer.start == "the given estimate"
     if winding == 1:
         assert climbed(answer)
         assert answer.levels[0].cost > 100.0 * own.cost
@@ -606,11 +606,11 @@ def test_a_given_start_that_leads_nowhere_gives_way_to_our_own():
     assert certified_at(answer, 480 * math.sin(0.3 / 120) ** 2)
     assert len(answer.levels) == 1
     assert answer.start == solve(graph).start
-    assert f"started from {answer.start}, which led to a lower cost than" in answer.solution.note
+    assert f"initialized by {answer.start}, which led to a lower cost than" in answer.solution.note
     # Where it leads to the optimum, nothing else is tried.
     again = solve(graph, initial=answer.estimate)
-    assert again.start == "given"
-    assert again.solution.note.startswith("started from given")
+    assert again.start == "the given estimate"
+    assert again.solution.note.startswith("initialized by the given estimate")
     assert len(again.solution.trace) <= 2
 
 
@@ -619,7 +619,7 @@ def test_a_given_start_is_kept_where_our_own_is_no_better():
     own = solve(graph)
     assert own.verdict is Verdict.BOUNDED
     answer = solve(graph, initial=own.estimate)
-    assert answer.start == "given"
+    assert answer.start == "the given estimate"
     assert answer.cost <= own.cost * (1.0 + 1e-12)
 
 
@@ -662,7 +662,7 @@ def test_an_undecided_answer_says_what_to_do_next():
     assert len(answer.levels) == 1
     share = answer.certificate.cost_upper / answer.certificate.scale
     assert f"atol={2.0 * share:.1g}" in answer.certificate.reason
-    assert "shows no way down" in answer.certificate.reason
+    assert "has no lower point" in answer.certificate.reason
     assert solve(graph, atol=float(f"{2.0 * share:.1g}")).verdict is Verdict.CERTIFIED
 
 

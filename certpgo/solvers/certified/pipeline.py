@@ -1,4 +1,4 @@
-"""The certified pipeline: start, optimise, certify; escape, round and polish where that fails."""
+"""The certified pipeline: initialize, optimize, certify; escape, round, polish where needed."""
 
 from __future__ import annotations
 
@@ -14,10 +14,13 @@ from certpgo.objective.problem import Problem, problem_of
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.progress import stoppable
 from certpgo.optimize.solution import Solution, Status
+from certpgo.optimize.starts import Start
 from certpgo.solvers.certified.disagreement import Disagreement, agrees, disagreement, ignore
 from certpgo.solvers.certified.settings import SolveSettings
 from certpgo.solvers.certified.staircase import Level, Staircase
 
+#: What an initial estimate of the caller is called.
+GIVEN = "the given estimate"
 #: Dimensions that the staircase may add to the d of space.
 MORE_RANKS = 7
 
@@ -30,7 +33,7 @@ class CertifiedSolution:
     ----------
     solution : the estimate, how it was found, and what it cost to find
     certificate : what is proven about it
-    start : the method that the descent started from, or "given"
+    start : what the descent started from: a method, or "the given estimate"
     levels : the steps of the staircase, one when it never climbed
     settings : that it was found with
     disagreement : measurements that disagree with the rest, if residuals give reason to say so;
@@ -129,18 +132,20 @@ def solve(
             f"solve takes a graph, such as instance.graph, not a {type(graph).__name__}"
         )
     chosen = (settings or SolveSettings()).changed(options)
-    return _solve(problem_of(graph), chosen, initial, monitor, on_disagreement)
+    begin = None if initial is None else Start(initial, GIVEN)
+    return search_and_certify(problem_of(graph), chosen, begin, monitor, on_disagreement)
 
 
-def _solve(
+def search_and_certify(
     problem: Problem,
     settings: SolveSettings,
-    initial: Estimate | None,
+    initial: Start | None,
     monitor: Monitor,
     on_disagreement: Callable[[Disagreement], object] | None = None,
 ) -> CertifiedSolution:
+    """`solve` for a problem; the name of the initial estimate goes into the solution's note."""
     if initial is not None:
-        problem.check(initial)
+        problem.check(initial.estimate)
     highest = problem.d + MORE_RANKS if settings.max_rank is None else settings.max_rank
     if highest < problem.d:
         raise InputError(f"the maximal rank must be at least {problem.d}, not {highest}")
@@ -207,20 +212,20 @@ def _result(
         seconds=search.watch.seconds,
         trace=tuple(stop.trace),
         counts=dict(search.counts),
-        note=f"started from {search.origin}; {_end(search)}",
+        note=f"initialized by {search.origin}; {_end(search)}",
     )
     levels = tuple(replace(level, cost=unit * level.cost) for level in search.levels)
     return CertifiedSolution(solution, certificate, search.start, levels, search.settings)
 
 
 def _end(search: Staircase) -> str:
-    """Where the search ended, and how to make it go on where a limit of its own ended it."""
+    """Where the search ended, and how to let it continue where its own limit ended it."""
     where = f"the staircase ended at rank {search.levels[-1].rank}"
     if not search.ended_early:
         return where
     return (
-        f"{where}, {search.patience:g} s after a first bound; a time limit of your own "
-        "(time_limit, --time-limit) lets it go on"
+        f"{where}, {search.patience:g} s after a first bound; setting a time limit (time_limit, "
+        "--time-limit) lets it continue"
     )
 
 
@@ -229,12 +234,12 @@ def _reason(search: Staircase, certificate: Certificate) -> str:
     stopped = search.stop.status is not None
     minimal = search.has_reached_the_floor and not stopped
     if certificate.verdict is Verdict.UNDECIDED and minimal:
-        share = certificate.cost_upper / certificate.scale
+        cost, share = certificate.cost_upper, certificate.cost_upper / certificate.scale
         return (
-            f"the relaxation shows no way down, but the cost, {certificate.cost_upper:.4g}, is "
-            f"{share:.1g} of the weights of its terms, too little for a proof that allows for "
-            f"rounding: atol={2.0 * share:.1g} counts that as nothing, and weights of the true "
-            "precision of the data make it more"
+            f"the relaxation has no lower point, but the cost, {cost:.4g}, is only {share:.1g} of "
+            "the total weight W, too little for a proof that allows for rounding: "
+            f"atol={2.0 * share:.1g} treats it as zero, and weights that state the true precision "
+            "of the data raise it"
         )
     if certificate.verdict is Verdict.UNDECIDED:
         how = "stopped" if stopped else _end(search)
@@ -242,7 +247,7 @@ def _reason(search: Staircase, certificate: Certificate) -> str:
     if certificate.verdict is not Verdict.BOUNDED:
         return certificate.reason
     if minimal:
-        limit = "the relaxation shows no way down: rounding is what limits the proof"
+        limit = "the relaxation has no lower point: rounding limits the proof"
         return f"{certificate.reason}; {limit}"
     return f"{certificate.reason}; {_end(search)}" if search.ended_early else certificate.reason
 
@@ -269,7 +274,8 @@ class Certified(SolveSettings):
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
         """The best estimate found."""
-        return _solve(problem, self, initial, monitor).solution
+        begin = None if initial is None else Start(initial, GIVEN)
+        return search_and_certify(problem, self, begin, monitor).solution
 
 
 SOLVER = Certified

@@ -13,8 +13,9 @@ from certpgo.graph import Estimate, Graph
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.progress import stoppable
+from certpgo.optimize.starts import Start
 from certpgo.solvers.certified.disagreement import select
-from certpgo.solvers.certified.pipeline import CertifiedSolution, solve
+from certpgo.solvers.certified.pipeline import CertifiedSolution, search_and_certify
 from certpgo.solvers.certified.settings import SolveSettings
 
 
@@ -71,20 +72,18 @@ def solve_robustly(
             selection = select(problem, initial=initial, monitor=stop)
         left = None if limit is None else limit - min(limit, stop.watch.total)
         ended = stop.status
-        found = solve(
-            problem.reweighted(selection.weights).graph,
+        found = search_and_certify(
+            problem.reweighted(selection.weights),
             replace(chosen, time_limit=left if ended is None else 0.0),
-            initial=selection.estimate,
-            monitor=monitor,
+            Start(selection.estimate, "the robust fit"),
+            monitor,
         )
     solution = replace(
         found.solution,
         cost=problem.cost(found.estimate),
         status=ended or found.solution.status,
         seconds={**stop.watch.seconds, **found.solution.seconds},
-        note=f"{selection.note(problem)}; {found.solution.note}".replace(
-            "started from given", "started from the robust fit"
-        ),
+        note=f"{selection.note(problem)}; {found.solution.note}",
         weights=selection.weights,
     )
     return replace(found, solution=solution, start=selection.method, disagreement=None)

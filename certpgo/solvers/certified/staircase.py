@@ -66,7 +66,7 @@ class Staircase:
     """
 
     def __init__(
-        self, case: Case, settings: SolveSettings, stop: Stop, initial: Estimate | None
+        self, case: Case, settings: SolveSettings, stop: Stop, initial: Start | None
     ) -> None:
         self.case, self.problem, self.settings, self.stop = case, case.problem, settings, stop
         self.watch = stop.watch
@@ -83,10 +83,10 @@ class Staircase:
         self.cost = cost_upper(self.problem, self.best.estimate)
         self.improve_bound(self.best.estimate)
         if initial is not None and settings.try_own_start:
-            self.start_again()
+            self.start_again(initial.name)
         self.levels = [Level(self.problem.d, self.best.cost, self.best.status)]
 
-    def start_again(self) -> None:
+    def start_again(self, initial: str) -> None:
         """A descent from an initialization of our own; the better one counts."""
         # Of a bridge's weight, a tolerance may hide that there is something better.
         if self.stop.asked or self.case.is_sharp(self.basin):
@@ -95,15 +95,15 @@ class Staircase:
             own = self.own_start()
             if self.improve(self.descend(own.estimate, near=own.near)):
                 self.start = own.name
-                self.origin = f"{own.name}, which led to a lower cost than the estimate given"
+                self.origin = f"{own.name}, which led to a lower cost than {initial}"
 
-    def given(self, initial: Estimate) -> Start:
-        """The start that the caller chose, with the best translations."""
+    def given(self, initial: Start) -> Start:
+        """The initial estimate of the caller, with the best translations."""
         with self.watch.phase("start"):
-            return Start(self.problem.complete(initial.rotations), "given")
+            return replace(initial, estimate=self.problem.complete(initial.estimate.rotations))
 
     def own_start(self) -> Start:
-        """The start that we would choose."""
+        """An initialization of our own."""
         with self.watch.phase("start"):
             return start_of(self.problem)
 
