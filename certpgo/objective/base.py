@@ -136,7 +136,7 @@ class Objective(ABC):
         """Refuse an estimate of another graph by an InputError."""
         if not isinstance(estimate, Estimate):
             raise InputError(
-                f"an Estimate is expected, not a {type(estimate).__name__}: certify_values accepts "
+                f"an Estimate is expected, not a {type(estimate).__name__}: certify_values takes "
                 "GTSAM's Values, read_estimate reads files"
             )
         if (estimate.num_nodes, estimate.d) != (self.n, self.d):
