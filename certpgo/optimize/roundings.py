@@ -18,7 +18,7 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import PoseProblem, Problem
 
-#: Maximal number of rotations in all candidates, minimal and maximal number of candidates; at most
+#: Maximal number of rotations in all candidates; minimal and maximal number of candidates, at most
 #: two per node.
 ROTATIONS, FEWEST, MOST = 8_000, 4, 64
 #: Candidates for a point of rank d + 1; k^2 times as many for rank d + k.

@@ -30,7 +30,7 @@ from certpgo.objective.problem import Problem
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.solution import Solution, Status
 
-#: Newton steps; convergence is quadratic, or at worst by a third per step.
+#: Newton steps; each squares the error, or at worst removes a third of it.
 MAX_STEPS = 100
 #: Rounding of a residual's entries: three rotation matrices and their product.
 ROUNDING = 2.0 * so.ROUNDING_DEFECT
