@@ -1,9 +1,9 @@
-"""What GTSAM's staircases for rotation averaging share: where they start, and their ranks."""
+"""The base of GTSAM's staircases for rotation averaging: initialization and ranks."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -15,8 +15,6 @@ from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
 from ._baseline import Baseline
 from ._gtsam import Model, isotropic_model, library
 
-STARTS = ("fastsync", "chordal", "random")
-
 
 @dataclass(frozen=True)
 class Averaging(Baseline):
@@ -24,16 +22,11 @@ class Averaging(Baseline):
 
     Attributes
     ----------
-    rank : where the staircase begins; by default the dimension of space
-    max_rank : where it ends; GTSAM's default is 10
-    start : where to start when no initial estimate is given: GTSAM's ``"fastsync"``, which is its
-        own default, its ``"chordal"`` initialization, or ``"random"`` rotations
+    rank : the first rank; by default the dimension of space
+    max_rank : the last rank; GTSAM's default is 10
+    start : initialization if no estimate is given: GTSAM's ``"fastsync"``, its own default, its
+        ``"chordal"`` initialization, or ``"random"`` rotations
     seed : of the random rotations
-
-    Raises
-    ------
-    SpecError
-        An unknown start, ranks that make no staircase, a negative seed.
     """
 
     poses: ClassVar[bool] = False
@@ -41,31 +34,22 @@ class Averaging(Baseline):
 
     rank: int | None = None
     max_rank: int = 10
-    start: str = "fastsync"
+    start: Literal["fastsync", "chordal", "random"] = "fastsync"
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.start not in STARTS:
-            raise SpecError.unknown("start", self.start, STARTS)
+        super().__post_init__()
         self.ranks(2)
-        if self.seed < 0:
-            raise SpecError(f"seed must not be negative: {self.seed}")
 
     def ranks(self, d: int) -> range:
-        """The ranks to climb in dimension d.
-
-        Raises
-        ------
-        SpecError
-            The first is below d, or above the last.
-        """
+        """The ranks of the staircase in dimension d."""
         first = d if self.rank is None else self.rank
         if not d <= first <= self.max_rank:
             raise SpecError(f"no ranks of at least {d} from {first} to {self.max_rank}")
         return range(first, self.max_rank + 1)
 
     def begin(self, problem: Problem, model: Model, initial: Estimate | None) -> Estimate:
-        """The rotations to start from."""
+        """The initial rotations."""
         if initial is not None:
             return initial
         if self.start == "random":
@@ -76,7 +60,7 @@ class Averaging(Baseline):
 
 
 def posed(problem: RotationProblem) -> Model:
-    """The measurements as those of poses at one place: what GTSAM asks for here and there."""
+    """The measurements as relative poses without translation, which some of GTSAM needs."""
     graph = problem.graph
     still = np.zeros((graph.num_edges, graph.d))
     return isotropic_model(PoseProblem(PoseGraph(graph, still, graph.kappa)))

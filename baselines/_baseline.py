@@ -1,4 +1,4 @@
-"""What every baseline of GTSAM is: made ready, run, timed and told in the package's terms."""
+"""The base of GTSAM's baselines: built, run, timed and reported in the package's terms."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
 from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.optimize.iterative import Settings
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.solution import Solution, Status
 
@@ -17,7 +18,7 @@ from ._gtsam import Model, library, translated
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What a step of GTSAM gives: values, how it ended, what it did, and its own verdict if any."""
+    """What a run of GTSAM gives; the note is its own verdict, if any."""
 
     values: Any
     status: Status = Status.CLOSED_FORM
@@ -27,25 +28,21 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Baseline:
-    """A method of GTSAM on a problem; subclasses say how it is made ready."""
+class Baseline(Settings):
+    """A method of GTSAM; subclasses implement `ready`."""
 
-    poses: ClassVar[bool] = True
     rotations: ClassVar[bool] = False
 
     def ready(
         self, problem: Problem, initial: Estimate | None, watch: Stopwatch
     ) -> tuple[Model, Callable[[], Outcome]]:
-        """Build GTSAM's objects; the call returned runs the method on them."""
+        """Build GTSAM's objects; the returned function runs the method on them."""
         raise NotImplementedError
 
     def prepared(self, problem: Problem, initial: Estimate | None = None) -> Callable[[], Any]:
-        """The method's step alone, for timing: graph and start are built before.
+        """A function that runs the method alone, for timing, and returns GTSAM's Values.
 
-        Returns
-        -------
-        A call without arguments that runs the step anew each time and returns GTSAM's Values; a
-        failure is a NumericalError as in `solve`.
+        Graph and initial values are built before; errors are as in `solve`.
         """
         self._check(problem)
         with translated():
@@ -60,26 +57,16 @@ class Baseline:
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
-        """Run the method; GTSAM cannot be watched, so the monitor is told nothing.
+        """Run the method; GTSAM calls nothing back, so the monitor is not used.
 
-        Returns
-        -------
-        Solution with seconds by phase: ``build`` (GTSAM's graph), ``start``, ``solve``; its note
-        is GTSAM's own verdict where it gives one, else which information the factors carried.
-
-        Raises
-        ------
-        InputError
-            A kind of problem that the method does not take, or an initial estimate of another one.
-        MissingDependency
-            GTSAM is not installed.
-        NumericalError
-            GTSAM gave up; the text is its own.
+        Phases are ``build`` (GTSAM's graph), ``start`` and ``solve``; the note is GTSAM's own
+        verdict if there is one, else the information that the factors used. GTSAM's exceptions
+        become NumericalErrors with its text.
         """
         self._check(problem)
         if initial is not None:
             problem.check(initial)
-        library()  # its import is nobody's phase
+        library()  # importing it is not timed
         watch = Stopwatch()
         with translated():
             model, step = self.ready(problem, initial, watch)

@@ -1,8 +1,8 @@
-"""The thesis' block matrices of measurements, and what a block column of theirs says of poses.
+"""The thesis' block matrices of measurements, and poses from their block columns.
 
 Moreira 2020, section 2.3: with M_i the inverse of pose i, measured blocks are M_ij = M_i M_j^-1,
 [R_ij t_ij; 0 1] for poses (b = d + 1) and R_ij for rotations alone (b = d), and the block column
-M_C of the M_i makes the complete matrix M_B = M_C M_C^-b of rank b.
+M_C of the M_i gives the complete matrix M_B = M_C M_C^-b of rank b.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def block_size(problem: Problem) -> int:
 
 
 def edge_blocks(problem: Problem) -> tuple[IntArray, FloatArray]:
-    """Edges (m, 2) and their blocks M_ij (m, b, b), one a measurement."""
+    """Edges (m, 2) and their blocks M_ij (m, b, b)."""
     graph = problem.rotation.graph
     d, b = problem.d, block_size(problem)
     blocks = np.zeros((graph.num_edges, b, b))
@@ -37,9 +37,8 @@ def edge_blocks(problem: Problem) -> tuple[IntArray, FloatArray]:
 def measured_both_ways(problem: Problem) -> tuple[IntArray, FloatArray, FloatArray]:
     """Pairs (p, 2) i < j, each once, their blocks M_ij (p, b, b), and their blocks M_ji.
 
-    Backward measurements count by their inverses, and of parallel ones the mean is taken: of poses
-    no pose, and the inverse of a mean is not the mean of the inverses, which alone makes no
-    difference between i and j.
+    Backward measurements are inverted, and parallel ones averaged in each direction: the inverse of
+    a mean is not the mean of the inverses, and this way i and j are interchangeable.
     """
     edges, blocks = edge_blocks(problem)
     i, j = edges.T
@@ -67,7 +66,7 @@ def block_matrix(
 ) -> sparse.csr_array:
     """(bn, bn): blocks ``forward`` at (i, j), ``backward`` at (j, i), ``diagonal`` (n, b, b).
 
-    Blocks of one place are summed.
+    Blocks at the same place are summed.
     """
     b = diagonal.shape[-1]
     k = np.arange(n)
@@ -83,8 +82,8 @@ def block_matrix(
 def poses_of(column: FloatArray, problem: Problem) -> Estimate:
     """The estimate nearest to a block column (bn, b) of orthonormal columns that the M_i span.
 
-    For poses the last lines of the blocks are brought nearest to [0 ... 0 1] first. Then blocks are
-    projected, their common reflection undone, and inverted.
+    For poses the last rows of the blocks are first made nearly [0 ... 0 1]. Then blocks are
+    projected, without a common reflection, and inverted.
     """
     d, b = problem.d, block_size(problem)
     blocks = column.reshape(problem.n, b, b)
@@ -100,9 +99,9 @@ def poses_of(column: FloatArray, problem: Problem) -> Estimate:
 
 
 def _homogenizing(last: FloatArray) -> FloatArray:
-    """(b, b) matrix Q that brings lines (n, b) nearest to [0 ... 0 1].
+    """(b, b) matrix Q that takes rows (n, b) nearest to [0 ... 0 1].
 
-    Its first columns are the b - 1 directions in which the lines are smallest; the last is the
+    Its first columns are the b - 1 directions in which the rows are smallest; the last is the
     least-squares solution of last Q_b = 1.
     """
     few = len(last) < last.shape[1]

@@ -1,10 +1,10 @@
 """Completing the block matrix M_B of rank b from its known blocks (Moreira 2020, section 2.3).
 
-What is not known is never stored: a matrix is C D, of rank b, plus what differs from it on known
-blocks, so that a step costs O(m + n) where the published methods fill (bn)^2 entries. Diagonal
-blocks are known to be identities, although the adjacency that masks eq. 2.13 to 2.18 leaves them
-out: without them a bipartite graph, as are grids and trees, ties C_i of even nodes to D_j of odd
-ones only, and nothing relates the two halves.
+Missing blocks are never stored: a matrix is C D, of rank b, plus its difference on known blocks, so
+that a step costs O(m + n) where the published methods fill (bn)^2 entries. Diagonal blocks are
+known to be identities, although the mask of eq. 2.13 to 2.18 omits them: without them a bipartite
+graph, such as a grid or tree, relates C_i of even nodes only to D_j of odd ones, and the two halves
+are independent.
 """
 
 from __future__ import annotations
@@ -12,14 +12,13 @@ from __future__ import annotations
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from scipy import sparse
 
-from certpgo.errors import SpecError
 from certpgo.graph import Estimate
-from certpgo.graph.trees import compose, spanning_tree
+from certpgo.graph.trees import tree_initialization
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.linalg.blocks import BlockPattern
 from certpgo.objective.problem import PoseProblem, Problem
@@ -30,15 +29,15 @@ from certpgo.optimize.solution import Solution
 
 from ._blocks import block_size, inverses, measured_both_ways, poses_of
 
-#: Where to start: poses along a spanning tree, or what is known alone, with zeros for the rest.
+#: Initialization: poses along a spanning tree, or the known blocks, with zeros for missing ones.
 Start = Literal["tree", "measurements"]
 
-NOTE = "all edges weigh alike: matrix completion knows no weights"
+NOTE = "equal edge weights: matrix completion does not support others"
 
-#: Costs below this share of that of M_B = 0 are zero but for rounding.
-NOTHING = 1e-16
-#: Growth of the squared singular values, relative, at which they are found, and rounds at most.
-FOUND, ROUNDS = 1e-13, 100
+#: Rounding of costs, over the cost of M_B = 0.
+ROUNDING = 1e-16
+#: Relative growth of the squared singular values at which to stop, and maximal number of rounds.
+CONVERGED, ROUNDS = 1e-13, 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +54,8 @@ class Known:
 
     Attributes
     ----------
-    n : block rows
-    rows, columns : (k,) places of the blocks, in order
+    n : number of block rows
+    rows, columns : (k,) positions of the blocks, in order
     blocks : (k, b, b)
     """
 
@@ -79,12 +78,12 @@ class Known:
 
     @cached_property
     def size(self) -> float:
-        """Frobenius norm of what is known."""
+        """Frobenius norm of the known blocks."""
         return float(np.linalg.norm(self.blocks))
 
     @cached_property
     def pattern(self) -> BlockPattern:
-        """Where symmetric matrices with blocks at the known places stand."""
+        """The pattern of symmetric matrices with the known blocks."""
         upper = self.rows < self.columns
         return BlockPattern(self.n, np.stack([self.rows, self.columns], axis=1)[upper])
 
@@ -93,21 +92,21 @@ class Known:
         return np.searchsorted(self.rows, np.arange(self.n + 1))
 
     def at(self, L: LowRank) -> FloatArray:
-        """(k, b, b) blocks of C D at the known places."""
+        """(k, b, b) blocks of C D where they are known."""
         b = self.blocks.shape[-1]
         C, V = L.C.reshape(self.n, b, b), L.V.reshape(self.n, b, b)
         return np.asarray(C[self.rows] @ np.swapaxes(V[self.columns], 1, 2))
 
     def matrix(self, blocks: FloatArray) -> sparse.bsr_array:
-        """(bn, bn) matrix of ``blocks`` (k, b, b) at the known places, zero elsewhere."""
+        """(bn, bn) matrix of ``blocks`` (k, b, b) at the known positions, zero elsewhere."""
         N = self.n * blocks.shape[-1]
         return sparse.bsr_array((blocks, self.columns, self._indptr), shape=(N, N))
 
 
 def nearest(change: sparse.bsr_array, L: LowRank) -> LowRank:
-    """The matrix of rank b nearest to L + change, its truncated SVD; C has orthonormal columns.
+    """The matrix of rank b nearest to L + change, with orthonormal C.
 
-    Block power iteration from L: no round is farther from L + change than L was.
+    By block power iteration from L: each round is at least as near as L.
     """
     V, back = L.V, change.T
     grown, reached = np.inf, 0.0
@@ -115,42 +114,30 @@ def nearest(change: sparse.bsr_array, L: LowRank) -> LowRank:
         C = np.linalg.qr(change @ V + L.C @ (L.V.T @ V))[0]
         V = back @ C + L.V @ (L.C.T @ C)
         grown, reached = float((V * V).sum()) - reached, float((V * V).sum())
-        if grown <= FOUND * reached:
+        if grown <= CONVERGED * reached:
             break
     return LowRank(C, V)
 
 
 @dataclass(frozen=True)
 class Completion(Iterative):
-    """A method that completes M_B and takes poses, or rotations, from its column space."""
+    """A method that completes M_B and computes poses or rotations from its column space."""
 
     start: Start = "tree"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.start not in get_args(Start):
-            raise SpecError.unknown("start", self.start, get_args(Start))
 
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
-        """Poses or rotations of the completed matrix, each projected on its own.
+        """Poses or rotations of the completed matrix, each projected separately.
 
-        The trace tells the method's own cost, which is not F, and for a gradient what the tolerance
-        is about.
-
-        Raises
-        ------
-        InputError
-            An initial estimate of another graph, or a graph too large for the method.
+        The trace shows the method's own cost, not F, and as gradient the quantity that is compared
+        with the tolerance.
         """
         self.check(problem)
         watch = Stopwatch()
         with watch.phase("start"):
             known = Known.of(problem)
-            estimate = initial or compose(
-                problem.graph, spanning_tree(problem.graph, root="center")
-            )
+            estimate = initial or tree_initialization(problem.graph)
             problem.check(estimate)
             L = low_rank(estimate, problem)
             if initial is None and self.start == "measurements":
@@ -158,54 +145,46 @@ class Completion(Iterative):
         progress = Progress(monitor, self.tolerance, self.max_iterations, watch)
         column = self.complete(problem, known, L, progress)
         with watch.phase("poses"):
-            # Any other basis would do, but for the rotations, which must differ by a rotation.
+            # An orthonormal basis, so that rotations change by a rotation.
             estimate = poses_of(np.linalg.qr(column)[0], problem)
-        return Solution(
-            estimate=estimate,
-            cost=problem.cost(estimate),
-            status=progress.status,
-            iterations=progress.steps,
-            seconds=watch.seconds,
-            trace=tuple(progress.trace),
-            note=NOTE,
-        )
+        return progress.solution(estimate, problem.cost(estimate), note=NOTE)
 
     def check(self, problem: Problem) -> None:
-        """Refuse what the method cannot do: by default nothing."""
+        """Refuse a problem that is too large for the method; by default none."""
 
     @abstractmethod
     def complete(
         self, problem: Problem, known: Known, L: LowRank, progress: Progress
     ) -> FloatArray:
-        """Complete the matrix from L; its block column (bn, b)."""
+        """Complete the matrix from L; returns its block column (bn, b)."""
 
 
 @dataclass(frozen=True)
 class Alternation(Completion):
-    """Fill what is missing from the matrix of rank b, take the one nearest to that, and again.
+    """Alternate between filling missing blocks and projecting to rank b.
 
-    No step raises the cost.
+    No step increases the cost.
     """
 
     @abstractmethod
     def loss(self, residuals: FloatArray) -> tuple[float, FloatArray]:
-        """Cost of residuals on known blocks, and what of them the next matrix is to make good."""
+        """Cost of residuals on known blocks, and the correction for the next matrix."""
 
     def complete(
         self, problem: Problem, known: Known, L: LowRank, progress: Progress
     ) -> FloatArray:
-        """Alternate until the cost falls no more."""
-        nothing = NOTHING * known.size**2
+        """Alternate until the cost stops decreasing."""
+        rounding = ROUNDING * known.size**2
         blocks = known.at(L)
-        cost, wanted = self.loss(known.blocks - blocks)
-        fall, moved = np.inf, 0.0
-        while progress.advance(cost, fall, moved):
+        cost, correction = self.loss(known.blocks - blocks)
+        decrease, moved = np.inf, 0.0
+        while progress.advance(cost, decrease, moved):
             before = cost, blocks
             with progress.watch.phase("completion"):
-                L = nearest(known.matrix(wanted), L)
+                L = nearest(known.matrix(correction), L)
                 blocks = known.at(L)
-                cost, wanted = self.loss(known.blocks - blocks)
-            fall = (before[0] - cost) / max(before[0], nothing)
+                cost, correction = self.loss(known.blocks - blocks)
+            decrease = (before[0] - cost) / max(before[0], rounding)
             moved = float(np.linalg.norm(blocks - before[1]))
         return L.C
 

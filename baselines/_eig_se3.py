@@ -1,15 +1,15 @@
-"""The block column of EIG-SE(3), from eigenvectors or from singular vectors.
+"""The block column of EIG-SE(3), from eigenvectors or singular vectors.
 
 With w the edges' weights, A the block matrix of w M_ij (and w M_ij^-1 at (j, i)), D the weighted
-degrees and c the weight of the identities that stand for the measured M_ii, exact measurements have
+degrees and c the weight of the identities M_ii, exact measurements have
 (D + c I)^-1 (A + c I) M_C = M_C. With noise M_C is taken from the b leading eigenvectors, that is
 from those of L v = lambda (D + c I) v, L = D - A, of smallest lambda.
 
 As every block ends in [0 ... 0 1], L is block triangular: L [x; y] = [L_R x - T y; L_G y], y the
 last entry of each block, L_R the connection Laplacian, L_G the graph Laplacian and T the measured
-translations. So its spectrum is real, and three kinds of eigenvectors are found from sparse
-*symmetric* factorizations: [x; 0] with L_R x = lambda (D + c I) x, which are rotations; [t; 1] of
-lambda = 0 with L_R t = T 1, the translations; and spurious ones [x; y], y an eigenvector of L_G.
+translations. So its spectrum is real, and its eigenvectors come from sparse *symmetric*
+factorizations: [x; 0] with L_R x = lambda (D + c I) x, which are rotations; [t; 1] of lambda = 0
+with L_R t = T 1, the translations; and spurious ones [x; y], y an eigenvector of L_G.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from certpgo.objective.reduced import factor_shifted
 
 from ._blocks import block_matrix, block_size, edge_blocks, inverses
 
-#: Eigenvalues of the normalized matrices, in [0, 2], are not told apart below this.
+#: Difference below which eigenvalues of the normalized matrices, in [0, 2], count as equal.
 INDISTINCT = 1e-13
 #: Accuracy at which the graph's eigenvalues are first compared with the rotations'.
 ROUGH = 1e-2
-#: The shift that makes L^T L definite, over the mean degree squared, is the square of this.
+#: Square root of the shift that makes L^T L definite, over the mean degree.
 SHIFT = 1e-7
 
 
@@ -49,11 +49,6 @@ def leading_eigenvectors(
     weights : (m,) positive w, parallel edges add
     loop : c >= 0
     tol : relative accuracy of the eigenpairs
-
-    Raises
-    ------
-    NumericalError
-        No factorization, or no convergence.
     """
     rotation = problem.rotation
     n, d = problem.n, problem.d
@@ -65,7 +60,7 @@ def leading_eigenvectors(
     if not isinstance(problem, PoseProblem):
         return _unit(roots[:, None] * R.vectors)
     scalars = _normalized(operators.laplacian(rotation.pattern, weights), root)
-    # Only those that may count: inside a dense spectrum they converge slowly, if at all.
+    # Few eigenvalues first: inside a dense spectrum more converge slowly, if at all.
     G, _ = _smallest(rotation, scalars, 2, ROUGH)
     if G.lower[-1] <= R.values[-1]:
         G, _ = _smallest(rotation, scalars, d + 1, tol)
@@ -75,7 +70,7 @@ def leading_eigenvectors(
         x = _resolvent(turns, R, factor, value, roots * _translated(problem, weights, y))
         return _interleaved(roots * x, y)
 
-    # Of the d beside [t; 1], eigenvectors of L_G displace rotations that noise has pushed above.
+    # Besides [t; 1], eigenvectors of L_G displace rotations whose eigenvalues noise has increased.
     columns = [posed(np.ones(n), 0.0)]
     for k in np.argsort(np.r_[R.values, G.values[1:]], kind="stable")[:d]:
         if k < d:
@@ -88,12 +83,7 @@ def leading_eigenvectors(
 def trailing_singular_vectors(problem: Problem, weights: FloatArray, *, tol: float) -> FloatArray:
     """(bn, b) right singular vectors of the smallest singular values of L; thesis eq. 2.19, 2.20.
 
-    Through eigenvectors of L^T L + s^2 I, which has the inverse of an augmented sparse matrix.
-
-    Raises
-    ------
-    NumericalError
-        No convergence.
+    From eigenvectors of L^T L + s^2 I, whose inverse is a block of an augmented sparse matrix.
     """
     n, b = problem.n, block_size(problem)
     pairs, forward = edge_blocks(problem)
@@ -118,13 +108,13 @@ def _unit(V: FloatArray) -> FloatArray:
 
 
 def _normalized(A: CSC, root: FloatArray) -> CSC:
-    """diag(root) A diag(root), with A's very pattern."""
+    """diag(root) A diag(root), with the pattern of A."""
     data = A.data * root[A.indices] * np.repeat(root, np.diff(A.indptr))
     return CSC((data, A.indices, A.indptr), shape=A.shape)
 
 
 def _smallest(problem: RotationProblem, A: CSC, k: int, tol: float) -> tuple[Eigenpairs, Factor]:
-    """The k smallest eigenpairs of a normalized matrix, and the factor of it shifted."""
+    """The k smallest eigenpairs of a normalized matrix, and its shifted factor."""
     shifted, shift, factor = factor_shifted(problem, functools.partial(add_to_diagonal, A), 1.0)
     k = min(k, A.shape[0])
     return krylov_schur(shifted, factor.solve, k, shift=shift, tol=tol), factor
@@ -133,10 +123,10 @@ def _smallest(problem: RotationProblem, A: CSC, k: int, tol: float) -> tuple[Eig
 def _resolvent(
     A: CSC, pairs: Eigenpairs, factor: Factor, value: float, b: FloatArray
 ) -> FloatArray:
-    """(A - value I)^-1 b, where the value is no larger than all of A's smallest eigenvalues.
+    """(A - value I)^-1 b, for a value of at most A's smallest eigenvalues.
 
-    What of b lies in their eigenvectors is divided by hand; on the rest A - value I is definite.
-    Along an eigenvector of the value itself, a change of the world's frame, it is zero.
+    The component of b along their eigenvectors is divided explicitly; on the complement A - value I
+    is definite. Along an eigenvector of the value itself, a gauge, the result is zero.
     """
     V, gap = pairs.vectors, pairs.values - value
 

@@ -1,8 +1,8 @@
-"""A problem as GTSAM holds it, and back.
+"""Conversion of problems to GTSAM, and back.
 
 GTSAM minimises half the sum of r^T Omega r over logarithmic residuals r. With Omega_R = 2 kappa I
-and Omega_t = tau I that is F/2 to first order, in 2D and 3D alike. Its Pose3 tangent is (rotation,
-translation), its Pose2 tangent (x, y, theta). A prior on the first node stands in for the gauge.
+and Omega_t = tau I that is F/2 to first order, in 2D and 3D. Its Pose3 tangent is (rotation,
+translation), its Pose2 tangent (x, y, theta). A prior on the first node fixes the gauge.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import PoseProblem, Problem
 
-#: Information of the prior on the first node; its residual is zero at the optimum.
+#: Information of the prior, whose residual is zero at the optimum.
 PRIOR_PRECISION = 1e6
 
 CHORDAL = "GTSAM minimises F itself, by chordal factors"
@@ -30,13 +30,7 @@ FILE = "GTSAM with the file's full information"
 
 
 def library() -> Any:
-    """The gtsam module, imported when first asked for.
-
-    Raises
-    ------
-    MissingDependency
-        It is not installed.
-    """
+    """The gtsam module, imported on first use; or MissingDependency."""
     try:
         import gtsam
     except ImportError:
@@ -46,14 +40,14 @@ def library() -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A problem as GTSAM holds it.
+    """A problem in GTSAM.
 
     Attributes
     ----------
     kind : ``"Pose2"``, ``"Pose3"``, ``"Rot2"`` or ``"Rot3"``
     graph : NonlinearFactorGraph of the measurements, without a prior
     keys : GTSAM's key of each node
-    note : which information the factors carry
+    note : which information the factors use
     file_values : Values of the file's vertices, or None
     """
 
@@ -64,13 +58,13 @@ class Model:
     file_values: Any = None
 
     def anchored(self, values: Any = None) -> Any:
-        """The graph with a prior on the first node: its place in ``values``, or the identity."""
+        """The graph with a prior on the first node, at its value or the identity."""
         gtsam = library()
         element = getattr(gtsam, self.kind)
-        place = element() if values is None else self.element(values, self.keys[0])
+        prior = element() if values is None else self.element(values, self.keys[0])
         noise = gtsam.noiseModel.Isotropic.Precision(_dimension(self.kind), PRIOR_PRECISION)
         graph = self.graph.clone()
-        graph.add(getattr(gtsam, f"PriorFactor{self.kind}")(self.keys[0], place, noise))
+        graph.add(getattr(gtsam, f"PriorFactor{self.kind}")(self.keys[0], prior, noise))
         return graph
 
     def element(self, values: Any, key: int) -> Any:
@@ -85,13 +79,7 @@ class Model:
         return values
 
     def estimate(self, values: Any) -> Estimate:
-        """Values as an estimate.
-
-        Raises
-        ------
-        NumericalError
-            They are not finite.
-        """
+        """Values as an estimate; NumericalError if they are not finite."""
         elements = [self.element(values, key) for key in self.keys]
         poses = self.kind.startswith("Pose")
         R = np.array([(e.rotation() if poses else e).matrix() for e in elements])
@@ -103,24 +91,24 @@ class Model:
 
 def isotropic_model(problem: Problem, note: str = ISOTROPIC) -> Model:
     """Factors with information diag(2 kappa I, tau I)."""
-    turn = 2.0 * problem.rotation.graph.kappa[:, None]
-    precisions = np.repeat(turn, so.tangent_dim(problem.d), axis=1)
+    rotation = 2.0 * problem.rotation.graph.kappa[:, None]
+    precisions = np.repeat(rotation, so.tangent_dim(problem.d), axis=1)
     if isinstance(problem, PoseProblem):
-        move = np.repeat(problem.graph.tau[:, None], problem.d, axis=1)
-        order = [precisions, move] if problem.d == 3 else [move, precisions]
+        translation = np.repeat(problem.graph.tau[:, None], problem.d, axis=1)
+        order = [precisions, translation] if problem.d == 3 else [translation, precisions]
         precisions = np.concatenate(order, axis=1)
     return _built_model(problem, precisions, note)
 
 
 def uniform_model(problem: Problem) -> Model:
-    """Factors whose every component has information 2 kappa, which is all FastSync takes."""
+    """Factors with information 2 kappa in every component, all that FastSync supports."""
     kind = _kind(problem)
     precisions = np.repeat(2.0 * problem.rotation.graph.kappa[:, None], _dimension(kind), axis=1)
     return _built_model(problem, precisions, "GTSAM with information 2 kappa I, tau unused")
 
 
 def chordal_model(problem: Problem) -> Model:
-    """Factors of the rotations alone whose half sum of squares is F."""
+    """Factors of the rotations alone, with objective F."""
     gtsam, kind, rotation = library(), f"Rot{problem.d}", problem.rotation.graph
     factor = getattr(gtsam, f"FrobeniusBetweenFactor{kind}")
     noise = gtsam.noiseModel.Isotropic.Precision
@@ -134,14 +122,9 @@ def chordal_model(problem: Problem) -> Model:
 
 
 def model_of(problem: Problem, source: str | None) -> Model:
-    """The file's own factors where GTSAM reads them all, isotropic ones otherwise.
+    """The file's own factors if GTSAM reads them all, isotropic ones otherwise.
 
-    Keys are the file's node ids; those in ascending order are the problem's nodes.
-
-    Raises
-    ------
-    InputError
-        There is no such file.
+    Keys are the file's node ids; in ascending order they are the problem's nodes.
     """
     if source is None:
         return isotropic_model(problem)
@@ -150,23 +133,23 @@ def model_of(problem: Problem, source: str | None) -> Model:
     try:
         graph, values = library().readG2o(str(source), problem.d == 3)
     except RuntimeError as error:
-        return isotropic_model(problem, f"{ISOTROPIC} (of the file it says: {sentence(error)})")
+        return isotropic_model(problem, f"{ISOTROPIC} (it cannot read the file: {sentence(error)})")
     # Keys are unsigned: negative ids wrap around, and their order with them.
     keys = sorted(graph.keyVector(), key=lambda key: key - (key >> 63 << 64))
     m, n = problem.graph.num_edges, problem.n
     if (graph.nrFactors(), len(keys)) != (m, n):
-        seen = f"it sees {len(keys)} nodes and {graph.nrFactors()} edges in the file"
-        return isotropic_model(problem, f"{ISOTROPIC} ({seen}, the problem has {n} and {m})")
+        found = f"it finds {len(keys)} nodes and {graph.nrFactors()} edges in the file"
+        return isotropic_model(problem, f"{ISOTROPIC} ({found}, the problem has {n} and {m})")
     complete = all(values.exists(key) for key in keys)
     return Model(_kind(problem), graph, keys, FILE, values if complete else None)
 
 
 def initialization(model: Model) -> Callable[[], Any]:
-    """GTSAM's chordal initialization as a call: InitializePose3, in 2D LAGO."""
+    """GTSAM's chordal initialization as a function: InitializePose3, in 2D LAGO."""
     gtsam, graph = library(), model.anchored()
     if model.kind == "Pose3":
         return lambda: gtsam.InitializePose3.initialize(graph)
-    # LAGO's default walks along the odometry; without one it needs a spanning tree.
+    # LAGO follows the odometry by default; without one it needs a spanning tree.
     odometry = _has_odometry(model)
     return lambda: gtsam.lago.initialize(graph, odometry)
 

@@ -1,10 +1,10 @@
-"""What GTSAM's iterative optimizers share: where they start and how their end is told."""
+"""The base of GTSAM's iterative optimizers: initialization and status."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from certpgo.errors import InputError, SpecError
 from certpgo.graph import Estimate
@@ -15,8 +15,6 @@ from certpgo.optimize.solution import Status
 from ._baseline import Baseline, Outcome
 from ._gtsam import Model, initialization, isotropic_model, library, model_of
 
-STARTS = ("chordal", "file")
-
 
 @dataclass(frozen=True)
 class LocalSearch(Baseline):
@@ -24,27 +22,20 @@ class LocalSearch(Baseline):
 
     Attributes
     ----------
-    source : path of the file that the problem was read from; its full information is then used
-        where GTSAM can read it
-    start : where to start when no initial estimate is given: GTSAM's own ``"chordal"``
-        initialization, or the vertices of the ``"file"``
+    source : path of the problem's file, whose full information is used if GTSAM can read it
+    start : initialization if no estimate is given: GTSAM's own ``"chordal"`` one, or the vertices
+        of the ``"file"``
     max_iterations : GTSAM's default is 100
-
-    Raises
-    ------
-    SpecError
-        An unknown start, a start from the file without a source, no iterations.
     """
 
     optimizer: ClassVar[str]
 
     source: str | None = None
-    start: str = "chordal"
+    start: Literal["chordal", "file"] = "chordal"
     max_iterations: int = 100
 
     def __post_init__(self) -> None:
-        if self.start not in STARTS:
-            raise SpecError.unknown("start", self.start, STARTS)
+        super().__post_init__()
         if self.start == "file" and self.source is None:
             raise SpecError("start='file' needs source, the path of the file")
         if self.max_iterations < 1:
@@ -53,7 +44,7 @@ class LocalSearch(Baseline):
     def ready(
         self, problem: Problem, initial: Estimate | None, watch: Stopwatch
     ) -> tuple[Model, Callable[[], Outcome]]:
-        """Build graph and start; the call constructs the optimizer and runs it."""
+        """Build graph and initial values; the function constructs the optimizer and runs it."""
         gtsam = library()
         with watch.phase("build"):
             model = model_of(problem, self.source)
@@ -64,7 +55,7 @@ class LocalSearch(Baseline):
         parameters.setMaxIterations(self.max_iterations)
 
         def run() -> Outcome:
-            # The constructor orders the variables, which counts.
+            # The constructor orders the variables, which is timed too.
             search = getattr(gtsam, f"{self.optimizer}Optimizer")(graph, values, parameters)
             allowed = search.error() + parameters.getAbsoluteErrorTol()
             result = search.optimize()
@@ -77,16 +68,16 @@ class LocalSearch(Baseline):
             return model.values(initial)
         if self.start == "file":
             if model.file_values is None:
-                raise InputError(f"{self.source}: GTSAM finds no vertex for every node")
+                raise InputError(f"{self.source}: GTSAM does not find a vertex for every node")
             return model.file_values
         if problem.d == 3:
             return initialization(model)()
-        # LAGO refuses correlated information, so it starts from the isotropic factors.
+        # LAGO refuses correlated information, so it gets the isotropic factors.
         simple = isotropic_model(problem)
         return model.values(simple.estimate(initialization(simple)()))
 
     def _status(self, search: Any, allowed: float) -> Status:
-        # GTSAM stops without a word when a step raises the error, and keeps the step.
+        # GTSAM stops silently when a step increases the error, and keeps the step.
         if not search.error() <= allowed:
             return Status.STALLED
         limited = search.iterations() >= self.max_iterations

@@ -10,8 +10,8 @@ C^T C = n I, and its norm is a constant then). In the augmented Lagrangian with 
 
     ... + <Y, M_B - C D> + mu/2 ||M_B - C D||_F^2
 
-Gauss-Seidel takes C, D, M_B in turn, each in closed form, then Y += mu (M_B - C D), mu *= growth.
-Where nothing is known, the best M_B is C D and Y stays zero: only known blocks are stored.
+Gauss-Seidel updates C, D, M_B in turn, each in closed form, then Y += mu (M_B - C D), mu *= growth.
+At missing blocks the best M_B is C D and Y stays zero: only known blocks are stored.
 """
 
 from __future__ import annotations
@@ -31,19 +31,18 @@ from ._completion import Completion, Known, LowRank, Start
 
 @dataclass(frozen=True)
 class AugmentedLagrangian(Completion):
-    """RegL1-ALM with one sweep an iteration, which Zheng et al. find enough.
+    """RegL1-ALM with one sweep per iteration, sufficient according to Zheng et al.
 
-    The penalty grows whatever happens: it always converges, in few graphs to the best point.
+    As the penalty always grows, it always converges, but rarely to the optimum.
 
     Attributes
     ----------
-    tolerance : ||W o (M_B - C D)||_F over that of what is known, at which to stop
+    tolerance : ||W o (M_B - C D)||_F over the norm of the known blocks, at which to stop
     max_iterations : stop anyway
-    start : ``"measurements"`` alone, with zeros where there are none, or ``"tree"``, which trusts
-        outliers
+    start : ``"measurements"``, with zeros for missing blocks, or ``"tree"``, which trusts outliers
     regularizer : weight of the nuclear norm
-    penalty : the first mu
-    growth : of mu, each iteration
+    penalty : initial mu
+    growth : factor of mu per iteration
     """
 
     tolerance: float = 1e-7
@@ -61,7 +60,7 @@ class AugmentedLagrangian(Completion):
     def complete(
         self, problem: Problem, known: Known, L: LowRank, progress: Progress
     ) -> FloatArray:
-        """Minimise from M_B that is measured where it can be, and L elsewhere."""
+        """Minimise from the measured M_B, with L at missing blocks."""
         measured, product = known.blocks, known.at(L)
         M, Y, mu = measured, np.zeros_like(measured), self.penalty
         moved = 0.0
@@ -92,7 +91,7 @@ class AugmentedLagrangian(Completion):
 
 
 def shrunk(X: FloatArray, threshold: float) -> FloatArray:
-    """X brought closer to zero by the threshold: soft thresholding."""
+    """X after soft thresholding."""
     return np.asarray(X - np.clip(X, -threshold, threshold))
 
 

@@ -1,14 +1,14 @@
 """Chatterjee and Govindu's robust rotation averaging: L1RA, then IRLS with the l_1/2 loss.
 
 "Efficient and robust large-scale rotation averaging" (ICCV 2013), "Robust relative rotation
-averaging" (PAMI 2018). With world-frame turns R_i <- exp(delta_i) R_i an edge's residual
-b = log(R_i R_ij R_j^T) is gone, to first order, when delta_j - delta_i = b: A delta = b with A the
-incidence matrix, one column an axis. L1RA repeats delta = argmin sum |A delta - b|, entry by entry,
+averaging" (PAMI 2018). For world-frame tangents R_i <- exp(delta_i) R_i an edge's residual
+b = log(R_i R_ij R_j^T) vanishes to first order if delta_j - delta_i = b: A delta = b with A the
+incidence matrix, one column per axis. L1RA iterates delta = argmin sum |A delta - b|, entrywise,
 here by the alternating direction method of multipliers (Boyd et al. 2011, section 6.1), whose
-linear systems all have the same factor, of the graph Laplacian A^T A. Then least squares are
-repeated with the weights of the loss |b|^(1/2), w = |b|^(-3/2). The papers' scale of 5 degrees
-plays no part in this loss. As in the authors' programs weights end at 1e8, and the first step has
-unit weights: a tree's edges fit the start exactly, and their weights would freeze it.
+linear systems share one factor, of the graph Laplacian A^T A. Then IRLS iterates least squares with
+the weights of the loss |b|^(1/2), w = |b|^(-3/2). The papers' scale of 5 degrees does not affect
+this loss. As in the authors' code weights are at most 1e8, and the first step has unit weights: the
+tree's edges initially fit exactly, and their weights would prevent any change.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 
 from certpgo.errors import NumericalError, SpecError
 from certpgo.graph import Estimate
-from certpgo.graph.trees import compose, spanning_tree
+from certpgo.graph.trees import tree_initialization
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.blocks import scatter_sum
@@ -33,22 +33,22 @@ from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Solution
 
-#: The largest weight of an edge, which keeps the least squares well conditioned.
+#: The largest weight of an edge, for well-conditioned least squares.
 HEAVIEST = 1e8
 
 
 @dataclass(frozen=True)
 class ChatterjeeGovindu(Iterative):
-    """L1-IRLS on rotations, d = 2 and 3; it is local, and starts from a breadth-first tree.
+    """L1-IRLS on rotations, d = 2 and 3; local, initialized by a breadth-first tree.
 
     The graph's own weights are not used.
 
     Attributes
     ----------
-    l1_iterations : linearizations that L1RA solves at the most; with 0 IRLS starts from the tree
-    inner_iterations : of the method of multipliers for each of them
-    tolerance : mean turn of a node at which L1RA and IRLS stop, radians
-    max_iterations : of IRLS, stop anyway
+    l1_iterations : maximal number of L1RA iterations; with 0 IRLS starts from the tree
+    inner_iterations : of the method of multipliers in each of them
+    tolerance : mean rotation of a node at which L1RA and IRLS stop, radians
+    max_iterations : of IRLS
     """
 
     l1_iterations: int = 10
@@ -66,19 +66,12 @@ class ChatterjeeGovindu(Iterative):
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
-        """Rotations of the problem; translations, if it has any, are left aside.
-
-        Raises
-        ------
-        NumericalError
-            A Laplacian could not be factorized.
-        """
+        """Rotations of the problem; translations, if any, are ignored."""
         watch, rotation = Stopwatch(), problem.rotation
         if initial is not None:
             problem.check(initial)
         with watch.phase("start"):
-            start = initial or compose(rotation.graph, spanning_tree(rotation.graph, root="center"))
-            R = start.rotations
+            R = (initial or tree_initialization(rotation.graph)).rotations
         with watch.phase("l1"):
             R = self._l1ra(rotation, R)
         progress = Progress(monitor, self.tolerance, self.max_iterations, watch)
@@ -91,18 +84,11 @@ class ChatterjeeGovindu(Iterative):
                 w = half_weights(np.linalg.norm(logarithms(rotation, R), axis=1))
                 moved = mean_turn(delta)
         estimate = Estimate(so.project(R))
-        return Solution(
-            estimate=estimate,
-            cost=rotation.cost(estimate),
-            status=progress.status,
-            iterations=progress.steps,
-            seconds=watch.seconds,
-            trace=tuple(progress.trace),
-            note="edges weigh alike but for the reweighting",
-        )
+        note = "equal edge weights before reweighting"
+        return progress.solution(estimate, rotation.cost(estimate), note=note)
 
     def _l1ra(self, problem: RotationProblem, R: FloatArray) -> FloatArray:
-        """Rotations after l1 regressions, each linearized where the one before ended."""
+        """Rotations after successive linearized l1 regressions."""
         factor = laplacian_factor(problem, np.ones(problem.graph.num_edges))
         for _ in range(self.l1_iterations):
             b = logarithms(problem, R)
@@ -114,13 +100,13 @@ class ChatterjeeGovindu(Iterative):
 
 
 def logarithms(problem: RotationProblem, R: FloatArray) -> FloatArray:
-    """(m, p) world-frame turns log(R_i R_ij R_j^T), radians."""
+    """(m, p) world-frame tangents log(R_i R_ij R_j^T), radians."""
     i, j = problem.graph.edges.T
     return so.log(R[i] @ problem.graph.rotations @ np.swapaxes(R[j], 1, 2))
 
 
 def divergence(problem: RotationProblem, flow: FloatArray) -> FloatArray:
-    """(n, p) A^T flow of edge vectors (m, p), the first node held."""
+    """(n, p) A^T flow of edge vectors (m, p), with the first node fixed."""
     i, j = problem.graph.edges.T
     total = scatter_sum(j, flow, problem.n) - scatter_sum(i, flow, problem.n)
     total[0] = 0.0
@@ -128,7 +114,7 @@ def divergence(problem: RotationProblem, flow: FloatArray) -> FloatArray:
 
 
 def laplacian_factor(problem: RotationProblem, weights: FloatArray) -> Factor:
-    """The factor of A^T diag(weights) A, the first node held."""
+    """The factor of A^T diag(weights) A, with the first node fixed."""
     factor = problem.grounded_factor(operators.laplacian(problem.pattern, weights))
     if factor is None:
         raise NumericalError("the graph Laplacian could not be factorized")
@@ -144,7 +130,7 @@ def l1_regression(
     ----------
     factor : of A^T A
     b : (m, p)
-    iterations : of the method of multipliers; its penalty is that of the median entry of b
+    iterations : of the method of multipliers; its threshold is the median entry of b
     """
     i, j = problem.graph.edges.T
     threshold = float(np.median(np.abs(b)))
@@ -164,7 +150,7 @@ def half_weights(angles: FloatArray) -> FloatArray:
 
 
 def mean_turn(delta: FloatArray) -> float:
-    """Mean angle of turns (n, p), radians."""
+    """Mean angle of tangents (n, p), radians."""
     return float(np.linalg.norm(delta, axis=1).mean())
 
 

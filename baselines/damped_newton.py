@@ -5,14 +5,14 @@ CVPR 2005; Moreira 2020, algorithm 2. Theirs is the bilinear problem
 
     minimise f(C, D) = 1/2 ||W o (Mtilde_B - C D)||_F^2 + alpha/2 (||C||_F^2 + ||D||_F^2)
 
-over a block column C and a block row D. The thesis writes M_C and M_C^-b, but a block inverse makes
-its f another function than the one that algorithm 2 is for, and asks for the group's constraints,
-which it relaxes. With the residuals E_ij = C_i D_j - M_ij the Hessian has blocks
+over a block column C and a block row D. The thesis writes M_C and M_C^-b, but algorithm 2 is not
+for an f with a block inverse, which also requires the group's constraints, here relaxed. With the
+residuals E_ij = C_i D_j - M_ij the Hessian has blocks
 
     C_i by C_i: I x sum_j D_j D_j^T        D_j by D_j: sum_i C_i^T C_i x I
     (C_i)_pq by (D_j)_rs: (C_i)_pr (D_j)_qs + (E_ij)_ps [q = r]
 
-so that, with C_i and D_i together, it is as sparse as the graph.
+so with C_i and D_i together it is as sparse as the graph.
 """
 
 from __future__ import annotations
@@ -33,29 +33,29 @@ from certpgo.solvers import _memory
 from ._blocks import block_size
 from ._completion import Completion, Known, LowRank
 
-#: Damping beyond which no step is worth trying.
+#: Damping at which to give up.
 STRONGEST = 1e16
-#: Bytes that an entry of the Hessian and one of its factor take, measured with either engine: from
-#: 180 MB to 800 MB the sum is within a factor of two.
+#: Bytes per entry of the Hessian and of its factor, measured with either engine: from 180 MB to
+#: 800 MB the sum is within a factor of two.
 ENTRY, FILL = 60.0, 24.0
 
 
 @dataclass(frozen=True)
 class DampedNewton(Completion):
-    """Newton steps of (H + damping I)^-1 from the spanning tree; no step raises the cost.
+    """Newton steps of (H + damping I)^-1 from the spanning tree; no step increases the cost.
 
-    C D is the same for C G and G^-1 D: damping also settles that. It grows tenfold where a step
-    fails and shrinks tenfold where one does not; as printed it grows before every trial and shrinks
-    once, so that it would never fall.
+    C D is the same for C G and G^-1 D: damping also fixes that gauge. It grows tenfold when a step
+    fails and shrinks tenfold otherwise; as printed it grows before every trial and shrinks once,
+    and would never decrease.
 
     Attributes
     ----------
-    tolerance : gradient of f, over the norms of what is known and of the factors, at which to stop
+    tolerance : gradient of f, over the norms of the known blocks and of the factors, to stop at
     max_iterations : stop anyway
-    start : ``"tree"``, or ``"measurements"`` alone, with zeros where there are none
-    damping : the first one
-    alpha : of the regularization, which shrinks the matrix; Newton's method does without
-    force : try what memory seems too small for, too
+    start : ``"tree"``, or ``"measurements"``, with zeros for missing blocks
+    damping : initial damping
+    alpha : of the regularization, which shrinks the matrix; Newton's method does not need it
+    force : run even if memory seems too small
     """
 
     tolerance: float = 1e-11
@@ -92,7 +92,7 @@ class DampedNewton(Completion):
     def descended(
         self, problem: Problem, point: Point, damping: float
     ) -> tuple[Point | None, float]:
-        """The next point, or None, and the damping that led there."""
+        """The next point, or None, and its damping."""
         H = point.hessian
         symbolic = problem.symbolic(H)
         while damping < STRONGEST:
@@ -171,7 +171,7 @@ class Point:
         own[:, 1, :, 1] = _repeated(scatter_sum(j, np.swapaxes(C[i], 1, 2) @ C[i], n))
         own[:, 0, :, 1] = mixed[i == j]
         own[:, 1, :, 0] = np.swapaxes(mixed[i == j], 1, 2)
-        # Pairs i < j in the order of the pattern: back tells where (j, i) stands.
+        # Pairs i < j in the order of the pattern; back locates (j, i).
         above, back = i < j, np.lexsort((i, j))[i < j]
         upper = np.zeros((int(above.sum()), 2, b * b, 2, b * b))
         upper[:, 0, :, 1] = mixed[above]
@@ -182,7 +182,7 @@ class Point:
 
 
 def balanced(L: LowRank) -> LowRank:
-    """The same matrix with factors alike in size, whatever the frame of the poses."""
+    """The same matrix with factors of equal norm, whatever the frame of the poses."""
     C, R = np.linalg.qr(L.C)
     V, S = np.linalg.qr(L.V)
     left, values, right = np.linalg.svd(R @ S.T)
@@ -198,7 +198,7 @@ def _repeated(blocks: FloatArray) -> FloatArray:
 
 
 def bytes_needed(problem: Problem) -> float:
-    """Peak memory of a step, roughly: of the Hessian, and of its factor's fill."""
+    """Approximate peak memory of a step: the Hessian and its factor."""
     rotation = problem.rotation
     factor = rotation.grounded_factor(rotation.laplacian)
     if factor is None:

@@ -19,22 +19,22 @@ from ._completion import Alternation
 
 @dataclass(frozen=True)
 class ExpectationMaximization(Alternation):
-    """The fewer blocks are known, the less a step changes: it flatlines.
+    """Stagnates if few blocks are known, as steps become tiny.
 
-    The cost alone does not tell that from convergence, and neither does the status.
+    Neither cost nor status distinguish that from convergence.
 
     Attributes
     ----------
-    tolerance : fall of the cost, relative, at which to stop
+    tolerance : relative decrease of the cost at which to stop
     max_iterations : stop anyway
-    start : ``"tree"``, or ``"measurements"`` alone, with zeros where there are none
+    start : ``"tree"``, or ``"measurements"``, with zeros for missing blocks
     """
 
     tolerance: float = 1e-7
     max_iterations: int = 2000
 
     def loss(self, residuals: FloatArray) -> tuple[float, FloatArray]:
-        """Half the sum of squares, where each edge counts twice; all of them."""
+        """Half the sum of squares, with each edge counted twice; the residuals."""
         return 0.5 * float((residuals * residuals).sum()), residuals
 
 

@@ -17,13 +17,12 @@ from ._gtsam import Model, initialization, model_of
 class Chordal(Baseline):
     """InitializePose3 (rotations, then one Gauss-Newton step on the poses), in 2D LAGO.
 
-    An initial estimate plays no part. LAGO refuses information with correlations, so in 2D a
-    source that has them is an error.
+    An initial estimate is not used. LAGO refuses correlated information, so in 2D such a source is
+    an error.
 
     Attributes
     ----------
-    source : path of the file that the problem was read from; its full information is then used
-        where GTSAM can read it
+    source : path of the problem's file, whose full information is used if GTSAM can read it
     """
 
     source: str | None = None
@@ -31,7 +30,7 @@ class Chordal(Baseline):
     def ready(
         self, problem: Problem, initial: Estimate | None, watch: Stopwatch
     ) -> tuple[Model, Callable[[], Outcome]]:
-        """Build the graph with its prior; the call initializes from it."""
+        """Build the graph with its prior; the function initializes from it."""
         with watch.phase("build"):
             model = model_of(problem, self.source)
             initialize = initialization(model)

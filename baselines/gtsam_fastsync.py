@@ -18,8 +18,8 @@ from ._gtsam import Model, library, uniform_model
 class FastSync(Baseline):
     """FastSync on poses or rotations, in 2D and 3D.
 
-    It takes one isotropic weight a measurement only, here the rotation's 2 kappa; tau is unused. An
-    initial estimate plays no part.
+    Each measurement has a single isotropic weight, here 2 kappa; tau and an initial estimate are
+    not used.
     """
 
     rotations: ClassVar[bool] = True
@@ -27,7 +27,7 @@ class FastSync(Baseline):
     def ready(
         self, problem: Problem, initial: Estimate | None, watch: Stopwatch
     ) -> tuple[Model, Callable[[], Outcome]]:
-        """Build the graph; the call synchronizes it."""
+        """Build the graph; the function synchronizes it."""
         with watch.phase("build"):
             model = uniform_model(problem)
         synchronize = getattr(library(), f"fastSync{model.kind}")

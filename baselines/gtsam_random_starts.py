@@ -20,26 +20,26 @@ from certpgo.optimize.solution import Status
 from ._baseline import Baseline, Outcome
 from ._gtsam import Model, chordal_model, library
 
-#: Decrease of the error, relative and in units of W, at which GTSAM is told to stop: that of a
-#: stationary point to six digits, where its defaults stop far before.
+#: Decrease of the error, relative and in units of W, at which GTSAM stops: stationary to six
+#: digits; its defaults stop much earlier.
 DECREASE = 1e-13
-#: Costs that differ by less than this part are of one minimum.
+#: Relative difference of costs below which minima are the same.
 SAME = 1e-6
 
 
 @dataclass(frozen=True)
 class RandomStarts(Baseline):
-    """Levenberg-Marquardt from random starts, the local baseline of Eriksson et al.; the best.
+    """The best of several random starts of Levenberg-Marquardt; the baseline of Eriksson et al.
 
     Its factors are chordal (FrobeniusBetweenFactor), so that GTSAM minimises F, not its own
-    logarithmic residuals. Each rotation starts at a turn about a uniformly random axis by an angle
-    uniform in [0, 2 pi], drawn anew for each graph.
+    logarithmic residuals. Initial rotations have uniformly random axes and angles uniform in
+    [0, 2 pi], different for each graph.
 
     Attributes
     ----------
-    starts : how many; the best end is the answer
+    starts : number of starts
     seed : of the starts
-    max_iterations : of each
+    max_iterations : of each start
     """
 
     poses: ClassVar[bool] = False
@@ -56,18 +56,18 @@ class RandomStarts(Baseline):
     def ready(
         self, problem: Problem, initial: Estimate | None, watch: Stopwatch
     ) -> tuple[Model, Callable[[], Outcome]]:
-        """Build graph and starts, an initial estimate being the first of them."""
+        """Build graph and starts; an initial estimate is the first one."""
         with watch.phase("build"):
             model = chordal_model(problem)
         with watch.phase("start"):
-            begins = [model.values(start) for start in self._starts(problem, initial)]
+            initials = [model.values(start) for start in self._starts(problem, initial)]
         parameters = library().LevenbergMarquardtParams()
         parameters.setMaxIterations(self.max_iterations)
         parameters.setRelativeErrorTol(DECREASE)
         parameters.setAbsoluteErrorTol(DECREASE * problem.scale)
 
         def run() -> Outcome:
-            ends = [self._descended(model, values, parameters) for values in begins]
+            ends = [self._optimized(model, values, parameters) for values in initials]
             best = min(ends, key=lambda end: end.error)
             near = best.error + SAME * abs(best.error) + 1e-12 * problem.scale
             counts = {"starts": self.starts, "best ones": sum(end.error <= near for end in ends)}
@@ -83,7 +83,7 @@ class RandomStarts(Baseline):
         for _ in range(self.starts - (initial is not None)):
             yield Estimate(random_turns(rng, problem.n, problem.d))
 
-    def _descended(self, model: Model, values: Any, parameters: Any) -> End:
+    def _optimized(self, model: Model, values: Any, parameters: Any) -> End:
         search = library().LevenbergMarquardtOptimizer(model.graph, values, parameters)
         result = search.optimize()
         limited = search.iterations() >= self.max_iterations
@@ -93,7 +93,7 @@ class RandomStarts(Baseline):
 
 @dataclass(frozen=True, eq=False)
 class End:
-    """Where one start ended."""
+    """The result of one start."""
 
     values: Any
     error: float

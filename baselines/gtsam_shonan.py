@@ -22,14 +22,14 @@ from ._gtsam import Model, isotropic_model, library, translated
 class Shonan(Averaging):
     """Shonan averaging with GTSAM's parameters; see `Averaging` for the settings.
 
-    Its cost is F. The note is its own verdict: a point is certified when the smallest eigenvalue
-    that its Lanczos finds is above -1e-4; the certificate matrix is twice ours.
+    Its cost is F. The note is its own verdict: a point is certified if the smallest eigenvalue
+    found by its Lanczos is above -1e-4; its certificate matrix is twice ours.
     """
 
     def ready(
         self, problem: Problem, initial: Estimate | None, watch: Stopwatch
     ) -> tuple[Model, Callable[[], Outcome]]:
-        """Build measurements and start; the call climbs the staircase."""
+        """Build measurements and initial values; the function climbs the staircase."""
         ranks = self.ranks(problem.d)
         with watch.phase("build"):
             model = isotropic_model(problem)
@@ -40,15 +40,7 @@ class Shonan(Averaging):
 
 
 def calls_optimal(problem: Problem, estimate: Estimate) -> tuple[bool, float]:
-    """Shonan's verdict on the rotations of an estimate, and the eigenvalue that it rests on.
-
-    Raises
-    ------
-    MissingDependency
-        GTSAM is not installed.
-    NumericalError
-        Its Lanczos did not converge.
-    """
+    """Shonan's verdict on the rotations of an estimate, and the eigenvalue it is based on."""
     library()
     with translated():
         averaging = _averaging(problem.rotation)
@@ -58,7 +50,7 @@ def calls_optimal(problem: Problem, estimate: Estimate) -> tuple[bool, float]:
 
 
 def _climb(averaging: Any, start: Estimate, ranks: range) -> Outcome:
-    """The levels of ShonanAveraging's ``run``, which does not tell the rank where it ended."""
+    """ShonanAveraging's ``run``, which does not report its final rank."""
     threshold = _parameters(start.d).getOptimalityThreshold()
     level, iterations = _lifted(start.rotations, ranks[0]), 0
     for p in ranks:
@@ -66,17 +58,17 @@ def _climb(averaging: Any, start: Estimate, ranks: range) -> Outcome:
         point = search.optimize()
         iterations += search.iterations()
         eigenvalue, direction = averaging.computeMinEigenVector(point)
-        said = f"at p = {p}, smallest eigenvalue {eigenvalue:.1e}"
+        finding = f"at p = {p}, smallest eigenvalue {eigenvalue:.1e}"
         if eigenvalue > threshold:
             values = averaging.roundSolution(point)
-            return Outcome(values, Status.CONVERGED, iterations, f"Shonan: certified {said}")
+            return Outcome(values, Status.CONVERGED, iterations, f"Shonan: certified {finding}")
         if p < ranks[-1]:
             level = averaging.initializeWithDescent(p + 1, point, direction, eigenvalue)
-    raise NumericalError(f"GTSAM: Shonan::run did not converge for given max_p: {said}")
+    raise NumericalError(f"GTSAM: Shonan::run did not converge for given max_p: {finding}")
 
 
 def _averaging(problem: RotationProblem) -> Any:
-    """ShonanAveraging2 or 3, whose kappa 1/sigma^2 is twice ours; only poses serve both."""
+    """ShonanAveraging2 or 3, whose kappa 1/sigma^2 is twice ours; both accept pose factors."""
     graph = posed(problem).graph
     factors = [graph.at(k) for k in range(graph.nrFactors())]
     return getattr(library(), f"ShonanAveraging{problem.d}")(factors, _parameters(problem.d))

@@ -21,7 +21,7 @@ from ._averaging import Averaging
 from ._baseline import Outcome
 from ._gtsam import Model, isotropic_model, library
 
-#: The augmented Lagrangian's, as in GTSAM's own tests; its defaults, 20 and 1e-5, are looser.
+#: For the augmented Lagrangian, as in GTSAM's own tests; its defaults, 20 and 1e-5, are looser.
 MAX_ITERATIONS, VIOLATION = 100, 1e-8
 
 
@@ -29,15 +29,15 @@ MAX_ITERATIONS, VIOLATION = 100, 1e-8
 class Staircase(Averaging):
     """Burer-Monteiro by augmented Lagrangians; see `Averaging` for the settings.
 
-    Its cost is F. The note is its own verdict, an eigenvalue or the -1e-3 that it tested against,
-    and how far its values are from rotations; the estimate is those values projected. Iterations
-    are levels of the staircase.
+    Its cost is F. The note is its own verdict, an eigenvalue or its threshold -1e-3, and how far
+    its values are from rotations; the estimate is their projection. Iterations are levels of the
+    staircase.
     """
 
     def ready(
         self, problem: Problem, initial: Estimate | None, watch: Stopwatch
     ) -> tuple[Model, Callable[[], Outcome]]:
-        """Build factors and start; the call climbs the staircase and projects its values."""
+        """Build factors and initial values; the function climbs and projects the result."""
         gtsam, ranks = library(), self.ranks(problem.d)
         with watch.phase("build"):
             model = isotropic_model(problem)
@@ -56,7 +56,7 @@ class Staircase(Averaging):
 
 
 def _outcome(result: Any, model: Model) -> Outcome:
-    # What was not certified is not rounded either.
+    # It does not round what it does not certify.
     values = result.roundedValues() if result.hasRoundedSolution() else result.values
     Y = np.array([values.atMatrix(key).T for key in model.keys])
     if not np.isfinite(Y).all():
@@ -74,11 +74,11 @@ def _outcome(result: Any, model: Model) -> Outcome:
 def _defects(Y: FloatArray) -> str:
     """How far blocks (n, p, d) are from rotations."""
     gram = np.swapaxes(Y, 1, 2) @ Y
-    said = f"orthogonal but for {np.abs(gram - np.eye(Y.shape[2])).max():.1e}"
+    defect = f"orthogonal up to {np.abs(gram - np.eye(Y.shape[2])).max():.1e}"
     if Y.shape[1] > Y.shape[2]:
-        return said
+        return defect
     determinants = so.determinants(Y)
-    return f"{said}, determinants {determinants.min():.6f} to {determinants.max():.6f}"
+    return f"{defect}, determinants {determinants.min():.6f} to {determinants.max():.6f}"
 
 
 def _frobenius(model: Model) -> Any:

@@ -1,11 +1,11 @@
-"""IRLS EIG-SE(3): EIG-SE(3), again and again, with less weight for what it does not explain.
+"""IRLS EIG-SE(3): EIG-SE(3) with iteratively reweighted measurements.
 
 Arrigoni, Rossi and Fusiello, "Spectral synchronization of multiple views in SE(3)" (SIAM J. Imaging
 Sciences 9, 2016); Moreira 2020, section 2.3 and Table 5.4. Weights are those of Cauchy's function,
 w = 1 / (1 + (r / (2.385 s))^2), r = ||M_ij - M_i M_j^-1||_F the residual of an edge and
-s = 1.4826 MAD(r) their scale. As in the authors' programs the identities M_ii weigh as much as the
-best edge. On sparse graphs less weight lowers the graph Laplacian's eigenvalues until they displace
-those of the rotations, see `_eig_se3`, and the iterations go astray.
+s = 1.4826 MAD(r) their scale. As in the authors' code the identities M_ii weigh as much as the best
+edge. On sparse graphs, smaller weights reduce the graph Laplacian's eigenvalues until they displace
+those of the rotations, see `_eig_se3`, and the iterations fail.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from certpgo.errors import SpecError
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import PoseProblem, Problem
@@ -27,7 +26,7 @@ from certpgo.optimize.solution import Solution
 from ._blocks import poses_of
 from ._eig_se3 import leading_eigenvectors
 
-#: Cauchy's constant, 95 % efficient on normal residuals, and what makes the MAD their deviation.
+#: Cauchy's constant, 95 % efficient for normal residuals, and their standard deviation over MAD.
 CAUCHY, CONSISTENT = 2.385, 1.4826
 
 
@@ -35,12 +34,12 @@ CAUCHY, CONSISTENT = 2.385, 1.4826
 class IrlsEigSE3(Iterative):
     """Robust EIG-SE(3) on poses, EIG-SO(3) on rotations alone; d = 2 and 3.
 
-    The graph's own weights are not used; all edges weigh alike in the beginning.
+    The graph's own weights are not used; initially all edges have equal weights.
 
     Attributes
     ----------
     tolerance : relative change of the weights at which to stop
-    max_iterations : of weights, stop anyway
+    max_iterations : stop anyway
     tol : relative accuracy of the eigenvectors
     """
 
@@ -48,21 +47,10 @@ class IrlsEigSE3(Iterative):
     max_iterations: int = 30
     tol: float = 1e-9
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 0.0 < self.tol < 1.0:
-            raise SpecError(f"tol must lie between 0 and 1, not {self.tol}")
-
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
-        """Poses or rotations whose weights have settled; the trace tells the weights' change.
-
-        Raises
-        ------
-        NumericalError
-            No factorization, or no convergence of the eigenvectors.
-        """
+        """Poses or rotations; the trace shows the change of the weights."""
         watch = Stopwatch()
         progress = Progress(monitor, self.tolerance, self.max_iterations, watch)
         w, change = np.ones(problem.rotation.graph.num_edges), math.inf
@@ -76,19 +64,11 @@ class IrlsEigSE3(Iterative):
             cost = problem.cost(estimate)
             if not progress.advance(cost, change, change):
                 break
-        return Solution(
-            estimate=estimate,
-            cost=cost,
-            status=progress.status,
-            iterations=progress.steps,
-            seconds=watch.seconds,
-            trace=tuple(progress.trace),
-            note="edges weigh alike but for the reweighting",
-        )
+        return progress.solution(estimate, cost, note="equal edge weights before reweighting")
 
 
 def residual_norms(problem: Problem, estimate: Estimate) -> FloatArray:
-    """(m,) ||M_ij - M_i M_j^-1||_F: those of R_j - R_i R_ij and t_j - t_i - R_i t_ij together."""
+    """(m,) ||M_ij - M_i M_j^-1||_F, from R_j - R_i R_ij and t_j - t_i - R_i t_ij."""
     rotation = problem.rotation.residuals(estimate.rotations)
     squares = np.einsum("mab,mab->m", rotation, rotation)
     if isinstance(problem, PoseProblem):

@@ -1,4 +1,4 @@
-"""Low-rank and sparse decomposition of M_B, which takes outliers out.
+"""Low-rank and sparse decomposition of M_B, which removes outliers.
 
 Arrigoni, Rossi, Fusiello, "Global registration of 3D point sets via LRS decomposition", ECCV 2016;
 Moreira 2020, eq. 2.15. In the form of their R-GoDec:
@@ -22,18 +22,18 @@ from ._completion import Alternation, Start
 
 @dataclass(frozen=True)
 class LowRankSparse(Alternation):
-    """R-GoDec, with the nearest L in each step where theirs is a random bilateral projection.
+    """R-GoDec, with the nearest L in each step instead of a random bilateral projection.
 
     Missing blocks are filled from L; S is the residual, shrunk by the threshold. Like
-    expectation-maximization it flatlines where few blocks are known.
+    expectation-maximization it stagnates if few blocks are known.
 
     Attributes
     ----------
-    tolerance : fall of the cost, relative, at which to stop
+    tolerance : relative decrease of the cost at which to stop
     max_iterations : stop anyway
-    start : ``"measurements"`` alone, with zeros where there are none, or ``"tree"``, which is
-        better in sparse graphs, but trusts outliers
-    threshold : residual of an entry beyond which S takes it, in radians and metres alike
+    start : ``"measurements"``, with zeros for missing blocks, or ``"tree"``, which is better for
+        sparse graphs but trusts outliers
+    threshold : residual of an entry above which S absorbs it, radians or metres
     """
 
     tolerance: float = 1e-7
@@ -47,7 +47,7 @@ class LowRankSparse(Alternation):
             raise SpecError(f"threshold must be positive: {self.threshold}")
 
     def loss(self, residuals: FloatArray) -> tuple[float, FloatArray]:
-        """The cost, where each edge counts twice, for the best S; residuals without S."""
+        """The cost for the best S, with each edge counted twice; residuals without S."""
         small = np.clip(residuals, -self.threshold, self.threshold)
         S = residuals - small
         return 0.5 * float((small * small).sum()) + self.threshold * float(np.abs(S).sum()), small

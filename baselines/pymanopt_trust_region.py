@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -12,24 +12,22 @@ from certpgo.graph import Estimate
 from certpgo.graph.lift import Lift, lifted, rounded
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.optimize.iterative import Settings
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.solution import Solution, Status
 from certpgo.optimize.spectral import spectral_start
 
 
 @dataclass(frozen=True)
-class TrustRegion:
-    """The low-rank problem in pymanopt's hands, with its own defaults and no preconditioner.
+class TrustRegion(Settings):
+    """Pymanopt on the low-rank problem, with its own defaults and no preconditioner.
 
     Attributes
     ----------
     rank : r >= d; by default d + 1
-    max_iterations : stop there anyway
-    min_gradient_norm : stop when the Riemannian gradient of F is no longer, in the weights' unit
+    max_iterations : stop anyway
+    min_gradient_norm : norm of the Riemannian gradient of F at which to stop, in units of weights
     """
-
-    poses: ClassVar[bool] = True
-    rotations: ClassVar[bool] = True
 
     rank: int | None = None
     max_iterations: int = 1000
@@ -45,23 +43,16 @@ class TrustRegion:
     ) -> Solution:
         """Minimise from the eigenvectors and round; the note is pymanopt's own reason to stop.
 
-        It cannot be watched, so the monitor is told nothing.
-
-        Raises
-        ------
-        SpecError, InputError
-            The rank is below the dimension of space; an initial estimate of another graph.
-        MissingDependency
-            Pymanopt is not installed.
+        Pymanopt calls nothing back, so the monitor is not used.
         """
         rank = self._rank(problem.d)
         if initial is not None:
             problem.check(initial)
-        library()  # its import is nobody's phase
+        library()  # importing it is not timed
         watch = Stopwatch()
         with watch.phase("start"):
             start = lifted(initial or spectral_start(problem), rank).rotations
-        # At a stationary start its first step is 0/0, which it survives.
+        # At a stationary initial point its first step is 0/0, which is harmless.
         with watch.phase("solve"), np.errstate(divide="ignore", invalid="ignore"):
             result = self._run(problem, start)
         with watch.phase("round"):
@@ -106,7 +97,7 @@ def library() -> Any:
 
 
 def _stated(problem: Problem, rank: int) -> Any:
-    """The problem as pymanopt takes it, translations eliminated exactly."""
+    """The problem for pymanopt, with translations eliminated exactly."""
     pymanopt = library()
     manifold = pymanopt.manifolds.Stiefel(rank, problem.d, k=problem.n)
     origin = np.zeros((problem.n, rank)) if isinstance(problem, PoseProblem) else None
@@ -117,10 +108,10 @@ def _stated(problem: Problem, rank: int) -> Any:
 
     @pymanopt.function.numpy(manifold)
     def gradient(Y: FloatArray) -> FloatArray:
-        settled = problem.settled(Lift(Y, origin))
-        return 2.0 * problem.gradient(settled)[:, :, -problem.d :]
+        point = problem.settled(Lift(Y, origin))
+        return 2.0 * problem.gradient(point)[:, :, -problem.d :]
 
-    hessian = pymanopt.function.numpy(manifold)(lambda Y, V: gradient(V))  # which is linear
+    hessian = pymanopt.function.numpy(manifold)(lambda Y, V: gradient(V))  # gradient is linear
     return pymanopt.Problem(manifold, cost, euclidean_gradient=gradient, euclidean_hessian=hessian)
 
 

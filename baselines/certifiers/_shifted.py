@@ -1,7 +1,7 @@
-"""What the rules below share: whether S + eta I has a Cholesky factor.
+"""Common to the rules: whether S + eta I has a Cholesky factor.
 
-S is the certificate matrix of the estimate as it is, in SE-Sync's scaling, which is ours; for poses
-with the translations in it, none of them pinned.
+S is the certificate matrix of the unmodified estimate, in SE-Sync's scaling, which is ours; for
+poses it includes all translations.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Named real files, found by name and checksum, and synthetic families.
+"""Named datasets, found by file name and checksum, and synthetic families.
 
-A file is looked for in the folder given, then in the folder that the environment variable
-``CERTPGO_DATA`` names, the user's cache and the gtsam wheel, and downloaded where it has an
-address. Folders are searched recursively by file name; the checksum decides.
+A file is searched in the given folder, then in the folder named by the environment variable
+``CERTPGO_DATA``, the user's cache and the gtsam wheel, and downloaded if it has an address. Folders
+are searched recursively by file name and checksum. An unknown name is a SpecError.
 """
 
 from __future__ import annotations
@@ -24,87 +24,67 @@ __all__ = ["Entry", "entry", "fetch", "find", "load", "names", "truth"]
 
 
 def names(kind: str | None = None) -> tuple[str, ...]:
-    """Names of the catalogue's entries: all, or those of one kind (``"graph"``, ...).
-
-    Raises
-    ------
-    SpecError
-        The kind is unknown.
-    """
+    """Names of the catalogue's entries: all, or those of one kind (``"graph"``, ...)."""
     if kind is not None and kind not in KINDS:
         raise SpecError.unknown("kind of dataset", kind, KINDS)
     return tuple(e.name for e in entries().values() if kind in (None, e.kind))
 
 
 def find(name: str, data: str | Path | None = None) -> Path | None:
-    """The local file of the dataset, or None; never downloads.
-
-    Raises
-    ------
-    SpecError
-        The name is unknown.
-    InputError
-        ``data`` is no folder.
-    """
+    """The local file of the dataset, or None; never downloads."""
     path, _ = lookup.search(entry(name), lookup.places(data).values())
     return path
 
 
 def fetch(name: str, data: str | Path | None = None, *, download: bool = True) -> Path:
-    """The file of the dataset, downloaded into the user's cache when it is not here.
+    """The file of the dataset, downloaded into the user's cache if necessary.
 
     Parameters
     ----------
-    data : folder to look in first
+    data : folder to search first
     download : whether to download
 
     Raises
     ------
-    SpecError
-        The name is unknown.
     InputError
-        The file is nowhere (the places are named), or the download failed.
+        The file is missing (with the folders searched), or the download failed.
     """
-    wanted, folders = entry(name), lookup.places(data)
-    path, others = lookup.search(wanted, folders.values())
+    dataset, folders = entry(name), lookup.places(data)
+    path, others = lookup.search(dataset, folders.values())
     if path is not None:
         return path
-    if download and wanted.url is not None:
-        return lookup.download(wanted)
-    raise lookup.missing(wanted, folders, others)
+    if download and dataset.url is not None:
+        return lookup.download(dataset)
+    raise lookup.missing(dataset, folders, others)
 
 
 def load(
     name: str, data: str | Path | None = None, *, download: bool = True, **options: Any
 ) -> Instance:
-    """Read the dataset, with its ground truth where that is here too and covers every node.
-
-    Where a file says which of its edges are wrong, and all were read, that comes along.
+    """Read the dataset, with its outliers and its ground truth of all nodes, if found.
 
     Parameters
     ----------
-    data : folder to look in first
-    download : whether to download a file that is not here
+    data : folder to search first
+    download : whether to download a missing file
     **options : reading options, see `certpgo.io.read`
 
     Raises
     ------
-    SpecError
-        The name is unknown.
     InputError
-        The file is nowhere, is no graph, or cannot be read.
+        The file is missing, is not a graph, or cannot be read.
     """
     _require_graph(name)
     return load_file(name, fetch(name, data, download=download), data, **options)
 
 
 def load_file(name: str, path: Path, data: str | Path | None = None, **options: Any) -> Instance:
-    """`load` where the dataset's file has been found already."""
+    """`load` for a file that was already found."""
     from certpgo import io
 
-    wanted = _require_graph(name)
-    instance = replace(io.read(path, **options), name=wanted.name)
-    instance = replace(instance, outliers=_outliers(wanted, instance, data))
+    dataset = _require_graph(name)
+    instance = replace(io.read(path, **options), name=dataset.name)
+    instance = replace(instance, outliers=_outliers(dataset, instance, data))
     known = None if instance.truth is not None else truth(name, instance, data)
     if known is None or len(known[0]) < instance.graph.num_nodes:
         return instance
@@ -112,28 +92,21 @@ def load_file(name: str, path: Path, data: str | Path | None = None, **options: 
 
 
 def _require_graph(name: str) -> Entry:
-    wanted = entry(name)
-    if wanted.kind not in ("graph", "adjacency"):
-        raise InputError(f"{name} holds no graph but {wanted.kind}; fetch gives its path")
-    return wanted
+    dataset = entry(name)
+    if dataset.kind not in ("graph", "adjacency"):
+        raise InputError(f"{name} holds no graph but {dataset.kind}; fetch returns its path")
+    return dataset
 
 
 def truth(
     name: str, instance: Instance, data: str | Path | None = None
 ) -> tuple[IntArray, Estimate] | None:
-    """The dataset's ground truth from a local file: the nodes covered, and their poses.
+    """The dataset's ground truth from a local file, or None: nodes and their poses.
 
-    None when there is none, or its file is not here. See `certpgo.io.read_truth`.
-
-    Raises
-    ------
-    SpecError
-        The name is unknown.
-    InputError
-        The file cannot be read, or is another graph's.
+    See `certpgo.io.read_truth`.
     """
-    wanted = entry(name)
-    path = find(wanted.truth, data) if wanted.truth else None
+    dataset = entry(name)
+    path = find(dataset.truth, data) if dataset.truth else None
     if path is None:
         return None
     from certpgo import io
@@ -141,16 +114,16 @@ def truth(
     return io.read_truth(path, instance)
 
 
-def _outliers(wanted: Entry, instance: Instance, data: str | Path | None) -> BoolArray | None:
-    """(m,) True at the edges that the dataset's labels call wrong; None without labels."""
-    labels = f"{wanted.name}_labels"
+def _outliers(dataset: Entry, instance: Instance, data: str | Path | None) -> BoolArray | None:
+    """(m,) outliers according to the dataset's labels; None without labels."""
+    labels = f"{dataset.name}_labels"
     if labels not in names("labels"):
         return None
     path = find(labels, data)
-    if path is None or instance.graph.num_edges != wanted.edges:
+    if path is None or instance.graph.num_edges != dataset.edges:
         return None
-    wrong = np.zeros(instance.graph.num_edges, dtype=bool)
-    # Loop closures by their line, counted from 1.
+    outliers = np.zeros(instance.graph.num_edges, dtype=bool)
+    # Loop closures by line number from 1.
     found = ElementTree.parse(path).iter("outlier_lc_indices")
-    wrong[np.array([int(line.text or "") for line in found], dtype=np.intp) - 1] = True
-    return wrong
+    outliers[np.array([int(line.text or "") for line in found], dtype=np.intp) - 1] = True
+    return outliers

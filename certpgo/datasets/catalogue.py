@@ -1,6 +1,6 @@
-"""What the named files are: where each comes from, its checksum, counts and licence.
+"""The catalogue of named files: origin, checksum, counts and licence of each.
 
-The list itself is ``catalogue.csv`` beside this module. The package ships none of the files.
+The list is ``catalogue.csv``, next to this module. The package contains none of the files.
 """
 
 from __future__ import annotations
@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 from certpgo.errors import SpecError
 
-#: What can be in a file: a measurement graph, the topology of one, ground truth, another solver's
+#: Contents of files: a measurement graph, the topology of one, ground truth, another solver's
 #: iterate, or lists of names and inliers.
 KINDS = ("graph", "adjacency", "truth", "iterate", "labels")
 
@@ -26,17 +27,17 @@ class Entry:
 
     Attributes
     ----------
-    name : the name it is asked for by
+    name : its name
     kind : one of `KINDS`
     d : dimension of space
-    file : its path below a data folder; lookup goes by the last part
+    file : its path below a data folder, of which only the last part is searched
     origin : ``OWNER/REPOSITORY`` on GitHub, ``"derived"`` or ``"gtsam wheel"``
-    commit, path : where in the origin
-    checksum : ``"sha256:..."``, or ``"git:..."`` where only git's blob hash is known
-    bytes : size, or None when not known
-    nodes, edges : counts, or None when there is nothing to count
-    truth : name of the entry that holds the ground truth, or empty
-    licence : what the origin states
+    commit, path : in the origin
+    checksum : ``"sha256:..."``, or ``"git:..."`` if only git's blob hash is known
+    bytes : size, or None if unknown
+    nodes, edges : counts, or None if not applicable
+    truth : name of the entry with the ground truth, or empty
+    licence : as stated by the origin
     """
 
     name: str
@@ -60,7 +61,7 @@ class Entry:
 
     @property
     def url(self) -> str | None:
-        """Download address; None for files that no repository holds as they are."""
+        """Download address; None for files that are not in a repository."""
         if "/" not in self.origin:
             return None
         return f"https://raw.githubusercontent.com/{self.origin}/{self.commit}/{self.path}"
@@ -87,13 +88,7 @@ def entries() -> dict[str, Entry]:
 
 
 def entry(name: str) -> Entry:
-    """The entry called ``name``, or whose file is called so.
-
-    Raises
-    ------
-    SpecError
-        There is none, with the nearest names.
-    """
+    """The entry or the file called ``name``; SpecError if there is none."""
     known = entries()
     if name in known:
         return known[name]
@@ -105,23 +100,6 @@ def entry(name: str) -> Entry:
     return same[0]
 
 
-def _entry(row: dict[str, str]) -> Entry:
-    return Entry(
-        name=row["name"],
-        kind=row["kind"],
-        d=int(row["d"]),
-        file=row["file"],
-        origin=row["origin"],
-        commit=row["commit"],
-        path=row["path"],
-        checksum=row["checksum"],
-        bytes=_count(row["bytes"]),
-        nodes=_count(row["nodes"]),
-        edges=_count(row["edges"]),
-        truth=row["truth"],
-        licence=row["licence"],
-    )
-
-
-def _count(text: str) -> int | None:
-    return int(text) if text else None
+def _entry(row: dict[str, Any]) -> Entry:
+    counts = {name: int(row[name]) if row[name] else None for name in ("bytes", "nodes", "edges")}
+    return Entry(**{**row, **counts, "d": int(row["d"])})

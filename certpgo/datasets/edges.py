@@ -1,4 +1,4 @@
-"""Which nodes are measured against which: edges of random graphs and of real scenes, (m, 2)."""
+"""Edges (m, 2) of random graphs and of real scenes."""
 
 from __future__ import annotations
 
@@ -17,13 +17,7 @@ from certpgo.linalg.blocks import adjacency
 
 
 def viewing_edges(name: str, data: str | Path | None = None) -> tuple[str, int, IntArray]:
-    """A dataset's stem, nodes and edges, of its largest component; its measurements do not count.
-
-    Raises
-    ------
-    InputError
-        Its file is not here.
-    """
+    """Name, number of nodes and edges of the largest component of a local dataset."""
     from certpgo import datasets
 
     path = datasets.find(name, data)
@@ -37,10 +31,10 @@ def viewing_edges(name: str, data: str | Path | None = None) -> tuple[str, int, 
 
 
 def random_edges(n: int, m: int, rng: np.random.Generator) -> IntArray:
-    """A random tree on n nodes and uniformly random further pairs, m edges without repetition."""
+    """A random tree on n nodes and uniformly random pairs, m distinct edges."""
     codes = _tree_codes(n, rng)
     while len(codes) < m:
-        # Codes found first stay: the tree, then each new pair in the order drawn.
+        # Keep first occurrences: the tree, then new pairs in the order drawn.
         i, j = rng.integers(0, n, (2, 2 * (m - len(codes)) + 16))
         drawn = np.concatenate([codes, _pair_codes(n, i[i != j], j[i != j])])
         codes = drawn[np.sort(np.unique(drawn, return_index=True)[1])][:m]
@@ -50,22 +44,22 @@ def random_edges(n: int, m: int, rng: np.random.Generator) -> IntArray:
 def edges_of_connectivity(
     n: int, fiedler: float, rng: np.random.Generator, *, rtol: float = 0.03, draws: int = 25
 ) -> IntArray:
-    """A random tree on n nodes and uniformly random further pairs, of a wished Fiedler value.
+    """A random tree on n nodes and uniformly random pairs, with a given Fiedler value.
 
-    That is the second eigenvalue of the graph Laplacian with every edge weighing 1. Pairs are added
-    in one random order, and no added edge lowers an eigenvalue: bisection finds how many. Where the
-    edge that crosses the wish also jumps over it, another tree and order are drawn. Eigenvalues
-    come from dense algebra, for some thousand nodes at most.
+    That is the second eigenvalue of the graph Laplacian with unit weights. Pairs are added in a
+    random order; as no edge decreases an eigenvalue, bisection finds how many. If the value jumps
+    too far, another tree and order are drawn. Eigenvalues are computed by dense algebra, for a few
+    thousand nodes at most.
 
     Parameters
     ----------
-    rtol : largest relative difference from the wish
-    draws : trees and orders to try
+    rtol : largest relative error of the Fiedler value
+    draws : maximal number of trees and orders
 
     Raises
     ------
     InputError
-        No graph drawn comes as near to the wish.
+        No graph drawn is within the tolerance.
     """
     nearest = np.inf
     for _ in range(draws):
@@ -80,7 +74,7 @@ def edges_of_connectivity(
 
 
 def _bisected(n: int, fiedler: float, rng: np.random.Generator) -> tuple[IntArray, float]:
-    """The edges of one random order whose Fiedler value is nearest to the wish, and that value."""
+    """The edges in one random order with the nearest Fiedler value, and that value."""
     tree = _tree_codes(n, rng)
     others = np.setdiff1d(_pair_codes(n, *np.triu_indices(n, 1)), tree)
     codes = np.concatenate([tree, rng.permutation(others)])
@@ -96,7 +90,7 @@ def _bisected(n: int, fiedler: float, rng: np.random.Generator) -> tuple[IntArra
 
 
 def connected_choice(n: int, edges: IntArray, kept: int, rng: np.random.Generator) -> IntArray:
-    """Which ``kept`` random edges, ascending; they contain the tree of the lowest draws."""
+    """Indices of ``kept`` random edges that contain a random spanning tree, ascending."""
     draw = rng.permutation(len(edges))
     tree = csgraph.minimum_spanning_tree(
         adjacency(n, edges[:, 0], edges[:, 1], (draw + 1).astype(np.float64))
@@ -106,7 +100,7 @@ def connected_choice(n: int, edges: IntArray, kept: int, rng: np.random.Generato
 
 
 def path_with_closures(n: int, m: int, rng: np.random.Generator) -> IntArray:
-    """The path 0, 1, ..., n-1 and uniformly random further pairs, m edges without repetition."""
+    """The path 0, 1, ..., n-1 and uniformly random pairs, m distinct edges."""
     i, j = np.triu_indices(n, 2)
     chosen = rng.choice(len(i), m - (n - 1), replace=False)
     steps = np.arange(n - 1) * n + np.arange(1, n)
@@ -114,7 +108,7 @@ def path_with_closures(n: int, m: int, rng: np.random.Generator) -> IntArray:
 
 
 def _tree_codes(n: int, rng: np.random.Generator) -> IntArray:
-    """Each node after the first tied to an earlier one, in random order."""
+    """Each node after the first is connected to an earlier one, in random order."""
     label = rng.permutation(n)
     earlier = rng.integers(0, np.arange(1, n))
     return _pair_codes(n, label[1:], label[earlier])
@@ -125,7 +119,7 @@ def _pair_codes(n: int, i: IntArray, j: IntArray) -> IntArray:
 
 
 def _pairs(n: int, codes: IntArray) -> IntArray:
-    """The pairs (i, j), i < j, of codes, in the order of the nodes."""
+    """The pairs (i, j), i < j, of codes, sorted."""
     return np.stack(np.divmod(np.sort(codes), n), axis=1)
 
 

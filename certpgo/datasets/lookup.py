@@ -1,4 +1,4 @@
-"""Where a named file is: the places in their order, and the checksum that decides."""
+"""Finding and downloading dataset files."""
 
 from __future__ import annotations
 
@@ -15,13 +15,7 @@ DATA_VARIABLE = "CERTPGO_DATA"
 
 
 def places(data: str | Path | None) -> dict[str, Path]:
-    """The folders to search, in order: argument, environment, user's cache, gtsam's wheel.
-
-    Raises
-    ------
-    InputError
-        ``data``, or what the environment variable names, is no folder.
-    """
+    """The folders to search, in order: argument, environment, cache, gtsam's wheel."""
     found: dict[str, Path] = {}
     if data is not None:
         found["the data folder"] = Path(data)
@@ -39,14 +33,14 @@ def places(data: str | Path | None) -> dict[str, Path]:
 
 
 def cache_folder() -> Path:
-    """The user's cache, where downloads go."""
+    """The user's cache for downloads."""
     import platformdirs
 
     return Path(platformdirs.user_cache_dir("certpgo"))
 
 
 def search(entry: Entry, folders: Iterable[Path]) -> tuple[Path | None, list[Path]]:
-    """The first file of the entry's name and checksum, and the same-named files passed over."""
+    """The first file with the entry's name and checksum, and files with wrong checksums."""
     others: list[Path] = []
     for folder in folders:
         for path in sorted(folder.rglob(entry.filename)):
@@ -57,37 +51,37 @@ def search(entry: Entry, folders: Iterable[Path]) -> tuple[Path | None, list[Pat
 
 
 def missing(entry: Entry, places: dict[str, Path], others: list[Path]) -> InputError:
-    """The error for a file that is nowhere: the places looked at, and what stood there instead."""
-    looked = ", ".join(f"{place} ({folder})" for place, folder in places.items())
+    """The error for a missing file: folders searched, and files with wrong checksums."""
+    where = ", ".join(f"{place} ({folder})" for place, folder in places.items())
     wrong = "".join(f"; {path} is another file (its checksum differs)" for path in others)
-    return InputError(f"{entry.name}: {entry.filename} is not in {looked}{wrong}; {_remedy(entry)}")
+    return InputError(f"{entry.name}: {entry.filename} is not in {where}{wrong}; {_remedy(entry)}")
 
 
 def download(entry: Entry) -> Path:
-    """Fetch the file from its origin into the cache.
+    """Download the file into the cache.
 
     Raises
     ------
     InputError
-        The download failed, or what came is another file.
+        The download failed, or its checksum differs.
     """
     try:
         import pooch
     except ImportError:
         raise MissingDependency("pooch, which downloads files,", "downloads") from None
     target = cache_folder() / entry.file
-    target.unlink(missing_ok=True)  # it did not agree, or it would have been found
+    target.unlink(missing_ok=True)  # a file with a wrong checksum
     pooch.get_logger().setLevel("WARNING")
     try:
         path = Path(
             pooch.retrieve(entry.url, known_hash=None, fname=target.name, path=target.parent)
         )
-    except OSError as error:  # what the network's errors are, too
+    except OSError as error:  # includes network errors
         reason = str(error).partition("\n")[0].partition(" (Caused by")[0]
         reason = "no connection" if "Max retries" in reason else reason
         raise InputError(
             f"{entry.name}: its file is not here, and the download of {entry.url} failed "
-            f"({reason}); --data or CERTPGO_DATA names a folder that has it"
+            f"({reason}); set --data or CERTPGO_DATA to a folder that contains it"
         ) from error
     if not entry.agrees(path):
         path.unlink()
@@ -99,5 +93,5 @@ def _remedy(entry: Entry) -> str:
     if entry.url is not None:
         return f"it can be downloaded from {entry.url}"
     if entry.origin == "gtsam wheel":
-        return "pip install 'certpgo[baselines]' brings it"
-    return f"it is derived and has no download address: let {DATA_VARIABLE} name its folder"
+        return "pip install 'certpgo[baselines]' provides it"
+    return f"it is derived and has no download address: set {DATA_VARIABLE} to its folder"

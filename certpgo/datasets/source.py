@@ -1,4 +1,4 @@
-"""What a user calls a graph or an estimate, a path or a dataset's name, resolved once."""
+"""A path or the name of a dataset, resolved once."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class Source:
 
     Attributes
     ----------
-    name : as the user gave it
+    name : as given by the user
     is_file : whether it is the path of a file
-    data : folder to look for datasets in first
+    data : folder to search first for datasets
     """
 
     name: str
@@ -30,36 +30,25 @@ class Source:
 
     @cached_property
     def found(self) -> Path | None:
-        """The local file, or None: it is looked for once."""
+        """The local file, or None; searched only once."""
         return Path(self.name) if self.is_file else datasets.find(self.name, self.data)
 
     @property
     def is_here(self) -> bool:
-        """Whether it needs no download."""
+        """Whether no download is needed."""
         return self.found is not None
 
     def path(self) -> Path:
-        """The local file, downloaded if need be.
-
-        Raises
-        ------
-        InputError
-            The file is nowhere, or the download failed.
-        """
+        """The local file, downloaded if necessary."""
         return self.found or datasets.fetch(self.name, self.data)
 
     def graph(self, *, download: bool = True, **reading: Any) -> Instance:
-        """The graph, with the dataset's ground truth where that is here.
+        """The graph, with the dataset's ground truth if that is found.
 
         Parameters
         ----------
-        download : whether to download a file that is not here
+        download : whether to download a missing file
         **reading : options of `certpgo.io.read`
-
-        Raises
-        ------
-        InputError
-            It is nowhere, is no graph, or cannot be read.
         """
         if self.is_file:
             return io.read(self.name, **reading)
@@ -69,13 +58,7 @@ class Source:
 
 
 def resolve(name: str, data: Path | None = None) -> Source:
-    """The file at a path, or else the dataset of that name.
-
-    Raises
-    ------
-    InputError
-        Neither exists, with the nearest names of datasets.
-    """
+    """The file at a path, otherwise the dataset of that name; InputError if neither exists."""
     if Path(name).exists():
         return Source(name, is_file=True, data=data)
     try:

@@ -1,7 +1,8 @@
 """Families of graphs with known truth, as functions of a size and a random generator.
 
-Noise turns a measured rotation by exp of a Gaussian tangent vector and moves a measured
-translation by a Gaussian vector, each of the given standard deviation per axis.
+Noise multiplies a measured rotation by exp of a Gaussian tangent vector and adds a Gaussian vector
+to a measured translation, each of the given standard deviation per axis. Impossible sizes and
+parameters are refused by an InputError.
 """
 
 from __future__ import annotations
@@ -18,11 +19,11 @@ from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 
 def winding_cycle(n: int, theta: float, winding: int, d: int = 3) -> tuple[Instance, Estimate]:
-    """A cycle of n identity measurements but one Rz(theta), and its stationary point.
+    """A cycle of n identity measurements except one Rz(theta), and a stationary point.
 
-    In the point of winding k every residual angle is (theta + 2 pi k)/n, and its cost is
-    8 n sin^2((theta + 2 pi k)/(2 n)); only k = 0 is optimal (for abs(theta) < pi). The instance's
-    truth is that one.
+    At the point of winding k every residual angle is (theta + 2 pi k)/n, and the cost is
+    8 n sin^2((theta + 2 pi k)/(2 n)); only k = 0, the instance's truth, is optimal (for
+    abs(theta) < pi).
 
     Parameters
     ----------
@@ -49,26 +50,21 @@ def cycle(n: int, sigma: float, rng: np.random.Generator, d: int = 3) -> Instanc
 def orbital(
     n: int, sigma: float, rng: np.random.Generator, closures: int = 0, reach: int = 3
 ) -> Instance:
-    """Cameras that go once around the z axis: a cycle of n, as Eriksson et al. draw it, section 6.
+    """Cameras once around the z axis: a cycle of n, as in Eriksson et al., section 6.
 
-    Consecutive true rotations differ by 2 pi / n about z. A measurement is turned about a uniformly
-    random axis by an angle whose standard deviation is ``sigma`` (radians), where `cycle` turns it
-    by that much about each axis. Unit weights.
+    Consecutive true rotations differ by 2 pi / n about z. The noise is a rotation about a uniformly
+    random axis by an angle of standard deviation ``sigma`` (radians); in `cycle` that is the
+    deviation per axis. Unit weights.
 
     Parameters
     ----------
-    closures : random further measurements, which make the graph a near-cycle
-    reach : how far apart along the orbit the cameras of those are at most, at least 2
-
-    Raises
-    ------
-    InputError
-        Such cameras there are none.
+    closures : number of additional random measurements, which make the graph a near-cycle
+    reach : their maximal distance along the orbit, at least 2
     """
     if closures < 0:
         raise InputError(f"the number of closures must not be negative: {closures}")
     if closures and not 2 <= reach <= n // 2:
-        raise InputError(f"cameras at most {reach} apart, of {n}: give 2 to half of them")
+        raise InputError(f"reach must be 2 to half of the {n} cameras, not {reach}")
     edges = _cycle_edges(n)
     truth = Estimate(_turns(2.0 * np.pi * np.arange(n) / n, 3))
     if closures:
@@ -85,13 +81,8 @@ def viewing_graph(
 
     Parameters
     ----------
-    name : a dataset whose graph counts, its measurements not; the largest component
+    name : a dataset, of which only the graph's largest component is used
     data : folder to look in first
-
-    Raises
-    ------
-    InputError
-        Its file is not here.
     """
     stem, n, edges = viewing_edges(name, data)
     return _rotations(f"{stem}-simulated", n, edges, sigma, rng, 3)
@@ -108,13 +99,8 @@ def random_graph(
 ) -> Instance:
     """A connected random graph of relative rotations, noise ``sigma``, unit weights.
 
-    A random tree (each node after the first tied to an earlier one, in random order) plus
-    uniformly random further pairs, to round(n mean_degree / 2) edges without repetition.
-
-    Raises
-    ------
-    InputError
-        The mean degree is below that of a tree or above that of the complete graph.
+    A random tree (each node after the first is connected to an earlier one, in random order) and
+    uniformly random pairs, round(n mean_degree / 2) distinct edges in total.
     """
     at_least(2, n)
     m = round(n * mean_degree / 2)
@@ -135,16 +121,16 @@ def helix(
     rotation_noise: float = 0.02,
     translation_noise: float = 0.02,
 ) -> Instance:
-    """A helix of ``turns`` turns of ``turns`` poses: odometry, and a link to the turn above.
+    """A helix of ``turns`` turns of ``turns`` poses: odometry, and edges to the turn above.
 
-    The cylinder has circumference ``turns`` and the helix pitch 1, so that steps along and links
-    across have about unit length (metres). Rotations are uniformly random; kappa = 1/noise^2 per
-    axis, tau likewise (2500 for the default noise).
+    The cylinder has circumference ``turns`` and the helix pitch 1, so that edges have about unit
+    length (metres). Rotations are uniformly random; kappa = 1/noise^2 per axis, tau likewise (2500
+    for the default noise).
 
     Parameters
     ----------
-    uneven : steps along have random lengths between 0 and turns / 2 instead, so that rotations act
-        on long lever arms and links lead anywhere around the cylinder
+    uneven : odometry has random lengths between 0 and turns / 2 instead, so that rotations act on
+        long lever arms and edges between turns cross the cylinder
     """
     at_least(3, turns)
     k = np.arange(turns**2)
@@ -165,25 +151,20 @@ def corridor(
     information: float = 9e3,
     noise: float = 3e-6,
 ) -> Instance:
-    """A log of laps through the corridors of a building in the plane, its residuals tiny.
+    """Laps through the corridors of a building in 2D, with tiny residuals.
 
     A robot takes steps of about 0.4 m around a rectangle of corridors, four times as long as wide,
-    and matches each scan with the last one and with that of a lap ago. As in the log FRH of
-    Freiburg's hospital, the measurements are those of a solved map: their noise is far below what
-    the weights say. With the defaults and n = 1316, F* is 3.5e-4 and 1.4e-11 of
+    and matches each scan with the last one and that of the previous lap. As in the log FRH of
+    Freiburg's hospital, the measurements come from a solved map: their noise is far below that
+    stated by the weights. With the defaults and n = 1316, F* is 3.5e-4 and 1.4e-11 of
     W = sum kappa + sum tau |t|^2.
 
     Parameters
     ----------
     n : number of poses
-    laps : what they are divided into
+    laps : number of laps, of at least 8 poses each
     information : kappa (1/rad^2) and tau (1/m^2) of all edges
     noise : standard deviation per axis (radians, metres)
-
-    Raises
-    ------
-    InputError
-        A lap has fewer than 8 poses, or there is no lap.
 
     Examples
     --------
@@ -221,11 +202,6 @@ def grid3d(
 
     Neighbours are 1 m apart. Rotations are uniformly random; kappa = 1/noise^2, tau likewise (100
     for the default noise).
-
-    Raises
-    ------
-    InputError
-        The fraction is too small to connect the grid, or above 1.
     """
     at_least(2, side)
     n = side**3
@@ -274,7 +250,7 @@ def _measured_poses(
     weights: tuple[float, float],
     rng: np.random.Generator,
 ) -> PoseGraph:
-    """Relative poses, the noise of rotations and translations given, and kappa and tau for all."""
+    """Relative poses with noise of rotations and translations, and weights kappa and tau."""
     (n, d), m, (i, j) = t.shape, len(edges), edges.T
     measured = _measured_rotations(R, edges, noise[0], rng)
     steps = np.einsum("mba,mb->ma", R[i], t[j] - t[i])
@@ -294,7 +270,7 @@ def _measured_rotations(
 def _axis_noise(
     truth: Estimate, edges: IntArray, sigma: float, rng: np.random.Generator
 ) -> RotationGraph:
-    """Measurements turned about uniformly random axes by normally distributed angles."""
+    """Measurements with noise about uniformly random axes by normally distributed angles."""
     R, (i, j), m = truth.rotations, edges.T, len(edges)
     axis = rng.standard_normal((m, 3))
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
@@ -306,7 +282,7 @@ def _axis_noise(
 def instance(
     name: str, graph: Graph, truth: Estimate, outliers: BoolArray | None = None
 ) -> Instance:
-    """A made graph with what is known of it."""
+    """An instance of a synthetic graph."""
     return Instance(
         name,
         graph,
@@ -325,23 +301,17 @@ def _cycle_edges(n: int) -> IntArray:
 
 
 def _at_distances(n: int, distances: tuple[int, ...]) -> IntArray:
-    """Edges from each of n nodes in a row to those at these distances after it."""
+    """Edges between n nodes in a row at the given distances."""
     k = np.arange(n)
     return np.concatenate([np.stack([k[:-s], k[s:]], axis=1) for s in distances])
 
 
 def _turns(angles: FloatArray, d: int) -> FloatArray:
-    """Rotations by angles about the z axis, or in the plane."""
+    """Rotations by angles about the z axis, or in 2D."""
     return so.exp(angles[:, None] * np.eye(so.tangent_dim(d))[-1])
 
 
 def at_least(smallest: int, size: int) -> None:
-    """Refuse a smaller size.
-
-    Raises
-    ------
-    InputError
-        It is smaller.
-    """
+    """Refuse a smaller size by an InputError."""
     if size < smallest:
         raise InputError(f"the size must be at least {smallest}, not {size}")

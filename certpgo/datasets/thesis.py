@@ -33,15 +33,10 @@ def langevin_scene(
 
     Parameters
     ----------
-    name : a dataset whose graph counts, its measurements not; the largest component
+    name : a dataset, of which only the graph's largest component is used
     sigma_deg : sigma_R, degrees
-    outliers : probability of a measurement to be a uniformly random rotation
-    data : folder to look in first
-
-    Raises
-    ------
-    InputError
-        Its file is not here, sigma_R is negative, or the probability is none.
+    outliers : probability that a measurement is a uniformly random rotation
+    data : folder to search first
     """
     stem, n, edges = viewing_edges(name, data)
     return _rotations(f"{stem}-langevin", so.random(rng, n, 3), edges, sigma_deg, outliers, rng)
@@ -57,20 +52,15 @@ def langevin_graph(
     d: int = 3,
     graph_seed: int | None = None,
 ) -> Instance:
-    """Rotations on a random connected graph of a wished Fiedler value, to 3 percent.
+    """Rotations on a random connected graph with a given Fiedler value, to 3 percent.
 
     Parameters
     ----------
     n : number of nodes: 553 in Figure 3.1, 550 in section 5.3.2
-    fiedler : second eigenvalue of the graph Laplacian with every edge weighing 1
+    fiedler : second eigenvalue of the graph Laplacian with unit weights
     sigma_deg : sigma_R, degrees
-    outliers : probability of a measurement to be a uniformly random rotation
-    graph_seed : seed of the graph, for noise to vary on one graph; by default ``rng`` draws it
-
-    Raises
-    ------
-    InputError
-        There is no such graph, sigma_R is negative, or the probability is none.
+    outliers : probability that a measurement is a uniformly random rotation
+    graph_seed : seed of the graph, to vary only the noise; by default ``rng`` generates the graph
     """
     at_least(2, n)
     drawing = rng if graph_seed is None else np.random.default_rng(graph_seed)
@@ -89,12 +79,12 @@ def spherical_path(
     radius: float = 100.0,
     turns: int = 10,
 ) -> Instance:
-    """The path of a robot over a sphere with most pairs of poses unmeasured; section 5.4.1.
+    """The path of a robot on a sphere with most pairs of poses unmeasured; section 5.4.1.
 
-    The thesis shows the path and does not define it. Here it is a spiral from pole to pole at
-    constant speed, longitude proportional to colatitude; the robot's x axis points ahead, its z
-    axis away from the centre. Consecutive poses are always measured, which keeps the graph
-    connected; the other measured pairs are uniformly random.
+    The thesis shows the path but does not define it. Here it is a spiral from pole to pole at
+    constant speed, longitude proportional to colatitude; the robot's x axis points forward, its z
+    axis outward. Consecutive poses are always measured, so that the graph is connected; the other
+    measured pairs are uniformly random.
 
     Parameters
     ----------
@@ -102,19 +92,14 @@ def spherical_path(
     sigma_deg : sigma_R, degrees
     sigma_t : standard deviation of a measured translation per axis, metres
     radius : metres
-    turns : how often the spiral goes around
-
-    Raises
-    ------
-    InputError
-        Fewer pairs are left than the path needs, or a deviation is negative.
+    turns : of the spiral
     """
     pairs = n * (n - 1) // 2
     m = round((1.0 - missing) * pairs)
     if not 2 <= n <= m + 1 <= pairs + 1:
-        raise InputError(f"a path of {n} poses cannot miss {missing:g} of its {pairs} pairs")
+        raise InputError(f"a path of {n} poses cannot omit {missing:g} of its {pairs} pairs")
     if not sigma_t >= 0.0:
-        raise InputError(f"sigma_t must not be negative, and is {sigma_t}")
+        raise InputError(f"sigma_t must not be negative: {sigma_t}")
     R, t = _spiral(n, radius, turns)
     edges = path_with_closures(n, m, rng)
     i, j = edges.T
@@ -133,7 +118,7 @@ def _rotations(
     rng: np.random.Generator,
 ) -> Instance:
     if not 0.0 <= outliers <= 1.0:
-        raise InputError(f"the probability of outliers must be 0 to 1, and is {outliers}")
+        raise InputError(f"the probability of outliers must lie between 0 and 1: {outliers}")
     measured = _langevin_measurements(R, edges, sigma_deg, rng)
     wrong = rng.random(len(edges)) < outliers
     measured[wrong] = so.random(rng, int(wrong.sum()), R.shape[-1])
@@ -146,7 +131,7 @@ def _langevin_measurements(
 ) -> FloatArray:
     """E_ij R_i^T R_j, (m, d, d)."""
     if not sigma_deg >= 0.0:
-        raise InputError(f"sigma_R must not be negative, and is {sigma_deg}")
+        raise InputError(f"sigma_R must not be negative: {sigma_deg}")
     i, j = edges.T
     with np.errstate(divide="ignore", over="ignore"):
         concentration = float(np.radians(sigma_deg) ** -2.0)  # infinite without noise
@@ -155,7 +140,7 @@ def _langevin_measurements(
 
 
 def _spiral(n: int, radius: float, turns: int) -> tuple[FloatArray, FloatArray]:
-    """Rotations (n, 3, 3) and positions (n, 3) along the spiral, at equal arc lengths."""
+    """Rotations (n, 3, 3) and positions (n, 3) at equal distances along the spiral."""
     fine = np.linspace(0.0, np.pi, 100 * n)
     arc = cumulative_trapezoid(np.hypot(1.0, 2.0 * turns * np.sin(fine)), fine, initial=0.0)
     colatitude = np.interp(np.linspace(0.0, arc[-1], n), arc, fine)

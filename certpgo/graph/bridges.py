@@ -1,6 +1,6 @@
-"""Bridges of a measurement graph: edges whose loss would disconnect it.
+"""Bridges of a measurement graph: edges whose removal disconnects it.
 
-Nothing checks the measurement of a bridge: its residual is zero at the optimum.
+No other measurement checks a bridge: its residual is zero at the optimum.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from certpgo.linalg.blocks import adjacency
 def bridges(graph: Graph) -> IntArray:
     """(k, 2) node pairs, smaller first, of the bridges, in linear time (up to sorting).
 
-    A tree edge above v is a bridge when every other edge that leaves v's subtree ends in it.
-    Subtrees are intervals of the preorder numbers, whatever the spanning tree.
+    The tree edge above v is a bridge if all other edges from v's subtree end in that subtree.
+    Subtrees are intervals of preorder numbers, in any spanning tree.
     """
     n = graph.num_nodes
     low, high = np.sort(graph.edges, axis=1).T
@@ -26,7 +26,7 @@ def bridges(graph: Graph) -> IntArray:
     order, parent = _spanning_tree(n, graph.components, low, high)
     is_tree = (parent[low] == high) | (parent[high] == low)
     number, size = _preorder(order, parent)
-    other = ~is_tree | (copies > 1)  # a doubled tree edge is another edge of its own
+    other = ~is_tree | (copies > 1)  # a parallel edge is not the tree edge
     least, most = number.copy(), number.copy()
     for a, b in ((low[other], high[other]), (high[other], low[other])):
         np.minimum.at(least, a, number[b])
@@ -46,11 +46,11 @@ def _spanning_tree(
 ) -> tuple[IntArray, IntArray]:
     """Breadth-first order of all nodes, and each one's parent (-1 for the roots)."""
     _, roots = np.unique(components, return_index=True)
-    # One further node, tied to a node of each component, makes one tree of the forest.
+    # One extra node, connected to a node of each component, joins the forest to one tree.
     i = np.concatenate([low, np.full(len(roots), n)])
     j = np.concatenate([high, roots])
-    tied = adjacency(n + 1, i, j, np.ones(len(i)))
-    order, parent = csgraph.breadth_first_order(tied, n, directed=False)
+    joined = adjacency(n + 1, i, j, np.ones(len(i)))
+    order, parent = csgraph.breadth_first_order(joined, n, directed=False)
     parent = np.where(parent[:n] == n, -1, parent[:n])
     return np.asarray(order[1:], dtype=np.intp), np.asarray(parent, dtype=np.intp)
 

@@ -10,12 +10,12 @@ import numpy as np
 from certpgo.graph.graph import Instance, PoseGraph, require_connected
 from certpgo.linalg.arrays import IntArray
 
-#: What to do with a graph of several components: refuse it, take each, or the largest alone.
+#: How to treat a disconnected graph: refuse it, solve each component, or the largest only.
 Components = Literal["refuse", "each", "largest"]
 
 
 def rotations_alone(instance: Instance) -> Instance:
-    """The instance without its translations, if it has any."""
+    """The instance without translations."""
     if not isinstance(instance.graph, PoseGraph):
         return instance
     truth = None if instance.truth is None else instance.truth.with_translations(None)
@@ -23,12 +23,12 @@ def rotations_alone(instance: Instance) -> Instance:
 
 
 def connected_parts(instance: Instance, components: Components) -> list[Instance]:
-    """The connected graphs to work on, largest first; nodes without measurements pose no problem.
+    """The connected components to solve, largest first, without isolated nodes.
 
     Raises
     ------
     GraphError
-        The graph is not connected, and that is to be refused.
+        The graph is disconnected, and ``components`` is ``"refuse"``.
     """
     graph = instance.graph
     if graph.is_connected:
@@ -50,7 +50,7 @@ def component(instance: Instance, label: int) -> Instance:
 
 
 def restricted(instance: Instance, nodes: IntArray, name: str) -> Instance:
-    """The instance of some nodes, ascending, and the edges between them."""
+    """The instance of a subset of nodes, ascending, and the edges between them."""
     graph = instance.graph
     inside = np.isin(graph.edges, nodes).all(axis=1)
     place = {int(node): k for k, node in enumerate(nodes)}

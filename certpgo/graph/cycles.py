@@ -1,4 +1,4 @@
-"""Graphs that are one cycle, and the way around them."""
+"""Graphs that are a single cycle."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Walk:
 
     Attributes
     ----------
-    nodes : (n,) in the order they are passed
+    nodes : (n,) in order
     parents : (n,) the node before each, negative for node 0
     edges : (n,) the edge that leaves each node of ``nodes``
     forward : (n,) whether that edge is measured in the direction of the walk
@@ -32,26 +32,20 @@ class Walk:
 
 
 def is_cycle(graph: RotationGraph) -> bool:
-    """Whether the (connected) graph is one cycle of at least three nodes."""
+    """Whether the (connected) graph is a single cycle of at least three nodes."""
     degree = np.bincount(graph.edges.ravel(), minlength=graph.num_nodes)
     return graph.num_nodes >= 3 and graph.num_edges == graph.num_nodes and bool((degree == 2).all())
 
 
 def walk(graph: RotationGraph) -> Walk:
-    """The way around a cycle.
-
-    Raises
-    ------
-    GraphError
-        The graph is no cycle.
-    """
+    """The walk around a cycle; GraphError for other graphs."""
     n, (i, j) = graph.num_nodes, graph.edges.T
     if not is_cycle(graph):
         raise GraphError(
             f"this graph of {n} nodes and {graph.num_edges} edges is not a single cycle of at "
             "least 3 nodes"
         )
-    # On a cycle depth first is once around.
+    # Depth-first search follows the cycle.
     nodes, parents = csgraph.depth_first_order(adjacency(n, i, j, np.ones(n)), 0, directed=False)
     position = np.empty(n, dtype=np.intp)
     position[nodes] = np.arange(n)

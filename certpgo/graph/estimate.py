@@ -1,4 +1,4 @@
-"""Estimates: one absolute pose, or rotation, a node."""
+"""Estimates: one absolute pose or rotation per node."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from certpgo.linalg.arrays import FloatArray, IntArray, frozen_floats
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """Absolute rotations, and translations where the problem has them.
+    """Absolute rotations, and translations if the problem has them.
 
     Attributes
     ----------
-    rotations : (n, d, d), R_i world <- body i; a matrix that is a rotation to few digits only is
-        replaced by the nearest rotation
+    rotations : (n, d, d), R_i world <- body i; a matrix of few digits is replaced by the nearest
+        rotation
     translations : (n, d) origins t_i of the bodies in the world frame, metres; or None
 
     Raises
     ------
     GraphError
-        A matrix that is no rotation (the worst is named), a translation that is not finite.
+        A matrix is not a rotation (the worst is named), or a translation is not finite.
 
     Examples
     --------
@@ -65,7 +65,7 @@ class Estimate:
 
     @classmethod
     def trusted(cls, rotations: FloatArray, translations: FloatArray | None = None) -> Estimate:
-        """An estimate that is not checked: its matrices were made as rotations."""
+        """An estimate without checks, for matrices known to be rotations."""
         new = object.__new__(cls)
         object.__setattr__(new, "rotations", rotations)
         object.__setattr__(new, "translations", translations)
@@ -86,7 +86,7 @@ class Estimate:
         return Estimate.trusted(self.rotations, translations)
 
     def moved(self, rotation: FloatArray, translation: FloatArray | None = None) -> Estimate:
-        """The estimate after the world is moved: S R_i and S t_i + s (``rotation`` S is (d, d))."""
+        """The estimate in another world frame: S R_i and S t_i + s (``rotation`` S is (d, d))."""
         if self.translations is None:
             return Estimate(rotation @ self.rotations)
         offset = np.zeros(self.d) if translation is None else np.asarray(translation)

@@ -1,8 +1,7 @@
-"""Measurement graphs: what was measured between which poses, and how well.
+"""Measurement graphs: relative measurements between nodes, and their weights.
 
-Arrays at rest: validated once at construction, read-only afterwards. The convention is one
-everywhere: R_i is world <- body i, an edge (i, j) measures R_ij ~ R_i^T R_j and
-t_ij ~ R_i^T (t_j - t_i).
+Arrays are validated at construction and read-only afterwards. The convention everywhere: R_i is
+world <- body i, an edge (i, j) measures R_ij ~ R_i^T R_j and t_ij ~ R_i^T (t_j - t_i).
 """
 
 from __future__ import annotations
@@ -44,14 +43,14 @@ class RotationGraph:
     kind : ``"rotations"``, what is measured
     num_nodes : number n of nodes, numbered 0 ... n-1
     edges : (m, 2) node pairs (i, j); parallel edges are allowed, their terms add
-    rotations : (m, d, d) measured R_ij ~ R_i^T R_j, d = 2 or 3; a matrix that is a rotation to few
-        digits only is replaced by the nearest rotation
+    rotations : (m, d, d) measured R_ij ~ R_i^T R_j, d = 2 or 3; a matrix of few digits is replaced
+        by the nearest rotation
     kappa : (m,) rotational concentrations, between 2^-400 and 2^400
 
     Raises
     ------
     GraphError
-        An index out of range, a self-loop, a matrix that is no rotation, a weight out of range.
+        An index out of range, a self-loop, a matrix not a rotation, a weight out of range.
 
     Examples
     --------
@@ -122,13 +121,13 @@ class RotationGraph:
         return len(self.component_sizes) == 1
 
     def with_weights(self, kappa: FloatArray | float) -> RotationGraph:
-        """The same measurements with other concentrations (a scalar serves all edges)."""
+        """The same measurements with other concentrations (a scalar applies to all edges)."""
         return RotationGraph(
             self.num_nodes, self.edges, self.rotations, _broadcast(kappa, self.num_edges)
         )
 
     def reweighted(self, factors: FloatArray) -> RotationGraph:
-        """Each concentration times a factor (m,); an edge whose factor is exactly 0 is left out."""
+        """Concentrations times factors (m,); an edge with factor 0 is removed."""
         kept = factors != 0.0
         graph = self if kept.all() else self.with_edges(kept)
         return graph.with_weights(factors[kept] * graph.kappa)
@@ -138,7 +137,7 @@ class RotationGraph:
         return self.with_edges(_simple_edges(self.num_nodes, self.edges, keep))
 
     def with_edges(self, chosen: IntArray | BoolArray) -> RotationGraph:
-        """All nodes with the ``chosen`` edges alone, given by place or by a mask (m,)."""
+        """All nodes with only the ``chosen`` edges, given by index or mask (m,)."""
         return RotationGraph(
             self.num_nodes, self.edges[chosen], self.rotations[chosen], self.kappa[chosen]
         )
@@ -167,7 +166,7 @@ class PoseGraph:
 
     Examples
     --------
-    Around a square, each step a metre ahead and a quarter turn:
+    Around a square, each step one metre forward and a quarter turn:
 
     >>> import numpy as np
     >>> from certpgo import PoseGraph, RotationGraph
@@ -234,13 +233,13 @@ class PoseGraph:
     def with_weights(
         self, kappa: FloatArray | float | None = None, tau: FloatArray | float | None = None
     ) -> PoseGraph:
-        """The same measurements with other concentrations; None keeps the present ones."""
+        """The same measurements with other concentrations; None keeps the current ones."""
         rotation = self.rotation if kappa is None else self.rotation.with_weights(kappa)
         new_tau = self.tau if tau is None else _broadcast(tau, self.num_edges)
         return PoseGraph(rotation, self.translations, new_tau)
 
     def reweighted(self, factors: FloatArray) -> PoseGraph:
-        """The concentrations times a factor (m,); an edge whose factor is exactly 0 is left out."""
+        """Concentrations times factors (m,); an edge with factor 0 is removed."""
         kept = factors != 0.0
         graph = self if kept.all() else self.with_edges(kept)
         return graph.with_weights(factors[kept] * graph.rotation.kappa, factors[kept] * graph.tau)
@@ -250,7 +249,7 @@ class PoseGraph:
         return self.with_edges(_simple_edges(self.num_nodes, self.edges, keep))
 
     def with_edges(self, chosen: IntArray | BoolArray) -> PoseGraph:
-        """All nodes with the ``chosen`` edges alone, given by place or by a mask (m,)."""
+        """All nodes with only the ``chosen`` edges, given by index or mask (m,)."""
         return PoseGraph(
             self.rotation.with_edges(chosen), self.translations[chosen], self.tau[chosen]
         )
@@ -265,13 +264,7 @@ Graph = RotationGraph | PoseGraph
 
 
 def require_connected(graph: Graph) -> None:
-    """Refuse a disconnected graph.
-
-    Raises
-    ------
-    GraphError
-        With the component sizes, largest first.
-    """
+    """Refuse a disconnected graph by a GraphError with the component sizes, largest first."""
     if not graph.is_connected:
         sizes = tuple(sorted(graph.component_sizes, reverse=True))
         shown = ", ".join(map(str, sizes[:5])) + (", ..." if len(sizes) > 5 else "")
@@ -283,7 +276,7 @@ def require_connected(graph: Graph) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Instance:
-    """A graph as it was read, with what else its source said.
+    """A graph as read, with other information from its source.
 
     Attributes
     ----------
@@ -292,12 +285,12 @@ class Instance:
     ids : (n,) the source's own node ids; node k is ``ids[k]``
     truth : ground truth, or None
     initial : the source's initial values (e.g. its VERTEX lines), or None
-    fixed : nodes that the source holds fixed (FIX lines, priors)
-    source : where it came from, a path or the name of a generator
-    options : the reading options that made the problem (parallel edges, weights, ...)
+    fixed : nodes that the source fixes (FIX lines, priors)
+    source : path or name of a generator
+    options : the reading options used (parallel edges, weights, ...)
     notices : what the reader assumed, skipped or found unusual, one sentence each
-    names : (n,) the source's own names of the nodes, e.g. of images; empty where it has none
-    outliers : (m,) whether each measurement is known to be wrong, or None where nobody knows
+    names : (n,) the source's own names of the nodes, e.g. of images; may be empty
+    outliers : (m,) whether each measurement is a known outlier, or None if unknown
 
     Examples
     --------
@@ -327,18 +320,18 @@ class Instance:
         if self.ids.shape != (n,) or (ordered[1:] == ordered[:-1]).any():
             raise GraphError(f"ids must be {n} distinct integers")
         if self.names and len(set(self.names)) != n:
-            raise GraphError(f"names must be {n} distinct texts, or none")
+            raise GraphError(f"names must be {n} distinct strings, or none")
         for what, value in (("truth", self.truth), ("initial", self.initial)):
             if value is not None and (value.num_nodes, value.d) != (n, self.graph.d):
                 raise GraphError(f"{what} is for another graph: {value.num_nodes} nodes, not {n}")
         if self.outliers is not None:
             object.__setattr__(self, "outliers", frozen_flags(self.outliers))
             if self.outliers.shape != (self.graph.num_edges,):
-                raise GraphError(f"outliers must be {self.graph.num_edges} flags, one an edge")
+                raise GraphError(f"outliers must be {self.graph.num_edges} flags, one per edge")
 
 
 def in_range(weights: FloatArray) -> BoolArray:
-    """Which weights a graph may have: of others, products could overflow, underflow or vanish."""
+    """Which weights are allowed: products of others could overflow or underflow."""
     return np.asarray((weights > 1.0 / FAR) & (weights < FAR))
 
 
@@ -357,8 +350,8 @@ def _check_weights(name: str, weights: FloatArray, edges: IntArray) -> None:
     bad = ~in_range(weights)
     if bad.any():
         value = weights[np.argmax(bad)]
-        said = "positive" if value <= 0.0 else f"between {1.0 / FAR:.2g} and {FAR:.2g}"
-        raise GraphError(f"{_edge_name(edges, bad)}: {name} is {value}; it must be {said}")
+        expected = "positive" if value <= 0.0 else f"between {1.0 / FAR:.2g} and {FAR:.2g}"
+        raise GraphError(f"{_edge_name(edges, bad)}: {name} is {value}; it must be {expected}")
 
 
 def _edge_name(edges: IntArray, bad: BoolArray) -> str:
@@ -371,8 +364,8 @@ def _broadcast(weights: FloatArray | float, m: int) -> FloatArray:
 
 
 def _components(n: int, edges: IntArray) -> IntArray:
-    tied = adjacency(n, edges[:, 0], edges[:, 1], np.ones(len(edges)))
-    labels = csgraph.connected_components(tied, directed=False)[1].astype(np.intp)
+    matrix = adjacency(n, edges[:, 0], edges[:, 1], np.ones(len(edges)))
+    labels = csgraph.connected_components(matrix, directed=False)[1].astype(np.intp)
     labels.flags.writeable = False
     return np.asarray(labels)
 

@@ -1,4 +1,4 @@
-"""Points of the rank-r relaxation, and how they become estimates again."""
+"""Points of the rank-r relaxation, and rounding to estimates."""
 
 from __future__ import annotations
 
@@ -49,12 +49,12 @@ class Lift:
         return Lift(self.rotations[nodes], None if t is None else t[nodes])
 
 
-#: What has a cost: an estimate, or a point of the relaxation.
+#: An estimate, or a point of the relaxation: both have a cost.
 Point = Estimate | Lift
 
 
 def lifted(point: Point, rank: int) -> Lift:
-    """The same point in ``rank`` dimensions, zero in the new ones."""
+    """The same point padded with zeros to ``rank`` dimensions."""
     new = rank - point.rotations.shape[1]
     t = point.translations
     return Lift(
@@ -66,7 +66,7 @@ def lifted(point: Point, rank: int) -> Lift:
 def rounded(point: Lift) -> Estimate:
     """The estimate nearest to a point of the relaxation.
 
-    The point is projected to its best d-dimensional subspace, then each rotation to SO(d); Rosen
+    The point is projected to its main d-dimensional subspace, then each rotation to SO(d); Rosen
     et al. (SE-Sync, IJRR 2019), Algorithm 2.
     """
     d, Y = point.d, point.rotations

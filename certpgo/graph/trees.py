@@ -23,9 +23,9 @@ def spanning_tree(
 
     Parameters
     ----------
-    lengths : (m,) positive edge lengths whose sum the tree minimises; by default the tree is the
-        breadth-first one, whose paths are shortest
-    root : a node, or ``"center"`` for one that is far from none: errors add up along paths
+    lengths : (m,) positive edge lengths, whose sum the tree minimises; by default the tree is
+        breadth-first, with the shortest paths
+    root : a node, or ``"center"`` for one in the middle: errors accumulate along paths
     """
     if lengths is None:
         tree = _simple(graph, np.ones(graph.num_edges))
@@ -35,13 +35,18 @@ def spanning_tree(
     return _breadth_first(tree, start)[1]
 
 
+def tree_initialization(graph: RotationGraph | PoseGraph) -> Estimate:
+    """Poses composed along the breadth-first tree of a central node."""
+    return compose(graph, spanning_tree(graph, root="center"))
+
+
 def minimum_spanning_tree(graph: RotationGraph | PoseGraph, lengths: FloatArray) -> csr_array:
-    """(n, n) the positive lengths (m,) of the edges of a tree whose sum is smallest."""
+    """(n, n) lengths of the edges of a minimum spanning tree, for positive lengths (m,)."""
     return csgraph.minimum_spanning_tree(_simple(graph, lengths))
 
 
 def _simple(graph: RotationGraph | PoseGraph, lengths: FloatArray) -> csr_array:
-    """(n, n) lengths of the edges, of parallel ones the shortest: csgraph would add them up."""
+    """(n, n) edge lengths, the shortest of parallel edges: csgraph would add them up."""
     low, high = np.sort(graph.edges, axis=1).T
     order = np.lexsort((lengths, high, low))
     low, high = low[order], high[order]
@@ -50,7 +55,7 @@ def _simple(graph: RotationGraph | PoseGraph, lengths: FloatArray) -> csr_array:
 
 
 def _center(graph: csr_array) -> int:
-    """The middle of a long shortest path: from the node farthest from a farthest one."""
+    """The middle of a long shortest path."""
     end = int(_breadth_first(graph, 0)[0][-1])
     order, parents = _breadth_first(graph, end)
     path = [int(order[-1])]
@@ -71,8 +76,8 @@ def compose(graph: RotationGraph | PoseGraph, parents: IntArray) -> Estimate:
     ----------
     parents : (n,) parent of each node, negative for the root
 
-    Pointer jumping: each round composes every node's pose with its ancestor's and jumps to that
-    ancestor's ancestor, so that chains of any length take log2(n) rounds.
+    By pointer jumping: each round composes every node's pose with its ancestor's, then moves on to
+    the ancestor's ancestor, so that log2(n) rounds suffice.
     """
     rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
     n, d = rotation.num_nodes, rotation.d
@@ -99,11 +104,11 @@ def compose(graph: RotationGraph | PoseGraph, parents: IntArray) -> Estimate:
 def _edges_between(
     graph: RotationGraph, parents: IntArray, children: IntArray
 ) -> tuple[IntArray, BoolArray]:
-    """For each parent and child an edge that joins them, and whether it points to the child."""
+    """For each parent and child an edge between them, and whether it points to the child."""
     n, (i, j) = graph.num_nodes, graph.edges.T
     key = np.minimum(i, j) * n + np.maximum(i, j)
     # Among parallel edges the heaviest, the first of equals.
     order = np.lexsort((-graph.kappa, key))
-    wanted = np.minimum(parents, children) * n + np.maximum(parents, children)
-    edge = order[np.searchsorted(key[order], wanted)]
+    expected = np.minimum(parents, children) * n + np.maximum(parents, children)
+    edge = order[np.searchsorted(key[order], expected)]
     return edge, i[edge] == parents

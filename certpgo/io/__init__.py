@@ -1,4 +1,4 @@
-"""Reading and writing graphs and estimates; conventions are converted here and nowhere else."""
+"""Reading and writing graphs and estimates; all conversion of conventions is here."""
 
 from certpgo.io.reading import read, read_estimate, read_truth
 from certpgo.io.writing import write

@@ -1,8 +1,7 @@
-"""From what a file said, under its own ids, to nodes 0 ... n-1."""
+"""From the contents of a file, with its own ids, to nodes 0 ... n-1."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -10,54 +9,49 @@ import numpy as np
 from certpgo.errors import FormatError, InputError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.io.chunks import text_lines
-from certpgo.io.format import LabelledPoses
-from certpgo.io.lines import TaggedLines
+from certpgo.io.format import LabelledPoses, ReadOptions
+from certpgo.io.lines import Dialect, read_lines
 from certpgo.io.plural import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 
-def numbered(ids: IntArray, wanted: IntArray) -> IntArray:
-    """Position in ``ids`` (ascending) of each of ``wanted``; -1 where it is not there."""
-    place = np.minimum(np.searchsorted(ids, wanted), len(ids) - 1)
-    return np.asarray(np.where(ids[place] == wanted, place, -1), dtype=np.intp)
+def numbered(ids: IntArray, queries: IntArray) -> IntArray:
+    """Position in ``ids`` (ascending) of each of ``queries``; -1 if absent."""
+    place = np.minimum(np.searchsorted(ids, queries), len(ids) - 1)
+    return np.asarray(np.where(ids[place] == queries, place, -1), dtype=np.intp)
 
 
 def distinct(ids: IntArray) -> IntArray:
-    """The distinct ids, ascending (sorting is several times faster than np.unique's hashing)."""
+    """The distinct ids, ascending (sorting is faster than np.unique's hashing)."""
     ordered = np.sort(ids)
     first = np.r_[np.ones(len(ids[:1]), np.bool_), ordered[1:] != ordered[:-1]]
     return np.asarray(ordered[first], dtype=np.intp)
 
 
-def instance_from_lines(path: Path, said: TaggedLines, options: Mapping[str, str]) -> Instance:
-    """The instance a file of tagged lines describes.
-
-    Raises
-    ------
-    FormatError
-        There are no edges, a vertex appears twice, or a fixed node is unknown.
-    """
-    if not said.edges:
-        what = "no edges: this is an estimate, not a graph" if said.vertices else "no edges"
+def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> Instance:
+    """The instance in a file of tagged lines."""
+    content = read_lines(path, dialect, options)
+    if not content.edges:
+        what = "no edges: this is an estimate, not a graph" if content.vertices else "no edges"
         raise FormatError(path, None, what)
-    pairs = np.concatenate(said.edges)
-    R, t = joined(said.measured)
-    kappa, tau = joined(said.weights)
-    said.measured.clear()
-    vertices = np.concatenate([*said.vertices, np.empty(0, dtype=np.intp)])
+    pairs = np.concatenate(content.edges)
+    R, t = joined(content.measured)
+    kappa, tau = joined(content.weights)
+    content.measured.clear()
+    vertices = np.concatenate([*content.vertices, np.empty(0, dtype=np.intp)])
     refuse_duplicates(path, vertices)
     ids = distinct(np.concatenate([vertices, pairs.ravel()]))
-    notices = [counted(count, what) for what, count in said.counts.items() if count]
+    notices = [counted(count, what) for what, count in content.counts.items() if count]
     rotation = RotationGraph(len(ids), numbered(ids, pairs), R, kappa)
     graph: Graph = PoseGraph(rotation, t, tau) if t.any() else rotation
     if graph is rotation:
         notices.append("all translations are zero: read as a rotation graph")
-    fixed = numbered(ids, np.array(said.fixed, dtype=np.intp))
+    fixed = numbered(ids, np.array(content.fixed, dtype=np.intp))
     if (fixed < 0).any():
-        raise FormatError(path, None, f"FIX {said.fixed[int(np.argmin(fixed))]}: no such node")
+        raise FormatError(path, None, f"FIX {content.fixed[int(np.argmin(fixed))]}: no such node")
     initial = None
-    if said.vertices:
-        values = LabelledPoses(*joined(said.values), ids=vertices)
+    if content.vertices:
+        values = LabelledPoses(*joined(content.values), ids=vertices)
         missing = len(ids) - len(vertices)
         if missing:
             notices.append(counted(missing, "node{s} without a vertex line: no initial values"))
@@ -70,40 +64,31 @@ def instance_from_lines(path: Path, said: TaggedLines, options: Mapping[str, str
         initial=initial,
         fixed=tuple(fixed.tolist()),
         source=str(path),
-        options=options,
+        options={
+            "rotation_information": options.rotation_information or dialect.rotation_information
+        },
         notices=tuple(notices),
     )
 
 
-def poses_from_lines(path: Path, said: TaggedLines) -> LabelledPoses:
-    """The vertex lines of a file.
-
-    Raises
-    ------
-    FormatError
-        There are none, or one appears twice.
-    """
-    if not said.vertices:
+def poses_from_lines(dialect: Dialect, path: Path) -> LabelledPoses:
+    """The poses on the vertex lines of a file."""
+    content = read_lines(path, dialect, ReadOptions(ignore_information=True))
+    if not content.vertices:
         raise FormatError(path, None, "no vertex lines")
-    ids = np.concatenate(said.vertices)
+    ids = np.concatenate(content.vertices)
     refuse_duplicates(path, ids)
-    R, t = joined(said.values)
+    R, t = joined(content.values)
     return LabelledPoses(R, t, ids=ids)
 
 
 def joined(pairs: list[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
-    """Both halves of the chunks, each as one array."""
+    """The first and second arrays of all chunks, concatenated."""
     return np.concatenate([p for p, _ in pairs]), np.concatenate([q for _, q in pairs])
 
 
 def refuse_duplicates(path: Path, ids: IntArray) -> None:
-    """Refuse a node id that occurs twice.
-
-    Raises
-    ------
-    FormatError
-        With the line of its second occurrence.
-    """
+    """Refuse a node id that occurs twice, naming the line of the second occurrence."""
     ordered = np.sort(ids)
     repeated = ordered[1:][ordered[1:] == ordered[:-1]]
     if len(repeated):
@@ -112,7 +97,7 @@ def refuse_duplicates(path: Path, ids: IntArray) -> None:
 
 
 def _second_line(path: Path, node: int) -> int | None:
-    # A vertex line is a tag and the id, a line of another format starts with the id.
+    # A vertex line starts with a tag and the id, a line of other formats with the id.
     seen = 0
     for number, line in text_lines(path):
         words = line.split(None, 2)[:2]
@@ -138,7 +123,7 @@ def estimate_for(ids: IntArray, poses: LabelledPoses, with_translations: bool) -
     Raises
     ------
     InputError
-        A node has no pose, a pose has no node, or translations are wanted and absent.
+        A node has no pose, a pose has no node, or translations are missing.
     """
     if poses.ids is None:
         if len(poses.rotations) != len(ids):
@@ -162,7 +147,7 @@ def truth_for(instance: Instance, poses: LabelledPoses) -> tuple[IntArray, Estim
     Raises
     ------
     InputError
-        No node has one.
+        There is none.
     """
     n = instance.graph.num_nodes
     with_translations = isinstance(instance.graph, PoseGraph) and poses.translations is not None
@@ -171,7 +156,7 @@ def truth_for(instance: Instance, poses: LabelledPoses) -> tuple[IntArray, Estim
     place = numbered(instance.ids, poses.ids)
     known = np.flatnonzero(place >= 0)
     if not len(known):
-        raise InputError("another graph's truth: no id is in the graph")
+        raise InputError("truth of another graph: no id is in the graph")
     order = known[np.argsort(place[known])]
     translations = poses.translations if with_translations else None
     return place[order], Estimate(
@@ -180,12 +165,12 @@ def truth_for(instance: Instance, poses: LabelledPoses) -> tuple[IntArray, Estim
 
 
 def _matched(ids: IntArray, given: IntArray) -> IntArray:
-    """For each of ``ids``, its place in ``given``."""
+    """The position of each of ``ids`` in ``given``."""
     place = numbered(ids, given)
     foreign = given[place < 0]
     if len(foreign):
         raise InputError(
-            f"another graph's estimate: node {foreign.min()} is not in the graph "
+            f"estimate of another graph: node {foreign.min()} is not in the graph "
             f"({len(foreign)} of {len(given)} are not)"
         )
     order = np.full(len(ids), -1, dtype=np.intp)

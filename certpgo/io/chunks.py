@@ -1,4 +1,4 @@
-"""Text files in chunks, whose errors name a line."""
+"""Text files in chunks, with errors that name the line."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ _PRINTED = bytes({*range(32, 256)} - {127}) + b"\t\r\n"
 
 
 def without_comments(text: bytes) -> bytes:
-    """The text with ``#`` and what follows it on a line removed."""
+    """The text without comments, from ``#`` to the end of a line."""
     return _COMMENT.sub(b"", text)
 
 
 def parsed(
     path: Path, parse: Callable[[list[bytes]], T], progress: Progress | None = None
 ) -> Iterator[T]:
-    """What ``parse`` makes of each chunk of lines, comments removed.
+    """``parse`` applied to each chunk of lines, without comments.
 
-    A chunk that fails is parsed again in ever smaller parts, by the same code, to name the line.
-    Lines end in LF or CRLF.
+    A chunk that fails is parsed again in smaller and smaller parts to locate the line. Lines end in
+    LF or CRLF.
 
     Raises
     ------
     FormatError
-        With the line, for an InputError of ``parse``, or a control character: a carriage return
-        that ends no line is one.
+        With the line of an InputError of ``parse``, or of a control character, including a carriage
+        return within a line.
     """
     for first, text in _chunks(path, progress):
         lines = without_comments(text).split(b"\n")
@@ -56,7 +56,7 @@ def _at_line(
     parse: Callable[[list[bytes]], T],
     error: InputError,
 ) -> FormatError:
-    """The error of the first line that fails, found by halving."""
+    """The error of the first line that fails, by bisection."""
     while len(lines) > 1:
         half = len(lines) // 2
         try:
@@ -72,19 +72,13 @@ def _at_line(
 
 
 def text_lines(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Each line with its number, comments kept.
-
-    Raises
-    ------
-    FormatError
-        At a control character, see `parsed`.
-    """
+    """Each line with its number, including comments; FormatError as in `parsed`."""
     for first, text in _chunks(path, None):
         yield from enumerate(text.split(b"\n"), first)
 
 
 def _chunks(path: Path, progress: Progress | None) -> Iterator[tuple[int, bytes]]:
-    """Pieces of a file as (number of the first line, lines but for the last one's end)."""
+    """Parts of a file as (number of the first line, lines without the last line end)."""
     total, number = path.stat().st_size, 1
     with path.open("rb") as file:
         if file.read(len(BOM_UTF8)) != BOM_UTF8:
@@ -107,9 +101,9 @@ def _chunks(path: Path, progress: Progress | None) -> Iterator[tuple[int, bytes]
 
 
 def _refuse_controls(path: Path, first: int, text: bytes) -> None:
-    """Refuse what some programs take for blanks and others for ends of lines: no two agree on it.
+    """Refuse control characters, which programs read differently, as blanks or line ends.
 
-    The checker of proofs refuses the same.
+    The proof checker refuses the same.
     """
     if text.count(b"\r") == text.count(b"\r\n") and not text.translate(None, _PRINTED):
         return
@@ -126,18 +120,13 @@ def read_rows(
     convert: Callable[[FloatArray], tuple[FloatArray, ...]],
     progress: Progress | None = None,
 ) -> tuple[FloatArray, ...]:
-    """A table of numbers, converted a chunk of rows at a time.
+    """A table of numbers, converted in chunks of rows.
 
     Parameters
     ----------
-    columns : numbers a line
-    expected : what a line holds, for the message
+    columns : numbers per line
+    expected : contents of a line, for the message
     convert : from rows (k, columns) to arrays (k, ...); its InputErrors name the line
-
-    Raises
-    ------
-    FormatError
-        With the line; or there are no rows.
     """
 
     def parse(lines: list[bytes]) -> tuple[FloatArray, ...]:
@@ -158,38 +147,29 @@ def read_rows(
     return tuple(np.concatenate(arrays) for arrays in zip(*parts, strict=True))
 
 
+def first_words(head: bytes) -> list[bytes]:
+    """The words of the first line that is not blank, without comments."""
+    lines = (line.split() for line in without_comments(head).splitlines())
+    return next((words for words in lines if words), [])
+
+
 def first_row(head: bytes) -> list[float]:
-    """The numbers on the first line that is not blank, empty if anything else stands there."""
-    for line in without_comments(head).splitlines():
-        if words := line.split():
-            try:
-                return [float(word) for word in words]
-            except ValueError:
-                return []
-    return []
+    """The numbers on the first line that is not blank; empty if there is anything else."""
+    try:
+        return [float(word) for word in first_words(head)]
+    except ValueError:
+        return []
 
 
 def whole(numbers: FloatArray) -> FloatArray:
-    """The numbers, if all are integers that doubles hold exactly.
-
-    Raises
-    ------
-    InputError
-        One is not.
-    """
+    """The numbers, if all are integers below 2^53; else an InputError."""
     if not ((numbers == np.rint(numbers)) & (np.abs(numbers) < 2.0**53)).all():
         raise InputError("ids must be integers")
     return numbers
 
 
 def refuse_loops(pairs: FloatArray | IntArray) -> None:
-    """Refuse an edge (i, i) among (k, 2) pairs of ids.
-
-    Raises
-    ------
-    InputError
-        There is one.
-    """
+    """Refuse an edge (i, i) among (k, 2) pairs of ids by an InputError."""
     loop = pairs[:, 0] == pairs[:, 1]
     if loop.any():
         raise InputError(f"node {int(pairs[np.argmax(loop), 0])} is measured from itself")

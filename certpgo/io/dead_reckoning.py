@@ -1,4 +1,4 @@
-"""Relative poses integrated along a spanning tree: how iSAM's ground-truth files are meant."""
+"""Relative poses integrated along a spanning tree, for iSAM's ground-truth files."""
 
 from __future__ import annotations
 
@@ -11,12 +11,7 @@ from certpgo.io.format import LabelledPoses
 def integrated(instance: Instance) -> LabelledPoses:
     """Poses relative to the node of smallest id, from noise-free relative poses.
 
-    A breadth-first tree keeps the chains, and with them the file's rounding, short.
-
-    Raises
-    ------
-    GraphError
-        The graph is not connected.
+    A breadth-first tree has short chains, hence little accumulated rounding.
     """
     graph = instance.graph
     require_connected(graph)

@@ -1,4 +1,4 @@
-"""The digits that a file's poses are written with, and what rounding to them does."""
+"""The digits of a file's poses, and rounding to them."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from certpgo.io.format import Chart, format_of
 from certpgo.io.plural import counted
 from certpgo.linalg.arrays import FloatArray
 
-#: Pose lines whose numbers are looked at.
+#: Pose lines to examine.
 SAMPLE = 2000
-#: Significant digits from which on nothing is lost.
+#: Significant digits from which nothing is lost.
 ALL = 15
-#: Numbers below `SMALL` that it takes to tell decimals from significant digits.
+#: Numbers below `SMALL` required to distinguish decimals from significant digits.
 ENOUGH, SMALL = 5, 0.1
 
 _NUMBER = re.compile(rb"[-+]?(?=\.?\d)(\d*)(?:\.(\d*))?(?:[eE]([-+]?\d{1,9}))?\Z")
@@ -30,12 +30,12 @@ _NUMBER = re.compile(rb"[-+]?(?=\.?\d)(\d*)(?:\.(\d*))?(?:[eE]([-+]?\d{1,9}))?\Z
 
 @dataclass(frozen=True)
 class Digits:
-    """The precision numbers are written with.
+    """The precision of written numbers.
 
     Attributes
     ----------
-    count : how many digits
-    decimals : whether those after the point are counted, or the significant ones
+    count : number of digits
+    decimals : whether these are decimals, not significant digits
     """
 
     count: int
@@ -45,7 +45,7 @@ class Digits:
         """Numbers (...,) rounded to these digits."""
         if self.decimals:
             return np.asarray(np.round(x, self.count))
-        size = np.maximum(np.abs(x), 1e-280)  # less is zero
+        size = np.maximum(np.abs(x), 1e-280)  # smaller is zero
         unit = 10.0 ** (np.floor(np.log10(size)) + 1.0 - self.count)
         return np.asarray(np.round(x / unit) * unit)
 
@@ -55,18 +55,18 @@ class Digits:
 
 @dataclass(frozen=True)
 class Writing:
-    """How a text file states poses, and with how many digits."""
+    """How a text file represents poses, and with how many digits."""
 
     chart: Chart
     digits: Digits
 
     def rounded(self, estimate: Estimate) -> Estimate:
-        """The estimate as the file would hold it.
+        """The estimate as the file would store it.
 
         Raises
         ------
         InputError
-            The digits are too few for rotations.
+            There are too few digits for rotations.
         """
         R, t = estimate.rotations, estimate.translations
         if self.chart.world_to_camera:
@@ -89,7 +89,7 @@ class Writing:
 
 
 def writing_of(path: str | Path) -> Writing | None:
-    """How a file's poses are written; None for formats of binary numbers, and with all digits.
+    """How a file's poses are written; None for binary formats, and with all digits.
 
     Raises
     ------
@@ -109,11 +109,11 @@ def writing_of(path: str | Path) -> Writing | None:
 
 
 def digits_of(words: list[bytes]) -> Digits | None:
-    """The precision that numbers were written with; None for all digits, and without numbers.
+    """The precision of written numbers; None for all digits, and without numbers.
 
-    Numbers with as many digits after the point, or where small ones have fewer significant digits
-    than large ones, have so many decimals; else the largest count of significant digits is taken,
-    as trailing zeros may have been dropped.
+    Decimals are counted if all numbers have equally many, or if small numbers have fewer
+    significant digits than large ones; otherwise the precision is the largest number of significant
+    digits, as trailing zeros may have been dropped.
     """
     parts = [match.groups(b"") for word in words if (match := _NUMBER.match(word))]
     if not parts:

@@ -1,4 +1,4 @@
-"""How large a compressed file may become when it is read."""
+"""Limits on the size of decompressed files."""
 
 from __future__ import annotations
 
@@ -6,23 +6,17 @@ from pathlib import Path
 
 from certpgo.errors import FormatError
 
-#: Archives of graphs expand at most some 50 times; adjacency matrices further where rows repeat,
-#: up to complete graphs of a thousand nodes, which are small.
+#: Archives of graphs expand at most 50 times; adjacency matrices with repeated rows more, up to
+#: complete graphs of a thousand nodes, which are small.
 RATIO, SMALL = 100, 16 << 20
 
 
 def largest(path: Path) -> int:
-    """Bytes that what is compressed in a file may expand to."""
+    """The largest allowed size of a decompressed file, bytes."""
     return max(RATIO * path.stat().st_size, SMALL)
 
 
 def refuse_bombs(path: Path, size: int) -> None:
-    """Refuse a file that says it expands to ``size`` bytes, where that is out of proportion.
-
-    Raises
-    ------
-    FormatError
-        It is.
-    """
+    """Refuse a file that claims to expand to ``size`` bytes, if that is disproportionate."""
     if size > largest(path):
         raise FormatError(path, None, f"expands to {size >> 20} MB, out of proportion to its size")

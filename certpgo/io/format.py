@@ -1,7 +1,6 @@
-"""What a file format is, and which one a file has.
+"""The interface of file formats, and their detection.
 
-A format is one module in `certpgo.io.formats` with a constant ``FORMAT``; it is found by scanning
-the folder.
+Each module in `certpgo.io.formats` defines a format by a constant ``FORMAT``.
 """
 
 from __future__ import annotations
@@ -29,13 +28,13 @@ _HEAD_BYTES = 1 << 14
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """What a format's reader is asked for.
+    """Options of a format's reader.
 
     Attributes
     ----------
-    rotation_information : what the rotational information is about; None takes the format's own
-    ignore_information : whether all weights are overridden, so that the file's are not looked at
-    progress : told bytes done and bytes in all, or None
+    rotation_information : what the rotational information refers to; None for the format's default
+    ignore_information : whether all weights are overridden, so that the file's are not read
+    progress : called with bytes read and bytes in total, or None
     """
 
     rotation_information: RotationInformation | None = None
@@ -45,16 +44,16 @@ class ReadOptions:
 
 @dataclass(frozen=True, eq=False)
 class LabelledPoses:
-    """Poses under the ids of their file.
+    """Poses with the ids of their file.
 
     Attributes
     ----------
     rotations : (k, d, d)
     translations : (k, d), or None
-    ids : (k,) integers; None where the format has none and order, or names, count
+    ids : (k,) integers; None if the format uses order or names instead
     times : (k,) seconds, for formats with timestamps
     names : (k,) of images, for formats with names
-    notices : how the poses were matched with nodes, where that is not by their ids
+    notices : how the poses were matched with nodes, if not by their ids
     """
 
     rotations: FloatArray
@@ -67,15 +66,15 @@ class LabelledPoses:
 
 @dataclass(frozen=True)
 class Chart:
-    """How a text file states a pose in numbers.
+    """How a text file represents a pose.
 
     Attributes
     ----------
     rotation : unit quaternions, or matrices; planar poses are embedded at z = 0
-    numbers : the words of a line that are a pose's numbers, ids and times aside; none of them for
-        a line that holds no pose
-    planar_angle : whether planar rotations are stated as angles instead
-    world_to_camera : whether R^T and -R^T t are stated
+    numbers : from the words of a line to those of its pose, without ids and times; empty for a line
+        without a pose
+    planar_angle : whether planar rotations are angles instead
+    world_to_camera : whether the file contains R^T and -R^T t
     """
 
     rotation: Literal["quaternion", "matrix"]
@@ -92,19 +91,19 @@ PoseWriter = Callable[[Path, Estimate, IntArray, FloatArray], None]
 
 @dataclass(frozen=True)
 class Format:
-    """One file format and what can be done with it.
+    """A file format, and its readers and writers.
 
     Attributes
     ----------
     name : as in ``format=``
-    suffixes : of the files it writes, the first being usual
+    suffixes : of the files it writes, the usual one first
     recognises : whether the first bytes of a file (or a folder: no bytes) are of this format
-    holds : what such a file holds, for messages
-    read_graph, write_graph : measurements, or None
-    read_poses : estimates, or None
-    write_poses : an estimate with ids (n,) and timestamps (n,) in seconds, or None
-    holds_translations : whether such a file has room for them
-    chart : how a text file states a pose in numbers; None where that is not known
+    holds : what such a file contains, for messages
+    read_graph, write_graph : for measurements, or None
+    read_poses : for estimates, or None
+    write_poses : for an estimate with ids (n,) and timestamps (n,) in seconds, or None
+    holds_translations : whether such a file can store them
+    chart : how a text file represents a pose; None if unknown
     """
 
     name: str
@@ -121,7 +120,7 @@ class Format:
 
 @cache
 def formats() -> Mapping[str, Format]:
-    """Every format in the folder, by name; files that cannot be loaded are named in a warning."""
+    """Every format in the folder, by name; warns about files that cannot be loaded."""
     package, found = importlib.import_module("certpgo.io.formats"), {}
     for module in pkgutil.iter_modules(package.__path__):
         try:
@@ -135,27 +134,21 @@ def formats() -> Mapping[str, Format]:
 
 
 def get_format(name: str) -> Format:
-    """The format of that name.
-
-    Raises
-    ------
-    SpecError
-        There is none.
-    """
+    """The format of that name; SpecError if there is none."""
     if name not in formats():
         raise SpecError.unknown("format", name, formats())
     return formats()[name]
 
 
 def format_of(path: Path, name: str | None = None) -> Format:
-    """The format of an existing file or folder: the one named, or by content, then by suffix.
+    """The format of an existing file or folder: as named, or by content, then by suffix.
 
     Raises
     ------
     FormatError
-        The path does not exist, is empty, or is of no known format.
+        The path does not exist, is empty, or has no known format.
     SpecError
-        No format is called ``name``.
+        ``name`` is unknown.
     """
     head = _head(path)
     if name is not None:
@@ -168,7 +161,7 @@ def format_of(path: Path, name: str | None = None) -> Format:
             return form
     text = b"\0" not in head and bool(head)
     for form in formats().values():
-        # The reader then says which line is wrong.
+        # The reader then reports which line is wrong.
         if text and path.suffix in form.suffixes:
             return form
     if path.is_dir():
@@ -192,14 +185,14 @@ def _head(path: Path) -> bytes:
 
 
 def format_to_write(path: Path, name: str | None) -> Format:
-    """The format called ``name``, or else the one of the path's suffix.
+    """The format called ``name``, or by the path's suffix.
 
     Raises
     ------
     SpecError
-        No format has that name.
+        ``name`` is unknown.
     InputError
-        The suffix does not tell.
+        The suffix is unknown.
     """
     if name is not None:
         return get_format(name)
@@ -208,6 +201,4 @@ def format_to_write(path: Path, name: str | None) -> Format:
         if path.suffix in form.suffixes:
             return form
     known = ", ".join(sorted(suffix for form in writable for suffix in form.suffixes))
-    raise InputError(
-        f"{path}: the suffix does not tell the format; give one of {known}, or name the format"
-    )
+    raise InputError(f"{path}: unknown suffix; use one of {known}, or name the format")

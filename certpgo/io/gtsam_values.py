@@ -1,6 +1,6 @@
-"""GTSAM's Values in Python as an estimate; any object with its keys() and at...() will do.
+"""GTSAM's Values as an estimate, or any object with its keys() and at...().
 
-GTSAM is not imported. A key is an integer; GTSAM's Symbols are a letter in the highest of eight
+GTSAM is not imported. Keys are integers; GTSAM's Symbols have a letter in the highest of eight
 bytes and an index in the other seven.
 """
 
@@ -29,33 +29,33 @@ def estimate_from_values(
 ) -> tuple[Estimate, str]:
     """The poses, or rotations, of the nodes ``ids``.
 
-    Keys are matched with the ids; failing that, the index part of one letter's Symbols; failing
-    that, where there are as many, both are taken in ascending order.
+    Keys are matched with the ids; failing that, the indices of one letter's Symbols are; failing
+    that, keys and ids in ascending order, if there are equally many.
 
     Parameters
     ----------
     values : has ``keys()`` and ``atPose3``, ``atRot3``, ``atPose2`` or ``atRot2``
-    ids : (n,) node ids, in the order wanted
+    ids : (n,) node ids, in the order of the estimate
     d : dimension of space, 2 or 3
-    with_translations : whether translations are wanted
+    with_translations : whether translations are needed
     exact : whether the ids must be keys
 
     Returns
     -------
     estimate : n poses or rotations, in the order of ``ids``
-    notice : how keys were matched where they are not the ids, and what was left out; or empty
+    notice : how keys were matched if they are not the ids, and what was ignored; or empty
 
     Raises
     ------
     InputError
-        The keys do not fit the ids, or the values are of another kind.
+        The keys do not match the ids, or the values are of another kind.
     """
     elements = _elements(values, d)
-    wanted = [int(node) for node in ids]
-    missing = [node for node in wanted if node not in elements]
+    expected = [int(node) for node in ids]
+    missing = [node for node in expected if node not in elements]
     if exact and missing:
         raise InputError(f"the values hold no {d}D pose or rotation at key {_shown(missing[0])}")
-    keys, notice = (wanted, "") if exact else _keys_of(elements, wanted)
+    keys, notice = (expected, "") if exact else _keys_of(elements, expected)
     matrices = [elements[key] for key in keys]
     if with_translations and any(M.shape == (d, d) for M in matrices):
         raise InputError("the values hold rotations only, but the graph measures translations")
@@ -65,8 +65,8 @@ def estimate_from_values(
 
 
 def _elements(values: Any, d: int) -> dict[int, FloatArray]:
-    """The matrix of every pose (d + 1, d + 1) or rotation (d, d) among the values, by its key."""
-    keys = [int(key) for key in values.keys()]  # noqa: SIM118 - no mapping
+    """The matrices of all poses (d + 1, d + 1) or rotations (d, d), by key."""
+    keys = [int(key) for key in values.keys()]  # noqa: SIM118 - not a mapping
     found = {key: M for key in keys if (M := _element(values, key, d)) is not None}
     if not found:
         other = 5 - d
@@ -83,7 +83,7 @@ def _element(values: Any, key: int, d: int) -> FloatArray | None:
             continue
         try:
             element = get(key)
-        except Exception:  # whatever the binding raises for a value of another type
+        except Exception:  # the binding's error for a value of another type
             continue
         M = np.asarray(element.matrix(), dtype=np.float64)
         if M.shape == (size, size):
@@ -92,26 +92,26 @@ def _element(values: Any, key: int, d: int) -> FloatArray | None:
 
 
 def _keys_of(elements: dict[int, FloatArray], ids: list[int]) -> tuple[list[int], str]:
-    """The key of each id, and a notice where it is not the id itself."""
+    """The key of each id, and a notice if it is not the id itself."""
     extra = len(elements) - len(ids)
-    left = f"{counted(extra, 'pose{s}')} of other keys left out" if extra else ""
+    unused = f"{counted(extra, 'pose{s}')} of other keys ignored" if extra else ""
     if all(node in elements for node in ids):
-        return ids, left
+        return ids, unused
     letters: dict[int, dict[int, int]] = {}
     for key in elements:
         letters.setdefault(key >> _INDEX_BITS, {})[key & ((1 << _INDEX_BITS) - 1)] = key
     fitting = [letter for letter, keys in letters.items() if all(node in keys for node in ids)]
     if len(fitting) == 1:
         keys = letters[fitting[0]]
-        said = f"keys matched with node ids by the index of the symbols {_shown(keys[ids[0]])} ..."
-        return [keys[node] for node in ids], f"{said}; {left}" if left else said
-    held = f"the values hold {_range(sorted(elements))}, the graph has {_range(sorted(ids))}"
+        match = f"keys matched with node ids by the index of the symbols {_shown(keys[ids[0]])} ..."
+        return [keys[node] for node in ids], f"{match}; {unused}" if unused else match
+    found = f"the values hold {_range(sorted(elements))}, the graph has {_range(sorted(ids))}"
     if len(fitting) > 1:
-        raise InputError(f"{held}: several letters fit; give ids, the key of each node")
+        raise InputError(f"{found}: several letters fit; give ids, the key of each node")
     if extra == 0:
         rank = dict(zip(sorted(ids), sorted(elements), strict=True))
-        return [rank[node] for node in ids], f"{held}: matched in ascending order"
-    raise InputError(f"{held}: they do not fit; give ids, the key of each node")
+        return [rank[node] for node in ids], f"{found}: matched in ascending order"
+    raise InputError(f"{found}: they do not match; give ids, the key of each node")
 
 
 def _range(keys: list[int]) -> str:

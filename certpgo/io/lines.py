@@ -1,7 +1,7 @@
 """Files of tagged lines (g2o, TORO, iSAM), read in chunks.
 
-Every line is a tag, integer ids, the numbers of a pose, and perhaps those of an information
-matrix. A chunk of lines is parsed at once, grouped by tag.
+Every line is a tag, integer ids, the numbers of a pose, and perhaps an information matrix. A chunk
+of lines is parsed at once, grouped by tag.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ Poses = tuple[FloatArray, FloatArray, int]
 
 @dataclass(frozen=True)
 class Tag:
-    """What the lines of one tag hold.
+    """The contents of lines with one tag.
 
     Attributes
     ----------
-    kind : measurement, initial value, nodes held fixed, or something to skip and count
+    kind : measurement, initial value, fixed nodes, or something to skip and count
     d : dimension of space
-    numbers : numbers of the pose after the ids
-    what : for skipped lines, what they are, for the notice
+    numbers : number of pose parameters after the ids
+    what : for the notice on skipped lines
     """
 
     kind: Literal["edge", "vertex", "fix", "skip"]
@@ -45,7 +45,7 @@ class Tag:
 
     @property
     def ids(self) -> int:
-        """Integers after the tag."""
+        """Number of ids after the tag."""
         return 2 if self.kind == "edge" else 1
 
 
@@ -60,7 +60,7 @@ class Dialect:
     layouts : order of the information in 2D and 3D, by d
     poses : from d and the numbers (k, p) of a pose
     refused : tags that are refused, with what is expected instead
-    rotation_information : what the format's rotational information is about
+    rotation_information : what the format's rotational information refers to
     """
 
     name: str
@@ -73,7 +73,7 @@ class Dialect:
 
 @dataclass
 class TaggedLines:
-    """What the lines of a file said; lists hold one array a chunk."""
+    """The contents of a file; lists have one array per chunk."""
 
     d: int
     edges: list[IntArray] = field(default_factory=list)
@@ -85,7 +85,7 @@ class TaggedLines:
     counts: Counter[str] = field(default_factory=Counter)
 
     def extend(self, other: TaggedLines) -> None:
-        """Append what the next chunk said."""
+        """Append the next chunk."""
         self.counts.update(other.counts)
         for name in ("edges", "measured", "weights", "vertices", "values", "fixed"):
             getattr(self, name).extend(getattr(other, name))
@@ -100,28 +100,22 @@ def rpy_poses(d: int, numbers: FloatArray) -> Poses:
 
 
 def first_tags(head: bytes) -> set[bytes]:
-    """The first words of the lines in the first bytes of a file, comments aside."""
+    """The first words of the lines in the first bytes of a file, without comments."""
     lines = (line.split(None, 1) for line in without_comments(head).splitlines())
     return {words[0] for words in lines if words}
 
 
 def read_lines(path: Path, dialect: Dialect, options: ReadOptions) -> TaggedLines:
-    """Everything the file says.
-
-    Raises
-    ------
-    FormatError
-        With the line and what was expected there.
-    """
+    """The contents of the file; a FormatError names the line and what was expected."""
     parser = _Parser(dialect, options)
-    said = TaggedLines(0)
+    content = TaggedLines(0)
     for part in parsed(path, parser.parse, options.progress):
-        said.extend(part)
-    return said
+        content.extend(part)
+    return content
 
 
 class _Parser:
-    """Parses lists of lines; remembers between them the dimension alone."""
+    """Parses lists of lines; remembers only the dimension."""
 
     def __init__(self, dialect: Dialect, options: ReadOptions) -> None:
         self._dialect = dialect
@@ -129,21 +123,21 @@ class _Parser:
         self._d = 0
 
     def parse(self, lines: list[bytes]) -> TaggedLines:
-        """What the lines say."""
-        said = TaggedLines(self._d)
+        """The contents of the lines."""
+        content = TaggedLines(self._d)
         for name, bodies in self._by_tag(lines).items():
             tag = self._tag(name)
             if tag.kind == "skip":
-                said.counts[f"{name.decode()} line{{s}} skipped: {tag.what}"] += len(bodies)
+                content.counts[f"{name.decode()} line{{s}} skipped: {tag.what}"] += len(bodies)
             elif tag.kind == "fix":
-                said.fixed.extend(_integers([x for body in bodies for x in body.split()]))
+                content.fixed.extend(_integers([x for body in bodies for x in body.split()]))
             else:
-                if said.d not in (0, tag.d):
-                    raise InputError(f"{name.decode()} in a file of {said.d}D poses")
-                said.d = tag.d
-                self._poses(name.decode(), tag, bodies, said)
-        self._d = said.d
-        return said
+                if content.d not in (0, tag.d):
+                    raise InputError(f"{name.decode()} in a file of {content.d}D poses")
+                content.d = tag.d
+                self._poses(name.decode(), tag, bodies, content)
+        self._d = content.d
+        return content
 
     @staticmethod
     def _by_tag(lines: Iterable[bytes]) -> dict[bytes, list[bytes]]:
@@ -165,18 +159,18 @@ class _Parser:
         shown = name[:40].decode("ascii", "backslashreplace")
         raise InputError(f"{self._dialect.name} has no tag {shown!r}; known: {known}")
 
-    def _poses(self, name: str, tag: Tag, bodies: list[bytes], said: TaggedLines) -> None:
+    def _poses(self, name: str, tag: Tag, bodies: list[bytes], content: TaggedLines) -> None:
         ids, numbers, texts = _fields(name, tag, bodies, self._information_size(tag))
         rotations, translations, off_norm = self._dialect.poses(tag.d, numbers)
-        said.counts["quaternion{s} off norm 1 by more than 1e-3, normalized"] += off_norm
+        content.counts["quaternion{s} off norm 1 by more than 1e-3, normalized"] += off_norm
         if tag.kind == "vertex":
-            said.vertices.append(ids[:, 0])
-            said.values.append((rotations, translations))
+            content.vertices.append(ids[:, 0])
+            content.values.append((rotations, translations))
             return
         refuse_loops(ids)
-        said.edges.append(ids)
-        said.measured.append((rotations, translations))
-        said.weights.append(self._weigh(tag.d, texts, said.counts))
+        content.edges.append(ids)
+        content.measured.append((rotations, translations))
+        content.weights.append(self._weigh(tag.d, texts, content.counts))
 
     def _information_size(self, tag: Tag) -> int:
         return self._dialect.layouts[tag.d].size if tag.kind == "edge" else 0
@@ -200,7 +194,7 @@ class _Parser:
 def _fields(
     name: str, tag: Tag, bodies: list[bytes], information: int
 ) -> tuple[IntArray, FloatArray, list[bytes]]:
-    """Ids (k, 1 or 2), pose numbers (k, p), information texts (k), empty where there is none."""
+    """Ids (k, 1 or 2), pose numbers (k, p), information texts (k), empty if absent."""
     width = tag.ids + tag.numbers
     fields: list[bytes] = []
     for body in bodies:
@@ -221,7 +215,7 @@ def _fields(
 
 
 def _complete(bodies: list[bytes], size: int) -> bool:
-    # Of many lines the weights' reader counts the numbers; a single one is counted for its message.
+    # For many lines `weigh` counts the numbers; a single line is counted for its message.
     return len(bodies) > 1 or len(bodies[0].split()) == size
 
 
@@ -232,7 +226,7 @@ def _count_message(name: str, tag: Tag, information: int, found: int) -> str:
 
 
 def _integers(fields: list[bytes]) -> list[int]:
-    # Python reads 1_0 as ten; no file format does.
+    # Python reads 1_0 as ten; file formats do not.
     try:
         values = list(map(int, fields))
         if b"_" in b"".join(fields):
@@ -258,7 +252,7 @@ def _floats(fields: list[bytes]) -> FloatArray:
 
 
 def _offending(fields: list[bytes], kind: Callable[[bytes], object]) -> str:
-    """The first word that is not of the kind."""
+    """The first word not of that kind."""
     for word in fields:
         try:
             kind(word)

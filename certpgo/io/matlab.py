@@ -1,8 +1,8 @@
-"""MATLAB 5 files of one sparse matrix, read with every index checked.
+"""MATLAB 5 files of one sparse matrix, with every index checked.
 
-A file is a header of 128 bytes and data elements: a type, a size and as many bytes, maybe
-compressed. SciPy's reader takes sizes and compressed columns as they are, and a damaged file then
-makes it write outside its arrays.
+A file is a header of 128 bytes and data elements: a type, a size and as many bytes, perhaps
+compressed. SciPy's reader does not check sizes and compressed columns, and a damaged file makes it
+write outside its arrays.
 
 Source: MathWorks, MAT-File Format, R2019b, pages 1-5 ... 1-20.
 """
@@ -21,30 +21,20 @@ from certpgo.errors import FormatError, InputError
 from certpgo.io.expansion import largest, refuse_bombs
 from certpgo.linalg.arrays import IntArray
 
-#: What a file begins with.
+#: The first bytes of a file.
 SIGNATURE = b"MATLAB 5.0 MAT-file"
 
 _HEADER_BYTES, _ORDER_PLACE = 128, 126
 _MATRIX, _COMPRESSED = 14, 15
-_NUMBERS = {
-    1: "i1",
-    2: "u1",
-    3: "i2",
-    4: "u2",
-    5: "i4",
-    6: "u4",
-    7: "f4",
-    9: "f8",
-    12: "i8",
-    13: "u8",
-}
+_TYPES = "i1 u1 i2 u2 i4 u4 f4 f8 i8 u8"
+_NUMBERS = dict(zip((1, 2, 3, 4, 5, 6, 7, 9, 12, 13), _TYPES.split(), strict=True))
 _SPARSE_CLASS, _COMPLEX_FLAG = 5, 0x800
 
 Element = tuple[int, bytes]
 
 
 class Pattern(NamedTuple):
-    """Where a sparse matrix has entries other than zero."""
+    """The nonzero pattern of a sparse matrix."""
 
     shape: tuple[int, int]
     rows: IntArray
@@ -57,7 +47,7 @@ def sparse_pattern(path: Path) -> Pattern:
     Raises
     ------
     FormatError
-        The file is damaged, holds something else, or expands out of proportion.
+        The file is damaged, contains something else, or is too large when expanded.
     """
     content = path.read_bytes()
     order = {b"IM": "<", b"MI": ">"}.get(content[_ORDER_PLACE:_HEADER_BYTES], "")
@@ -66,7 +56,7 @@ def sparse_pattern(path: Path) -> Pattern:
     try:
         elements = _elements(content[_HEADER_BYTES:], order)
         matrices = [_Matrix.of(order, *_inflated(path, order, *element)) for element in elements]
-        named = [matrix for matrix in matrices if matrix.name]  # MATLAB's own has no name
+        named = [matrix for matrix in matrices if matrix.name]  # MATLAB's own has none
         if len(named) != 1 or not named[0].is_real_sparse:
             raise InputError("one sparse adjacency matrix expected")
         return named[0].pattern()
@@ -95,7 +85,7 @@ def _elements(content: bytes, order: str) -> Iterator[Element]:
 
 
 def _inflated(path: Path, order: str, kind: int, content: bytes) -> Element:
-    """The element that a compressed one holds; any other as it is."""
+    """The element, decompressed if necessary."""
     if kind != _COMPRESSED:
         return kind, content
     stream, most = zlib.decompressobj(), largest(path)
@@ -135,13 +125,7 @@ class _Matrix(NamedTuple):
         return self.flags & 0xFF == _SPARSE_CLASS and not self.flags & _COMPLEX_FLAG
 
     def pattern(self) -> Pattern:
-        """Rows and columns of the entries, from the compressed columns.
-
-        Raises
-        ------
-        InputError
-            They contradict one another.
-        """
+        """Rows and columns of the entries; InputError if the parts are inconsistent."""
         if len(self.dims) != 2 or len(self.parts) != 3 or min(self.dims) < 0:
             raise _damaged("a sparse matrix")
         height, width = self.dims

@@ -1,4 +1,4 @@
-"""Names of images and the numbers in them, which stand for node ids."""
+"""Names of images, and the numbers in them, used as node ids."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from certpgo.linalg.arrays import IntArray
 
 
 def name_numbers(names: Sequence[str]) -> IntArray | None:
-    """The last number in each name, its extension aside; None unless all have one of their own.
+    """The last number in each name without extension; None unless all have distinct ones.
 
     ``frame_12.jpg`` is 12, ``left/0007.png`` is 7.
     """
@@ -29,19 +29,14 @@ def name_numbers(names: Sequence[str]) -> IntArray | None:
 def named_ids(
     poses: LabelledPoses, ids: IntArray | None, names: Sequence[str]
 ) -> tuple[IntArray | None, str]:
-    """The node id of each named pose, and a notice where that was a guess.
+    """The node id of each named pose, and a notice if that is a guess.
 
-    Names are matched with the graph's own names; without those, the file's ids are taken if they
-    are the graph's, and else the numbers in the names.
+    Names are matched with the graph's own names; without those, the file's ids are used if they are
+    the graph's, otherwise the numbers in the names.
 
     Parameters
     ----------
     ids, names : (n,) of the graph, if there is one; names may be empty
-
-    Raises
-    ------
-    InputError
-        Neither names nor numbers lead to the graph's nodes.
     """
     numbers = name_numbers(poses.names)
     if ids is None:
@@ -51,14 +46,13 @@ def named_ids(
     fitting = numbers if numbers is not None and _covers(ids, numbers) else None
     if poses.ids is None:
         if numbers is None:
-            raise InputError("the image names hold no numbers of their own, which node ids need")
-        return numbers, "the numbers in image names are taken for node ids"
+            raise InputError("the image names contain no distinct numbers to use as node ids")
+        return numbers, "the numbers in image names are used as node ids"
     if fitting is None or np.array_equal(fitting, poses.ids):
         return poses.ids, ""
     if _covers(ids, poses.ids):
-        return poses.ids, "image ids are taken for node ids; the numbers in image names fit as well"
-    said = "image ids are no node ids: the numbers in image names are taken for them"
-    return fitting, said
+        return poses.ids, "image ids are used as node ids; the numbers in image names fit as well"
+    return fitting, "image ids are not node ids: the numbers in image names are used instead"
 
 
 def _by_name(given: Sequence[str], ids: IntArray, names: Sequence[str]) -> IntArray:
@@ -66,12 +60,12 @@ def _by_name(given: Sequence[str], ids: IntArray, names: Sequence[str]) -> IntAr
     foreign = [name for name in given if name not in known]
     if foreign:
         raise InputError(
-            f"another graph's estimate: image {foreign[0]} is not in the graph "
+            f"estimate of another graph: image {foreign[0]} is not in the graph "
             f"({len(foreign)} of {len(given)} are not)"
         )
     return np.array([known[name] for name in given], dtype=np.intp)
 
 
 def _covers(ids: IntArray, given: IntArray) -> bool:
-    """Whether ``given`` are just the graph's ids, in any order."""
+    """Whether ``given`` are exactly the graph's ids, in any order."""
     return len(given) == len(ids) and bool((numbered(ids, given) >= 0).all())

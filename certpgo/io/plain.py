@@ -1,4 +1,4 @@
-"""Data as JSON has it."""
+"""Data for JSON."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def plain(value: Any) -> Any:
-    """Data as JSON has it; numbers that are not finite become None."""
+    """Data for JSON; numbers that are not finite become None."""
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):

@@ -25,7 +25,7 @@ from certpgo.io.names import named_ids
 from certpgo.io.timestamps import with_node_ids
 from certpgo.linalg.arrays import IntArray
 
-_ABOUT = ("tangent", "quaternion", "rpy")
+_MEANINGS = ("tangent", "quaternion", "rpy")
 
 
 def read(
@@ -41,26 +41,26 @@ def read(
     progress: Progress | None = None,
     quiet: bool = False,
 ) -> Instance:
-    r"""Read a measurement graph; its format is told by content, then by suffix.
+    r"""Read a measurement graph; the format is detected by content, then by suffix.
 
     Conventions are converted to ours: R_i is world <- body i, metres, radians. Weights are those of
     Rosen et al. (SE-Sync, IJRR 2019), from the information matrix Omega of each edge:
-    tau = d / tr(Omega_t^-1), and kappa = 3 / (2 tr(Omega_R^-1)) in space, Omega_theta in the plane;
-    1 where a file has none.
+    tau = d / tr(Omega_t^-1), and kappa = 3 / (2 tr(Omega_R^-1)) in 3D, Omega_theta in 2D; 1 without
+    information.
 
     Parameters
     ----------
     path : a g2o, TORO, iSAM, .mat (viewing graph), .npz or GLOMAP relative poses file, a 1DSfM
         folder or its EGs.txt
     keep : of parallel edges, ``"all"`` (their terms add), or the ``"first"`` or ``"last"``
-    rotation_information : what the rotational information is about: ``"tangent"`` (g2o's and
-        TORO's default), ``"quaternion"`` (its vector part, half the angle: kappa is a quarter) or
-        ``"rpy"`` (iSAM's default; small angles, hence the same numbers as tangent)
+    rotation_information : what the rotational information refers to: ``"tangent"`` (default of g2o
+        and TORO), ``"quaternion"`` (its vector part, half the angle: kappa is a quarter) or
+        ``"rpy"`` (default of iSAM; for small angles the same as tangent)
     kappa, tau : a concentration that replaces the file's on every edge; tau in 1/m^2
     unit_weights : kappa = tau = 1 on every edge
-    truth : a file with ground truth, see `read_truth`; it must cover every node
-    format : name of the format, where content and suffix do not tell
-    progress : called with bytes done and bytes in all, a chunk at a time
+    truth : a file with ground truth for every node, see `read_truth`
+    format : name of the format, if content and suffix do not determine it
+    progress : called with bytes read and bytes in total, after each chunk
     quiet : collect notices in ``Instance.notices`` without also warning
 
     Raises
@@ -68,7 +68,7 @@ def read(
     FormatError
         With path, line and what was expected there.
     InputError
-        Contradictory options, or truth that does not cover the graph.
+        Contradictory options, or incomplete truth.
     SpecError
         ``format`` is unknown.
 
@@ -92,13 +92,11 @@ def read(
     weights = _Weights(kappa, tau, unit_weights)
     _check_choice("keep", keep, ("all", "first", "last"))
     if rotation_information is not None:
-        _check_choice("rotation_information", rotation_information, _ABOUT)
-    wanted = ReadOptions(rotation_information, weights.override_all, progress)
-    instance = form.read_graph(path, wanted)
+        _check_choice("rotation_information", rotation_information, _MEANINGS)
+    options = ReadOptions(rotation_information, weights.override_all, progress)
+    instance = form.read_graph(path, options)
     if rotation_information == "quaternion" and instance.graph.d == 2:
-        raise InputError(
-            "rotational information about a quaternion is for 3D; in 2D it is on the angle"
-        )
+        raise InputError("rotational information on a quaternion is for 3D; in 2D use the angle")
     instance = _with_choices(instance, keep, weights)
     if truth is not None:
         instance = _with_truth(instance, Path(truth))
@@ -113,25 +111,23 @@ def read_estimate(
     timestamps: str | Path = "ids",
     format: str | None = None,
 ) -> Estimate:
-    """Read one pose, or rotation, a node.
+    """Read one pose or rotation per node.
 
     Parameters
     ----------
     path : a g2o (its vertices), TUM, KITTI, .npz, 1DSfM rotations, Bundler, COLMAP (images.txt)
         or GLOMAP rotations file
-    instance : the graph the estimate is for: its ids decide the order, and it says whether
-        translations are wanted. Without one the order is that of ascending ids, or the file's;
-        translations that are all zero count as absent.
-    timestamps : what a TUM file's timestamps are: node ``"ids"``, or nothing of interest, the
-        order of lines being that of nodes (``"index"``), or near those in a file, one line a node
-    format : name of the format, where content and suffix do not tell
+    instance : the graph the estimate is for, which determines the order of nodes and whether
+        translations are needed. Without it the order is by ascending id, or the file's, and
+        translations that are all zero are dropped.
+    timestamps : meaning of a TUM file's timestamps: node ``"ids"``; none, as lines are in the order
+        of nodes (``"index"``); or a file with the time of each node, one per line
+    format : name of the format, if content and suffix do not determine it
 
     Raises
     ------
     FormatError
-        With path, line and what was expected there.
-    InputError
-        The estimate is another graph's, or lacks nodes.
+        With path, line and what was expected there; or it is the estimate of another graph.
 
     Examples
     --------
@@ -149,7 +145,7 @@ def read_estimate(
     try:
         poses = _labelled(poses, instance, timestamps)
         if instance is None:
-            estimate = _as_they_come(poses)
+            estimate = _in_own_order(poses)
         else:
             poses = _in_dimension(poses, instance.graph.d)
             with_translations = isinstance(instance.graph, PoseGraph)
@@ -165,18 +161,18 @@ def read_estimate(
 def read_truth(
     path: str | Path, instance: Instance, *, format: str | None = None
 ) -> tuple[IntArray, Estimate]:
-    """Read ground truth, which may cover a part of the nodes.
+    """Read ground truth, possibly of some nodes only.
 
     Parameters
     ----------
     path : a file of poses as for `read_estimate`, a Bundler file, or an iSAM file of noise-free
         relative poses, which are integrated along a spanning tree from the smallest id
     instance : the graph it is for; ids are matched, and ids not in the graph are ignored
-    format : name of the format, where content and suffix do not tell
+    format : name of the format, if content and suffix do not determine it
 
     Returns
     -------
-    nodes : (k,) covered nodes, ascending
+    nodes : (k,) nodes with truth, ascending
     truth : their k poses, in that order
 
     Raises
@@ -255,12 +251,12 @@ def _poses(path: Path, name: str | None) -> LabelledPoses:
 def _labelled(
     poses: LabelledPoses, instance: Instance | None, timestamps: str | Path
 ) -> LabelledPoses:
-    """The poses under the ids of their nodes, where they have times or names instead."""
+    """The poses with the ids of their nodes, from times or names if necessary."""
     ids = None if instance is None else instance.ids
     if not poses.names:
         return with_node_ids(poses, ids, timestamps)
-    found, said = named_ids(poses, ids, () if instance is None else instance.names)
-    return replace(poses, ids=found, notices=(said,) if said else ())
+    found, notice = named_ids(poses, ids, () if instance is None else instance.names)
+    return replace(poses, ids=found, notices=(notice,) if notice else ())
 
 
 def _with_choices(instance: Instance, keep: Keep, weights: _Weights) -> Instance:
@@ -269,7 +265,7 @@ def _with_choices(instance: Instance, keep: Keep, weights: _Weights) -> Instance
         graph = weights.apply(graph)
     if keep != "all":
         graph = graph.without_parallel_edges(keep)
-    # An .npz file remembers how it came to be; only what is chosen now replaces that.
+    # An .npz file stores its options; only those chosen now replace them.
     options = {"keep": "all", "rotation_information": "tangent", "weights": "file"}
     options |= instance.options
     if keep != "all":
@@ -287,7 +283,7 @@ def _with_truth(instance: Instance, path: Path) -> Instance:
     return replace(instance, truth=estimate)
 
 
-def _as_they_come(poses: LabelledPoses) -> Estimate:
+def _in_own_order(poses: LabelledPoses) -> Estimate:
     t = poses.translations
     if t is not None and not t.any():
         t = None
@@ -299,7 +295,7 @@ def _as_they_come(poses: LabelledPoses) -> Estimate:
 
 
 def _in_dimension(poses: LabelledPoses, d: int) -> LabelledPoses:
-    """Poses for a d-dimensional graph; planar ones embedded at z = 0 are taken out again."""
+    """Poses for a d-dimensional graph; planar poses embedded at z = 0 become 2D."""
     R, t = poses.rotations, poses.translations
     if R.shape[-1] == d:
         return poses

@@ -1,4 +1,4 @@
-"""Timestamps and node ids: what the numbers in front of a TUM file's poses mean."""
+"""Timestamps and node ids of TUM files."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ from certpgo.io.format import LabelledPoses
 from certpgo.io.plural import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
 
-# Larger integers have no double of their own.
+# Larger integers are not exact in double precision.
 _EXACT = 2**53
 #: Seconds by which a pose's time may differ from its node's.
 NEAR = 0.01
-#: Timestamps this near to integers may be ids, rounded by text.
+#: Timestamps this near to integers may be ids, rounded in the text.
 _ROUNDED = 1e-6
 
 
 def with_node_ids(
     poses: LabelledPoses, ids: IntArray | None, timestamps: str | Path
 ) -> LabelledPoses:
-    """The poses under the ids of their nodes, or under none where order is what counts.
+    """The poses with the ids of their nodes, or without ids if matched by order.
 
     Parameters
     ----------
-    poses : as read; ids of their own win
+    poses : as read; ids of their own take precedence
     ids : (n,) of the graph, if there is one
-    timestamps : ``"ids"``, ``"index"``, or a file with one timestamp a node. Timestamps that are
-        no ids are as good as an index where they ascend and are as many as the nodes; of those in
-        a file, each node takes the nearest pose, up to `NEAR` and half the time between nodes.
+    timestamps : ``"ids"``, ``"index"``, or a file with one timestamp per node. Timestamps that are
+        not ids act as an index if they ascend and there is one per node; with a file, each node
+        gets the nearest pose, within `NEAR` and half the time between nodes.
 
     Raises
     ------
     InputError
-        Timestamps are neither ids nor as many as nodes, a node has no pose near its time, or a
+        Timestamps are neither ids nor one per node, a node has no pose near its time, or a
         timestamp occurs twice.
     """
     times = poses.times
@@ -52,18 +52,18 @@ def with_node_ids(
     if ids is None:
         return poses
     if len(times) == len(ids) and (np.diff(times) > 0.0).all():
-        said = "the timestamps are no node ids: poses and nodes are matched in ascending order"
-        return replace(poses, notices=(said,))
+        notice = "the timestamps are not node ids: poses and nodes matched in ascending order"
+        return replace(poses, notices=(notice,))
     raise InputError(
-        f"the timestamps are no node ids, and {counted(len(times), 'pose{s}')} cannot be matched "
-        f"in order with {counted(len(ids), 'node{s}')}; give the nodes' times in a file"
+        f"the timestamps are not node ids, and {counted(len(times), 'pose{s}')} cannot be matched "
+        f"in order with {counted(len(ids), 'node{s}')}; provide a file of the nodes' times"
     )
 
 
 def _nearest(
     poses: LabelledPoses, times: FloatArray, ids: IntArray | None, path: Path
 ) -> LabelledPoses:
-    """For each node, the pose nearest to its time in the file."""
+    """The pose of each node nearest to its time in the file."""
     known = _from_file(path)
     nodes = np.arange(len(known)) if ids is None else ids
     _check_length(known, len(nodes), path)
@@ -79,12 +79,14 @@ def _nearest(
             f"node {nodes[node]}, at {float(known[node])!r} in {path}, has no pose of its own "
             f"within {allowed:.2g} s"
         )
-    said = []
+    notices = []
     if off.any():
-        said.append(f"poses matched with the nearest timestamps, off by at most {off.max():.1g} s")
+        notices.append(
+            f"poses matched with the nearest timestamps, off by at most {off.max():.1g} s"
+        )
     if len(times) > len(known):
-        left = counted(len(times) - len(known), "pose{s}")
-        said.append(f"{left} at times of no node left out")
+        unused = counted(len(times) - len(known), "pose{s}")
+        notices.append(f"{unused} at times without a node ignored")
     t = poses.translations
     return replace(
         poses,
@@ -92,23 +94,17 @@ def _nearest(
         translations=None if t is None else t[place],
         ids=np.asarray(nodes, dtype=np.intp),
         times=times[place],
-        notices=tuple(said),
+        notices=tuple(notices),
     )
 
 
 def node_times(ids: IntArray, timestamps: str | Path) -> FloatArray:
-    """Timestamps (n,) in seconds of the nodes: their ids, their numbers, or from a file.
-
-    Raises
-    ------
-    InputError
-        An id is too large, or the file has not one line a node.
-    """
+    """Timestamps (n,) in seconds of the nodes: their ids, their numbers, or from a file."""
     if timestamps == "index":
         return np.arange(len(ids), dtype=np.float64)
     if timestamps == "ids":
         if len(ids) and np.abs(ids).max() >= _EXACT:
-            raise InputError("ids beyond 2^53 cannot be timestamps; take 'index'")
+            raise InputError("ids beyond 2^53 cannot be timestamps; use 'index'")
         return ids.astype(np.float64)
     times = _from_file(Path(timestamps))
     _check_length(times, len(ids), Path(timestamps))
@@ -130,7 +126,7 @@ def _check_length(times: FloatArray, n: int, path: Path) -> None:
 
 
 def _from_file(path: Path) -> FloatArray:
-    """The first number of each line that is not blank or a comment."""
+    """The first number of each line, without blank lines and comments."""
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except OSError as error:

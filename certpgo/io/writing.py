@@ -1,4 +1,4 @@
-"""Writing graphs and estimates, whole or not at all."""
+"""Writing graphs and estimates, atomically."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def write(
 ) -> None:
     """Write a graph or an estimate, in the format of the path's suffix.
 
-    The file appears complete or not at all: it is written beside its place and then renamed.
+    The file is written under a temporary name and then renamed, so it is complete or absent.
 
     Parameters
     ----------
@@ -42,17 +42,17 @@ def write(
     what : an instance (graph, ids, initial values, fixed nodes), a graph, or an estimate
     instance : for an estimate, the instance it solves: its ids, initial values and fixed nodes
     ids : (n,) distinct node ids; the instance's by default, else 0 ... n-1
-    format : name of the format, where the suffix does not tell
-    anchor : where an estimate is moved, poses having no frame of their own: the smallest id as in
-        the instance's initial values, or the identity if it has none (``"file"``, the default with
-        an instance); the smallest id at the identity (``"identity"``); the instance's first fixed
-        node at its initial value (``"prior"``); not at all (``"none"``, the default without one)
-    timestamps : of a TUM file: node ``"ids"``, ``"index"``, or a file with one a node, seconds
+    format : name of the format, if the suffix does not determine it
+    anchor : frame of an estimate: ``"file"``, the default with an instance, puts the smallest id at
+        its initial value in the instance, or the identity if it has none; ``"identity"`` puts it at
+        the identity; ``"prior"`` puts the instance's first fixed node at its initial value;
+        ``"none"``, the default without an instance, does not move the estimate
+    timestamps : of a TUM file: node ``"ids"``, ``"index"``, or a file with one per node, seconds
 
     Raises
     ------
     InputError
-        The format cannot hold it, an argument does not fit, or the file cannot be written.
+        The format cannot represent it, an argument is wrong, or the file cannot be written.
     SpecError
         ``format`` is unknown.
 
@@ -73,20 +73,20 @@ def write(
             raise InputError(f"{path}: {form.name} cannot be written for an estimate")
         writer = form.write_poses
         if instance is not None and instance.graph.d != what.d:
-            raise InputError(f"another graph's estimate: {what.d}D, not {instance.graph.d}D")
+            raise InputError(f"estimate of another graph: {what.d}D, not {instance.graph.d}D")
         labels = _ids(ids, what.num_nodes, instance)
         anchored = _anchored(what, labels, instance, anchor)
         if what.translations is not None and not form.holds_translations:
-            said = f"{path}: a {form.name} file holds rotations only: translations are not written"
-            warnings.warn(said, InputNotice, stacklevel=2)
+            lost = f"a {form.name} file holds rotations only: translations are not written"
+            warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
         times = node_times(labels, timestamps) if form.name == "tum" else labels.astype(float)
-        atomically(path, lambda beside: writer(beside, anchored, labels, times))
+        atomically(path, lambda temporary: writer(temporary, anchored, labels, times))
         return
     if form.write_graph is None:
         raise InputError(f"{path}: {form.name} cannot be written for a graph")
     graph_writer = form.write_graph
     whole = _as_instance(path, what, ids)
-    atomically(path, lambda beside: graph_writer(beside, whole))
+    atomically(path, lambda temporary: graph_writer(temporary, whole))
 
 
 def _as_instance(path: Path, what: Graph | Instance, ids: ArrayLike | None) -> Instance:
@@ -97,7 +97,7 @@ def _as_instance(path: Path, what: Graph | Instance, ids: ArrayLike | None) -> I
 
 def _ids(ids: ArrayLike | None, n: int, instance: Instance | None) -> IntArray:
     if instance is not None and instance.graph.num_nodes != n:
-        raise InputError(f"another graph's estimate: {n} nodes, not {instance.graph.num_nodes}")
+        raise InputError(f"estimate of another graph: {n} nodes, not {instance.graph.num_nodes}")
     if ids is None:
         return np.arange(n) if instance is None else instance.ids
     labels = np.asarray(ids)
@@ -121,7 +121,7 @@ def _anchored(
         return estimate.anchored(node)
     if anchor == "prior":
         if instance is None or not instance.fixed or initial is None:
-            raise InputError("the anchor at a prior needs a graph with a fixed node and its value")
+            raise InputError("anchor 'prior' needs a graph with a fixed node and its initial value")
         node = instance.fixed[0]
     if initial is not None and _same_pose(estimate, initial, node):
         return estimate
@@ -129,7 +129,7 @@ def _anchored(
 
 
 def _same_pose(a: Estimate, b: Estimate, node: int) -> bool:
-    """Whether there is nothing to move, so that nothing is rounded."""
+    """Whether the node need not be moved, which avoids rounding."""
     if not np.array_equal(a.rotations[node], b.rotations[node]):
         return False
     if a.translations is None or b.translations is None:
@@ -138,25 +138,13 @@ def _same_pose(a: Estimate, b: Estimate, node: int) -> bool:
 
 
 def write_whole(path: Path, content: bytes) -> Path:
-    """Write a file whole or not at all; returns its path.
-
-    Raises
-    ------
-    InputError
-        It cannot be written.
-    """
-    atomically(path, lambda beside: beside.write_bytes(content))
+    """Write a file atomically; returns its path."""
+    atomically(path, lambda temporary: temporary.write_bytes(content))
     return path
 
 
 def folder_to_write(folder: Path) -> Path:
-    """The folder, made where it was not.
-
-    Raises
-    ------
-    InputError
-        It cannot be.
-    """
+    """The folder, created if necessary; InputError if that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -165,18 +153,12 @@ def folder_to_write(folder: Path) -> Path:
 
 
 def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
-    """Write a file beside its place, and rename it when it is whole.
-
-    Raises
-    ------
-    InputError
-        It cannot be written.
-    """
-    beside = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    """Write a temporary file and rename it; InputError if that fails."""
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     try:
-        write_to(beside)
-        os.replace(beside, path)
+        write_to(temporary)
+        os.replace(temporary, path)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
     finally:
-        beside.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)

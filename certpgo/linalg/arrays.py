@@ -1,4 +1,4 @@
-"""Array types used in annotations, and freezing."""
+"""Array types for annotations, and read-only arrays."""
 
 from __future__ import annotations
 

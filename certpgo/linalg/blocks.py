@@ -1,4 +1,4 @@
-"""Sparse symmetric matrices made of square blocks, one block row a node, one block pair an edge."""
+"""Sparse symmetric matrices of square blocks, a row per node and two blocks per edge."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False)
 class BlockPattern:
-    """Where the blocks of a graph's matrices stand; shared by all of them, of any block size.
+    """The block sparsity pattern shared by all matrices of a graph, of any block size.
 
     Attributes
     ----------
     num_nodes : number n of block rows
-    edges : (m, 2) node pairs; parallel edges share a block, their blocks are summed
+    edges : (m, 2) node pairs; the blocks of parallel edges are summed
     """
 
     num_nodes: int
@@ -35,7 +35,7 @@ class BlockPattern:
         slot = np.empty_like(order)
         slot[order] = np.cumsum(first) - 1
         rows, columns = np.divmod(keys[order][first], n)
-        # 32 bits where they suffice, as SciPy would choose.
+        # 32 bits if possible, like SciPy.
         small: type[np.integer[Any]] = np.int32 if len(columns) < 2**31 else np.int64
         indptr = np.searchsorted(rows, np.arange(n + 1)).astype(small)
         return indptr, columns.astype(small), slot[:n], slot[n:]
@@ -52,14 +52,14 @@ class BlockPattern:
 
     @cached_property
     def _summation(self) -> tuple[IntArray, IntArray, IntArray] | None:
-        """Order and starts that sum parallel edges' blocks; None for a simple graph."""
+        """Order and starts to sum blocks of parallel edges; None for a simple graph."""
         slot = self._slots[3]
         order = np.argsort(slot, kind="stable")
         target, starts = np.unique(slot[order], return_index=True)
         return None if len(target) == len(slot) else (order, starts, target)
 
     def layout(self, b: int) -> Layout:
-        """Where the entries of the blocks stand in a matrix of block size b; made once for each."""
+        """Positions of the blocks' entries in a matrix of block size b; computed once for each."""
         if b not in self._layouts:
             self._layouts[b] = self._layout(b)
         return self._layouts[b]
@@ -95,7 +95,7 @@ class BlockPattern:
 
         Returns
         -------
-        (n b, n b) matrix in CSC form with sorted indices, which matrices of one size share
+        (n b, n b) matrix in CSC form with sorted indices, shared by matrices of one size
         """
         layout = self.layout(diagonal.shape[1])
         data = np.empty(len(layout.indices))
@@ -112,14 +112,14 @@ class BlockPattern:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """A block pattern spelled out for one block size.
+    """A block pattern for one block size.
 
     Attributes
     ----------
     indptr, indices : of the matrix in compressed form
-    diagonal : (n, b, b) where each entry of a diagonal block stands in ``data``
-    pairs : (2, m, b, b) the same for the blocks of edges, and for their mirror images; for a
-        graph with parallel edges (k, b, b), for the k occupied blocks off the diagonal
+    diagonal : (n, b, b) positions in ``data`` of the entries of diagonal blocks
+    pairs : (2, m, b, b) the same for the blocks of edges and their transposes; for a graph with
+        parallel edges (k, b, b), for the k occupied blocks off the diagonal
     """
 
     indptr: IntArray
@@ -129,8 +129,8 @@ class Layout:
 
 
 def adjacency(n: int, i: IntArray, j: IntArray, values: FloatArray) -> sparse.csr_array:
-    """The (n, n) matrix with ``values`` at (i, j), repeated pairs summed, as csgraph wants it."""
-    # csgraph takes 32-bit indices only; SciPy before 1.17 does not convert them.
+    """The (n, n) matrix with ``values`` at (i, j), repeated pairs summed, for csgraph."""
+    # csgraph needs 32-bit indices; SciPy before 1.17 does not convert them.
     pairs = np.asarray(i, dtype=np.int32), np.asarray(j, dtype=np.int32)
     return sparse.coo_array((values, pairs), shape=(n, n)).tocsr()
 
@@ -151,16 +151,16 @@ def diagonal_places(A: CSC) -> IntArray:
 
 
 def add_to_diagonal(A: CSC, values: FloatArray | float) -> CSC:
-    """A + diag(values), with A's very pattern."""
+    """A + diag(values), with the pattern of A."""
     data = A.data.copy()
     data[diagonal_places(A)] += values
     return CSC((data, A.indices, A.indptr), shape=A.shape)
 
 
 def pinned(A: CSC, rows: IntArray) -> CSC:
-    """A with ``rows`` and the columns of the same numbers cut off, with A's very pattern.
+    """A with ``rows`` and the same columns set to zero, except on the diagonal.
 
-    Only their diagonal entries stay, so that the rest is the principal submatrix.
+    The rest is the principal submatrix; the pattern stays the same.
     """
     cut = np.zeros(A.shape[0], dtype=bool)
     cut[rows] = True

@@ -1,4 +1,4 @@
-"""Preconditioned conjugate gradients that notice when the matrix is not positive definite."""
+"""Preconditioned conjugate gradients that detect negative curvature."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ class End(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Truncated:
-    """Where conjugate gradients stopped.
+    """The result of conjugate gradients.
 
     Attributes
     ----------
     x : (N,) approximate solution of A x = b
     residual : (N,) b - A x
     end : why they stopped
-    products : with A
+    products : number of products with A
     """
 
     x: FloatArray
@@ -57,9 +57,9 @@ def conjugate_gradients(
     multiply : x -> A x
     b : (N,)
     precondition : r -> P^-1 r for some positive definite P near A
-    tol : stop when the residual's P^-1 norm has fallen by this factor
-    radius : the largest P norm of x, which goes there when it would leave the region or meets
-        negative curvature; without a bound, x stays where it met negative curvature
+    tol : stop when the residual's P^-1 norm has decreased by this factor
+    radius : the largest P norm of x, reached when x would leave the region or on negative
+        curvature; without a bound, x stops at negative curvature
     """
     x, r = np.zeros_like(b), b.copy()
     y = precondition(r)

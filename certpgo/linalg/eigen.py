@@ -1,7 +1,7 @@
 """Smallest eigenpairs of a positive semidefinite matrix, by shift-and-invert on a factorization.
 
-The wanted eigenvalues of a connection Laplacian are a cluster of d, nearly equal; a block method
-finds the cluster at once, and a solve with d right-hand sides costs little more than one.
+The smallest eigenvalues of a connection Laplacian are a cluster of d; a block method finds the
+cluster at once, and a solve with d right-hand sides costs little more than one.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from certpgo.errors import NumericalError
 from certpgo.linalg.arrays import CSC, FloatArray
 
-#: Rounding of the projected inverse, in its norm times eps; up to 2 in cycles and planar graphs.
+#: Rounding of the projected inverse over its norm times eps; up to 2 in cycles and planar graphs.
 ROUNDING = 16.0
 
 
@@ -29,8 +29,8 @@ class Eigenpairs:
     values : (k,) ascending Rayleigh quotients
     vectors : (N, k) orthonormal columns
     residuals : (k,) norms of A v - lambda v
-    lower : (k,) the values less what the accuracy reached allows for
-    solves : right-hand sides solved for
+    lower : (k,) the values minus their error bounds
+    solves : number of right-hand sides
     """
 
     values: FloatArray
@@ -76,11 +76,11 @@ def krylov_schur(
     ----------
     A : (N, N) symmetric positive definite
     solve : B -> A^-1 B for blocks (N, b)
-    k : how many pairs
+    k : number of pairs
     shift : what was added to the diagonal to make A definite; subtracted from the values
     start : (N, b) starting block, b >= 1; random (fixed seed) with b = k by default
     tol : a pair has converged when its residual for the inverse is below tol times its eigenvalue
-    max_basis : columns of the basis at which to restart, at the least 2 k + 3 b
+    max_basis : columns of the basis at which to restart, at least 2 k + 3 b
 
     Raises
     ------
@@ -92,7 +92,7 @@ def krylov_schur(
         start = np.random.default_rng(0).random((N, k)) - 0.5
     b = min(start.shape[1], N)
     width = min(N, max(max_basis, 2 * k + 3 * b))
-    V = np.empty((width, N))  # the basis, a vector a row: products with it run along memory
+    V = np.empty((width, N))  # the basis, in rows for contiguous products
     H = np.zeros((width, width))
     block = np.linalg.qr(start[:, :b])[0].T
     size, solves = 0, 0
@@ -119,18 +119,18 @@ def krylov_schur(
             H[np.arange(kept), np.arange(kept)] = theta[:kept]
             size = kept
     pairs = _pairs(A, (Y[:, :k].T @ V[:size]).T, shift, solves)
-    # An eigenvalue of the inverse lies within the residual of theta but for the rounding of H, in
-    # parts of its norm theta_1: much to the other thetas where A is nearly singular. The residuals
-    # of A are free of that. Both bounds are sound, and the better one is taken.
-    doubt = residual + ROUNDING * np.finfo(float).eps * theta[0]
-    return replace(pairs, lower=np.maximum(pairs.lower, 1.0 / (theta[:k] + doubt) - shift))
+    # An eigenvalue of the inverse lies within the residual of theta, up to rounding of H relative
+    # to its norm theta_1, which is large for the other thetas if A is nearly singular. Residuals
+    # of A are not affected. Both bounds hold, and the better one is used.
+    error = residual + ROUNDING * np.finfo(float).eps * theta[0]
+    return replace(pairs, lower=np.maximum(pairs.lower, 1.0 / (theta[:k] + error) - shift))
 
 
 def arpack(A: CSC, solve: Solve, k: int, *, shift: float = 0.0, tol: float = 1e-9) -> Eigenpairs:
     """Smallest eigenpairs by ARPACK in shift-and-invert mode, one vector at a time.
 
     Parameters as `krylov_schur`. Not a block method: it may miss copies of a multiple eigenvalue,
-    which the connection Laplacian has whenever d = 2 or all rotations share an axis.
+    which the connection Laplacian has if d = 2 or all rotations share an axis.
     """
     N = A.shape[0]
     solves = 0
@@ -149,8 +149,8 @@ def arpack(A: CSC, solve: Solve, k: int, *, shift: float = 0.0, tol: float = 1e-
 def _next_block(W: FloatArray, V: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Coefficients h, orthonormal Q and R with W^T = V^T h + Q R and V Q = 0.
 
-    Rows of W may differ in size by the condition number, so that what is left of a small one after
-    the projection is not orthogonal to V; the projection is repeated on Q until it changes little.
+    Norms of rows of W may differ by the condition number, so that after projection a small one is
+    not orthogonal to V; the projection is repeated on Q until it changes little.
     """
     h = V @ W.T
     Q, R = np.linalg.qr((W - h.T @ V).T)
@@ -167,7 +167,7 @@ def _next_block(W: FloatArray, V: FloatArray) -> tuple[FloatArray, FloatArray, F
 
 
 def _pairs(A: CSC | Symmetric, X: FloatArray, shift: float, solves: int) -> Eigenpairs:
-    """Rayleigh-Ritz on the columns of X, orthonormal or nearly, for values accurate for A."""
+    """Rayleigh-Ritz on the nearly orthonormal columns of X, for accurate eigenvalues of A."""
     AX = A @ X
     values, Y = np.linalg.eigh(X.T @ AX)
     X, AX = X @ Y, AX @ Y

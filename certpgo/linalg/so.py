@@ -11,10 +11,10 @@ import numpy as np
 from certpgo.errors import InputError
 from certpgo.linalg.arrays import FloatArray
 
-#: A matrix is taken for a rotation when no entry of R^T R - I is larger: six decimals are enough.
+#: Largest entry of R^T R - I of a rotation matrix: six decimals are enough.
 DEFECT_TOLERANCE = 1e-5
 
-#: Entries of R^T R - I up to here are rounding of doubles and left alone.
+#: Entries of R^T R - I up to this are rounding of doubles and kept.
 ROUNDING_DEFECT = 1e-14
 
 
@@ -71,7 +71,7 @@ def exp(v: FloatArray) -> FloatArray:
 
 
 def angle(R: FloatArray) -> FloatArray:
-    """Rotation angles (...,) in [0, pi], accurate near 0 and near pi alike."""
+    """Rotation angles (...,) in [0, pi], accurate near both 0 and pi."""
     R = np.asarray(R, dtype=np.float64)
     sine = np.linalg.norm(vee(R), axis=-1)
     trace = np.trace(R, axis1=-2, axis2=-1)
@@ -94,8 +94,8 @@ def log(R: FloatArray) -> FloatArray:
 
 
 def _log_near_pi(R: FloatArray, skew: FloatArray, theta: FloatArray) -> FloatArray:
-    # There the skew part vanishes, and the axis stands in the symmetric part,
-    # (R + R^T)/2 = cos I + (1 - cos) a a^T; its largest column is safe to divide by.
+    # The skew part vanishes; the axis is in the symmetric part,
+    # (R + R^T)/2 = cos I + (1 - cos) a a^T, whose largest column is safe to normalize.
     cosine = np.cos(theta)[..., None]
     outer = 0.5 * (R + np.swapaxes(R, -1, -2)) - cosine * np.eye(3)
     k = np.argmax(np.diagonal(outer, axis1=-2, axis2=-1), axis=-1)
@@ -108,9 +108,9 @@ def _log_near_pi(R: FloatArray, skew: FloatArray, theta: FloatArray) -> FloatArr
 def project(A: FloatArray) -> FloatArray:
     """The rotations nearest to matrices (n, d, d) in the Frobenius norm.
 
-    The polar factor by Newton's iteration (Higham, Functions of Matrices, 8.3), on the whole batch
-    at once; blocks with determinant near or below zero, where the nearest rotation is not the
-    polar factor, by the singular value decomposition.
+    The polar factor by Newton's iteration (Higham, Functions of Matrices, 8.3) on the whole batch;
+    blocks with determinant near or below zero, where the nearest rotation is not the polar factor,
+    by singular value decomposition.
     """
     A = np.asarray(A, dtype=np.float64)
     if A.shape[-1] == 2:
@@ -137,8 +137,8 @@ def project(A: FloatArray) -> FloatArray:
 def inverse_square_roots(M: FloatArray) -> FloatArray:
     """M^(-1/2) for symmetric positive definite matrices (k, d, d), in closed form.
 
-    With U = M^(1/2) and the invariants of U from the eigenvalues of M, Cayley and Hamilton give U
-    as a quotient of polynomials of M (Franca 1989), and again the inverse of U.
+    With U = M^(1/2) and the invariants of U from the eigenvalues of M, the Cayley-Hamilton theorem
+    gives U as a quotient of polynomials of M (Franca 1989), and then the inverse of U.
     """
     d = M.shape[-1]
     identity = np.eye(d)
@@ -168,7 +168,7 @@ def determinants(A: FloatArray) -> FloatArray:
 def is_mostly_reflected(blocks: FloatArray) -> bool:
     """Whether most matrices (n, d, d) have a negative determinant.
 
-    A basis is known up to a reflection only; the one that leaves most blocks proper is right.
+    A basis is known only up to reflection; the right one makes most determinants positive.
     """
     return bool(np.median(np.sign(determinants(blocks))) < 0)
 
@@ -184,7 +184,7 @@ def _polar(X: FloatArray) -> FloatArray:
             gamma = (np.einsum("ijn,ijn->n", Y, Y) / np.einsum("ijn,ijn->n", X, X)) ** 0.25
             X, Y = gamma * X, Y / gamma
         X = 0.5 * (X + Y)
-        if change < 1e-9:  # the step taken has squared what was left
+        if change < 1e-9:  # convergence is quadratic
             break
     return X
 
@@ -223,9 +223,9 @@ def _defects(R: FloatArray) -> FloatArray:
 
 
 def nearest_to_rounding(R: FloatArray) -> FloatArray:
-    """R (n, d, d) with the matrices that are off by more than rounding projected to SO(d).
+    """R (n, d, d) with matrices that are off by more than rounding projected to SO(d).
 
-    What is already a rotation to the last digits stays bit for bit.
+    Others stay the same, bit for bit.
     """
     off = _defects(R) > ROUNDING_DEFECT
     if not off.any():
@@ -248,21 +248,21 @@ def langevin(rng: np.random.Generator, concentration: float, m: int, d: int) -> 
     """Exact samples of the isotropic Langevin distribution about I, (m, d, d); thesis A.1.
 
     The density is proportional to exp(k tr R): for large k the rotation vector has a standard
-    deviation of 1/sqrt(2 k) per axis, and angles in the plane are von Mises' of concentration 2 k.
-    The thesis' Lang(I, 1/sigma_R^2), eq. 2.5, is k = 1/sigma_R^2: sigma_R/sqrt(2) per axis.
+    deviation of 1/sqrt(2 k) per axis; in 2D angles have a von Mises distribution of concentration
+    2 k. The thesis' Lang(I, 1/sigma_R^2), eq. 2.5, is k = 1/sigma_R^2: sigma_R/sqrt(2) per axis.
 
     A rotation by an angle t is a unit spinor (v, w) with |v| = |sin(t/2)|, on the circle for d = 2
     and the 3-sphere for d = 3, and tr R = d - 4 |v|^2. So spinors have Bingham's density
-    exp(-4 k |v|^2), drawn by rejection from normalized Gaussian vectors (Kent, Ganeiber, Mardia,
-    "A new method to simulate the Bingham and related distributions", 2013). Of q = 2 or 4
-    coordinates, with any b in (0, q] and u = 1 + 8 k |v|^2 / b, these have a density proportional
-    to u^(-q/2), and
+    exp(-4 k |v|^2), sampled by rejection from normalized Gaussian vectors (Kent, Ganeiber, Mardia,
+    "A new method to simulate the Bingham and related distributions", 2013). With q = 2 or 4
+    coordinates, any b in (0, q] and u = 1 + 8 k |v|^2 / b, these have a density proportional to
+    u^(-q/2), and
 
         exp(-4 k |v|^2) = exp(-b (u - 1) / 2) <= exp((b - q) / 2) (q / b)^(q/2) u^(-q/2),
 
-    for the quotient of both sides is largest at u = q / b. The b that accepts most is the root of
-    1/b + (q - 1)/(b + 8 k) = 1: it falls from q at k = 0, where all are taken, to 1 as k grows,
-    and the share accepted to sqrt(e/(2 pi)) = 0.658 for d = 2 and sqrt(e^3/(32 pi)) = 0.447 for 3.
+    as the quotient of both sides is largest at u = q / b. The b of highest acceptance is the root
+    of 1/b + (q - 1)/(b + 8 k) = 1: it decreases from q at k = 0, where all are accepted, to 1 as k
+    grows, and the acceptance to sqrt(e/(2 pi)) = 0.658 for d = 2, sqrt(e^3/(32 pi)) = 0.447 for 3.
 
     Parameters
     ----------
@@ -274,7 +274,7 @@ def langevin(rng: np.random.Generator, concentration: float, m: int, d: int) -> 
         The concentration is negative or not a number.
     """
     if not concentration >= 0.0:
-        raise InputError(f"the concentration must not be negative, and is {concentration}")
+        raise InputError(f"the concentration must not be negative: {concentration}")
     k8, q = 8.0 * concentration, 2 * d - 2
     if np.isinf(k8):
         return np.broadcast_to(np.eye(d), (m, d, d)).copy()
@@ -294,7 +294,7 @@ def langevin(rng: np.random.Generator, concentration: float, m: int, d: int) -> 
 
 
 def _of_unit_spinors(x: FloatArray) -> FloatArray:
-    """Rotations of (v, w) = (axis sin(t/2), cos(t/2)), (n, 2) or (n, 4); the plane has one axis."""
+    """Rotations of (v, w) = (axis sin(t/2), cos(t/2)), (n, 2) or (n, 4)."""
     K = hat(x[:, :-1])
     R: FloatArray = np.eye(K.shape[-1]) + 2.0 * x[:, -1, None, None] * K + 2.0 * (K @ K)
     return R

@@ -1,4 +1,4 @@
-"""What rotation and pose problems share: pattern, ordering and analyses of one graph."""
+"""The base of rotation and pose problems: pattern, ordering and analyses of one graph."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class FirstOrder:
         et al. eq. 16 is deg_i I - Lam_i. Their traces add up to F when the translations are
         optimal for the rotations
     stationarity : largest gradient of a node over its weight, radians: 0 at a stationary point.
-        Translations are measured in the typical length of a step, so that it has no unit
+        Translations are measured relative to the typical length of a measurement
     """
 
     cost: float
@@ -44,7 +44,7 @@ class FirstOrder:
 
 
 class Objective(ABC):
-    """What rotation and pose problems share: pattern, ordering and analyses of one graph."""
+    """The base of rotation and pose problems."""
 
     graph: RotationGraph | PoseGraph
     engine: str
@@ -56,7 +56,7 @@ class Objective(ABC):
     @property
     @abstractmethod
     def curvature(self) -> FloatArray:
-        """(n,) curvature of F/2 in a turn of one node alone, roughly: what gradients compare to."""
+        """(n,) approximate curvature of F/2 in the rotation of one node, to scale gradients."""
 
     @property
     @abstractmethod
@@ -91,7 +91,7 @@ class Objective(ABC):
 
     @cached_property
     def pattern(self) -> BlockPattern:
-        """Sparsity shared by every matrix of the graph."""
+        """Sparsity pattern shared by all matrices of the graph."""
         return operators.pattern(self.graph)
 
     @cached_property
@@ -106,7 +106,7 @@ class Objective(ABC):
         return {}
 
     def symbolic(self, A: CSC) -> Symbolic:
-        """The analysis of a block matrix of this graph; made once for each block size."""
+        """The symbolic analysis of a block matrix of this graph; computed once per block size."""
         cache, b = self._analyses, A.shape[0] // self.n
         if b not in cache:
             cache[b] = factor.analyze(A, order=expand(self.order, b), engine=self.engine)
@@ -121,25 +121,19 @@ class Objective(ABC):
         return CSC((data, M.indices, M.indptr), shape=M.shape)
 
     def grounded_factor(self, laplacian: CSC) -> Factor | None:
-        """The factor of a graph Laplacian (n, n) whose first node is cut off; None if it fails."""
+        """The factor of a graph Laplacian (n, n) without its first node; None if it fails."""
         grounded = pinned(laplacian, np.array([0]))
         return self.symbolic(grounded).factor(grounded)
 
     def _shared(self, other: AnyProblem) -> AnyProblem:
-        """Another problem; where it has the same edges, pattern, order and analyses are shared."""
+        """Another problem, which shares pattern, order and analyses if it has the same edges."""
         if other.graph.num_edges < self.graph.num_edges:
             return other
         other.__dict__.update(pattern=self.pattern, order=self.order, _analyses=self._analyses)
         return other
 
     def check(self, estimate: Estimate) -> None:
-        """Refuse an estimate of another graph.
-
-        Raises
-        ------
-        InputError
-            Another number of nodes or dimension, or translations missing.
-        """
+        """Refuse an estimate of another graph by an InputError."""
         if not isinstance(estimate, Estimate):
             raise InputError(
                 f"an Estimate is expected, not a {type(estimate).__name__}: certify_values takes "

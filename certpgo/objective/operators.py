@@ -1,8 +1,8 @@
-"""Pure builders, measurements in, sparse matrix out: one a matrix of the papers.
+"""The sparse matrices of the papers, from measurements.
 
-Matrices over poses are interleaved, one block of d + 1 rows a pose: the translation row, then the
+Matrices over poses are interleaved, one block of d + 1 rows per pose: the translation row, then the
 d rotation rows, so that they multiply X = [t_1 R_1 ... t_n R_n]^T. That is a symmetric permutation
-of SE-Sync's [t | R] and lets one ordering of the graph serve every factorization.
+of SE-Sync's [t | R], and one ordering of the graph suits every factorization.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from certpgo.linalg.blocks import BlockPattern, scatter_sum
 
 
 def pattern(graph: RotationGraph | PoseGraph) -> BlockPattern:
-    """The sparsity shared by every matrix of the graph."""
+    """The sparsity pattern shared by all matrices of the graph."""
     return BlockPattern(graph.num_nodes, graph.edges)
 
 

@@ -1,7 +1,7 @@
-"""A graph with its operators, objective and residuals; no solving, no certifying.
+"""A graph with its operators, objective and residuals.
 
-Costs and gradients come from edge residuals, never from tr(X M X^T), which cancels nine digits
-when translations are large.
+Costs and gradients are computed from edge residuals, never from tr(X M X^T), which loses nine
+digits to cancellation if translations are large.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ class RotationProblem(Objective):
     Raises
     ------
     GraphError
-        The graph is not connected.
+        The graph is disconnected.
     InputError
-        It is no rotation graph.
+        It is not a RotationGraph.
 
     Examples
     --------
-    Five identities measured around a cycle, and rotations that turn once around with them: each
-    residual angle is 72 degrees, and F = 8 n sin^2(pi / n).
+    Five identities measured around a cycle, and rotations that wind around it once: each residual
+    angle is 72 degrees, and F = 8 n sin^2(pi / n).
 
     >>> import numpy as np
     >>> from certpgo import RotationProblem
@@ -62,7 +62,7 @@ class RotationProblem(Objective):
     engine: str = field(default_factory=default_engine)
 
     def __post_init__(self) -> None:
-        _require(self, RotationGraph, "a PoseGraph has one of its own: RotationProblem(g.rotation)")
+        _require(self, RotationGraph, "of a PoseGraph g take RotationProblem(g.rotation)")
         require_connected(self.graph)
 
     @property
@@ -104,7 +104,7 @@ class RotationProblem(Objective):
         return float(self.graph.kappa @ np.einsum("mab,mab->m", residuals, residuals))
 
     def edge_costs(self, point: Point) -> FloatArray:
-        """(m,) terms of F, one an edge."""
+        """(m,) terms of F, one per edge."""
         E = self.residuals(point.rotations)
         return np.asarray(self.graph.kappa * np.einsum("mab,mab->m", E, E))
 
@@ -130,16 +130,16 @@ class RotationProblem(Objective):
         return operators.rotation_hessian(self.graph, estimate.rotations, multipliers)
 
     def settled(self, point: AnyPoint) -> AnyPoint:
-        """The point's rotations: there is nothing else to settle."""
+        """The point's rotations; there are no translations to optimize."""
         return point.with_translations(None)  # type: ignore[return-value]
 
     def complete(self, rotations: FloatArray) -> Estimate:
-        """The best estimate with these rotations: just them."""
+        """The estimate of these rotations."""
         return Estimate(rotations)
 
     @cached_property
     def node_weights(self) -> FloatArray:
-        """(n,) sums of kappa at each node: the curvature of F/2 in a rotation there, roughly."""
+        """(n,) sums of kappa at each node: approximately the curvature of F/2 in its rotation."""
         return operators.degrees(self.graph.edges, self.graph.kappa, self.n)
 
     @property
@@ -161,13 +161,7 @@ class RotationProblem(Objective):
         return self.reweighted(np.full(self.graph.num_edges, factor))
 
     def reweighted(self, factors: FloatArray) -> RotationProblem:
-        """The problem with each edge's weight times a factor (m,); at exactly 0 it is left out.
-
-        Raises
-        ------
-        GraphError
-            A product is out of a weight's range, or what is kept is not connected.
-        """
+        """The problem with weights times factors (m,); an edge with factor 0 is removed."""
         return self._shared(RotationProblem(self.graph.reweighted(factors), self.engine))
 
     def with_unit_weights(self) -> RotationProblem:
@@ -191,9 +185,9 @@ class PoseProblem(Objective):
     Raises
     ------
     GraphError
-        The graph is not connected.
+        The graph is disconnected.
     InputError
-        It is no pose graph.
+        It is not a PoseGraph.
 
     Examples
     --------
@@ -202,7 +196,7 @@ class PoseProblem(Objective):
     >>> from certpgo.datasets.synthetic import helix
     >>> instance = helix(3, np.random.default_rng(0))
     >>> problem = PoseProblem(instance.graph)
-    >>> best = problem.complete(instance.truth.rotations)  # the best t for these rotations
+    >>> best = problem.complete(instance.truth.rotations)  # the optimal t for these rotations
     >>> problem.cost(best) < problem.cost(instance.truth)
     True
     """
@@ -260,7 +254,7 @@ class PoseProblem(Objective):
     def settled(self, point: AnyPoint) -> AnyPoint:
         """The point with the translations that minimise F for its rotations.
 
-        A correction is solved for, so that rounding is relative to the correction.
+        Solves for a correction, so that rounding is relative to it.
         """
         if self._translation_factor is None:  # the weights are too uneven
             return point.with_translations(self._eliminated(point))  # type: ignore[return-value]
@@ -275,7 +269,7 @@ class PoseProblem(Objective):
         return np.asarray(t - t[0])
 
     def complete(self, rotations: FloatArray) -> Estimate:
-        """The best estimate with these rotations, the first translation at zero."""
+        """The estimate of these rotations with optimal translations, the first at zero."""
         return self.settled(Estimate(rotations, np.zeros(rotations.shape[:2])))
 
     def translation_residuals(self, point: Point) -> FloatArray:
@@ -298,7 +292,7 @@ class PoseProblem(Objective):
         return self.rotation.cost_of(E) + float(self.graph.tau @ np.einsum("ma,ma->m", r, r))
 
     def edge_costs(self, point: Point) -> FloatArray:
-        """(m,) terms of F, one an edge."""
+        """(m,) terms of F, one per edge."""
         r = self.translation_residuals(point)
         moved = self.graph.tau * np.einsum("ma,ma->m", r, r)
         return np.asarray(self.rotation.edge_costs(point) + moved)
@@ -352,7 +346,7 @@ class PoseProblem(Objective):
 
     @cached_property
     def translation_weights(self) -> FloatArray:
-        """(n,) sums of tau at each node: the curvature of F/2 in a translation there."""
+        """(n,) sums of tau at each node: the curvature of F/2 in its translation."""
         return operators.degrees(self.graph.edges, self.graph.tau, self.n)
 
     @cached_property
@@ -367,13 +361,7 @@ class PoseProblem(Objective):
         return self.reweighted(np.full(self.graph.num_edges, factor))
 
     def reweighted(self, factors: FloatArray) -> PoseProblem:
-        """The problem with each edge's weights times a factor (m,); at exactly 0 it is left out.
-
-        Raises
-        ------
-        GraphError
-            A product is out of a weight's range, or what is kept is not connected.
-        """
+        """The problem with weights times factors (m,); an edge with factor 0 is removed."""
         return self._shared(PoseProblem(self.graph.reweighted(factors), self.engine))
 
     def with_unit_weights(self) -> PoseProblem:
@@ -385,7 +373,7 @@ Problem = RotationProblem | PoseProblem
 
 
 def problem_of(graph: RotationGraph | PoseGraph, engine: str | None = None) -> Problem:
-    """The problem that a graph poses."""
+    """The problem of a graph."""
     engine = engine or default_engine()
     if isinstance(graph, PoseGraph):
         return PoseProblem(graph, engine)
@@ -394,8 +382,8 @@ def problem_of(graph: RotationGraph | PoseGraph, engine: str | None = None) -> P
 
 def _require(problem: Problem, kind: type, otherwise: str) -> None:
     if not isinstance(problem.graph, kind):
-        found, asked = type(problem.graph).__name__, type(problem).__name__
-        raise InputError(f"{asked} takes a {kind.__name__}, not a {found}; {otherwise}")
+        found, expecting = type(problem.graph).__name__, type(problem).__name__
+        raise InputError(f"{expecting} takes a {kind.__name__}, not a {found}; {otherwise}")
 
 
 def _translations(point: Point) -> FloatArray:

@@ -1,8 +1,8 @@
 """The quadratic form of the rotations alone, translations eliminated exactly.
 
 F(R, t*(R)) = tr(R Q R^T), where Q is the Schur complement of M on the rotations, and Q = L for
-rotation averaging. Q of poses is dense and never formed: its products and its inverse come from
-sparse matrices that keep the translations.
+rotation averaging. For poses Q is dense and never formed: its products and inverse use sparse
+matrices that include the translations.
 """
 
 from __future__ import annotations
@@ -19,29 +19,29 @@ from certpgo.objective.problem import PoseProblem, Problem
 
 #: Shifts over the mean diagonal, tried until the factorization succeeds.
 SHIFTS = (1e-11, 1e-9, 1e-7)
-#: The same for M, whose rounding grows with the translations.
+#: The same for M, whose rounding increases with the translations.
 ELIMINATED_SHIFTS = (1e-9, 1e-7, 1e-5)
 
 
 class Reduced:
-    """A symmetric matrix of rotations (dn, dn), by its products, and solves with it shifted.
+    """A symmetric matrix of rotations (dn, dn), as products and shifted solves.
 
     Attributes
     ----------
     shift : products and solves are those of Q + shift I
-    factor : of the sparse matrix behind the solves
+    factor : of the sparse matrix used by the solves
 
     Parameters
     ----------
-    matrix : the problem's own, `problem.matrix`, or one of its pattern that differs only in the
-        rotations' rows and columns, such as a certificate matrix
-    shifts : the first that makes the matrix definite is taken; by default small ones, in units of
+    matrix : by default `problem.matrix`; or one of its pattern that differs only in the rotations'
+        rows and columns, such as a certificate matrix
+    shifts : the first that makes the matrix definite is used; by default small ones, in units of
         the mean weight of a node
 
     Raises
     ------
     NumericalError
-        No shift sufficed.
+        No shift is sufficient.
     """
 
     def __init__(
@@ -92,17 +92,12 @@ class Reduced:
 def factor_shifted(
     problem: Problem, build: Callable[[float], CSC], unit: float, shifts: tuple[float, ...] = SHIFTS
 ) -> tuple[CSC, float, Factor]:
-    """The first definite matrix ``build(shift)``, its shift, and its factor.
+    """The first definite matrix ``build(shift)``, its shift and its factor, or a NumericalError.
 
     Parameters
     ----------
-    build : shift -> a block matrix of the problem, semidefinite but for rounding without the shift
-    unit : what the shifts are multiplied by
-
-    Raises
-    ------
-    NumericalError
-        No shift sufficed.
+    build : shift -> a block matrix of the problem, semidefinite up to rounding if the shift is zero
+    unit : factor of the shifts
     """
     for relative in shifts:
         A = build(unit * relative)

@@ -1,8 +1,8 @@
 """Rotation averaging by Gauss-Newton steps with the scalar Laplacian as Hessian.
 
-In world-frame turns, X_i <- exp(delta_i) X_i, a residual R_j - R_i R_ij moves by delta_j - delta_i
-as far as the residual is small, whatever the rotations are: one n x n factorization serves every
-step and every axis. Converges linearly, at a rate that grows with the residual angles.
+For world-frame tangents, X_i <- exp(delta_i) X_i, a small residual R_j - R_i R_ij changes by
+delta_j - delta_i whatever the rotations are, so one n x n factorization serves every step and axis.
+Converges linearly, the more slowly the larger the residual angles.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Solution, Status
 
-#: A step that leaves more than this part of the cost and of the gradient is slow.
+#: A step is slow if it leaves more than this fraction of the cost and of the gradient.
 SLOW = 0.5
 
 
@@ -37,11 +37,10 @@ def laplacian_gauss_newton(
 
     Parameters
     ----------
-    initial : only its rotations count
+    initial : only its rotations are used
     tolerance : stationarity (radians, see `FirstOrder`) at which to stop
-    patience : more slow steps in a row, and the method is STALLED: far from any optimum, or
-        better left to Newton's method
-    watch : stopwatch that has already timed what led to ``initial``
+    patience : consecutive slow steps after which the method is STALLED
+    watch : stopwatch that already timed the initialization
 
     Raises
     ------
@@ -61,31 +60,17 @@ def laplacian_gauss_newton(
         with watch.phase("averaging"):
             candidate, step_norm = _stepped(factor, point, first.tangent)
             following = problem.first_order(candidate)
-        lasting = following.stationarity > SLOW * first.stationarity
-        slow = slow + 1 if lasting and following.cost > SLOW * first.cost else 0
+        slow_gradient = following.stationarity > SLOW * first.stationarity
+        slow = slow + 1 if slow_gradient and following.cost > SLOW * first.cost else 0
         if slow > patience or not following.cost <= first.cost * (1.0 + 1e-12):
             progress.status = Status.STALLED
             break
         point, first = candidate, following
-    return Solution(
-        estimate=Estimate(point.rotations),
-        cost=first.cost,
-        status=progress.status,
-        iterations=progress.steps,
-        seconds=watch.seconds,
-        trace=tuple(progress.trace),
-        counts={"factorizations": 1},
-    )
+    return progress.solution(Estimate(point.rotations), first.cost, counts={"factorizations": 1})
 
 
 def laplacian_step(problem: RotationProblem, point: Estimate) -> tuple[Estimate, float]:
-    """One such step, whatever it does to F, and its norm.
-
-    Raises
-    ------
-    NumericalError
-        The Laplacian could not be factorized.
-    """
+    """One step, accepted even if it increases F, and its norm."""
     factor = problem.grounded_factor(problem.laplacian)
     if factor is None:
         raise NumericalError("the graph Laplacian could not be factorized")
@@ -98,6 +83,6 @@ def _stepped(factor: Factor, point: Estimate, tangent: FloatArray) -> tuple[Esti
 
 
 def _in_world(R: FloatArray, tangent: FloatArray) -> FloatArray:
-    """Body-frame tangents (n, p) in the world frame; the first is zero, as that node is held."""
+    """Body-frame tangents (n, p) in the world frame; the first, of the fixed node, is zero."""
     world = tangent if R.shape[-1] == 2 else (R @ tangent[:, :, None])[:, :, 0]
     return np.concatenate([np.zeros_like(world[:1]), world[1:]])

@@ -23,14 +23,13 @@ from certpgo.optimize.newton import ROUNDING, forcing_term
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Status
 
-#: A step is taken when it gains this part of what the model predicts; the region shrinks below the
-#: second and grows above the third.
+#: Actual over predicted decrease from which a step is accepted, below which the trust region
+#: shrinks, and above which it grows.
 ACCEPTED, POOR, GOOD = 0.01, 0.25, 0.75
-#: Products allowed in conjugate gradients, and products up to which the preconditioner serves the
-#: next step as well.
+#: Products allowed in conjugate gradients, and up to which the preconditioner is reused.
 MAX_PRODUCTS, FEW_PRODUCTS = 100, 10
-#: Shift of the preconditioner, over the mean diagonal: the gauge group is larger than one pose, and
-#: what rounding makes of it must stay below the least curvature.
+#: Shift of the preconditioner over the mean diagonal: the gauge group is larger than one pose, and
+#: its rounding must stay below the smallest curvature.
 SHIFT = 1e-8
 #: Halvings of a step along a given direction.
 MAX_HALVINGS = 40
@@ -38,7 +37,7 @@ MAX_HALVINGS = 40
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """Where low-rank optimization ended."""
+    """The result of low-rank optimization."""
 
     point: Lift
     cost: float
@@ -61,17 +60,17 @@ def descend(
     """Minimise F over St(rank, d)^n from ``initial``, by truncated Newton steps.
 
     Absil, Baker, Gallivan, "Trust-region methods on Riemannian manifolds" (2007). The
-    preconditioner, and the metric of the trust region, is the Gauss-Newton matrix: a step's size
-    is by how much it changes the residuals.
+    preconditioner, and the metric of the trust region, is the Gauss-Newton matrix: steps are
+    measured by how much they change the residuals.
 
     Parameters
     ----------
     initial : a point of at most that rank
-    direction : (n, d) rows by which the blocks leave along a new dimension first, such as an
-        eigenvector of the certificate matrix with a negative eigenvalue: at a stationary point of
-        lower rank there is no other way down
+    direction : (n, d) first step of the blocks into a new dimension, such as an eigenvector of the
+        certificate matrix with a negative eigenvalue, the only descent direction at a stationary
+        point of lower rank
     tolerance : stationarity (radians) at which to stop
-    watch : stopwatch that has already timed what led to ``initial``
+    watch : stopwatch that already timed the initialization
     """
     watch = watch or Stopwatch()
     counts: Counter[str] = Counter()
@@ -80,54 +79,58 @@ def descend(
         start = problem.settled(lifted(initial, rank))
         if direction is not None:
             start = leave(problem, start, direction)
-        here = _Tangent(problem, start)
+        current = _Tangent(problem, start)
     metric: Factor | None = None
-    radius, step_norm, gained = math.sqrt(here.cost), 0.0, 1.0
+    radius, step_norm, gained = math.sqrt(current.cost), 0.0, 1.0
     gain: float | None = None
     accepted = True
-    while progress.advance(here.cost, here.stationarity, step_norm, gain=gain, accepted=accepted):
+    while progress.advance(
+        current.cost, current.stationarity, step_norm, gain=gain, accepted=accepted
+    ):
         with watch.phase("low rank"):
             if metric is None:
-                metric = here.metric()
+                metric = current.metric()
                 counts["factorizations"] += 1
             solved = conjugate_gradients(
-                here.hessian.__matmul__,
-                -here.gradient,
+                current.hessian.__matmul__,
+                -current.gradient,
                 metric.solve,
                 tol=forcing_term(gained),
                 max_iterations=MAX_PRODUCTS,
                 radius=radius,
             )
             counts["products"] += solved.products
-            predicted = float(solved.x @ (solved.residual - here.gradient))
-            there = _Tangent(problem, here.retract(solved.x))
-        if predicted <= ROUNDING * here.cost:
-            # F can no longer tell; the gradient still can.
-            risen = there.cost > (1.0 + 2.0 * ROUNDING) * here.cost
-            if risen or not there.stationarity < here.stationarity:
+            predicted = float(solved.x @ (solved.residual - current.gradient))
+            candidate = _Tangent(problem, current.retract(solved.x))
+        if predicted <= ROUNDING * current.cost:
+            # The decrease is below rounding of F; the gradient still shows progress.
+            risen = candidate.cost > (1.0 + 2.0 * ROUNDING) * current.cost
+            if risen or not candidate.stationarity < current.stationarity:
                 progress.status = Status.STALLED
                 break
             gain = 1.0
         else:
-            gain = (here.cost - there.cost) / predicted
+            gain = (current.cost - candidate.cost) / predicted
         if not gain >= POOR:
             radius *= 0.25
         elif gain > GOOD and solved.end in (End.BOUNDARY, End.NEGATIVE_CURVATURE):
             radius *= 2.0
         accepted = gain > ACCEPTED
         if accepted:
-            gained = max(here.cost - there.cost, 0.0) / here.cost
-            here, step_norm = there, float(np.linalg.norm(solved.x))
+            gained = max(current.cost - candidate.cost, 0.0) / current.cost
+            current, step_norm = candidate, float(np.linalg.norm(solved.x))
             if solved.products > FEW_PRODUCTS:
                 metric = None
-        elif radius**2 < ROUNDING * here.cost:
+        elif radius**2 < ROUNDING * current.cost:
             progress.status = Status.STALLED
             break
-    return Descent(here.point, here.cost, progress.status, tuple(progress.trace), dict(counts))
+    return Descent(
+        current.point, current.cost, progress.status, tuple(progress.trace), dict(counts)
+    )
 
 
 class _Tangent:
-    """A point with what a step from it needs: gradient, Hessian, metric, retraction.
+    """A point with its gradient, Hessian, metric and retraction.
 
     Steps are (n, r + q), translations first, or (n, q) for rotations alone: coordinates in an
     orthonormal basis of each block's tangent space.
@@ -165,7 +168,7 @@ class _Tangent:
         return self._problem.pattern.assemble(*blocks)
 
     def retract(self, x: FloatArray) -> Lift:
-        """The nearest point of the manifold, translations settled."""
+        """The nearest point of the manifold, with optimal translations."""
         q = self._basis.shape[1]
         V = np.einsum("nq,nqrd->nrd", x.reshape(self._problem.n, -1)[:, -q:], self._basis)
         return _moved(self._problem, self.point, V)
@@ -174,7 +177,7 @@ class _Tangent:
 def tangent_basis(Y: FloatArray) -> FloatArray:
     """(n, q, r, d) orthonormal bases of the tangent spaces of St(r, d) at blocks (n, r, d).
 
-    Turns within the columns' span, Y hat(e_k) / sqrt(2), then moves out of it.
+    Rotations within the columns' span, Y hat(e_k) / sqrt(2), then directions out of it.
     """
     n, r, d = Y.shape
     generators = so.hat(np.eye(so.tangent_dim(d))) / math.sqrt(2.0)
@@ -191,7 +194,7 @@ def leave(problem: Problem, point: Lift, direction: FloatArray) -> Lift:
 
     Parameters
     ----------
-    direction : (n, d) rows v_i; block i moves from [Y_i; 0] towards [Y_i; v_i], which is tangent
+    direction : (n, d) rows v_i; block i moves from [Y_i; 0] along the tangent [0; v_i]
     """
     V = np.zeros_like(point.rotations)
     V[:, -1, :] = direction / np.linalg.norm(direction, axis=1).max()

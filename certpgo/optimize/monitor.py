@@ -1,4 +1,4 @@
-"""Showing is separate from computing: monitors are told, and time spent telling is not counted."""
+"""Monitors, which are called with each iteration, and timing, which leaves them out."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ class Iteration:
 
     Attributes
     ----------
-    number : 0 for the starting point
+    number : 0 for the initial estimate
     cost : objective F there
     gradient : norm of the Riemannian gradient, relative to the problem's scale
     step : norm of the step that led here (radians and scaled translations together)
     seconds : solver time so far, without monitoring
-    gain : decrease of F over the decrease that the model predicted, of trust-region methods
-    accepted : whether the last step was taken; a rejected one leaves the point where it was
+    gain : actual over predicted decrease of F, for trust-region methods
+    accepted : whether the last step was accepted; a rejected one leaves the point unchanged
 
     Examples
     --------
@@ -41,11 +41,11 @@ class Iteration:
 
 
 class Monitor(Protocol):
-    """Is told each iteration; answers True to stop the method at its current point.
+    """Is called with each iteration; returns True to stop the method at its current point.
 
     Examples
     --------
-    One that keeps costs, and stops at the second step:
+    Record the costs, and stop at the second step:
 
     >>> import certpgo
     >>> from certpgo.datasets.synthetic import cycle
@@ -66,13 +66,13 @@ class Monitor(Protocol):
 
 
 def silent(iteration: Iteration) -> bool:
-    """The monitor that shows nothing and never stops."""
+    """Shows nothing and never stops."""
     return False
 
 
 @dataclass(slots=True)
 class TableMonitor:
-    """Prints one line an iteration.
+    """Prints one line per iteration.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class TableMonitor:
     stream: TextIO | None = None
 
     def __call__(self, iteration: Iteration) -> bool:
-        """Print the iteration; never asks to stop."""
+        """Print the iteration; never stop."""
         stream = self.stream or sys.stderr
         if iteration.number == 0:
             heads = f"{'it':>4} {'cost':>22} {'gradient':>10} {'step':>10} {'gain':>9} {'s':>8}"

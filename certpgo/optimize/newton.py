@@ -1,13 +1,12 @@
 """Newton's method on SE(d)^n or SO(d)^n, with exact sparse Hessians and translations eliminated.
 
-Three things make it converge in a handful of steps from far away. After every step the
-translations are solved for again (variable projection), so that turning a long stretch of poses
-as one body costs nothing, as linear moves of its translations would. Where the exact curvature is
-negative, Gauss and Newton's takes its place, which never is, for as long as such steps pay. And a
-factorization serves as preconditioner of the steps after it while few products suffice.
+It converges in a few steps even from far away: after every step the translations are solved for
+again (variable projection), so that a long chain of poses can rotate as one body; an indefinite
+Hessian is replaced by the Gauss-Newton matrix as long as such steps make progress; and a
+factorization preconditions later steps as long as few products suffice.
 
-Local: it finds the stationary point near its initial estimate. Its factorization says that the
-point is a local minimum, never that it is the global one.
+Local: it finds a stationary point near its initial estimate. Its factorization shows that the point
+is a local minimum, not that it is the global one.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Solution, Status
 
-#: A predicted decrease below this many units of rounding of F cannot be seen in F.
+#: Relative decrease of F that is lost in rounding.
 ROUNDING = 16 * np.finfo(float).eps
 
 
@@ -46,24 +45,18 @@ class NewtonSettings(Iterative):
     ----------
     tolerance : stationarity at which to stop, radians, see `FirstOrder`
     max_iterations : stop anyway
-    slow_decrease : the exact Hessian is tried after a Gauss-Newton step that lowered F by less than
-        this part
-    near : and where a node's own step would be smaller than this angle, radians
-    stagnation : Gauss-Newton steps stand in for an indefinite Hessian while the last one lowered F
-        by this part
-    min_gain, good_gain : decrease over predicted decrease from which a step is taken, and from
-        which the damping falls
+    slow_decrease : the exact Hessian is tried after a Gauss-Newton step that reduced F by less than
+        this fraction
+    near : or when the stationarity is below this angle, radians
+    stagnation : Gauss-Newton replaces an indefinite Hessian while steps reduce F by this fraction
+    min_gain, good_gain : actual over predicted decrease from which a step is accepted, and from
+        which the damping is reduced
     first_damping, second_damping : after an indefinite Hessian, and after a rejected step; in units
         of the metric
-    smallest_damping, largest_damping : below the former there is none, above the latter no step
-    loosest, tightest : relative residuals asked of conjugate gradients on an old factor
+    smallest_damping, largest_damping : less is set to zero; with more the method stops
+    loosest, tightest : relative residuals of conjugate gradients preconditioned by an old factor
     max_products : products that cost less than a new factor; twice as many for large graphs
-    large : nodes from which a graph is large, where any old factor is tried first
-
-    Raises
-    ------
-    SpecError
-        A setting out of its range.
+    large : nodes from which a graph is large, and any old factor is tried first
 
     Examples
     --------
@@ -91,9 +84,9 @@ class NewtonSettings(Iterative):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 0.0 < self.min_gain < self.good_gain < 1.0:
-            raise SpecError("0 < min_gain < good_gain < 1 is needed")
+            raise SpecError("0 < min_gain < good_gain < 1 is required")
         if not 0.0 < self.tightest <= self.loosest < 1.0:
-            raise SpecError("0 < tightest <= loosest < 1 is needed")
+            raise SpecError("0 < tightest <= loosest < 1 is required")
         dampings = (self.smallest_damping, self.second_damping, self.first_damping)
         if not 0.0 < min(dampings) <= max(dampings) < self.largest_damping:
             raise SpecError("dampings must be positive, and largest_damping the largest")
@@ -117,8 +110,8 @@ def newton(
 
     Parameters
     ----------
-    near : the initial estimate is in its basin's core, so that the exact Hessian is tried at once
-    watch : stopwatch that has already timed what led to ``initial``
+    near : the initial estimate is close to a minimum, so that the exact Hessian is tried at once
+    watch : stopwatch that already timed the initialization
     """
     problem.check(initial)
     watch = watch or Stopwatch()
@@ -132,37 +125,30 @@ def newton(
             progress.status = Status.STALLED
             break
         state = following
-    return Solution(
-        estimate=Estimate(state.point.rotations, state.point.translations),
-        cost=state.cost,
-        status=progress.status,
-        iterations=progress.steps,
-        seconds=watch.seconds,
-        trace=tuple(progress.trace),
-        counts=dict(work.counts),
-    )
+    estimate = Estimate(state.point.rotations, state.point.translations)
+    return progress.solution(estimate, state.cost, counts=dict(work.counts))
 
 
 def forcing_term(
     progress: float, loosest: float = DEFAULT.loosest, tightest: float = DEFAULT.tightest
 ) -> float:
-    """The relative residual to ask of a step after one that took the part ``progress`` off F.
+    """The relative residual of a step after one that reduced F by the fraction ``progress``.
 
-    F falls by the square of the distance, which Newton's steps square.
+    F is quadratic in the distance, and Newton's method converges quadratically.
     """
     return min(loosest, max(tightest, math.sqrt(max(progress, 0.0))))
 
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """A point on the way, with what the next step can use."""
+    """An iterate, and what the next step can use."""
 
     point: Estimate
     first: FirstOrder
     step_norm: float = 0.0
-    gain: float | None = None  # of the step that led here: decrease over predicted decrease
-    exact: bool = False  # whether the last step was Newton's, not Gauss and Newton's
-    progress: float = np.inf  # the part of F that it took off
+    gain: float | None = None  # actual over predicted decrease of the last step
+    exact: bool = False  # whether the last step used the exact Hessian
+    progress: float = np.inf  # fraction by which it reduced F
     damping: float = 0.0
 
     @property
@@ -176,12 +162,12 @@ class _State:
 
 @dataclass
 class _Work:
-    """What outlives a step: the last factor, how well it still serves, and what was done."""
+    """State kept between steps: the last factor, how well it still works, and counts."""
 
     settings: NewtonSettings
     metric: FloatArray  # (n, b) diagonal in which damping is measured
     factor: Factor | None = None
-    pace: float = np.inf  # nats a product by which conjugate gradients last fell with the factor
+    pace: float = np.inf  # -log(residual) per product of conjugate gradients with the factor
     counts: Counter[str] = field(default_factory=Counter)
 
 
@@ -199,18 +185,18 @@ class _Model:
 
     @cached_property
     def gauss_newton(self) -> CSC:
-        """The same without the curvature of the residuals: definite but for the gauge."""
+        """The Gauss-Newton matrix: definite up to the gauge."""
         return self._matrix(np.zeros_like(self._state.first.multipliers))
 
     def _matrix(self, multipliers: FloatArray) -> CSC:
         diagonal, upper = self._problem.hessian(self._state.point, multipliers)
-        diagonal[0] += np.diag(self._metric[0])  # the gauge: any definite block at one pose pins it
+        diagonal[0] += np.diag(self._metric[0])  # fixes the gauge
         return self._problem.pattern.assemble(diagonal, upper)
 
 
 @dataclass(frozen=True, eq=False)
 class _Proposal:
-    """A step (N,) with the decrease of F that the model predicts, and how it was found."""
+    """A step (N,), its predicted decrease of F, and how it was computed."""
 
     step: FloatArray
     predicted: float
@@ -219,7 +205,7 @@ class _Proposal:
 
 
 def _advance(problem: Problem, state: _State, work: _Work) -> _State | None:
-    """The next point; None when no step improves on this one."""
+    """The next point; None if no step improves this one."""
     settings = work.settings
     for proposal in _proposals(problem, state, work):
         if not np.isfinite(proposal.step).all():
@@ -228,7 +214,7 @@ def _advance(problem: Problem, state: _State, work: _Work) -> _State | None:
         first = problem.first_order(candidate)
         cost = first.cost
         gain = (state.cost - cost) / proposal.predicted if proposal.predicted > 0.0 else 0.0
-        # Below rounding F can no longer tell; the gradient still can.
+        # The decrease is below rounding of F; the gradient still shows progress.
         invisible = proposal.predicted <= ROUNDING * state.cost
         if not invisible and not gain > settings.min_gain:
             continue
@@ -250,7 +236,7 @@ def _advance(problem: Problem, state: _State, work: _Work) -> _State | None:
 
 
 def _proposals(problem: Problem, state: _State, work: _Work) -> Iterator[_Proposal]:
-    """Steps: by an old factor if it still serves, else by new ones, damped more and more."""
+    """Steps with the old factor if it is still good, then with new ones, increasingly damped."""
     settings, model = work.settings, _Model(problem, state, work.metric)
     g, metric = model.g, work.metric.ravel()
     slow, near = state.progress < settings.slow_decrease, state.stationarity < settings.near
@@ -276,7 +262,7 @@ def _proposals(problem: Problem, state: _State, work: _Work) -> Iterator[_Propos
     while damping <= settings.largest_damping:
         H = model.hessian if exact else model.gauss_newton
         damped = damping * metric
-        work.factor, work.pace = None, np.inf  # its memory serves the next
+        work.factor, work.pace = None, np.inf  # frees its memory first
         work.factor = factor = problem.symbolic(H).factor(
             add_to_diagonal(H, damped) if damping > 0.0 else H
         )
@@ -292,7 +278,7 @@ def _proposals(problem: Problem, state: _State, work: _Work) -> Iterator[_Propos
 
 
 def _metric(problem: Problem) -> FloatArray:
-    """(n, b) positive diagonal that measures steps: F's own curvature without its coupling."""
+    """(n, b) positive diagonal that measures steps: the uncoupled curvature of F."""
     p = so.tangent_dim(problem.d)
     turn = np.repeat(2.0 * problem.rotation.node_weights[:, None], p, axis=1)
     if not isinstance(problem, PoseProblem):
@@ -303,7 +289,7 @@ def _metric(problem: Problem) -> FloatArray:
 
 
 def _retract(problem: Problem, point: Estimate, step: FloatArray) -> Estimate:
-    """The point moved by body-frame turns, with the best translations for it."""
+    """The point after a body-frame step, with optimal translations."""
     turns = step.reshape(problem.n, -1)[:, -so.tangent_dim(problem.d) :]
     turned = point.rotations @ so.exp(turns)
     if point.translations is None or not isinstance(problem, PoseProblem):

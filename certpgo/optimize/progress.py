@@ -1,4 +1,4 @@
-"""What iterative methods share: their trace, when they end, and how they are told to."""
+"""The trace of iterative methods, and when they stop."""
 
 from __future__ import annotations
 
@@ -10,21 +10,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from types import FrameType
+from typing import Any
 
+from certpgo.graph import Estimate
 from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch
-from certpgo.optimize.solution import Status
+from certpgo.optimize.solution import Solution, Status
 
 
 @dataclass
 class Progress:
-    """The iterations of a descent so far, and how it ended.
-
-    Attributes
-    ----------
-    tolerance : stationarity at which to stop
-    max_iterations : stop anyway
-    watch : stopwatch that times the method
-    """
+    """The iterations so far, and why they ended."""
 
     monitor: Monitor
     tolerance: float
@@ -41,14 +36,18 @@ class Progress:
         *,
         gain: float | None = None,
         accepted: bool = True,
+        converged: bool | None = None,
     ) -> bool:
-        """Record a point, see `Iteration`; returns whether the method should go on from it."""
+        """Record a point, see `Iteration`; returns whether the method should continue.
+
+        It has converged if the stationarity is within the tolerance, unless ``converged`` is given.
+        """
         number = len(self.trace)
-        here = Iteration(number, cost, stationarity, step, self.watch.total, gain, accepted)
-        self.trace.append(here)
-        if self.monitor(here):
+        iteration = Iteration(number, cost, stationarity, step, self.watch.total, gain, accepted)
+        self.trace.append(iteration)
+        if self.monitor(iteration):
             self.status = Status.INTERRUPTED
-        elif stationarity <= self.tolerance:
+        elif stationarity <= self.tolerance if converged is None else converged:
             self.status = Status.CONVERGED
         return self.status is Status.ITERATION_LIMIT and number < self.max_iterations
 
@@ -57,19 +56,31 @@ class Progress:
         """Steps taken."""
         return self.trace[-1].number
 
+    def solution(self, estimate: Estimate, cost: float, **others: Any) -> Solution:
+        """A `Solution` with the status, iterations, seconds and trace so far."""
+        return Solution(
+            estimate=estimate,
+            cost=cost,
+            status=self.status,
+            iterations=self.steps,
+            seconds=self.watch.seconds,
+            trace=tuple(self.trace),
+            **others,
+        )
+
 
 @dataclass
 class Stop:
-    """The monitor that several phases share: passes iterations on, and knows when to stop.
+    """A monitor shared by several phases: forwards iterations, and decides when to stop.
 
     Attributes
     ----------
-    monitor : is told, in the units of the graph
-    unit : what the phases' costs are multiplied by for that
+    monitor : is called with costs in the units of the graph
+    unit : factor from the phases' costs to those
     deadline : of `time.monotonic`
     watch : stopwatch of all phases
-    trace : everything recorded
-    interrupted : whether the monitor or Ctrl-C has asked to stop
+    trace : all iterations
+    interrupted : whether the monitor or Ctrl-C requested a stop
     """
 
     monitor: Monitor
@@ -88,31 +99,31 @@ class Stop:
 
     @property
     def asked(self) -> bool:
-        """Whether to stop, by the monitor, Ctrl-C or the clock."""
+        """Whether to stop, because of the monitor, Ctrl-C or the deadline."""
         return self.status is not None
 
     def interrupt(self, signum: int, frame: FrameType | None) -> None:
-        """Handle Ctrl-C: stop at the next occasion; the second time, at once."""
+        """Handle Ctrl-C: stop after this iteration; the second time, immediately."""
         if self.interrupted:
             raise KeyboardInterrupt
         self.interrupted = True
 
     def __call__(self, iteration: Iteration) -> bool:
-        """Pass an iteration on; whether to stop."""
-        told = replace(
+        """Forward an iteration; returns whether to stop."""
+        forwarded = replace(
             iteration,
             number=len(self.trace),
             cost=self.unit * iteration.cost,
             seconds=self.watch.total,
         )
-        self.trace.append(told)
-        self.interrupted = self.monitor(told) or self.interrupted
+        self.trace.append(forwarded)
+        self.interrupted = self.monitor(forwarded) or self.interrupted
         return self.asked
 
 
 @contextmanager
 def stoppable(monitor: Monitor, unit: float, time_limit: float | None) -> Iterator[Stop]:
-    """A stop that also listens to Ctrl-C, where Python handles it."""
+    """A `Stop` that also handles Ctrl-C, if Python does."""
     deadline = math.inf if time_limit is None else time.monotonic() + time_limit
     stop = Stop(monitor, unit, deadline)
     main = threading.current_thread() is threading.main_thread()

@@ -1,9 +1,8 @@
-"""Many estimates out of one point of the relaxation, improved together.
+"""Many estimates from one point of the relaxation, improved together.
 
-Where the relaxation is loose, the nearest estimate is one among many, and random projections of
-the point find better ones (Goemans and Williamson 1995). F is the same quadratic form for each
-candidate, so that all of them stand in one array, candidate below candidate, and a product with
-the measurements serves them all.
+If the relaxation is loose, random projections of the point find better estimates than the nearest
+one (Goemans and Williamson 1995). F is the same quadratic form for each candidate, so all of them
+are stacked in one array and share each product with the measurements.
 """
 
 from __future__ import annotations
@@ -19,45 +18,44 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import PoseProblem, Problem
 
-#: Rotations in all candidates together, and the fewest and most candidates; at most two a node.
+#: Maximal number of rotations in all candidates; minimal and maximal number of candidates, at most
+#: two per node.
 ROTATIONS, FEWEST, MOST = 8_000, 4, 64
-#: Candidates where the point has one dimension more than space; k more ask for k^2 times as many.
+#: Candidates for a point of rank d + 1; k^2 times as many for rank d + k.
 CANDIDATES = 8
-#: One in so many is worth a descent, and at least two are.
+#: One in so many candidates is selected, and at least two.
 SELECTED = 8
-#: Sweeps that tell a good candidate from a bad one; twice as many where there are many.
+#: Sweeps before the selection; twice as many for higher ranks.
 SWEEPS = 30
-#: Candidates whose costs differ by less, relatively, are taken for the same.
+#: Relative difference of costs below which candidates are considered the same.
 SAME = 1e-3
-#: Radians by which the best estimate is kicked: out of a saddle, and farther and farther out of
-#: its basin.
-KICKS = (1e-3, 0.1, 0.3, 0.6, 1.0)
+#: Radians by which the best estimate is perturbed: enough to leave a saddle, then its basin.
+PERTURBATIONS = (1e-3, 0.1, 0.3, 0.6, 1.0)
 
 
 def roundings(
     problem: Problem, point: Point, best: Estimate, rng: np.random.Generator
 ) -> Iterator[Estimate]:
-    """Estimates that a descent may improve on ``best`` from, the most promising first.
+    """Initial estimates that may descend below ``best``, the most promising first.
 
     Half of the candidates are random projections of the point, in both orientations, the others
-    kicks of the best estimate. All are improved by some sweeps, then the best few remain, and of
-    equals one. The looser the relaxation, the more dimensions its points have, and the more
-    candidates there are.
+    perturbations of the best estimate. All are improved by a few sweeps; the best distinct ones are
+    returned. The looser the relaxation, the higher its rank and the more candidates.
 
     Parameters
     ----------
     point : of the relaxation, of any rank
     best : the best estimate known
     """
-    more = max(1, point.rotations.shape[1] - problem.d)
+    extra = max(1, point.rotations.shape[1] - problem.d)
     most = min(MOST, 2 * problem.n, ROTATIONS // problem.n)
-    number = max(FEWEST, min(CANDIDATES * more**2, most))
-    kicked = _kicked(best, rng, number // 2)
-    projected = _projected(point, rng, number - len(kicked))
-    many = _Candidates(problem, np.concatenate([projected, kicked]))
-    for _ in range(SWEEPS * min(more, 2)):
-        many.sweep()
-    return islice(many.distinct(), max(2, number // SELECTED))
+    number = max(FEWEST, min(CANDIDATES * extra**2, most))
+    perturbed = _perturbed(best, rng, number // 2)
+    projected = _projected(point, rng, number - len(perturbed))
+    candidates = _Candidates(problem, np.concatenate([projected, perturbed]))
+    for _ in range(SWEEPS * min(extra, 2)):
+        candidates.sweep()
+    return islice(candidates.distinct(), max(2, number // SELECTED))
 
 
 def _projected(point: Point, rng: np.random.Generator, number: int) -> FloatArray:
@@ -70,10 +68,10 @@ def _projected(point: Point, rng: np.random.Generator, number: int) -> FloatArra
     return np.stack([so.project(G @ Y) for G in basis])
 
 
-def _kicked(best: Estimate, rng: np.random.Generator, number: int) -> FloatArray:
-    """(number, n, d, d) rotations near the best, of sizes in turn."""
+def _perturbed(best: Estimate, rng: np.random.Generator, number: int) -> FloatArray:
+    """(number, n, d, d) perturbations of the best rotations, cycling through the sizes."""
     n, d = best.rotations.shape[:2]
-    sizes = np.resize(KICKS, number)[:, None, None]
+    sizes = np.resize(PERTURBATIONS, number)[:, None, None]
     turns = sizes * rng.standard_normal((number, n, so.tangent_dim(d)))
     return np.asarray(best.rotations @ so.exp(turns))
 
@@ -84,14 +82,14 @@ class _Candidates:
     def __init__(self, problem: Problem, rotations: FloatArray) -> None:
         self.problem, self.rotations = problem, rotations
         self.ahead, self.sweeps = rotations, 0
-        # The curvature of an upper bound on F, which is lowest at the nearest rotations.
+        # The curvature of an upper bound on F that projection minimises.
         weight = 2.0 * problem.rotation.node_weights
         if isinstance(problem, PoseProblem):
             weight = weight + problem.lever_weights
         self.weight = weight[:, None, None]
 
     def stacked(self, blocks: FloatArray) -> Lift:
-        """One point of as many dimensions as all candidates (K, n, d, d) have together."""
+        """All candidates (K, n, d, d) as one point of rank K d."""
         K, n, d, _ = blocks.shape
         R = np.swapaxes(blocks, 0, 1).reshape(n, K * d, d)
         return self.problem.settled(Lift(R, np.zeros((n, K * d))))
@@ -118,7 +116,7 @@ class _Candidates:
         return np.asarray(costs.reshape(K, d).sum(axis=1))
 
     def distinct(self) -> Iterator[Estimate]:
-        """Candidates by cost, but one of each cost."""
+        """Candidates in ascending order of cost, one for each cost."""
         costs = self.costs()
         last = -1.0
         for k in np.argsort(costs):

@@ -1,4 +1,4 @@
-"""What a method returns, and what a method is."""
+"""What methods return, and their interface."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class Status(Enum):
 
     Attributes
     ----------
-    CLOSED_FORM : the answer was computed at once, from eigenvectors or along a tree
-    CONVERGED : to the tolerance asked
-    STALLED : no further progress, and the tolerance not reached
-    ITERATION_LIMIT, TIME_LIMIT : as they were set
-    INTERRUPTED : a monitor, or Ctrl-C, said so
+    CLOSED_FORM : not iterative: computed from eigenvectors or along a tree
+    CONVERGED : to the requested tolerance
+    STALLED : no further progress, without reaching the tolerance
+    ITERATION_LIMIT, TIME_LIMIT : reached the limit that was set
+    INTERRUPTED : by a monitor or Ctrl-C
 
     Examples
     --------
@@ -43,7 +43,7 @@ class Status(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Relaxation:
-    """What a method found of the convex relaxation, beside the estimate rounded from it.
+    """What a method found out about the convex relaxation, besides the rounded estimate.
 
     The relaxation is min tr(L Y) over positive semidefinite Y (dn, dn) with identities as diagonal
     blocks, L the rotation connection Laplacian: Eriksson et al.'s (DD), eq. 45, in units of F. Its
@@ -51,12 +51,12 @@ class Relaxation:
 
     Attributes
     ----------
-    value : of the program at the point found, in units of F; no bound: the point is feasible up to
-        the solver's tolerance only, and may be above F*; see ``lower_bound`` of the solution
-    status : what the program's solver said
+    value : of the program at the point found, in units of F; not a bound, as the point is feasible
+        only up to the solver's tolerance; see ``lower_bound`` of the solution
+    status : as the program's solver reported it
     multipliers : (n, d, d) Lam, or None
     rows : (n, r, d) blocks with Y_ij = rows_i^T rows_j, or None
-    rank : numerical rank of Y, or of what is complementary to L - blkdiag(Lam)
+    rank : numerical rank of Y, or of the complement of L - blkdiag(Lam)
     """
 
     value: float
@@ -68,23 +68,22 @@ class Relaxation:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A method's answer.
+    """What a method returns.
 
     Attributes
     ----------
     estimate : its best point
-    cost : F there, evaluated by the problem
+    cost : F there
     status : how the method ended
     iterations : steps taken
     lower_bound : a bound on F* that the method computed (not proven against rounding), or None
     seconds : wall-clock seconds by phase
-    trace : one entry an iteration, where the method keeps them
-    counts : deterministic counts of the work done, e.g. factorizations and products
-    note : what a reader of the answer should know, e.g. which information a baseline used
-    relaxation : of methods that solve the convex relaxation, what they found there
-    weights : (m,) of robust methods, the factors on the edges' weights that they ended with; an
-        edge at zero was rejected. What such a method proposes is an answer to the problem with
-        these weights, see `judged`
+    trace : one entry per iteration, if the method records them
+    counts : deterministic counts of work, e.g. factorizations and products
+    note : what a reader should know, e.g. which information a baseline used
+    relaxation : for methods that solve the convex relaxation
+    weights : (m,) for robust methods, the final factors on the edges' weights; an edge at zero was
+        rejected. The estimate is for the problem with these weights, see `judged`
 
     Examples
     --------
@@ -92,9 +91,9 @@ class Solution:
     >>> from certpgo.datasets.synthetic import winding_cycle
     >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
     >>> solution = get_solver("spanning_tree")().solve(problem)
-    >>> solution.status.value, solution.lower_bound  # what a tree says of the whole: nothing
+    >>> solution.status.value, solution.lower_bound
     ('closed form', None)
-    >>> print(f"{solution.cost:.6f}")  # one edge bears it all: 8 sin^2(theta / 2)
+    >>> print(f"{solution.cost:.6f}")  # all on one edge: 8 sin^2(theta / 2)
     0.178654
     """
 
@@ -112,19 +111,19 @@ class Solution:
 
     @property
     def kept(self) -> int | None:
-        """How many measurements a robust method kept; None for others."""
+        """Number of measurements that a robust method kept; None for others."""
         return None if self.weights is None else int((self.weights > 0.0).sum())
 
     @property
     def rejected(self) -> IntArray:
-        """(k,) which measurements a robust method rejected, ascending; none of other methods."""
+        """(k,) measurements that a robust method rejected, ascending; empty for others."""
         return np.flatnonzero([] if self.weights is None else self.weights == 0.0)
 
     def judged(self, problem: Problem) -> Problem:
-        """The problem that the answer is to be judged by: with the weights the method ended with.
+        """The problem that the estimate solves, with the method's final weights.
 
-        A certificate for it says that no other answer fits the measurements that were kept better,
-        not that the right ones were kept.
+        A certificate for it says that no estimate fits the kept measurements better, not that the
+        right ones were kept.
         """
         return problem if self.weights is None else problem.reweighted(self.weights)
 
@@ -134,7 +133,7 @@ class Solver(Protocol):
 
     Attributes
     ----------
-    poses, rotations : which kinds of problem it takes
+    poses, rotations : which kinds of problem it accepts
     """
 
     poses: ClassVar[bool]

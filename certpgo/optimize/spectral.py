@@ -1,4 +1,4 @@
-"""Rotations from eigenvectors: the relaxation behind EigenRA, its rounding and its bound."""
+"""Rotations from eigenvectors: the spectral relaxation, its rounding and its bound."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def smallest_eigenpairs(
 
     Parameters
     ----------
-    tol : relative accuracy asked of the pairs, as residual of the inverse
+    tol : relative accuracy of the pairs, as residual of the inverse
     method : ``"krylov_schur"`` or ``"arpack"``
-    start : an estimate whose rotations span the first block of the former, by default a random one
-    shift : added to the diagonal, by default what it takes to factorize; for more than d pairs of
-        nearly perfect measurements, a small share of the others' eigenvalues, which rounding of the
-        inverse drowns otherwise
+    start : an estimate whose rotations span the first block of the former; by default random
+    shift : added to the diagonal, by default just enough to factorize; for more than d pairs of
+        nearly perfect measurements, use a small fraction of the larger eigenvalues, which would
+        otherwise drown in the rounding of the inverse
 
     Raises
     ------
@@ -53,12 +53,12 @@ def smallest_eigenpairs(
 
 
 def deflated_eigenvalues(problem: RotationProblem, A: CSC, null: FloatArray, k: int) -> FloatArray:
-    """The k smallest eigenvalues but one of a semidefinite n x n matrix with this null vector.
+    """The k smallest eigenvalues, without the zero, of a semidefinite n x n matrix.
 
     Parameters
     ----------
-    A : of the graph's pattern, such as the graph Laplacian
-    null : (n,) the null vector, such as ones
+    A : with the graph's pattern, such as the graph Laplacian
+    null : (n,) its null vector, such as ones
     k : at most n - 1
 
     Raises
@@ -90,11 +90,11 @@ def eliminated_eigenpairs(
 ) -> Eigenpairs:
     """The d smallest eigenpairs of the data matrix Q with the translations eliminated.
 
-    What spectral initialization uses (Doherty, Rosen, Leonard, ICRA 2022); see `Reduced`.
+    As in spectral initialization (Doherty, Rosen, Leonard, ICRA 2022); see `Reduced`.
 
     Parameters
     ----------
-    start : an estimate whose rotations span the first block, by default a random one
+    start : an estimate whose rotations span the first block; by default random
 
     Raises
     ------
@@ -115,8 +115,8 @@ def _block(estimate: Estimate | None) -> FloatArray | None:
 def spectral_bound(problem: Problem, pairs: Eigenpairs) -> float:
     """A bound n (lambda_1 + ... + lambda_d) <= F*, from computed eigenvalues; after thesis eq. 4.7.
 
-    The pairs are the connection Laplacian's, or for poses those of Q, which bound better. Computed
-    eigenvalues lie above the true ones: their accuracy is taken off, and rounding.
+    The pairs are those of the connection Laplacian, or for poses those of Q, whose bound is
+    tighter. Computed eigenvalues lie above the true ones: their error and rounding are subtracted.
     """
     rounding = 64.0 * np.finfo(float).eps * float(problem.matrix.diagonal().max())
     d = problem.d
@@ -126,8 +126,8 @@ def spectral_bound(problem: Problem, pairs: Eigenpairs) -> float:
 def round_to_rotations(V: FloatArray, d: int) -> FloatArray:
     """Rotations (n, d, d) nearest to the blocks of eigenvectors V (dn, d).
 
-    The columns of X^T = [R_1 ... R_n]^T lie near the span of V. A common reflection is a gauge of
-    V, and the one under which most blocks have positive determinant is taken.
+    The columns of X^T = [R_1 ... R_n]^T lie near the span of V, which is determined only up to a
+    common reflection: the one with more positive determinants is used.
     """
     blocks = np.swapaxes(V.reshape(-1, d, d), 1, 2)
     if so.is_mostly_reflected(blocks):
@@ -138,8 +138,8 @@ def round_to_rotations(V: FloatArray, d: int) -> FloatArray:
 def round_anchored(V: FloatArray, d: int) -> FloatArray:
     """Rotations from V V_1^-1, so that the first is the identity; thesis Appendix B.6.
 
-    Where the eigenvalues differ, the columns of V V_1^-1 are no eigenvectors, and the result
-    depends on the anchor.
+    If the eigenvalues differ, the columns of V V_1^-1 are not eigenvectors, and the result depends
+    on the anchor.
     """
     blocks = V.reshape(-1, d, d)
     return so.project(np.swapaxes(blocks @ np.linalg.inv(blocks[0]), 1, 2))
@@ -172,14 +172,9 @@ def solve_anchored(problem: RotationProblem) -> FloatArray:
 def spectral_start(
     problem: Problem, *, tol: float = 1e-5, start: Estimate | None = None
 ) -> Estimate:
-    """EigenRA's rotations, completed by the best translations where the problem has them.
+    """EigenRA's rotations, with the optimal translations if the problem has any.
 
-    Parameters as `smallest_eigenpairs`.
-
-    Raises
-    ------
-    NumericalError
-        No factorization, or no convergence.
+    Parameters and errors as `smallest_eigenpairs`.
     """
     pairs = smallest_eigenpairs(problem.rotation, tol=tol, start=start)
     return problem.complete(round_to_rotations(pairs.vectors, problem.d))

@@ -1,4 +1,4 @@
-"""Where the certified pipeline starts: cheap and usually in the right basin."""
+"""Initialization of the certified pipeline: cheap, and usually in the right basin."""
 
 from __future__ import annotations
 
@@ -8,31 +8,32 @@ import numpy as np
 
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
-from certpgo.graph.trees import compose, spanning_tree
+from certpgo.graph.trees import tree_initialization
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize import spectral
 from certpgo.optimize.averaging import laplacian_gauss_newton
 
 #: Stationarity at which averaged rotations are good enough for Newton's method on poses.
 ROUGH = 1e-2
-#: Stationarity asked of rotations when they are all there is.
+#: The same for rotation averaging.
 FINE = 1e-11
-#: Slow steps in a row that averaging may take, and nodes from which eigenvectors cost many more.
+#: Consecutive slow steps allowed in averaging: more from LARGE nodes on, where eigenvectors cost
+#: more than many steps.
 HASTY, PATIENT, LARGE = 2, 20, 20_000
-#: Relative accuracy of eigenvectors that only start something: of Q, and of L, whose basins are
-#: farther from its eigenvectors.
+#: Relative accuracy of the eigenvectors of Q, and of L, whose eigenvectors are farther from the
+#: basins.
 Q_TOL, L_TOL = 1e-2, 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """A starting point.
+    """An initial estimate.
 
     Attributes
     ----------
-    estimate : where to start
-    name : the method it is from, for reports
-    near : whether it is likely in the core of its basin, where the Hessian is definite
+    estimate : rotations, and translations if the problem has them
+    name : the method that computed it, for reports
+    near : whether it is probably close to a minimum, where the Hessian is definite
     """
 
     estimate: Estimate
@@ -41,18 +42,16 @@ class Start:
 
 
 def start_of(problem: Problem) -> Start:
-    """A start for a problem.
+    """The initial estimate of a problem.
 
     Rotations are composed along a spanning tree and averaged with the scalar Laplacian
-    (`laplacian_gauss_newton`). Where the noise is too large for that to settle fast, eigenvectors
-    take its place: in space those of the data matrix, which know the translations (`eigen_q`),
-    in the plane and for rotations alone the connection Laplacian's (`eigen_ma`, `eigen_ra`). Where
-    these fail, which weights over many decades cause, the average serves as it is.
+    (`laplacian_gauss_newton`). If large noise keeps that from converging fast, eigenvectors are
+    used: in 3D those of the data matrix, which includes the translations (`eigen_q`), in 2D and for
+    rotations alone those of the connection Laplacian (`eigen_ma`, `eigen_ra`). If these fail,
+    because weights range over many decades, the averaged rotations are kept.
     """
-    graph = problem.rotation.graph
-    tree = compose(graph, spanning_tree(graph, root="center"))
-    averaged, settled = _averaged(problem, tree)
-    if settled:
+    averaged, converged = _averaged(problem, tree_initialization(problem.rotation.graph))
+    if converged:
         return Start(problem.complete(averaged.rotations), "laplacian_gauss_newton")
     try:
         return _of_eigenvectors(problem, averaged)
@@ -70,7 +69,7 @@ def _of_eigenvectors(problem: Problem, averaged: Estimate) -> Start:
 
 
 def _averaged(problem: Problem, tree: Estimate) -> tuple[Estimate, bool]:
-    """Averaged rotations, and whether they settled fast."""
+    """Averaged rotations, and whether they converged fast."""
     tolerance = ROUGH if isinstance(problem, PoseProblem) else FINE
     patience = HASTY if problem.n < LARGE else PATIENT
     try:

@@ -1,22 +1,21 @@
-"""Coordinate descent on the rotations' semidefinite relaxation, by factors Y = X X^T.
+"""Coordinate descent on the semidefinite relaxation of rotations, with Y = X X^T.
 
 A block X_i (d x r) has orthonormal rows, so that Y is positive semidefinite with identity blocks on
 its diagonal, whatever the rank r. Minimising tr(L Y) over the k-th block row and column of Y alone,
-Lemma 5.1 of Eriksson et al., puts X_k at (G G^T)^(-1/2) G with G = sum_j Rtilde_kj X_j. At rank d
-that may be a reflection, and a point of rotations and reflections need not be near any stationary
-rotations: there X_k becomes the rotation nearest to G, which minimises over rotations.
+Lemma 5.1 of Eriksson et al., gives X_k = (G G^T)^(-1/2) G with G = sum_j Rtilde_kj X_j. At rank d
+that may be a reflection, and rotations mixed with reflections need not be near any stationary
+rotations: there X_k is the rotation nearest to G, which minimises over rotations.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from scipy import sparse
 
-from certpgo.errors import SpecError
 from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
@@ -25,30 +24,24 @@ from certpgo.optimize.iterative import Iterative
 
 Order = Literal["colors", "cyclic", "random"]
 
-#: Share of nonzeros from which products with dense rows are faster, and entries that are too many.
+#: Fraction of nonzeros from which products with dense rows are faster, and the most entries of a
+#: dense matrix.
 DENSE, LARGEST = 0.08, 5e7
-#: Eigenvalues of G G^T, over the largest, below which its inverse root is not to be had.
+#: Eigenvalues of G G^T, over the largest, below which its inverse root is inaccurate.
 SINGULAR = 1e-12
-#: Singular values of X, over the largest, that Y does not feel.
+#: Singular values of X, over the largest, that are negligible in Y.
 NEGLIGIBLE = 1e-8
 
 
 @dataclass(frozen=True)
 class Sweeping(Iterative):
-    """Settings of a method that improves one block after another, sweep by sweep."""
+    """Settings of a block coordinate method."""
 
     order: Order = "colors"
     seed: int = 0
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.order not in get_args(Order):
-            raise SpecError.unknown("order", self.order, get_args(Order))
-        if self.seed < 0:
-            raise SpecError(f"seed must not be negative: {self.seed}")
-
     def coordinates(self, problem: RotationProblem, X: FloatArray) -> Coordinates:
-        """The point X, to be improved in the order that was chosen."""
+        """The point X, to be improved in the chosen order."""
         return Coordinates(problem, X, self.order, np.random.default_rng(self.seed))
 
 
@@ -60,8 +53,8 @@ class Coordinates:
     ----------
     problem : with L
     X : (dn, r) rows of the point
-    order : of the blocks in a sweep: ``"colors"`` takes mutually unconnected blocks at once, which
-        is one of the orders that take them in turn; ``"cyclic"``; ``"random"``, anew each sweep
+    order : of the blocks in a sweep: ``"colors"`` updates mutually unconnected blocks at once,
+        equivalent to some order one by one; ``"cyclic"``; ``"random"``, a new one each sweep
     rng : for random orders
     """
 
@@ -86,14 +79,14 @@ class Coordinates:
         return bool(full and self.X.shape[1] > 4 * self.d)
 
     def _grouped(self) -> list[tuple[IntArray, FloatArray | sparse.csr_array]]:
-        """Rows of X that are improved at once, with those rows of Rtilde."""
+        """Rows of X that are updated at once, with the same rows of Rtilde."""
         L = self.problem.matrix
         Rtilde = -L + sparse.diags_array(L.diagonal())
         rows_of = Rtilde.toarray() if self._by_dense_rows else sparse.csr_array(Rtilde)
         return [(rows, rows_of[rows]) for rows in self._rows]
 
     def _partition(self) -> Iterator[IntArray]:
-        """Blocks that are improved at once."""
+        """Blocks that are updated at once."""
         if self.order != "colors":
             yield from np.arange(self.problem.n)[:, None]
             return
@@ -102,22 +95,22 @@ class Coordinates:
             yield np.flatnonzero(colors == color)
 
     def sweep(self) -> tuple[float, float]:
-        """Improve every block once; by how much tr(L Y) fell, and the largest move of a block."""
+        """Update every block once; returns the decrease of tr(L Y) and the largest change."""
         groups = self._groups
         if self.order == "random":
             groups = [groups[k] for k in self.rng.permutation(len(groups))]
-        fallen, moved = 0.0, 0.0
+        decrease, moved = 0.0, 0.0
         for rows, Rtilde in groups:
             G = np.asarray(Rtilde @ self.X).reshape(-1, self.d, self.X.shape[1])
             before = self.X[rows].reshape(G.shape)
             after = _rotations(G) if self.X.shape[1] == self.d else _polar(G)
-            fallen += 2.0 * float(np.vdot(G, after - before))
+            decrease += 2.0 * float(np.vdot(G, after - before))
             moved = max(moved, float(np.abs(after - before).max()))
             self.X[rows] = after.reshape(len(rows), -1)
-        return fallen, moved
+        return decrease, moved
 
     def evaluate(self) -> tuple[float, FloatArray]:
-        """F of the point, and the multipliers Lam_i = sym((L Y)_ii), whose traces add up to F."""
+        """F, and the multipliers Lam_i = sym((L Y)_ii), whose traces add up to F."""
         LX = (self.problem.matrix @ self.X).reshape(self.n, self.d, -1)
         blocks = np.einsum("nar,nbr->nab", LX, self.X.reshape(LX.shape), optimize=True)
         Lam = 0.5 * (blocks + np.swapaxes(blocks, 1, 2))
@@ -129,7 +122,7 @@ class Coordinates:
         return self.problem.symbolic(S).factor(S) is not None
 
     def compress(self) -> None:
-        """Leave out dimensions that Y does not feel."""
+        """Drop dimensions that are negligible in Y."""
         values, vectors = np.linalg.eigh(self.X.T @ self.X)
         kept = values > NEGLIGIBLE**2 * values[-1]
         kept[-2 * self.d :] = True
@@ -151,13 +144,13 @@ def _polar(G: FloatArray) -> FloatArray:
     values = np.linalg.eigvalsh(gram)
     if np.all(values[:, 0] > SINGULAR * values[:, -1]):
         return so.inverse_square_roots(gram) @ G
-    # A missing direction may be any: the singular vectors complete it.
+    # The singular vectors complete missing directions arbitrarily.
     U, _, Vt = np.linalg.svd(G, full_matrices=False)
     return np.asarray(U @ Vt)
 
 
 def _rotations(G: FloatArray) -> FloatArray:
-    """The rotations nearest to blocks (k, d, d), most of which are near some."""
+    """The rotations nearest to blocks (k, d, d)."""
     X = _polar(G)
     reflected = so.determinants(X) < 0.0
     if reflected.any():
@@ -166,13 +159,13 @@ def _rotations(G: FloatArray) -> FloatArray:
 
 
 def stacked(estimate: Estimate) -> FloatArray:
-    """X (dn, d) of an estimate: R_i^T below one another."""
+    """X (dn, d) of an estimate: the R_i^T, stacked."""
     R = estimate.rotations
     return np.swapaxes(R, 1, 2).reshape(-1, R.shape[1]).copy()
 
 
 def _coloring(n: int, edges: IntArray) -> IntArray:
-    """(n,) colors, different at both ends of an edge; nodes of many edges first."""
+    """(n,) colors, different at both ends of an edge, by decreasing degree."""
     ends = np.concatenate([edges, edges[:, ::-1]])
     ends = ends[np.argsort(ends[:, 0], kind="stable")]
     starts = np.searchsorted(ends[:, 0], np.arange(n + 1))

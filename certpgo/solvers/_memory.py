@@ -1,15 +1,15 @@
-"""Refusing what would not fit into memory, before a solver is killed for it.
+"""Refusing problems that would not fit into memory, before the solver is killed.
 
 With N = dn, m the scalars of the program and T(k) = k (k + 1)/2, peak memory is about
 
     Clarabel       55 sum T(k)^2 + 170 N^2    bytes, over the sides k of its cones
     SCS            800 N^2
     CVXOPT         (12 N^2 + 24 m) m
-    others         24 m^2 + 400 N^2           which is not measured
+    others         24 m^2 + 400 N^2           not measured
 
-A cone is the whole matrix or, where Clarabel decomposes it, a maximal clique of its chordal
-extension. Measured with Clarabel 0.11, SCS 3.3 and CVXOPT 1.3 on CVXPY 1.9, which itself needs
-about 170 N^2; on random graphs, cycles and grids they are within a factor of two from 50 MB on.
+A cone is the whole matrix or, if Clarabel decomposes it, a maximal clique of its chordal extension.
+Measured with Clarabel 0.11, SCS 3.3 and CVXOPT 1.3 on CVXPY 1.9, which itself needs about 170 N^2;
+accurate to a factor of two from 50 MB on, for random graphs, cycles and grids.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from certpgo.errors import InputError
 from certpgo.objective.problem import RotationProblem
 
 GIGA = 1e9
-#: Where Linux tells of memory, and of the limits of control groups.
+#: Where Linux reports memory, and limits of control groups.
 PROC, CGROUP = Path("/proc"), Path("/sys/fs/cgroup")
 
 
 def bytes_needed(program: str, N: int, scalars: int, cones: Iterable[int]) -> float:
-    """Peak memory of a program, roughly.
+    """Approximate peak memory of a program.
 
     Parameters
     ----------
     program : the solver's name in CVXPY
-    N : side of the matrix that is to be semidefinite
+    N : side of the semidefinite matrix
     scalars : unknowns of the program
-    cones : sides of the semidefinite cones that an interior-point method would keep dense
+    cones : sides of the semidefinite cones that an interior-point method keeps dense
     """
     square, m = float(N) ** 2, float(scalars)
     if program == "CLARABEL":
@@ -51,16 +51,11 @@ def bytes_needed(program: str, N: int, scalars: int, cones: Iterable[int]) -> fl
 
 
 def refuse(needed: float, what: str, instead: str = "", others: float = math.inf) -> None:
-    """Refuse what takes more bytes than can be had.
+    """Raise an InputError if ``what`` needs more bytes than are available.
 
     Parameters
     ----------
-    instead, others : something else to be done, and the bytes it takes; told where it fits
-
-    Raises
-    ------
-    InputError
-        It does.
+    instead, others : an alternative, and the bytes it needs; suggested if it fits
     """
     available = available_bytes()
     if available is not None and needed > available:
@@ -73,10 +68,9 @@ def refuse(needed: float, what: str, instead: str = "", others: float = math.inf
 
 
 def available_bytes() -> float | None:
-    """Memory to be had without swapping; all there is where only that is known; or None.
+    """Memory available without swapping; all memory if only that is known; or None.
 
-    Where the machine has more than the process's control group may use, as in containers, what is
-    left of that.
+    At most what is left of the process's control group, as in containers.
     """
     known = [found for found in (_machine_bytes(), *_group_bytes()) if found is not None]
     return min(known, default=None)
@@ -96,10 +90,10 @@ def _machine_bytes() -> float | None:
 
 
 def _group_bytes() -> Iterator[float]:
-    """What the limits of the control group and of those around it leave, version 2 and 1."""
+    """What is left within the limits of the control group and its parents, version 2 and 1."""
     try:
         lines = (PROC / "self" / "cgroup").read_text().splitlines()
-    except OSError:  # Linux alone has them
+    except OSError:  # not Linux
         return
     for line in lines:
         _, controllers, path = line.split(":", 2)
@@ -119,13 +113,13 @@ def _group_bytes() -> Iterator[float]:
 
 
 def _cached_bytes(folder: Path) -> float:
-    """Of files, and given up when memory is short."""
+    """The file cache, which is freed when memory is short."""
     entries = dict(line.split() for line in (folder / "memory.stat").read_text().splitlines())
     return float(entries.get("total_inactive_file", entries.get("inactive_file", 0)))
 
 
 def clique_sizes(problem: RotationProblem) -> list[int]:
-    """Nodes in each maximal clique of the chordal extension that the fill-reducing order makes."""
+    """Nodes in each maximal clique of the chordal extension by the fill-reducing order."""
     place = np.argsort(problem.order)
     later: list[set[int]] = [set() for _ in range(problem.n)]
     for i, j in place[problem.graph.edges].tolist():

@@ -1,4 +1,4 @@
-"""Solutions of the convex relaxation: scaled for a solver, made feasible, rounded to rotations."""
+"""Scaling the convex relaxation for a solver, and making its solutions feasible."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
 from certpgo.optimize import spectral
 from certpgo.optimize.solution import Relaxation
 
-#: Eigenvalues of Y count towards its rank from this part of the largest.
+#: Eigenvalues of Y, over the largest, that count towards its rank.
 RANK_TOLERANCE = 1e-4
-#: First shift tried, over a node's weight; its growth; and halvings of its logarithm afterwards.
+#: First shift over a node's weight, its growth factor, and bisections of its logarithm.
 FIRST_SHIFT, GROWTH, BISECTIONS = 4e-15, 8.0, 5
-#: What is to be known of poses from methods that work on their rotations.
-ALONE = "of the rotations alone; the translations are the best for them"
-#: Power iterations for leading eigenvectors, the next eigenvalues being so much smaller.
+#: A remark on poses from methods that work on their rotations.
+ALONE = "of the rotations alone; the translations are optimal for them"
+#: Power iterations for leading eigenvectors: few, as the other eigenvalues are much smaller.
 POWERS = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Scaled:
-    """A rotation problem's matrix with the weights of the nodes divided out.
+    """A rotation problem's matrix, divided by the weights of the nodes.
 
     With s_i the weight of node i and D = blkdiag(s_i^(-1/2) I), A = D L D has identities on its
-    diagonal: a solver's tolerances mean the same whatever the weights.
+    diagonal, so that a solver's tolerances do not depend on the weights.
     """
 
     problem: RotationProblem
@@ -41,12 +41,12 @@ class Scaled:
 
     @property
     def unit(self) -> float:
-        """What the scaled program's value is multiplied by to be in units of F."""
+        """The factor from the scaled program's value to F."""
         return float(self.weights.mean())
 
     @property
     def shares(self) -> FloatArray:
-        """(n,) s_i over their mean, the size of the diagonal blocks that Y gets."""
+        """(n,) s_i over their mean: the scaled Y has diagonal blocks share_i I."""
         return self.weights / self.unit
 
     @property
@@ -85,9 +85,9 @@ class Feasible:
 
 
 def made_feasible(data: Scaled, multipliers: FloatArray) -> Feasible:
-    """The best bound, near enough, that finite multipliers (n, d, d) give when shifted.
+    """Nearly the best bound that multipliers (n, d, d) give when shifted.
 
-    That the matrix is positive is what its factorization says, rounding aside.
+    Positive definiteness is decided by a factorization, up to rounding.
     """
     failed, shift = 0.0, FIRST_SHIFT
     found = _shifted(data, multipliers, shift)
@@ -114,17 +114,17 @@ def _shifted(data: Scaled, multipliers: FloatArray, shift: float) -> Feasible | 
     return Feasible(max(value, 0.0), shift, matrix, factor)
 
 
-def told(problem: Problem, found: Relaxation) -> str:
-    """What a reader of an answer should know of the relaxation behind it."""
+def remark_on(problem: Problem, found: Relaxation) -> str:
+    """What a reader should know about the relaxation behind an estimate."""
     value = f"relaxation {found.value:.10g}, rank {found.rank or 'unknown'}"
     alone = f"; the relaxation is {ALONE}" if isinstance(problem, PoseProblem) else ""
     return f"{found.status}, {value}{alone}"
 
 
 def leading_rows(Y: FloatArray, d: int) -> FloatArray:
-    """Rows (n, r, d) with Y_ij = rows_i^T rows_j, of Y's r >= d eigenvalues that count.
+    """Rows (n, r, d) with Y_ij = rows_i^T rows_j, from the r >= d largest eigenvalues of Y.
 
-    By subspace iteration: Y is dense, and its rank low.
+    By subspace iteration: Y is dense and of low rank.
     """
     N = len(Y)
     width, rng = min(2 * d + 4, N), np.random.default_rng(0)
@@ -143,12 +143,6 @@ def leading_rows(Y: FloatArray, d: int) -> FloatArray:
 
 
 def null_space_rotations(problem: RotationProblem, feasible: Feasible) -> FloatArray:
-    """Rotations (n, d, d) from the d smallest eigenvectors of L - blkdiag(Lam).
-
-    Raises
-    ------
-    NumericalError
-        No convergence.
-    """
+    """Rotations (n, d, d) from the d smallest eigenvectors of L - blkdiag(Lam)."""
     pairs = krylov_schur(feasible.matrix, feasible.factor.solve, problem.d, tol=1e-6)
     return spectral.round_to_rotations(pairs.vectors, problem.d)

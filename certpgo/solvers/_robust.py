@@ -1,4 +1,4 @@
-"""What robust methods share: weights that keep a graph in one piece, and the fit to the kept."""
+"""Common to robust methods: weights that keep a graph connected, and the final fit."""
 
 from __future__ import annotations
 
@@ -12,36 +12,34 @@ from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Solution
 
-#: Measurements over those of a tree, below which a fit says little.
+#: Measurements over those of a tree, below which a fit means little.
 MEANINGFUL = 1.1
-#: Weight of a measurement rejected for now: it says where nodes stand of which nothing better is
-#: known.
+#: Weight of a temporarily rejected measurement: it determines nodes without a better one.
 FAINT = 1e-9
 
 
 def connected(problem: Problem, weights: FloatArray, costs: FloatArray) -> FloatArray:
-    """The weights (m,) with as many zeros made ones as keep the graph connected.
+    """The weights (m,) with as few zeros set to one as keep the graph connected.
 
-    Where all measurements that tie a part of the graph to the rest are rejected, one of them must
-    be believed nevertheless: the cheapest, as ``costs`` (m,) have it. It alone then says how the
-    part stands, so that its residual is zero at the optimum, whatever its weight.
+    If all measurements between a part of the graph and the rest are rejected, the one of lowest
+    ``costs`` (m,) is kept. Its residual is then zero at the optimum, whatever its weight.
     """
     rejected = np.flatnonzero(weights <= 0.0)
     lengths = np.ones(len(weights))
     lengths[rejected[np.argsort(costs[rejected], kind="stable")]] += 1.0 + np.arange(len(rejected))
     tree = minimum_spanning_tree(problem.graph, lengths)
-    believed = (weights <= 0.0) & np.isin(lengths, tree.data)
-    return np.where(believed, 1.0, weights)
+    restored = (weights <= 0.0) & np.isin(lengths, tree.data)
+    return np.where(restored, 1.0, weights)
 
 
 def fitted(
     problem: Problem, kept: BoolArray, point: Estimate, progress: Progress, *, note: str = ""
 ) -> Solution:
-    """The stationary point near ``point`` that fits what is kept, and weights of 1 and 0.
+    """The stationary point near ``point`` for the kept measurements, with weights of 1 and 0.
 
     Parameters
     ----------
-    kept : (m,) which measurements; more are where the graph would fall apart
+    kept : (m,) which measurements; more are kept if the graph would be disconnected
     progress : of the method that chose them
     note : what else a reader should know
     """
@@ -49,25 +47,15 @@ def fitted(
     weights = connected(problem, np.where(kept, 1.0, 0.0), costs)
     with progress.watch.phase("newton"):
         point = newton(problem.reweighted(weights), point, NewtonSettings(tolerance=1e-9)).estimate
-    return Solution(
-        estimate=point,
-        cost=problem.cost(point),
-        status=progress.status,
-        iterations=progress.steps,
-        seconds=progress.watch.seconds,
-        trace=tuple(progress.trace),
-        note="; ".join(filter(None, (note, remark(problem, weights)))),
-        weights=weights,
-    )
+    note = "; ".join(filter(None, (note, remark(problem, weights))))
+    return progress.solution(point, problem.cost(point), note=note, weights=weights)
 
 
 def remark(problem: Problem, weights: FloatArray) -> str:
-    """What a reader should know of what was kept; empty where that is as it should be."""
+    """What a reader should know about the kept measurements; empty if nothing is unusual."""
     kept, n = int((weights > 0.0).sum()), problem.n
     if kept == problem.graph.num_edges:
         return "no measurement was rejected"
     if kept < MEANINGFUL * (n - 1):
-        return (
-            f"{kept} measurements of {n} nodes are hardly more than a tree, which any answer fits"
-        )
+        return f"{kept} measurements of {n} nodes are hardly more than a tree, which always fits"
     return ""

@@ -1,4 +1,4 @@
-"""What the two semidefinite programs share: settings, CVXPY's solvers, the way to a solution."""
+"""The common part of both semidefinite programs: settings, CVXPY's solvers, rounding."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from certpgo.graph import Estimate
 from certpgo.graph.lift import Lift, rounded
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import Problem, RotationProblem
+from certpgo.optimize.iterative import Settings
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.solution import Relaxation, Solution, Status
 from certpgo.solvers import _memory
@@ -24,10 +25,10 @@ from certpgo.solvers._relaxed import (
     leading_rows,
     made_feasible,
     null_space_rotations,
-    told,
+    remark_on,
 )
 
-#: What CVXPY calls the ends that come with an answer.
+#: CVXPY's statuses that come with a solution.
 STATUSES = {
     "optimal": Status.CONVERGED,
     "optimal_inaccurate": Status.STALLED,
@@ -37,16 +38,16 @@ STATUSES = {
 
 @dataclass(frozen=True)
 class Program:
-    """A solver of semidefinite programs that CVXPY calls.
+    """A solver of semidefinite programs, called through CVXPY.
 
     Attributes
     ----------
-    package : what pip installs
-    module : what Python imports
-    tolerances : its settings that a tolerance goes to
-    iterations : its setting that limits iterations
-    tolerance : the default; None is the solver's own
-    group : the setting of CVXPY's that those are part of, if any
+    package : name for pip
+    module : name of its Python module
+    tolerances : its settings for tolerances
+    iterations : its setting for the maximal number of iterations
+    tolerance : the default; None for the solver's own
+    group : CVXPY's argument that contains these settings, if any
     """
 
     package: str
@@ -60,7 +61,7 @@ class Program:
 _MOSEK = "MSK_DPAR_INTPNT_CO_TOL_"
 #: By CVXPY's names.
 PROGRAMS = {
-    # Its own 1e-8, three iterations less, is 1e-6 of F at best.
+    # The solver's own 1e-8 saves three iterations, and gives F to 1e-6 at best.
     "CLARABEL": Program(
         "clarabel", "clarabel", ("tol_gap_abs", "tol_gap_rel", "tol_feas"), "max_iter", 1e-10
     ),
@@ -80,7 +81,7 @@ PROGRAMS = {
 
 @dataclass(frozen=True, eq=False)
 class ConicSolution:
-    """What a program's solver returned, in the scaled problem's terms.
+    """What a solver returned, for the scaled problem.
 
     Attributes
     ----------
@@ -94,12 +95,12 @@ class ConicSolution:
 
 @dataclass(frozen=True, eq=False)
 class Posed:
-    """A program as CVXPY takes it.
+    """A program for CVXPY.
 
     Attributes
     ----------
     problem : the cvxpy.Problem
-    read : what its variables hold once it is solved
+    read : the values of its variables, once solved
     """
 
     problem: Any
@@ -107,17 +108,16 @@ class Posed:
 
 
 @dataclass(frozen=True)
-class Semidefinite(ABC):
-    """Settings of the programs, and what is made of their answers.
+class Semidefinite(Settings, ABC):
+    """Settings of the programs, and how they are solved.
 
     Attributes
     ----------
     program : the solver, by CVXPY's name: CLARABEL, SCS, or one of `PROGRAMS` that is installed
-    chordal : whether Clarabel decomposes a sparse matrix into its cliques; no other program does
-    tolerance : what the solver is to reach, in its own measures; None is the solver's default,
-        for Clarabel 1e-10
-    max_iterations : stop the solver then; None is its own default
-    force : solve what memory seems too small for, too
+    chordal : whether Clarabel decomposes a sparse matrix into its cliques; other solvers never do
+    tolerance : of the solver, in its own terms; None is its default, 1e-10 for Clarabel
+    max_iterations : of the solver; None is its default
+    force : solve even if memory seems too small
     """
 
     program: str = "CLARABEL"
@@ -126,9 +126,7 @@ class Semidefinite(ABC):
     max_iterations: int | None = None
     force: bool = False
 
-    poses: ClassVar[bool] = True
-    rotations: ClassVar[bool] = True
-    #: Whether the matrix that is to be semidefinite is as sparse as the graph.
+    #: Whether the semidefinite matrix is as sparse as the graph.
     decomposable: ClassVar[bool]
 
     def __post_init__(self) -> None:
@@ -142,32 +140,23 @@ class Semidefinite(ABC):
 
     @abstractmethod
     def library(self) -> Any:
-        """CVXPY, which is imported by nothing but the programs' own files."""
+        """CVXPY, imported only by the programs' own files."""
 
     @abstractmethod
     def pose(self, cp: Any, data: Scaled) -> Posed:
-        """The program in the terms of CVXPY, ``cp``, about a scaled problem."""
+        """The program of a scaled problem for CVXPY, ``cp``."""
 
     @abstractmethod
     def scalars(self, n: int, d: int) -> int:
-        """Number of the program's unknowns."""
+        """Number of unknowns."""
 
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
-        """Rotations rounded from the program's solution, and translations where there are any.
+        """Rotations rounded from the program's solution, and optimal translations.
 
-        The program is convex and its solver cannot be watched: ``initial`` and ``monitor`` are
+        The program is convex, and its solver calls nothing back: ``initial`` and ``monitor`` are
         not used.
-
-        Raises
-        ------
-        MissingDependency
-            The solver or CVXPY is not installed.
-        InputError
-            Memory is too small, and ``force`` is not set.
-        NumericalError
-            The solver has no answer.
         """
         if initial is not None:
             problem.check(initial)
@@ -175,48 +164,42 @@ class Semidefinite(ABC):
         rotation, d = problem.rotation, problem.d
         if not self.force:
             self._refuse_too_large(rotation)
-        cp = self.library()  # its import is nobody's phase
+        cp = self.library()  # importing it is not timed
         watch, data = Stopwatch(), Scaled(rotation)
         with watch.phase("model"):
             posed = self.pose(cp, data)
         with watch.phase("solve"):
-            answer = self._run(posed)
+            conic = self._run(posed)
         multipliers = feasible = rows = None
         with watch.phase("bound"):
-            if answer.multipliers is not None:
-                multipliers = data.multipliers(answer.multipliers)
+            if conic.multipliers is not None:
+                multipliers = data.multipliers(conic.multipliers)
                 feasible = made_feasible(data, multipliers)
         with watch.phase("round"):
-            if answer.gram is not None:
-                rows = leading_rows(data.gram(answer.gram), d)
+            if conic.gram is not None:
+                rows = leading_rows(data.gram(conic.gram), d)
                 R = rounded(Lift(rows)).rotations
             elif feasible is not None:
                 R = null_space_rotations(rotation, feasible)
             else:
                 raise NumericalError(f"{self.program} returned neither Lambda nor Y")
             estimate = problem.complete(R)
-        value, said = data.unit * float(posed.problem.value), str(posed.problem.status)
+        value, status = data.unit * float(posed.problem.value), str(posed.problem.status)
         rank = None if rows is None else rows.shape[1]
-        relaxation = Relaxation(value, said, multipliers, rows, rank)
+        relaxation = Relaxation(value, status, multipliers, rows, rank)
         return Solution(
             estimate=estimate,
             cost=problem.cost(estimate),
-            status=STATUSES[said],
+            status=STATUSES[status],
             iterations=int(posed.problem.solver_stats.num_iters or 0),
             lower_bound=None if feasible is None else feasible.value,
             seconds=watch.seconds,
-            note=f"{self.program}: {told(problem, relaxation)}",
+            note=f"{self.program}: {remark_on(problem, relaxation)}",
             relaxation=relaxation,
         )
 
     def options(self) -> dict[str, Any]:
-        """The settings as the solver takes them through CVXPY.
-
-        Raises
-        ------
-        SpecError
-            This solver's name for a setting is not known here.
-        """
+        """The solver's own settings; SpecError if its name for one is unknown."""
         program = PROGRAMS[self.program]
         inner: dict[str, Any] = {}
         tolerance = program.tolerance if self.tolerance is None else self.tolerance
@@ -227,7 +210,7 @@ class Semidefinite(ABC):
         ):
             if value is not None:
                 if not names:
-                    raise SpecError(f"{what} cannot be set for {self.program}: leave it none")
+                    raise SpecError(f"{what} cannot be set for {self.program}: leave it at none")
                 inner.update(dict.fromkeys(names, value))
         if self.program == "CLARABEL":
             inner["chordal_decomposition_enable"] = self.chordal
@@ -244,7 +227,7 @@ class Semidefinite(ABC):
     def _refuse_too_large(self, problem: RotationProblem) -> None:
         method = type(self).__module__.rpartition(".")[2]
         what, N = f"{method} with {self.program}", problem.n * problem.d
-        # At the very least; cliques take a while to find where even that is too much.
+        # First a lower bound: finding cliques takes a while.
         instead = "program=SCS", _memory.bytes_needed("SCS", N, N, ())
         _memory.refuse(_memory.bytes_needed(self.program, N, N, ()), what, *instead)
         _memory.refuse(self.bytes_needed(problem), what, *instead)
@@ -257,17 +240,17 @@ class Semidefinite(ABC):
             raise MissingDependency("CVXPY", package="cvxpy")
 
     def _run(self, posed: Posed) -> ConicSolution:
-        """Solve in silence."""
+        """Solve without output or warnings."""
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             try:
-                # SciPy's back end is the faster one for few, large, sparse constraints.
+                # SciPy's back end is faster for few, large, sparse constraints.
                 posed.problem.solve(solver=self.program, canon_backend="SCIPY", **self.options())
-            except Exception as error:  # every solver has its own kinds
+            except Exception as error:  # solvers raise exceptions of their own
                 line = (str(error) or type(error).__name__).partition("\n")[0]
-                sentence = line.partition(". ")[0]  # CVXPY goes on with its own advice
+                sentence = line.partition(". ")[0]  # CVXPY appends advice
                 raise NumericalError(f"{self.program} gave up: {sentence}") from error
-            said, value = posed.problem.status, posed.problem.value
-            if said not in STATUSES or value is None or not np.isfinite(value):
-                raise NumericalError(f"{self.program} has no answer: {said}")
+            status, value = posed.problem.status, posed.problem.value
+            if status not in STATUSES or value is None or not np.isfinite(value):
+                raise NumericalError(f"{self.program} found no solution: {status}")
             return posed.read()

@@ -1,13 +1,13 @@
-"""Rotation averaging that leaves out what fits worst, ever more, down to the noise of the rest.
+"""Rotation averaging that trims the worst measurements, down to the noise level of the others.
 
 Truncated least squares: minimise sum min(r_e^2, c^2) over the rotations, r_e^2 the terms of F,
 by alternating between the edges below c and the rotations that fit them. The threshold starts above
-all residuals and shrinks slowly, which is what keeps the descent out of poor local minima, as in
-graduated non-convexity (Yang et al., RA-L 2020) and adaptive trimming (Tzoumas, Antonante, Carlone,
-IROS 2019). It ends at a multiple of the noise, which is measured by the kept residuals themselves,
-so that nothing must be known of it but that there are plenty of measurements. Where few are
-redundant, as in most pose graphs, those that are left fit exactly whatever their noise: such
-graphs are refused, and trimming stops before it makes one.
+all residuals and shrinks slowly, which avoids poor local minima, as in graduated non-convexity
+(Yang et al., RA-L 2020) and adaptive trimming (Tzoumas, Antonante, Carlone, IROS 2019). It ends at
+a multiple of the noise, which is estimated from the kept residuals and need not be known if there
+are plenty of measurements. With little redundancy, as in most pose graphs, the remaining
+measurements would fit exactly whatever their noise: such graphs are refused, and trimming stops
+before it produces one.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from certpgo.optimize.solution import Solution
 from certpgo.solvers._robust import FAINT, fitted
 from certpgo.solvers.eigen_ra import EigenRA
 
-#: Measurements a node, below which residuals tell little of the noise.
+#: Measurements per node, below which residuals say little about the noise.
 PLENTY = 4
-#: Residuals (radians) below which measurements are exact, whatever their noise.
+#: Residuals (radians) below which measurements count as exact.
 EXACT = 1e-7
 
 
@@ -43,10 +43,10 @@ class AdaptiveTrimming(Iterative):
 
     Attributes
     ----------
-    multiple : the last threshold, in standard deviations (an axis) of the kept residuals; 3.4 keeps
-        99 % of what is right
-    rate : what the threshold is multiplied by in each step
-    tolerance : norm of all turns below which a step is the last one, radians
+    multiple : the last threshold, in standard deviations (per axis) of the kept residuals; 3.4
+        keeps 99 % of the inliers
+    rate : factor of the threshold in each step
+    tolerance : norm of the step at which to stop, radians
     max_iterations : stop anyway
 
     Examples
@@ -57,7 +57,7 @@ class AdaptiveTrimming(Iterative):
     >>> instance = langevin_graph(40, 12.0, 3.0, np.random.default_rng(0), outliers=0.15)
     >>> problem = RotationProblem(instance.graph)
     >>> solution = get_solver("adaptive_trimming")().solve(problem)
-    >>> bool((solution.weights[instance.outliers] == 0.0).all())  # all that are wrong, rejected
+    >>> bool((solution.weights[instance.outliers] == 0.0).all())  # all outliers are rejected
     True
     """
 
@@ -76,12 +76,12 @@ class AdaptiveTrimming(Iterative):
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
-        """Rotations, and weights: 1 for the measurements that were kept, 0 for the others.
+        """Rotations, and weights: 1 for the measurements kept, 0 for the others.
 
         Raises
         ------
         GraphError
-            There are fewer than four measurements a node.
+            There are fewer than four measurements per node.
         """
         watch = Stopwatch()
         rotation = problem.rotation
@@ -93,9 +93,9 @@ class AdaptiveTrimming(Iterative):
         if rotation.graph.num_edges < plenty:
             raise GraphError(
                 f"{rotation.graph.num_edges} measurements of {rotation.n} nodes are too few to "
-                f"tell their noise from: adaptive trimming needs {PLENTY} a node"
+                f"estimate their noise: adaptive trimming needs {PLENTY} per node"
             )
-        # kappa |E|^2 is about 2 kappa times the squared angle, which has one term an axis.
+        # kappa |E|^2 is about 2 kappa times the squared angle, a sum over axes.
         median = np.sqrt(stats.chi2.median(so.tangent_dim(problem.d)))
         exact = EXACT * np.sqrt(2.0 * rotation.graph.kappa.mean())
         r = np.sqrt(rotation.edge_costs(point))
@@ -110,10 +110,10 @@ class AdaptiveTrimming(Iterative):
                 least = float(np.partition(r, plenty - 1)[plenty - 1])
                 threshold = min(max(shrunk, self.multiple * noise, exact, least), threshold)
                 before, kept = kept, r <= threshold
-                settled = np.array_equal(before, kept) and threshold > shrunk
+                final = np.array_equal(before, kept) and threshold > shrunk
                 weighted = rotation.reweighted(np.where(kept, 1.0, FAINT))
                 point, step = laplacian_step(weighted, point)
-                moved = step if settled else np.inf
+                moved = step if final else np.inf
                 r = np.sqrt(rotation.edge_costs(point))
         return fitted(rotation, kept, point, progress)
 

@@ -14,13 +14,13 @@ from certpgo.objective.problem import Problem, RotationProblem
 from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch, silent
 from certpgo.optimize.solution import Relaxation, Solution, Status
 from certpgo.solvers._coordinates import Sweeping, stacked
-from certpgo.solvers._relaxed import told
+from certpgo.solvers._relaxed import remark_on
 
-#: The gap is looked at when a sweep gains less than this many tolerances, and then ever less often.
-WORTH_A_LOOK, SPACING = 10.0, 1.25
-#: In units of the problem's scale, what F cannot tell from zero.
+#: The gap is checked once a sweep gains less than this many tolerances, then less and less often.
+CHECK_BELOW, SPACING = 10.0, 1.25
+#: Rounding of F, over the problem's scale.
 ROUNDING = 1e-12
-#: Entries of X up to which a descent may start from Y = I.
+#: Maximal number of entries of X for descent from Y = I.
 LARGEST = 4e8
 #: Singular values of X, over the largest, that count for the rank.
 RANK = 1e-4
@@ -32,11 +32,11 @@ class BlockCoordinateDescent(Sweeping):
 
     Each step minimises over one block row and column of Y in closed form (Lemma 5.1). The lemma
     minimises tr(W^T S) and (DD) minimises -tr(Rtilde Y), hence W is the block column of -Rtilde;
-    the algorithm as printed has +Rtilde and the row, and would maximise. Y is kept as X X^T, and a
-    step costs O(n) for each neighbour. From an initial estimate R, X = R^T, the descent stays at
-    rank d and on rotations: that is `rotation_coordinate_descent`.
+    the algorithm as printed has +Rtilde and the row, and would maximise. Y is stored as X X^T, and
+    a step costs O(n) per neighbour. From an initial estimate R, X = R^T, the descent stays at
+    rank d and on rotations, as in `rotation_coordinate_descent`.
 
-    It stops when the relaxation's own duality gap is within the tolerance: with the multipliers
+    It stops when the duality gap of the relaxation is within the tolerance: with the multipliers
     Lam of the current Y, L - blkdiag(Lam) + shift I has a Cholesky factor, so that
     F* >= F(Y) - d n shift. The estimate is the rounded Y.
 
@@ -63,7 +63,7 @@ class BlockCoordinateDescent(Sweeping):
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
-        """The rounded optimum of the relaxation, completed by translations.
+        """The rounded optimum of the relaxation, with optimal translations.
 
         Raises
         ------
@@ -77,12 +77,12 @@ class BlockCoordinateDescent(Sweeping):
             rows = _identity(rotation) if initial is None else stacked(initial)
             point = self.coordinates(rotation, rows)
         trace: list[Iteration] = []
-        status, bound, look = Status.ITERATION_LIMIT, None, 0
+        status, bound, next_check = Status.ITERATION_LIMIT, None, 0
         cost, _ = point.evaluate()
         for sweep in range(1, self.max_iterations + 1):
             with watch.phase("sweeps"):
-                fallen, moved = point.sweep()
-                cost -= fallen
+                decrease, moved = point.sweep()
+                cost -= decrease
                 if sweep & (sweep - 1) == 0 and sweep >= 8:
                     point.compress()
             trace.append(Iteration(sweep, cost, moved, moved, watch.total))
@@ -90,16 +90,16 @@ class BlockCoordinateDescent(Sweeping):
                 status = Status.INTERRUPTED
                 break
             allowed = self.tolerance * abs(cost) + ROUNDING * rotation.scale
-            if fallen > WORTH_A_LOOK * allowed or sweep < look:
+            if decrease > CHECK_BELOW * allowed or sweep < next_check:
                 continue
-            look = int(SPACING * sweep) + 1
+            next_check = int(SPACING * sweep) + 1
             with watch.phase("duality gap"):
                 cost, Lam = point.evaluate()
                 allowed = self.tolerance * cost + ROUNDING * rotation.scale
                 if point.is_definite(Lam, allowed / (problem.d * problem.n)):
                     status, bound = Status.CONVERGED, cost - allowed
                     break
-            if fallen <= 0.0 and moved < 1e-12:
+            if decrease <= 0.0 and moved < 1e-12:
                 status = Status.STALLED
                 break
         with watch.phase("rounding"):
@@ -116,7 +116,7 @@ class BlockCoordinateDescent(Sweeping):
             lower_bound=None if bound is None else max(bound, 0.0),
             seconds=watch.seconds,
             trace=tuple(trace),
-            note=told(problem, relaxation),
+            note=remark_on(problem, relaxation),
             relaxation=relaxation,
         )
 
@@ -125,8 +125,8 @@ def _identity(problem: RotationProblem) -> FloatArray:
     size = problem.n * problem.d
     if float(size) ** 2 > LARGEST:
         raise SpecError(
-            f"a dense Y of {size} x {size} does not fit: rotation_coordinate_descent, or an "
-            "initial estimate, keeps to rank d"
+            f"a dense Y of {size} x {size} does not fit: use rotation_coordinate_descent, or an "
+            "initial estimate, to stay at rank d"
         )
     return np.eye(size)
 

@@ -1,16 +1,16 @@
 """The global optimum of a single cycle, and the stationary points that wind around it.
 
-Composed around the cycle, the measurements miss the identity by a rotation of angle theta about
-some axis. In the gauge of the estimate the residuals multiply to that rotation, and angles of
-rotations that multiply to one of angle theta add up to at least theta. So the best is to turn every
-edge about the same axis, by angles that add up to theta and pull alike: kappa sin(angle) is the
-same on each edge. With equal weights the angles are equal, theta / n: Eriksson et al., section 4.1.
+Composed around the cycle, the measurements differ from the identity by a rotation of angle theta
+about some axis. The residuals of an estimate multiply to that rotation, so their angles add up to
+at least theta. At the optimum all residuals share that axis, their angles add up to theta, and
+kappa sin(angle) is the same on each edge. With equal weights the angles are equal, theta / n:
+Eriksson et al., section 4.1.
 
-More than a right angle can fall to the weakest edge alone: of two, the sum of 1 - cos would fall by
-moving angle from one to the other, and the cost by giving the larger to the smaller weight. As a
-function of the weakest edge's angle a in [0, pi], the sum of all is concave, rises from 0 and is at
-least a, so that one a in [0, theta] reaches theta, and Newton's method from 0 climbs to it: slowly
-only where theta is near pi and the others, with right sines, would turn just as far without it.
+Only the weakest edge can have more than a right angle: of two, the sum of 1 - cos would decrease by
+moving angle from one to the other, and the cost by giving the larger angle to the smaller weight.
+As a function of the weakest edge's angle a in [0, pi], the sum of all angles is concave, increases
+from 0 and is at least a, so that some a in [0, theta] reaches theta, and Newton's method from 0
+converges to it: slowly only if theta is near pi and the other edges add up to nearly that alone.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from certpgo.objective.problem import Problem
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.solution import Solution, Status
 
-#: Newton's steps towards one angle; they square what is left, or at worst take a third of it.
+#: Newton steps; each squares the error, or at worst removes a third of it.
 MAX_STEPS = 100
-#: Of a residual's entries: three matrices that are rotations up to rounding, and their product.
+#: Rounding of a residual's entries: three rotation matrices and their product.
 ROUNDING = 2.0 * so.ROUNDING_DEFECT
 
 
 @dataclass(frozen=True)
 class CycleClosedForm:
-    """The optimum of a single cycle: the closing error is shared out. Refuses other graphs.
+    """The optimum of a single cycle: the closing error is distributed. Refuses other graphs.
 
-    It is optimal by Theorem 4.2 of Eriksson et al. (equal weights) and its extension to weights:
-    the residuals share axis and sign and add up to at most pi.
+    Optimal by Theorem 4.2 of Eriksson et al. (equal weights) and its extension to weights: the
+    residuals share axis and sign and add up to at most pi.
 
     Examples
     --------
@@ -58,19 +58,13 @@ class CycleClosedForm:
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
-        """The rotations, the first at the identity; an initial estimate changes nothing.
-
-        Raises
-        ------
-        GraphError
-            The graph is no cycle.
-        """
+        """The rotations, the first at the identity; GraphError unless the graph is a cycle."""
         watch = Stopwatch()
         graph = problem.rotation.graph
         with watch.phase("closed form"):
             estimate = stationary_point(graph)
         cost = problem.cost(estimate)
-        # Of sqrt(F), a norm of residuals, rounding takes so many times the root of W.
+        # Rounding of sqrt(F), a norm of residuals, is relative to sqrt(W).
         rounding = ROUNDING * problem.d * np.sqrt(problem.rotation.scale)
         total = np.degrees(np.abs(problem.rotation.residual_angles(estimate)).sum())
         return Solution(
@@ -79,32 +73,32 @@ class CycleClosedForm:
             Status.CLOSED_FORM,
             lower_bound=float(max(np.sqrt(cost) - rounding, 0.0) ** 2),
             seconds=watch.seconds,
-            note=f"closing error {total:.4g} degrees, shared out",
+            note=f"closing error {total:.4g} degrees, distributed",
         )
 
 
 def stationary_point(graph: RotationGraph, winding: int = 0) -> Estimate:
-    """The stationary point whose residuals turn ``winding`` times more about the closing axis.
+    """The stationary point whose residuals turn ``winding`` extra times about the closing axis.
 
-    Winding 0 is the global optimum. In the others every residual is kappa sin(angle) alike, too,
-    and the angles, all up to or all from a right angle (but for the weakest edge's), add up to
-    theta + 2 pi winding. Where theta is 0 the axis is z.
+    Winding 0 is the global optimum. At the others kappa sin(angle) is the same on each edge, too,
+    and the angles, all at most or all at least a right angle (except the weakest edge's), add up to
+    theta + 2 pi winding. If theta is 0 the axis is z.
 
     Raises
     ------
     GraphError
-        The graph is no cycle, or has no such point of this winding.
+        The graph is not a cycle, or has no stationary point of this winding.
     """
     around = walk(graph)
     composed = compose(graph, around.parents).rotations
     last, edge = int(around.nodes[-1]), int(around.edges[-1])
     closing = graph.rotations[edge] if around.forward[-1] else graph.rotations[edge].T
-    missed = so.log((composed[last] @ closing)[None])[0]
+    error = so.log((composed[last] @ closing)[None])[0]
     if graph.d == 2:
-        theta, axis = float(missed[0]), np.ones(1)
+        theta, axis = float(error[0]), np.ones(1)
     else:
-        theta = float(np.linalg.norm(missed))
-        axis = missed / theta if theta > 0.0 else np.array([0.0, 0.0, 1.0])
+        theta = float(np.linalg.norm(error))
+        axis = error / theta if theta > 0.0 else np.array([0.0, 0.0, 1.0])
     angles = shares(graph.kappa[around.edges], theta + 2.0 * np.pi * winding)
     if angles is None:
         raise GraphError(f"this cycle has no stationary point of winding {winding}")
@@ -115,10 +109,10 @@ def stationary_point(graph: RotationGraph, winding: int = 0) -> Estimate:
 
 
 def shares(kappa: FloatArray, total: float) -> FloatArray | None:
-    """Angles that add up to ``total`` with kappa sin(angle) alike; None where there are none.
+    """Angles with sum ``total`` and equal kappa sin(angle); None if there are none.
 
-    All are up to a right angle but perhaps that of the smallest weight, or, where their sum is too
-    large for that, all are at least a right angle. For totals up to pi they minimise the cost
+    All are at most a right angle, except perhaps that of the smallest weight, or, if the total is
+    too large for that, at least a right angle. For totals up to pi they minimise the cost
     sum 4 kappa (1 - cos(angle)) of a cycle.
     """
     if total < 0.0:
@@ -127,8 +121,8 @@ def shares(kappa: FloatArray, total: float) -> FloatArray | None:
     weakest = int(np.argmin(kappa))
     ratio = kappa[weakest] / kappa
     for supplement in (False, True):
-        wanted = len(kappa) * np.pi - total if supplement else total
-        found = None if wanted < 0.0 else _up_to_a_right_angle(ratio, weakest, wanted)
+        target = len(kappa) * np.pi - total if supplement else total
+        found = None if target < 0.0 else _up_to_a_right_angle(ratio, weakest, target)
         if found is not None:
             return np.pi - found if supplement else found
     return None
@@ -137,12 +131,12 @@ def shares(kappa: FloatArray, total: float) -> FloatArray | None:
 def _up_to_a_right_angle(ratio: FloatArray, weakest: int, total: float) -> FloatArray | None:
     a, eps = 0.0, np.finfo(float).eps
     for _ in range(MAX_STEPS):
-        # arcsin(ratio sin a), whose rounding would grow towards a right angle.
+        # arcsin(ratio sin a), without its rounding near a right angle.
         across = np.hypot(np.cos(a), np.sqrt(1.0 - ratio**2) * np.sin(a))
         angles = np.arctan2(ratio * np.sin(a), across)
         angles[weakest] = a
         missing = total - angles.sum()
-        # Nothing is missing but rounding, which a small slope would make steps of.
+        # Only rounding is missing; a small slope would amplify it.
         if missing <= 2.0 * eps * total:
             return np.asarray(angles)
         slope = 1.0 + (ratio * np.cos(a) / across).sum() - ratio[weakest] * np.sign(np.cos(a))

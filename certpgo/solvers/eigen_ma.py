@@ -7,23 +7,24 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from certpgo.errors import InputError, SpecError
+from certpgo.errors import InputError
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.optimize.iterative import Settings
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.solution import Solution, Status
 from certpgo.solvers.eigen_ra import Anchor, EigenRA, Eigensolver, Weights
 
 
 @dataclass(frozen=True)
-class EigenMA:
+class EigenMA(Settings):
     """The closed-form estimator of Moreira 2020, sections 4.3 and 4.6, d = 2 and 3.
 
     Attributes
     ----------
-    weights : ``"graph"`` uses kappa and tau; ``"unit"`` weighs every edge alike, as the thesis
+    weights : ``"graph"`` uses kappa and tau; ``"unit"`` weighs edges equally, as the thesis does
     translations : ``"ml"`` minimises F for the rotations found; ``"thesis"`` solves eq. 4.12,
         which counts each edge in both directions and does not minimise F exactly
     anchor, eigensolver, tol : as `EigenRA`
@@ -47,32 +48,18 @@ class EigenMA:
     eigensolver: Eigensolver = "krylov_schur"
     tol: float = 1e-5
 
-    poses: ClassVar[bool] = True
     rotations: ClassVar[bool] = False
-
-    def __post_init__(self) -> None:
-        if self.translations not in ("ml", "thesis"):
-            raise SpecError.unknown("translations", self.translations, ("ml", "thesis"))
-        self._eigen_ra()
-
-    def _eigen_ra(self) -> EigenRA:
-        return EigenRA(self.weights, self.anchor, self.eigensolver, self.tol)
 
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
-        """Poses of the problem.
-
-        Raises
-        ------
-        InputError
-            The problem has no translations.
-        """
+        """The poses; InputError for a problem without translations."""
         if not isinstance(problem, PoseProblem):
             raise InputError("EigenMA needs translations; use eigen_ra for rotations alone")
         watch = Stopwatch()
         weighted = problem.with_unit_weights() if self.weights == "unit" else problem
-        rotations, _ = self._eigen_ra().rotations_of(weighted.rotation, watch)
+        averaging = EigenRA(self.weights, self.anchor, self.eigensolver, self.tol)
+        rotations, _ = averaging.rotations_of(weighted.rotation, watch)
         with watch.phase("translations"):
             if self.translations == "ml":
                 t = weighted.complete(rotations).translations
@@ -85,7 +72,7 @@ class EigenMA:
 def symmetrized_translations(problem: PoseProblem, rotations: FloatArray) -> FloatArray:
     """Translations (n, d) of the thesis' system, eq. 4.12, the first at zero.
 
-    It counts each edge in both directions, which amounts to t_j - t_i ~
+    It counts each edge in both directions, equivalent to t_j - t_i ~
     (R_i t_ij + R_j R_ij^T t_ij) / 2. The sign of b between 4.11 and 4.12 is wrong; both are right.
     """
     graph = problem.graph

@@ -5,20 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from certpgo.errors import InputError, SpecError
+from certpgo.errors import InputError
 from certpgo.graph import Estimate
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize import spectral
+from certpgo.optimize.iterative import Settings
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.solution import Solution, Status
 
 
 @dataclass(frozen=True)
-class EigenQ:
-    """Rotations from the d smallest eigenvectors of Q, then the best translations for them.
+class EigenQ(Settings):
+    """Rotations from the d smallest eigenvectors of Q, with optimal translations.
 
-    Doherty, Rosen, Leonard, ICRA 2022. Unlike EigenMA's, the eigenvectors know the translations:
-    usually a better start, and its eigenvalues a better lower bound.
+    Doherty, Rosen, Leonard, ICRA 2022. Unlike EigenMA, Q includes the translations: usually a
+    better initialization, and its eigenvalues a better lower bound.
 
     Attributes
     ----------
@@ -37,23 +38,12 @@ class EigenQ:
 
     tol: float = 1e-3
 
-    poses: ClassVar[bool] = True
     rotations: ClassVar[bool] = False
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.tol < 1.0:
-            raise SpecError(f"tol must lie between 0 and 1, not {self.tol}")
 
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
-        """Poses of the problem.
-
-        Raises
-        ------
-        InputError
-            The problem has no translations.
-        """
+        """The poses; InputError for a problem without translations."""
         if not isinstance(problem, PoseProblem):
             raise InputError("eigen_q needs translations; use eigen_ra for rotations alone")
         watch = Stopwatch()

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from certpgo.errors import SpecError
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import Problem, RotationProblem
 from certpgo.optimize import spectral
+from certpgo.optimize.iterative import Settings
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.solution import Solution, Status
 
@@ -19,12 +19,12 @@ Eigensolver = Literal["krylov_schur", "arpack"]
 
 
 @dataclass(frozen=True)
-class EigenRA:
+class EigenRA(Settings):
     """The closed-form estimator of Moreira 2020, sections 4.2 and 4.6, d = 2 and 3.
 
     Attributes
     ----------
-    weights : ``"graph"`` uses kappa; ``"unit"`` weighs every edge alike, as the thesis does
+    weights : ``"graph"`` uses kappa; ``"unit"`` weighs every edge equally, as the thesis does
     anchor : how eigenvectors V become rotations (Appendix B.6): ``"none"`` projects the blocks of
         V; ``"first"`` those of V V_1^-1; ``"chordal"`` solves a linear system with the first
         rotation fixed instead, which is the chordal relaxation
@@ -47,23 +47,11 @@ class EigenRA:
     tol: float = 1e-5
 
     poses: ClassVar[bool] = False
-    rotations: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        for what, value, known in (
-            ("weights", self.weights, ("graph", "unit")),
-            ("anchor", self.anchor, ("none", "first", "chordal")),
-            ("eigensolver", self.eigensolver, ("krylov_schur", "arpack")),
-        ):
-            if value not in known:
-                raise SpecError.unknown(what, value, known)
-        if not 0.0 < self.tol < 1.0:
-            raise SpecError(f"tol must lie between 0 and 1, not {self.tol}")
 
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
-        """Rotations of the problem; translations, if it has any, are left aside."""
+        """Rotations of the problem; translations, if any, are ignored."""
         watch = Stopwatch()
         rotations, bound = self.rotations_of(problem.rotation, watch)
         estimate = Estimate(rotations)
@@ -78,7 +66,7 @@ class EigenRA:
     def rotations_of(
         self, problem: RotationProblem, watch: Stopwatch
     ) -> tuple[FloatArray, float | None]:
-        """Rotations (n, d, d), and the spectral bound on F* where the weights make it one."""
+        """Rotations (n, d, d), and the spectral bound on F*, if the weights are the graph's."""
         if self.weights == "unit":
             problem = problem.with_unit_weights()
         if self.anchor == "chordal":

@@ -1,21 +1,19 @@
-"""EigenRAO: EigenRA with outliers, reweighted until the smallest eigenvalue settles.
+"""EigenRAO: EigenRA with outliers, reweighted until the smallest eigenvalue converges.
 
-Moreira 2020, section 4.5 and Algorithm 3. What its text leaves open is decided so:
+Moreira 2020, section 4.5 and Algorithm 3, with these choices where the text is ambiguous:
 
 - *Which matrix is weighted.* The off-diagonal blocks of (Laplacian x 1) o Rtilde; its diagonal
-  blocks stay at the degrees, which W_ii = 1 says and row sums restored to the degrees mean.
+  blocks stay at the degrees, consistent with W_ii = 1 and with row sums restored to the degrees.
 - *The loss.* Eq. 4.9 reads a + b exp(pi - e/2) and never vanishes for the default a and b. Read as
-  a + b exp((pi - e)/2), and clipped at zero, it vanishes at 97 degrees, beside the threshold of 90,
-  and rejects outliers in half the iterations: the default. ``loss="printed"`` is the former.
+  a + b exp((pi - e)/2), and clipped at zero, it vanishes at 97 degrees, close to the threshold of
+  90, and rejects outliers in half the iterations: the default. ``loss="printed"`` is the former.
 - *The error e.* The Frobenius norm of a logarithm is sqrt(2) times the angle; as the threshold
-  pi/2 is an angle, so is e. ``frobenius=True`` is the other reading, for the loss and the threshold
-  alike.
-- *W or E.* The text brings the row sums of the accumulated weights W to the degrees; line 12 of
-  Algorithm 3 prints E above the sums of W (and sums over i), which brings nothing to anything.
-  ``accumulate=False`` takes the weights of the last iteration alone, in both places: outliers then
-  keep a part of their weight.
+  pi/2 is an angle, so is e. ``frobenius=True`` is the other reading, for both loss and threshold.
+- *W or E.* The text restores the row sums of the accumulated weights W to the degrees; line 12 of
+  Algorithm 3 prints E above the sums of W (and sums over i), which does not. ``accumulate=False``
+  uses the weights of the last iteration only, in both places: outliers then keep some weight.
 
-A measurement counts as rejected when it is replaced, or its weight is negligible.
+A measurement counts as rejected if it is replaced, or if its weight is negligible.
 """
 
 from __future__ import annotations
@@ -41,12 +39,10 @@ from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Solution
 from certpgo.solvers._robust import connected, remark
 
-#: Shifts that make a reweighted matrix definite, in units of the mean degree: its row sums are the
-#: degrees only nearly, so that it may be slightly indefinite.
+#: Shifts that make a reweighted matrix definite, in units of the mean degree: its row sums are only
+#: nearly the degrees, so that it may be slightly indefinite.
 SHIFTS = (1e-3, 1e-2, 1e-1, 1.0, 10.0)
-
-
-#: Weights below this, of a mean of about 1, reject a measurement.
+#: Weights (about 1 on average) below which a measurement is rejected.
 NEGLIGIBLE = 1e-3
 
 
@@ -57,9 +53,9 @@ class Step:
     Attributes
     ----------
     estimate : rotations from the weighted matrix
-    eigenvalue : its smallest
-    weights : (m,) W of the measurements in it
-    replaced : (m,) which of them were replaced by their estimates
+    eigenvalue : its smallest eigenvalue
+    weights : (m,) W of the measurements
+    replaced : (m,) which measurements were replaced by their estimates
     """
 
     estimate: Estimate
@@ -75,8 +71,8 @@ class EigenRAO(Iterative):
     Attributes
     ----------
     a, b : of the loss a + b exp((pi - e)/2)
-    eta : measurements whose error is larger are replaced by their estimates, radians
-    loss, frobenius, accumulate : how Algorithm 3 is read, see above
+    eta : measurements with larger error are replaced by their estimates, radians
+    loss, frobenius, accumulate : readings of Algorithm 3, see above
     tolerance : change of the smallest eigenvalue, over the mean degree, at which to stop
     max_iterations : stop anyway
 
@@ -105,16 +101,16 @@ class EigenRAO(Iterative):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.loss not in ("halved", "printed"):
-            raise SpecError.unknown("loss", self.loss, ("halved", "printed"))
         largest = self.a + self.b * math.exp(math.pi / 2)
         if not (self.eta > 0.0 and self.b > 0.0 and 0.0 < largest < 1e6):
-            raise SpecError("eta, b and the loss at no error must be positive, and below a million")
+            raise SpecError(
+                "eta, b and the loss at zero error must be positive and below a million"
+            )
 
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
-        """Rotations of the problem, and the weights W of the measurements that were kept."""
+        """Rotations of the problem, and the weights W of the kept measurements."""
         watch = Stopwatch()
         rotation = problem.rotation
         if initial is not None:
@@ -128,19 +124,15 @@ class EigenRAO(Iterative):
                 break
         W = np.where(step.replaced | (step.weights < NEGLIGIBLE), 0.0, step.weights)
         weights = connected(rotation, W, rotation.edge_costs(step.estimate))
-        return Solution(
-            estimate=Estimate(step.estimate.rotations),
-            cost=rotation.cost(step.estimate),
-            status=progress.status,
-            iterations=progress.steps,
-            seconds=watch.seconds,
-            trace=tuple(progress.trace),
+        return progress.solution(
+            Estimate(step.estimate.rotations),
+            rotation.cost(step.estimate),
             note=remark(rotation, weights),
             weights=weights,
         )
 
     def steps(self, rotation: RotationProblem, watch: Stopwatch | None = None) -> Iterator[Step]:
-        """The iterations of Algorithm 3, without end; the first is EigenRA's answer."""
+        """The iterations of Algorithm 3, without end; the first is EigenRA's estimate."""
         watch = watch or Stopwatch()
         i, j = rotation.graph.edges.T
         measured = Rbar = rotation.graph.rotations
@@ -151,17 +143,17 @@ class EigenRAO(Iterative):
                 pairs = _smallest_eigenpairs(rotation, W, Rbar, vectors)
                 vectors = pairs.vectors
                 R = spectral.round_to_rotations(vectors, rotation.d)
-            here = Estimate.trusted(R)
-            yield Step(here, float(pairs.values[0]), W, replaced)
+            estimate = Estimate.trusted(R)
+            yield Step(estimate, float(pairs.values[0]), W, replaced)
             with watch.phase("reweight"):
-                e = rotation.residual_angles(here) * (math.sqrt(2.0) if self.frobenius else 1.0)
+                e = rotation.residual_angles(estimate) * (math.sqrt(2.0) if self.frobenius else 1.0)
                 replaced = e > self.eta
                 Rbar = np.where(replaced[:, None, None], np.swapaxes(R[i], 1, 2) @ R[j], measured)
                 rho = self.rho(e)
                 W = _restored(rotation, W * rho if self.accumulate else rho)
 
     def rho(self, e: FloatArray) -> FloatArray:
-        """The loss of errors (radians), eq. 4.9; see above for its two readings."""
+        """The loss of errors (radians), eq. 4.9, in the chosen reading."""
         exponent = (math.pi - e) / 2.0 if self.loss == "halved" else math.pi - e / 2.0
         return np.maximum(self.a + self.b * np.exp(exponent), 0.0)
 
@@ -169,21 +161,22 @@ class EigenRAO(Iterative):
 def _smallest_eigenpairs(
     problem: RotationProblem, W: FloatArray, Rbar: FloatArray, start: FloatArray | None
 ) -> Eigenpairs:
-    """Of the matrix with the degrees on its diagonal and -kappa W Rbar_ij beside it."""
+    """Of the matrix with degrees on its diagonal and off-diagonal blocks -kappa W Rbar_ij."""
     degree = problem.node_weights
-    beside = -(problem.graph.kappa * W)[:, None, None] * Rbar
+    off_diagonal = -(problem.graph.kappa * W)[:, None, None] * Rbar
 
     def build(shift: float) -> CSC:
-        return problem.pattern.assemble((degree + shift)[:, None, None] * np.eye(problem.d), beside)
+        diagonal = (degree + shift)[:, None, None] * np.eye(problem.d)
+        return problem.pattern.assemble(diagonal, off_diagonal)
 
     A, shift, factor = factor_shifted(problem, build, float(degree.mean()), SHIFTS)
     return krylov_schur(A, factor.solve, problem.d, shift=shift, tol=1e-4, start=start)
 
 
 def _restored(problem: RotationProblem, W: FloatArray) -> FloatArray:
-    """W with its row sums brought to the degrees, then made symmetric: lines 12 to 14.
+    """W with row sums restored to the degrees, then symmetrized: lines 12 to 14.
 
-    A node whose measurements all have no weight keeps none.
+    A node whose measurements all have weight zero keeps it.
     """
     i, j = problem.graph.edges.T
     sums = operators.degrees(problem.graph.edges, problem.graph.kappa * W, problem.n)

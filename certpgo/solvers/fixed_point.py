@@ -10,8 +10,9 @@ from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.objective.problem import Problem
 from certpgo.optimize.iterative import Iterative
-from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch, silent
-from certpgo.optimize.solution import Solution, Status
+from certpgo.optimize.monitor import Monitor, Stopwatch, silent
+from certpgo.optimize.progress import Progress
+from certpgo.optimize.solution import Solution
 from certpgo.solvers.eigen_ra import EigenRA
 
 
@@ -19,12 +20,12 @@ from certpgo.solvers.eigen_ra import EigenRA
 class FixedPoint(Iterative):
     """R <- projection of Rtilde R, block by block; Moreira 2020, section 4.2.
 
-    Converges to a stationary point of the rotation objective. Starts at EigenRA's answer unless
-    told otherwise; with translations, they are the best for the rotations found.
+    Converges to a stationary point of the rotation objective; initialized by EigenRA by default.
+    Translations, if any, are optimal for the rotations.
 
     Attributes
     ----------
-    tolerance : stop when no rotation moves farther, radians
+    tolerance : largest change of a rotation at which to stop, radians
     max_iterations : stop anyway
 
     Examples
@@ -42,7 +43,7 @@ class FixedPoint(Iterative):
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
-        """Refined rotations, completed by translations where the problem has them."""
+        """Refined rotations, with optimal translations if the problem has any."""
         watch = Stopwatch()
         rotation = problem.rotation
         if initial is None:
@@ -50,35 +51,21 @@ class FixedPoint(Iterative):
         else:
             problem.check(initial)
             R = initial.rotations
-        degree = (rotation.node_weights + 1.0)[:, None, None]  # Rtilde has identities, too
-        trace: list[Iteration] = []
-        status, moved = Status.ITERATION_LIMIT, np.inf
-        for number in range(self.max_iterations + 1):
-            here = Estimate(R)
-            G = rotation.gradient(here)
-            size = rotation.stationarity(here)
-            trace.append(Iteration(number, rotation.cost(here), size, moved, watch.total))
-            if monitor(trace[-1]):
-                status = Status.INTERRUPTED
-                break
-            if moved <= self.tolerance:
-                status = Status.CONVERGED
-                break
-            if number == self.max_iterations:
-                break
+        degree = (rotation.node_weights + 1.0)[:, None, None]  # Rtilde has diagonal identities
+        progress = Progress(monitor, self.tolerance, self.max_iterations, watch)
+        point, moved = Estimate(R), np.inf
+        while progress.advance(
+            rotation.cost(point),
+            rotation.stationarity(point),
+            moved,
+            converged=moved <= self.tolerance,
+        ):
             with watch.phase("fixed point"):
-                new = so.project(degree * R - G)  # = Rtilde R, transposed as our frames are
+                new = so.project(degree * R - rotation.gradient(point))  # Rtilde R, transposed
                 moved = float(so.angle(np.swapaxes(R, 1, 2) @ new).max())
-                R = new
+                R, point = new, Estimate(new)
         estimate = problem.complete(R)
-        return Solution(
-            estimate=estimate,
-            cost=problem.cost(estimate),
-            status=status,
-            iterations=trace[-1].number,
-            seconds=watch.seconds,
-            trace=tuple(trace),
-        )
+        return progress.solution(estimate, problem.cost(estimate))
 
 
 SOLVER = FixedPoint

@@ -1,9 +1,9 @@
 """Truncated least squares by graduated non-convexity, for poses and rotations.
 
 Yang, Antonante, Tzoumas, Carlone, "Graduated Non-Convexity for Robust Spatial Perception", RA-L
-2020: minimise sum min(r_e^2, c^2), r_e^2 the terms of F, through surrogates that are convex in
-effect for small mu and the truncated squares themselves for large ones. Given mu, minimising over
-poses is a weighted problem, and over weights has a closed form.
+2020: minimise sum min(r_e^2, c^2), r_e^2 the terms of F, by surrogates that are practically convex
+for small mu and approach the truncated squares for large mu. For fixed mu, poses solve a weighted
+problem, and weights have a closed form.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from certpgo.optimize.solution import Solution
 from certpgo.solvers._robust import FAINT, fitted
 from certpgo.solvers.spanning_tree import SpanningTree
 
-#: 1 / mu from which on the surrogate is in effect the sum of r_e, whatever mu is: the paper starts
-#: at 2 max(r_e^2) / c^2 - 1, where one gross error makes all other weights vanish next to a tree's.
+#: 1 / mu from which the surrogate is practically the sum of r_e: the paper starts from
+#: 2 max(r_e^2) / c^2 - 1, where one gross error makes all weights but a tree's vanish.
 CONVEX = 1e4
-#: Steps of Newton's method for each mu.
+#: Newton steps for each mu.
 STEPS = 3
 
 
@@ -37,14 +37,14 @@ STEPS = 3
 class GraduatedNonConvexity(Iterative):
     """Robust pose-graph optimization and rotation averaging; d = 2 and 3.
 
-    It starts from the tree of the earliest measurements, which of poses is the odometry.
+    Initialized by the tree of the earliest measurements, usually the odometry.
 
     Attributes
     ----------
-    probability : with which a right measurement is kept, where the weights state its noise; c^2 is
-        the quantile of r_e^2, see `quantile`
-    scale : standard deviations of the noise, in units that the weights state
-    rate : what mu is multiplied by in each step; 1.4 in the paper
+    probability : that an inlier is kept, if the weights state its noise; c^2 is this quantile of
+        r_e^2, see `quantile`
+    scale : standard deviation of the noise over that stated by the weights
+    rate : factor of mu in each step; 1.4 in the paper
     tolerance : distance of the weights from 0 and 1 at which to stop
     max_iterations : stop anyway
 
@@ -69,14 +69,14 @@ class GraduatedNonConvexity(Iterative):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not (0.0 < self.probability < 1.0 and 1.0 < self.rate < 1e3):
-            raise SpecError("probability lies between 0 and 1, and rate between 1 and 1000")
+            raise SpecError("probability must lie between 0 and 1, and rate between 1 and 1000")
         if not 1e-100 < self.scale < 1e100:
-            raise SpecError(f"scale must be positive, and no more extreme than {self.scale}")
+            raise SpecError(f"scale must be positive and less extreme than {self.scale}")
 
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
-        """The estimate, and weights: 1 for the measurements that were kept, 0 for the others."""
+        """The estimate, and weights: 1 for the measurements kept, 0 for the others."""
         watch = Stopwatch()
         point = initial or SpanningTree("earliest").solve(problem).estimate
         problem.check(point)
@@ -93,7 +93,7 @@ class GraduatedNonConvexity(Iterative):
                     weighted, point, NewtonSettings(tolerance=1e-9, max_iterations=STEPS)
                 ).estimate
                 r = np.sqrt(problem.edge_costs(point))
-                # Below 1, small weights are those of residuals that may yet be right.
+                # Below 1, small weights may still belong to inliers.
                 if mu >= 1.0:
                     undecided = float(np.minimum(weights, 1.0 - weights).max())
                 mu *= self.rate
@@ -101,26 +101,26 @@ class GraduatedNonConvexity(Iterative):
 
 
 def largest_angle(problem: Problem, c: float) -> float:
-    """The angle that alone has the residual c, at the median weight; pi where none has, radians."""
+    """The angle whose residual is c at the median weight, at most pi, radians."""
     sine = c / float(np.sqrt(8.0 * np.median(problem.rotation.graph.kappa)))
     return 2.0 * float(np.arcsin(min(sine, 1.0)))
 
 
 def _threshold(problem: Problem, c: float) -> str:
-    """Which angle alone is rejected."""
+    """A remark on which angles are rejected."""
     degrees = np.degrees(largest_angle(problem, c))
     if degrees >= 180.0:
-        return "no angle alone is rejected: set scale, if the weights do not state the noise"
-    return f"residuals of {degrees:.3g} degrees and more are rejected, at the median weight"
+        return "no angle alone is rejected: set scale if the weights do not state the noise"
+    return f"residuals above {degrees:.3g} degrees are rejected, at the median weight"
 
 
 def quantile(problem: Problem, probability: float) -> float:
-    """Of a right measurement's r_e^2, where the weights state its noise.
+    """The quantile of an inlier's r_e^2, if the weights state its noise.
 
-    A rotation adds the square of a normal variable an axis, twice that in 2D, where kappa |E|^2 is
-    2 kappa times the squared angle and kappa the angle's information; a translation adds d
-    squares. The distribution of the sum is taken for a multiple of a chi-square one with the same
-    mean and variance (Welch and Satterthwaite), which is exact but for poses in 2D.
+    A rotation contributes the square of a normal variable per axis, twice that in 2D, where
+    kappa |E|^2 is 2 kappa times the squared angle and kappa the angle's information; a translation
+    contributes d squares. The sum is approximated by a multiple of a chi-square variable of the
+    same mean and variance (Welch and Satterthwaite), exactly except for poses in 2D.
     """
     axes = np.full(so.tangent_dim(problem.d), 2.0 if problem.d == 2 else 1.0)
     terms = np.r_[axes, np.ones(problem.d)] if isinstance(problem, PoseProblem) else axes
@@ -130,7 +130,7 @@ def quantile(problem: Problem, probability: float) -> float:
 
 
 def surrogate_weights(r: FloatArray, c: float, mu: float) -> FloatArray:
-    """(m,) best weights in [0, 1] for residuals r of the surrogate mu; eq. 14 of the paper."""
+    """(m,) optimal weights in [0, 1] for residuals r and surrogate mu; eq. 14 of the paper."""
     low, high = np.sqrt(mu / (mu + 1.0)) * c, np.sqrt((mu + 1.0) / mu) * c
     between = c * np.sqrt(mu * (mu + 1.0)) / np.clip(r, low, high) - mu
     return np.where(r <= low, 1.0, np.where(r >= high, 0.0, between))

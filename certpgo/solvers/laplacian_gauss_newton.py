@@ -1,11 +1,11 @@
-"""Rotation averaging from a spanning tree, by steps that solve with the scalar Laplacian."""
+"""Rotation averaging from a spanning tree, with the scalar Laplacian as Hessian."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 from certpgo.graph import Estimate
-from certpgo.graph.trees import compose, spanning_tree
+from certpgo.graph.trees import tree_initialization
 from certpgo.objective.problem import Problem
 from certpgo.optimize.averaging import laplacian_gauss_newton
 from certpgo.optimize.iterative import Iterative
@@ -17,9 +17,8 @@ from certpgo.optimize.solution import Solution
 class LaplacianGaussNewton(Iterative):
     """Gauss-Newton with one n x n factorization; see `certpgo.optimize.averaging`.
 
-    Starts at the breadth-first spanning tree of a central node unless told otherwise. Local: fast
-    where residual angles are small, stalled where they are large. With translations, they are the
-    best for the rotations found.
+    Initialized by the breadth-first tree of a central node by default. Local: fast for small
+    residual angles, stalls for large ones. Translations, if any, are optimal for the rotations.
 
     Attributes
     ----------
@@ -41,12 +40,11 @@ class LaplacianGaussNewton(Iterative):
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
-        """Rotations, completed by translations where the problem has them."""
+        """Rotations, with optimal translations if the problem has any."""
         watch = Stopwatch()
-        graph = problem.rotation.graph
         if initial is None:
             with watch.phase("tree"):
-                initial = compose(graph, spanning_tree(graph, root="center"))
+                initial = tree_initialization(problem.rotation.graph)
         found = laplacian_gauss_newton(
             problem.rotation,
             initial,

@@ -24,13 +24,13 @@ class LowRank(Iterative):
     Attributes
     ----------
     rank : r >= d; by default d + 1
-    seed : start at a random point instead of the eigenvectors
-    tolerance : stop when no node's gradient over its weight is larger, radians
+    seed : of a random initial point, which replaces the eigenvectors
+    tolerance : stationarity at which to stop, radians
     max_iterations : stop anyway
 
     Examples
     --------
-    Among points of rank d + 1 the turn once around can be undone, which at rank d it cannot:
+    At rank d + 1 a winding can be undone, which at rank d it cannot:
 
     >>> from certpgo import RotationProblem, get_solver
     >>> from certpgo.datasets.synthetic import winding_cycle
@@ -49,7 +49,7 @@ class LowRank(Iterative):
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
-        """The estimate nearest to the point reached, with the best translations for it.
+        """The estimate nearest to the point reached, with optimal translations.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Newton's method from a given start, or from the eigenvectors."""
+"""Newton's method from an initial estimate, by default from eigenvectors."""
 
 from __future__ import annotations
 

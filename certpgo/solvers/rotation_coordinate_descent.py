@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from certpgo.graph import Estimate
-from certpgo.graph.trees import compose, spanning_tree
+from certpgo.graph.trees import tree_initialization
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch, silent
@@ -18,15 +18,14 @@ from certpgo.solvers._relaxed import ALONE
 class RotationCoordinateDescent(Sweeping):
     """Block coordinate descent at rank d, without a dense Y; Parra et al., CVPR 2021.
 
-    From the same estimate it takes the very steps of `block_coordinate_descent`, in O(d) memory a
-    node besides the graph; a step takes the nearest rotation, not the polar factor, which may be a
-    reflection. It starts from rotations composed along a spanning tree unless told otherwise. At
-    rank d there are local minima, such as wound-up cycles, that a start from Y = I does not know:
-    judge what it returns.
+    From the same initial estimate it takes the same steps as `block_coordinate_descent`, in O(d)
+    memory per node besides the graph, but to the nearest rotation instead of the polar factor,
+    which may be a reflection. Initialized by a spanning tree by default. At rank d there are local
+    minima, such as wound-up cycles, that descent from Y = I avoids: certify the result.
 
     Attributes
     ----------
-    tolerance : stop when no rotation moves farther in a sweep, radians
+    tolerance : largest change of a rotation in a sweep at which to stop, radians
     max_iterations : sweeps
     order : ``"colors"``, ``"cyclic"`` or ``"random"``; see `Coordinates`
     seed : of random orders
@@ -47,21 +46,21 @@ class RotationCoordinateDescent(Sweeping):
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
     ) -> Solution:
-        """Rotations that no block improves alone, completed by translations."""
+        """Rotations that no single block can improve, with optimal translations."""
         watch, rotation = Stopwatch(), problem.rotation
         if initial is not None:
             problem.check(initial)
         with watch.phase("start"):
             if initial is None:
-                initial = compose(rotation.graph, spanning_tree(rotation.graph, root="center"))
+                initial = tree_initialization(rotation.graph)
             point = self.coordinates(rotation, stacked(initial))
             cost, _ = point.evaluate()
         trace: list[Iteration] = []
         status = Status.ITERATION_LIMIT
         for sweep in range(1, self.max_iterations + 1):
             with watch.phase("sweeps"):
-                fallen, moved = point.sweep()
-                cost -= fallen
+                decrease, moved = point.sweep()
+                cost -= decrease
             trace.append(Iteration(sweep, cost, moved, moved, watch.total))
             if monitor(trace[-1]):
                 status = Status.INTERRUPTED

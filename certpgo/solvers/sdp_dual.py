@@ -16,7 +16,7 @@ from certpgo.solvers._sdp import ConicSolution, Posed, Semidefinite
 class DualSDP(Semidefinite):
     """(D): max tr(Lam) such that L - blkdiag(Lam) is positive semidefinite.
 
-    Lam has 6n scalars in space, 3n in the plane. The settings are those of `Semidefinite`.
+    Lam has 6n scalars in 3D, 3n in 2D. The settings are those of `Semidefinite`.
 
     Examples
     --------
@@ -61,7 +61,7 @@ class DualSDP(Semidefinite):
         return Posed(problem, read)
 
     def scalars(self, n: int, d: int) -> int:
-        """Those of Lam."""
+        """The scalars of Lam."""
         return n * d * (d + 1) // 2
 
 

@@ -16,8 +16,7 @@ from certpgo.solvers._sdp import ConicSolution, Posed, Semidefinite
 class PrimalSDP(Semidefinite):
     """(DD): min tr(L Y) over positive semidefinite Y with identities as diagonal blocks.
 
-    Y has (dn)(dn + 1)/2 scalars, so that (D) is the cheaper of the two. The
-    settings are those of `Semidefinite`.
+    Y has (dn)(dn + 1)/2 scalars: (D) is cheaper. The settings are those of `Semidefinite`.
 
     Examples
     --------
@@ -25,7 +24,7 @@ class PrimalSDP(Semidefinite):
     >>> from certpgo.datasets.synthetic import winding_cycle
     >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
     >>> solution = get_solver("sdp_primal")().solve(problem)
-    >>> solution.relaxation.rank  # d: what was found are rotations
+    >>> solution.relaxation.rank  # d: the relaxation is tight
     3
     """
 
@@ -56,7 +55,7 @@ class PrimalSDP(Semidefinite):
         def read() -> ConicSolution:
             if fixed.dual_value is None:
                 return ConicSolution(None, Y.value)
-            # The constraint names an entry of each pair off the diagonal once.
+            # Off the diagonal, the constraint has one entry of each symmetric pair.
             prices = -fixed.dual_value.reshape(n, -1) * np.where(a == b, 1.0, 0.5)
             multipliers = np.empty((n, d, d))
             multipliers[:, a, b] = multipliers[:, b, a] = prices
@@ -65,7 +64,7 @@ class PrimalSDP(Semidefinite):
         return Posed(problem, read)
 
     def scalars(self, n: int, d: int) -> int:
-        """Those of Y."""
+        """The scalars of Y."""
         return n * d * (n * d + 1) // 2
 
 

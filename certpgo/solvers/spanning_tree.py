@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal, get_args
+from typing import Literal
 
 import numpy as np
 
-from certpgo.errors import SpecError
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.graph.trees import compose, spanning_tree
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import Problem
+from certpgo.optimize.iterative import Settings
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.solution import Solution, Status
 
@@ -19,15 +19,15 @@ Tree = Literal["breadth_first", "odometry", "earliest", "maximum_weight"]
 
 
 @dataclass(frozen=True)
-class SpanningTree:
-    """The start that every tool knows: exact on the tree's edges, blind to all others.
+class SpanningTree(Settings):
+    """The simplest initialization: exact on the tree's edges, ignoring all others.
 
     Attributes
     ----------
-    tree : ``"breadth_first"`` from node 0; ``"odometry"`` prefers edges between nearby node
-        numbers, hence the chain of consecutive poses where there is one; ``"earliest"`` prefers
-        edges in their order, as files mostly state odometry before they close loops;
-        ``"maximum_weight"`` prefers large kappa
+    tree : ``"breadth_first"`` from node 0; ``"odometry"`` prefers edges between close node numbers,
+        hence the chain of consecutive poses if there is one; ``"earliest"`` prefers edges in their
+        order, as most files list odometry before loop closures; ``"maximum_weight"`` prefers large
+        kappa
 
     Examples
     --------
@@ -35,19 +35,11 @@ class SpanningTree:
     >>> from certpgo.datasets.synthetic import winding_cycle
     >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
     >>> solution = get_solver("spanning_tree")(tree="odometry").solve(problem)
-    >>> print(problem.residual_angles(solution.estimate).round(6))  # the last edge bears it all
+    >>> print(problem.residual_angles(solution.estimate).round(6))  # all on the last edge
     [0.  0.  0.  0.  0.  0.3]
     """
 
     tree: Tree = "breadth_first"
-
-    poses: ClassVar[bool] = True
-    rotations: ClassVar[bool] = True
-
-    def __post_init__(self) -> None:
-        known = get_args(Tree)
-        if self.tree not in known:
-            raise SpecError.unknown("tree", self.tree, known)
 
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
@@ -66,7 +58,7 @@ class SpanningTree:
             return np.abs(np.diff(graph.edges, axis=1)[:, 0]).astype(np.float64)
         if self.tree == "earliest":
             return np.arange(1.0, graph.num_edges + 1.0)
-        # Only the order of lengths matters to a minimum spanning tree.
+        # Only the order of lengths matters for a minimum spanning tree.
         return np.asarray(np.unique(-graph.kappa, return_inverse=True)[1] + 1, dtype=np.float64)
 
 

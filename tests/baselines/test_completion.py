@@ -442,7 +442,7 @@ def test_an_iteration_limit_is_told_and_weights_are_said_to_be_unused(name):
     method = solver(name, tolerance=0.0, max_iterations=3)
     solution = method.solve(problem, initial=truth)
     assert (solution.status, solution.iterations) == (Status.ITERATION_LIMIT, 3)
-    assert "weigh alike" in solution.note
+    assert "equal edge weights" in solution.note
     alike = method.solve(problem.with_unit_weights(), initial=truth)
     assert_same(alike.estimate, solution.estimate, 1e-12)
 

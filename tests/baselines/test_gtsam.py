@@ -105,7 +105,7 @@ def test_a_file_that_gtsam_half_reads_is_not_used(gtsam, dataset, dataset_path):
     instance = dataset("stonewall")
     source = str(dataset_path("stonewall"))
     solution = solver("gtsam_chordal", source=source).solve(PoseProblem(instance.graph))
-    assert "it sees 2 nodes and 1 edges" in solution.note
+    assert "it finds 2 nodes and 1 edges" in solution.note
 
 
 @pytest.mark.parametrize("name", NAMES)

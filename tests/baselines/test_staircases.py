@@ -228,7 +228,7 @@ def test_values_of_the_staircase_that_are_no_rotations_are_made_so(gtsam, d):
     assert problem.cost(found) == pytest.approx(problem.cost(Estimate(R)), rel=1e-9)
     defect = (stretch**2 - 1.0).max()
     worst = f"{-(stretch.max() ** d):.6f} to {-(stretch.min() ** d):.6f}"
-    assert outcome.note.endswith(f"orthogonal but for {defect:.1e}, determinants {worst}")
+    assert outcome.note.endswith(f"orthogonal up to {defect:.1e}, determinants {worst}")
 
 
 def test_values_of_the_staircase_that_are_not_finite_are_an_error(gtsam):

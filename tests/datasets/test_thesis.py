@@ -84,7 +84,7 @@ def test_outliers_are_one_read_only_flag_an_edge_and_outlast_the_translations():
     with pytest.raises(ValueError, match="read-only"):
         marked.outliers[0] = True
     np.testing.assert_array_equal(rotations_alone(marked).outliers, marked.outliers)
-    with pytest.raises(GraphError, match="95 flags, one an edge"):
+    with pytest.raises(GraphError, match="95 flags, one per edge"):
         replace(path, outliers=np.zeros(94))
 
 
@@ -154,8 +154,8 @@ def test_noise_of_a_spherical_path_has_the_stated_deviations():
         (lambda: thesis.langevin_graph(9, 2.0, -1.0, rng()), "sigma_R must not be negative"),
         (lambda: thesis.langevin_graph(9, 2.0, 1.0, rng(), outliers=1.5), "probability"),
         (lambda: thesis.langevin_graph(1, 2.0, 1.0, rng()), "at least 2"),
-        (lambda: thesis.spherical_path(0.999, 1.0, 0.1, rng()), "cannot miss 0.999"),
-        (lambda: thesis.spherical_path(-0.1, 1.0, 0.1, rng()), "cannot miss -0.1"),
+        (lambda: thesis.spherical_path(0.999, 1.0, 0.1, rng()), "cannot omit 0.999"),
+        (lambda: thesis.spherical_path(-0.1, 1.0, 0.1, rng()), "cannot omit -0.1"),
         (lambda: thesis.spherical_path(0.5, 1.0, -0.1, rng()), "sigma_t must not be negative"),
     ],
 )

@@ -133,7 +133,7 @@ GRAPH = "EDGE_SE2 3 5 1 0 0 1 0 0 1 0 1\nEDGE_SE2 5 9 1 0 0 1 0 0 1 0 1\n"
             "node 10 is not in the graph (2 of 5 are not)",
         ),
         ("3 0 0 0 0 0 0 1\n5 0 0 0 0 0 0 1\n", "a.tum", "lacks node 9"),
-        ("3.5 0 0 0 0 0 0 1\n", "a.tum", "give the nodes' times in a file"),
+        ("3.5 0 0 0 0 0 0 1\n", "a.tum", "provide a file of the nodes' times"),
         ("3 0 0 0 0 0 0 1\n3 0 0 0 0 0 0 1\n", "a.tum", "appears twice"),
         ("1 0 0 0 0 1 0 0 0 0 1 0\n", "a.kitti", "1 pose for the graph's 3 nodes"),
         ("3 1 0 0 0 0 -1 0 1 0\n", "a.rots", "3D poses, but the graph is 2D"),

@@ -64,7 +64,7 @@ def test_numbers_in_names_are_taken_where_image_ids_do_not_fit_and_this_is_said(
     R, t, _ = cameras(3)
     names = ["left/0012.png", "frame_10.jpg", "0011.png"]
     path = file(images_text(R, t, [1, 2, 3], names), "images.txt")
-    with pytest.warns(InputNotice, match="numbers in image names are taken"):
+    with pytest.warns(InputNotice, match="numbers in image names are used"):
         found = io.read_estimate(path, graph_with_ids([10, 11, 12]))
     assert np.abs(found.rotations - np.swapaxes(R, 1, 2)[[1, 2, 0]]).max() < 1e-14
 
@@ -175,11 +175,11 @@ def test_malformed_global_rotations(file):
     with pytest.raises(FormatError, match=r"image a.png appears twice"):
         io.read_estimate(twice, instance)
     nameless = file("a.png 1 0 0 0\nb.png 1 0 0 0\n", "rotations.txt")
-    with pytest.raises(FormatError, match="no numbers of their own"):
+    with pytest.raises(FormatError, match="no distinct numbers"):
         io.read_estimate(nameless, instance)
 
 
 def test_names_are_one_a_node():
     graph, _ = rotation_graph(np.random.default_rng(1), 3, 3)
-    with pytest.raises(GraphError, match="3 distinct texts"):
+    with pytest.raises(GraphError, match="3 distinct strings"):
         Instance("scene", graph, np.arange(3), names=("a", "b", "a"))

@@ -225,7 +225,7 @@ def test_1dsfm_measures_from_world_to_camera(scene, file):
         instance = io.read(path, quiet=True)
         assert instance.name == "scene"
         assert instance.ids.tolist() == [4, 9, 11]
-        assert "1 edge outside the component of cc.txt left out" in instance.notices
+        assert "1 edge outside the component of cc.txt ignored" in instance.notices
         R = instance.truth.rotations
         np.testing.assert_allclose(R, np.swapaxes(W[:3], 1, 2), rtol=0, atol=1e-14)
         i, j = instance.graph.edges.T

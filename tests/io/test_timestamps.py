@@ -36,9 +36,9 @@ def test_other_timestamps_are_matched_in_order_and_this_is_said(file, instance, 
     path = file(tum(times), "a.tum")
     with pytest.warns(InputNotice, match="ascending order"):
         assert places(path, instance) == [0, 1, 2, 3, 4]
-    with pytest.raises(FormatError, match="no node ids, and 4 poses cannot"):
+    with pytest.raises(FormatError, match="not node ids, and 4 poses cannot"):
         io.read_estimate(file(tum(times[:4]), "a.tum"), instance)
-    with pytest.raises(FormatError, match="no node ids"):
+    with pytest.raises(FormatError, match="not node ids"):
         io.read_estimate(file(tum(times[::-1]), "a.tum"), instance)
 
 
@@ -53,7 +53,7 @@ def test_the_nearest_pose_of_a_denser_trajectory(file, instance):
     with pytest.warns(InputNotice) as said:
         assert places(path, instance, timestamps=stamps) == [0, 5, 10, 15, 20]
     assert "off by at most 0.004 s" in str(said[0].message)
-    assert "16 poses at times of no node left out" in str(said[1].message)
+    assert "16 poses at times without a node ignored" in str(said[1].message)
 
 
 @pytest.mark.parametrize(

@@ -286,7 +286,7 @@ def test_timestamps(tmp_path):
     assert_estimates_agree(
         io.read_estimate(path, instance, timestamps=stamps), instance.truth, 3e-15
     )
-    with pytest.raises(FormatError, match="no node ids"):
+    with pytest.raises(FormatError, match="not node ids"):
         io.read_estimate(path, instance)
     stamps.write_text("1.0\n2.0\n")
     with pytest.raises(InputError, match="2 timestamps for 5 nodes"):

@@ -124,7 +124,7 @@ def test_a_certificate_is_of_what_was_kept():
 
 def test_few_measurements_are_not_trimmed(dataset):
     graph, *_ = rotation_graph(rng_of(8), 30, 3, extra=20)
-    with pytest.raises(GraphError, match="adaptive trimming needs 4 a node"):
+    with pytest.raises(GraphError, match="adaptive trimming needs 4 per node"):
         AdaptiveTrimming().solve(RotationProblem(graph))
 
 

@@ -356,7 +356,7 @@ def test_no_answer_is_one_line(monkeypatch):
     assert str(caught.value) == "CLARABEL gave up: Solver 'CLARABEL' failed"
     monkeypatch.setattr(cvxpy.Problem, "solve", lambda *args, **kwargs: None)
     monkeypatch.setattr(cvxpy.Problem, "status", "infeasible")
-    with pytest.raises(NumericalError, match=r"^CLARABEL has no answer: infeasible$"):
+    with pytest.raises(NumericalError, match=r"^CLARABEL found no solution: infeasible$"):
         PrimalSDP().solve(problem)
 
 

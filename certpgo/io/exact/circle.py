@@ -2,8 +2,8 @@
 
 An angle enters a proof as the pair (c, s) = (cos(theta/2), sin(theta/2)), each the double nearest
 to the true value. The definition is a fixed-point series in Python's integers
-(`half_angle_pair`); `half_angles` computes the same pairs in batches by double-double arithmetic
-and asks the definition wherever its own error bound leaves the rounding open.
+(`half_angle_pair`); `half_angles` computes the same pairs in batches by double-double arithmetic,
+and uses the definition when its error bound leaves the rounding undecided.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from certpgo.errors import InputError
 from certpgo.io.exact.doubledouble import DD, add, multiply, rounds_alike, two_sum
 from certpgo.linalg.arrays import FloatArray
 
-#: Larger angles are refused: they are mistakes, and reduction modulo pi would need more bits.
+#: Larger angles are refused: they are mistakes, and would need more bits to reduce modulo pi.
 MAX_ANGLE = 1e6
 
-#: Relative error granted to the double-double pairs; their true error is below 2^-95.
+#: Relative error bound of the double-double pairs; their true error is below 2^-95.
 _MARGIN = 2.0**-80
 
 
@@ -47,7 +47,7 @@ def half_angle_pair(theta: float) -> tuple[float, float]:
     Raises
     ------
     InputError
-        For an angle that is not finite or larger than `MAX_ANGLE`.
+        The angle is not finite or larger than `MAX_ANGLE`.
     """
     _check_range(np.array([theta]))
     if theta == 0.0:
@@ -55,7 +55,7 @@ def half_angle_pair(theta: float) -> tuple[float, float]:
     bits = 256 + max(0, -frexp(theta)[1])
     while True:
         cosine, sine = _series(theta, bits)
-        # 2^20 units cover every truncation below; no value but theta = 0 is a rounding tie.
+        # 2^20 units bound all truncation errors; only theta = 0 is a rounding tie.
         pairs = {
             ((cosine + e) / (1 << bits), (sine + f) / (1 << bits))
             for e in (-(1 << 20), 1 << 20)
@@ -92,13 +92,7 @@ def _check_range(theta: FloatArray) -> None:
 
 
 def half_angles(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Arrays (...,) of cos(theta/2) and sin(theta/2), equal to `half_angle_pair` bit for bit.
-
-    Raises
-    ------
-    InputError
-        As `half_angle_pair`.
-    """
+    """Arrays (...,) of cos(theta/2) and sin(theta/2), equal to `half_angle_pair` bit for bit."""
     theta = np.asarray(theta, dtype=np.float64)
     _check_range(theta)
     cosine, sine = _double_double_pairs(0.5 * theta)
@@ -117,7 +111,7 @@ def _nearest_pair(value: Fraction) -> tuple[float, float]:
 
 
 def _half_pi_parts() -> tuple[float, ...]:
-    """pi/2 in pieces of 32 bits, so that a quadrant count below 2^20 times a piece is exact."""
+    """pi/2 in parts of 32 bits, so that products with quadrants below 2^20 are exact."""
     rest, parts = Fraction(_pi(256), 1 << 257), []
     for k in range(1, 6):
         scale = 1 << (32 * k - 1)

@@ -1,8 +1,8 @@
 """Double-double arithmetic in batches (Dekker 1971): a number is the sum of two doubles.
 
-Each operation is good to a few 2^-104 of its operands' magnitude while nothing over- or
-underflows; products of two doubles are exact. It proposes roundings that integers would prove
-slowly; `rounds_alike` says which of them are certain.
+Each operation is accurate to a few 2^-104 of its operands' magnitude, without over- or underflow;
+products of two doubles are exact. It is faster than integers; `rounds_alike` decides which
+roundings are certain.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Exact weights: from the text of an information matrix to kappa and tau.
 
-The decimals in a file are exact rationals; kappa and tau are defined as rational functions of
-them, rounded once to the nearest double, so that every machine reads the same problem (a LAPACK
-inverse differs from one to the next). With Omega_t the leading and Omega_R the trailing block,
+The decimals in a file are exact rationals; kappa and tau are rational functions of them, rounded
+once to the nearest double, so that every machine reads the same problem (LAPACK's inverse differs
+between machines). With Omega_t the leading and Omega_R the trailing block,
 
     3D   tau = 3 / tr(Omega_t^-1)    kappa = 3 / (2 tr(Omega_R^-1))
     2D   tau = 2 / tr(Omega_t^-1)    kappa = Omega_theta
@@ -20,17 +20,17 @@ import numpy as np
 from certpgo.errors import InputError
 from certpgo.linalg.arrays import BoolArray, FloatArray
 
-#: Decimal exponents and digit counts beyond a double's range are refused before they cost memory.
+#: Decimal exponents and digit counts beyond a double's range are refused to save memory.
 _MAX_EXPONENT = 400
 
 
 @dataclass(frozen=True)
 class InformationLayout:
-    """Where a format writes the entries of a symmetric information matrix.
+    """The order of the entries of a symmetric information matrix in a format.
 
     Attributes
     ----------
-    positions : place, in the text, of each entry of the matrix ordered (translation, rotation)
+    positions : position, in the text, of each entry of the matrix ordered (translation, rotation)
     """
 
     positions: tuple[tuple[int, ...], ...]
@@ -42,12 +42,12 @@ class InformationLayout:
 
     @property
     def size(self) -> int:
-        """Numbers in the text."""
+        """Number of entries in the text."""
         p = len(self.positions)
         return p * (p + 1) // 2
 
     def upper(self, start: int, stop: int) -> tuple[int, ...]:
-        """Places of the upper triangle of a diagonal block, row by row."""
+        """Positions of the upper triangle of a diagonal block, row by row."""
         return tuple(self.positions[i][j] for i in range(start, stop) for j in range(i, stop))
 
 
@@ -63,7 +63,7 @@ ROW_MAJOR_3D = InformationLayout(
         (5, 10, 14, 17, 19, 20),
     )
 )
-#: TORO's own order in the plane: xx xy yy tt xt yt.
+#: TORO's order in 2D: xx xy yy tt xt yt.
 TORO_2D = InformationLayout(((0, 1, 4), (1, 2, 5), (4, 5, 3)))
 
 
@@ -115,7 +115,7 @@ def _decimal(token: str) -> tuple[int, int]:
 
 
 def _harmonic_mean(upper: list[int], block: str) -> tuple[int, int]:
-    """The fraction size / tr(A^-1) of a symmetric matrix A; by adjugate and determinant."""
+    """The fraction size / tr(A^-1) of a symmetric matrix A, from adjugate and determinant."""
     minors: tuple[int, ...]
     if len(upper) == 1:
         minors, numerator, denominator = (upper[0],), upper[0], 1
@@ -153,7 +153,7 @@ def _rounded(numerator: int, denominator: int, exponent: int) -> float:
 def indefinite(values: FloatArray, layout: InformationLayout) -> BoolArray:
     """Which full matrices, given as numbers (k, size), are not positive definite.
 
-    By elimination in doubles: it serves a notice, no weight depends on it.
+    By elimination in doubles: only for a notice, no weight depends on it.
     """
     positions = np.array(layout.positions)
     coupled = np.flatnonzero(values[:, positions[: layout.d, layout.d :].ravel()].any(axis=1))

@@ -1,9 +1,9 @@
 """Exact rotations: from the numbers in a file to rotation matrices, without a square root.
 
 For any non-zero quaternion of doubles R(q)/|q|^2 is exactly a rotation; the matrices returned here
-are its entries to a few units in the last place. What a file states otherwise becomes a
-quaternion, or in the plane a half-angle pair, by the fixed formulas below; a proof relies on the
-same ones. Quaternions are x y z w, the real part last.
+are its entries to a few units in the last place. Other representations are converted to
+quaternions, or in 2D half-angle pairs, by the fixed formulas below, on which proofs rely.
+Quaternions are x y z w, the real part last.
 """
 
 from __future__ import annotations
@@ -22,17 +22,11 @@ NORM_TOLERANCE = 1e-3
 
 
 def rotations(q: FloatArray) -> FloatArray:
-    """Rotations R(q)/|q|^2, (k, 3, 3), of quaternions (k, 4) of any non-zero norm.
-
-    Raises
-    ------
-    InputError
-        For a zero quaternion.
-    """
+    """Rotations R(q)/|q|^2, (k, 3, 3), of quaternions (k, 4); InputError for a zero one."""
     largest = np.abs(q).max(axis=-1, initial=0.0)
     if not (largest > 0.0).all():
         raise InputError("a quaternion must not be zero")
-    # A power of two changes nothing but the exponents, and keeps the squares in range.
+    # Scaling by a power of two is exact, and keeps the squares in range.
     x, y, z, w = np.ldexp(q, -np.frexp(largest)[1][:, None]).T
     xx, yy, zz, ww = x * x, y * y, z * z, w * w
     norm = (xx + yy) + (zz + ww)
@@ -49,12 +43,7 @@ def rotations(q: FloatArray) -> FloatArray:
 def planar_rotations(theta: FloatArray) -> FloatArray:
     """Rotations (k, 2, 2) by angles (k,): [[c^2-s^2, -2cs], [2cs, c^2-s^2]]/(c^2+s^2).
 
-    (c, s) are the correctly rounded cosine and sine of half the angle.
-
-    Raises
-    ------
-    InputError
-        For an angle beyond `certpgo.io.exact.circle.MAX_ANGLE`.
+    (c, s) are the correctly rounded cosine and sine of half the angle; see `half_angles`.
     """
     c, s = half_angles(theta)
     norm = c * c + s * s
@@ -96,15 +85,11 @@ def from_roll_pitch_yaw(angles: FloatArray) -> FloatArray:
 def from_matrices(M: FloatArray) -> FloatArray:
     """Quaternions (k, 4), not normalized, of 3x3 matrices, by Shepperd's branches.
 
-    The largest of the trace and the three diagonal entries chooses the branch (the first of equals
-    in the order trace, xx, yy, zz); the component it belongs to is then safely away from zero.
-
-    Raises
-    ------
-    InputError
-        For a matrix that is not a rotation to `MATRIX_TOLERANCE`.
+    The largest of the trace and the three diagonal entries selects the branch (ties in the order
+    trace, xx, yy, zz), so that the corresponding component is not small. InputError for a matrix
+    that is not a rotation to `MATRIX_TOLERANCE`.
     """
-    with np.errstate(over="ignore", invalid="ignore"):  # of what is no rotation
+    with np.errstate(over="ignore", invalid="ignore"):  # if not rotations
         defect = np.abs(np.swapaxes(M, -1, -2) @ M - np.eye(3)).max(axis=(-2, -1), initial=0.0)
         positive = np.einsum("ni,ni->n", np.cross(M[:, 0], M[:, 1]), M[:, 2]) > 0.0
     if not ((defect <= MATRIX_TOLERANCE) & positive).all():
@@ -140,14 +125,14 @@ def to_write(R: FloatArray) -> FloatArray:
 
 
 def embedded_translations(t: FloatArray | None) -> FloatArray | None:
-    """Translations (k, 3); planar ones (k, 2) are taken at z = 0, None stays None."""
+    """Translations (k, 3); planar ones (k, 2) are embedded at z = 0, None stays None."""
     if t is None or t.shape[-1] == 3:
         return t
     return np.pad(t, ((0, 0), (0, 1)))
 
 
 def embedded(R: FloatArray) -> FloatArray:
-    """Rotations (k, 3, 3); planar ones (k, 2, 2) are taken about the z axis."""
+    """Rotations (k, 3, 3); planar ones (k, 2, 2) are embedded about the z axis."""
     if R.shape[-1] == 3:
         return R
     out = np.zeros((len(R), 3, 3))

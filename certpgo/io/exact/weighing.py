@@ -1,8 +1,8 @@
 """The exact weights of many information matrices, in batches.
 
-`certpgo.io.exact.information.weights` is the definition, in integers. Here double-double arithmetic
-finds the same doubles for texts of at most 15 digits a number, and the definition is asked where
-an error bound leaves the rounding, or positive definiteness, open.
+`certpgo.io.exact.information.weights` is the definition, in integers. Double-double arithmetic
+gives the same doubles for numbers of at most 15 digits; the definition is used when an error bound
+leaves the rounding, or positive definiteness, undecided.
 """
 
 from __future__ import annotations
@@ -27,30 +27,22 @@ from certpgo.io.exact.doubledouble import (
 from certpgo.io.exact.information import InformationLayout, indefinite, weights
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
-#: A decimal of at most 15 digits is the only such decimal that rounds to its double.
+#: Decimals of at most 15 digits round to distinct doubles.
 _MAX_INTEGER = 1e15
 _MAX_LENGTH = 16
-#: Shorter decimals without exponent are zero if their double is.
+#: Shorter decimals without exponent are zero if and only if their double is.
 _MAX_ZERO_LENGTH = 300
 
-#: Errors of determinants and adjugates, relative to the largest entry's power; the true errors
-#: are below a few tens of 2^-104.
+#: Error bound of determinants and adjugates, relative to the largest entry's power; true errors are
+#: below a few tens of 2^-104.
 _MARGIN = 2.0**-92
-#: Determinants smaller than this, so scaled, are left to the integers.
+#: Smaller scaled determinants are computed in integers.
 _REGULAR = 2.0**-36
-
-
 _UNUSUAL = re.compile(rb"[eE_]")
 
 
 def weigh(texts: list[bytes], layout: InformationLayout) -> tuple[FloatArray, FloatArray, int]:
-    """Weights kappa (k,) and tau (k,), and how many full matrices are indefinite.
-
-    Raises
-    ------
-    InputError
-        As `certpgo.io.exact.information.weights`.
-    """
+    """Weights kappa (k,) and tau (k,), and the number of indefinite full matrices."""
     number: dict[bytes, int] = {}
     index = [number.setdefault(text, len(number)) for text in texts]
     kappa, tau, flags = _distinct(list(number), layout)
@@ -65,7 +57,7 @@ def _distinct(
     size = layout.size
     tokens = b" ; ".join([*texts, b""]).split()
     try:
-        # A separator after every size-th number, or some text has more or fewer.
+        # A separator after every size-th number, unless some text has more or fewer.
         separators = tokens[size :: size + 1]
         if separators != [b";"] * len(texts) or len(tokens) != len(texts) * (size + 1):
             raise ValueError
@@ -96,12 +88,12 @@ def _exact(text: bytes, layout: InformationLayout) -> tuple[float, float]:
 def _block(
     values: FloatArray, lengths: IntArray, block: tuple[int, ...]
 ) -> tuple[FloatArray, BoolArray]:
-    """The means size / tr(A^-1) of diagonal blocks A (k,), and which of them are certain."""
+    """The means size / tr(A^-1) of diagonal blocks A (k,), and which are certain."""
     upper, length = values[:, block].T, lengths[:, block].max(axis=1)
     size = {1: 1, 3: 2, 6: 3}[len(block)]
     diagonal = [0, 2, 3][:size] if size < 3 else [0, 3, 5]
     out = upper[0].copy()
-    # Equal doubles on the diagonal: the exact mean lies between the decimals, and rounds alike.
+    # Equal doubles on the diagonal: the mean lies between the decimals, and rounds the same.
     isotropic = (upper[diagonal] == out).all(axis=0) & (out > 0.0)
     isotropic &= ~np.delete(upper, diagonal, axis=0).any(axis=0) & (length <= _MAX_ZERO_LENGTH)
     rest = np.flatnonzero(~isotropic & (length <= _MAX_LENGTH) & (size > 1))
@@ -130,7 +122,7 @@ def _harmonic_means(upper: FloatArray, diagonal: list[int]) -> tuple[FloatArray,
 
 
 def _planar(N: FloatArray) -> tuple[FloatArray, DD, DD]:
-    """Leading minors but the determinant, determinant, trace of the adjugate."""
+    """Leading minors except the determinant, determinant, trace of the adjugate."""
     a, b, c = N
     return a[None], add(two_product(a, c), negative(two_product(b, b))), two_sum(a, c)
 
@@ -155,15 +147,15 @@ def _spatial(N: FloatArray) -> tuple[FloatArray, DD, DD]:
 
 
 def _scaled_integers(upper: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Integers N (in doubles) and powers of ten with N / power the decimals; NaN where none fit."""
+    """Integers N (in doubles) and powers of ten with N / power the decimals; NaN if none."""
     N, power = np.full_like(upper, np.nan), np.ones(upper.shape[1])
-    open_ = np.arange(upper.shape[1])
+    remaining = np.arange(upper.shape[1])
     for digits in range(_MAX_LENGTH):
         with np.errstate(over="ignore"):  # too large to fit
-            scaled = np.rint(upper[:, open_] * 10.0**digits)
-        fits = (scaled / 10.0**digits == upper[:, open_]) & (np.abs(scaled) < _MAX_INTEGER)
+            scaled = np.rint(upper[:, remaining] * 10.0**digits)
+        fits = (scaled / 10.0**digits == upper[:, remaining]) & (np.abs(scaled) < _MAX_INTEGER)
         found = fits.all(axis=0)
-        N[:, open_[found]] = scaled[:, found]
-        power[open_[found]] = 10.0**digits
-        open_ = open_[~found]
+        N[:, remaining[found]] = scaled[:, found]
+        power[remaining[found]] = 10.0**digits
+        remaining = remaining[~found]
     return N, power

@@ -1,1 +1,1 @@
-"""File formats, one a module, found by scanning this folder."""
+"""File formats, one per module, found by scanning this folder."""

@@ -1,4 +1,4 @@
-"""Bundler's ``bundle.out``: the cameras alone, as 1DSfM's ground truth uses them.
+"""Bundler's ``bundle.out``: only the cameras, as used for 1DSfM's ground truth.
 
 A camera maps world to camera with the axes x right, y up, z backward; with D = diag(1, -1, -1),
 D R and D t have 1DSfM's axes (x right, y down, z forward). A camera's number is its id; one whose

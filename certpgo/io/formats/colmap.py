@@ -1,6 +1,6 @@
-"""COLMAP's images.txt, which GLOMAP writes as well: the poses of a reconstruction.
+"""COLMAP's images.txt, also written by GLOMAP: the poses of a reconstruction.
 
-Two lines an image, the second of them perhaps empty:
+Two lines per image, the second may be empty:
 
     IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME
     X Y POINT3D_ID ...
@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import FormatError
-from certpgo.io.chunks import text_lines, without_comments
+from certpgo.io.chunks import first_words, text_lines
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Chart, Format, LabelledPoses
 
@@ -28,13 +28,12 @@ _POINTS = "X Y POINT3D_ID ... or an empty line"
 def _recognises(path: Path, head: bytes) -> bool:
     if _HEADER in head:
         return True
-    lines = (line.split() for line in without_comments(head).splitlines())
-    first = next((words for words in lines if words), [])
+    first = first_words(head)
     return _is_image(first) and first[0].isdigit() and first[8].isdigit()
 
 
 def _is_image(words: list[bytes]) -> bool:
-    """Whether these may be an image's words: nine numbers and a name, which is none."""
+    """Whether these may be an image's words: nine numbers and a name that is not a number."""
     return len(words) >= 10 and not _is_number(words[-1]) and all(map(_is_number, words[:9]))
 
 
@@ -74,7 +73,7 @@ def _read_poses(path: Path) -> LabelledPoses:
 
 
 def _images(path: Path) -> Iterator[tuple[int, bytes]]:
-    """The first line of each image, with its number; the second is checked in passing."""
+    """The first line of each image, with its number; the second is only checked."""
     lines = text_lines(path)
     for number, line in lines:
         if not line.strip() or line.lstrip().startswith(b"#"):

@@ -1,4 +1,4 @@
-"""g2o: VERTEX_SE3:QUAT, EDGE_SE3:QUAT and their planar kin.
+"""g2o: VERTEX_SE3:QUAT, EDGE_SE3:QUAT and their planar versions.
 
     VERTEX_SE3:QUAT id x y z qx qy qz qw
     EDGE_SE3:QUAT i j x y z qx qy qz qw [21 numbers]
@@ -6,14 +6,14 @@
     EDGE_SE2 i j x y theta [6 numbers]
     FIX id ...
 
-The information is its upper triangle, row by row, translation before rotation. g2o's own code
-takes the rotational part of 3D edges for information on the quaternion's vector part
-(``rotation_information="quaternion"``); SE-Sync and GTSAM read it on the tangent space, the
-default here.
+The information is its upper triangle, row by row, translation before rotation. In g2o's own code
+the rotational part of 3D edges refers to the quaternion's vector part
+(``rotation_information="quaternion"``); in SE-Sync, GTSAM and by default here to the tangent space.
 """
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +22,8 @@ from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.io.assemble import instance_from_lines, poses_from_lines
 from certpgo.io.exact import quaternion
 from certpgo.io.exact.information import ROW_MAJOR_2D, ROW_MAJOR_3D
-from certpgo.io.format import Chart, Format, LabelledPoses, ReadOptions
-from certpgo.io.lines import Dialect, Poses, Tag, first_tags, read_lines, rpy_poses
+from certpgo.io.format import Chart, Format
+from certpgo.io.lines import Dialect, Poses, Tag, first_tags, rpy_poses
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 _LANDMARKS = (
@@ -69,16 +69,6 @@ def _recognises(path: Path, head: bytes) -> bool:
     return bool(first_tags(head) & DIALECT.tags.keys())
 
 
-def _read_graph(path: Path, options: ReadOptions) -> Instance:
-    about = options.rotation_information or DIALECT.rotation_information
-    said = read_lines(path, DIALECT, options)
-    return instance_from_lines(path, said, {"rotation_information": about})
-
-
-def _read_poses(path: Path) -> LabelledPoses:
-    return poses_from_lines(path, read_lines(path, DIALECT, ReadOptions(ignore_information=True)))
-
-
 def _pose_words(words: list[bytes]) -> list[bytes]:
     return words[2:] if words[0].startswith(b"VERTEX") else []
 
@@ -96,7 +86,7 @@ def _pose_numbers(R: FloatArray, translations: FloatArray | None) -> list[str]:
 
 
 def _information(d: int, kappa: float, tau: float) -> str:
-    # Isotropic, so that reading it gives kappa and tau back to the last bit.
+    # Isotropic, so that reading it returns kappa and tau exactly.
     if d == 2:
         return f"{tau!r} 0 0 {tau!r} 0 {kappa!r}"
     a, b = repr(tau), repr(2.0 * kappa)
@@ -133,8 +123,8 @@ FORMAT = Format(
     suffixes=(".g2o",),
     recognises=_recognises,
     holds="poses and measurements",
-    read_graph=_read_graph,
-    read_poses=_read_poses,
+    read_graph=partial(instance_from_lines, DIALECT),
+    read_poses=partial(poses_from_lines, DIALECT),
     write_graph=_write_graph,
     write_poses=_write_poses,
     chart=Chart("quaternion", _pose_words, planar_angle=True),

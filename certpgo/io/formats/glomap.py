@@ -1,9 +1,9 @@
-"""GLOMAP's rotation averager: relative poses in, global rotations out, by image names.
+"""GLOMAP's rotation averaging: relative poses in, global rotations out, by image names.
 
     NAME_1 NAME_2 QW QX QY QZ TX TY TZ      x_2 = R x_1 + t, t a direction only
     NAME QW QX QY QZ                        world to camera
 
-Our R_12 and R_i are the transposes. A name has an extension, which tells these files from others.
+Our R_12 and R_i are the transposes. Names have an extension, which identifies these files.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from certpgo.errors import FormatError, InputError
 from certpgo.graph import Instance, RotationGraph
-from certpgo.io.chunks import parsed, without_comments
+from certpgo.io.chunks import first_words, parsed
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Chart, Format, LabelledPoses, Progress, ReadOptions
 from certpgo.io.names import name_numbers
@@ -27,8 +27,7 @@ _NAME = re.compile(rb".*\.[A-Za-z]\w*\Z")
 
 
 def _recognises(path: Path, head: bytes) -> bool:
-    lines = (line.split() for line in without_comments(head).splitlines())
-    first = next((words for words in lines if words), [])
+    first = first_words(head)
     names = {5: first[:1], 9: first[:2]}.get(len(first), [])
     return bool(names) and all(_NAME.match(name) for name in names)
 
@@ -38,10 +37,10 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
     names = np.unique(texts)
     numbers = name_numbers(names.tolist())
     if numbers is None:
-        said = "nodes are numbered in the order of image names"
+        numbering = "nodes are numbered in the order of image names"
         numbers = np.arange(len(names))
     else:
-        said = "the numbers in image names are taken for node ids"
+        numbering = "the numbers in image names are used as node ids"
     order = np.argsort(numbers)
     rank = np.argsort(order)
     edges = rank[np.searchsorted(names, texts)]
@@ -56,8 +55,8 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         },
         notices=(
             "no weights in the file: kappa = 1",
-            "directions of translation are not read",
-            said,
+            "translation directions are ignored",
+            numbering,
         ),
         names=tuple(names[order].tolist()),
     )

@@ -4,21 +4,21 @@
     EDGE3 i j x y z roll pitch yaw [21 numbers]
 
 R = Rz(yaw) Ry(pitch) Rx(roll). The information is the upper triangle, row by row, in the order of
-the pose's numbers; its rotational part is on roll, pitch and yaw (``rotation_information="rpy"``),
-taken at small angles, where it is information on the tangent space. In 2D g2o's order.
+the pose's numbers; its rotational part refers to roll, pitch and yaw
+(``rotation_information="rpy"``), for small angles the tangent space. In 2D g2o's order.
 """
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
-from certpgo.graph import Instance
 from certpgo.io.assemble import instance_from_lines
 from certpgo.io.exact.information import ROW_MAJOR_2D, ROW_MAJOR_3D
-from certpgo.io.format import Format, ReadOptions
-from certpgo.io.lines import Dialect, Tag, first_tags, read_lines, rpy_poses
+from certpgo.io.format import Format
+from certpgo.io.lines import Dialect, Tag, first_tags, rpy_poses
 
-_VARIANT = "EDGE2 or EDGE3 expected; iSAM's older {} lines are not read"
+_VARIANT = "EDGE2 or EDGE3 expected; iSAM's older {} lines are not supported"
 
 DIALECT = Dialect(
     name="iSAM",
@@ -41,16 +41,10 @@ def _recognises(path: Path, head: bytes) -> bool:
     return known and path.suffix != ".graph" and not tags & {b"VERTEX2", b"VERTEX3"}
 
 
-def _read_graph(path: Path, options: ReadOptions) -> Instance:
-    about = options.rotation_information or DIALECT.rotation_information
-    said = read_lines(path, DIALECT, options)
-    return instance_from_lines(path, said, {"rotation_information": about})
-
-
 FORMAT = Format(
     name="isam",
     suffixes=(),
     recognises=_recognises,
     holds="measurements",
-    read_graph=_read_graph,
+    read_graph=partial(instance_from_lines, DIALECT),
 )

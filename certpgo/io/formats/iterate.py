@@ -1,7 +1,7 @@
-"""Lifted iterates of Burer-Monteiro solvers, as DPGO writes them: rounded to poses when read.
+"""Lifted iterates of Burer-Monteiro solvers, as written by DPGO; rounded to poses when read.
 
-The first line holds the rank r and the number of columns (d + 1) n; r rows follow, a pose's d
-rotation columns and its translation column side by side.
+The first line has the rank r and the number of columns (d + 1) n; r rows follow, with d rotation
+columns and a translation column for each pose.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from certpgo.io.chunks import text_lines
 from certpgo.io.format import Format, LabelledPoses
 from certpgo.linalg.arrays import FloatArray
 
-#: Largest entry of Y_i^T Y_i - I of an iterate written with few digits.
+#: Largest entry of Y_i^T Y_i - I of an iterate with few digits.
 FEW_DIGITS = 1e-2
 
 
@@ -25,7 +25,7 @@ def _recognises(path: Path, head: bytes) -> bool:
     first = lines[0].split()
     if len(lines) < 2 or len(first) != 2 or not all(word.isdigit() for word in first):
         return False
-    # A head of the file may cut the second line short.
+    # The head may end within the second line.
     return len(lines[1].split()) > 12 or int(first[1]) <= 12
 
 
@@ -35,7 +35,7 @@ def _read_poses(path: Path) -> LabelledPoses:
         if Y.size and Y.shape[1] % (d + 1) == 0 and len(Y) >= d:
             poses = np.moveaxis(Y.reshape(len(Y), -1, d + 1), 1, 0)
             lifted, moved = poses[:, :, :d], poses[:, :, d]
-            with np.errstate(over="ignore", invalid="ignore"):  # of what is no rotation
+            with np.errstate(over="ignore", invalid="ignore"):  # if not rotations
                 defect = np.abs(np.swapaxes(lifted, 1, 2) @ lifted - np.eye(d)).max()
             if defect <= FEW_DIGITS:
                 estimate = rounded(Lift(lifted, moved))
@@ -44,13 +44,7 @@ def _read_poses(path: Path) -> LabelledPoses:
 
 
 def _matrix(path: Path) -> FloatArray:
-    """The (r, (d + 1) n) numbers.
-
-    Raises
-    ------
-    FormatError
-        A row that is missing, too short or too long, or holds something else than numbers.
-    """
+    """The (r, (d + 1) n) numbers."""
     lines = text_lines(path)
     rank, columns = (int(number) for number in _numbers(path, *next(lines), 2))
     rows = [(number, line) for number, line in lines if line.strip()]

@@ -1,4 +1,4 @@
-"""KITTI poses: the 3x4 matrix [R t] row by row, 12 numbers a line, one line a node in order."""
+"""KITTI poses: the 3x4 matrix [R t] row by row, 12 numbers per line, nodes in order."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ from certpgo.linalg.arrays import FloatArray, IntArray
 _VERSION = 1
 _Arrays = Mapping[str, NDArray[Any]]
 
-#: Kind of numbers or text, and shape, of each array; a letter is one size wherever it stands.
+#: Kind (number or text) and shape of each array; equal letters are equal sizes.
 _HEADER = {"kind": ("U", ""), "version": ("i", "")}
 _GRAPH = {
     "num_nodes": ("i", ""),
@@ -67,7 +67,7 @@ def _load(path: Path, kind: str) -> _Arrays:
             }
     except FormatError:
         raise
-    except Exception:  # zipfile, zlib and NumPy each have their own errors for broken archives
+    except Exception:  # zipfile, zlib and NumPy raise various errors
         raise FormatError(path, None, "an archive of plain NumPy arrays expected") from None
     try:
         _require_layout(arrays, _HEADER, {})
@@ -80,24 +80,18 @@ def _load(path: Path, kind: str) -> _Arrays:
 
 
 def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
-    """An array whose header agrees with the size of its data.
-
-    Raises
-    ------
-    ValueError
-        It does not, the array is of objects, or its text is none.
-    """
+    """An array; ValueError if header and data disagree, or for objects and invalid text."""
     readers = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
     with archive.open(member) as stream:
         shape, by_columns, dtype = readers[npy.read_magic(stream)](stream)
         size = math.prod(shape) * dtype.itemsize
         if dtype.hasobject or min(shape, default=0) < 0 or size != member.file_size - stream.tell():
             raise ValueError
-        # A number of bytes is asked for, as what the archive says of its sizes may be wrong.
+        # Limit the bytes read, as the sizes in the archive may be wrong.
         data = stream.read(size)
     array: NDArray[Any] = np.ndarray(shape, dtype, data, order="F" if by_columns else "C")
     if dtype.kind == "U":
-        "".join(array.ravel().tolist()).encode()  # or a ValueError
+        "".join(array.ravel().tolist()).encode()  # ValueError if invalid
     return array
 
 
@@ -106,13 +100,7 @@ def _require_layout(
     required: Mapping[str, tuple[str, str]],
     optional: Mapping[str, tuple[str, str]],
 ) -> None:
-    """Refuse arrays of other kinds or shapes.
-
-    Raises
-    ------
-    InputError
-        An array is missing, or does not fit the others.
-    """
+    """Refuse missing arrays, and arrays of other kinds or shapes, by an InputError."""
     sizes: dict[str, int] = {}
     for name, (kind, dims) in {**required, **optional}.items():
         if name not in arrays:
@@ -164,14 +152,14 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
 
 
 def _texts(arrays: _Arrays, name: str, container: type[Any]) -> Any:
-    """A list of texts, or a dict of them, from JSON."""
+    """A list or dict of strings, from JSON."""
     try:
         found = json.loads(str(arrays[name]))
     except (ValueError, RecursionError):
         found = None
     values = found.values() if isinstance(found, dict) else found
     if type(found) is not container or not all(isinstance(value, str) for value in values):
-        raise InputError(f"the array {name!r} must hold texts")
+        raise InputError(f"the array {name!r} must hold strings")
     return found
 
 

@@ -39,7 +39,7 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
     file = path / _GRAPH if path.is_dir() else path
     numbers, R = read_rows(file, 14, _EXPECTED, _convert, options.progress)
     pairs = numbers.astype(np.intp)
-    notices = ["no weights in the file: kappa = 1", "directions of translation are not read"]
+    notices = ["no weights in the file: kappa = 1", "translation directions are ignored"]
     ids = distinct(pairs.ravel())
     component = file.with_name(_COMPONENT)
     if file.name == _GRAPH and component.is_file():
@@ -48,7 +48,7 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         if not kept.any():
             raise FormatError(component, None, f"no edge of {file.name} lies in the component")
         if not kept.all():
-            outside = f"edge{{s}} outside the component of {_COMPONENT} left out"
+            outside = f"edge{{s}} outside the component of {_COMPONENT} ignored"
             notices.append(counted(int(np.sum(~kept)), outside))
         pairs, R = pairs[kept], R[kept]
     graph = RotationGraph(len(ids), numbered(ids, pairs), R, np.ones(len(pairs)))
@@ -62,8 +62,8 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
             "weights": "unit",
         },
     )
-    truth, said = _truth(file, instance)
-    return replace(instance, truth=truth, notices=(*notices, *said))
+    truth, more = _truth(file, instance)
+    return replace(instance, truth=truth, notices=(*notices, *more))
 
 
 def _name(path: Path) -> str:
@@ -82,7 +82,7 @@ def _component(path: Path) -> IntArray:
 
 
 def _truth(file: Path, instance: Instance) -> tuple[Estimate | None, tuple[str, ...]]:
-    """The scene's truth, if it covers every node; else a notice that says how much it covers."""
+    """The scene's truth, if it covers every node; else a notice of how many it covers."""
     for path in (file.with_name(name) for name in _TRUTH if file.name == _GRAPH):
         if not path.is_file():
             continue

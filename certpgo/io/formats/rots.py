@@ -1,4 +1,4 @@
-"""1DSfM's rots.txt: an id and R row by row, world to camera, 10 numbers a line."""
+"""1DSfM's rots.txt: an id and R row by row, world to camera, 10 numbers per line."""
 
 from __future__ import annotations
 

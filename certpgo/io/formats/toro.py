@@ -9,13 +9,13 @@ R = Rz(yaw) Ry(pitch) Rx(roll). EQUIV (known correspondences) and BR (laser) lin
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
-from certpgo.graph import Instance
 from certpgo.io.assemble import instance_from_lines, poses_from_lines
 from certpgo.io.exact.information import ROW_MAJOR_3D, TORO_2D
-from certpgo.io.format import Format, LabelledPoses, ReadOptions
-from certpgo.io.lines import Dialect, Tag, first_tags, read_lines, rpy_poses
+from certpgo.io.format import Format
+from certpgo.io.lines import Dialect, Tag, first_tags, rpy_poses
 
 DIALECT = Dialect(
     name="TORO",
@@ -36,21 +36,11 @@ DIALECT = Dialect(
 
 def _recognises(path: Path, head: bytes) -> bool:
     tags = first_tags(head)
-    # EDGE2 and EDGE3 alone are iSAM's too; vertices, or else the suffix, tell.
+    # iSAM has EDGE2 and EDGE3 too; vertices or the suffix distinguish TORO.
     shared = {b"EDGE2", b"EDGE3"}
     return bool(tags & (DIALECT.tags.keys() - shared)) or (
         path.suffix == ".graph" and bool(tags & shared)
     )
-
-
-def _read_graph(path: Path, options: ReadOptions) -> Instance:
-    about = options.rotation_information or DIALECT.rotation_information
-    said = read_lines(path, DIALECT, options)
-    return instance_from_lines(path, said, {"rotation_information": about})
-
-
-def _read_poses(path: Path) -> LabelledPoses:
-    return poses_from_lines(path, read_lines(path, DIALECT, ReadOptions(ignore_information=True)))
 
 
 FORMAT = Format(
@@ -58,6 +48,6 @@ FORMAT = Format(
     suffixes=(".graph",),
     recognises=_recognises,
     holds="poses and measurements",
-    read_graph=_read_graph,
-    read_poses=_read_poses,
+    read_graph=partial(instance_from_lines, DIALECT),
+    read_poses=partial(poses_from_lines, DIALECT),
 )

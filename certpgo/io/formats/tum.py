@@ -1,4 +1,4 @@
-"""TUM trajectories: ``timestamp tx ty tz qx qy qz qw`` a line, seconds and metres."""
+"""TUM trajectories: lines ``timestamp tx ty tz qx qy qz qw``, seconds and metres."""
 
 from __future__ import annotations
 

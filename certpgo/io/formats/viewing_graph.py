@@ -1,4 +1,4 @@
-"""Viewing graphs as MATLAB files: one square sparse 0/1 adjacency matrix, no rotations."""
+"""Viewing graphs in MATLAB files: one square sparse 0/1 adjacency matrix, no rotations."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         ids=np.arange(n),
         source=str(path),
         options={"rotation_information": options.rotation_information or "tangent"},
-        notices=("only the topology is in the file: every rotation is the identity, kappa = 1",),
+        notices=("the file has only the topology: every rotation is the identity, kappa = 1",),
     )
 
 
