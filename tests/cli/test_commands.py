@@ -440,7 +440,7 @@ def test_certify_says_how_far_the_best_answer_is_and_where_the_cost_sits(certpgo
     assert "the right basin" in done.out
     assert "the optimum is" in done.out
     assert "rounding to the file's 3 decimals raises even the best F by" in done.out
-    assert done.out.count("% of F, off by") == 3
+    assert done.out.count("% of F, residual") == 3
     assert "--best" in done.err
     report = certpgo("certify", square, rounded, "--json").json
     assert report["objective"].startswith("F with weights from the file")

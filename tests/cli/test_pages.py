@@ -42,7 +42,7 @@ def test_certify_writes_a_page_of_the_answer_as_given(certpgo, square, tmp_path)
     assert "<strong>BOUNDED</strong>" in page
     assert "The estimate came from a file" in page
     assert f"certpgo certify {square} {square} --unit-weights --proof answer.cert" in page
-    assert "all weights 1, whatever the file says" in page
+    assert "all weights 1, ignoring the file's" in page
 
 
 def test_a_method_that_keeps_no_trace(certpgo, square, tmp_path):
