@@ -63,7 +63,7 @@ def reading_sentence(reading: Mapping[str, str]) -> str:
     weights = reading.get("weights", "file")
     sentence = {
         "file": "weights from the file's information matrices",
-        "unit": "all weights 1, ignoring the file's",
+        "unit": "all weights 1, ignoring those of the file",
     }.get(weights, f"weights {weights}")
     about = reading.get("rotation_information", "tangent")
     if weights == "file" and about != "tangent":

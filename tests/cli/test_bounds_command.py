@@ -32,7 +32,7 @@ def test_bounds_in_words(certpgo, wound):
         "half a turn over the number of nodes",
         "15 deg",
         "not requested",
-        "optimal, to six digits",
+        "proven: this estimate is optimal",
     ):
         assert words in done.out
 
