@@ -25,7 +25,7 @@ Command = Callable[..., int | None]
 EXIT_CODES = {
     0: "success or CERTIFIED",
     1: "unusable input",
-    2: "usage",
+    2: "usage error",
     3: "BOUNDED",
     4: "REFUTED",
     5: "UNDECIDED",

@@ -41,7 +41,10 @@ def command(
         typer.Option("--graph", help="Graph of the estimate, for node ids and initial values."),
     ] = None,
     anchor: Annotated[
-        Anchor | None, typer.Option("--anchor", help="World frame for the estimate.")
+        Anchor | None,
+        typer.Option(
+            "--anchor", help="Frame: first pose as in the file, first pose identity, or fixed pose."
+        ),
     ] = None,
     timestamps: Timestamps = "ids",
     *,
