@@ -726,7 +726,7 @@ def is_positive_semidefinite(blocks: Blocks, order: Ints, delta: Array) -> bool:
     return False
 
 
-# --- The answer -----------------------------------------------------------------------------------
+# --- The result -----------------------------------------------------------------------------------
 
 
 class Answer(NamedTuple):
@@ -787,8 +787,8 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
     >>> from certpgo.datasets.synthetic import helix
     >>> certpgo.write("helix.g2o", helix(3, np.random.default_rng(0)))
     >>> instance = certpgo.read("helix.g2o")
-    >>> answer = certpgo.solve(instance.graph)
-    >>> proven = instance, answer.estimate, answer.certificate
+    >>> result = certpgo.solve(instance.graph)
+    >>> proven = instance, result.estimate, result.certificate
     >>> _ = certpgo.write_proof("helix.cert", "helix.g2o", *proven)
     >>> print(certpgo.check("helix.g2o", "helix.cert"))
     PROVED: F(x) <= ..., F* >= ..., relative gap <= ...

@@ -81,7 +81,7 @@ def alpha_max(connectivity: float) -> float:
     of Eriksson et al. (eq. 22), or nu_2, the second eigenvalue of the normalized Laplacian
     D^-1/2 L_G D^-1/2, for the stronger normalized bound. Both are at most 2.
 
-    Proof of the latter bound. In the gauge of R, S' = L_G x I + Delta with S' (1 x I) = 0. Scaled by
+    Proof of the latter. In the gauge of R, S' = L_G x I + Delta with S' (1 x I) = 0. Scaled by
     D^-1/2 on both sides, Delta becomes a symmetric matrix similar to D^-1 Delta, whose block rows
     add up, in operator norm, to at most 2 s^2 + 2 s with s = sin(alpha / 2), for any degrees.
     The null space D^1/2 1 x I splits off, and on its complement the form is at least

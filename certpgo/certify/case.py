@@ -196,7 +196,7 @@ class Case:
         return rounding.cost_upper(self.problem, estimate)
 
     def sure(self, estimate: Estimate, cost: float) -> float:
-        """A cost below this is lower than an estimate's, which is at most ``cost``, despite rounding."""
+        """A smaller cost is lower than the estimate's, at most ``cost``, despite rounding."""
         return rounding.cost_lower(self.problem, estimate) - self.difference(cost)
 
     @cached_property

@@ -73,9 +73,9 @@ def write_proof(
     >>> from certpgo.datasets.synthetic import helix
     >>> certpgo.write("helix.g2o", helix(3, np.random.default_rng(0)))
     >>> instance = certpgo.read("helix.g2o")
-    >>> answer = certpgo.solve(instance.graph)
+    >>> result = certpgo.solve(instance.graph)
     >>> proven = certpgo.write_proof(
-    ...     "helix.cert", "helix.g2o", instance, answer.estimate, answer.certificate
+    ...     "helix.cert", "helix.g2o", instance, result.estimate, result.certificate
     ... )
     >>> proven.lower <= proven.upper
     True

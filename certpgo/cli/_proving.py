@@ -47,16 +47,16 @@ def prove(
 
     try:
         with working(f"proving the bound for {instance.name}"):
-            answer = write_proof(out, source, instance, estimate, certificate)
+            proven = write_proof(out, source, instance, estimate, certificate)
     except NumericalError as reason:
         notice(f"no proof was written to {out}: {reason}")
         return False
-    result = f"{out}: {answer} (certpgo check)"
+    result = f"{out}: {proven} (certpgo check)"
     if json:
         notice(result)
     else:
-        facts([("proof", result), ("about", answer.about)])
-    if certificate.gap <= certificate.rtol * certificate.cost_upper < answer.upper - answer.lower:
+        facts([("proof", result), ("about", proven.about)])
+    if certificate.gap <= certificate.rtol * certificate.cost_upper < proven.upper - proven.lower:
         notice(
             f"the bound in {out} is weaker than the certificate's: a proof file treats the graph "
             "as a whole, a certificate the parts between long bridges separately"

@@ -41,7 +41,7 @@ def _as_json(path: Path, proof: Path) -> int:
 
     files = {"graph": str(path), "proof": str(proof)}
     try:
-        answer = checker.check(path, proof)
+        proven = checker.check(path, proof)
     except checker.Unreadable as error:
         raise InputError(str(error)) from None
     except checker.Refused as reason:
@@ -51,10 +51,10 @@ def _as_json(path: Path, proof: Path) -> int:
         {
             **files,
             "proved": True,
-            "about": answer.about,
-            "cost_upper": answer.upper,
-            "lower_bound": answer.lower,
-            "relative_gap": answer.relative_gap,
+            "about": proven.about,
+            "cost_upper": proven.upper,
+            "lower_bound": proven.lower,
+            "relative_gap": proven.relative_gap,
         }
     )
     return 0

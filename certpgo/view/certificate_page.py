@@ -186,6 +186,6 @@ def _recheck(origin: Origin, certificate: Certificate) -> tuple[str, list[str]]:
     tier = "" if certificate.tier.value == "standard" else f" --tier {certificate.tier.value}"
     return "No proof file was written. To certify the estimate again and write a proof:", [
         *lines_,
-        f"{certify}{tier} --proof answer.cert",
-        f"certpgo check {quoted(origin.graph)} answer.cert",
+        f"{certify}{tier} --proof estimate.cert",
+        f"certpgo check {quoted(origin.graph)} estimate.cert",
     ]

@@ -48,7 +48,7 @@ def numeric(rows: Sequence[Sequence[str]]) -> list[bool]:
 
 
 def source(name: str) -> Markup:
-    """One of our own template files, unescaped."""
+    """A file of the folder ``templates``, unescaped."""
     return Markup((TEMPLATES / name).read_text(encoding="utf-8"))
 
 

@@ -41,7 +41,7 @@ def test_certify_writes_a_page_of_the_answer_as_given(certpgo, square, tmp_path)
     page = out.read_text()
     assert "<strong>BOUNDED</strong>" in page
     assert "The estimate came from a file" in page
-    assert f"certpgo certify {square} {square} --unit-weights --proof answer.cert" in page
+    assert f"certpgo certify {square} {square} --unit-weights --proof estimate.cert" in page
     assert "all weights 1, ignoring those of the file" in page
 
 

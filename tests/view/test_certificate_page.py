@@ -143,7 +143,7 @@ def test_a_certificate_page_is_whole(solved):
     for said in (certificate.verdict.value, f"{certificate.cost_upper:.12g}", "is proven", HOSTILE):
         assert said in reader.text
     assert f"{certificate.lower_bound:.12g} (no estimate of this graph costs less)" in reader.text
-    assert "certpgo certify 'a graph.g2o' best.g2o --proof answer.cert" in reader.text
+    assert "certpgo certify 'a graph.g2o' best.g2o --proof estimate.cert" in reader.text
     assert len(re.findall(r"<polyline", page)) == 2
 
 

@@ -43,10 +43,10 @@ class CertifiedSolution:
     --------
     >>> import certpgo
     >>> from certpgo.datasets.synthetic import winding_cycle
-    >>> answer = certpgo.solve(winding_cycle(6, 0.3, 0)[0].graph)
-    >>> answer.solution.status.value, len(answer.levels)
+    >>> result = certpgo.solve(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> result.solution.status.value, len(result.levels)
     ('converged', 1)
-    >>> answer.certificate.lower_bound <= answer.cost
+    >>> result.certificate.lower_bound <= result.cost
     True
     """
 
@@ -121,10 +121,10 @@ def solve(
     >>> import certpgo
     >>> from certpgo.datasets.synthetic import winding_cycle
     >>> instance, _ = winding_cycle(6, 0.3, 0)
-    >>> answer = certpgo.solve(instance.graph, time_limit=10.0)
-    >>> answer.verdict.value
+    >>> result = certpgo.solve(instance.graph, time_limit=10.0)
+    >>> result.verdict.value
     'CERTIFIED'
-    >>> print(f"{answer.cost:.6f}")  # 8 n sin^2(theta / (2 n)), the error distributed evenly
+    >>> print(f"{result.cost:.6f}")  # 8 n sin^2(theta / (2 n)), the error distributed evenly
     0.029994
     """
     if not isinstance(graph, (PoseGraph, RotationGraph)):
@@ -157,11 +157,11 @@ def search_and_certify(
         found = on_disagreement and _disagreement(search, problem, on_disagreement)
         search.go_on(highest)
         ended = search.status
-        certificate = _judged(search, None if settings.tier is None else case.tier)
-    answer = _result(problem, search, ended, certificate)
+        certificate = _certificate(search, None if settings.tier is None else case.tier)
+    result = _result(problem, search, ended, certificate)
     # The first descent may have ended in a local minimum.
-    confirmed = found and not agrees(problem, answer.estimate)
-    return replace(answer, disagreement=found) if confirmed else answer
+    confirmed = found and not agrees(problem, result.estimate)
+    return replace(result, disagreement=found) if confirmed else result
 
 
 def _disagreement(
@@ -178,7 +178,7 @@ def _disagreement(
     return found
 
 
-def _judged(search: Staircase, tier: Tier | None) -> Certificate:
+def _certificate(search: Staircase, tier: Tier | None) -> Certificate:
     """The certificate at a tier; by default the proof tier's if only rounding is in the way."""
     estimate = search.best.estimate
     certificate = search.case.certificate(estimate, search.basin)

@@ -56,9 +56,9 @@ def solve_robustly(
     >>> import certpgo
     >>> from certpgo.datasets.thesis import langevin_graph
     >>> instance = langevin_graph(40, 12.0, 3.0, np.random.default_rng(0), outliers=0.15)
-    >>> answer = certpgo.solve_robustly(instance.graph)
+    >>> result = certpgo.solve_robustly(instance.graph)
     >>> wrong = np.flatnonzero(instance.outliers)
-    >>> answer.verdict.value, bool(np.array_equal(answer.solution.rejected, wrong))
+    >>> result.verdict.value, bool(np.array_equal(result.solution.rejected, wrong))
     ('CERTIFIED', True)
     """
     problem = problem_of(graph)
