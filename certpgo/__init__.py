@@ -1,12 +1,11 @@
-"""Pose-graph optimization and rotation averaging whose answers come with a proof."""
+"""Certifiable pose-graph optimization and rotation averaging."""
 
 from __future__ import annotations
 
 import importlib
 from typing import TYPE_CHECKING, Any
 
-# `certify` is a function here and a package as well: importing it now, before anyone else does, is
-# what makes the function win.
+# `certify` is both a function and a subpackage: importing it first makes the function win.
 from certpgo.certify import Certificate, Tier, Verdict, certify
 from certpgo.errors import (
     CertPGOError,
@@ -35,7 +34,7 @@ if TYPE_CHECKING:
     from certpgo.io import read, read_estimate, write
     from certpgo.registry import get_solver
 
-#: Imported when first used: reading and finding methods are not everybody's errand.
+#: Imported on first use, to keep `import certpgo` fast.
 _LATER = {
     "check": "checker",
     "certify_values": "assess.assessment",

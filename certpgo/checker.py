@@ -1,16 +1,15 @@
-"""Checks proofs that a pose graph, or a graph of rotations, has no much better answer.
+"""Verifies proofs that an estimate of a pose graph or rotation graph is nearly optimal.
 
     python checker.py GRAPH PROOF
 
-needs this file, Python and NumPy, nothing else. GRAPH is g2o or 1DSfM text; PROOF holds an estimate
-x and numbers Lam, both untrusted. The answer is ``PROVED: F(x) <= ..., F* >= ...`` or one line that
-says why not. Here F(R, t) = sum kappa |R_j - R_i R_ij|^2 + sum tau |t_j - t_i - R_i t_ij|^2, its
-second sum absent for rotations alone, and F* is its smallest value over rotations R and points t.
+needs only this file, Python and NumPy. GRAPH is g2o or 1DSfM text; PROOF contains an estimate x and
+multipliers Lam, both untrusted. The output is ``PROVED: F(x) <= ..., F* >= ...`` or one line with
+the reason why not. Here F(R, t) = sum kappa |R_j - R_i R_ij|^2 + sum tau |t_j - t_i - R_i t_ij|^2,
+without the second sum for rotations alone, and F* is its minimum over rotations R and points t.
 
-What is trusted: IEEE 754 doubles rounded to nearest, Python, and that NumPy's matrix product adds
-up products in some order (where it matters to the last bit they are integers below 2^53). The
-Cholesky factors are not trusted. Why the answer follows is written out, line by line, in
-docs/checker.md.
+Trusted are IEEE 754 doubles rounded to nearest, Python, and that NumPy's matrix product adds up
+products in some order (where exactness matters they are integers below 2^53). The Cholesky factors
+are not trusted. docs/checker.md proves the result line by line.
 """
 
 from __future__ import annotations
@@ -37,19 +36,19 @@ Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.intp]
 
 U = 2.0**-53  # unit of rounding
-SPARE = 1.0 + 2.0**-20  # more than the rounding of any sum of fewer than 2^30 positive numbers
-POINT = 160  # bits after the point, where rotations are integers
-BITS = 25  # after the point, in the high parts of factors
-FAR = 2.0**400  # numbers beyond might underflow or overflow in products
-ATTEMPTS = 3  # at a factorization whose residual is small enough
+SPARE = 1.0 + 2.0**-20  # exceeds the rounding of any sum of fewer than 2^30 positive numbers
+POINT = 160  # fractional bits of rotations, stored as integers
+BITS = 25  # fractional bits in the high parts of factors
+FAR = 2.0**400  # products of numbers beyond might underflow or overflow
+ATTEMPTS = 3  # factorizations tried for a sufficiently small residual
 
 
 class Refused(Exception):  # noqa: N818
-    """The proof does not prove anything, and why."""
+    """The proof is not valid, with the reason."""
 
 
 class Unreadable(Exception):  # noqa: N818
-    """The graph or the proof is no file that this program reads, and why."""
+    """The graph or proof file cannot be read, with the reason."""
 
 
 # --- Numbers --------------------------------------------------------------------------------------
@@ -70,7 +69,7 @@ def _big(x: npt.NDArray[Any]) -> Any:
 
 
 def rotations(q: Array) -> Any:
-    """Integers (k, d, d) below 2^POINT R(q)/|q|^2 by less than 1.
+    """Integers (k, d, d): 2^POINT R(q)/|q|^2 rounded down.
 
     ``q`` are quaternions x y z w (k, 4), or half-angle pairs cos sin (k, 2), none zero.
     """
@@ -97,7 +96,7 @@ def rotations(q: Array) -> Any:
 
 
 class Graph(NamedTuple):
-    """Measurements i -> j between nodes 0 ... n-1, which are the ids in ascending order."""
+    """Measurements i -> j between nodes 0 ... n-1, numbered by ascending ids."""
 
     n: int
     i: Ints
@@ -110,7 +109,7 @@ class Graph(NamedTuple):
 
 Edge = tuple[int, int, tuple[float, ...], tuple[float, ...], float, float]
 
-_NUMBERS = re.compile(rb"[0-9eE.+\- \t]*")  # of words that float() takes, those of a file
+_NUMBERS = re.compile(rb"[0-9eE.+\- \t]*")  # the subset of float() syntax allowed in files
 _PLAIN = bytes(range(32, 127)) + b"\t\r\n"
 _IGNORED = re.compile(
     rb"VERTEX_(SE2|SE3:QUAT|XY|TRACKXYZ|POINT_XYZ)|FIX|PARAMS_(SE2OFFSET|SE3OFFSET|CAMERACALIB)"
@@ -180,7 +179,7 @@ def _edges(text: bytes, claim: dict[str, Any]) -> Iterator[Edge]:
 
 
 def _hides(text: bytes) -> bool:
-    """Whether control characters, which some programs take for line breaks, are in the text."""
+    """Whether the text contains control characters, which some programs treat as line breaks."""
     lone = text.count(b"\r") - text.count(b"\r\n")
     return lone > 0 or any(byte < 128 for byte in text.translate(None, _PLAIN))
 
@@ -198,7 +197,7 @@ def _g2o_edge(
     claim: dict[str, Any],
     weigh: Callable[[tuple[bytes, ...]], tuple[float, float]],
 ) -> Edge:
-    """``i j x y z qx qy qz qw`` or ``i j x y theta``, then the information or nothing."""
+    """``i j x y z qx qy qz qw`` or ``i j x y theta``, with or without information."""
     pose = 9 if d == 3 else 5
     words = _split(text, (pose, pose + (21 if d == 3 else 6)))
     numbers = tuple(map(float, words[2:pose]))
@@ -212,14 +211,14 @@ def _g2o_edge(
 
 
 def _1dsfm_edge(text: bytes) -> Edge:
-    """``i j``, a matrix R_ij row by row, and a direction that is not used."""
+    """``i j``, a matrix R_ij row by row, and an unused direction."""
     words = _split(text, (14,))
     q = shepperd(tuple(map(float, words[2:]))[:9])
     return int(words[0]), int(words[1]), q, (0.0, 0.0, 0.0), 1.0, 1.0
 
 
 def shepperd(M: tuple[float, ...]) -> tuple[float, ...]:
-    """A quaternion of a matrix that is nearly a rotation; not normalized, so no square root."""
+    """A quaternion of a near-rotation matrix; not normalized, to avoid the square root."""
     A = np.reshape(M, (3, 3))
     if not (np.abs(A).max() < 2.0 and np.abs(A.T @ A - np.eye(3)).max() <= 1e-3 < np.linalg.det(A)):
         raise ValueError("a rotation matrix expected")
@@ -255,7 +254,7 @@ def half_angle(theta: float) -> tuple[float, float]:
     cosine, sine = sums
     for _ in range(halvings):
         cosine, sine = (cosine * cosine - sine * sine) >> bits, (cosine * sine) >> (bits - 1)
-    # Each truncation costs a unit and each doubling at most quadruples it: 2^64 in all.
+    # Each truncation adds a unit and each doubling at most quadruples the error: below 2^64.
     pairs = {
         ((cosine + e) / (1 << bits), (sine + f) / (1 << bits))
         for e in (-(1 << 64), 1 << 64)
@@ -307,15 +306,15 @@ def harmonic_mean(words: Sequence[bytes], halves: int) -> float:
 
 
 class Proof(NamedTuple):
-    """What a proof file holds; none of it is trusted."""
+    """The content of a proof file; none of it is trusted."""
 
     q: Array  # (n, 4) or (n, 2): the estimate's rotations
     t: Array | None  # (n, d): its translations; None for rotations alone
     multipliers: Array  # (n, d(d+1)/2): upper triangles of Lam, row by row
-    order: Ints  # (n,) in which nodes are eliminated
-    delta: Array  # (n b,) what makes the factorization succeed
-    pin: int  # the pose whose translation is left out
-    exponent: int  # of 2, in the weights of translations where row sums are compared
+    order: Ints  # (n,) elimination order of the nodes
+    delta: Array  # (n b,) subtracted from the diagonal before factorizing
+    pin: int  # the pose whose translation is pinned
+    exponent: int  # base-2 exponent of the translations' weights in row sums
 
 
 _OPTIONS: dict[str, tuple[Any, ...]] = {
@@ -327,7 +326,7 @@ _OPTIONS: dict[str, tuple[Any, ...]] = {
 
 
 def read_claim(archive: Any) -> dict[str, Any]:
-    """The header of a proof: which file it is about, and read how."""
+    """The header of a proof: its graph file and reading options."""
     claim = json.loads(bytes(archive["claim"]))
     if claim["format"] != "certpgo proof" or claim["version"] != 1:
         raise Unreadable("not a proof of version 1")
@@ -381,7 +380,7 @@ def upper_bound(graph: Graph, q: Array, t: Array | None) -> float:
     i, j, d, R = graph.i, graph.j, graph.t.shape[1], rotations(q)
     Ri, Rj = R[i], R[j]
     moved = sum(Ri[:, :, c, None] * graph.R[:, None, c, :] for c in range(d))
-    # An entry of R_i R_ij is off by less than (2 d + 1) 2^POINT, one of R_j by 2^POINT.
+    # Entries of R_i R_ij are off by less than (2 d + 1) 2^POINT, those of R_j by 2^POINT.
     off = (2 * d + 2) << POINT
     total = _sum_of_squares(graph.kappa, abs((Rj << POINT) - moved) + off, 2 * POINT)
     if t is None:
@@ -412,30 +411,30 @@ def _rounded_up(n: int, e: int) -> float:
 
 
 class Blocks(NamedTuple):
-    """A symmetric matrix by blocks, equilibrated: high + low, to 2^-100 an entry.
+    """A symmetric matrix by blocks, equilibrated: high + low, within 2^-100 per entry.
 
-    Entries of ``high`` are integers times 2^(-2 BITS), those of ``low`` at most half of that.
+    Entries of ``high`` are multiples of 2^(-2 BITS), those of ``low`` at most half of that.
     """
 
-    pairs: Ints  # (k, 2) nodes p < q, each pair once
-    high: tuple[Array, Array]  # diagonal blocks (n, b, b), and those of the pairs (k, b, b)
+    pairs: Ints  # (k, 2) distinct pairs of nodes p < q
+    high: tuple[Array, Array]  # diagonal blocks (n, b, b) and blocks of the pairs (k, b, b)
     low: tuple[Array, Array]
     weights: Array  # (n, b) positive, for comparing row sums
     scales: Ints  # (n, b): rows and columns were multiplied by 2^scale
 
 
 def certificate_matrix(graph: Graph, proof: Proof) -> Blocks:
-    """A = M - blkdiag(0, Lam), the pinned row and column zero but for the diagonal.
+    """A = M - blkdiag(0, Lam), with the pinned row and column zero off the diagonal.
 
-    Its entries are sums in integers, only those of kappa R_ij are truncated. Equilibrated by powers
-    of two, so that diagonal entries lie between 1/4 and 1.
+    Its entries are sums of integers; only those of kappa R_ij are truncated. It is equilibrated by
+    powers of two, so that diagonal entries lie between 1/4 and 1.
     """
     n, d, i, j = graph.n, graph.t.shape[1], graph.i, graph.j
     b = d if proof.t is None else d + 1
     (kappa, ek), (tau, et), (t, es) = map(integers, (graph.kappa, graph.tau, graph.t))
     Lam, el = integers(proof.multipliers)
     unit = max(ek + POINT, et + 2 * es, et, el)  # entries are integers times 2^-unit
-    # A power of two makes the largest kappa about 1, so that the weights' scale is none of ours.
+    # Normalized by a power of two to a largest kappa of about 1, for weights of any scale.
     normal = math.frexp(float(graph.kappa.max()))[1]
 
     upper, diagonal = (np.zeros((k, b, b), dtype=object) for k in (len(i), n))
@@ -472,7 +471,7 @@ def certificate_matrix(graph: Graph, proof: Proof) -> Blocks:
         diagonal[proof.pin, 0, 1:] = diagonal[proof.pin, 1:, 0] = 0
         between[pairs[:, 0] == proof.pin, 0, :] = 0
         between[pairs[:, 1] == proof.pin, :, 0] = 0
-    truncated = np.zeros(between.shape)  # in units of 2^-POINT, at most; translations are exact
+    truncated = np.zeros(between.shape)  # bounds in units of 2^-POINT; translations are exact
     truncated[:, -d:, -d:] = np.bincount(place, graph.kappa)[:, None, None]
     return _equilibrated(diagonal, pairs, between, truncated, unit, normal, proof.exponent)
 
@@ -508,7 +507,7 @@ def _equilibrated(
 
 
 def _parts(entries: Any, shifts: Ints) -> tuple[Array, Array]:
-    """N 2^shift, entry by entry, as nearest multiples of 2^(-2 BITS) and the rest."""
+    """N 2^shift, entry by entry, as the nearest multiple of 2^(-2 BITS) and the remainder."""
     fraction = 62
     shifts = shifts + 2 * BITS + fraction
     if (shifts > 0).any():
@@ -523,7 +522,7 @@ def _parts(entries: Any, shifts: Ints) -> tuple[Array, Array]:
 
 
 class Front(NamedTuple):
-    """Nodes that are eliminated together, and what their columns of the factor reach."""
+    """Nodes that are eliminated together, and the later nodes in their columns of the factor."""
 
     pivots: list[int]
     boundary: list[int]
@@ -533,8 +532,8 @@ class Front(NamedTuple):
 def fronts(n: int, pairs: Ints, allowance: int = 32) -> list[Front]:
     """The fronts of eliminating 0 ... n-1 in order, children before parents.
 
-    ``pairs`` are (k, 2) with p < q. A node joins the front of a child if that adds at most
-    ``allowance`` blocks of zeros, or an eighth of the front.
+    ``pairs`` are (k, 2) with p < q. A node joins a child's front if that adds at most ``allowance``
+    blocks of zeros, or an eighth of the front.
     """
     later: list[set[int]] = [set() for _ in range(n)]
     for p, q in pairs.tolist():
@@ -579,18 +578,18 @@ def fronts(n: int, pairs: Ints, allowance: int = 32) -> list[Front]:
 
 
 class Residual(NamedTuple):
-    """Of A - L L^T, by row (n b,) of the equilibrated matrix."""
+    """The residual A - L L^T by row (n b,) of the equilibrated matrix."""
 
     diagonal: Array  # its diagonal entries
-    needed: Array  # what suffices for them, so that it is diagonally dominant
+    needed: Array  # lower bounds on them that suffice for diagonal dominance
 
 
 def residual(blocks: Blocks, order: Ints, delta: Array) -> Residual | None:
-    """Bounds on A - L L^T for some L; None where no L was found.
+    """Bounds on A - L L^T for some L; None if no L was found.
 
-    L = L1 + L2 is a multifrontal Cholesky factor of A - diag(delta). Nothing is assumed of it: the
-    residual is what the bounds are about. Its large part H is added up without rounding, in
-    integers times 2^(-2 BITS); G is the rest.
+    L = L1 + L2 is a multifrontal Cholesky factor of A - diag(delta). The bounds hold for any L. The
+    large part H of the residual is added up without rounding, in multiples of 2^(-2 BITS); G is the
+    remainder.
     """
     n, b = blocks.weights.shape
     p, q, diagonal, between = _in_order(blocks, order)
@@ -620,7 +619,7 @@ def residual(blocks: Blocks, order: Ints, delta: Array) -> Residual | None:
         M = L1 + 0.5 * L2
         cross = M @ L2.T
         G -= cross + cross.T
-        # The pivots' rows and columns are complete.
+        # The pivots' rows and columns are now complete.
         E = H[:, :k] + G[:, :k]
         own[rows[:k]] = np.diagonal(E)
         E = np.abs(E)
@@ -640,7 +639,7 @@ def residual(blocks: Blocks, order: Ints, delta: Array) -> Residual | None:
     largest = max(np.abs(high).max(initial=0.0) for high in blocks.high)
     if not largest + norms.max() < 2.0 ** (52 - 2 * BITS):
         return None
-    # What adds up to an entry of G is rounded at most columns + 3 times, in either of its rows.
+    # Summands of an entry of G are rounded at most columns + 3 times, for either of its rows.
     sizes += reached * 2.0 ** (-2 * BITS - 1)
     errors = (columns + 8.0) * U * sizes + reached * 2.0**-100
     needed = (others + errors) * SPARE / v
@@ -649,7 +648,7 @@ def residual(blocks: Blocks, order: Ints, delta: Array) -> Residual | None:
 
 
 def _in_order(blocks: Blocks, order: Ints) -> tuple[Ints, Ints, Array, Array]:
-    """Pairs p < q of places in the order, ascending in p, and both parts in that order."""
+    """Pairs p < q of positions in the order, ascending in p, and both parts in that order."""
     place = np.argsort(order)
     p, q = place[blocks.pairs].T
     turned = (p > q)[:, None, None]
@@ -665,7 +664,7 @@ def _rows(nodes: Ints, b: int) -> Ints:
 
 
 def _assembled(count: int, diagonal: Array, between: Array, p: Ints, q: Ints) -> Array:
-    """Two symmetric matrices of ``count`` blocks, the first of its diagonal and those at (p, q)."""
+    """Two symmetric matrices of ``count`` blocks: the first diagonal ones and those at (p, q)."""
     b = between.shape[2]
     A = np.zeros((2, count, b, count, b))
     places = np.arange(diagonal.shape[1])
@@ -676,7 +675,7 @@ def _assembled(count: int, diagonal: Array, between: Array, p: Ints, q: Ints) ->
 
 
 def _factor(F: Array, delta: Array) -> tuple[Array, Array] | None:
-    """Columns (f, k) of a Cholesky factor of a matrix, and the inverse of their pivots' rows."""
+    """Columns (f, k) of a Cholesky factor, and the inverse of their pivot rows."""
     k = len(delta)
     np.einsum("aa->a", F[:k])[:] -= delta
     try:
@@ -688,10 +687,10 @@ def _factor(F: Array, delta: Array) -> tuple[Array, Array] | None:
 
 
 def _refined(H: Array, G: Array, delta: Array, L: Array, L1: Array, inverse: Array) -> Array:
-    """L - L1, but for the rounding of L, from columns of H, which is less L1 L1^T, and of G.
+    """L - L1, corrected for the rounding of L, from columns of H (minus L1 L1^T) and of G.
 
-    What is left of them is (C W C^T, ...), C being the pivots' rows of L. C (I + step) is the
-    factor of C (I + W) C^T.
+    Their remainder is (C W C^T, ...) with C the pivot rows of L. C (I + step) is the factor of
+    C (I + W) C^T.
     """
     k, L2 = len(delta), L - L1
     left = H + ((G - L1 @ L2[:k].T) - L2 @ L[:k].T)
@@ -700,7 +699,7 @@ def _refined(H: Array, G: Array, delta: Array, L: Array, L1: Array, inverse: Arr
     W, half = inverse @ left[:k], _half(k)
     step = half * W
     size = np.linalg.norm(step)
-    if 0.0 < size < 0.25:  # or else this might not converge
+    if 0.0 < size < 0.25:  # otherwise this might not converge
         for _ in range(int(24 / -math.log2(size))):
             step = half * (W - step @ step.T)
         L2[:k] += L[:k] @ step
@@ -710,7 +709,7 @@ def _refined(H: Array, G: Array, delta: Array, L: Array, L1: Array, inverse: Arr
 
 @lru_cache(16)
 def _half(k: int) -> Array:
-    """What halves the diagonal and leaves of the rest the lower triangle."""
+    """A mask that halves the diagonal and keeps the lower triangle."""
     return np.tri(k) - 0.5 * np.eye(k)
 
 
@@ -722,16 +721,16 @@ def is_positive_semidefinite(blocks: Blocks, order: Ints, delta: Array) -> bool:
             return False
         if np.all(found.diagonal >= found.needed):
             return True
-        # Machines round differently: rows that got too little get twice what they asked for.
+        # Machines round differently: double the amount of rows that lack some.
         delta = np.maximum(delta, 2.0 * (found.needed - found.diagonal + delta))
     return False
 
 
-# --- The answer -----------------------------------------------------------------------------------
+# --- The result -----------------------------------------------------------------------------------
 
 
 class Answer(NamedTuple):
-    """F(x) <= upper and F* >= lower, F being ``about`` this."""
+    """F(x) <= upper and F* >= lower, where ``about`` describes F."""
 
     upper: float
     lower: float
@@ -756,7 +755,7 @@ class Answer(NamedTuple):
 
 
 def prove(graph: Graph, proof: Proof) -> Answer:
-    """Both bounds, or `Refused`."""
+    """Both bounds; raises `Refused` if they are not proven."""
     upper = upper_bound(graph, proof.q, proof.t)
     blocks = certificate_matrix(graph, proof)
     if not is_positive_semidefinite(blocks, proof.order, proof.delta):
@@ -771,13 +770,13 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
 
     Parameters
     ----------
-    graph_path : g2o or 1DSfM text, the very file that the proof names by its SHA-256
-    proof_path : what `certpgo.write_proof` wrote, or somebody else
+    graph_path : g2o or 1DSfM text, with the SHA-256 given in the proof
+    proof_path : a file by `certpgo.write_proof`, or from any other source
 
     Raises
     ------
     Refused
-        It proves nothing about this file.
+        The proof is not valid for this file.
     Unreadable
         One of the files cannot be read.
 
@@ -788,8 +787,8 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
     >>> from certpgo.datasets.synthetic import helix
     >>> certpgo.write("helix.g2o", helix(3, np.random.default_rng(0)))
     >>> instance = certpgo.read("helix.g2o")
-    >>> answer = certpgo.solve(instance.graph)
-    >>> proven = instance, answer.estimate, answer.certificate
+    >>> result = certpgo.solve(instance.graph)
+    >>> proven = instance, result.estimate, result.certificate
     >>> _ = certpgo.write_proof("helix.cert", "helix.g2o", *proven)
     >>> print(certpgo.check("helix.g2o", "helix.cert"))
     PROVED: F(x) <= ..., F* >= ..., relative gap <= ...
@@ -815,7 +814,7 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
         raise
     except FileNotFoundError:
         raise Unreadable(f"{proof_path}: no such file") from None
-    except Exception as error:  # whatever a damaged archive makes its reader raise
+    except Exception as error:  # damaged archives can raise anything
         raise Unreadable(f"{proof_path}: not a readable proof ({type(error).__name__})") from None
     try:
         with np.errstate(all="ignore"):
@@ -827,7 +826,7 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
 
 
 def _about(graph: Graph, claim: dict[str, Any]) -> str:
-    """Which F was proven about: the proof chose the reading options."""
+    """Describes F, as the reading options come from the proof."""
     names = ("kappa", "tau") if claim["kind"] == "poses" else ("kappa",)
     said = [f"{claim['kind']} of {graph.n} nodes by {len(graph.i)} measurements"]
     said += [f"{k} {'of the file' if claim[k] is None else repr(claim[k])}" for k in names]
@@ -839,7 +838,7 @@ def _about(graph: Graph, claim: dict[str, Any]) -> str:
 
 
 def _component(path: Path, text: bytes, claim: dict[str, Any]) -> bytes | None:
-    """The nodes to keep, where the proof is about those of a cc.txt beside the graph."""
+    """The nodes to keep, if the proof is restricted to those of a cc.txt next to the graph."""
     if hashlib.sha256(text).hexdigest() != claim["graph_sha256"]:
         raise Refused(f"{path} is not the file that was proven about: its SHA-256 differs")
     if claim["component_sha256"] is None:
@@ -854,7 +853,7 @@ def _component(path: Path, text: bytes, claim: dict[str, Any]) -> bytes | None:
 
 
 def main(arguments: list[str]) -> int:
-    """Print what is proven: exit code 0, 6 refused, 1 unreadable, 2 usage."""
+    """Print what is proven; exit codes: 0 proved, 6 refused, 1 unreadable, 2 usage error."""
     if len(arguments) != 2:
         sys.stderr.write("usage: checker.py GRAPH PROOF\n")
         return 2

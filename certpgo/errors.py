@@ -1,4 +1,4 @@
-"""What can go wrong, and how it is said: one line, naming the place and what was expected."""
+"""Errors and warnings; each message is one line with the place and what was expected."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import difflib
 from collections.abc import Iterable
 from pathlib import Path
 
-#: Names that are all shown where another was given.
+#: Number of known names up to which all are listed.
 FEW = 8
 
 
 class CertPGOError(Exception):
-    """Base of every error this package raises on purpose; the text is one line.
+    """Base of the errors that this package raises; the message is one line.
 
     Examples
     --------
@@ -25,7 +25,7 @@ class CertPGOError(Exception):
 
 
 class InputError(CertPGOError, ValueError):
-    """The user's data or arguments are unusable.
+    """Data or arguments are unusable.
 
     Examples
     --------
@@ -45,8 +45,8 @@ class FormatError(InputError):
     Parameters
     ----------
     path : path of the file
-    line : 1-based line number, or None when the whole file is meant
-    expected : what the format asks for at that place
+    line : 1-based line number, or None for the whole file
+    expected : what the format requires there
 
     Examples
     --------
@@ -67,11 +67,11 @@ class FormatError(InputError):
 
 
 class GraphError(InputError):
-    """A graph or estimate violates what its type promises.
+    """A graph or estimate violates its invariants.
 
     Attributes
     ----------
-    component_sizes : nodes in each component, largest first, when connectivity is the matter
+    component_sizes : nodes in each component, largest first, if the graph is not connected
 
     Examples
     --------
@@ -92,7 +92,7 @@ class GraphError(InputError):
 
 
 class NumericalError(CertPGOError, ArithmeticError):
-    """A computation could not be carried out to any useful accuracy.
+    """A computation failed or is too inaccurate.
 
     Examples
     --------
@@ -107,9 +107,9 @@ class MissingDependency(CertPGOError, ImportError):  # noqa: N818 - the conditio
 
     Parameters
     ----------
-    what : the feature that needs it
-    extra : the extra of this package that brings it, e.g. ``"baselines"``
-    package : what to install instead, where no extra does
+    what : the package or the feature that needs it
+    extra : extra of this package that installs it, e.g. ``"baselines"``
+    package : package to install if no extra includes it
 
     Examples
     --------
@@ -120,8 +120,8 @@ class MissingDependency(CertPGOError, ImportError):  # noqa: N818 - the conditio
 
     def __init__(self, what: str, extra: str = "", *, package: str = "") -> None:
         self.extra = extra
-        wanted = package or f"'certpgo[{extra}]'"
-        super().__init__(f"{what} is not installed: pip install {wanted}")
+        requirement = package or f"'certpgo[{extra}]'"
+        super().__init__(f"{what} is not installed: pip install {requirement}")
 
 
 class SpecError(CertPGOError, LookupError):
@@ -139,7 +139,7 @@ class SpecError(CertPGOError, LookupError):
 
     @classmethod
     def unknown(cls, kind: str, name: str, known: Iterable[str]) -> SpecError:
-        """The error for ``name`` not being among ``known``: the nearest, or all if they are few."""
+        """The error for an unknown ``name``, with the nearest known ones or all if few."""
         names = sorted(known)
         near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
         hint = f"did you mean {' or '.join(near)}?" if near else ""
@@ -150,12 +150,12 @@ class SpecError(CertPGOError, LookupError):
 
 
 class UnusableFile(SpecError):  # noqa: N818 - the condition is the name
-    """A file of Python code that is looked up by its name cannot be used.
+    """A Python file that is looked up by name cannot be used.
 
     Parameters
     ----------
-    path : of the file
-    reason : what is wrong with it, or what running it raised
+    path : path of the file
+    reason : the problem, or the exception raised on loading
     """
 
     def __init__(self, path: str | Path, reason: str | BaseException) -> None:
@@ -167,11 +167,11 @@ class UnusableFile(SpecError):  # noqa: N818 - the condition is the name
 
 
 class InputNotice(UserWarning):
-    """Something in the input was assumed, skipped or unusual; the answer stands.
+    """Something in the input was assumed, skipped or unusual; the result remains valid.
 
     Examples
     --------
-    A file whose translations are all zero is read as one of rotations, and that is said:
+    A file whose translations are all zero is read as a rotation graph, with a notice:
 
     >>> import warnings
     >>> import certpgo

@@ -1,9 +1,9 @@
-"""Names to modules by scanning folders; nothing is imported until asked for.
+"""Registry of methods and benchmarks: files found by scanning folders and imported on demand.
 
-A method is one file or folder of ``certpgo/solvers`` or, in a checkout, ``baselines``, exposing
+A method is a file or folder of ``certpgo/solvers`` or, in a checkout, ``baselines``, that exposes
 ``SOLVER``. A checkout also holds the benchmarks, which are not in the wheel: folders of files that
-expose a specification each, loaded by path, and the package ``reports.harness`` with the commands
-that work on them. Files whose names start with an underscore are shared code.
+each expose a specification, loaded by path, and the package ``reports.harness`` with their
+commands. Files whose names start with an underscore are shared code.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from contextlib import suppress
 from dataclasses import MISSING, Field, fields, is_dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 
 from certpgo.errors import MissingDependency, SpecError, UnusableFile
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from certpgo.graph import Graph
     from certpgo.optimize.solution import Solver
 
-#: Environment variable naming the checkout, where it is not beside the package.
+#: Environment variable with the checkout's path, if the package is installed elsewhere.
 REPOSITORY_VARIABLE = "CERTPGO_REPOSITORY"
 
 _PACKAGE = Path(__file__).parent
@@ -39,18 +39,17 @@ _COMMANDS = "reports/harness/commands"
 
 
 def solver_names() -> tuple[str, ...]:
-    """Names of the methods here: the package's own, and the baselines in a checkout."""
+    """Names of the available methods: the package's own, and the baselines in a checkout."""
     return tuple(sorted({*_stems(_SOLVERS), *names_in("baselines")}))
 
 
 def get_solver(name: str) -> type[Solver]:
-    """The method called ``name``, a frozen dataclass class of settings.
+    """The method called ``name``: a frozen dataclass of its settings.
 
     Raises
     ------
     SpecError
-        No such method, with the nearest names; or its file cannot be loaded, or exposes no
-        dataclass ``SOLVER``.
+        There is no such method, or its file cannot be loaded or exposes no dataclass ``SOLVER``.
 
     Examples
     --------
@@ -70,17 +69,14 @@ def get_solver(name: str) -> type[Solver]:
         module = load_file("baselines", name)
     else:
         raise SpecError.unknown("method", name, solver_names())
-    solver: type[Solver] = exposed(module, "SOLVER")
-    _require_settings(solver, module.__file__ or name)
-    return solver
-
-
-def _require_settings(solver: Any, path: str) -> None:
+    solver = exposed(module, "SOLVER")
+    path = module.__file__ or name
     if not (isinstance(solver, type) and is_dataclass(solver)):
         raise UnusableFile(path, "SOLVER must be a dataclass of settings")
     missing = [part for part in ("poses", "rotations", "solve") if not hasattr(solver, part)]
     if missing:
         raise UnusableFile(path, f"SOLVER lacks {', '.join(missing)}")
+    return cast("type[Solver]", solver)
 
 
 def build(name: str, settings: Mapping[str, Any]) -> Solver:
@@ -91,7 +87,7 @@ def build(name: str, settings: Mapping[str, Any]) -> Solver:
     SpecError
         The method or a setting is unknown, or a setting has neither value nor default.
     InputError
-        A setting's value is not allowed; raised by the method.
+        The method rejects a setting's value.
     """
     solver = get_solver(name)
     known = setting_fields(solver)
@@ -99,13 +95,13 @@ def build(name: str, settings: Mapping[str, Any]) -> Solver:
         if key not in known:
             raise SpecError.unknown(f"setting of {name}", key, known)
     for key in known.keys() - defaults(solver).keys() - settings.keys():
-        problem = f"{name}'s setting {key} has no default: --set {key}=VALUE gives it one"
+        problem = f"{name}'s setting {key} has no default: --set {key}=VALUE sets it"
         raise UnusableFile(inspect.getfile(solver), problem)
     return solver(**settings)
 
 
 def refuse_unsuited(name: str, solver: Solver | type[Solver], graph: Graph) -> None:
-    """Refuse a graph that the method is not for.
+    """Refuse a graph of a kind that the method does not take.
 
     Raises
     ------
@@ -119,27 +115,24 @@ def refuse_unsuited(name: str, solver: Solver | type[Solver], graph: Graph) -> N
 
 
 def setting_fields(solver: type[Solver]) -> dict[str, Field[Any]]:
-    """The settings of a method by name, without those that hold settings of their own."""
+    """The settings of a method by name, without nested ones."""
     flat = (f for f in fields(solver) if f.init)  # type: ignore[arg-type]
     return {f.name: f for f in flat if f.default_factory is MISSING}
 
 
 def defaults(solver: type[Solver]) -> dict[str, Any]:
-    """Settings with their default values, those without one left out."""
-    found = {}
-    for name, field in setting_fields(solver).items():
-        if field.default is not MISSING:
-            found[name] = field.default
-    return found
+    """Default values by setting, without settings that have none."""
+    known = setting_fields(solver).items()
+    return {name: field.default for name, field in known if field.default is not MISSING}
 
 
 def parse_settings(name: str, assignments: Iterable[str]) -> dict[str, Any]:
-    """Settings of a method from texts ``key=value``, each converted to its field's type.
+    """Settings of a method from strings ``key=value``, each converted to its field's type.
 
     Raises
     ------
     SpecError
-        The setting is unknown, there is no ``=``, or the value is of another type.
+        A setting is unknown, ``=`` is missing, or the value has the wrong type.
     """
     solver = get_solver(name)
     try:
@@ -150,7 +143,7 @@ def parse_settings(name: str, assignments: Iterable[str]) -> dict[str, Any]:
     for text in assignments:
         key, equals, value = text.partition("=")
         if not equals:
-            raise SpecError(f"a setting is given as key=value, not {text!r}")
+            raise SpecError(f"a setting must be key=value, not {text!r}")
         if key not in setting_fields(solver):
             raise SpecError.unknown(f"setting of {name}", key, setting_fields(solver))
         parsed[key] = _converted(f"{name}: {key}", value, hints[key])
@@ -170,14 +163,14 @@ def _converted(what: str, text: str, kind: Any) -> Any:
         return _converted(what, text, kind)
     if kind is bool:
         if text.lower() not in ("true", "false"):
-            raise SpecError(f"{what} is true or false, not {text!r}")
+            raise SpecError(f"{what} must be true or false, not {text!r}")
         return text.lower() == "true"
     if kind in (int, float):
         try:
             return kind(text)
         except ValueError:
             number = "an integer" if kind is int else "a number"
-            raise SpecError(f"{what} is {number}, not {text!r}") from None
+            raise SpecError(f"{what} must be {number}, not {text!r}") from None
     return text
 
 
@@ -187,19 +180,19 @@ def _converted(what: str, text: str, kind: Any) -> Any:
 def repository() -> Path:
     """The root of the checkout, which holds ``baselines`` and ``reports``.
 
-    It is the folder named by the environment variable ``CERTPGO_REPOSITORY``, else the one that
-    the package lies in, else the working directory.
+    It is the folder in the environment variable ``CERTPGO_REPOSITORY``, else the one that contains
+    the package, else the working directory.
 
     Raises
     ------
     SpecError
-        There is none.
+        None of these is a checkout.
     """
     root = checkout()
     if root is None:
         raise SpecError(
-            "this needs certpgo's checkout, which the wheel does not carry: run it in that folder, "
-            f"or let {REPOSITORY_VARIABLE} name it"
+            "this needs a checkout of certpgo (it is not in the wheel): run it there, or set "
+            f"{REPOSITORY_VARIABLE} to its path"
         )
     return root
 
@@ -211,18 +204,18 @@ def checkout() -> Path | None:
 
 
 def source() -> Path:
-    """The folder that the package lies in, whose commit says what ran."""
+    """The folder that contains the package, whose commit identifies the code."""
     return _PACKAGE.parent
 
 
 def names_in(folder: str) -> tuple[str, ...]:
-    """Names of the files of a folder of the checkout; none without a checkout."""
+    """Names of the files in a folder of the checkout; none without a checkout."""
     root = checkout()
     return () if root is None else _stems(root / folder)
 
 
 def load_file(folder: str, name: str) -> ModuleType:
-    """A file of a folder of the checkout, as a module; dots lead into subfolders.
+    """Import a file of a folder of the checkout; dots in ``name`` separate subfolders.
 
     Raises
     ------
@@ -232,11 +225,11 @@ def load_file(folder: str, name: str) -> ModuleType:
         Running the file fails.
     """
     _make_harness_importable()
-    # The folder becomes a package of its own, so that its files may import each other relatively.
+    # The folder becomes a package, so that its files can import each other relatively.
     path = repository() / folder
     package = f"certpgo_{path.name}"
-    present = sys.modules.get(package)
-    if present is None or list(present.__path__) != [str(path)]:
+    loaded = sys.modules.get(package)
+    if loaded is None or list(loaded.__path__) != [str(path)]:
         for stale in [k for k in sys.modules if k == package or k.startswith(f"{package}.")]:
             del sys.modules[stale]
         parent = ModuleType(package)
@@ -247,12 +240,12 @@ def load_file(folder: str, name: str) -> ModuleType:
 
 
 def exposed(module: ModuleType, attribute: str) -> Any:
-    """What a module must expose.
+    """An attribute that a module must expose.
 
     Raises
     ------
     UnusableFile
-        It does not.
+        The module lacks it.
     """
     try:
         return getattr(module, attribute)
@@ -261,13 +254,13 @@ def exposed(module: ModuleType, attribute: str) -> Any:
 
 
 def command_names() -> tuple[str, ...]:
-    """Names of the benchmarks' commands; none without a checkout."""
+    """Names of the benchmark commands; none without a checkout."""
     root = _make_harness_importable()
     return () if root is None else _stems(root / _COMMANDS)
 
 
 def get_command(name: str) -> Any:
-    """The benchmarks' command called ``name``.
+    """The benchmark command called ``name``.
 
     Raises
     ------
@@ -280,14 +273,14 @@ def get_command(name: str) -> Any:
 
 
 def call_pickled(call: bytes) -> Any:
-    """Call a pickled function with its arguments, in a process that may not know the benchmarks."""
+    """Call a pickled function with its arguments, in a process without the benchmarks loaded."""
     _make_harness_importable()
     function, *arguments = pickle.loads(call)
     return function(*arguments)
 
 
 def _make_harness_importable() -> Path | None:
-    """Let ``reports.harness`` be imported; returns the root of its checkout, or None."""
+    """Make ``reports.harness`` importable; returns the root of its checkout, or None."""
     places = [root for root in (checkout(), *_places()) if root is not None]
     root = next((root for root in places if (root / _COMMANDS).is_dir()), None)
     if root is not None and str(root) not in sys.path:
@@ -297,10 +290,10 @@ def _make_harness_importable() -> Path | None:
 
 def _places() -> Iterator[Path]:
     yield source().resolve()
-    with suppress(OSError):  # a working directory that is gone
-        here = Path.cwd()
-        if (here / _PACKAGE.name).is_dir():
-            yield here.resolve()
+    with suppress(OSError):  # the working directory may have been deleted
+        current = Path.cwd()
+        if (current / _PACKAGE.name).is_dir():
+            yield current.resolve()
 
 
 def _is_complete(root: Path) -> bool:
@@ -313,7 +306,7 @@ def _stems(folder: Path) -> tuple[str, ...]:
 
 
 def _imported(name: str, path: Path) -> ModuleType:
-    """The module, or an error that names its file, whatever running that raises."""
+    """Import a module; any exception becomes an error with the path of its file."""
     try:
         return importlib.import_module(name)
     except MissingDependency:

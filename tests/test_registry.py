@@ -124,9 +124,7 @@ def test_without_a_checkout_the_package_still_lists_its_own_methods(tmp_path, mo
     assert scan.table_names() == ()
     assert not any(name.startswith("gtsam_") for name in registry.solver_names())
     for call in (registry.repository, lambda: scan.get_table("first")):
-        with pytest.raises(
-            SpecError, match="compare, reproduce, report and gate need the checkout"
-        ):
+        with pytest.raises(SpecError, match="this needs a checkout of certpgo"):
             call()
 
 

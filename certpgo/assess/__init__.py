@@ -1,1 +1,1 @@
-"""What can be said of a graph or an estimate beyond its verdict."""
+"""Metrics, bounds and comparisons of graphs, estimates and methods, and their wording."""

@@ -1,4 +1,4 @@
-"""What can be said of an answer from elsewhere beyond its verdict, in units people measure in."""
+"""How far an estimate is from the best one found, in degrees, metres and cost."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from certpgo.io.gtsam_values import estimate_from_values
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.problem import PoseProblem, Problem, problem_of
 
-#: Edges that are named.
+#: Number of costliest edges listed.
 EDGES = 5
 
 
 @dataclass(frozen=True)
 class Distance:
-    """How far two estimates are apart, each measure after the best rigid motion.
+    """Distance between two estimates, each measure after its best rigid alignment.
 
     Attributes
     ----------
     mean_deg, worst_deg : angles between rotations, degrees
-    mean_m, worst_m : between positions, metres; None without translations
+    mean_m, worst_m : distances between positions, metres; None without translations
     """
 
     mean_deg: float
@@ -41,16 +41,16 @@ class Distance:
 
 @dataclass(frozen=True)
 class CostlyEdge:
-    """An edge and what it adds to F.
+    """An edge and its contribution to F.
 
     Attributes
     ----------
-    edge : its number, from 0
-    ids : of its nodes
-    cost : its term of F, at the estimate as given
-    share : that over F
-    angle : between R_i R_ij and R_j, radians
-    metres : of t_j - t_i - R_i t_ij; None without translations
+    edge : index of the edge, from 0
+    ids : ids of its nodes
+    cost : its term of F at the estimate as given
+    share : ``cost`` over F
+    angle : angle between R_i R_ij and R_j, radians
+    metres : norm of t_j - t_i - R_i t_ij; None without translations
     """
 
     edge: int
@@ -63,13 +63,13 @@ class CostlyEdge:
 
 @dataclass(frozen=True)
 class Rounding:
-    """What the digits of a file cost.
+    """The effect of rounding to a file's digits.
 
     Attributes
     ----------
-    digits : that the file's poses have
-    cost : by how much F of the best answer would rise, were it written with them; None where they
-        are too few for rotations
+    digits : precision of the file's poses
+    cost : increase of F if the best estimate is written with these digits; None where they are too
+        few for rotations
     """
 
     digits: Digits
@@ -78,19 +78,19 @@ class Rounding:
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """An answer beside the best one in hand.
+    """An estimate compared with the best one found.
 
     Attributes
     ----------
-    certificate : the verdict
+    certificate : the certificate of the estimate
     cost : F of the estimate as given, as computed
-    best : the best answer in hand: the better one of another basin, else the refined one
-    best_cost : its F
-    best_is_optimal : whether it is proven to be within the tolerance of the best possible
-    excess : F of the answer as given, less ``best_cost``; not negative
-    distance : from the answer as given to ``best``
-    edges : those that add most to F of the answer as given, the worst first
-    rounding : what the file's digits cost; None for an answer of all digits
+    best : the best estimate found: a better one from another basin, or else the refined one
+    best_cost : F of ``best``
+    best_is_optimal : whether ``best`` is proven optimal within the tolerance
+    excess : F of the estimate as given minus ``best_cost``; not negative
+    distance : from the estimate as given to ``best``
+    edges : edges with the largest terms of F, in descending order
+    rounding : effect of the file's digits; None for an estimate in full precision
     """
 
     certificate: Certificate
@@ -117,17 +117,17 @@ def assess(
     ids: IntArray | None = None,
     writing: Writing | None = None,
 ) -> Assessment:
-    """Compare an estimate with the best one that judging it found.
+    """Compare an estimate with the best one found while certifying it.
 
     Parameters
     ----------
-    certificate : of this estimate, for this problem
-    ids : (n,) node ids, for naming edges; 0 ... n-1 by default
-    writing : how the file of the estimate writes poses, see `certpgo.io.digits.writing_of`
+    certificate : certificate of this estimate for this problem
+    ids : (n,) node ids for naming edges; 0 ... n-1 by default
+    writing : number format of the estimate's file, see `certpgo.io.digits.writing_of`
     """
     c = certificate
     best, cost = c.best, c.best_cost
-    if not cost < c.cost_upper:  # improved by rounding at most
+    if not cost < c.cost_upper:  # any improvement is rounding
         best, cost = estimate, c.cost_upper
     proven = c.tier is not Tier.SCREEN and cost - c.lower_bound <= c.rtol * cost + c.atol * c.scale
     return Assessment(
@@ -144,7 +144,7 @@ def assess(
 
 
 def distance(estimate: Estimate, other: Estimate) -> Distance:
-    """How far two estimates are apart, whatever frame each is in."""
+    """The distance between two estimates, each in any frame."""
     turn = metrics.angular_errors(estimate, other)
     if estimate.translations is None or other.translations is None:
         return Distance(turn.mean_deg, turn.worst_deg)
@@ -155,7 +155,7 @@ def distance(estimate: Estimate, other: Estimate) -> Distance:
 def costly_edges(
     problem: Problem, estimate: Estimate, ids: IntArray, count: int = EDGES
 ) -> tuple[CostlyEdge, ...]:
-    """The edges that add most to F; none where F is zero or not finite."""
+    """The edges with the largest terms of F; none where F is zero or not finite."""
     terms = problem.edge_costs(estimate)
     lengths: FloatArray | None = None
     if isinstance(problem, PoseProblem):
@@ -180,9 +180,9 @@ def costly_edges(
 def rounding_cost(
     problem: Problem, estimate: Estimate, best: Estimate, writing: Writing
 ) -> Rounding:
-    """What F of the best answer rises by when it is written as the file writes the estimate.
+    """The increase of F when the best estimate is written like the file of the estimate.
 
-    It is moved to where the estimate is, as the size of numbers decides what their digits lose.
+    It is first aligned with the estimate, as the rounding error depends on the size of the numbers.
     """
     S = metrics.align(best, estimate)
     moved = best.moved(S)
@@ -199,26 +199,26 @@ def rounding_cost(
 def certify_values(
     graph: Graph | Instance, values: Any, *, ids: ArrayLike | None = None, **options: Any
 ) -> Certificate:
-    """Judge GTSAM's Values, or any object with ``keys()`` and ``atPose3``, ``atRot3`` and so on.
+    """Certify GTSAM's Values, or any object with ``keys()`` and ``atPose3``, ``atRot3`` and so on.
 
-    Keys are matched with node ids, or the index of Symbols is, or as many of both in ascending
-    order; an `InputNotice` warns of any but the first. Poses serve a rotation graph as well.
+    Keys are matched with node ids, else by the index of Symbols, else in ascending order if there
+    are equally many; the last two give an `InputNotice`. Poses work for rotation graphs too.
 
     Parameters
     ----------
-    graph : a graph, whose ids are 0 ... n-1, or an instance with ids of its own
-    values : poses or rotations, 2D or 3D as the graph
-    ids : (n,) integers, the key of each node, where matching is not to be guessed
-    options : of `certify`: tier, rtol, atol, refine
+    graph : a graph, whose ids are 0 ... n-1, or an instance with its own ids
+    values : poses or rotations, 2D or 3D like the graph
+    ids : (n,) integers, the key of each node, to avoid guessing the match
+    options : options of `certify`: tier, rtol, atol, refine
 
     Raises
     ------
     InputError
-        The keys do not fit, or the values are of another kind.
+        The keys do not match, or the values are of another kind.
 
     Examples
     --------
-    What GTSAM's Values can do is enough to be judged:
+    Any object with this interface of GTSAM's Values can be certified:
 
     >>> import certpgo
     >>> from certpgo.datasets.synthetic import winding_cycle

@@ -1,4 +1,4 @@
-"""Many answers to one graph, judged one after another; what is proven once serves them all."""
+"""Many estimates of one graph, certified in turn; they share the bounds proven for it."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from certpgo.io.digits import Writing
 from certpgo.io.writing import atomically
 from certpgo.objective.problem import Problem
 
-#: The verdict of what could not be read or judged.
+#: Verdict for estimates that could not be read or certified.
 ERROR = "ERROR"
 
 
 @dataclass(frozen=True)
 class JudgedEstimate:
-    """One answer to one connected graph; the fields are the columns of the CSV.
+    """One estimate of one connected graph; the fields are the columns of the CSV.
 
     Attributes
     ----------
-    estimate, graph : what was judged, and for what
-    verdict : or ``ERROR``, the reason then being the error and all numbers None
+    estimate, graph : names of the estimate and of the graph
+    verdict : the verdict, or ``ERROR``: then ``reason`` is the error and all numbers are None
     cost : F of the estimate, as computed
     lower_bound, gap, relative_gap, refined_cost : as in `certpgo.certify.Certificate`
-    best_cost : F of the best answer in hand, see `certpgo.assess.assessment.Assessment`
-    mean_deg, worst_deg, mean_m, worst_m : distance to that one, degrees and metres
+    best_cost : F of the best estimate found, see `certpgo.assess.assessment.Assessment`
+    mean_deg, worst_deg, mean_m, worst_m : distance to that estimate, degrees and metres
     reason : one sentence
     """
 
@@ -57,14 +57,14 @@ class JudgedEstimate:
 
 @dataclass(frozen=True)
 class JudgedGraph:
-    """A connected graph, its problem, and who judges answers to it."""
+    """A connected graph, its problem, and the certifier of its estimates."""
 
     instance: Instance
     problem: Problem
     judge: Judge
 
     def assessed(self, estimate: Estimate, writing: Writing | None = None) -> Assessment:
-        """The verdict on an answer, and what else there is to say of it."""
+        """The certificate of an estimate, and its comparison with the best one."""
         certificate = self.judge.certify(estimate)
         return assess(self.problem, estimate, certificate, ids=self.instance.ids, writing=writing)
 
@@ -72,12 +72,12 @@ class JudgedGraph:
 def estimates_for(
     path: Path, whole: Instance, parts: Sequence[Instance], timestamps: str | Path = "ids"
 ) -> list[Estimate]:
-    """The estimate of each part, of a file that covers the whole graph, or the one part.
+    """The estimate of each part, from a file that covers the whole graph or its only part.
 
     Raises
     ------
     InputError
-        The file is unusable, or another graph's.
+        The file is unusable or belongs to another graph.
     """
     if len(parts) == 1 and parts[0] is whole:
         return [read_estimate(path, whole, timestamps=timestamps)]
@@ -93,11 +93,11 @@ def estimates_for(
 def judge_all(
     names: Iterable[str], parts: Sequence[JudgedGraph], read: Callable[[str], Sequence[Estimate]]
 ) -> Iterator[JudgedEstimate]:
-    """The rows of each answer, as they are made; what cannot be read is a row with its error.
+    """The rows of each estimate; one that cannot be read becomes a row with the error.
 
     Parameters
     ----------
-    read : from a name to the estimate of each part
+    read : returns the estimate of each part, given a name
     """
     for name in names:
         try:
@@ -108,14 +108,14 @@ def judge_all(
 
 
 def write_rows(path: Path, rows: Iterable[JudgedEstimate]) -> None:
-    """The rows as CSV, whole or not at all; numbers to the last digit.
+    """Write the rows as CSV in full precision; an incomplete file is never left behind.
 
     Raises
     ------
     InputError
         The file cannot be written.
     """
-    # The reason, being the longest, comes last.
+    # The reason is longest and comes last.
     columns = sorted(
         (field.name for field in fields(JudgedEstimate)), key=lambda name: name == "reason"
     )
@@ -123,7 +123,7 @@ def write_rows(path: Path, rows: Iterable[JudgedEstimate]) -> None:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
     writer.writerows([_cell(getattr(row, name)) for name in columns] for row in rows)
-    atomically(path, lambda beside: beside.write_text(text.getvalue(), encoding="utf-8"))
+    atomically(path, lambda temporary: temporary.write_text(text.getvalue(), encoding="utf-8"))
 
 
 def _row(name: str, graph: str, a: Assessment) -> JudgedEstimate:

@@ -1,4 +1,4 @@
-"""Methods compared on a graph: cost, proven gap, verdict and time of each."""
+"""Methods compared on a graph: cost, proven gap, verdict and run time of each."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ class Competitor:
     Attributes
     ----------
     solver : name in the registry
-    label : what a table calls it, by default the solver's name
+    label : name in tables, by default the solver's
     settings : fields of the solver's dataclass
-    start : the method whose answer is the initial estimate, or None
-    takes : run on ``"poses"`` or ``"rotations"`` alone; empty for both
-    reads_source : the method reads the graph's file itself, for what our graphs do not keep (the
-        full information matrices); it is given the path as its setting ``source``
+    start : the method that computes the initial estimate, or None
+    takes : ``"poses"`` or ``"rotations"`` if restricted to these; empty for both
+    reads_source : whether the method reads the graph's file itself (for the full information
+        matrices, which our graphs do not keep); the path is passed as its setting ``source``
     """
 
     solver: str = ""
@@ -47,13 +47,13 @@ class Competitor:
             object.__setattr__(self, "label", self.solver or "graph")
 
     def suits(self, graph: Graph) -> bool:
-        """Whether the method is run on such graphs."""
+        """Whether the method runs on graphs of this kind."""
         return self.takes in ("", graph.kind)
 
 
 _EIGEN_MA = Competitor("eigen_ma", takes="poses")
 _EIGEN_RA = Competitor("eigen_ra", takes="rotations")
-#: What is compared by default.
+#: Methods compared by default.
 METHODS = (
     Competitor("certified"),
     Competitor("spanning_tree"),
@@ -78,36 +78,36 @@ METHODS = (
     ),
 )
 TITLE = "Methods side by side, every estimate certified by the same procedure"
-#: What a reader of the table should know.
+#: Notes printed below the tables.
 NOTES = (
     "F is the weighted squared error that is minimised, f_ML the thesis' log-likelihood with "
-    "unit weights. The gap is proven: no answer of the graph can have an F smaller than "
-    "this one's by more. Where a method rejects measurements, and the column says what share "
-    "it kept, verdict and gap are of those alone, F and f_ML of all. CERTIFIED: the gap is at "
-    "most 1e-5 F. BOUNDED: it is larger. REFUTED: a lower-cost estimate is known that local "
-    "descent from this one does not reach.",
-    "GTSAM minimises F to first order, except in its last row: there it reads the file itself and "
-    "minimises its own error with the file's full information matrices.",
+    "unit weights. The gap is proven: no estimate of the graph costs less than this one by more "
+    "than the gap. If a method rejects measurements (see the share kept), verdict and gap refer "
+    "to the kept ones, F and f_ML to all. CERTIFIED: the gap is at most 1e-5 F. BOUNDED: it is "
+    "larger. REFUTED: a lower-cost estimate is known that local descent from this one does not "
+    "reach.",
+    "GTSAM minimises F to first order; only in its last row does it read the file itself and "
+    "minimise its own error with the file's full information matrices.",
     "Seconds are those of one run, without reading and certifying.",
 )
-#: Titles of the columns of `cells`.
+#: Column titles of `cells`.
 COLUMNS = ("method", "F", "f_ML", "gap", "gap / F", "verdict", "kept, %", "seconds (by phase)")
 
 
 @dataclass(frozen=True)
 class MethodResult:
-    """What a method made of a connected graph, or why it made nothing of it.
+    """The result of a method on a connected graph, or its error.
 
     Attributes
     ----------
     graph, d, nodes, edges, reading : the graph, and how it was read
-    method, settings : the label, and settings that are not the default
-    error : why there is no answer, or empty; then the rest is empty
+    method, settings : the label, and the settings that differ from the default
+    error : why there is no estimate (the fields below are then empty), or empty
     status, iterations, seconds, note : as in `certpgo.Solution`
     cost : F of all measurements
     f_ml : the thesis' log-likelihood with unit weights; larger is better
     kept : share of the measurements that a robust method kept, or None
-    verdict, lower_bound, gap, relative_gap : as in `certpgo.Certificate`, of the kept measurements
+    verdict, lower_bound, gap, relative_gap : as in `certpgo.Certificate`, for the kept measurements
     """
 
     graph: str
@@ -137,9 +137,9 @@ def compare(
     *,
     announce: Callable[[str], None] = lambda label: None,
 ) -> Iterator[MethodResult]:
-    """Run methods on a connected graph and certify what they answer, one after another.
+    """Run methods on a connected graph in turn and certify their estimates.
 
-    A method that fails, or whose package is not installed, is a row with the reason.
+    A method that fails, or whose package is not installed, gives a row with the reason.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def compare(
     Raises
     ------
     KeyboardInterrupt
-        Ctrl-C, also where a method ends on it with an answer of its own.
+        Ctrl-C, also where a method returns an estimate after it.
     """
     problem = problem_of(instance.graph)
     for method in methods:
@@ -168,7 +168,7 @@ def compare(
             yield replace(blank, error=str(error))
         except MemoryError:
             yield replace(blank, error="not enough memory")
-        except Exception as error:  # a comparison survives whatever a method raises
+        except Exception as error:  # a failing method must not end the comparison
             yield replace(blank, error=in_one_line(error))
 
 
@@ -201,17 +201,17 @@ def solution_of(
     source: str = "",
     settings: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
 ) -> Solution:
-    """The method's answer, from its starting method's answer where it has one.
+    """The method's solution, from the initial estimate of its ``start`` method if it has one.
 
     Parameters
     ----------
-    source : where the problem was read from, for methods that read it themselves
-    settings : further settings, by the labels of methods
+    source : path of the graph's file, for methods that read it themselves
+    settings : further settings by method label
 
     Raises
     ------
     SpecError
-        The method or a setting is unknown, or the method does not take such a problem.
+        The method or a setting is unknown, or the method does not take this kind of problem.
     """
     own = {**method.settings, **settings.get(method.label, {})}
     if method.reads_source:
@@ -231,19 +231,19 @@ def solution_of(
 
 
 def certified(solution: Solution, problem: Problem) -> tuple[Certificate, float]:
-    """The certificate for the measurements that the method kept, and the seconds it took."""
+    """The certificate for the measurements that the method kept, and its run time in seconds."""
     start = time.perf_counter()
     certificate = certify(solution.judged(problem), solution.estimate)
     return certificate, time.perf_counter() - start
 
 
 def in_one_line(error: Exception) -> str:
-    """An error that is none of ours: its type and the first line it says."""
+    """A foreign error in one line: its type and the first line of its message."""
     return f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
 
 
 def title(result: MethodResult) -> str:
-    """The graph and its size."""
+    """Name and size of the graph."""
     return f"{result.graph} ({sizes(result.nodes, result.edges, result.d)})"
 
 
@@ -253,13 +253,13 @@ def sizes(nodes: int, edges: int, d: int) -> str:
 
 
 def captions(results: Sequence[MethodResult]) -> Iterator[str]:
-    """How the graph was read, and what methods remark."""
+    """How the graph was read, and the methods' remarks."""
     yield f"Read with {reading_sentence(results[0].reading)}."
     yield from remarks((result.method, result.note) for result in results)
 
 
 def remarks(notes: Iterable[tuple[str, str]]) -> Iterator[str]:
-    """One sentence for each note, with the methods that make it."""
+    """One sentence per distinct note, naming its methods."""
     methods: dict[str, list[str]] = {}
     for method, note in notes:
         if note:
@@ -269,7 +269,7 @@ def remarks(notes: Iterable[tuple[str, str]]) -> Iterator[str]:
 
 
 def cells(result: MethodResult) -> tuple[str, ...]:
-    """The line of a method, one text for each of `COLUMNS`, and why there is no answer."""
+    """A method's row: one text per column of `COLUMNS`, then the error."""
     kept = None if result.kept is None else 100.0 * result.kept
     return (
         result.method,
@@ -289,7 +289,7 @@ def _number(value: float | None, form: str) -> str:
 
 
 def seconds_by_phase(phases: Mapping[str, float]) -> str:
-    """Seconds in all, and of each phase where there are several."""
+    """Total seconds, and those of each phase if there are several."""
     if not phases:
         return ""
     parts = ", ".join(f"{name} {value:.3f}" for name, value in phases.items())
@@ -297,7 +297,7 @@ def seconds_by_phase(phases: Mapping[str, float]) -> str:
 
 
 def _timed(solver: Solver, problem: Problem, initial: Estimate | None = None) -> Solution:
-    """The method's answer; one that times no phases is timed as a whole."""
+    """The method's solution; a method that reports no phases is timed as a whole."""
     start = time.perf_counter()
     solution = solver.solve(problem, initial=initial)
     elapsed = time.perf_counter() - start

@@ -1,8 +1,8 @@
-"""How consistent relative rotations are: two spectra compared; thesis section 3.2.
+"""Consistency of relative rotations by comparing two spectra; thesis section 3.2.
 
 Perfect measurements make the connection Laplacian L similar to L_G x I, the graph Laplacian with
-every eigenvalue repeated d times (Proposition 3.2.4). How far the spectra are apart says how far
-the measurements are from perfect, before anything is estimated.
+every eigenvalue repeated d times (Proposition 3.2.4). The distance between the spectra tells how
+far the measurements are from perfect, before anything is estimated.
 """
 
 from __future__ import annotations
@@ -54,9 +54,9 @@ def consistency(problem: RotationProblem, k: int = 2) -> Consistency:
     Raises
     ------
     InputError
-        There are not so many.
+        k is out of this range.
     NumericalError
-        No factorization, or no convergence.
+        A factorization failed, or the eigenvalues did not converge.
     """
     if not 2 <= k <= problem.n:
         raise InputError(f"2 to {problem.n} eigenvalues of the graph can be compared, not {k}")
@@ -68,31 +68,31 @@ def consistency(problem: RotationProblem, k: int = 2) -> Consistency:
 
 
 def inconsistency(smallest: float, fiedler: float) -> float:
-    """lambda_1(L) / lambda_2(L_G): 0 for perfect measurements, whatever the weights' scale.
+    """lambda_1(L) / lambda_2(L_G): 0 for perfect measurements, for weights of any scale.
 
-    Conjecture 3.2.1 of the thesis has it rise with the noise, to 1 for uniformly random rotations.
-    On well-connected random graphs, like the thesis', it comes close to 1 from below. In general
-    it has no such bound: lambda_2 is at most the weight of a cut times n / (|S| |S'|), S and S' the
-    sides of the cut, and lambda_1 at least the smaller one of those of the sides by themselves.
-    Two cliques of 20 joined by one edge exceed 100; the Sphere of the thesis' Table 5.6 has 14.
+    Conjecture 3.2.1 of the thesis: it rises with the noise, to 1 for uniformly random rotations.
+    On well-connected random graphs, like the thesis', it approaches 1 from below. In general it has
+    no such bound: lambda_2 is at most the weight of a cut times n / (|S| |S'|) with S and S' the
+    sides of the cut, and lambda_1 at least the smaller of the two sides' own lambda_1. Two cliques
+    of 20 joined by one edge exceed 100; the Sphere of the thesis' Table 5.6 has 14.
     """
     return max(smallest, 0.0) / fiedler
 
 
 def perturbation_bound(problem: RotationProblem, estimate: Estimate) -> float:
-    """What no Weyl difference exceeds: max_i sum_j kappa_ij ||R_ij - R_i^T R_j||, operator norms.
+    """A bound on Weyl differences: max_i sum_j kappa_ij ||R_ij - R_i^T R_j||, operator norms.
 
     Proof. H with blocks deg_i I and -kappa_ij R_i^T R_j is D^T (L_G x I) D, with the orthogonal D =
     blkdiag(R_1, ..., R_n), so its eigenvalues are those of L_G, each repeated d times. By Weyl's
     inequality those of L = H + P, both in ascending order, differ from them by at most ||P||. P is
-    symmetric with blocks -kappa_ij (R_ij - R_i^T R_j) and none on the diagonal. Let P x = mu x
+    symmetric with blocks -kappa_ij (R_ij - R_i^T R_j) and a zero diagonal. Let P x = mu x
     with |mu| = ||P|| and x_i the longest block of x: |mu| |x_i| <= sum_j ||P_ij|| |x_j| <=
     (sum_j ||P_ij||) |x_i|. Blocks of parallel edges are summed, and the norm of a sum is at most
     the sum of norms. The thesis has ||P||_inf in place of the sum, at most sqrt(d) times as much.
 
-    It holds for any rotations; small residuals make it small. The difference of two rotations has
-    the norm 2 sin(alpha / 2), alpha the residual angle, for d = 2 and 3 alike: its Frobenius norm
-    over sqrt(2).
+    It holds for any rotations, and is small if the residuals are. For d = 2 and 3, the difference
+    of two rotations has the norm 2 sin(alpha / 2), with alpha the residual angle: its Frobenius
+    norm over sqrt(2).
     """
     graph = problem.graph
     chords = np.linalg.norm(problem.residuals(estimate.rotations), axis=(1, 2)) / np.sqrt(2.0)

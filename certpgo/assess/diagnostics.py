@@ -1,4 +1,4 @@
-"""What can be said of an instance before anything is solved."""
+"""Diagnostics of an instance before anything is solved."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ class Structure:
     ----------
     kind : ``"poses"`` or ``"rotations"``
     d, nodes, edges : dimension and counts
-    first_id, last_id, consecutive : the source's node ids
+    first_id, last_id, consecutive : node ids of the source
     component_sizes : nodes in each component, largest first
-    parallel_edges : edges beyond the first between their two nodes
-    bridges : edges that no other measurement checks
+    parallel_edges : edges after the first between the same two nodes
+    bridges : edges whose removal disconnects their component
     kappa, tau : smallest and largest concentration; tau in 1/m^2, None for rotations
     """
 
@@ -53,9 +53,9 @@ class Spectrum:
     ----------
     smallest : the d smallest eigenvalues of the connection Laplacian
     fiedler : second smallest eigenvalue of the graph Laplacian
-    inconsistency : the smallest of the former over the latter; see `certpgo.assess.consistency`
+    inconsistency : first of ``smallest`` over ``fiedler``; see `certpgo.assess.consistency`
     alpha_max : residual angle up to which stationary rotations are optimal, by the largest degree
-    normalized_alpha_max : the same by the normalized Laplacian, never smaller
+    normalized_alpha_max : likewise by the normalized Laplacian, never smaller
     """
 
     smallest: tuple[float, ...]
@@ -66,7 +66,7 @@ class Spectrum:
 
 
 def structure(instance: Instance) -> Structure:
-    """Count and connect."""
+    """Counts and connectivity of an instance."""
     graph, ids = instance.graph, instance.ids
     rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
     simple = len(np.unique(np.sort(graph.edges, axis=1), axis=0))
@@ -104,7 +104,7 @@ def spectra(graph: Graph) -> Mapping[str, Spectrum]:
 
 
 def engines_in_words() -> str:
-    """Which factorization engine is in use and which are installed."""
+    """The factorization engine in use, and those installed."""
     return f"{default_engine()} (installed: {', '.join(engines())})"
 
 

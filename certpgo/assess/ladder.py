@@ -1,7 +1,7 @@
-"""Every bound on a graph: what it needs, its run time, and what it implies here.
+"""Every bound on a graph: its requirements, run time and implication for an estimate.
 
-Two kinds of rungs. Lower bounds on F* are compared with the cost of an answer. Angles speak of
-stationary rotations alone: where all residuals stay below one, those rotations are optimal.
+Lower bounds on F* are compared with the cost of an estimate. Residual-angle bounds are about
+stationary rotations only: these are optimal if all their residuals stay below one of the bounds.
 """
 
 from __future__ import annotations
@@ -31,12 +31,11 @@ from certpgo.graph.cycles import is_cycle
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize import spectral
 from certpgo.optimize.newton import NewtonSettings, newton
-from certpgo.registry import build, setting_fields
 from certpgo.solvers.certified.pipeline import solve
 
-#: The method whose value is the rung of the semidefinite program.
+#: The method that solves the semidefinite program.
 PROGRAM = "sdp_dual"
-#: Lower bounds within this part of F are as good as F.
+#: Relative gap below which a lower bound counts as equal to F.
 TIGHT = 1e-6
 
 About = Literal["cost", "angle", "ratio"]
@@ -49,17 +48,17 @@ class Rung:
 
     Attributes
     ----------
-    key, title : its name, for programs and for people
-    about : what it bounds: the ``"cost"`` F from below; each residual ``"angle"`` of stationary
-        rotations that are optimal, or their sum, radians; or the ``"ratio"`` of a node's residuals
+    key, title : identifier and name
+    about : the bounded quantity: the ``"cost"`` F from below; the residual ``"angle"`` of optimal
+        stationary rotations, or the sum of these, radians; or the ``"ratio"`` of a node's residuals
         to its weight
-    value : of the bound; None where there is none, for a reason that ``says`` gives
-    against : what it is compared with: F, the largest residual angle (their sum), the largest ratio
-    holds : whether it shows the estimate (the stationary rotations near it) to be optimal; of
-        computed lower bounds, up to `TIGHT`; None without a value
-    needs : what it takes to compute
-    seconds : what it took here
-    says : what follows here, in words
+    value : the bound; None if there is none, for the reason in ``says``
+    against : the value compared with it: F, the largest residual angle (or sum), the largest ratio
+    holds : whether it shows the estimate (the stationary rotations near it) to be optimal; for
+        lower bounds up to `TIGHT`; None without a value
+    needs : what its computation requires
+    seconds : run time
+    says : its implication for the estimate
     """
 
     key: str
@@ -74,7 +73,7 @@ class Rung:
 
     @property
     def shown(self) -> str:
-        """The value with its unit, or a dash."""
+        """The value with its unit, or a dash if there is none."""
         if self.value is None:
             return "-"
         if self.about == "angle":
@@ -84,17 +83,17 @@ class Rung:
 
 @dataclass(frozen=True, eq=False)
 class Ladder:
-    """The bounds of a connected graph, cheap ones first.
+    """The bounds of a connected graph, cheapest first.
 
     Attributes
     ----------
-    cost : F of the estimate, given or found
-    given : whether it was given
+    cost : F of the estimate
+    given : whether the estimate was given; otherwise the certified pipeline found it
     largest : its largest residual angle, radians
-    settled : largest residual angle of the stationary rotations near it, radians, which the
-        angles are compared with; None where descent reached none
-    certificate : of the estimate
-    rungs : one bound each
+    settled : largest residual angle of the stationary rotations near it, radians, for the
+        residual-angle bounds; None where descent reached none
+    certificate : certificate of the estimate
+    rungs : the bounds
     """
 
     cost: float
@@ -108,20 +107,20 @@ class Ladder:
 def ladder(
     problem: Problem, estimate: Estimate | None = None, *, sdp: bool = False, force: bool = False
 ) -> Ladder:
-    """Climb the ladder.
+    """Compute all bounds of a connected graph.
 
     Parameters
     ----------
-    estimate : what bounds are compared with; by default the certified pipeline's answer
-    sdp : solve the semidefinite program as well
-    force : even where it is too large for its solver
+    estimate : estimate to compare with; by default the certified pipeline's
+    sdp : also solve the semidefinite program
+    force : solve it even if it is too large for its solver
 
     Raises
     ------
     InputError
         An estimate of another graph.
     NumericalError
-        No estimate was given, and none found.
+        No estimate was given, and none was found.
     """
     if estimate is None:
         found, seconds = _timed(lambda: solve(problem.graph))
@@ -132,8 +131,11 @@ def ladder(
     stationary = _stationary_rotations(problem, point)
     F = _Cost(problem.cost(point), certificate.cost_upper)
     rungs = [*_spectral(problem, F), *_angles(problem, stationary)]
-    rungs.append(_program(problem, F, force) if sdp else _unasked(F))
-    rungs.append(_proven(proven, F, seconds))
+    unsolved = "not requested: --sdp solves it"
+    rungs.append(_program(problem, F, force) if sdp else _sdp(None, F, 0.0, unsolved))
+    title, needs = "proven bound", "a search, and factorizations with bounded rounding"
+    bound = proven.lower_bound
+    rungs.append(_lower("proven", title, bound, F, needs, seconds, claim="proven: "))
     angles = problem.rotation.residual_angles
     return Ladder(
         cost=F.computed,
@@ -148,14 +150,14 @@ def ladder(
 def rungs_of_eigenvalues(
     problem: Problem, estimate: Estimate, certificate: Certificate
 ) -> tuple[Rung, ...]:
-    """The rungs that a few eigenvalues give, for an estimate that is certified already."""
+    """The rungs that need only a few eigenvalues, for an estimate with its certificate."""
     F = _Cost(problem.cost(estimate), certificate.cost_upper)
     stationary = _stationary_rotations(problem, estimate)
     return tuple(_in_view_of_earlier([*_spectral(problem, F), *_angles(problem, stationary)]))
 
 
 def _certificates(problem: Problem, point: Estimate) -> tuple[Certificate, Certificate]:
-    """That of the point, and the one with the higher bound: it, or that of our own answer."""
+    """The certificate of the point, and the one with the higher bound: this or the pipeline's."""
     own = certify(problem, point)
     if own.verdict is Verdict.CERTIFIED or own.basin_is_global:
         return own, own
@@ -164,7 +166,7 @@ def _certificates(problem: Problem, point: Estimate) -> tuple[Certificate, Certi
 
 
 def _in_view_of_earlier(rungs: list[Rung]) -> Iterator[Rung]:
-    """The rungs; of a bound on F below an earlier one it is said that it takes nothing away."""
+    """The rungs, with a remark where an earlier bound on F is higher."""
     highest: Rung | None = None
     for rung in rungs:
         if rung.about != "cost" or rung.value is None:
@@ -179,7 +181,7 @@ def _in_view_of_earlier(rungs: list[Rung]) -> Iterator[Rung]:
 
 
 class _Cost(NamedTuple):
-    """F of the answer: as computed, and rounded up, which no lower bound exceeds."""
+    """F of the estimate: as computed, and rounded up, which no lower bound exceeds."""
 
     computed: float
     upper: float
@@ -189,8 +191,8 @@ def _stationary_rotations(problem: Problem, point: Estimate) -> Estimate | None:
     found = newton(
         problem.rotation, Estimate.trusted(point.rotations), NewtonSettings(max_iterations=200)
     )
-    settled = problem.rotation.stationarity(found.estimate) <= SETTLED
-    return found.estimate if settled else None
+    stationary = problem.rotation.stationarity(found.estimate) <= SETTLED
+    return found.estimate if stationary else None
 
 
 def _timed(step: Callable[[], T]) -> tuple[T, float]:
@@ -200,14 +202,16 @@ def _timed(step: Callable[[], T]) -> tuple[T, float]:
 
 
 def _eigenvalues(step: Callable[[], T]) -> tuple[T | None, str, float]:
-    """What a step found or why it did not, and its seconds."""
-    start = time.perf_counter()
-    found, why = None, ""
-    try:
-        found = step()
-    except (NumericalError, np.linalg.LinAlgError) as error:
-        why = f"not computed: {error}"
-    return found, why, time.perf_counter() - start
+    """The result of a step or the reason for its failure, and its seconds."""
+
+    def attempt() -> tuple[T | None, str]:
+        try:
+            return step(), ""
+        except (NumericalError, np.linalg.LinAlgError) as error:
+            return None, f"not computed: {error}"
+
+    (found, why), seconds = _timed(attempt)
+    return found, why, seconds
 
 
 def _spectral(problem: Problem, F: _Cost) -> Iterator[Rung]:
@@ -223,7 +227,7 @@ def _spectral(problem: Problem, F: _Cost) -> Iterator[Rung]:
         value, why, seconds = _eigenvalues(
             lambda: spectral.spectral_bound(poses, spectral.eliminated_eigenpairs(poses))
         )
-        title, needs = "eigenvalues, translations eliminated", f"{problem.d} more costly ones"
+        title, needs = "eigenvalues, translations eliminated", f"{problem.d} of the reduced matrix"
         yield _lower("spectral_poses", title, value, F, needs, seconds, why)
 
 
@@ -236,7 +240,7 @@ def _lower(
     seconds: float,
     why: str = "",
     *,
-    proven: str = "",
+    claim: str = "",
 ) -> Rung:
     """A rung that bounds F from below, or the reason why there is none."""
     cost = F.computed
@@ -247,95 +251,72 @@ def _lower(
     gap = cost - value
     holds = gap <= TIGHT * cost
     if value <= 0.0 and cost > 0.0:
-        says = "nothing: no cost is negative"
+        says = "none: no cost is negative"
     elif holds:
-        says = f"this estimate is optimal, to six digits{proven}"
+        says = f"{claim}this estimate is optimal to six digits"
+    elif gap < value:
+        says = f"{claim}this estimate is at most {100.0 * gap / value:.3g} % above the optimum"
     else:
-        says = f"this estimate is at most {_percent(gap / value)} above the optimum{proven}"
+        says = f"{claim}this estimate costs at most {cost / value:.3g} times the optimum"
     return Rung(key, title, "cost", value, cost, holds, needs, seconds, says)
-
-
-def _percent(part: float) -> str:
-    return f"{100.0 * part:.3g} %" if part < 10.0 else f"{part:.3g} times"
 
 
 def _angles(problem: Problem, stationary: Estimate | None) -> Iterator[Rung]:
     rotation = problem.rotation
-    largest = math.inf if stationary is None else float(rotation.residual_angles(stationary).max())
+    angles = np.array([math.inf]) if stationary is None else rotation.residual_angles(stationary)
+    largest, total = float(angles.max()), float(angles.sum())
+    residual = f"the largest residual is {math.degrees(largest):.4g} degrees"
     fiedler, why, seconds = _eigenvalues(lambda: fiedler_value(rotation))
-    by_degree = None if fiedler is None else alpha_max(fiedler / float(rotation.node_weights.max()))
+    bound = None if fiedler is None else alpha_max(fiedler / float(rotation.node_weights.max()))
     title, needs = "residual-angle bound, largest degree", "one eigenvalue of the Laplacian"
-    yield _angle("alpha_max", title, by_degree, largest, needs, seconds, why)
+    yield _local("alpha_max", title, bound, largest, needs, seconds, why or residual)
     nu, why, seconds = _eigenvalues(lambda: normalized_fiedler_value(rotation))
-    by_node = None if nu is None else alpha_max(nu)
+    bound = None if nu is None else alpha_max(nu)
     title = "residual-angle bound, each node's degree"
     needs = "one eigenvalue of the normalized Laplacian"
-    yield _angle("normalized", title, by_node, largest, needs, seconds, why)
+    yield _local("normalized", title, bound, largest, needs, seconds, why or residual)
     rows, seconds = _timed(
         lambda: math.inf if stationary is None else float(row_bound(rotation, stationary).max())
     )
-    holds = None if nu is None else rows < nu
-    yield Rung(
-        "rows",
-        "each node's own residuals",
-        "ratio",
-        nu,
-        rows,
-        holds,
-        "that eigenvalue and all residuals",
-        seconds,
-        why
-        if holds is None
-        else _said(holds, stationary is not None, f"a node has {rows:.4g} of its weight"),
-    )
+    title, needs = "each node's own residuals", "that eigenvalue and all residuals"
+    why = why or f"a node's residuals reach {rows:.4g} of its weight"
+    holds = nu is not None and rows < nu
+    yield _local("rows", title, nu, rows, needs, seconds, why, about="ratio", holds=holds)
     if not is_cycle(rotation.graph):
         return
     equal = cycle_bound(rotation.graph)
     if equal is not None:
-        needs = "one cycle, equal weights"
-        yield _angle("cycle", "half a turn over the nodes", equal, largest, needs, 0.0)
-    total = math.inf if stationary is None else float(rotation.residual_angles(stationary).sum())
-    adds_up = stationary is not None and cycle_sum_holds(rotation, stationary) is True
-    yield Rung(
-        "cycle_sum",
-        "the cycle's residuals, added up",
-        "angle",
-        math.pi,
-        total,
-        adds_up,
-        "one cycle, residuals about one axis",
-        0.0,
-        _said(adds_up, stationary is not None, f"they add up to {math.degrees(total):.4g} degrees"),
-    )
+        title, needs = "half a turn over the number of nodes", "one cycle, equal weights"
+        yield _local("cycle", title, equal, largest, needs, 0.0, residual)
+    title, needs = "the cycle's residuals, added up", "one cycle, residuals about one axis"
+    why = f"they add up to {math.degrees(total):.4g} degrees"
+    holds = stationary is not None and cycle_sum_holds(rotation, stationary) is True
+    yield _local("cycle_sum", title, math.pi, total, needs, 0.0, why, holds=holds)
 
 
-def _angle(
+def _local(
     key: str,
     title: str,
     value: float | None,
-    largest: float,
+    against: float,
     needs: str,
     seconds: float,
-    why: str = "",
+    why: str,
+    *,
+    about: About = "angle",
+    holds: bool | None = None,
 ) -> Rung:
-    """A rung that all residual angles of stationary rotations must stay below."""
+    """A rung about stationary rotations; without any, ``against`` is infinite.
+
+    ``why`` is the reason why there is no value, or why the bound does not hold.
+    """
     if value is None:
-        return Rung(key, title, "angle", None, largest, None, needs, seconds, why)
-    holds = largest <= value
-    says = _said(
-        holds, math.isfinite(largest), f"a residual is {math.degrees(largest):.4g} degrees"
-    )
-    return Rung(key, title, "angle", value, largest, holds, needs, seconds, says)
-
-
-def _said(holds: bool, settled: bool, otherwise: str) -> str:
-    if not settled:
-        return "nothing: local descent reached no stationary rotations"
-    return "the stationary rotations here are optimal" if holds else f"nothing: {otherwise}"
-
-
-def _unasked(F: _Cost) -> Rung:
-    return _sdp(None, F, 0.0, "not requested: --sdp solves it")
+        return Rung(key, title, about, None, against, None, needs, seconds, why)
+    holds = against <= value if holds is None else holds
+    says = "the stationary rotations nearby are optimal" if holds else f"none: {why}"
+    if math.isinf(against):
+        says = "none: local descent reached no stationary rotations"
+    return Rung(key, title, about, value, against, holds, needs, seconds, says)
 
 
 def _sdp(value: float | None, F: _Cost, seconds: float, why: str, title: str = "") -> Rung:
@@ -344,19 +325,16 @@ def _sdp(value: float | None, F: _Cost, seconds: float, why: str, title: str = "
 
 
 def _program(problem: Problem, F: _Cost, force: bool) -> Rung:
-    """The bound of the relaxation, of the rotations alone, by multipliers that are feasible.
+    """The bound of the relaxation, for the rotations alone, by feasible multipliers.
 
-    What the program itself calls its value may lie above F*: its solver's multipliers are feasible
-    up to a tolerance only. It is reported in words.
+    The solver's own value may lie above F*, as its multipliers are feasible only up to a tolerance.
+    It is reported in words.
     """
     if PROGRAM not in registry.solver_names():
         return _sdp(None, F, 0.0, f"not solved: no method {PROGRAM} here")
     start = time.perf_counter()
     try:
-        options = {"force": True} if force else {}
-        known = setting_fields(registry.get_solver(PROGRAM))
-        solver = build(PROGRAM, {k: v for k, v in options.items() if k in known})
-        found = solver.solve(problem.rotation)
+        found = registry.build(PROGRAM, {"force": force}).solve(problem.rotation)
     except CertPGOError as error:
         reason = " ".join(str(error).split())
         return _sdp(None, F, time.perf_counter() - start, f"not solved: {reason}")
@@ -366,13 +344,5 @@ def _program(problem: Problem, F: _Cost, force: bool) -> Rung:
     rung = _sdp(found.lower_bound, F, seconds, why, alone)
     if found.relaxation is None:
         return rung
-    program = found.relaxation
-    return replace(
-        rung, says=f"{rung.says}; the program says {program.value:.10g} ({program.status})"
-    )
-
-
-def _proven(certificate: Certificate, F: _Cost, seconds: float) -> Rung:
-    needs = "a search, and factorizations with bounded rounding"
-    bound = certificate.lower_bound
-    return _lower("proven", "proven bound", bound, F, needs, seconds, proven=", proven")
+    value = f"{found.relaxation.value:.10g} ({found.relaxation.status})"
+    return replace(rung, says=f"{rung.says}; the solver's value is {value}")

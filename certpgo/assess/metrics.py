@@ -1,4 +1,4 @@
-"""Measures of an estimate: against the measurements, and against ground truth."""
+"""Metrics of an estimate with respect to the measurements and to ground truth."""
 
 from __future__ import annotations
 
@@ -73,10 +73,10 @@ class PositionErrors:
 
 
 def align(estimate: Estimate, truth: Estimate, *, norm: Literal["l2", "l1"] = "l2") -> FloatArray:
-    """The rotation S (d, d) that brings S R_i nearest to the truth.
+    """The rotation S (d, d) that aligns S R_i with the truth.
 
     ``"l2"`` minimises the sum of squared chordal distances in closed form; ``"l1"`` the sum of
-    angles, by Weiszfeld's algorithm from there.
+    angles, by Weiszfeld's algorithm from that solution.
     """
     if (estimate.num_nodes, estimate.d) != (truth.num_nodes, truth.d):
         raise InputError(
@@ -117,32 +117,31 @@ def angular_errors(
 def f_gt(estimate: Estimate, truth: Estimate) -> float:
     """The thesis' ground-truth error, eq. 5.1: sum ||M_i - Mhat_i||_F^2 over poses.
 
-    M_i is the inverse of pose i, [R_i^T, -R_i^T t_i]. The estimate's world is moved first so that
-    the sum is least, which is one rotation and one shift, each in closed form; of rotations alone
-    the sum of their part.
+    M_i is the inverse of pose i, [R_i^T, -R_i^T t_i]. The estimate is first aligned to minimise the
+    sum, by one rotation and one shift in closed form. Without translations only rotations count.
     """
     S = align(estimate, truth)
     R, true = S @ estimate.rotations, truth.rotations
     total = float(((R - true) ** 2).sum())
     if estimate.translations is None or truth.translations is None:
         return total
-    # The shift moves R_i^T t_i by R_i^T s: the best s is the mean of R_i times what is amiss.
-    wanted = np.einsum("nba,nb->na", true, truth.translations)
-    amiss = wanted - np.einsum("nba,nb->na", R, estimate.translations @ S.T)
-    shift = np.einsum("nab,nb->na", R, amiss).mean(axis=0)
-    left = amiss - np.einsum("nba,b->na", R, shift)
-    return total + float((left**2).sum())
+    # A shift s moves R_i^T t_i by R_i^T s: the best s is the mean of R_i times the errors.
+    errors = np.einsum("nba,nb->na", true, truth.translations)
+    errors -= np.einsum("nba,nb->na", R, estimate.translations @ S.T)
+    shift = np.einsum("nab,nb->na", R, errors).mean(axis=0)
+    errors -= np.einsum("nba,b->na", R, shift)
+    return total + float((errors**2).sum())
 
 
 def align_positions(estimate: Estimate, truth: Estimate) -> Estimate:
-    """The estimate moved so that the sum of squared distances to the true positions is smallest.
+    """The estimate moved to minimise the sum of squared distances to the true positions.
 
     Horn's closed form.
 
     Raises
     ------
     InputError
-        Another number of nodes, or no translations.
+        The numbers of nodes differ, or translations are missing.
     """
     if (estimate.num_nodes, estimate.d) != (truth.num_nodes, truth.d):
         raise InputError(
@@ -157,7 +156,7 @@ def align_positions(estimate: Estimate, truth: Estimate) -> Estimate:
 def position_errors(estimate: Estimate, truth: Estimate) -> PositionErrors:
     """Mean, root mean square and worst distance to the true positions, metres.
 
-    After `align_positions`, which says what is raised.
+    After `align_positions`, with the same errors raised.
     """
     moved = align_positions(estimate, truth)
     distances = np.linalg.norm(_translations(moved) - _translations(truth), axis=1)

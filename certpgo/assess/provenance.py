@@ -1,4 +1,4 @@
-"""What made a result: versions, machine, engine and commit."""
+"""Provenance of a result: versions, machine, engine and commit."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from functools import cache
 from importlib import metadata
 from pathlib import Path
 
-#: Distributions whose versions a record names.
+#: Distributions whose versions are recorded.
 DISTRIBUTIONS = ("certpgo", "numpy", "scipy", "gtsam", "cvxopt")
 
 
 def provenance(engine: str, root: Path | None) -> dict[str, str]:
-    """What made the numbers, apart from their inputs.
+    """The software and the machine behind a result.
 
     Parameters
     ----------
     engine : factorization engine
-    root : checkout whose commit is named, or None
+    root : checkout whose commit is recorded, or None
     """
     return {
         "versions": ", ".join(_versions()),

@@ -1,4 +1,4 @@
-"""A certificate in words that need no paper."""
+"""A certificate in plain words."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from certpgo.graph import Instance
 from certpgo.linalg.arrays import IntArray
 from certpgo.solvers.certified.disagreement import Disagreement
 
-#: Edges shown; --json has more.
+#: Number of edges shown; --json has more.
 EDGES = 3
-#: Part of the tolerance from which the effect of a file's digits is reported.
+#: Share of the tolerance above which the effect of a file's digits is reported.
 NOTABLE = 0.01
 
 _MEANINGS = {
@@ -42,53 +42,49 @@ def meaning(certificate: Certificate) -> str:
     verdict = certificate.verdict.value
     if certificate.tier.value == "screen" and verdict == "BOUNDED":
         return _HINT
-    return _RIGHT_BASIN if _is_near(certificate) else _MEANINGS[verdict]
+    in_right_basin = verdict == "BOUNDED" and certificate.basin_is_global
+    return _RIGHT_BASIN if in_right_basin else _MEANINGS[verdict]
 
 
 def trusts(certificate: Certificate) -> str:
-    """What the proof rests on."""
+    """The assumptions of the proof."""
     return _TRUSTS[certificate.tier.value]
 
 
 def objective(reading: Mapping[str, str]) -> str:
-    """The cost that the verdict is about."""
+    """The cost that the verdict refers to."""
     return f"F with {reading_sentence(reading)}"
 
 
 def reading_sentence(reading: Mapping[str, str]) -> str:
-    """Which problem a file was read as, in words."""
+    """How a file was read, in words."""
     if not reading:
         return "as generated"
     weights = reading.get("weights", "file")
-    said = {
+    sentence = {
         "file": "weights from the file's information matrices",
-        "unit": "all weights 1, whatever the file says",
+        "unit": "all weights 1, ignoring those of the file",
     }.get(weights, f"weights {weights}")
     about = reading.get("rotation_information", "tangent")
     if weights == "file" and about != "tangent":
-        said += f" (rotational part read as {about})"
+        sentence += f" (rotational part read as {about})"
     keep = reading.get("keep", "all")
     parallel = "parallel edges added" if keep == "all" else f"only the {keep} of parallel edges"
-    return f"{said}; {parallel}"
-
-
-def _is_near(certificate: Certificate) -> bool:
-    """Whether local descent from the estimate reaches the optimum."""
-    return certificate.verdict.value == "BOUNDED" and certificate.basin_is_global
+    return f"{sentence}; {parallel}"
 
 
 def part(share: float) -> str:
-    """A share in percent, or as a power of ten where it is small."""
+    """A share in percent, or in scientific notation if it is small."""
     return f"{100.0 * share:.3g} %" if share >= 1e-3 else f"{share:.2e}"
 
 
 def hint(disagreement: Disagreement) -> str:
-    """Which measurements disagree, and what to try."""
+    """How many measurements disagree, and what to try."""
     return f"{disagreement}: try certpgo solve --robust"
 
 
 def few_edges(instance: Instance, edges: IntArray) -> str:
-    """The first edges, by the ids of their nodes, and how many more there are."""
+    """The first edges by node ids, and the number of others."""
     pairs = instance.ids[instance.graph.edges[edges[:EDGES]]]
     named = ", ".join(f"{i} to {j}" for i, j in pairs.tolist())
     more = len(edges) - len(pairs)
@@ -96,7 +92,7 @@ def few_edges(instance: Instance, edges: IntArray) -> str:
 
 
 def numbers(certificate: Certificate) -> Iterable[tuple[str, str]]:
-    """Cost, bound, gap and tolerance; names and values."""
+    """Cost, bound, gap and tolerance as names and values."""
     yield "cost F", f"{certificate.cost_upper:.12g}"
     if math.isfinite(certificate.lower_bound):
         claim = "no estimate of this graph costs less"
@@ -117,14 +113,14 @@ def numbers(certificate: Certificate) -> Iterable[tuple[str, str]]:
 
 
 def comparison(a: Assessment) -> Iterable[tuple[str, str]]:
-    """How far away the best estimate is, where the cost arises, and what rounding adds."""
+    """The distance to the best estimate, the costliest edges, and the effect of rounding."""
     yield from distances(a)
     yield from _edges(a)
     yield from digits(a)
 
 
 def distances(a: Assessment) -> Iterable[tuple[str, str]]:
-    """How far away the best estimate is, where that is another one."""
+    """The distance to the best estimate, if that costs less."""
     c, d = a.certificate, a.distance
     if not a.excess > c.tolerance:
         return
@@ -140,15 +136,13 @@ def distances(a: Assessment) -> Iterable[tuple[str, str]]:
 def _edges(a: Assessment) -> Iterable[tuple[str, str]]:
     for k, edge in enumerate(a.edges[:EDGES]):
         metres = "" if edge.metres is None else f", {edge.metres:.3g} m"
-        said = f"{edge.ids[0]} to {edge.ids[1]}: {100.0 * edge.share:.3g} % of F"
-        yield (
-            "" if k else "costliest edges",
-            f"{said}, off by {math.degrees(edge.angle):.4g} degrees{metres}",
-        )
+        share = f"{edge.ids[0]} to {edge.ids[1]}: {100.0 * edge.share:.3g} % of F"
+        residual = f"residual {math.degrees(edge.angle):.4g} degrees{metres}"
+        yield "" if k else "costliest edges", f"{share}, {residual}"
 
 
 def digits(a: Assessment) -> Iterable[tuple[str, str]]:
-    """What rounding to the file's digits adds to F, where that is notable."""
+    """The increase of F by rounding to the file's digits, if notable."""
     if a.rounding is None:
         return
     written, cost = a.rounding.digits, a.rounding.cost

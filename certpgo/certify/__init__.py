@@ -1,4 +1,4 @@
-"""Certificates: multipliers, bounds, verdicts. Sees no solver."""
+"""Certificates: multipliers, bounds, verdicts. Independent of any solver."""
 
 from certpgo.certify.bounds import Bounds, bounds
 from certpgo.certify.certificate import Certificate, Tier, Verdict

@@ -1,7 +1,7 @@
 """Bounds that need no factorization of the certificate matrix.
 
-The angle bounds speak of exactly stationary points of the rotation problem: K_4 with exact data
-has a point that is not stationary, with residuals of 44 < 54.4 degrees and F = 4 above F* = 0.
+The residual-angle bounds hold only at exactly stationary points of the rotation problem: K_4 with
+exact data has a non-stationary point with residuals of 44 < 54.4 degrees and F = 4 above F* = 0.
 They never certify an estimate by themselves.
 """
 
@@ -19,28 +19,27 @@ from certpgo.linalg.blocks import scatter_sum
 from certpgo.objective.problem import RotationProblem
 from certpgo.optimize import spectral
 
-#: Residuals count as sharing an axis, and weights as equal, up to this.
+#: Relative tolerance for residuals about one axis, and for equal weights.
 SAME = 1e-6
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """A priori statements about stationary points of the rotation problem.
+    """Bounds for stationary points of the rotation problem.
 
-    Angles in radians. A stationary point whose residual angles all stay within one of the angle
-    bounds is optimal; the bounds say nothing about points that are not stationary, and nothing
-    about translations.
+    Angles in radians. A stationary point whose residual angles are all within one of the angle
+    bounds is optimal. The bounds do not apply to other points, nor to translations.
 
     Attributes
     ----------
     spectral : n (lambda_1 + ... + lambda_d)(L) <= F*, from computed eigenvalues
     fiedler : lambda_2 of the graph Laplacian weighted by kappa
     alpha_max : Eriksson et al., Theorem 4.1
-    normalized_alpha_max : the same with the normalized Laplacian's second eigenvalue
-    cycle : pi / n (Theorem 4.2) when the graph is one cycle of equal weights, else None
+    normalized_alpha_max : likewise with the normalized Laplacian's second eigenvalue
+    cycle : pi / n (Theorem 4.2) if the graph is one cycle of equal weights, else None
     row_bound_holds : whether each node's own residuals satisfy the a posteriori row bound
     cycle_sum_holds : for a cycle, whether the residuals share an axis and sign and add up to at
-        most pi; None when the graph is no cycle
+        most pi; None if the graph is not a cycle
     """
 
     spectral: float
@@ -53,7 +52,7 @@ class Bounds:
 
 
 def bounds(problem: RotationProblem, estimate: Estimate) -> Bounds:
-    """Every bound for a graph, the a posteriori ones at ``estimate``.
+    """All bounds of a graph, the a posteriori ones at ``estimate``.
 
     Raises
     ------
@@ -84,7 +83,7 @@ def alpha_max(connectivity: float) -> float:
 
     Proof of the latter. In the gauge of R, S' = L_G x I + Delta with S' (1 x I) = 0. Scaled by
     D^-1/2 on both sides, Delta becomes a symmetric matrix similar to D^-1 Delta, whose block rows
-    add up, in operator norm, to at most 2 s^2 + 2 s with s = sin(alpha / 2), whatever the degrees.
+    add up, in operator norm, to at most 2 s^2 + 2 s with s = sin(alpha / 2), for any degrees.
     The null space D^1/2 1 x I splits off, and on its complement the form is at least
     nu_2 - 2 s (1 + s). Since nu_2 >= lambda_2 / d_max it is never weaker.
     """
@@ -111,7 +110,7 @@ def normalized_fiedler_value(problem: RotationProblem) -> float:
 def row_bound(problem: RotationProblem, estimate: Estimate) -> FloatArray:
     """(|Delta_ii| + sum_j |Delta_ij|) / deg_i for each node, operator norms, (n,).
 
-    A stationary point is optimal when all of them are below `normalized_fiedler_value`: the proof
+    A stationary point is optimal if all of them are below `normalized_fiedler_value`: the proof
     of `alpha_max` with each row's own residuals. Parallel edges are summed before norms are taken.
     """
     graph, d = problem.graph, problem.d
@@ -140,7 +139,7 @@ def cycle_bound(graph: RotationGraph) -> float | None:
 def cycle_sum_holds(problem: RotationProblem, estimate: Estimate) -> bool | None:
     """Whether a cycle's residuals share one axis and sign and add up to at most pi.
 
-    A stationary point of a (weighted) cycle that does is optimal: in the gauge of R the condition
+    Then a stationary point of a (weighted) cycle is optimal: in the gauge of R the condition
     S' >= 0 reduces to the isoperimetric inequality for inscribed polygons. None for other graphs.
     """
     graph = problem.graph

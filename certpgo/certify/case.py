@@ -1,4 +1,4 @@
-"""A problem before the judge: in units of its own size, with tolerances, basins and the verdict."""
+"""A normalized problem with tolerances, its basins, and the verdict on an estimate."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ from certpgo.optimize.solution import Status
 
 #: CERTIFIED means gap <= rtol F + atol W.
 RTOL, ATOL = 1e-5, 1e-12
-#: Of atol W, what costs of optimal points may differ by: residuals of a billionth, squared.
+#: Share of atol W by which costs of optimal points may differ: squared residuals of 1e-9.
 FLOOR = 1e-6
-#: Share of a graph's weight or length in bridges from which bounds by parts gain something.
+#: Share of a graph's weight or length in bridges above which bounds by parts pay off.
 MUCH = 0.1
-#: By how much less rounding costs at the proof tier, at most.
+#: Largest factor by which the proof tier reduces the effect of rounding.
 PROOF_GAIN = 1e3
-#: Of F, a gap that is not small, whatever the weights.
+#: Gap relative to F that is never called small.
 LARGE = 0.01
-#: Descent to a basin; what has not converged by then is no basin of its own.
+#: Descent to a basin; a point that has not converged by then is not a basin of its own.
 DESCENT = NewtonSettings(max_iterations=200)
-#: Stationarity, radians, at which a stalled descent counts as settled, and a point as stationary.
+#: Stationarity, radians, at which a stalled descent counts as converged, a point as stationary.
 SETTLED = 1e-6
 
 
 @dataclass(frozen=True)
 class Basin:
-    """Where descent ended, whether it settled there, and what its multipliers prove."""
+    """The end of a descent, whether it converged, and the bound by its multipliers."""
 
     point: Estimate
     cost: float
@@ -57,12 +57,12 @@ class Basin:
 
 @dataclass(frozen=True)
 class Case:
-    """A problem with weights of order one, and how it is judged.
+    """A problem with weights of order one, and the settings of its certificates.
 
     Attributes
     ----------
     problem : the problem with its weights divided by ``unit``
-    unit : the power of two nearest W; judging in it frees verdicts of the weights' scale
+    unit : the power of two nearest W; it makes verdicts independent of the weights' scale
     """
 
     problem: Problem
@@ -73,7 +73,7 @@ class Case:
 
     @staticmethod
     def of(problem: Problem, tier: Tier | str, rtol: float, atol: float) -> Case:
-        """The case of a problem.
+        """Normalize a problem.
 
         Raises
         ------
@@ -102,20 +102,19 @@ class Case:
         return self.rtol * cost + self.atol * self.problem.scale
 
     def difference(self, cost: float) -> float:
-        """By how much more than rounding the cost of a better point is lower."""
+        """The smallest decrease in cost that is not rounding."""
         return self.rtol * cost + FLOOR * self.atol * self.problem.scale
 
     def is_sharp(self, basin: Basin) -> bool:
-        """Whether no better point exists that would be told from the basin's."""
+        """Whether no distinguishably better point exists."""
         return basin.cost - basin.value <= self.difference(basin.cost)
 
     def basin(self, start: Estimate, refine: bool, known: Basin | None = None) -> Basin:
-        """Where descent from an estimate ends, or the estimate with its best translations.
+        """The end of descent from an estimate, or the estimate with its best translations.
 
-        The bound of a ``known`` basin serves this one as well where it is as good as needed.
+        The bound of a ``known`` basin is reused if it is good enough.
         """
-        # The best translations for the rotations are a descent step, and where the bound is taken:
-        # elsewhere it is valid, but useless.
+        # The bound needs the best translations: elsewhere it is valid, but useless.
         problem = self.problem
         settled = True
         try:
@@ -143,17 +142,17 @@ class Case:
         tight: bool = False,
         refine: bool = True,
     ) -> DualBound | None:
-        """What the multipliers of a settled point prove, at this tier.
+        """The bound by the multipliers of a converged point, at this tier.
 
-        Where that falls short of rtol F, also what the parts between the graph's bridges prove, if
-        these are much of it.
+        If it misses rtol F and bridges are a large share of the graph, also the bound by the parts
+        between them.
 
         Parameters
         ----------
-        point : of any rank; at the proof tier only an estimate has a bound
-        cost : F there, or in hand elsewhere, which decides what is enough
+        point : point of any rank; at the proof tier only an estimate has a bound
+        cost : F there or at a better point; it decides when the bound suffices
         sharp, tight : see `dual_bound`
-        refine : the parts' points may be improved
+        refine : whether to improve the parts' points
         """
         whole = self._bound(self.problem, point, cost, sharp=sharp, tight=tight)
         value = whole.value if whole else 0.0
@@ -174,7 +173,7 @@ class Case:
         self, problem: Problem, point: Point, cost: float, *, sharp: bool, tight: bool
     ) -> DualBound | None:
         if self.tier is Tier.PROOF:
-            if not isinstance(point, Estimate):  # a proof holds rotations, of rank d
+            if not isinstance(point, Estimate):  # a proof contains rotations, of rank d
                 return None
             bound = dual_bound(problem, point)
             if bound is None:
@@ -197,12 +196,12 @@ class Case:
         return rounding.cost_upper(self.problem, estimate)
 
     def sure(self, estimate: Estimate, cost: float) -> float:
-        """What is less than this costs less than an estimate, whose cost is at most ``cost``."""
+        """A smaller cost is lower than the estimate's, at most ``cost``, despite rounding."""
         return rounding.cost_lower(self.problem, estimate) - self.difference(cost)
 
     @cached_property
     def _exact(self) -> checker.Graph:
-        """The measurements as the checker takes them."""
+        """The measurements in the checker's representation."""
         return exact_graph(self.problem)
 
     def certificate(
@@ -212,7 +211,7 @@ class Case:
         other: Basin | None = None,
         bounds: Bounds | None = None,
     ) -> Certificate:
-        """The verdict on an estimate, given its own basin and perhaps another's."""
+        """The certificate of an estimate, given its own basin and possibly another."""
         problem = self.problem
         cost = own.cost if estimate is own.point else self.cost_upper(estimate)
         tolerance = self.tolerance(cost)
@@ -314,7 +313,7 @@ def _reason(c: Certificate) -> str:
 
 
 def _of_f(c: Certificate) -> str:
-    """The gap relative to F, then in its units."""
+    """The gap relative to F and in absolute terms."""
     if not c.cost_upper > 0.0:
         return f"{c.gap:.2g}"
     share = c.gap / c.cost_upper

@@ -1,4 +1,4 @@
-"""What can be said about an answer, and with what right."""
+"""The certificate of an estimate: verdict, tier and numbers."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from certpgo.linalg.arrays import FloatArray
 
 
 class Verdict(Enum):
-    """The judgement of an estimate; never a bare boolean.
+    """The verdict on an estimate.
 
     Attributes
     ----------
     CERTIFIED : the gap is proven to be at most rtol F + atol W
-    REFUTED : a better estimate is in hand, which descent from this one does not reach
-    BOUNDED : a gap is proven, and it is larger than that
+    REFUTED : a lower-cost estimate is known that descent from this one does not reach
+    BOUNDED : a gap is proven, but it is larger than that
     UNDECIDED : no useful bound was found
 
     Examples
@@ -35,15 +35,15 @@ class Verdict(Enum):
 
 
 class Tier(Enum):
-    """What a certificate trusts, besides the mathematics.
+    """What a certificate relies on, apart from mathematics.
 
     Attributes
     ----------
-    SCREEN : a factorization as it is; never yields CERTIFIED
-    STANDARD : that the factorization and BLAS keep the usual componentwise error bound; the
-        rounding they cause is bounded (Rump and Jeannerod 2014, see `certpgo.certify.dual`)
-    PROOF : IEEE 754 arithmetic, Python, and NumPy's sums of products; what a factorization leaves
-        over is measured, as `certpgo.checker` does
+    SCREEN : a factorization, ignoring its rounding; never yields CERTIFIED
+    STANDARD : the usual componentwise error bound of the factorization and BLAS; their rounding is
+        bounded (Rump and Jeannerod 2014, see `certpgo.certify.dual`)
+    PROOF : IEEE 754 arithmetic, Python, and NumPy's sums of products; the residual of the
+        factorization is measured, as in `certpgo.checker`
 
     Examples
     --------
@@ -64,35 +64,35 @@ class Tier(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Certificate:
-    """The judgement of an estimate against the best possible one.
+    """The verdict on an estimate, with the bound that proves it.
 
-    Costs and gaps are in units of F, which has none where kappa and tau are inverse variances. How
-    a bound follows from the multipliers: Eriksson et al. 2018, eq. 16 and 18, for any feasible
+    Costs and gaps are in units of F, which is dimensionless if kappa and tau are inverse variances.
+    The bound follows from the multipliers by Eriksson et al. 2018, eq. 16 and 18, for any feasible
     point.
 
     Attributes
     ----------
     verdict : see `Verdict`
-    tier : what was trusted
+    tier : see `Tier`
     cost_upper : F of the estimate as given, rounded up
     lower_bound : no estimate of this graph has a smaller F; 0 when nothing more was proven
     gap : ``cost_upper - lower_bound``, rounded up
     rtol, atol : CERTIFIED means gap <= rtol * cost_upper + atol * scale
     scale : W, the problem's scale
-    stationarity : largest gradient of a node over its weight at the estimate as given, radians
+    stationarity : largest ratio of a node's gradient to its weight at the given estimate, radians
     max_residual_angle : largest angle between R_i R_ij and R_j, radians
     multipliers : (n, d, d) blocks Lam_i of the point that gave the lower bound; None without one
     shift : eta with S + eta I >= 0 on the rotations, part of the bound; 0 without one
-    refined : the point that descent from the estimate reaches; unrefined, the estimate with its
+    refined : the end of local descent from the estimate; without refinement, the estimate with its
         best translations
     refined_cost : F of ``refined``
     basin_is_global : whether ``refined`` is itself within the tolerance of the lower bound
-    better : a feasible estimate that is better, from another start, or None; of a REFUTED one,
-        descent does not lead there
-    better_cost : its F
-    bounds : bounds that need no factorization, at ``refined``; None where they failed
+    better : a lower-cost estimate from another initialization, or None; if REFUTED, descent from
+        the estimate does not reach it
+    better_cost : F of ``better``
+    bounds : bounds that need no factorization, at ``refined``; None if they failed
     engine : factorization engine
-    reason : why the verdict is what it is, one sentence that needs no paper
+    reason : the reason for the verdict in one sentence
 
     Examples
     --------

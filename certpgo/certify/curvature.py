@@ -1,4 +1,4 @@
-"""Directions in which a stationary point of the relaxation is no minimum."""
+"""Directions of negative curvature at stationary points of the relaxation."""
 
 from __future__ import annotations
 
@@ -12,31 +12,30 @@ from certpgo.objective.reduced import Reduced
 
 #: Shifts that make the certificate matrix definite, over the mean weight of a node.
 SHIFTS = tuple(1e-9 * 4.0**k for k in range(18))
-#: Relative accuracy of the eigenvector: a direction, no proof.
+#: Relative accuracy of the eigenvector, which is only a direction.
 ACCURACY = 0.05
-#: Relative accuracy of eigenvalues that are shown.
+#: Relative accuracy of displayed eigenvalues.
 PICTURED = 1e-3
-#: Inverse iterations that follow.
+#: Number of inverse iterations.
 INVERSE_ITERATIONS = 2
 
 
 def negative_curvature(problem: Problem, point: Point) -> tuple[float, FloatArray]:
     """The smallest eigenvalue of the certificate matrix, and its eigenvector as rows (n, d).
 
-    Translations are eliminated. The value is a Rayleigh quotient, hence an upper bound: a negative
-    one shows a direction that leaves a local minimum through a new dimension; one that is not
-    shows nothing.
+    Translations are eliminated. The value is a Rayleigh quotient, hence an upper bound: if it is
+    negative, its vector escapes from a local minimum at the next rank; else it proves nothing.
 
     Raises
     ------
     NumericalError
-        No factorization, or no convergence.
+        A factorization failed, or the eigenvalue did not converge.
     """
     S = _reduced(problem, problem.multipliers(point))
-    # The gauge's null vectors come next: one vector more than they are, and it is not missed.
+    # One vector more than the gauge's null vectors, which come next, so that it is not missed.
     start = np.random.default_rng(0).standard_normal((S.shape[0], problem.d + 1))
     v = krylov_schur(S, S.solve, 1, shift=S.shift, tol=ACCURACY, start=start).vectors
-    # What is left of large eigenvalues hardly shows in the inverse, but spoils the quotient.
+    # Components of large eigenvalues hardly matter in the inverse, but spoil the quotient.
     for _ in range(INVERSE_ITERATIONS):
         v = S.solve(v)
         v /= np.linalg.norm(v)
@@ -45,18 +44,18 @@ def negative_curvature(problem: Problem, point: Point) -> tuple[float, FloatArra
 
 
 def smallest_eigenvalues(problem: Problem, multipliers: FloatArray, k: int) -> FloatArray:
-    """The k smallest eigenvalues of the certificate matrix, ascending, to be looked at; no proof.
+    """The k smallest eigenvalues of the certificate matrix, ascending, for display; not a proof.
 
-    Translations are eliminated. At a stationary point d of them, the gauge's, are zero.
+    Translations are eliminated. At a stationary point, d eigenvalues (the gauge's) are zero.
 
     Parameters
     ----------
-    multipliers : (n, d, d) Lam, as a certificate holds them
+    multipliers : (n, d, d) Lam, as in a certificate
 
     Raises
     ------
     NumericalError
-        No factorization, or no convergence.
+        A factorization failed, or the eigenvalues did not converge.
     """
     S = _reduced(problem, multipliers)
     return krylov_schur(S, S.solve, min(k, S.shape[0]), shift=S.shift, tol=PICTURED).values

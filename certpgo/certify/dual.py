@@ -1,12 +1,12 @@
 """Proven lower bounds on F* from a point's multipliers, by one factorization.
 
 For S = M - blkdiag(0, Lam') positive semidefinite, F* >= tr(Lam'). Lam' is the point's Lam less a
-shift; how much shift rounding demands is read off the factor itself: a Cholesky factorization of
-A~ that ran to completion satisfies |A~ - L L^T| <= gamma |L| |L|^T entry by entry (Rump and
-Jeannerod 2014), hence A~ + diag(delta) >= 0 with delta = gamma (|L| |L|^T w) / w for any w > 0.
-What an engine that is not Cholesky's adds to that is its `Factor.excess`. Only these weighted row
-sums are relied upon, not single entries, where blocked triangular solves may exceed the bound.
-Where they are too large to be useful, the residual is measured instead (`measured_residual`).
+shift, and the factor itself shows how much shift rounding demands: a Cholesky factorization of A~
+that ran to completion satisfies |A~ - L L^T| <= gamma |L| |L|^T entry by entry (Rump and Jeannerod
+2014), hence A~ + diag(delta) >= 0 with delta = gamma (|L| |L|^T w) / w for any w > 0. Engines that
+are not Cholesky add their `Factor.excess`. The bound relies only on these weighted row sums, not on
+single entries, where blocked triangular solves may exceed it. If they are too large to be useful,
+the residual is measured instead (`measured_residual`).
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ from certpgo.objective.problem import PoseProblem, Problem
 
 #: First shift tried, in units of rounding of the mean diagonal; then this much more each time.
 FIRST_SHIFT, GROWTH = 16.0, 8.0
-#: In the same units, a shift that rounding may still explain; beyond, it is an eigenvalue of S.
+#: In the same units, the largest shift due to rounding; beyond, it is an eigenvalue of S.
 LARGEST_ROUNDING = 1e5
-#: Halvings (of the logarithm) that sharpen a shift that rounding does not explain.
+#: Bisection steps (on the logarithm) that sharpen a shift not due to rounding.
 BISECTIONS = 6
-#: Nonzeros of a factor that are worked on at once.
+#: Nonzeros of a factor that are processed at once.
 SLAB = 20_000_000
-#: How much smaller than its bound a residual may be, at most.
+#: Largest factor by which a measured residual improves on its bound.
 MEASURING_GAIN = 1000.0
-#: Factorizations at one shift: the translations' rounding is guessed, then confirmed.
+#: Factorizations at one shift: the translations' rounding is predicted, then confirmed.
 CONFIRMATIONS = 8
-#: How much more than measured the guess asks for.
+#: Safety factor of the prediction over the measured value.
 MARGIN = 1.25
-#: How much larger |L| |L|^T is taken to be than |A|, where it is guessed.
+#: Assumed ratio of |L| |L|^T to |A| in the prediction.
 AMPLE = 4.0
 
 
@@ -53,8 +53,8 @@ class DualBound:
     value : F* >= value
     multipliers : (n, d, d) Lam' with S = M - blkdiag(0, Lam') positive semidefinite
     shift : the largest amount taken off a diagonal entry of Lam
-    factorizations : numeric factorizations it took
-    nonzeros : of the factor that proves it; 0 where rounding was not bounded
+    factorizations : number of numeric factorizations
+    nonzeros : nonzeros of the factor that proves it; 0 if rounding was not bounded
     """
 
     value: float
@@ -73,17 +73,17 @@ def dual_bound(
     sharp: bool = True,
     tight: bool = False,
 ) -> DualBound | None:
-    """The best lower bound that the multipliers of ``point`` prove; None when it is useless.
+    """The best lower bound by the multipliers of ``point``; None if it is useless.
 
     Parameters
     ----------
     point : near-stationary, with translations optimal for its rotations; of any rank
-    rounding : bound the factorization's rounding (the standard tier), or trust it (screening)
-    enough : a value that is worth measuring a factor's residual for, where bounding it a priori
-        falls short; see `measured_residual`
-    sharp : sharpen a bound by another factorization even when it is enough
-    tight : give up when rounding does not explain the shift, that is, when the certificate matrix
-        has a negative eigenvalue
+    rounding : bound the factorization's rounding (standard tier) or ignore it (screening)
+    enough : a sufficient value; if the a priori bound of the rounding misses it, the residual of a
+        factor may be measured, see `measured_residual`
+    sharp : sharpen a bound by another factorization even if it is sufficient
+    tight : give up if rounding does not explain the shift, that is, if the certificate matrix has
+        a negative eigenvalue
     """
     return _Attempts(problem, point, rounding, enough, sharp).best(tight)
 
@@ -103,16 +103,16 @@ class _Attempts:
         self.cost = problem.cost(point)
         self.factorizations = self.nonzeros = 0
         self.unit = self.shifted.unit
-        # What is taken off the translations' diagonal beforehand.
+        # Subtracted from the translations' diagonal before the first factorization.
         self.guess = np.zeros(len(self.weights))
         if isinstance(problem, PoseProblem) and self.pin is not None and rounding:
             self.guess = np.where(self.is_rotation, 0.0, self.foretold(problem))
             self.guess[self.pin] = 0.0
 
     def foretold(self, problem: PoseProblem) -> FloatArray:
-        """(N,) about what `rounding_of` will say, from a factor of one scalar a node.
+        """(N,) predicted `rounding_of`, from a factor with one scalar per node.
 
-        The rows of L are as long as that factor's, times the block size, and |L| |L|^T is a few
+        It assumes rows of L as long as that factor's times the block size, and |L| |L|^T a few
         times |A|.
         """
         factor = problem.grounded_factor(problem.translation_laplacian)
@@ -127,7 +127,7 @@ class _Attempts:
         return np.asarray(AMPLE * U * terms * sizes / self.weights)
 
     def best(self, tight: bool) -> DualBound | None:
-        """The bound of the smallest shift that works, near enough."""
+        """The bound by approximately the smallest shift that works."""
         rows = int(self.is_rotation.sum())
         explained = LARGEST_ROUNDING * self.unit
         useless = explained if tight else max(explained, self.cost / rows)
@@ -149,7 +149,7 @@ class _Attempts:
         return bound if bound.value > 0.0 else None
 
     def attempt(self, shift: float) -> DualBound | None:
-        """The bound with ``shift`` on the rotations, enlarged by what rounding demands."""
+        """The bound with ``shift`` on the rotations, plus the shift due to rounding."""
         demand, best, generosity, measure = self.guess, None, MARGIN, False
         for _ in range(CONFIRMATIONS):
             reduced = self.shifted.less(shift, generosity * demand)
@@ -174,28 +174,28 @@ class _Attempts:
                     rounding = self.rounding_of(factor, reduced, demand)
                     demand = np.zeros_like(demand)
             wanted = np.where(self.is_rotation, 0.0, MARGIN * rounding)
-            # What is measured differs from factor to factor, by chance.
+            # Measured values vary randomly between factors.
             demand = np.maximum(demand, MARGIN * wanted) if measure else wanted
         return best
 
     def is_worth_measuring(self, bound: DualBound, shift: float) -> bool:
-        """Whether rounding is why the bound misses what is enough, and measuring may gain that."""
+        """Whether the bound is insufficient due to rounding that measuring may reduce enough."""
         missing, allowed = self.cost - bound.value, self.cost - self.enough
         explained = self.rounding and shift <= LARGEST_ROUNDING * self.unit
         return explained and missing <= MEASURING_GAIN * allowed and bound.nonzeros <= SLAB
 
     def factor(self, multipliers: FloatArray, demand: FloatArray) -> Factor | None:
-        """The factor of the certificate matrix, its translations' diagonal less ``demand``."""
+        """The factor of the certificate matrix, with ``demand`` off the translations' diagonal."""
         self.factorizations += 1
         A = self.matrix(multipliers, demand)
         factor, diagonal = self.symbolic.factor(A), A.diagonal()
-        del A  # large, and L is larger
+        del A  # free memory for the larger L
         if factor is None or not self.rounding or _is_cholesky(factor, diagonal):
             return factor
         return None
 
     def matrix(self, multipliers: FloatArray, demand: FloatArray) -> CSC:
-        """The certificate matrix, a translation cut off, the others' diagonal less ``demand``."""
+        """The certificate matrix with a pinned translation, and ``demand`` off the diagonal."""
         A = self.problem.certificate_matrix(multipliers)
         if self.pin is not None:
             A = pinned(A, np.array([self.pin]))
@@ -204,11 +204,11 @@ class _Attempts:
     def rounding_of(
         self, factor: Factor, multipliers: FloatArray, demand: FloatArray | None = None
     ) -> FloatArray:
-        """Delta (N,) with the true certificate matrix, plus diag(delta), positive semidefinite.
+        """(N,) delta such that the exact certificate matrix plus diag(delta) is >= 0.
 
-        An entry (i, j) of L L^T sums at most min(k_i, k_j) products, k the row counts of L: at
-        most k_i, and at most the geometric mean. Given the ``demand`` of the matrix that was
-        factorized, the residual is measured as well.
+        An entry (i, j) of L L^T sums at most min(k_i, k_j) products, with k the row counts of L:
+        at most k_i, and at most the geometric mean. Given the ``demand`` of the factorized matrix,
+        the residual is also measured.
         """
         L, order = factor.lower()
         self.nonzeros = int(L.nnz)
@@ -223,9 +223,9 @@ class _Attempts:
             left = measured_residual(self.matrix(multipliers, demand), L, order, w)
             delta = delta if left is None else np.minimum(delta, left)
         radii = _assembly_radii(self.problem, multipliers, w, self.is_rotation)
-        delta = 1.001 * (delta + radii) / w  # the products' own rounding
+        delta = 1.001 * (delta + radii) / w  # rounding of the products
         if self.pin is not None:
-            delta[self.pin] = 0.0  # cut off; its diagonal entry is as positive as one likes
+            delta[self.pin] = 0.0  # pinned: its diagonal entry can be arbitrarily large
         return delta
 
     def bound(self, multipliers: FloatArray, reduction: FloatArray) -> DualBound:
@@ -241,7 +241,7 @@ class _Attempts:
 
 
 def _is_cholesky(factor: Factor, diagonal: FloatArray) -> bool:
-    """Whether the rows of L have the norms that A's diagonal asks for: no other factor passes."""
+    """Whether the squared row norms of L match A's diagonal, as for Cholesky factors only."""
     L, order = factor.lower()
     n = len(diagonal)
     squares = sum(np.bincount(part.indices, part.data**2, minlength=n) for part in _slabs(L))
@@ -250,7 +250,7 @@ def _is_cholesky(factor: Factor, diagonal: FloatArray) -> bool:
 
 
 def _slabs(L: CSC) -> Iterator[CSC]:
-    """|L| by groups of columns, so that no copy of all of it is needed."""
+    """|L| by groups of columns, to avoid a full copy."""
     ends = np.searchsorted(L.indptr, np.arange(SLAB, L.nnz + SLAB, SLAB))
     first = 0
     for last in np.append(ends, L.shape[1]):
@@ -270,8 +270,8 @@ def _assembly_radii(
     """(N,) row sums of the rounding in S's entries, weighted by w; 0 where S is a stored number.
 
     An entry that sums k products is off by at most k + 4 units of rounding of the sum of their
-    sizes. Where a measured rotation enters, its distance from SO(d) adds to that. Row sums of
-    d x d rotations are at most sqrt(d), and the triangle inequality does the rest.
+    sizes, plus the distance of measured rotations from SO(d). Row sums of d x d rotations are at
+    most sqrt(d); the bound follows by the triangle inequality.
     """
     n, d = problem.n, problem.d
     graph = problem.rotation.graph

@@ -1,4 +1,4 @@
-"""The judge: certify(problem, estimate) sees no solver, only the answer."""
+"""Certification of estimates, independent of the solver: certify(problem, estimate)."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ def certify(
     atol: float = ATOL,
     refine: bool = True,
 ) -> Certificate:
-    """Judge an estimate against the best possible one.
+    """Certify an estimate: prove how far it is from the optimum.
 
-    The lower bound belongs to the problem, not to the estimate: a copy is refined to a stationary
-    point, the bound is taken from there (and, failing that, from a spectral start), and the
-    estimate as given is judged against it.
+    The lower bound belongs to the problem, not to the estimate: it is computed at a stationary
+    point refined from a copy (or else from a spectral initialization), and the cost of the estimate
+    as given is compared with it.
 
     Parameters
     ----------
-    problem : the measurements with their weights, which say what F is
-    estimate : n poses or rotations in the graph's order and units, whoever made them
+    problem : the measurements with their weights, which define F
+    estimate : n poses or rotations in the graph's order and units, from any source
     tier : ``"standard"``, ``"proof"``, which trusts no factorization, or ``"screen"``, which never
         yields CERTIFIED
     rtol, atol : CERTIFIED means gap <= rtol F + atol W
-    refine : False takes the bound from the estimate's own multipliers, and tries nothing else
+    refine : if False, compute the bound only from the estimate's own multipliers
 
     Raises
     ------
@@ -46,8 +46,8 @@ def certify(
 
     Examples
     --------
-    A cycle that closes but for 0.3 radians, and the stationary point that turns once around with
-    it. Descent cannot leave that one, and yet it is not the best:
+    A cycle with a closing error of 0.3 radians, and the stationary point that winds around once:
+    descent cannot leave it, yet it is not optimal.
 
     >>> from certpgo import RotationProblem, certify
     >>> from certpgo.datasets.synthetic import winding_cycle
@@ -63,9 +63,9 @@ def certify(
 
 
 class Judge:
-    """`certify` for many estimates of one problem, which shares what is proven about it.
+    """`certify` for many estimates of one problem, which share the bounds proven for it.
 
-    Where descent reaches a point that a lower bound known already certifies, no other is computed.
+    If a known lower bound certifies the end of a descent, no other is computed.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class Judge:
         self._spectral: Basin | None = None
 
     def certify(self, estimate: Estimate) -> Certificate:
-        """Judge one estimate.
+        """Certify one estimate.
 
         Raises
         ------
@@ -101,7 +101,7 @@ class Judge:
         """
         case = self._case
         self._problem.check(estimate)
-        with np.errstate(over="ignore", invalid="ignore"):  # infinite costs are judged, not warned
+        with np.errstate(over="ignore", invalid="ignore"):  # no warnings for infinite costs
             own, other = case.basin(estimate, self._refine, self._best), None
             if self._refine and not case.is_sharp(own):
                 other = self._elsewhere()
@@ -111,7 +111,7 @@ class Judge:
             return case.certificate(estimate, own, other, _bounds(case.problem, own.point))
 
     def _elsewhere(self) -> Basin:
-        """A basin known to be the best, or what descent from the eigenvectors reaches."""
+        """A basin known to be optimal, or the one reached from the eigenvectors."""
         if self._best is not None and self._case.is_sharp(self._best):
             return self._best
         if self._spectral is None:

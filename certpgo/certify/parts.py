@@ -1,10 +1,10 @@
-"""Bounds from the parts of a graph that its bridges join.
+"""Bounds from the parts of a graph between its bridges.
 
-The measurement of a bridge is met exactly at the optimum: the sides turn and move as rigid bodies.
-So F* is the sum of the parts' optima, and so are lower bounds: M is the sum of the parts' M and
-the bridges' terms, which are >= 0, so that multipliers of the parts, and zeros elsewhere, are
-multipliers of the whole. Rounding in a part is relative to the part: to its own weights and arms,
-not to those of a long bridge.
+The measurement of a bridge is met exactly at the optimum, as its sides move like rigid bodies. So
+F* is the sum of the parts' optima, and lower bounds add up too: M is the sum of the parts' M and
+the bridges' terms, which are >= 0, so multipliers of the parts, with zeros elsewhere, are
+multipliers of the whole. Rounding in a part is relative to its own weights and arms, not to those
+of a long bridge.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from certpgo.linalg.blocks import adjacency
 from certpgo.objective.problem import PoseProblem, Problem, problem_of
 from certpgo.optimize.newton import NewtonSettings, newton
 
-#: Newton steps from the whole graph's point, which is nearly stationary in each part.
+#: Newton settings from the whole graph's point, which is nearly stationary in each part.
 FEW_STEPS = NewtonSettings(max_iterations=20)
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A part that no single edge's loss disconnects.
+    """A part without bridges.
 
     Attributes
     ----------
-    nodes : (k,) which of the graph's
-    problem : of the measurements among them
+    nodes : (k,) indices of its nodes in the graph
+    problem : problem of the measurements among them
     """
 
     nodes: IntArray
     problem: Problem
 
     def point(self, whole: Point, *, polish: bool) -> Point:
-        """What a point of the whole graph is here, with the part's own best translations."""
+        """A point of the whole graph restricted to the part, with its best translations."""
         point = whole.subset(self.nodes)
         if isinstance(self.problem, PoseProblem):
             point = point.with_translations(np.zeros(point.rotations.shape[:2]))
@@ -55,7 +55,7 @@ class Part:
 
 
 def parts(problem: Problem) -> list[Part]:
-    """The parts of two nodes and more; none where the graph has no bridge."""
+    """The parts with at least two nodes; none if the graph has no bridge."""
     graph = problem.graph
     cut = bridges(graph)
     if not len(cut):
@@ -75,7 +75,7 @@ def parts(problem: Problem) -> list[Part]:
 
 
 def outside(problem: Problem, found: list[Part]) -> float:
-    """The share of the graph's weight or length, the larger one, that lies in no part."""
+    """The share of the graph's weight or length (the larger share) outside all parts."""
     weight = 1.0 - math.fsum(part.problem.scale for part in found) / problem.scale
     total = _length(problem)
     inside = math.fsum(_length(part.problem) for part in found)
@@ -91,7 +91,7 @@ def _length(problem: Problem) -> float:
 def sum_of_bounds(
     problem: Problem, found: list[Part], bound_of: Callable[[Part], DualBound | None]
 ) -> DualBound | None:
-    """The bound of the whole graph from the parts that have one; None if none has."""
+    """The bound of the whole graph from its parts; None if no part has one."""
     multipliers = np.zeros((problem.n, problem.d, problem.d))
     bounds = []
     for part in found:

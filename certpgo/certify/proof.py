@@ -1,8 +1,8 @@
-"""Bounds that trust no factorization: what the checker needs to repeat them, found with its help.
+"""Bounds that trust no factorization, with the data that the checker needs to verify them.
 
-The checker measures the residual of a factorization of its own. What a row of that residual asks
-for is taken off the multipliers (rotations) or off the diagonal before factorizing (translations,
-for which the rotations pay through the gauge), with a margin, until the checker is content.
+The checker measures the residual of its own factorization. What each of its rows requires is
+subtracted, with a margin, from the multipliers (rotations) or from the diagonal before factorizing
+(translations, compensated by the rotations through the gauge), until the checker accepts.
 """
 
 from __future__ import annotations
@@ -24,30 +24,30 @@ from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.objective import operators
 from certpgo.objective.problem import PoseProblem, Problem
 
-#: First shift tried, in units of rounding of the mean diagonal (of poses, this much more); then
-#: this much more each time.
+#: First shift tried, in units of rounding of the mean diagonal (for poses, times the growth), and
+#: its growth per attempt.
 FIRST_SHIFT, GROWTH = 0.25, 8.0
-#: Shifts tried, before the multipliers are taken as they are.
+#: Number of shifts tried before the fallback multipliers.
 SHIFTS = 5
-#: Units of rounding of its diagonal entry that a row gets at first; a row that is short of more
-#: gets this multiple of that in the next round.
+#: Initial amount per row, in units of rounding of its diagonal entry; a row that lacks more gets
+#: this multiple of the missing amount in the next round.
 UNITS, MARGIN = 0.05, 1.5
-#: A row that gets less than this much more than it needs gets twice as much in the next round; and
-#: the rotations pay this much more than the translations get.
+#: A row below this multiple of its requirement gets twice as much in the next round; the rotations
+#: compensate this multiple of the translations' amounts.
 SAFETY = 1.2
 ROUNDS = 10
 
 
 @dataclass(frozen=True, eq=False)
 class Witness:
-    """What repeats the proof of a lower bound, besides the multipliers; none of it is trusted.
+    """The untrusted data, besides the multipliers, with which a lower bound is verified.
 
     Attributes
     ----------
-    order : (n,) in which nodes are eliminated
-    delta : (N,) taken off the diagonal of the equilibrated certificate matrix before factorizing
-    pin : the pose whose translation is left out; 0 for rotations alone
-    exponent : of two, the weights of translations where row sums are compared
+    order : (n,) elimination order of the nodes
+    delta : (N,) subtracted from the equilibrated certificate matrix's diagonal before factorizing
+    pin : the pose whose translation is pinned; 0 for rotations alone
+    exponent : base-2 exponent of the translations' weights in row sums
     """
 
     order: checker.Ints
@@ -59,17 +59,17 @@ class Witness:
 def prove(
     problem: Problem, graph: checker.Graph, point: Estimate, fallback: FloatArray
 ) -> tuple[FloatArray, Witness] | None:
-    """Multipliers Lam' (n, d, d), and a witness that F* >= tr(Lam'); None where that fails.
+    """Multipliers Lam' (n, d, d) with a witness that F* >= tr(Lam'); None if there are none.
 
     Parameters
     ----------
     graph : the problem's measurements, to the last bit
-    point : near-stationary; its translations are made optimal, to rounding, for its rotations
-    fallback : multipliers that do, less exactly; another point's, where the relaxation is loose
+    point : near-stationary; its translations are first made optimal for its rotations
+    fallback : less sharp multipliers, e.g. of another point if the relaxation is loose
     """
     from threadpoolctl import threadpool_limits
 
-    # For the checker's many small products, threads cost more than they save.
+    # Threads slow down the checker's many small products.
     with threadpool_limits(limits=1):
         prover = _Prover(problem, graph, problem.settled(point))
         shift = FIRST_SHIFT * prover.shifted.unit * (1.0 if prover.shifted.pin is None else GROWTH)
@@ -84,11 +84,11 @@ def prove(
 def proven_bound(
     problem: Problem, graph: checker.Graph, point: Estimate, bound: DualBound
 ) -> DualBound | None:
-    """A bound of the standard tier, proven without trust in a factorization; None if that fails.
+    """A bound of the standard tier, proven without trusting a factorization; None if that fails.
 
-    The proof is about rotations of quaternions, the bound about the rotations nearest to the stored
-    matrices. An edge adds the blocks -kappa (D, D^T) to the difference of their M, |D| being at
-    most the `distances`, and these are no less than -kappa |D| on either node's diagonal.
+    The proof is about rotations from quaternions, the bound about the rotations nearest to the
+    stored matrices. An edge adds the blocks -kappa (D, D^T) to the difference of their M, where |D|
+    is at most the `distances`; this is bounded below by -kappa |D| on both nodes' diagonals.
     """
     found = prove(problem, graph, point, bound.multipliers)
     if found is None:
@@ -104,7 +104,7 @@ def proven_bound(
 
 
 def distances(graph: checker.Graph, R: FloatArray) -> FloatArray:
-    """(m,) bounds on how far the graph's rotations are from those nearest to stored matrices R."""
+    """(m,) bounds on the distances of the graph's rotations from those nearest to matrices R."""
     taken = np.ldexp(graph.R.astype(np.float64), -checker.POINT)
     apart = np.linalg.norm(taken - R, axis=(1, 2))
     return np.asarray(apart + rotation_defect(R) + 8.0 * checker.U)
@@ -120,7 +120,7 @@ def exact_cost(problem: Problem, graph: checker.Graph, estimate: Estimate) -> fl
 
 
 class _Prover:
-    """Residuals of one certificate matrix under different shifts; demands are in units of A."""
+    """Residuals of one certificate matrix under different shifts; amounts are in units of A."""
 
     def __init__(self, problem: Problem, graph: checker.Graph, point: Estimate) -> None:
         self.problem, self.graph, self.point = problem, graph, point
@@ -132,9 +132,9 @@ class _Prover:
     def settle(
         self, multipliers: Callable[[FloatArray], FloatArray]
     ) -> tuple[FloatArray, Witness] | None:
-        """Multipliers, less what their rotations ask for, at which every row has enough.
+        """Multipliers, reduced by the rotations' amounts, that the checker accepts.
 
-        ``multipliers`` are a function of what is asked of the translations (N,).
+        ``multipliers`` are a function of the translations' amounts (N,).
         """
         asked = UNITS * checker.U * self.problem.matrix.diagonal()
         for _ in range(ROUNDS):
@@ -148,13 +148,13 @@ class _Prover:
         return None
 
     def without(self, multipliers: FloatArray, asked: FloatArray) -> FloatArray:
-        """The multipliers, their diagonals less what is asked of rotations."""
+        """The multipliers, their diagonals reduced by the rotations' amounts."""
         less, rows = multipliers.copy(), np.arange(self.problem.d)
         less[:, rows, rows] -= asked[self.shifted.is_rotation].reshape(-1, self.problem.d)
         return less
 
     def residual(self, multipliers: FloatArray, asked: FloatArray) -> _Found | None:
-        """What the checker finds when ``asked`` (N,) is taken off before factorizing."""
+        """The checker's residual when ``asked`` (N,) is subtracted before factorizing."""
         pin, order = self.shifted.pin or 0, self.problem.order.astype(np.intp)
         blank = Witness(order, np.zeros(self.size), pin, self.exponent)
         proof = proof_of(self.point, multipliers, blank)
@@ -177,7 +177,7 @@ class _Prover:
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """Whether it passes, which rows have enough (N,), what they want (N,), and what was tried."""
+    """Whether it is accepted, which rows have enough (N,), required amounts (N,), the witness."""
 
     accepted: bool
     enough: BoolArray
@@ -186,7 +186,7 @@ class _Found:
 
 
 def exact_graph(problem: Problem) -> checker.Graph:
-    """The problem's measurements as the checker takes them, rotations as quaternions."""
+    """The problem's measurements in the checker's representation."""
     graph = problem.rotation.graph
     (i, j), m = graph.edges.T.astype(np.intp), graph.num_edges
     t, tau = np.zeros((m, graph.d)), np.ones(m)
@@ -203,7 +203,7 @@ def quaternions(R: FloatArray) -> FloatArray:
 
 
 def proof_of(point: Estimate, multipliers: FloatArray, witness: Witness) -> checker.Proof:
-    """A proof as the checker takes it."""
+    """A proof in the checker's representation."""
     rows, columns = np.triu_indices(point.d)
     return checker.Proof(
         quaternions(point.rotations),

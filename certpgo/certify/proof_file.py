@@ -1,14 +1,14 @@
-"""Proof files: what a certificate says of a graph file, for `certpgo.checker` to check.
+"""Proof files: a certificate for a graph file, verified by `certpgo.checker`.
 
 An .npz archive without pickles. Its layout, version 1, with b = d for rotations alone and d + 1 for
-poses; nodes are those that edges name, by ascending id:
+poses; nodes are those of the edges, by ascending id:
 
-    claim         JSON as bytes: what is claimed of which file, and how that is read (see `_claim`)
+    claim         JSON as bytes: the graph file and its reading options (see `_claim`)
     rotations     (n, 4) quaternions x y z w of any norm, or (n, 2) half-angle pairs cos sin
     translations  (n, d); absent for rotations alone
     multipliers   (n, d (d + 1) / 2) upper triangles of Lam', row by row
-    order         (n,) int32, in which nodes are eliminated
-    delta         (n b,) float32, taken off the equilibrated diagonal before factorizing
+    order         (n,) int32, elimination order of the nodes
+    delta         (n b,) float32, subtracted from the equilibrated diagonal before factorizing
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from certpgo.io.writing import atomically
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import problem_of
 
-#: Formats that the checker reads.
+#: Formats that the checker can read.
 FORMATS = ("g2o", "1dsfm")
 
 
@@ -44,25 +44,25 @@ def write_proof(
 ) -> checker.Answer:
     """Write the proof that an estimate of a graph file is as good as its certificate says.
 
-    It is about the numbers in the file, to the last bit. It appears once the checker has accepted
+    It is about the numbers in the file, to the last bit, and is only written if the checker accepts
     it.
 
     Parameters
     ----------
-    path : of the proof
+    path : path of the proof
     source : the g2o or 1DSfM file (or folder) that the instance was read from
-    instance : all of it, connected
-    estimate : what the upper bound is about
-    certificate : of that estimate, or another of the same graph
+    instance : the whole graph of the file, connected
+    estimate : the estimate for the upper bound
+    certificate : certificate of that estimate, or of another of the same graph
 
     Returns
     -------
-    The bounds that the checker found.
+    The bounds verified by the checker.
 
     Raises
     ------
     InputError
-        The source is of another format, or the instance is only a part of it.
+        The source has another format, or the instance is only a part of it.
     NumericalError
         There is no proof, or the checker refuses it.
 
@@ -73,9 +73,9 @@ def write_proof(
     >>> from certpgo.datasets.synthetic import helix
     >>> certpgo.write("helix.g2o", helix(3, np.random.default_rng(0)))
     >>> instance = certpgo.read("helix.g2o")
-    >>> answer = certpgo.solve(instance.graph)
+    >>> result = certpgo.solve(instance.graph)
     >>> proven = certpgo.write_proof(
-    ...     "helix.cert", "helix.g2o", instance, answer.estimate, answer.certificate
+    ...     "helix.cert", "helix.g2o", instance, result.estimate, result.certificate
     ... )
     >>> proven.lower <= proven.upper
     True
@@ -101,12 +101,12 @@ def write_proof(
 
 
 def provable(source: str | Path) -> Path:
-    """The file that a proof can be about.
+    """The path of a file that the checker can read.
 
     Raises
     ------
     InputError
-        It is of a format that the checker does not read.
+        The checker cannot read its format.
     """
     path = Path(source)
     form = format_of(path).name
@@ -119,7 +119,7 @@ def provable(source: str | Path) -> Path:
 
 
 def _claim(source: Path, instance: Instance) -> tuple[dict[str, Any], checker.Graph]:
-    """What the proof is about: hashes, kind and reading options; and what the checker reads."""
+    """The subject of the proof (hashes, kind, reading options), and the graph the checker reads."""
     file = source / "EGs.txt" if source.is_dir() else source
     component = file.with_name("cc.txt")
     restricted = file.name == "EGs.txt" and component.is_file()
@@ -154,7 +154,7 @@ def _sha256(path: Path) -> str:
 
 
 def _overridden(weights: str) -> tuple[float | None, float | None]:
-    """Kappa and tau of a reading option ``weights``; None where the file's count."""
+    """Kappa and tau of the reading option ``weights``; None for the file's."""
     if weights in ("file", "unit"):
         return (None, None) if weights == "file" else (1.0, 1.0)
     said = dict(part.split("=") for part in weights.split(","))
@@ -165,7 +165,7 @@ def _overridden(weights: str) -> tuple[float | None, float | None]:
 def _evidence(
     instance: Instance, graph: checker.Graph, certificate: Certificate
 ) -> tuple[FloatArray, Witness]:
-    """Multipliers that prove a bound on the file's own numbers, and how."""
+    """Multipliers and witness of a bound for the file's exact numbers."""
     if certificate.multipliers is None:
         raise NumericalError("there is no lower bound above zero to prove")
     case = Case.of(problem_of(instance.graph), Tier.PROOF, certificate.rtol, certificate.atol)

@@ -1,9 +1,9 @@
-"""What a computed Cholesky factor leaves over, measured instead of bounded a priori.
+"""The residual of a computed Cholesky factor, measured instead of bounded a priori.
 
-A = L L^T + E holds exactly for some E. Its large part is computed without any rounding: with L
-split into L1 + L2, L1 in integer multiples of 2^-s, every partial sum of A_hi - L1 L1^T is an
-integer multiple of 2^-2s below 2^53 of them, hence a double, whatever the order of summation. What
-L2 adds is 2^-s smaller, and so is its rounding.
+A = L L^T + E holds exactly for some E. Its large part is computed without rounding: with L split
+into L1 + L2, L1 in integer multiples of 2^-s, every partial sum of A_hi - L1 L1^T is an integer
+multiple of 2^-2s below 2^53 of them, hence a double in any order of summation. The contribution of
+L2 is 2^-s smaller, and so is its rounding.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ BITS = 24
 
 
 def measured_residual(A: CSC, L: CSC, order: IntArray, w: FloatArray) -> FloatArray | None:
-    """(N,) upper bounds on the row sums of |E| w, in the order of A; None where they have no bound.
+    """(N,) upper bounds on the row sums of |E| w, in the order of A; None if there are none.
 
     Parameters
     ----------
-    A : (N, N) the matrix that was factorized, both triangles stored
+    A : (N, N) the factorized matrix, both triangles stored
     L, order : its factor, A[order][:, order] = L L^T + E
     w : (N,) positive weights
     """
@@ -48,7 +48,7 @@ def measured_residual(A: CSC, L: CSC, order: IntArray, w: FloatArray) -> FloatAr
     counts = np.diff(Lower.indptr) + 8.0
     small = abs(L1) @ (abs(L2).T @ v) + abs(L2) @ (abs(L1).T @ v) + abs(L2) @ (abs(L2).T @ v)
     sizes = abs(exact + rest)  # they nearly cancel
-    # Rounding of the products with L2 and of adding them up, then of these sums themselves.
+    # Rounding of the products with L2 and of their sums, then of the row sums.
     bound = np.asarray(sizes @ v) * (1.0 + (np.diff(sizes.indptr) + 16.0) * U)
     bound += 2.0 * counts * U * small + 4.0 * U * (abs(low) @ v)
     result = np.empty_like(v)

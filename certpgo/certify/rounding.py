@@ -1,4 +1,4 @@
-"""Costs rounded upwards: what F of the stored estimate is at most, whatever rounding did.
+"""Rigorous bounds on F of a stored estimate, accounting for rounding.
 
 The data are the rotations nearest to the stored matrices, and the stored translations and weights.
 Valid for round-to-nearest IEEE 754 doubles.
@@ -33,7 +33,7 @@ def cost_upper(problem: Problem, estimate: Estimate) -> float:
 
 
 def cost_lower(problem: Problem, estimate: Estimate) -> float:
-    """A lower bound on the same; it holds for quaternions rounded from the rotations as well."""
+    """A lower bound on F of the estimate, also for quaternions rounded from its rotations."""
     weights, sizes, errors = _residuals(problem, estimate)
     terms = weights * np.maximum(sizes * (1.0 - 32.0 * U) - 2.0 * errors, 0.0) ** 2
     return float(np.sum(terms) * (1.0 - _of_a_sum(terms)))
@@ -50,7 +50,7 @@ def _residuals(problem: Problem, estimate: Estimate) -> tuple[FloatArray, FloatA
     if not isinstance(problem, PoseProblem) or estimate.translations is None:
         return graph.kappa, norm, error
     r = np.linalg.norm(problem.translation_residuals(estimate), axis=1)
-    # What t_j - t_i is rounded by is relative to itself: at most r and the lever together.
+    # The rounding of t_j - t_i is relative to its size, at most r plus the lever.
     lever = np.linalg.norm(problem.graph.translations, axis=1)
     weights = np.concatenate([graph.kappa, problem.graph.tau])
     errors = np.concatenate([error, (own + 32.0 * U) * lever])
@@ -58,5 +58,5 @@ def _residuals(problem: Problem, estimate: Estimate) -> tuple[FloatArray, FloatA
 
 
 def _of_a_sum(terms: FloatArray) -> float:
-    # Every term carries a few roundings of its own; the sum, pairwise or not, at most one a term.
+    # A few roundings within each term, and at most one per term in the sum, in any order.
     return (len(terms) + 16) * 2.0 * U

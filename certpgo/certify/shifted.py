@@ -1,4 +1,4 @@
-"""A point's multipliers less a shift, and who bears what rounding asks of the translations."""
+"""Shifted multipliers, which also compensate the rounding of the translations."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class Shifted:
     multipliers : (n, d, d) Lam
     blocks : (n, r, d) the point's rotations
     arms : (n, r) translations from the pinned pose; zeros for rotations alone
-    pin : the pose whose translation is left out, the most central one; None for rotations alone
+    pin : the most central pose, whose translation is pinned; None for rotations alone
     is_rotation : (N,) which rows of the certificate matrix belong to rotations
-    weights : (N,) in which its row sums are compared: translations count by a typical arm
+    weights : (N,) weights of its row sums: for translations, a typical arm
     unit : the unit of rounding of a typical diagonal entry
     """
 
@@ -45,7 +45,7 @@ class Shifted:
         arms, pin, weights = np.zeros(point.rotations.shape[:2]), None, np.ones(size)
         if isinstance(problem, PoseProblem) and point.translations is not None:
             t = point.translations
-            # The pose nearest the centroid makes the gauge cheapest.
+            # Pinning the pose nearest the centroid costs least.
             pin = int(np.argmin(np.linalg.norm(t - t.mean(axis=0), axis=1)))
             arms = t - t[pin]
             weights[~is_rotation] = 2.0 ** _exponent(arms)
@@ -54,10 +54,10 @@ class Shifted:
         return Shifted(multipliers, point.rotations, arms, pin, is_rotation, weights, unit)
 
     def less(self, shift: float, demand: FloatArray) -> FloatArray:
-        """(n, d, d) Lam less ``shift``, and less what ``demand`` (N,) on translations costs.
+        """(n, d, d) Lam minus ``shift``, minus the compensation of ``demand`` (N,) on translations.
 
-        The null vectors of the certificate matrix are (Y_i^T u, arm_i u) for world directions u:
-        in each, the shift of all rotations makes up for the demand of all translations.
+        The null vectors of the certificate matrix are (Y_i^T u, arm_i u) for world directions u: in
+        each, the shift of all rotations compensates the demand of all translations.
         """
         d = self.multipliers.shape[1]
         shifts = shift * np.eye(d)
@@ -70,6 +70,6 @@ class Shifted:
 
 
 def _exponent(arms: FloatArray) -> int:
-    """Of the power of two nearest to the root mean square of the arms."""
+    """Exponent of the power of two nearest to the root mean square of the arms."""
     rms = float(np.sqrt(np.mean(np.sum(arms**2, axis=1))))
     return round(math.log2(rms)) if rms > 0.0 else 0

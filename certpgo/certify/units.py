@@ -1,7 +1,7 @@
-"""A problem in units of its own size, and what was found there in the units of the graph.
+"""Conversion of certificates from a normalized problem to the units of the graph.
 
-The unit is a power of two, so that nothing is rounded but where doubles end; there, what bounds
-from below is rounded down and what bounds from above is rounded up.
+The unit is a power of two, so that only underflow and overflow can round; there, lower bounds are
+rounded down and upper bounds up.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def unit_of(problem: Problem) -> float:
 
 
 def in_units(unit: float, found: Certificate) -> Certificate:
-    """The certificate of the problem whose weights are ``unit`` times as large."""
+    """The certificate of the problem with weights multiplied by ``unit``."""
     bounds = found.bounds
     if bounds is not None:
         spectral, fiedler = scaled_down(unit, bounds.spectral), unit * bounds.fiedler
@@ -64,13 +64,13 @@ def scaled_down(unit: float, x: float) -> float:
 
 
 def scaled_blocks(unit: float, blocks: FloatArray) -> FloatArray:
-    """Symmetric blocks (n, d, d) for which ``unit`` times the given ones, less these, are >= 0."""
+    """Symmetric blocks (n, d, d) such that ``unit`` times the given ones minus these are >= 0."""
     scaled = np.asarray(unit * blocks)
     inexact = (scaled / unit != blocks).any(axis=(1, 2))
     d = blocks.shape[1]
     rows = np.arange(d)
     diagonal = scaled[np.ix_(inexact, rows, rows)][:, rows, rows]
-    for _ in range(d):  # each entry of a row is off by at most half of what a step takes off
+    for _ in range(d):  # each entry of a row is off by at most half a step
         diagonal = np.nextafter(diagonal, -np.inf)
     scaled[np.flatnonzero(inexact)[:, None], rows, rows] = diagonal
     return scaled

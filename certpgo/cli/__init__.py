@@ -1,4 +1,4 @@
-"""The command line: one file a sub-command, found by scanning this folder.
+"""The command line: one file per sub-command, found by scanning this folder.
 
 A command is a function ``command`` that returns an exit code or None. Its file imports nothing
 heavy at the top, so that ``certpgo --help`` is quick.
@@ -25,7 +25,7 @@ Command = Callable[..., int | None]
 EXIT_CODES = {
     0: "success or CERTIFIED",
     1: "unusable input",
-    2: "usage",
+    2: "usage error",
     3: "BOUNDED",
     4: "REFUTED",
     5: "UNDECIDED",
@@ -36,21 +36,17 @@ EXIT_CODES = {
 }
 
 
-#: As shells have it for a program that a closed pipe ended.
-UNREAD = 141
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run ``certpgo``; returns the exit code.
 
     Parameters
     ----------
-    argv : arguments after the program's name; those of the process by default
+    argv : arguments after the program's name; by default those of the process
     """
     try:
         # Not list(...): the command of that name is an attribute of this module.
         arguments = [*(sys.argv[1:] if argv is None else argv)]
-        # Only the command that is asked for is imported.
+        # Only the requested command is imported.
         known = arguments and arguments[0] in command_names()
         names = arguments[:1] if known else command_names()
         application(names)(arguments, prog_name="certpgo")
@@ -60,11 +56,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def application(names: Sequence[str]) -> typer.Typer:
-    """The application with the commands of these names."""
+    """The application with the named commands."""
+    codes = ", ".join(f"{code} {meaning}" for code, meaning in EXIT_CODES.items())
     app = typer.Typer(
         name="certpgo",
         help="Certifiable pose-graph optimization and rotation averaging.",
-        epilog=_epilog(),
+        epilog=f"Exit codes: {codes}.",
         no_args_is_help=True,
         add_completion=False,
         pretty_exceptions_enable=False,
@@ -75,13 +72,8 @@ def application(names: Sequence[str]) -> typer.Typer:
     return app
 
 
-def _epilog() -> str:
-    codes = ", ".join(f"{code} {meaning}" for code, meaning in EXIT_CODES.items())
-    return f"Exit codes: {codes}."
-
-
 def command_names() -> tuple[str, ...]:
-    """Names of the commands: the files of this folder, and the benchmarks' in a checkout."""
+    """Names of the commands: the files of this folder and, in a checkout, the benchmarks'."""
     return tuple(sorted({*_own_commands(), *registry.command_names()}))
 
 
@@ -91,7 +83,7 @@ def _own_commands() -> tuple[str, ...]:
 
 
 def _function(name: str) -> Command:
-    """The command; of a file that cannot be loaded, one that says so."""
+    """The command, or one that reports why its file cannot be loaded."""
     try:
         if name in _own_commands():
             function: Command = importlib.import_module(f"{__name__}.{name}").command
@@ -101,15 +93,15 @@ def _function(name: str) -> Command:
         error = reason
 
         def unusable() -> None:
-            """Not usable: its file cannot be loaded."""
+            """Unusable: its file cannot be loaded."""
             raise error
 
         return unusable
     return function
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(requested: bool) -> None:
+    if requested:
         from certpgo import __version__
 
         typer.echo(f"certpgo {__version__}")
@@ -126,7 +118,7 @@ def _root(version: Annotated[bool, _VERSION] = False) -> None:
 
 
 def _guarded(function: Command) -> Callable[..., None]:
-    """The command with known errors turned into one line and an exit code."""
+    """The command, with expected errors turned into one line and an exit code."""
 
     @functools.wraps(function)
     def guarded(*args: object, **kwargs: object) -> None:
@@ -138,9 +130,9 @@ def _guarded(function: Command) -> Callable[..., None]:
         except KeyboardInterrupt:
             code = _fail("interrupted", 130)
         except BrokenPipeError:
-            # The reader has gone (| head); what Python flushes at exit has nowhere to go either.
+            # The reader is gone (| head): discard what Python flushes at exit.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            code = UNREAD
+            code = 141
         except OSError as error:
             place = f"{error.filename}: " if error.filename else ""
             code = _fail(f"{place}{error.strerror or error}")

@@ -1,4 +1,4 @@
-"""Writing the page of a certificate, where a command is asked to."""
+"""Writing the HTML page of a certificate (--html)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def require_pages(out: Path | None) -> None:
-    """Refuse to write a page, before the work and not after, where its package is missing.
+    """Refuse to write a page, before any work, if its package is missing.
 
     Raises
     ------
@@ -44,13 +44,14 @@ def origin_of(
     partial: bool = False,
     settings: SolveSettings | None = None,
 ) -> Origin:
-    """Where an answer came from; of what made it, all but the date, so that a page is repeated."""
+    """Where an estimate came from; without the date, so that pages are reproducible."""
     from certpgo.assess.provenance import provenance
     from certpgo.linalg.factor import default_engine
     from certpgo.registry import source
     from certpgo.view.certificate_page import Origin
 
-    made = provenance(default_engine(), source())
+    environment = provenance(default_engine(), source())
+    del environment["date"]
     return Origin(
         graph=graph,
         estimate="" if estimate is None else str(estimate),
@@ -60,7 +61,7 @@ def origin_of(
         remarks=tuple(remarks),
         partial=partial,
         settings=() if settings is None else tuple(_settings(settings)),
-        environment={key: said for key, said in made.items() if key != "date"},
+        environment=environment,
     )
 
 
@@ -78,19 +79,19 @@ def write_page(
     Raises
     ------
     InputError
-        It cannot be written.
+        The file cannot be written.
     """
     from certpgo.io.writing import atomically
     from certpgo.view.certificate_page import certificate_page
 
     with working(f"drawing {instance.name}"):
         text = certificate_page(instance, problem, estimate, assessment, origin, trace)
-    atomically(out, lambda beside: beside.write_text(text, encoding="utf-8", newline="\n"))
-    notice(f"the page is in {out}")
+    atomically(out, lambda temporary: temporary.write_text(text, encoding="utf-8", newline="\n"))
+    notice(f"page written to {out}")
 
 
 def _settings(settings: Any, prefix: str = "") -> Iterator[str]:
-    """The settings of a search, one text each."""
+    """The settings of a search as key=value."""
     for field in fields(settings):
         value = getattr(settings, field.name)
         if is_dataclass(value):
@@ -100,7 +101,7 @@ def _settings(settings: Any, prefix: str = "") -> Iterator[str]:
 
 
 def _arguments(reading: Reading) -> Iterator[str]:
-    """The options of a command line that read a graph so."""
+    """The command-line options for this way of reading a graph."""
     for field in fields(reading):
         value = getattr(reading, field.name)
         if value == field.default or field.name == "data":

@@ -1,4 +1,4 @@
-"""Writing the proof of an answer, where a command is asked to."""
+"""Writing proof files (--proof)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from certpgo.cli._show import facts, notice, working
 from certpgo.errors import NumericalError
 
-#: Exit code of a proof that is refused, or could not be had.
+#: Exit code of a proof that is refused or could not be found.
 REFUSED = 6
 
 if TYPE_CHECKING:
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 
 def provable_source(source: Source) -> Path:
-    """The graph's file, if the checker reads it: said before the work and not after.
+    """The graph's file, if the checker can read it; called before any work.
 
     Raises
     ------
     InputError
-        Its format is another.
+        It is in another format.
     """
     from certpgo.certify.proof_file import provable
 
@@ -39,26 +39,26 @@ def prove(
     *,
     json: bool,
 ) -> bool:
-    """Write the proof, and say what the checker said of it (on stderr beside a JSON document).
+    """Write the proof and print the checker's result (to stderr if stdout has a JSON document).
 
-    Where there is none, that is said, and False returned: the verdict stands without it.
+    Returns False, with a notice, if there is no proof; the verdict stands without it.
     """
     from certpgo.certify.proof_file import write_proof
 
     try:
-        with working(f"proving the answer for {instance.name}"):
-            answer = write_proof(out, source, instance, estimate, certificate)
+        with working(f"proving the bound for {instance.name}"):
+            proven = write_proof(out, source, instance, estimate, certificate)
     except NumericalError as reason:
         notice(f"no proof was written to {out}: {reason}")
         return False
-    said = f"{out}: {answer} (certpgo check)"
+    result = f"{out}: {proven} (certpgo check)"
     if json:
-        notice(said)
+        notice(result)
     else:
-        facts([("proof", said), ("about", answer.about)])
-    if certificate.gap <= certificate.rtol * certificate.cost_upper < answer.upper - answer.lower:
+        facts([("proof", result), ("about", proven.about)])
+    if certificate.gap <= certificate.rtol * certificate.cost_upper < proven.upper - proven.lower:
         notice(
-            f"the bound in {out} is weaker than the certificate's: a proof file takes the graph as "
-            "a whole, a certificate the parts between long bridges one by one"
+            f"the bound in {out} is weaker than the certificate's: a proof file treats the graph "
+            "as a whole, a certificate the parts between long bridges separately"
         )
     return True

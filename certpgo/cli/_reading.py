@@ -1,4 +1,4 @@
-"""The options that say how a graph is read, in one place, and reading with them."""
+"""The options for reading a graph, shared by several commands."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 #: Seconds of reading after which a progress bar appears.
 PATIENCE = 1.0
 
-_PANEL = "Reading"
+_PANEL = "Reading the graph"
 
 
 class Keep(StrEnum):
-    """Which of several measurements between the same two nodes count."""
+    """Which of several measurements between the same two nodes to keep."""
 
     ALL = "all"
     FIRST = "first"
@@ -37,7 +37,7 @@ class Keep(StrEnum):
 
 
 class About(StrEnum):
-    """What the rotational information of a file is about."""
+    """Coordinates of the rotational information in a file."""
 
     TANGENT = "tangent"
     QUATERNION = "quaternion"
@@ -45,7 +45,7 @@ class About(StrEnum):
 
 
 class Components(StrEnum):
-    """What to do with a graph of several components."""
+    """How to treat a graph with several components."""
 
     REFUSE = "refuse"
     EACH = "each"
@@ -61,34 +61,38 @@ class Reading:
     """How graphs are read; each field is an option of every command that reads one."""
 
     keep: Annotated[
-        Keep, _option("--keep", help="Of parallel edges: all (they add), the first, or the last.")
+        Keep, _option("--keep", help="Which parallel edges to keep; all adds their terms.")
     ] = Keep.ALL
     rotation_information: Annotated[
         About | None,
-        _option("--rotation-information", help="What a file's rotational information is about."),
+        _option(
+            "--rotation-information",
+            help="Coordinates of the file's rotational information; by default the format's: "
+            "tangent vector, quaternion vector, or roll-pitch-yaw.",
+        ),
     ] = None
     kappa: Annotated[
-        float | None, _option("--kappa", help="Rotational concentration of every edge.")
+        float | None, _option("--kappa", help="Set the rotational weight of every edge.")
     ] = None
     tau: Annotated[
-        float | None, _option("--tau", help="Translational concentration of every edge, 1/m^2.")
+        float | None, _option("--tau", help="Set the translational weight of every edge, 1/m^2.")
     ] = None
     unit_weights: Annotated[
-        bool, _option("--unit-weights", help="Weigh every edge 1, whatever the file says.")
+        bool, _option("--unit-weights", help="Set all weights to 1, ignoring the file's.")
     ] = False
     components: Annotated[
         Components,
-        _option("--components", help="A graph that is not connected: refuse it, take each, ..."),
+        _option("--components", help="Components of a disconnected graph to use."),
     ] = Components.REFUSE
     rotations: Annotated[
-        bool, _option("--rotations", help="Of a pose graph, the rotations alone.")
+        bool, _option("--rotations", help="Ignore translations: rotation averaging.")
     ] = False
     data: Annotated[
-        Path | None, _option("--data", metavar="DIR", help="Folder to look for datasets in first.")
+        Path | None, _option("--data", metavar="DIR", help="Folder to search for datasets first.")
     ] = None
 
     def resolve(self, name: str) -> Source:
-        """What a path or a dataset's name stands for."""
+        """The file or dataset with this path or name."""
         from certpgo.datasets.source import resolve
 
         return resolve(name, self.data)
@@ -106,7 +110,7 @@ class Reading:
         }
 
     def open(self, source: Source, *, notices: bool = True) -> Instance:
-        """Read the graph; its notices go to stderr unless they are shown elsewhere."""
+        """Read the graph; with ``notices``, print its notices to stderr."""
         from certpgo.graph.components import rotations_alone
 
         with _reading_progress() as progress:
@@ -121,7 +125,7 @@ class Reading:
         Raises
         ------
         GraphError
-            The graph is not connected, and ``--components`` says to refuse that.
+            The graph is not connected, and ``--components`` is ``refuse``.
         """
         from certpgo.graph.components import connected_parts
         from certpgo.io.plural import counted
@@ -131,7 +135,7 @@ class Reading:
         except GraphError as error:
             raise GraphError(
                 f"{instance.source or instance.name}: {error}; "
-                "--components largest takes the largest, --components each all",
+                "--components largest uses the largest one, --components each all of them",
                 component_sizes=error.component_sizes,
             ) from None
         alone = sum(size == 1 for size in instance.graph.component_sizes)
@@ -141,7 +145,7 @@ class Reading:
 
 
 def takes_reading(command: Callable[..., int | None]) -> Callable[..., int | None]:
-    """Give a command with a parameter ``reading`` the options of `Reading` in its place."""
+    """Replace a command's parameter ``reading`` by the options of `Reading`."""
     hints = get_type_hints(command, include_extras=True)
     own = [
         parameter.replace(annotation=hints[name])
@@ -167,7 +171,7 @@ def takes_reading(command: Callable[..., int | None]) -> Callable[..., int | Non
 
 @contextmanager
 def _reading_progress() -> Iterator[Callable[[int, int], None]]:
-    """A callback that shows a bar on a terminal once reading takes longer than a moment."""
+    """A callback that shows a progress bar on a terminal once reading takes `PATIENCE`."""
     start = time.perf_counter()
     bar = None
 

@@ -1,4 +1,4 @@
-"""What the commands print: answers on stdout, everything else on stderr."""
+"""Output of the commands: results on stdout, everything else on stderr."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from typing import Any
 
 import typer
 
-#: Columns of a table that is not shown on a terminal.
+#: Width of tables that are not printed to a terminal, in characters.
 WIDTH = 160
 
 
 def notice(sentence: str) -> None:
-    """Say something about the input, on stderr."""
+    """Print a note on stderr."""
     typer.echo(f"note: {sentence}", err=True)
 
 
 @contextmanager
 def noticing() -> Iterator[None]:
-    """Say on stderr what the block warns of about its input or output."""
+    """Print the block's warnings about its input or output on stderr."""
     from certpgo.errors import InputNotice
 
     with warnings.catch_warnings(record=True) as caught:
@@ -37,14 +37,14 @@ def noticing() -> Iterator[None]:
 
 
 def document(data: Any) -> None:
-    """One JSON document on stdout; numbers that are not finite become null."""
+    """Print one JSON document on stdout; numbers that are not finite become null."""
     from certpgo.io.plain import plain
 
     typer.echo(json.dumps(plain(data), indent=2, allow_nan=False))
 
 
 def facts(pairs: Iterable[tuple[str, str]]) -> None:
-    """Names and values, one pair a line."""
+    """Print names and values, one pair per line."""
     listed = list(pairs)
     width = max(len(name) for name, _ in listed)
     for name, value in listed:
@@ -54,7 +54,7 @@ def facts(pairs: Iterable[tuple[str, str]]) -> None:
 def table(
     title: str, header: Sequence[str], rows: Iterable[Sequence[str]], caption: str = ""
 ) -> None:
-    """A table on stdout, as wide as the terminal allows."""
+    """Print a table on stdout, as wide as the terminal."""
     from rich import box
     from rich.console import Console
     from rich.table import Table
@@ -62,7 +62,7 @@ def table(
 
     class Piped(Console):
         def on_broken_pipe(self) -> None:
-            """Leave it to the caller, which ends quietly; Rich would exit with an error."""
+            """Leave it to the caller, which exits quietly; Rich would exit with an error."""
             raise BrokenPipeError
 
     console = Piped() if sys.stdout.isatty() else Piped(width=WIDTH)
@@ -78,7 +78,7 @@ def table(
 
 @contextmanager
 def working(message: str) -> Iterator[Any]:
-    """A spinner on stderr while the block runs; silent where stderr is no terminal."""
+    """A spinner on stderr while the block runs; silent if stderr is not a terminal."""
     if not sys.stderr.isatty():
         yield _Silent()
         return
@@ -94,7 +94,7 @@ class _Silent:
 
 
 class progress_bar:  # noqa: N801 - used like a function
-    """A bar of bytes on stderr."""
+    """A progress bar for bytes on stderr."""
 
     def __init__(self, message: str) -> None:
         from rich.console import Console
@@ -110,5 +110,5 @@ class progress_bar:  # noqa: N801 - used like a function
         self._progress.update(self._task, completed=done, total=total)
 
     def close(self) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         self._progress.stop()

@@ -1,4 +1,4 @@
-"""A certificate in words that need no paper, as JSON, and as an exit code."""
+"""A certificate in words, as JSON, and as an exit code."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ if TYPE_CHECKING:
 
 #: Exit code after Ctrl-C.
 INTERRUPTED = 130
-#: Exit codes by verdict, in the order of what a caller should act on.
+#: Exit codes by verdict, by increasing severity.
 EXIT_CODES = {"CERTIFIED": 0, "ERROR": 1, "BOUNDED": 3, "REFUTED": 4, "UNDECIDED": 5}
 
 
 def refuse_screening(tier: str | None) -> None:
-    """Refuse a tier that proves nothing where a proof is asked for.
+    """Refuse the tier ``screen``, which proves nothing, if a proof is requested.
 
     Raises
     ------
     InputError
-        It is the tier ``screen``.
+        The tier is ``screen``.
     """
     if tier == "screen":
         raise InputError("--proof needs the proof tier, not --tier screen")
@@ -40,7 +40,7 @@ def exit_code(certificates: Iterable[Certificate]) -> int:
 
 
 def weakest(verdicts: Iterable[str]) -> int:
-    """The exit code of the weakest of these verdicts, ``ERROR`` being one."""
+    """The exit code of the weakest of these verdicts, which include ``ERROR``."""
     return max((EXIT_CODES[verdict] for verdict in verdicts), default=0)
 
 
@@ -66,7 +66,7 @@ def show(
     )
 
 
-#: Of the JSON documents of ``solve`` and ``certify``; raised whenever a key moves.
+#: Version of the JSON documents of ``solve`` and ``certify``; raised when a key moves.
 SCHEMA = 2
 
 
@@ -78,14 +78,14 @@ def as_json(
     disagreement: Disagreement | None = None,
     assessment: Assessment | None = None,
 ) -> dict[str, Any]:
-    """An estimate of a connected graph: the verdict first, then what stands behind it.
+    """An estimate of a connected graph: the verdict first, then its details.
 
-    Angles are in radians, but for those that are called degrees.
+    Angles are in radians unless named degrees.
 
     Parameters
     ----------
-    certificate : None where none was asked for
-    cost : F of the estimate, as computed, for the measurements that the certificate is about
+    certificate : the certificate, or None if none was requested
+    cost : F of the estimate, as computed, for the certified measurements
     """
     from certpgo.assess.wording import objective
 
@@ -109,13 +109,13 @@ def as_json(
 
 
 def edges_as_json(instance: Instance, edges: IntArray) -> list[dict[str, Any]]:
-    """Edges by their numbers and the ids of their nodes."""
+    """Edges by index and node ids."""
     pairs = instance.ids[instance.graph.edges[edges]].tolist()
     return [{"edge": e, "ids": ids} for e, ids in zip(edges.tolist(), pairs, strict=True)]
 
 
 def _details(certificate: Certificate) -> dict[str, Any]:
-    """What of a certificate is neither at the top nor an array."""
+    """The fields of a certificate without arrays and those of the top level."""
     top = {"verdict", "reason", "tier", "lower_bound", "gap"}
     arrays = {"multipliers", "refined", "better", "bounds"}
     names = [field.name for field in fields(certificate) if field.name not in top | arrays]

@@ -1,4 +1,4 @@
-"""Outputs that would replace an input, refused before any work."""
+"""Refusal of unwritable outputs, or outputs that would replace an input, before any work."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def refuse_unwritable(out: Path | None) -> None:
-    """Refuse an output whose folder is not there, before the work and not after.
+    """Refuse an output whose folder is missing or not writable.
 
     Raises
     ------
@@ -22,7 +22,7 @@ def refuse_unwritable(out: Path | None) -> None:
         There is no such folder, or it cannot be written to.
     """
     if out is not None and not (out.parent.is_dir() and os.access(out.parent, os.W_OK)):
-        raise InputError(f"{out}: cannot be written: no such folder, or not yours to write to")
+        raise InputError(f"{out}: cannot be written: no such folder, or no write permission")
 
 
 def refuse_overwriting(
@@ -30,28 +30,28 @@ def refuse_overwriting(
     inputs: Iterable[Source | str | Path | None],
     data: Path | None = None,
 ) -> None:
-    """Refuse to write to a file that is read.
+    """Refuse to overwrite a file that is read.
 
     Parameters
     ----------
-    outputs : files to be written; None for one that is not
-    inputs : files, folders or names of datasets to be read, likewise
-    data : folder to look for datasets in first
+    outputs : files to write, or None
+    inputs : files, folders or dataset names to read, or None
+    data : folder to search for datasets first
 
     Raises
     ------
     InputError
-        An output is an input, under this or another path, or is named twice.
+        An output is also an input, under any path, or is named twice.
     """
     written = [out for out in outputs if out is not None]
     for k, out in enumerate(written):
         if any(_is_same(out, earlier) for earlier in written[:k]):
-            raise InputError(f"{out}: named for two outputs; one would overwrite the other")
+            raise InputError(f"{out}: given for two outputs; one would overwrite the other")
     read = [path for source in inputs if written and source for path in _files(source, data)]
     for out in written:
         for path in read:
             if _is_same(out, path):
-                raise InputError(f"{out}: is read as well, and would be lost; write elsewhere")
+                raise InputError(f"{out}: is also an input, and would be overwritten")
 
 
 def _files(source: Source | str | Path, data: Path | None) -> Iterator[Path]:
@@ -61,7 +61,7 @@ def _files(source: Source | str | Path, data: Path | None) -> Iterator[Path]:
         try:
             source = resolve(source, data)
         except InputError:
-            return  # neither a file nor a dataset; said when it is read
+            return  # neither a file nor a dataset; reported when it is read
     path = source if isinstance(source, Path) else source.found
     if path is not None:
         yield from path.iterdir() if path.is_dir() else (path,)

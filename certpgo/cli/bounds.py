@@ -1,4 +1,4 @@
-"""certpgo bounds: every bound on a graph, cheap ones first, and what each says of an answer."""
+"""certpgo bounds: every bound on a graph, cheapest first, and its implication."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from certpgo.cli._options import Json, Timestamps
+from certpgo.cli._options import GraphName, Json, Timestamps
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, facts, noticing, table, working
 
@@ -20,25 +20,25 @@ if TYPE_CHECKING:
 
 @takes_reading
 def command(
-    graph: Annotated[str, typer.Argument(metavar="GRAPH", help="A file or dataset.")],
+    graph: GraphName,
     estimate: Annotated[
         str | None,
         typer.Argument(
-            metavar="[ESTIMATE]", help="Estimate to compare with; certpgo solve's by default."
+            metavar="[ESTIMATE]", help="Estimate to compare with; by default certpgo solve's."
         ),
     ] = None,
     sdp: Annotated[
-        bool, typer.Option("--sdp", help="Also solve the semidefinite program; slow.")
+        bool, typer.Option("--sdp", help="Also solve the semidefinite program (slow).")
     ] = False,
     force: Annotated[
-        bool, typer.Option("--force", help="Solve it even where memory may not suffice.")
+        bool, typer.Option("--force", help="Solve it even if memory may not suffice.")
     ] = False,
     timestamps: Timestamps = "ids",
     json: Json = False,
     *,
     reading: Reading,
 ) -> None:
-    """Bounds on the optimum, cheapest first: value, run time and implication for this graph."""
+    """Compute bounds on the optimum, cheapest first, and what each implies for an estimate."""
     from certpgo.assess.ladder import ladder
     from certpgo.objective.problem import problem_of
 
@@ -88,12 +88,12 @@ def _head(part: Instance, found: Ladder) -> Iterable[tuple[str, str]]:
     from certpgo.assess.wording import objective
 
     yield "graph", part.name
-    whose = "of the given estimate" if found.given else "of certpgo solve's estimate"
-    yield "cost F", f"{found.cost:.12g}  ({whose}: {found.certificate.verdict.value})"
+    source = "of the given estimate" if found.given else "of certpgo solve's estimate"
+    yield "cost F", f"{found.cost:.12g}  ({source}: {found.certificate.verdict.value})"
     yield "largest residual", f"{math.degrees(found.largest):.4g} degrees"
     if found.settled is not None:
-        said = "after local descent; residual-angle bounds are about the rotations there"
-        yield "", f"{math.degrees(found.settled):.4g} degrees {said}"
+        after = "after local descent, where the residual-angle bounds apply"
+        yield "", f"{math.degrees(found.settled):.4g} degrees {after}"
     yield "objective", objective(part.options)
 
 

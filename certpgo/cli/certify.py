@@ -1,4 +1,4 @@
-"""certpgo certify: an estimate, or many, from any solver."""
+"""certpgo certify: certify estimates from any solver."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from certpgo.cli import _verdict
-from certpgo.cli._options import HtmlOut, Json, ProofOut, Timestamps
+from certpgo.cli._options import GraphName, HtmlOut, Json, ProofOut, Timestamps, tier_option
 from certpgo.cli._paging import origin_of, require_pages, write_page
 from certpgo.cli._proving import REFUSED, provable_source, prove
 from certpgo.cli._reading import Reading, takes_reading
@@ -27,37 +27,31 @@ if TYPE_CHECKING:
 
 @takes_reading
 def command(
-    graph: Annotated[str, typer.Argument(metavar="GRAPH", help="A file or dataset.")],
+    graph: GraphName,
     estimates: Annotated[
         list[str],
         typer.Argument(
-            metavar="ESTIMATE...", help="A file or dataset that holds poses; several with --csv."
+            metavar="ESTIMATE...", help="File or dataset with poses; several need --csv."
         ),
     ],
-    tier: Annotated[
-        str | None,
-        typer.Option(
-            "--tier",
-            help="What may be trusted: proof, standard, or screen (a hint). "
-            "[default: standard, or proof with --proof]",
-        ),
-    ] = None,
+    tier: Annotated[str | None, tier_option("standard, or proof with --proof")] = None,
     rtol: Annotated[
-        float, typer.Option("--rtol", help="Gap, over the cost, that counts as optimal.")
+        float, typer.Option("--rtol", help="Tolerance on the gap, relative to the cost F.")
     ] = 1e-5,
     atol: Annotated[
-        float, typer.Option("--atol", help="Gap, over the problem's scale, that counts as optimal.")
+        float, typer.Option("--atol", help="Additional tolerance, relative to the total weight W.")
     ] = 1e-12,
     refine: Annotated[
         bool,
-        typer.Option("--refine/--no-refine", help="Take the bound after local descent."),
+        typer.Option("--refine/--no-refine", help="Run local descent before computing the bound."),
     ] = True,
     best: Annotated[
         Path | None, typer.Option("--best", metavar="OUT", help="Write the best estimate found.")
     ] = None,
     timestamps: Timestamps = "ids",
     csv: Annotated[
-        Path | None, typer.Option("--csv", metavar="OUT", help="Write a row for each ESTIMATE.")
+        Path | None,
+        typer.Option("--csv", metavar="OUT", help="Write a row per ESTIMATE."),
     ] = None,
     proof: ProofOut = None,
     html: HtmlOut = None,
@@ -65,7 +59,7 @@ def command(
     *,
     reading: Reading,
 ) -> int:
-    """Certify an estimate, or many: how far each can be from the optimum of the graph."""
+    """Certify estimates of a graph: prove how far each can be from the optimum."""
     from certpgo.assess.batch import JudgedGraph
     from certpgo.assess.wording import hint
     from certpgo.certify.judge import Judge
@@ -73,11 +67,11 @@ def command(
     from certpgo.objective.problem import problem_of
 
     if len(estimates) > 1 and csv is None:
-        raise InputError("several estimates need --csv OUT, for a row each")
+        raise InputError("several estimates need --csv OUT")
     if csv is not None and not (best is None and proof is None and html is None):
-        raise InputError("--best, --proof and --html are of one estimate: not with --csv")
+        raise InputError("--best, --proof and --html need a single estimate, without --csv")
     if best is not None:
-        format_to_write(best, None)  # a wrong suffix is said before the work, not after
+        format_to_write(best, None)  # report a wrong suffix before any work
     for out in (best, csv, proof, html):
         refuse_unwritable(out)
     require_pages(html)
@@ -94,11 +88,11 @@ def command(
         judge = Judge(problem, tier=tier, rtol=rtol, atol=atol, refine=refine)
         parts.append(JudgedGraph(connected, problem, judge))
     if best is not None and len(parts) > 1:
-        raise InputError("--best writes one estimate; choose one with --components largest")
+        raise InputError("--best writes one estimate; use --components largest")
     if proof is not None and len(parts) > 1:
-        raise InputError("--proof is about a connected graph; write each component to a file")
+        raise InputError("--proof needs a connected graph; write each component to a file")
     if html is not None and len(parts) > 1:
-        raise InputError("--html shows one estimate; choose one with --components largest")
+        raise InputError("--html shows one estimate; use --components largest")
     if csv is not None:
         return _batch(estimates, instance, parts, timestamps, csv, json, reading)
     path = reading.resolve(estimates[0]).path()
@@ -109,7 +103,7 @@ def command(
     elif any(a.excess > a.certificate.tolerance for a in assessments):
         notice("--best OUT writes the lower-cost estimate")
     if any(_may_gain(a.certificate) for a in assessments):
-        notice("rounding may be what limits the bound: --tier proof allows for less of it")
+        notice("rounding may limit the bound: try --tier proof")
     code = _verdict.exit_code(a.certificate for a in assessments)
     proven = True
     if proof and provable:
@@ -125,11 +119,11 @@ def command(
 
 
 def _may_gain(certificate: Certificate) -> bool:
-    """Whether the refined point is so near the bound that the proof tier may close the gap."""
+    """Whether the refined point is so close to the bound that the proof tier may close the gap."""
     from certpgo.certify.case import PROOF_GAIN
 
-    left = certificate.refined_cost - certificate.lower_bound
-    near = certificate.tolerance < left <= PROOF_GAIN * certificate.tolerance
+    gap = certificate.refined_cost - certificate.lower_bound
+    near = certificate.tolerance < gap <= PROOF_GAIN * certificate.tolerance
     return certificate.tier.value == "standard" and certificate.better is None and near
 
 
@@ -191,8 +185,8 @@ def _batch(
         for row in judge_all(names, parts, read):
             rows.append(row)
             done = len({row.estimate for row in rows})
-            said = row.reason if row.cost is None else f"{row.estimate}: F {row.cost:.8g}"
-            typer.echo(f"{done}/{len(set(names))} {row.verdict} {said}", err=True)
+            result = row.reason if row.cost is None else f"{row.estimate}: F {row.cost:.8g}"
+            typer.echo(f"{done}/{len(set(names))} {row.verdict} {result}", err=True)
     write_rows(out, rows)
     if json:
         document([asdict(row) for row in rows])
@@ -213,4 +207,4 @@ def _write_best(out: Path, part: JudgedGraph, assessment: Assessment) -> None:
 
     with noticing():
         write(out, assessment.best, instance=part.instance)
-    notice(f"the best estimate found is in {out}")
+    notice(f"best estimate written to {out}")

@@ -1,4 +1,4 @@
-"""certpgo check: whether a proof file proves what it claims."""
+"""certpgo check: verify a proof file."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from certpgo.errors import InputError
 
 
 def command(
-    graph: Annotated[str, typer.Argument(metavar="GRAPH", help="A g2o or 1DSfM file, or dataset.")],
-    proof: Annotated[Path, typer.Argument(metavar="PROOF", help="See certify --proof.")],
+    graph: Annotated[str, typer.Argument(metavar="GRAPH", help="g2o or 1DSfM file, or dataset.")],
+    proof: Annotated[Path, typer.Argument(metavar="PROOF", help="Proof file written by --proof.")],
     data: Data = None,
     json: Json = False,
 ) -> int:
-    """Verify a proof with the independent checker (certpgo/checker.py), run as its own program."""
+    """Verify a proof file with the independent checker, certpgo/checker.py."""
     from certpgo.cli._reading import Reading
 
     path = Reading(data=data).resolve(graph).path()
@@ -39,22 +39,22 @@ def command(
 def _as_json(path: Path, proof: Path) -> int:
     from certpgo import checker
 
-    said = {"graph": str(path), "proof": str(proof)}
+    files = {"graph": str(path), "proof": str(proof)}
     try:
-        answer = checker.check(path, proof)
+        proven = checker.check(path, proof)
     except checker.Unreadable as error:
         raise InputError(str(error)) from None
     except checker.Refused as reason:
-        document({**said, "proved": False, "reason": str(reason)})
+        document({**files, "proved": False, "reason": str(reason)})
         return REFUSED
     document(
         {
-            **said,
+            **files,
             "proved": True,
-            "about": answer.about,
-            "cost_upper": answer.upper,
-            "lower_bound": answer.lower,
-            "relative_gap": answer.relative_gap,
+            "about": proven.about,
+            "cost_upper": proven.upper,
+            "lower_bound": proven.lower,
+            "relative_gap": proven.relative_gap,
         }
     )
     return 0

@@ -1,4 +1,4 @@
-"""certpgo compare: methods side by side on the same graphs."""
+"""certpgo compare: several methods on the same graphs."""
 
 from __future__ import annotations
 
@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from certpgo.assess.comparison import Competitor, MethodResult
     from certpgo.graph import Instance
 
-#: Data sets compared when none is named, as far as they are here, and small files of the gtsam
-#: wheel that stand in for them.
+#: Datasets compared by default, if available locally; otherwise small files of the gtsam wheel.
 USUAL = (
     "smallGrid3D",
     "parking-garage",
@@ -42,20 +41,22 @@ QUICK = ("smallGrid3D", "MIT", "w100")
 def command(
     graphs: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[DATASET|FILE]...", help="By default the data sets found here."),
+        typer.Argument(
+            metavar="[DATASET|FILE]...", help="By default the usual datasets found locally."
+        ),
     ] = None,
     methods: Annotated[
-        str | None, typer.Option("--methods", help="Names or labels, separated by commas.")
+        str | None, typer.Option("--methods", help="Method names or labels, separated by commas.")
     ] = None,
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Folder for the results.")
     ] = Path("compare-results"),
-    quick: Annotated[bool, typer.Option("--quick", help="Small graphs only.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Only small graphs.")] = False,
     json: Json = False,
     *,
     reading: Reading,
 ) -> int:
-    """Run methods on graphs and print cost, proven gap, verdict and time of each."""
+    """Compare methods on graphs: cost, proven gap, verdict and run time of each."""
     from dataclasses import asdict
 
     from certpgo.assess.comparison import METHODS, NOTES
@@ -64,7 +65,7 @@ def command(
     names = tuple(dict.fromkeys(graphs)) if graphs else _usual(reading, quick)
     sources = [reading.resolve(name) for name in names]
     for source in sources:
-        source.path()  # said before the work, and downloaded where it was asked for
+        source.path()  # report missing files and download datasets before any work
     found: list[MethodResult] = []
     unread: list[str] = []
     interrupted = False
@@ -76,7 +77,9 @@ def command(
                 unread.append(str(error))
                 continue
             for part in parts:
-                _compare(part, chosen if methods else _suited(chosen, part), found, shown=not json)
+                # A method requested by name is run anyway, and reports why it is unsuited.
+                suited = [method for method in chosen if methods or method.suits(part.graph)]
+                _compare(part, suited, found, shown=not json)
     except KeyboardInterrupt:
         if not found:
             raise
@@ -91,7 +94,7 @@ def command(
             typer.echo(sentence)
     if interrupted:
         notice(f"interrupted with {counted(len(found), 'result{s}')}")
-    notice(f"written to {out / 'compare.jsonl'} and compare.md beside it")
+    notice(f"results written to {out / 'compare.jsonl'} and {out / 'compare.md'}")
     for reason in unread:
         notice(f"not read: {reason}")
     return INTERRUPTED if interrupted else int(bool(unread))
@@ -100,7 +103,7 @@ def command(
 def _compare(
     part: Instance, methods: Sequence[Competitor], found: list[MethodResult], *, shown: bool
 ) -> None:
-    """Append the results on a connected graph as they are made, and show those there are."""
+    """Append the results on a connected graph; on interruption, show those so far."""
     from certpgo.assess.comparison import TITLE, compare
 
     before = len(found)
@@ -141,7 +144,7 @@ def _write(out: Path, results: Sequence[MethodResult], interrupted: bool) -> Non
 
     lines = [f"# {TITLE}", ""]
     if interrupted:
-        lines += ["**Interrupted: the results of a run that did not end.**", ""]
+        lines += ["**Interrupted: the results are incomplete.**", ""]
     for _, group in itertools.groupby(results, key=lambda result: result.graph):
         title, header, rows, caption = _section(list(group))
         lines += [f"## {title}", "", caption, "", *markdown_table(header, rows), ""]
@@ -154,7 +157,7 @@ def _write(out: Path, results: Sequence[MethodResult], interrupted: bool) -> Non
 
 
 def _methods(names: Sequence[str]) -> tuple[Competitor, ...]:
-    """Methods by their label among the usual ones, or by their name in the registry."""
+    """Methods by label among the default ones, or by name in the registry."""
     from certpgo import registry
     from certpgo.assess.comparison import METHODS, Competitor
 
@@ -166,23 +169,18 @@ def _methods(names: Sequence[str]) -> tuple[Competitor, ...]:
     return tuple(labelled.get(name) or Competitor(name) for name in dict.fromkeys(names))
 
 
-def _suited(methods: Sequence[Competitor], part: Instance) -> tuple[Competitor, ...]:
-    """The methods for such a graph; one that was asked for by name says why it is not."""
-    return tuple(method for method in methods if method.suits(part.graph))
-
-
 def _usual(reading: Reading, quick: bool) -> tuple[str, ...]:
-    """The usual data sets that are here, or their stand-ins."""
+    """The usual datasets that are available locally, or their substitutes."""
     from certpgo.datasets.source import resolve
 
-    here = [
+    local = [
         tuple(name for name in group if resolve(name, reading.data).is_here)
         for group in (USUAL, STAND_INS)
     ]
-    names = here[0] or here[1]
+    names = local[0] or local[1]
     if not names:
         raise InputError(
-            "none of the usual data sets is here: name a graph, or pip install "
-            "'certpgo[baselines]' for some; certpgo fetch brings others, --data names a folder"
+            "none of the usual datasets is available: name a graph, download some with certpgo "
+            "fetch, set --data, or pip install 'certpgo[baselines]' for small ones"
         )
     return tuple(name for name in names if name in QUICK) or names[:1] if quick else names

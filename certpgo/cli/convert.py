@@ -1,4 +1,4 @@
-"""certpgo convert: a graph or an estimate from one format to another."""
+"""certpgo convert: convert a graph or an estimate to another format."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from certpgo.errors import InputError
 
 
 class Anchor(StrEnum):
-    """The frame that an estimate is moved to: poses are known up to a rigid motion."""
+    """The frame for an estimate, which is determined only up to a rigid motion."""
 
     FILE = "file"
     IDENTITY = "identity"
@@ -26,20 +26,25 @@ class Anchor(StrEnum):
 
 @takes_reading
 def command(
-    source: Annotated[str, typer.Argument(metavar="IN", help="A file, or a dataset's name.")],
-    target: Annotated[Path, typer.Argument(metavar="OUT", help="The file to write.")],
+    source: Annotated[
+        str, typer.Argument(metavar="IN", help="Graph or estimate: a file or dataset.")
+    ],
+    target: Annotated[Path, typer.Argument(metavar="OUT", help="File to write.")],
     format: Annotated[
-        str | None, typer.Option("--format", help="Format of OUT, by default by its suffix.")
+        str | None, typer.Option("--format", help="Format of OUT; by default from its suffix.")
     ] = None,
     estimate: Annotated[
-        bool, typer.Option("--estimate", help="Convert the poses, even if IN has measurements too.")
+        bool, typer.Option("--estimate", help="Convert the poses even if IN also has measurements.")
     ] = False,
     graph: Annotated[
         str | None,
-        typer.Option("--graph", help="For an estimate: its graph, for ids and initial values."),
+        typer.Option("--graph", help="Graph of the estimate, for node ids and initial values."),
     ] = None,
     anchor: Annotated[
-        Anchor | None, typer.Option("--anchor", help="Frame that the estimate is moved to.")
+        Anchor | None,
+        typer.Option(
+            "--anchor", help="Frame: first pose as in the file, first pose identity, or fixed pose."
+        ),
     ] = None,
     timestamps: Timestamps = "ids",
     *,

@@ -11,15 +11,17 @@ from certpgo.cli._show import document, working
 
 
 def command(
-    names: Annotated[list[str], typer.Argument(metavar="NAME...", help="See list datasets.")],
+    names: Annotated[
+        list[str], typer.Argument(metavar="NAME...", help="Names from certpgo list datasets.")
+    ],
     data: Data = None,
     json: Json = False,
 ) -> None:
-    """Find or download datasets, check their checksums, and print where they are."""
+    """Find or download datasets, verify their checksums, and print their paths."""
     from certpgo import datasets
 
     for name in names:
-        datasets.entry(name)  # an unknown name is said before anything is downloaded
+        datasets.entry(name)  # report unknown names before any download
     paths = {}
     for name in names:
         with working(f"fetching {name}"):

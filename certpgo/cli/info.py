@@ -1,15 +1,15 @@
-"""certpgo info: what is in a graph, before anything is solved."""
+"""certpgo info: describe a graph without solving it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from certpgo.cli._options import Json
+from certpgo.cli._options import GraphName, Json
 from certpgo.cli._reading import Components, Reading, takes_reading
 from certpgo.cli._show import document, facts, working
 
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 @takes_reading
 def command(
-    graph: Annotated[str, typer.Argument(metavar="GRAPH", help="A file or dataset.")],
+    graph: GraphName,
     json: Json = False,
     *,
     reading: Reading,
 ) -> None:
-    """Describe a graph: counts, connectivity, weights, eigenvalues, notices."""
+    """Describe a graph: counts, connectivity, weights, eigenvalues and notices."""
     from certpgo.assess import diagnostics as doctor
 
     instance = reading.open(reading.resolve(graph), notices=False)
@@ -44,10 +44,10 @@ def command(
             typer.echo(f"\n{name}, {_WEIGHTS[weights]}")
             facts(_spectrum_lines(spectrum))
     if not spectra:
-        typer.echo("\neigenvalues are of connected graphs: see --components largest or each")
+        typer.echo("\neigenvalues need a connected graph: use --components largest or each")
 
 
-_WEIGHTS = {"unit": "every edge weighing 1", "weighted": "edges weighing kappa"}
+_WEIGHTS = {"unit": "all weights 1", "weighted": "weights kappa"}
 
 
 def _parts(reading: Reading, instance: Instance) -> list[Instance]:
@@ -85,38 +85,35 @@ def _lines(instance: Instance, found: Structure, engine: str) -> Iterable[tuple[
     yield "name", instance.name
     yield "source", instance.source
     yield "problem", f"{found.kind} in {found.d}D"
-    yield "nodes", f"{found.nodes}, ids {found.first_id} to {found.last_id}{_gaps(found)}"
-    yield "edges", f"{found.edges}, of which {found.parallel_edges} parallel to an earlier one"
-    yield "bridges", f"{found.bridges} (edges that no other measurement checks)"
+    gaps = "" if found.consecutive else " with gaps"
+    yield "nodes", f"{found.nodes}, ids {found.first_id} to {found.last_id}{gaps}"
+    yield "edges", f"{found.edges}, {found.parallel_edges} of them parallel to an earlier edge"
+    yield "bridges", f"{found.bridges} (edges in no cycle, which no other measurement checks)"
     sizes = found.component_sizes
     shown = ", ".join(map(str, sizes[:8])) + (", ..." if len(sizes) > 8 else "")
     yield "components", f"{len(sizes)}" + ("" if len(sizes) == 1 else f" of {shown} nodes")
-    yield "kappa", f"{found.kappa[0]:.6g} to {found.kappa[1]:.6g} (rotational concentrations)"
+    yield "kappa", f"{found.kappa[0]:.6g} to {found.kappa[1]:.6g} (rotational weights)"
     if found.tau is not None:
-        yield "tau", f"{found.tau[0]:.6g} to {found.tau[1]:.6g} per m^2 (translational)"
+        yield "tau", f"{found.tau[0]:.6g} to {found.tau[1]:.6g} per m^2 (translational weights)"
     yield "read as", reading_sentence(instance.options)
     yield "initial values", "in the file" if instance.initial is not None else "none"
-    yield "ground truth", "here" if instance.truth is not None else "none"
+    yield "ground truth", "available" if instance.truth is not None else "none"
     for sentence in instance.notices:
         yield "notice", sentence
     yield "engine", engine
 
 
-def _gaps(found: Structure) -> str:
-    return "" if found.consecutive else " with gaps"
-
-
 def _spectrum_lines(spectrum: Spectrum) -> Iterable[tuple[str, str]]:
     values = "  ".join(f"{value:.6g}" for value in spectrum.smallest)
-    yield "smallest eigenvalues", f"{values}  (0 if the measurements were perfect)"
+    yield "smallest eigenvalues", f"{values}  (0 for perfect measurements)"
     yield "connectivity", f"{spectrum.fiedler:.6g}  (second eigenvalue of the graph Laplacian)"
     yield (
         "inconsistency",
-        f"{spectrum.inconsistency:.3g}  (the smallest over the connectivity, 0 if perfect)",
+        f"{spectrum.inconsistency:.3g}  (smallest eigenvalue over connectivity)",
     )
     yield (
         "residual-angle bound",
         f"{math.degrees(spectrum.alpha_max):.4g} degrees by the largest degree, "
         f"{math.degrees(spectrum.normalized_alpha_max):.4g} by the normalized Laplacian",
     )
-    yield "", "(stationary rotations whose residuals all stay below it are optimal)"
+    yield "", "(stationary rotations with all residuals below it are optimal)"

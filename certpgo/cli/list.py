@@ -1,4 +1,4 @@
-"""certpgo list: what exists, what is available here, and why not."""
+"""certpgo list: methods, datasets and formats, and whether they are available."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def command(
     data: Data = None,
     json: Json = False,
 ) -> None:
-    """List methods, datasets, tables, figures, formats and engines, and what is available here."""
+    """List methods, datasets, tables, figures, formats and engines with their availability."""
     listed = {kind.value: _rows(kind, data) for kind in kinds or list(Listing)}
     if json:
         document(listed)
@@ -49,7 +49,7 @@ def command(
         table(name, header, [list(row.values()) for row in rows], _CAPTIONS.get(name, ""))
 
 
-_CAPTIONS = {"methods": "settings with their defaults; others by --set KEY=VALUE\n"}
+_CAPTIONS = {"methods": "settings with their defaults; change them with --set KEY=VALUE\n"}
 
 
 def _rows(kind: Listing, data: Path | None) -> Rows:
@@ -73,7 +73,7 @@ def _methods() -> Rows:
 def _method(name: str, get_solver: Callable[[str], type[Solver]]) -> dict[str, str]:
     try:
         solver = get_solver(name)
-    except CertPGOError as error:  # one broken file is no reason to hide the others
+    except CertPGOError as error:  # a broken file must not hide the others
         return {"name": name, "takes": "", "here": "no", "what": str(error), "settings": ""}
     takes = [kind for kind in ("poses", "rotations") if getattr(solver, kind)]
     return {
@@ -86,7 +86,7 @@ def _method(name: str, get_solver: Callable[[str], type[Solver]]) -> dict[str, s
 
 
 def _summary(solver: type) -> str:
-    # A clause with backquotes sends to Python, where the settings are described.
+    # Clauses with backquotes refer to the Python documentation.
     first = (solver.__doc__ or "").strip().partition("\n")[0]
     return re.sub(r"[;,] [^;,]*`.*", "", first).rstrip(".")
 
@@ -99,11 +99,11 @@ def _settings(solver: type[Solver]) -> str:
 
 
 def _text(value: object) -> str:
-    # As --set takes it: true, false, none.
+    # In the syntax of --set: true, false, none.
     return str(value).lower() if value is None or isinstance(value, bool) else str(value)
 
 
-#: What a method's name begins with, the package it then calls, and what brings that.
+#: By prefix of a method's name: the package it calls, and what to install for it.
 _CALLED = {
     "gtsam": ("gtsam", "'certpgo[baselines]'"),
     "pymanopt": ("pymanopt", "'certpgo[test]'"),
@@ -112,10 +112,10 @@ _CALLED = {
 
 
 def _missing_package(method: str) -> str:
-    package, wanted = _CALLED.get(method.partition("_")[0], ("", ""))
+    package, requirement = _CALLED.get(method.partition("_")[0], ("", ""))
     if not package or importlib.util.find_spec(package) is not None:
         return ""
-    return f"no: pip install {wanted}"
+    return f"no: pip install {requirement}"
 
 
 def _datasets(data: Path | None) -> Rows:
@@ -124,7 +124,7 @@ def _datasets(data: Path | None) -> Rows:
     rows = []
     for name in datasets.names():
         entry, path = datasets.entry(name), datasets.find(name, data)
-        missing = "no: certpgo fetch" if entry.url else "no, and without a download address"
+        missing = "no: certpgo fetch" if entry.url else "no, and no download is known"
         rows.append(
             {
                 "name": name,

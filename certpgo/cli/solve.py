@@ -1,4 +1,4 @@
-"""certpgo solve: the best estimate of a graph, with a certificate; or any method's."""
+"""certpgo solve: estimate a graph with a certificate, by the pipeline or another method."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from certpgo.cli import _verdict
-from certpgo.cli._options import HtmlOut, Json, ProofOut
+from certpgo.cli._options import GraphName, HtmlOut, Json, ProofOut, tier_option
 from certpgo.cli._paging import origin_of, require_pages, write_page
 from certpgo.cli._proving import REFUSED, provable_source, prove
 from certpgo.cli._reading import Reading, takes_reading
@@ -30,25 +30,26 @@ if TYPE_CHECKING:
 
 @takes_reading
 def command(
-    graph: Annotated[str, typer.Argument(metavar="GRAPH", help="A file or dataset.")],
+    graph: GraphName,
     method: Annotated[
         str | None,
-        typer.Option("--method", help="A method of certpgo list methods instead."),
+        typer.Option("--method", help="Use another method (certpgo list methods)."),
     ] = None,
     settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="A setting of it.")
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Setting of --method."),
     ] = None,
     initial: Annotated[Path | None, typer.Option("--initial", help="Initial estimate.")] = None,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="File for the estimate, see convert.")
+        Path | None, typer.Option("-o", "--out", help="Write the estimate to this file.")
     ] = None,
     format: Annotated[
-        str | None, typer.Option("--format", help="Format of it, by default by its suffix.")
+        str | None, typer.Option("--format", help="Format of --out; by default from its suffix.")
     ] = None,
     proof: ProofOut = None,
     html: HtmlOut = None,
     certify: Annotated[
-        bool, typer.Option("--certify/--no-certify", help="Certify the estimate of --method too.")
+        bool, typer.Option("--certify/--no-certify", help="Certify the estimate of --method.")
     ] = True,
     time_limit: Annotated[
         float | None,
@@ -56,24 +57,23 @@ def command(
             "--time-limit",
             metavar="SECONDS",
             min=0.0,
-            help="Stop with the best so far; otherwise the climb ends 30 s after a first bound.",
+            show_default="30 s after a first bound",
+            help="Stop and return the best estimate so far.",
         ),
     ] = None,
     max_rank: Annotated[
         int | None,
-        typer.Option("--max-rank", min=2, help="Where the staircase ends. [default: d + 7]"),
+        typer.Option(
+            "--max-rank", min=2, show_default="d + 7", help="Highest rank of the staircase."
+        ),
     ] = None,
     robust: Annotated[
         bool,
-        typer.Option("--robust", help="Leave out measurements that disagree with the rest."),
+        typer.Option("--robust", help="Reject measurements that disagree with the rest."),
     ] = False,
     tier: Annotated[
         str | None,
-        typer.Option(
-            "--tier",
-            help="What may be trusted: proof, standard, or screen (a hint). "
-            "[default: standard; proof with --proof, or where rounding is all that is missing]",
-        ),
+        tier_option("standard; proof with --proof, or if only rounding prevents CERTIFIED"),
     ] = None,
     trace: Annotated[bool, typer.Option("--trace", help="Print every iteration.")] = False,
     json: Json = False,
@@ -82,9 +82,9 @@ def command(
 ) -> int:
     """Find the best estimate of a graph and prove how good it is.
 
-    Without --method: initialize, optimize, certify, and climb the Riemannian staircase where that
-    fails. Ctrl-C returns the best estimate so far; a second one abandons it. With --robust,
-    measurements that disagree with the rest are left out, and the verdict is about the others.
+    The certified pipeline initializes, optimizes and certifies; if that fails, it climbs the
+    Riemannian staircase. Ctrl-C returns the best estimate so far; a second Ctrl-C aborts. With
+    --robust the verdict is only about the measurements that are kept.
     """
     from certpgo.io import read_estimate, write
     from certpgo.io.format import format_to_write
@@ -95,7 +95,7 @@ def command(
         _verdict.refuse_screening(tier)
         tier = tier or "proof"
     if out is not None:
-        format_to_write(out, format)  # a wrong suffix is said before the work, not after
+        format_to_write(out, format)  # report a wrong suffix before any work
     for written in (out, proof, html):
         refuse_unwritable(written)
     require_pages(html)
@@ -106,7 +106,7 @@ def command(
     parts = reading.parts(instance)
     for name, output in (("--proof", proof), ("--html", html)):
         if output is not None and (len(parts) > 1 or not certify):
-            raise InputError(f"{name} is about a connected graph and a certified estimate")
+            raise InputError(f"{name} needs a connected graph and a certified estimate")
     targets = _targets(out, parts)
     refuse_overwriting(targets, [source, initial])
     with noticing():
@@ -125,8 +125,8 @@ def command(
             if solver is None or method is None:
                 result = _certified(part, begin, time_limit, max_rank, tier, robust, monitor)
             else:
-                asked = (tier or "standard") if certify else None
-                result = _by_method(part, method, solver, begin, asked, monitor, status)
+                requested = (tier or "standard") if certify else None
+                result = _by_method(part, method, solver, begin, requested, monitor, status)
         if target is not None:
             with noticing():
                 write(target, result.solution.estimate, instance=part, format=format)
@@ -151,7 +151,7 @@ def command(
 
 @dataclass(frozen=True)
 class _Result:
-    """What was found for a connected graph."""
+    """The result for a connected graph."""
 
     part: Instance
     method: str
@@ -171,7 +171,7 @@ class _Result:
 
     @property
     def certified_cost(self) -> float:
-        """F of the measurements that the certificate is about: those that a robust method kept."""
+        """F of the certified measurements, those that a robust method kept."""
         from certpgo.objective.problem import problem_of
 
         if self.solution.weights is None:
@@ -179,7 +179,7 @@ class _Result:
         return self.solution.judged(problem_of(self.part.graph)).cost(self.solution.estimate)
 
     def report(self, written: Path | None) -> dict[str, Any]:
-        """For --json."""
+        """The result for --json."""
         solution, found = self.solution, self.found
         levels = () if found is None else found.levels
         certificate, disagreement = self.certificate, self.disagreement
@@ -206,15 +206,14 @@ class _Result:
         }
 
     def _own_bound(self) -> str:
-        """How far the method itself says that its estimate is from the best possible."""
+        """The method's own bound, in words."""
         bound = self.solution.lower_bound
         if bound is None:
-            return "how far this is from the best possible is not known"
-        claim = f"no estimate costs less than {bound:.12g}"
-        return f"the method's own bound, not proven against rounding, is that {claim}"
+            return "the gap to the optimum is not known"
+        return f"the method's own lower bound, which ignores rounding, is {bound:.12g}"
 
     def show(self, written: Path | None) -> None:
-        """For people."""
+        """Print the result."""
         from certpgo.assess.wording import few_edges
 
         solution, part = self.solution, self.part
@@ -234,25 +233,22 @@ class _Result:
             lines.append(("written", str(written)))
         facts(lines)
         if self.certificate is None:
-            notice(f"{self._own_bound()}; --certify certifies it")
+            notice(f"{self._own_bound()}; --certify certifies the estimate")
             return
         typer.echo()
         if solution.kept is not None:
-            typer.echo(
-                "What follows is about the measurements that were kept, with the weights they "
-                "ended with:"
-            )
+            typer.echo("The certificate is about the kept measurements, with their final weights:")
         _verdict.show(self.certificate, part.options, disagreement=self.disagreement)
         uncertified = self.certificate.verdict.value != "CERTIFIED"
         if self.found is None and solution.kept is None and uncertified:
-            notice("without --method the best estimate is searched for")
+            notice("without --method, certpgo searches for the best estimate")
 
     def prove(self, out: Path, source: Path, *, json: bool) -> bool:
-        """Write the proof; returns whether there is one."""
+        """Write the proof; returns False if there is none."""
         if len(self.solution.rejected):
             notice(
                 "no proof is written: it would be about all measurements, not only the kept ones; "
-                "write a graph of these (see Reject outliers) and prove that"
+                "write a graph of these (see Reject outliers) and prove its estimate"
             )
             return False
         if self.certificate is None:
@@ -271,11 +267,11 @@ class _Result:
         solution, part = self.solution, self.part
         if self.certificate is None:
             return
-        remarks = [f"It ended: {solution.status.value}; {solution.note}."] if solution.note else []
+        remarks = [f"Status: {solution.status.value}; {solution.note}."] if solution.note else []
         if solution.kept is not None:
             remarks.append(
                 f"The verdict is about the {solution.kept} of {part.graph.num_edges} measurements "
-                "that the method kept, with the weights they ended with; the view shows these."
+                "that the method kept, with their final weights; the view shows these."
             )
         if self.disagreement is not None:
             remarks.append(f"{hint(self.disagreement)}.")
@@ -295,7 +291,7 @@ class _Result:
 
 
 class _StatusLine:
-    """The monitor that keeps the spinner's line up to date."""
+    """The monitor that updates the spinner's line."""
 
     def __init__(self, status: Any) -> None:
         self.status = status
@@ -359,15 +355,15 @@ def _refuse_mixtures(
     time_limit: float | None,
     max_rank: int | None,
 ) -> None:
-    """Options that belong to one way of solving are not silently ignored by the other."""
+    """Refuse combinations in which an option would be ignored."""
     if method is None and settings:
         raise InputError("--set needs --method")
     if method is None and not certify:
         raise InputError("--no-certify needs --method")
     if method is not None and (time_limit is not None or max_rank is not None):
-        raise InputError("--time-limit and --max-rank do not go with --method")
+        raise InputError("--time-limit and --max-rank cannot be combined with --method")
     if method is not None and robust:
-        raise InputError("--robust chooses its method: not with --method")
+        raise InputError("--robust chooses its own method: not with --method")
 
 
 def _restricted(estimate: Estimate | None, instance: Instance, part: Instance) -> Estimate | None:
@@ -379,7 +375,7 @@ def _restricted(estimate: Estimate | None, instance: Instance, part: Instance) -
 
 
 def _targets(out: Path | None, parts: Sequence[Instance]) -> list[Path | None]:
-    """The file of each part; several share no frame, and are named by their smallest ids."""
+    """The file of each part; several parts get one each, named by their smallest ids."""
     if out is None or len(parts) == 1:
         return [out] * len(parts)
     return [out.with_stem(f"{out.stem}-{int(part.ids.min())}") for part in parts]

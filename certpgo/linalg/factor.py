@@ -1,7 +1,7 @@
 """Sparse symmetric factorization behind one interface, with two engines.
 
-SuperLU (in SciPy, always there) in symmetric mode without pivoting, and CHOLMOD when the cvxopt
-wheel is installed. Only a factorization that ran to completion says "positive definite".
+SuperLU (always available in SciPy) in symmetric mode without pivoting, and CHOLMOD if the cvxopt
+wheel is installed. Only a factorization that ran to completion counts as positive definite.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from scipy.sparse.linalg import splu
 from certpgo.errors import MissingDependency, SpecError
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 
-#: Nodes from which nested dissection pays for itself.
+#: Number of nodes from which nested dissection is faster.
 NESTED_FROM = 7500
-#: METIS refines separators on both sides: a few per cent less fill in large graphs.
+#: Two-sided refinement of METIS: a few per cent less fill in large graphs.
 TWO_SIDED = 2
-#: Entries of a matrix up to which CHOLMOD's memory is kept for the next factor.
+#: Entries up to which CHOLMOD's memory is kept for the next factor.
 KEPT = 1_000_000
 
 
@@ -36,11 +36,11 @@ class Factor(Protocol):
         ...
 
     def lower(self) -> tuple[CSC, IntArray]:
-        """L with positive diagonal, and the permutation p; uses the factor up: solve before."""
+        """L with positive diagonal, and the permutation p; afterwards `solve` cannot be called."""
         ...
 
     def excess(self, w: FloatArray) -> FloatArray:
-        """What the engine adds to the rounding error of a Cholesky factorization.
+        """Rounding error of the engine beyond that of a Cholesky factorization.
 
         (N,) row sums, weighted by ``w`` (N,) and both in the order p, that bound how far
         |A[p][:, p] - L L^T| may exceed (k + 8) u |L| |L|^T, k the row counts of L.
@@ -49,17 +49,17 @@ class Factor(Protocol):
 
 
 class Symbolic(Protocol):
-    """The analysis of a sparsity pattern, good for every matrix that has it."""
+    """The analysis of a sparsity pattern, for all matrices with that pattern."""
 
     engine: str
 
     def factor(self, A: CSC) -> Factor | None:
-        """Factorize A, of this very pattern; None when it is not positive definite."""
+        """Factorize A, which has this pattern; None if it is not positive definite."""
         ...
 
 
 def engines() -> tuple[str, ...]:
-    """Names of the engines installed, the preferred one first."""
+    """Names of the installed engines, the preferred one first."""
     return ("cholmod", "superlu") if importlib.util.find_spec("cvxopt") else ("superlu",)
 
 
@@ -73,8 +73,8 @@ def analyze(A: CSC, *, order: IntArray | None = None, engine: str | None = None)
 
     Parameters
     ----------
-    A : (N, N) matrix, of which only the pattern is used
-    order : (N,) fill-reducing permutation to use; by default one is computed
+    A : (N, N) matrix; only its pattern is used
+    order : (N,) fill-reducing permutation; by default one is computed
     engine : ``"superlu"``, ``"cholmod"`` or None for `default_engine`
 
     Raises
@@ -87,7 +87,7 @@ def analyze(A: CSC, *, order: IntArray | None = None, engine: str | None = None)
 
 
 def factorize(A: CSC, *, engine: str | None = None) -> Factor | None:
-    """Analyse and factorize; None when A is not positive definite."""
+    """Analyse and factorize; None if A is not positive definite."""
     return analyze(A, engine=engine).factor(A)
 
 
@@ -96,7 +96,7 @@ def fill_reducing_order(
 ) -> IntArray:
     """A fill-reducing permutation for the symmetric pattern in compressed form, (N,).
 
-    Minimum degree; for large graphs nested dissection, where METIS (pymetis) is installed.
+    Minimum degree; for large graphs nested dissection if METIS (pymetis) is installed.
     """
     n = len(indptr) - 1
     if n >= NESTED_FROM and importlib.util.find_spec("pymetis"):
@@ -118,7 +118,7 @@ def _nested_dissection(indptr: IntArray, indices: IntArray) -> IntArray:
 
     n = len(indptr) - 1
     column = np.repeat(np.arange(n), np.diff(indptr))
-    others = indices != column  # METIS wants no loops
+    others = indices != column  # METIS requires no self-loops
     starts = np.concatenate([[0], np.cumsum(np.bincount(column[others], minlength=n))])
     graph = pymetis.CSRAdjacency(starts.astype(np.int32), indices[others].astype(np.int32))
     order, _ = pymetis.nested_dissection(graph, options=pymetis.Options(rtype=TWO_SIDED))
@@ -156,7 +156,7 @@ class SuperLU:
     def __init__(self, A: CSC, order: IntArray) -> None:
         n = A.shape[0]
         self._order = order
-        # Permuting once and remembering where each entry went makes refactoring a gather.
+        # Permute once and store where each entry went: refactoring is then a gather.
         labels = CSC((np.arange(1, A.nnz + 1, dtype=np.int64), A.indices, A.indptr), shape=(n, n))
         permuted = labels[order][:, order].tocsc()
         permuted.sort_indices()
@@ -164,7 +164,7 @@ class SuperLU:
         self._indices, self._indptr = permuted.indices, permuted.indptr
 
     def factor(self, A: CSC) -> Factor | None:
-        """Factorize A; None when a pivot is not positive, not finite, or left the diagonal."""
+        """Factorize A; None if a pivot is not positive, not finite, or off the diagonal."""
         permuted = CSC((A.data[self._gather], self._indices, self._indptr), shape=A.shape)
         lu = _splu_without_pivoting(permuted, "NATURAL")
         if lu is None or not np.array_equal(lu.perm_r, lu.perm_c):
@@ -184,7 +184,7 @@ class _SuperLUFactor:
         return X
 
     def excess(self, w: FloatArray) -> FloatArray:
-        # |A - L U| <= k u |L| |U|, but U is D L^T only up to what rounding made of the symmetry.
+        # |A - L U| <= k u |L| |U|, but rounding breaks the symmetry: U is not exactly D L^T.
         L, U = self._lu.L.tocsc(), self._lu.U.tocsc()
         scaled = sparse.diags_array(self._pivots) @ L.T
         eps = float(np.finfo(float).eps)
@@ -214,11 +214,11 @@ class Cholmod:
         self._matrix, self._lower = _cvxopt_lower(A.shape[0], A.indptr, A.indices)
         self._symbolic = (self._matrix, matrix(np.asarray(order, dtype=np.int64), tc="i"))
         self.size = A.shape[0]
-        # A factor overwrites its analysis: those that no factor holds any more serve the next.
+        # A factor overwrites its analysis; analyses of deleted factors are reused.
         self._free: list[Any] = [self._analyze()]
 
     def factor(self, A: CSC) -> Factor | None:
-        """Factorize A; None when CHOLMOD meets a pivot that is not positive."""
+        """Factorize A; None if CHOLMOD finds a pivot that is not positive."""
         values = A.data[self._lower]
         if not np.isfinite(values).all():
             return None
@@ -229,7 +229,7 @@ class Cholmod:
         return None
 
     def give_back(self, factor: Any) -> None:
-        """Keep the memory of a factor that nobody needs, unless it is much."""
+        """Keep the memory of an unused factor for the next one, unless it is large."""
         if factor is not None and len(self._lower) <= KEPT and not self._free:
             self._free.append(factor)
 
@@ -253,12 +253,12 @@ class Cholmod:
 
 @contextmanager
 def _own_options() -> Iterator[None]:
-    """CHOLMOD's options are the process's: supernodal L L^T for us, whatever others have set."""
+    """Set CHOLMOD's process-wide options to supernodal L L^T, and restore them afterwards."""
     from cvxopt import cholmod
 
     others = dict(cholmod.options)
     cholmod.options.clear()
-    cholmod.options.update(supernodal=2, nmethods=1)  # our ordering, no other tried
+    cholmod.options.update(supernodal=2, nmethods=1)  # use only our ordering
     try:
         yield
     finally:
@@ -291,11 +291,11 @@ class _CholmodFactor:
         if self._lower is None:
             from cvxopt import cholmod
 
-            # The analysis may postorder what it was given: the permutation is asked of the factor.
+            # The analysis may postorder the given order: read the permutation from the factor.
             n = self._symbolic.size
             order = self._solve(np.arange(n, dtype=np.float64), 7).astype(np.intp)
             L = cholmod.getfactor(self._factor)
-            self._factor = None  # getfactor has left only the pattern in it
+            self._factor = None  # getfactor leaves only the pattern in it
             pointers, rows, values = L.CCS
             del L
             arrays = np.asarray(values).ravel(), _array_of(rows, np.int32)
@@ -304,7 +304,7 @@ class _CholmodFactor:
 
 
 def _cvxopt_lower(n: int, indptr: IntArray, indices: IntArray) -> tuple[Any, IntArray]:
-    """The lower triangle of a pattern as a cvxopt matrix, and which entries it takes."""
+    """The lower triangle of a pattern as a cvxopt matrix, and the indices of its entries."""
     from cvxopt import matrix, spmatrix
 
     columns = np.repeat(np.arange(n, dtype=np.int64), np.diff(indptr))

@@ -1,4 +1,4 @@
-"""The page of one certificate: what is proven, on what it rests, where the residuals are."""
+"""The page of one certificate: what is proven, its assumptions, and the residuals."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from certpgo.view.page import page
 from certpgo.view.plots import Bars, Curve, Lines, bars, lines
 from certpgo.view.scene import scene
 
-#: Eigenvalues that are shown beyond the d of the gauge.
+#: Eigenvalues shown beyond the d of the gauge.
 EIGENVALUES = 5
 
 
@@ -33,13 +33,13 @@ class Origin:
 
     Attributes
     ----------
-    graph, estimate : as they were named; an estimate of our own that was not written has none
-    reading : options of the command line that say how the graph was read
+    graph, estimate : names as given; empty for a computed estimate that was not written
+    reading : command-line options with which the graph was read
     proof : the proof file, if one was written
-    method : that found the answer, or empty
-    remarks : sentences that a reader of the verdict should know
-    partial : whether the verdict is about a part of the measurements, those that the method kept
-    settings : of the search that found the estimate, one text each
+    method : the method that found the estimate, or empty
+    remarks : sentences shown below the verdict
+    partial : whether the verdict is only about the measurements that the method kept
+    settings : settings of the search that found the estimate, one text each
     environment : versions, machine and engine
     """
 
@@ -54,6 +54,7 @@ class Origin:
     environment: Mapping[str, str] | None = None
 
 
+@np.errstate(over="ignore", invalid="ignore")  # infinite costs are shown without warnings
 def certificate_page(
     instance: Instance,
     problem: Problem,
@@ -62,30 +63,18 @@ def certificate_page(
     origin: Origin,
     trace: Sequence[Iteration] = (),
 ) -> str:
-    """The page, one HTML file; the same bytes for the same arguments.
+    """The page as one HTML file; the same bytes for the same arguments.
 
     Parameters
     ----------
     instance, problem : the connected graph, and the problem that the certificate is about
-    assessment : of the estimate, with its certificate
-    trace : of the method that found it, if it kept one
+    assessment : assessment of the estimate, with its certificate
+    trace : iterations of the method that found it, if it kept them
     """
-    with np.errstate(over="ignore", invalid="ignore"):  # infinite costs are shown, not warned of
-        return _page(instance, problem, estimate, assessment, origin, trace)
-
-
-def _page(
-    instance: Instance,
-    problem: Problem,
-    estimate: Estimate,
-    assessment: Assessment,
-    origin: Origin,
-    trace: Sequence[Iteration],
-) -> str:
     certificate = assessment.certificate
     rungs = rungs_of_eigenvalues(problem, estimate, certificate)
-    spectrum, spectrum_said = _spectrum(problem, certificate)
-    recheck_said, recheck = _recheck(origin, certificate)
+    spectrum, spectrum_note = _spectrum(problem, certificate)
+    recheck_note, recheck = _recheck(origin, certificate)
     return page(
         "certificate.html",
         verdict=certificate.verdict.value,
@@ -99,17 +88,17 @@ def _page(
         edges=[_edge(edge) for edge in assessment.edges],
         bounds=[(rung.title, rung.shown, rung.says, rung.needs) for rung in rungs],
         spectrum=spectrum,
-        spectrum_said=spectrum_said,
+        spectrum_note=spectrum_note,
         charts=_charts(trace, certificate),
         no_charts=_no_trace(origin),
-        recheck_said=recheck_said,
+        recheck_note=recheck_note,
         recheck=recheck,
         settings=origin.settings,
         environment=dict(origin.environment or {}),
     )
 
 
-_EDGE_HEADER = ("edge", "nodes", "term of F", "share of F", "off by, degrees", "off by, m")
+_EDGE_HEADER = ("edge", "nodes", "term of F", "share of F", "residual, degrees", "residual, m")
 
 
 def _head(instance: Instance, origin: Origin) -> Iterable[tuple[str, str]]:
@@ -143,37 +132,33 @@ def _edge(edge: CostlyEdge) -> tuple[str, ...]:
 
 
 def _spectrum(problem: Problem, certificate: Certificate) -> tuple[Bars | None, str]:
-    """A picture, and what it shows; or why there is none."""
+    """A chart with its explanation, or the reason why there is none."""
     if certificate.multipliers is None:
         return None, "There is no certificate matrix: no lower bound was found."
     d = problem.d
     try:
         values = smallest_eigenvalues(problem, certificate.multipliers, d + EIGENVALUES)
     except (NumericalError, np.linalg.LinAlgError) as error:
-        return None, f"They could not be computed: {error}."
+        return None, f"The eigenvalues could not be computed: {error}."
     gauge = set(np.argsort(np.abs(values), kind="stable")[:d].tolist())
     names = [f"{k + 1}" + (" (gauge)" if k in gauge else "") for k in range(len(values))]
-    said = (
-        "Translations are eliminated. Where none is negative, no estimate is better than the point "
+    note = (
+        "Translations are eliminated. If none is negative, no estimate is better than the point "
         f"at which they are computed; the {d} nearest to zero belong to the gauge, a rotation of "
-        "the whole world. Computed eigenvalues are a picture; the proof is a factorization with "
+        "the whole world. Computed eigenvalues only illustrate; the proof is a factorization with "
         f"{certificate.shift:.3g} added to each, which the bound accounts for."
     )
-    return bars(values.tolist(), names), said
+    return bars(values.tolist(), names), note
 
 
 def _charts(trace: Sequence[Iteration], certificate: Certificate) -> list[Lines]:
     steps = [float(k) for k in range(len(trace))]
     costs = [iteration.cost for iteration in trace]
     gaps = [cost - certificate.lower_bound for cost in costs]
+    title = "Gap to the proven lower bound"
     drawn = (
         lines("Cost F", "iteration", [Curve("F", steps, costs)]),
-        lines(
-            "Gap to the proven lower bound",
-            "iteration",
-            [Curve("gap", steps, gaps)],
-            logarithmic=True,
-        ),
+        lines(title, "iteration", [Curve("gap", steps, gaps)], logarithmic=True),
     )
     return [chart for chart in drawn if chart is not None]
 
@@ -181,14 +166,14 @@ def _charts(trace: Sequence[Iteration], certificate: Certificate) -> list[Lines]
 def _no_trace(origin: Origin) -> str:
     if origin.method:
         return "The method kept fewer than two iterations."
-    return "The estimate came from a file, which does not say how it was found."
+    return "The estimate came from a file, without iterations."
 
 
 def _recheck(origin: Origin, certificate: Certificate) -> tuple[str, list[str]]:
     quoted = shlex.quote
     if origin.proof:
-        said = "An independent program, which shares no code with certpgo, checks the proof file:"
-        return said, [f"certpgo check {quoted(origin.graph)} {quoted(origin.proof)}"]
+        note = "An independent program, which shares no code with certpgo, checks the proof file:"
+        return note, [f"certpgo check {quoted(origin.graph)} {quoted(origin.proof)}"]
     options = " ".join(quoted(option) for option in origin.reading)
     estimate = origin.estimate or "best.g2o"
     named = f" --method {quoted(origin.method)}"
@@ -197,11 +182,10 @@ def _recheck(origin: Origin, certificate: Certificate) -> tuple[str, list[str]]:
     if origin.partial:
         return "To choose the measurements and certify the estimate again:", [solving]
     lines_ = [] if origin.estimate else [f"{solving} -o {estimate}"]
-    judged = f"certpgo certify {quoted(origin.graph)} {quoted(estimate)} {options}".rstrip()
+    certify = f"certpgo certify {quoted(origin.graph)} {quoted(estimate)} {options}".rstrip()
     tier = "" if certificate.tier.value == "standard" else f" --tier {certificate.tier.value}"
-    said = "No proof file was written. To certify the estimate again and write a proof:"
-    return said, [
+    return "No proof file was written. To certify the estimate again and write a proof:", [
         *lines_,
-        f"{judged}{tier} --proof answer.cert",
-        f"certpgo check {quoted(origin.graph)} answer.cert",
+        f"{certify}{tier} --proof estimate.cert",
+        f"certpgo check {quoted(origin.graph)} estimate.cert",
     ]

@@ -1,4 +1,4 @@
-"""Small drawings as SVG: lines of numbers over steps, and bars of either sign."""
+"""Small SVG charts: curves, and bars of either sign."""
 
 from __future__ import annotations
 
@@ -6,22 +6,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-#: Size of a drawing, and its margins: left, top, right, bottom.
+#: Size of a chart, and its margins: left, top, right, bottom.
 WIDTH, HEIGHT = 560.0, 240.0
 MARGINS = (74.0, 12.0, 14.0, 40.0)
-#: Marks on an axis, about.
+#: Approximate number of marks on an axis.
 MARKS = 5
 
 
 @dataclass(frozen=True)
 class Curve:
-    """One line of a drawing.
-
-    Attributes
-    ----------
-    label : what it is of
-    x, y : its points
-    """
+    """One curve of a chart: its label and points."""
 
     label: str
     x: Sequence[float]
@@ -30,7 +24,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Mark:
-    """A place on an axis and its text."""
+    """A position on an axis and its text."""
 
     at: float
     text: str
@@ -38,14 +32,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class Lines:
-    """A drawing of curves, in its own units.
-
-    Attributes
-    ----------
-    title, x_title : what is drawn, over what
-    x_marks, y_marks : of the axes
-    curves : label and the ``points`` of a polyline
-    """
+    """A chart of curves in pixels; ``curves`` are labels and the ``points`` of polylines."""
 
     title: str
     x_title: str
@@ -61,11 +48,11 @@ class Lines:
 def lines(
     title: str, x_title: str, curves: Sequence[Curve], *, logarithmic: bool = False
 ) -> Lines | None:
-    """The drawing of some curves; None where there is nothing to draw.
+    """A chart of curves; None if there is nothing to draw.
 
     Parameters
     ----------
-    logarithmic : of y; points that are not positive are left out
+    logarithmic : whether the y axis is; points that are not positive are left out
     """
     shown = []
     for curve in curves:
@@ -94,7 +81,7 @@ def lines(
 
 
 class _Axis:
-    """Numbers to places between two ends."""
+    """Maps numbers to positions between two ends."""
 
     def __init__(
         self, values: Sequence[float], start: float, end: float, logarithmic: bool = False
@@ -117,7 +104,7 @@ class _Axis:
 
     @property
     def marks(self) -> tuple[Mark, ...]:
-        """Round numbers within the axis; powers of ten where it is logarithmic."""
+        """Round numbers within the axis; powers of ten if it is logarithmic."""
         span = self._high - self._low
         if self._logarithmic:
             stride = max(1, math.ceil(span / MARKS))
@@ -137,14 +124,7 @@ class _Axis:
 
 @dataclass(frozen=True)
 class Bar:
-    """A number as a bar from zero.
-
-    Attributes
-    ----------
-    x, width : where it is, in percent of the drawing
-    text : the number
-    label : which it is
-    """
+    """A number as a bar from zero; ``x`` and ``width`` are in percent of the chart."""
 
     x: float
     width: float
@@ -154,14 +134,14 @@ class Bar:
 
 @dataclass(frozen=True)
 class Bars:
-    """Bars below one another; ``zero`` is where they start, in percent of the drawing."""
+    """Bars below one another from ``zero``, in percent of the chart."""
 
     zero: float
     bars: tuple[Bar, ...]
 
 
 def bars(values: Sequence[float], labels: Sequence[str]) -> Bars:
-    """The bars of numbers of either sign."""
+    """Bars for numbers of either sign."""
     low, high = min(0.0, *values), max(0.0, *values)
     span = high - low or 1.0
     zero = -100.0 * low / span

@@ -1,4 +1,4 @@
-"""What the view of a trajectory is drawn from: positions, edges and their residuals."""
+"""Data for the view of a trajectory: positions, edges and their residuals."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.problem import PoseProblem, Problem
 
-#: Edges that are drawn; of more, the costliest and an even choice of the others.
+#: Edges drawn at most: the costliest, and the others sampled evenly.
 EDGES = 20_000
-#: The share of these that is for the costliest.
+#: Share of these reserved for the costliest.
 COSTLIEST = 0.1
-#: Share of the residuals that the colours tell apart; those above have the last colour.
+#: Quantile of the residuals that gets the last colour; larger residuals share it.
 TOP = 0.98
 
 Data = dict[str, Any]
 
 
 def scene(problem: Problem, estimate: Estimate, ids: IntArray, *, limit: int = EDGES) -> Data:
-    """Positions, edges and residuals, as the view's script takes them.
+    """Positions, edges and residuals for the view's script.
 
-    A rotation graph has no positions: nodes stand at their rotation vectors in the frame of their
-    mean, in 2D on the unit circle.
+    A rotation graph has no positions: nodes are drawn at their rotation vectors in the frame of
+    their mean, in 2D on the unit circle.
 
     Parameters
     ----------
     ids : (n,) node ids
-    limit : edges that are drawn at most
+    limit : maximal number of edges drawn
 
     Returns
     -------
     ``dimensions``; ``points`` (k, 2 or 3) with ``ids``; ``edges`` (e, 2) into these, with their
-    ``numbers`` in the graph and whether each is a ``loop`` closure, between nodes whose ids do not
-    follow one another; ``measures``, each with ``unit``, ``values`` (e,) and the ``top`` of its
-    colours; ``sentences`` on what is shown.
+    ``numbers`` in the graph and whether each is a ``loop`` closure (between nodes whose ids are not
+    consecutive); ``measures``, each with ``unit``, ``values`` (e,) and the ``top`` of its colours;
+    ``sentences`` on what is shown.
     """
     angles = np.degrees(problem.residual_angles(estimate))
     measures = [("degrees", angles)]
@@ -54,7 +54,7 @@ def scene(problem: Problem, estimate: Estimate, ids: IntArray, *, limit: int = E
     if len(drawn) < len(edges):
         sentences.append(
             f"{len(drawn):,} of {len(edges):,} edges are drawn: the {int(COSTLIEST * limit):,} "
-            "costliest, and an even choice of the others."
+            "costliest, and the others sampled evenly."
         )
     if len(nodes) < len(ids):
         sentences.append(f"Of {len(ids):,} nodes, the {len(nodes):,} at these edges are drawn.")
@@ -79,7 +79,7 @@ def scene(problem: Problem, estimate: Estimate, ids: IntArray, *, limit: int = E
 
 
 def _chosen(costs: FloatArray, limit: int) -> IntArray:
-    """Numbers of the edges that are drawn, ascending."""
+    """Indices of the drawn edges, ascending."""
     m = len(costs)
     if m <= limit:
         return np.arange(m)
@@ -92,17 +92,17 @@ def _chosen(costs: FloatArray, limit: int) -> IntArray:
 
 def _positions(estimate: Estimate) -> tuple[FloatArray, str]:
     if estimate.translations is not None:
-        return estimate.translations, "Nodes stand at their positions, in metres."
+        return estimate.translations, "Nodes are drawn at their positions, in metres."
     mean = so.project(estimate.rotations.sum(axis=0)[None])[0]
     turned = so.log(mean.T @ estimate.rotations)
     if estimate.d == 3:
-        return turned, "Nodes stand at their rotation vectors from the mean, in radians."
+        return turned, "Nodes are drawn at their rotation vectors from the mean, in radians."
     angle = turned.reshape(-1)
-    return np.stack([np.cos(angle), np.sin(angle)], axis=1), "Nodes stand at their angles."
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1), "Nodes are drawn at their angles."
 
 
 def _rounded(points: FloatArray) -> list[list[float]]:
-    """To a hundred-thousandth of their extent."""
+    """Points rounded to about 1e-5 of their extent."""
     extent = float(np.ptp(points, axis=0).max(initial=0.0))
     decimals = 5 - int(np.floor(np.log10(extent))) if extent > 0.0 else 5
     rows: list[list[float]] = (np.round(points, decimals) + 0.0).tolist()
@@ -110,6 +110,6 @@ def _rounded(points: FloatArray) -> list[list[float]]:
 
 
 def _top(values: FloatArray) -> float:
-    """The residual that has the last colour: of a few outliers, not theirs."""
+    """The residual with the last colour, not dominated by a few outliers."""
     finite = values[np.isfinite(values)]
     return float(np.quantile(finite, TOP)) or float(finite.max()) if len(finite) else 0.0

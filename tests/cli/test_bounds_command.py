@@ -29,10 +29,10 @@ def test_bounds_in_words(certpgo, wound):
     assert done.code == 0
     assert "of certpgo solve's estimate: CERTIFIED" in done.out
     for words in (
-        "half a turn over the nodes",
+        "half a turn over the number of nodes",
         "15 deg",
         "not requested",
-        "optimal, to six digits",
+        "proven: this estimate is optimal",
     ):
         assert words in done.out
 

@@ -158,12 +158,12 @@ def test_a_time_limit_ends_the_search_honestly(certpgo, square):
 def test_a_methods_own_bound_is_told_where_nothing_is_judged(certpgo, square):
     judged = ("solve", square, "--method", "block_coordinate_descent", "--no-certify")
     done = certpgo(*judged)
-    assert "the method's own bound, not proven against rounding" in done.err
+    assert "the method's own lower bound, which ignores rounding" in done.err
     found = certpgo(*judged, "--json").json
     assert 0.0 <= found["solution"]["own_bound"] <= found["cost"]
     assert found["verdict"] is found["certificate"] is None
     done = certpgo("solve", square, "--method", "spanning_tree", "--no-certify")
-    assert "is not known; --certify certifies it" in done.err
+    assert "is not known; --certify certifies the estimate" in done.err
 
 
 def test_solve_by_a_method_without_a_judge_says_so(certpgo, square):
@@ -440,7 +440,7 @@ def test_certify_says_how_far_the_best_answer_is_and_where_the_cost_sits(certpgo
     assert "the right basin" in done.out
     assert "the optimum is" in done.out
     assert "rounding to the file's 3 decimals raises even the best F by" in done.out
-    assert done.out.count("% of F, off by") == 3
+    assert done.out.count("% of F, residual") == 3
     assert "--best" in done.err
     report = certpgo("certify", square, rounded, "--json").json
     assert report["objective"].startswith("F with weights from the file")

@@ -16,7 +16,7 @@ def test_solve_writes_a_page_the_same_each_time(certpgo, square, tmp_path):
     out = tmp_path / "page.html"
     done = certpgo("solve", square, "--html", out, "--json")
     assert done.code == 0
-    assert f"the page is in {out}" in done.err
+    assert f"page written to {out}" in done.err
     page = out.read_text()
     assert "<strong>CERTIFIED</strong>" in page
     assert f"{done.json['cost']:.10g}"[:9] in page
@@ -41,8 +41,8 @@ def test_certify_writes_a_page_of_the_answer_as_given(certpgo, square, tmp_path)
     page = out.read_text()
     assert "<strong>BOUNDED</strong>" in page
     assert "The estimate came from a file" in page
-    assert f"certpgo certify {square} {square} --unit-weights --proof answer.cert" in page
-    assert "all weights 1, whatever the file says" in page
+    assert f"certpgo certify {square} {square} --unit-weights --proof estimate.cert" in page
+    assert "all weights 1, ignoring those of the file" in page
 
 
 def test_a_method_that_keeps_no_trace(certpgo, square, tmp_path):

@@ -86,7 +86,7 @@ def test_an_estimate_for_another_graph(certpgo, square, tmp_path, estimate, said
         (("--method", "eigen_ma", "--set", "translations=best"), "translations"),
         (("--set", "tol=1"), "--set needs --method"),
         (("--no-certify",), "--no-certify needs --method"),
-        (("--method", "eigen_ma", "--time-limit", "1"), "do not go with --method"),
+        (("--method", "eigen_ma", "--time-limit", "1"), "cannot be combined with --method"),
         (("--kappa", "-1"), "kappa"),
         (("--unit-weights", "--tau", "2"), "unit weights"),
         (("-o", "out.docx"), "out.docx"),
@@ -146,7 +146,7 @@ def test_what_is_no_estimate_is_told_where_to_go():
 
 def test_without_a_checkout_reproduce_says_so(certpgo, tmp_path, monkeypatch):
     monkeypatch.setenv("CERTPGO_REPOSITORY", str(tmp_path))
-    fails_in_one_line(certpgo("reproduce", "compare"), "needs certpgo's checkout")
+    fails_in_one_line(certpgo("reproduce", "compare"), "needs a checkout of certpgo")
 
 
 def test_compare_needs_no_checkout(certpgo, square, tmp_path, monkeypatch):
@@ -213,7 +213,7 @@ def test_an_input_is_never_overwritten(certpgo, square, tmp_path, monkeypatch, a
         (tmp_path / name).write_text(text)
     (tmp_path / "folder").mkdir()
     (tmp_path / "link.g2o").symlink_to("g.g2o")
-    fails_in_one_line(certpgo(*arguments), "is read as well")
+    fails_in_one_line(certpgo(*arguments), "would be overwritten")
     assert all((tmp_path / name).read_text() == text for name in ("g.g2o", "e.g2o", "link.g2o"))
 
 

@@ -1,7 +1,7 @@
-"""The certified pipeline: initialize, descend, certify; climb, round and polish where that fails.
+"""The certified pipeline: initialize, optimize, certify; climb, round and polish if that fails.
 
-Reading order: `pipeline` (what a caller asks for), `staircase` (the search), `disagreement` (which
-measurements contradict the others) and `robust` (the pipeline without those).
+Reading order: `pipeline` (the interface), `staircase` (the search), `disagreement` (finds outlying
+measurements) and `robust` (the pipeline without these).
 """
 
 from certpgo.solvers.certified.pipeline import SOLVER, CertifiedSolution, solve

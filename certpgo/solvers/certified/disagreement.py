@@ -1,11 +1,11 @@
-"""Measurements that disagree with the rest: told from residuals, and left out where that is asked.
+"""Detection and rejection of measurements that disagree with the rest, by their residuals.
 
-A residual is judged by what the weights say of the noise: the terms of F of right measurements
-have a known distribution (`quantile`), and not one in a hundred clean graphs has a term above its
-``1 - 0.01 / m`` quantile. Least squares spreads the error of a wrong measurement over its
-neighbours, so that who disagrees is told from a robust fit wherever that is worth its time.
-Weights may also say nothing, as those of 1 do of rotations, or claim too little noise: then the
-noise is measured by the median residual, and what disagrees must be far outside.
+Weights state the noise: the terms of F of correct measurements have a known distribution
+(`quantile`), and fewer than one in a hundred clean graphs have a term above its ``1 - 0.01 / m``
+quantile. Least squares spreads the error of a wrong measurement over its neighbours, so outliers
+are identified by a robust fit where that is worth its time. Weights may also state nothing (weights
+of 1 on rotations) or too little noise: then the noise is estimated from the median residual, and
+outliers must lie far beyond it.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ from certpgo.solvers.graduated_non_convexity import (
     quantile,
 )
 
-#: Share of clean graphs in which a right measurement may be said to disagree.
+#: Share of clean graphs in which a correct measurement may be flagged.
 FALSE_ALARMS = 0.01
-#: Times the measured noise that counts as noise, where weights do not state it: real residuals have
-#: heavier tails than normal ones.
+#: Multiple of the estimated noise accepted as noise where weights do not state it: real residuals
+#: have heavier tails than normal ones.
 WIDER = 2.0
-#: Angles (radians) that are no news where weights say nothing of the noise.
+#: Angles (radians) that are never flagged where weights do not state the noise.
 UNREMARKABLE = math.radians(10.0)
-#: Share of the measurements beyond a tree's that a robust fit must keep to be believed.
+#: Share of the measurements outside a spanning tree that a credible robust fit keeps.
 BELIEVABLE = 0.25
-#: Fits in which the noise is measured, and by what share a further one must reduce it.
+#: Fits to estimate the noise at most, and the relative reduction that justifies another.
 ROUNDS, GAIN = 6, 0.2
 
 
@@ -52,7 +52,7 @@ class Disagreement:
 
     Attributes
     ----------
-    edges : (k,) which ones, ascending
+    edges : (k,) their indices, ascending
     total : number m of all measurements
     worst_angle : largest residual angle among them, radians
 
@@ -69,7 +69,7 @@ class Disagreement:
     worst_angle: float
 
     def __str__(self) -> str:
-        """How many of how many, and by how much."""
+        """Their number and largest residual angle in a sentence."""
         few = f"{len(self.edges)} of {counted(self.total, 'measurement{s}')}"
         verb = "disagrees" if len(self.edges) == 1 else "disagree"
         angle = f"{math.degrees(self.worst_angle):.3g} degrees"
@@ -77,20 +77,19 @@ class Disagreement:
 
 
 def ignore(disagreement: Disagreement) -> None:
-    """Be told, and do nothing."""
+    """Do nothing."""
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """Measurements that agree, and a fit to them.
+    """Measurements that agree with one another, and a fit to them.
 
     Attributes
     ----------
-    weights : (m,) 1 for those that were kept, 0 for the others; what is kept is connected
-    estimate : a robust fit, near the best one to what is kept
-    method : that found the fit
-    scale : standard deviations of the noise by which residuals were judged, in those that the
-        weights state
+    weights : (m,) 1 for kept measurements, which connect the graph, and 0 for the others
+    estimate : a robust fit, near the best one to the kept measurements
+    method : the method that computed the fit
+    scale : assumed standard deviation of the noise, relative to that stated by the weights
     """
 
     weights: FloatArray
@@ -100,35 +99,35 @@ class Selection:
 
     @property
     def rejected(self) -> BoolArray:
-        """(m,) which measurements were not kept."""
+        """(m,) which measurements were rejected."""
         return np.asarray(self.weights == 0.0)
 
     def note(self, problem: Problem) -> str:
-        """How they were chosen, and what a reader should know of that."""
-        scale = "as" if self.scale == 1.0 else f"{self.scale:.3g} times what"
-        chosen = f"chosen by {self.method}, with noise {scale} the weights state"
+        """How the measurements were chosen, with remarks."""
+        scale = "" if self.scale == 1.0 else f"{self.scale:.3g} times "
+        chosen = f"chosen by {self.method}, assuming {scale}the noise stated by the weights"
         return "; ".join(filter(None, (chosen, remark(problem, self.weights))))
 
 
 def disagreement(
     problem: Problem, estimate: Estimate, *, refit: bool = False, monitor: Monitor = silent
 ) -> Disagreement | None:
-    """The measurements that disagree with the rest, if residuals give reason to say so.
+    """The measurements that disagree with the rest, by their residuals.
 
     Parameters
     ----------
-    estimate : that fits all measurements, such as where a descent of F ended
-    refit : whether to compute a robust fit where residuals give reason to, which takes longer than
-        a descent; without one, what least squares hides is not found
+    estimate : a fit to all measurements, such as the result of a descent
+    refit : whether to compute a robust fit if residuals are suspicious; it takes longer than a
+        descent, but also finds outliers that least squares hides
     monitor : may stop that fit
 
     Returns
     -------
-    None where residuals are as the weights say, or as those of the rest.
+    None if the residuals are consistent with the weights or with one another.
 
     Examples
     --------
-    A triangle of exact measurements, four times each, and one more that is a quarter turn off:
+    A triangle with four exact measurements per edge, and one more that is wrong by 90 degrees:
 
     >>> import numpy as np
     >>> from certpgo import RotationGraph, RotationProblem, solve
@@ -157,28 +156,28 @@ def disagreement(
 
 
 def agrees(problem: Problem, estimate: Estimate) -> bool:
-    """Whether no residual is above what weights say or, where they say nothing, what is common."""
+    """Whether all residuals are consistent with the weights or, failing that, with one another."""
     costs = problem.edge_costs(estimate)
     if not np.isfinite(costs).all():
-        return True  # nothing can be said
+        return True  # cannot be decided
     if states_noise(problem):
         return not _outlying(problem, costs, 1.0).any()
-    common = not _outlying(problem, costs, _noise(problem, estimate)).any()
-    return common or bool(problem.residual_angles(estimate).max() <= UNREMARKABLE)
+    consistent = not _outlying(problem, costs, _noise(problem, estimate)).any()
+    return consistent or bool(problem.residual_angles(estimate).max() <= UNREMARKABLE)
 
 
 def states_noise(problem: Problem) -> bool:
-    """Whether some angle contradicts the weights: of 1, which say 40 degrees or so, none does."""
+    """Whether some angle contradicts the weights; weights of 1, about 40 degrees, allow all."""
     return largest_angle(problem, math.sqrt(quantile(problem, 0.99))) < math.pi
 
 
 def noise_scale(problem: Problem, costs: FloatArray) -> float:
-    """Standard deviations of the noise, in those that the weights state, by the median residual.
+    """Noise by the median residual, relative to the standard deviation that the weights state.
 
     Parameters
     ----------
-    costs : (k,) terms of F of the measurements that were fitted, k >= 1. Of k residuals n - 1 are
-        fitted away; those of exact measurements are rounding, and count as `EXACT`
+    costs : (k,) terms of F of the fitted measurements, k >= 1. The fit uses up n - 1 of them;
+        residuals of exact measurements are rounding, and count as `EXACT`
     """
     k = len(costs)
     redundant = max(k - problem.n + 1, 1) / k
@@ -196,22 +195,21 @@ def select(
 ) -> Selection:
     """The measurements that agree with one another, by a robust fit.
 
-    Rotations with plenty of measurements are trimmed (`adaptive_trimming`). Otherwise graduated
-    non-convexity starts from ``initial``, or else from the tree of the earliest measurements, with
-    the noise that weights state. Where they state none, or hardly more than a tree agrees with
-    what they state, the noise is measured: first by the residuals of the fit to everything, then
-    by those of what was kept, until that gains no more.
+    Rotation graphs with many measurements use `adaptive_trimming`, others graduated non-convexity
+    from ``initial`` or the tree of the earliest measurements, with the noise that the weights
+    state. If they state none, or hardly more than a tree agrees with it, the noise is estimated:
+    from the residuals of a fit to all measurements, then repeatedly from those of the kept ones.
 
     Parameters
     ----------
-    fit : to all measurements, where there is one already
-    initial : where to start
-    monitor : may stop it
+    fit : fit to all measurements, if already computed
+    initial : initial estimate
+    monitor : may stop the fits
 
     Raises
     ------
     NumericalError
-        A start could not be computed.
+        No initialization could be computed.
 
     Examples
     --------
@@ -241,7 +239,7 @@ def select(
 def _graduated(
     problem: Problem, fit: Estimate | None, initial: Estimate | None, monitor: Monitor
 ) -> tuple[Solution, float]:
-    """What graduated non-convexity finds, and the scale of noise to judge residuals by."""
+    """The fit by graduated non-convexity, and the noise scale for its residuals."""
     if states_noise(problem):
         solver = GraduatedNonConvexity(probability=_probability(problem))
         found = solver.solve(problem, initial=initial, monitor=monitor)
@@ -263,24 +261,24 @@ def _graduated(
 
 
 def _noise_kept(problem: Problem, found: Solution) -> float:
-    """The noise of what a method kept."""
+    """The noise scale of the measurements that a method kept."""
     costs = problem.edge_costs(found.estimate)
     return noise_scale(problem, costs if found.weights is None else costs[found.weights > 0.0])
 
 
 def _confirms_weights(problem: Problem, found: Solution) -> bool:
-    """Whether much more than a tree agrees."""
+    """Whether clearly more than a spanning tree was kept."""
     tree, m = problem.n - 1, problem.graph.num_edges
     return found.kept is None or found.kept - tree >= BELIEVABLE * (m - tree)
 
 
 def _outlying(problem: Problem, costs: FloatArray, scale: float) -> BoolArray:
-    """(m,) which terms of F are larger than noise of this scale makes them."""
+    """(m,) which terms of F are too large for noise of this scale."""
     return np.asarray(costs > scale**2 * quantile(problem, _probability(problem)))
 
 
 def _probability(problem: Problem) -> float:
-    """With which a right measurement's residual is no larger than that of any is to be."""
+    """The quantile that the residual of a correct measurement rarely exceeds."""
     return 1.0 - FALSE_ALARMS / problem.graph.num_edges
 
 

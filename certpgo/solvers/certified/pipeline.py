@@ -1,4 +1,4 @@
-"""The certified pipeline: initialize, optimize, certify; escape, round, polish where needed."""
+"""The certified pipeline: initialize, optimize, certify; escape, round and polish if needed."""
 
 from __future__ import annotations
 
@@ -19,34 +19,34 @@ from certpgo.solvers.certified.disagreement import Disagreement, agrees, disagre
 from certpgo.solvers.certified.settings import SolveSettings
 from certpgo.solvers.certified.staircase import Level, Staircase
 
-#: What an initial estimate of the caller is called.
+#: Name of the caller's initial estimate.
 GIVEN = "the given estimate"
-#: Dimensions that the staircase may add to the d of space.
+#: Ranks that the staircase may add to d.
 MORE_RANKS = 7
 
 
 @dataclass(frozen=True, eq=False)
 class CertifiedSolution:
-    """An answer and the judgement on it.
+    """An estimate with its certificate.
 
     Attributes
     ----------
-    solution : the estimate, how it was found, and what it cost to find
+    solution : the estimate, and how it was found
     certificate : what is proven about it
-    start : what the descent started from: a method, or "the given estimate"
-    levels : the steps of the staircase, one when it never climbed
-    settings : that it was found with
-    disagreement : measurements that disagree with the rest, if residuals give reason to say so;
-        `certpgo.solve_robustly` leaves such out
+    start : the initialization: a method, or "the given estimate"
+    levels : the steps of the staircase; only one if it did not climb
+    settings : settings of the search
+    disagreement : measurements that disagree with the rest, if there are any;
+        `certpgo.solve_robustly` rejects them
 
     Examples
     --------
     >>> import certpgo
     >>> from certpgo.datasets.synthetic import winding_cycle
-    >>> answer = certpgo.solve(winding_cycle(6, 0.3, 0)[0].graph)
-    >>> answer.solution.status.value, len(answer.levels)
+    >>> result = certpgo.solve(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> result.solution.status.value, len(result.levels)
     ('converged', 1)
-    >>> answer.certificate.lower_bound <= answer.cost
+    >>> result.certificate.lower_bound <= result.cost
     True
     """
 
@@ -84,33 +84,33 @@ def solve(
 ) -> CertifiedSolution:
     """The best estimate of a graph, with a certificate of how good it is.
 
-    The Riemannian staircase begun at rank d (Boumal 2015; Rosen et al., IJRR 2019), with Newton's
+    The Riemannian staircase from rank d (Boumal 2015; Rosen et al., IJRR 2019), with Newton's
     method on poses and certificates that account for rounding.
 
     Parameters
     ----------
     graph : the measurements of n poses or rotations, connected
     settings : limits, tolerances and tuning, see `SolveSettings`
-    initial : where to start instead of an initialization of our own; n poses, in metres
+    initial : initial estimate; n poses, in metres; by default one is computed
     monitor : is called with each iteration, and may stop the search
-    on_disagreement : is called with measurements that disagree with the rest, before the search
-        goes on to escape from where they led
+    on_disagreement : is called with measurements that disagree with the rest, after the first
+        descent
     options : single settings instead: ``time_limit``, ``max_rank``, ``tier``, ``rtol``, ``atol``
         and any other field of `SolveSettings`
 
     Returns
     -------
-    The answer. Its verdict is CERTIFIED; BOUNDED with a proven gap, where the relaxation is not
-    tight; or UNDECIDED, when the search ended before a useful bound was found. Ctrl-C stops the
-    search like a monitor; a second one raises KeyboardInterrupt.
+    The verdict is CERTIFIED; BOUNDED with a proven gap if the relaxation is not tight; or UNDECIDED
+    if the search ended before a useful bound was found. Ctrl-C stops the search like a monitor; a
+    second one raises KeyboardInterrupt.
 
     Raises
     ------
     GraphError
         The graph is not connected.
     InputError
-        An initial estimate of another graph, limits or tolerances that make no sense, weights
-        beyond the range of doubles.
+        An initial estimate of another graph, invalid limits or tolerances, weights beyond the range
+        of doubles.
     SpecError
         An unknown tier or setting.
     NumericalError
@@ -121,10 +121,10 @@ def solve(
     >>> import certpgo
     >>> from certpgo.datasets.synthetic import winding_cycle
     >>> instance, _ = winding_cycle(6, 0.3, 0)
-    >>> answer = certpgo.solve(instance.graph, time_limit=10.0)
-    >>> answer.verdict.value
+    >>> result = certpgo.solve(instance.graph, time_limit=10.0)
+    >>> result.verdict.value
     'CERTIFIED'
-    >>> print(f"{answer.cost:.6f}")  # 8 n sin^2(theta / (2 n)), the closing error shared out
+    >>> print(f"{result.cost:.6f}")  # 8 n sin^2(theta / (2 n)), the error distributed evenly
     0.029994
     """
     if not isinstance(graph, (PoseGraph, RotationGraph)):
@@ -143,54 +143,54 @@ def search_and_certify(
     monitor: Monitor,
     on_disagreement: Callable[[Disagreement], object] | None = None,
 ) -> CertifiedSolution:
-    """`solve` for a problem; the name of the initial estimate goes into the solution's note."""
+    """`solve` for a problem; the solution's note contains the name of the initial estimate."""
     if initial is not None:
         problem.check(initial.estimate)
     highest = problem.d + MORE_RANKS if settings.max_rank is None else settings.max_rank
     if highest < problem.d:
         raise InputError(f"the maximal rank must be at least {problem.d}, not {highest}")
     case = Case.of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
-    # The cheaper bounds are enough to steer by.
+    # Cheaper bounds suffice to guide the search.
     steering = replace(case, tier=Tier.STANDARD) if case.tier is Tier.PROOF else case
     with stoppable(monitor, case.unit, settings.time_limit) as stop:
         search = Staircase(steering, settings, stop, initial)
         found = on_disagreement and _disagreement(search, problem, on_disagreement)
         search.go_on(highest)
         ended = search.status
-        certificate = _judged(search, None if settings.tier is None else case.tier)
-    answer = _result(problem, search, ended, certificate)
-    # Where the first descent ended may have been no more than a local minimum.
-    stands = found and not agrees(problem, answer.estimate)
-    return replace(answer, disagreement=found) if stands else answer
+        certificate = _certificate(search, None if settings.tier is None else case.tier)
+    result = _result(problem, search, ended, certificate)
+    # The first descent may have ended in a local minimum.
+    confirmed = found and not agrees(problem, result.estimate)
+    return replace(result, disagreement=found) if confirmed else result
 
 
 def _disagreement(
-    search: Staircase, problem: Problem, tell: Callable[[Disagreement], object]
+    search: Staircase, problem: Problem, report: Callable[[Disagreement], object]
 ) -> Disagreement | None:
-    """Tell what the first descent's residuals say; ``problem`` has the weights of the graph."""
+    """Report outliers after the first descent; ``problem`` has the weights of the graph."""
     refit = not search.is_done
     with search.watch.phase("residuals"):
         found = disagreement(
             problem, search.best.estimate, refit=refit, monitor=lambda _: search.stop.asked
         )
     if found is not None:
-        tell(found)
+        report(found)
     return found
 
 
-def _judged(search: Staircase, tier: Tier | None) -> Certificate:
-    """The certificate at a tier; by default the proof tier's where only rounding is missing."""
+def _certificate(search: Staircase, tier: Tier | None) -> Certificate:
+    """The certificate at a tier; by default the proof tier's if only rounding is in the way."""
     estimate = search.best.estimate
     certificate = search.case.certificate(estimate, search.basin)
     near = certificate.gap <= PROOF_GAIN * certificate.tolerance
-    missing = search.has_reached_the_floor and near and not search.is_certified
-    escalates = missing and tier is None and not search.stop.asked
+    rounding = search.has_reached_the_floor and near and not search.is_certified
+    escalates = rounding and tier is None and not search.stop.asked
     if not (tier is Tier.PROOF or escalates):
         return certificate
     with search.watch.phase("prove"):
         case = replace(search.case, tier=Tier.PROOF)
         cost = case.cost_upper(estimate)
-        # Who stops before a proof that was asked for is not given less than a proof instead.
+        # A search stopped before the requested proof must not return a weaker tier instead.
         bound = None if search.stop.asked else case.bound(estimate, cost)
         proven = case.certificate(estimate, Basin(estimate, cost, True, bound))
     better = proven.lower_bound > certificate.lower_bound
@@ -200,7 +200,7 @@ def _judged(search: Staircase, tier: Tier | None) -> Certificate:
 def _result(
     problem: Problem, search: Staircase, ended: Status, certificate: Certificate
 ) -> CertifiedSolution:
-    """Everything in the units of the graph."""
+    """The result in the units of the graph."""
     stop, unit, estimate = search.stop, search.case.unit, search.best.estimate
     certificate = replace(certificate, reason=_reason(search, certificate))
     solution = Solution(
@@ -219,7 +219,7 @@ def _result(
 
 
 def _end(search: Staircase) -> str:
-    """Where the search ended, and how to let it continue where its own limit ended it."""
+    """Where the search ended, and how to continue it if its own limit ended it."""
     where = f"the staircase ended at rank {search.levels[-1].rank}"
     if not search.ended_early:
         return where
@@ -230,7 +230,7 @@ def _end(search: Staircase) -> str:
 
 
 def _reason(search: Staircase, certificate: Certificate) -> str:
-    """The certificate's reason, and what of the search explains it."""
+    """The certificate's reason, extended by what the search explains."""
     stopped = search.stop.status is not None
     minimal = search.has_reached_the_floor and not stopped
     if certificate.verdict is Verdict.UNDECIDED and minimal:
@@ -254,9 +254,9 @@ def _reason(search: Staircase, certificate: Certificate) -> str:
 
 @dataclass(frozen=True)
 class Certified(SolveSettings):
-    """The certified pipeline as a method among others.
+    """The certified pipeline as a method.
 
-    Its estimate is that of `certpgo.solve`, its settings are those of `SolveSettings`.
+    The estimate is that of `certpgo.solve`, the settings are those of `SolveSettings`.
 
     Examples
     --------

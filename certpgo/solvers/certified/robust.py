@@ -1,7 +1,7 @@
 """The certified pipeline on the measurements that agree with one another.
 
-A certificate says that no answer explains *all* measurements better, also those that are wrong.
-Here a robust method says which to believe, and the pipeline solves and certifies what they pose.
+A certificate proves that no estimate fits *all* measurements better, including wrong ones. Here a
+robust method first rejects outliers; the pipeline solves and certifies the remaining problem.
 """
 
 from __future__ import annotations
@@ -29,27 +29,26 @@ def solve_robustly(
 ) -> CertifiedSolution:
     """The best estimate of the measurements that agree with one another, with its certificate.
 
-    Measurements that disagree with the rest are left out, as
-    `certpgo.solvers.certified.disagreement.select` chooses them; the others are solved like any
-    graph, by `certpgo.solve`.
+    `certpgo.solvers.certified.disagreement.select` chooses the measurements to reject; the others
+    are solved by `certpgo.solve`.
 
     Parameters
     ----------
-    initial : where the robust fit starts; n poses, in metres
-    graph, settings, monitor, options : as in `certpgo.solve`; the time limit is for the choice and
+    initial : initial estimate of the robust fit; n poses, in metres
+    graph, settings, monitor, options : as in `certpgo.solve`; the time limit covers the choice and
         the search together
 
     Returns
     -------
-    The answer. Its certificate, its levels and its trace are of the measurements that were kept:
-    that no answer fits these better, not that the right ones were kept. ``solution.weights`` is 0
-    where one was rejected, ``solution.rejected`` lists those, and ``solution.judged(problem)`` is
-    the problem that the certificate is about; ``cost`` is F of all measurements.
+    Certificate, levels and trace are about the kept measurements: they prove that no estimate fits
+    these better, not that the right ones were kept. ``solution.weights`` is 0 for rejected ones,
+    ``solution.rejected`` lists these, and ``solution.judged(problem)`` is the certified problem;
+    ``cost`` is F of all measurements.
 
     Raises
     ------
     GraphError, InputError, SpecError, NumericalError
-        As `certpgo.solve`.
+        As in `certpgo.solve`.
 
     Examples
     --------
@@ -57,9 +56,9 @@ def solve_robustly(
     >>> import certpgo
     >>> from certpgo.datasets.thesis import langevin_graph
     >>> instance = langevin_graph(40, 12.0, 3.0, np.random.default_rng(0), outliers=0.15)
-    >>> answer = certpgo.solve_robustly(instance.graph)
+    >>> result = certpgo.solve_robustly(instance.graph)
     >>> wrong = np.flatnonzero(instance.outliers)
-    >>> answer.verdict.value, bool(np.array_equal(answer.solution.rejected, wrong))
+    >>> result.verdict.value, bool(np.array_equal(result.solution.rejected, wrong))
     ('CERTIFIED', True)
     """
     problem = problem_of(graph)

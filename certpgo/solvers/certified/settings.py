@@ -1,4 +1,4 @@
-"""Everything that can be set of the certified pipeline."""
+"""Settings of the certified pipeline."""
 
 from __future__ import annotations
 
@@ -18,32 +18,33 @@ class SolveSettings:
 
     Attributes
     ----------
-    time_limit : seconds after which to return the best estimate so far; what is under way, such
-        as a factorization, is finished first. None: the staircase climbs for no more than
-        ``patience`` once a first bound is in hand; `math.inf` lets it go on to the end
-    max_rank : dimensions at which the staircase ends; by default d + 7
-    try_own_start : where descent from a given initial estimate is not certified, descend from an
-        initialization of our own before climbing; the better one counts, and the answer says which
-    tier : what the certificate may trust, see `Tier`; by default the standard tier is asked, and
-        the proof tier where rounding is all that the former lacks
+    time_limit : seconds after which to return the best estimate so far, once the current step (such
+        as a factorization) is finished. None: the staircase climbs for at most ``patience`` after
+        its first bound; `math.inf` removes this limit too
+    max_rank : highest rank of the staircase; by default d + 7
+    try_own_start : if descent from a given initial estimate is not certified, also descend from a
+        computed initialization before climbing; the better result is used, as its note tells
+    tier : what the certificate trusts, see `Tier`; by default the standard tier, and the proof tier
+        if only rounding prevents CERTIFIED
     rtol, atol : CERTIFIED means gap <= rtol F + atol W
-    patience : seconds
-    lifted_tolerance : stationarity asked of points of higher rank, over the typical residual
+    patience : seconds of climbing after a first bound
+    lifted_tolerance : stationarity required at higher ranks, relative to the typical residual
     rank_steps : steps of low-rank optimization at each rank
-    rounds : rounds of random roundings in vain, at most, before the answer stands
-    round_nodes : nodes in all of these rounds, for at least two
-    few : nodes that each further round takes, at least
-    negligible : of the tolerance, what is not worth another rank
-    same_cost : relative difference of costs that are the same
-    hope : steps in which a descent must be able to reach the best answer, at its last step's pace
-    newton : of the descents at rank d
+    rounds : maximal number of unsuccessful rounds of random roundings
+    round_nodes : total number of nodes in all these rounds, which are at least two
+    few : number of nodes for each additional round
+    negligible : decrease that is not worth another rank, relative to the tolerance
+    same_cost : relative difference below which costs count as equal
+    hope : number of steps, each as good as the last, within which a descent must be able to reach
+        the best cost
+    newton : settings of the descents at rank d
 
     Raises
     ------
     InputError
         A limit or tolerance out of its range.
     SpecError
-        Another setting out of its range, an unknown tier.
+        Another setting out of its range, or an unknown tier.
 
     Examples
     --------

@@ -1,8 +1,8 @@
-"""The search for an answer and its bound: start, descend, climb, round, settle for less.
+"""The search for an estimate and its bound: initialize, descend, climb, round, weaken the bound.
 
-The Riemannian staircase (Boumal 2015; Rosen et al., SE-Sync, IJRR 2019), begun at rank d: a local
-minimum whose certificate matrix has a negative eigenvalue is left through a new dimension, along
-the eigenvector, and what low-rank optimization finds there is rounded and polished.
+The Riemannian staircase (Boumal 2015; Rosen et al., SE-Sync, IJRR 2019) from rank d: if the
+certificate matrix of a local minimum has a negative eigenvalue, low-rank optimization escapes along
+its eigenvector at the next rank, and the result is rounded and polished.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ class Level:
 
     Attributes
     ----------
-    rank : dimensions of the points
-    cost : F at the point found there
+    rank : rank of the points
+    cost : F at the point found
     status : how the descent to it ended
-    eigenvalue : negative, when the certificate matrix was found to have such an eigenvalue there
+    eigenvalue : a negative eigenvalue of the certificate matrix there, if one was found
     """
 
     rank: int
@@ -54,15 +54,14 @@ class Level:
 class Staircase:
     """The search: the best estimate and bound so far, and how they were found.
 
-    It begins with a first descent, at rank d, and its bound: from the initial estimate, and where
-    that is not certified from an initialization of our own.
+    The constructor runs the first descent at rank d and computes its bound: from the initial
+    estimate and, if that is not certified, from a computed initialization.
 
     Parameters
     ----------
-    case : the problem in units of its own size, and its tolerances
-    settings : limits and tuning
+    case : the normalized problem and its tolerances
     stop : the monitor of all phases
-    initial : where to start instead of an initialization of our own
+    initial : initial estimate; None computes one
     """
 
     def __init__(
@@ -74,8 +73,8 @@ class Staircase:
         self.impatient = math.inf
         self.counts: Counter[str] = Counter()
         self.bound: DualBound | None = None
-        self.exhausted: Point | None = None  # of which no better bound is to be had
-        self.floor = -math.inf  # the relaxation's lowest cost, where the climb has reached it
+        self.exhausted: Point | None = None  # point without a better bound
+        self.floor = -math.inf  # the relaxation's minimum, once the climb has reached it
         self.ended_early = False
         start = self.own_start() if initial is None else self.given(initial)
         self.start = self.origin = start.name
@@ -87,8 +86,8 @@ class Staircase:
         self.levels = [Level(self.problem.d, self.best.cost, self.best.status)]
 
     def start_again(self, initial: str) -> None:
-        """A descent from an initialization of our own; the better one counts."""
-        # Of a bridge's weight, a tolerance may hide that there is something better.
+        """Descend from a computed initialization; keep the better result."""
+        # The weight of a bridge may raise the tolerance above a possible improvement.
         if self.stop.asked or self.case.is_sharp(self.basin):
             return
         with suppress(NumericalError, np.linalg.LinAlgError):
@@ -98,17 +97,17 @@ class Staircase:
                 self.origin = f"{own.name}, which led to a lower cost than {initial}"
 
     def given(self, initial: Start) -> Start:
-        """The initial estimate of the caller, with the best translations."""
+        """The caller's initial estimate with its best translations."""
         with self.watch.phase("start"):
             return replace(initial, estimate=self.problem.complete(initial.estimate.rotations))
 
     def own_start(self) -> Start:
-        """An initialization of our own."""
+        """A computed initialization."""
         with self.watch.phase("start"):
             return start_of(self.problem)
 
     def go_on(self, highest: int) -> None:
-        """What follows where the first descent's answer is not certified."""
+        """Continue if the first descent is not certified."""
         point = self.climb(highest)
         self.round(point)
         self.settle_for_less(point)
@@ -116,10 +115,10 @@ class Staircase:
     def climb(self, highest: int) -> Point:
         """Escape to higher ranks until the gap is closed or the relaxation is solved.
 
-        Returns the point of the relaxation where it ended.
+        Returns the last point of the relaxation.
         """
         point: Point = self.best.estimate
-        # What was found before an error stays, and is judged.
+        # After an error, the search continues with what was found before.
         with suppress(NumericalError, np.linalg.LinAlgError):
             while not self.is_done:
                 eigenvalue, direction = self.way_down(point)
@@ -139,21 +138,21 @@ class Staircase:
                 nearest = self.problem.complete(rounded(point).rotations)
                 self.improve(self.descend(nearest))
                 if self.best.cost < (1.0 - self.settings.same_cost) * lower:
-                    point = self.best.estimate  # the higher rank has gained nothing yet
+                    point = self.best.estimate  # no gain at the higher rank yet
                 elif not self.is_certified:
                     self.improve_bound(point)
         return point
 
     def way_down(self, point: Point) -> tuple[float | None, FloatArray]:
-        """A negative eigenvalue of the certificate matrix and its vector; None where F is lowest.
+        """A negative eigenvalue of the certificate matrix with its vector; None at the minimum.
 
-        Notes the lowest cost of the relaxation where the point has it, and takes a first bound
-        where the eigenvalue says that it has one and the climb may take long.
+        At the minimum, records the relaxation's lowest cost. Otherwise computes a first bound if
+        the eigenvalue predicts a useful one and the climb may take long.
         """
         with self.watch.phase("escape"):
             eigenvalue, direction = negative_curvature(self.problem, point)
         level = self.levels[-1]
-        # F can fall by at most this much for every point of the relaxation.
+        # No point of the relaxation is lower by more than this.
         fall = -eigenvalue * direction.size
         if fall <= self.settings.negligible * self.case.tolerance(self.best.cost):
             self.floor = self.problem.cost(point)
@@ -164,7 +163,7 @@ class Staircase:
         return eigenvalue, direction
 
     def escape(self, point: Point, rank: int, direction: FloatArray) -> Lift:
-        """The point that low-rank optimization finds from a saddle."""
+        """Low-rank optimization from a saddle point."""
         residual = math.sqrt(self.cost / self.problem.scale)
         found = low_rank.descend(
             self.problem,
@@ -186,22 +185,22 @@ class Staircase:
         return found.point
 
     def round(self, point: Point) -> None:
-        """Descents from random roundings of the point and kicks of the answer, while they pay."""
+        """Descents from random roundings and perturbations of the best, while they improve it."""
         rng = np.random.default_rng(0)
-        # The looser the relaxation, the more dimensions its points have, and the more it takes.
+        # Looser relaxations have points of higher rank and need more rounds.
         more = self.levels[-1].rank - self.problem.d
         n = self.problem.n
         few, nodes, rounds = self.settings.few, self.settings.round_nodes, self.settings.rounds
-        vain, enough = 0, max(1, min(more**2, n // few, max(2, nodes // n), rounds))
-        while vain < enough and not (self.is_done or self.has_reached_the_floor):
+        failures, limit = 0, max(1, min(more**2, n // few, max(2, nodes // n), rounds))
+        while failures < limit and not (self.is_done or self.has_reached_the_floor):
             before = self.best
             with self.watch.phase("round"):
                 starts = roundings(self.problem, point, before.estimate, rng)
             self.polish(starts)
-            vain = vain + 1 if self.best is before else 0
+            failures = failures + 1 if self.best is before else 0
 
     def polish(self, starts: Iterable[Estimate]) -> None:
-        """Descents from several starts, those without prospects given up."""
+        """Descents from several initial estimates; unpromising ones are stopped early."""
         for start in starts:
             if self.is_done:
                 break
@@ -225,20 +224,20 @@ class Staircase:
         return found
 
     def improve(self, found: Solution) -> bool:
-        """Take a solution if it is better than the best so far; whether it is."""
+        """Keep a solution if it is better than the best so far; returns whether it is."""
         better = found.cost < (1.0 - self.settings.same_cost) * self.best.cost
         if better:
             self.take(found)
         return better
 
     def take(self, best: Solution) -> None:
-        """Make a solution the best so far, and take its bound if that is missing."""
+        """Make a solution the best so far, and compute its bound if needed."""
         self.best, self.cost = best, cost_upper(self.problem, best.estimate)
         if self.bound is None or not self.is_certified:
             self.improve_bound(best.estimate)
 
     def improve_bound(self, point: Point, *, tight: bool = True) -> None:
-        """Take the bound of a point where it is better."""
+        """Compute the bound of a point and keep it if it is better."""
         if self.stop.asked:
             return
         with self.watch.phase("certify"):
@@ -255,7 +254,7 @@ class Staircase:
             self.impatient = min(self.impatient, time.monotonic() + self.patience)
 
     def settle_for_less(self, point: Point) -> None:
-        """Bounds that a negative eigenvalue weakens: better than none."""
+        """Bounds weakened by a negative eigenvalue, if there is no other."""
         for candidate in (point, self.best.estimate):
             if not self.is_certified and candidate is not self.exhausted:
                 self.improve_bound(candidate, tight=False)
@@ -270,7 +269,7 @@ class Staircase:
 
     @property
     def has_reached_the_floor(self) -> bool:
-        """Whether the relaxation has no point that costs less than the answer."""
+        """Whether the relaxation has no lower point than the best estimate."""
         return self.best.cost - self.floor <= self.case.tolerance(self.best.cost)
 
     @property
@@ -280,23 +279,23 @@ class Staircase:
 
     @property
     def is_done(self) -> bool:
-        """Whether there is nothing more to do, or no more is wished for."""
+        """Whether the gap is closed or a stop was requested."""
         return self.is_certified or self.stop.asked
 
     @property
     def is_impatient(self) -> bool:
-        """Whether the climb has had its time."""
+        """Whether the time for climbing is over."""
         return time.monotonic() > self.impatient
 
     @property
     def basin(self) -> Basin:
-        """The best so far, as the judge takes it."""
+        """The best estimate so far with its bound."""
         return Basin(self.best.estimate, self.cost, True, self.bound)
 
 
 @dataclass
 class _Hopeful:
-    """A monitor that gives up descents which, at the pace of the last step, stay above the best."""
+    """A monitor that stops descents which, at the last step's pace, would stay above the best."""
 
     stop: Stop
     best: float
@@ -304,6 +303,6 @@ class _Hopeful:
     last: float = math.inf
 
     def __call__(self, iteration: Iteration) -> bool:
-        """Pass an iteration on; whether to stop."""
+        """Forward an iteration; returns whether to stop."""
         pace, self.last = self.last - iteration.cost, iteration.cost
         return self.stop(iteration) or iteration.cost - self.best > self.hope * pace

@@ -1,15 +1,15 @@
-// A view of points and edges: an orthographic camera that turns, moves and zooms.
+// A view of points and edges with an orthographic camera: rotate, pan and zoom.
 const Scene = (function () {
   "use strict";
 
-  // Viridis, sampled; told apart whatever the kind of colour blindness.
+  // Viridis, sampled; distinguishable with any colour blindness.
   const STOPS = [
     [68, 1, 84], [71, 44, 122], [59, 81, 139], [44, 113, 142], [33, 144, 141],
     [39, 173, 129], [92, 200, 99], [170, 220, 50], [253, 231, 37],
   ];
   const COLOURS = 32;
 
-  // The colour of a share in 0 ... 1: large residuals stand out from light and dark paper alike.
+  // The colour of a share in 0 ... 1; large residuals stand out on light and dark backgrounds.
   function colour(share, dark) {
     const at = Math.min(Math.max(share, 0), 1);
     const place = (dark ? 0.2 + 0.8 * at : 0.88 * (1 - at)) * (STOPS.length - 1);
@@ -21,13 +21,13 @@ const Scene = (function () {
   const bucket = (value, top) =>
     top > 0 ? Math.min(COLOURS - 1, Math.max(0, Math.floor((value / top) * COLOURS))) : 0;
 
-  // Rows of the camera's rotation: right, up, towards the eye.
+  // Rows of the camera's rotation: right, up, towards the viewer.
   function camera(turn, tilt) {
     const [c, s, ct, st] = [Math.cos(turn), Math.sin(turn), Math.cos(tilt), Math.sin(tilt)];
     return [[c, s, 0], [-s * st, c * st, ct], [s * ct, -c * ct, st]];
   }
 
-  // Centre of the points, half their extents, and how far the farthest is from it.
+  // Centre of the points, half their extents, and the largest distance from the centre.
   function frame(points) {
     const d = points.length ? points[0].length : 2;
     const low = Array(d).fill(Infinity), high = Array(d).fill(-Infinity);
@@ -44,7 +44,7 @@ const Scene = (function () {
     return { centre: centre, half: half, radius: radius };
   }
 
-  // Pixels a unit at zoom 1: all of it is seen, in 3D from everywhere.
+  // Pixels per unit at zoom 1: everything is visible, in 3D from any direction.
   function fitted(box, width, height) {
     const across = box.half.length === 3
       ? Math.min(width, height) / (2 * box.radius)
@@ -52,7 +52,7 @@ const Scene = (function () {
     return 0.94 * (Number.isFinite(across) ? across : Math.min(width, height) / 2);
   }
 
-  // Places of all points on a screen, x and y in turn.
+  // Screen coordinates of all points, x and y interleaved.
   function project(points, box, view, width, height) {
     const flat = new Float64Array(2 * points.length);
     const size = view.zoom * fitted(box, width, height);
@@ -70,14 +70,14 @@ const Scene = (function () {
     return flat;
   }
 
-  // Distance of a place to a line between two others.
+  // Distance of a point to a line segment.
   function distance(x, y, ax, ay, bx, by) {
     const dx = bx - ax, dy = by - ay, length = dx * dx + dy * dy;
     const t = length > 0 ? Math.min(1, Math.max(0, ((x - ax) * dx + (y - ay) * dy) / length)) : 0;
     return Math.hypot(x - ax - t * dx, y - ay - t * dy);
   }
 
-  // The edge nearest to a place, within a reach; -1 where there is none.
+  // The edge nearest to a point within a radius; -1 if there is none.
   function nearest(edges, flat, x, y, reach) {
     let best = -1, least = reach;
     for (let e = 0; e < edges.length; e++) {
@@ -88,7 +88,7 @@ const Scene = (function () {
     return best;
   }
 
-  // Edges from the largest residual down.
+  // Edges by descending residual.
   const ranking = (values) => values.map((_, e) => e).sort((a, b) => values[b] - values[a] || a - b);
 
   function sentence(data, e) {
@@ -109,7 +109,7 @@ const Scene = (function () {
     // JSON has no number for a residual that is not finite.
     for (const m of data.measures) m.values = m.values.map((v) => (v === null ? Infinity : v));
     const canvas = element.querySelector("canvas"), context = canvas.getContext("2d");
-    const said = element.querySelector(".said"), select = element.querySelector(".measure");
+    const status = element.querySelector(".status"), select = element.querySelector(".measure");
     const every = element.querySelector(".every"), box = frame(data.points);
     const consecutive = data.loop.filter((loop) => !loop).length;
     let view = start(data), flat = null, picked = -1, place = -1, waiting = false;
@@ -117,7 +117,7 @@ const Scene = (function () {
 
     const measure = () => data.measures[Number(select.value) || 0];
     const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-    // The paper's lightness decides, whichever way the theme was chosen.
+    // The background's lightness decides, however the theme was chosen.
     const isDark = () => parseInt(style("--paper").slice(1, 3), 16) < 128;
 
     function stroke(list, paint, thickness) {
@@ -150,7 +150,7 @@ const Scene = (function () {
         else plain.push(e);
       }
       const thin = data.edges.length > 5000 ? 0.7 : 1.2;
-      // Large residuals last, where nothing hides them.
+      // Large residuals last, on top.
       stroke(plain, style("--edge"), thin);
       buckets.forEach((list, k) => stroke(list, colour((k + 0.5) / COLOURS, dark), thin + 0.2));
       if (data.points.length <= 2000) {
@@ -184,7 +184,7 @@ const Scene = (function () {
     function pick(e) {
       if (e === picked) return;
       picked = e;
-      if (e >= 0) said.textContent = sentence(data, e);
+      if (e >= 0) status.textContent = sentence(data, e);
       redraw();
     }
 

@@ -20,7 +20,7 @@
     keep(name);
     apply(name);
   });
-  // Paper is white, and what scripts have drawn must suit it.
+  // Print on white, including what scripts have drawn.
   window.addEventListener("beforeprint", () => paint("light"));
   window.addEventListener("afterprint", () => paint(button.dataset.name));
   apply(names.includes(read()) ? read() : "system");
