@@ -83,8 +83,7 @@ class Case:
             An unknown tier.
         """
         tier = _tier(tier)
-        if not (0.0 <= rtol < 1.0 and 0.0 <= atol < 1.0):
-            raise InputError(f"tolerances must lie within 0 ... 1: rtol={rtol}, atol={atol}")
+        refuse_tolerances(rtol, atol)
         unit = unit_of(problem)
         try:
             scaled = problem.scaled(1.0 / unit)
@@ -262,6 +261,18 @@ def _difference_up(high: float, low: float) -> float:
     gap = high - low
     short = math.isfinite(gap) and Fraction(gap) < Fraction(high) - Fraction(low)
     return math.nextafter(gap, math.inf) if short else gap
+
+
+def refuse_tolerances(rtol: float, atol: float) -> None:
+    """Refuse tolerances that are negative, 1 or larger, or not finite.
+
+    Raises
+    ------
+    InputError
+        One is.
+    """
+    if not (0.0 <= rtol < 1.0 and 0.0 <= atol < 1.0):
+        raise InputError(f"tolerances must lie within 0 ... 1: rtol={rtol}, atol={atol}")
 
 
 def _tier(tier: Tier | str) -> Tier:

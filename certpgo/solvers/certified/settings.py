@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from certpgo.certify import Tier
-from certpgo.certify.case import ATOL, RTOL
+from certpgo.certify.case import ATOL, RTOL, refuse_tolerances
 from certpgo.errors import InputError, SpecError
 from certpgo.optimize.newton import NewtonSettings
 
@@ -75,6 +75,7 @@ class SolveSettings:
     def __post_init__(self) -> None:
         if self.time_limit is not None and not self.time_limit >= 0.0:
             raise InputError(f"the time limit must not be negative: {self.time_limit}")
+        refuse_tolerances(self.rtol, self.atol)
         if not self.patience >= 0.0:
             raise SpecError(f"patience must not be negative: {self.patience}")
         positive = ("lifted_tolerance", "rank_steps", "rounds", "round_nodes", "few", "negligible")
