@@ -189,7 +189,7 @@ judgements = {name: judged(values) for name, values in answers.items()}
 judgements["wound up, refine=False"] = judged(answers["wound up"], refine=False)
 
 for name, c in judgements.items():
-    print(f"{name:23} {c.verdict.value:10} F = {c.cost:9.2f}  F* >= {c.lower_bound:6.2f}")
+    print(f"{name:23} {c.verdict.value:10} F = {c.cost_upper:9.2f}  F* >= {c.lower_bound:6.2f}")
 
 # %%
 BLACK, ORANGE, GREEN, BLUE, VERMILION = "#000000", "#E69F00", "#009E73", "#0072B2", "#D55E00"
@@ -208,11 +208,11 @@ left.set_ylim(-2, 28)
 for row, c in enumerate(judgements.values()):
     colour = COLOURS[c.verdict.value]
     low = max(c.lower_bound, 100.0)
-    right.plot([low, c.cost], [row, row], color=colour, linewidth=2)
+    right.plot([low, c.cost_upper], [row, row], color=colour, linewidth=2)
     if c.lower_bound < low:  # an arrow towards zero, which a logarithmic axis lacks
         right.plot(low, row, "<", color=colour, clip_on=False)
-    right.plot(c.cost, row, "o", color=colour)
-    right.text(c.cost * 1.25, row, c.verdict.value, color=BLACK, va="center", fontsize=8)
+    right.plot(c.cost_upper, row, "o", color=colour)
+    right.text(c.cost_upper * 1.25, row, c.verdict.value, color=BLACK, va="center", fontsize=8)
 right.axvline(certificate.lower_bound, color=BLACK, linewidth=0.8, linestyle=":")
 right.set(xscale="log", xlim=(100, 2e5), xlabel="cost F and its lower bound")
 right.set_yticks(range(len(judgements)), list(judgements))
@@ -385,7 +385,7 @@ for degrees in (-360, 180):
     start = odometry(drift=np.radians(degrees) / LAP)
     biased[degrees] = judged(optimized(folder / "drive.g2o", start))
     c = biased[degrees]
-    print(f"{degrees:5} degrees a lap: {c.verdict.value:9} F = {c.cost:.2f}")
+    print(f"{degrees:5} degrees a lap: {c.verdict.value:9} F = {c.cost_upper:.2f}")
 
 # %% tags=["remove-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
 work.cleanup()

@@ -48,7 +48,7 @@ def test_beyond_it_the_point_is_refuted_by_its_rival(shown):
     refuted = shown["judged"]
     assert refuted.verdict.value == "REFUTED"
     # Residuals of 70 degrees one way are residuals of 50 the other.
-    assert refuted.cost == pytest.approx(24.0 * np.sin(np.radians(35.0)) ** 2, rel=1e-9)
+    assert refuted.cost_upper == pytest.approx(24.0 * np.sin(np.radians(35.0)) ** 2, rel=1e-9)
     assert refuted.better_cost == pytest.approx(24.0 * np.sin(np.radians(25.0)) ** 2, rel=1e-9)
 
 
