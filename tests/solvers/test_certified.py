@@ -772,7 +772,7 @@ def test_a_search_stopped_before_its_proof_claims_none():
     search = Staircase(case, SolveSettings(), Stop(silent, case.unit, math.inf), None)
     assert search.is_certified
     search.stop.deadline = -math.inf
-    judged = pipeline._judged
+    judged = pipeline._certificate
     assert judged(search, Tier.STANDARD).verdict is Verdict.CERTIFIED
     stopped = judged(search, Tier.PROOF)
     assert (stopped.verdict, stopped.tier) == (Verdict.UNDECIDED, Tier.PROOF)

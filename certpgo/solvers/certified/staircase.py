@@ -32,6 +32,9 @@ from certpgo.optimize.solution import Solution, Status
 from certpgo.optimize.starts import Start, start_of
 from certpgo.solvers.certified.settings import SolveSettings
 
+#: Negative eigenvalues above minus this, over the largest weight of a node, may be rounding.
+RESOLUTION = 16.0 * float(np.finfo(float).eps)
+
 
 @dataclass(frozen=True, eq=False)
 class Level:
@@ -154,7 +157,9 @@ class Staircase:
         level = self.levels[-1]
         # No point of the relaxation is lower by more than this.
         fall = -eigenvalue * direction.size
-        if fall <= self.settings.negligible * self.case.tolerance(self.best.cost):
+        rounding = RESOLUTION * float(self.problem.curvature.max())
+        negligible = self.settings.negligible * self.case.tolerance(self.best.cost)
+        if -eigenvalue <= rounding or fall <= negligible:
             self.floor = self.problem.cost(point)
             return None, direction
         self.levels[-1] = replace(level, eigenvalue=self.case.unit * eigenvalue)
