@@ -18,12 +18,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.certify.residual import measured_residual
-from certpgo.certify.rounding import U, rotation_defect
+from certpgo.certify.rounding import U
 from certpgo.certify.shifted import Shifted
 from certpgo.graph.lift import Point
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal, pinned, scatter_sum
 from certpgo.linalg.factor import Factor
+from certpgo.linalg.so import rotation_defect
 from certpgo.objective.problem import PoseProblem, Problem
 
 #: First shift tried, in units of rounding of the mean diagonal; then this much more each time.

@@ -16,11 +16,11 @@ import numpy as np
 
 from certpgo import checker
 from certpgo.certify.dual import DualBound
-from certpgo.certify.rounding import rotation_defect
 from certpgo.certify.shifted import Shifted
 from certpgo.graph import Estimate
 from certpgo.io.exact import quaternion
 from certpgo.linalg.arrays import BoolArray, FloatArray
+from certpgo.linalg.so import rotation_defect
 from certpgo.objective import operators
 from certpgo.objective.problem import PoseProblem, Problem
 

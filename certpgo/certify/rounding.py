@@ -9,20 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from certpgo.graph import Estimate
-from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.so import rotation_defect
 from certpgo.objective.problem import PoseProblem, Problem
 
 U = float(np.finfo(float).eps) / 2
-
-
-def rotation_defect(R: FloatArray) -> float:
-    """An upper bound on the Frobenius distance of stored matrices (n, d, d) from SO(d).
-
-    The polar factor Q of A satisfies |A - Q| <= |A^T A - I| / (1 + sigma_min(A)).
-    """
-    d = R.shape[-1]
-    return 0.51 * float(d) * (so.worst_defect(R)[1] + 16.0 * U)
 
 
 def cost_upper(problem: Problem, estimate: Estimate) -> float:

@@ -215,6 +215,15 @@ def worst_defect(R: FloatArray) -> tuple[int, float]:
     return worst, float(defect[worst])
 
 
+def rotation_defect(R: FloatArray) -> float:
+    """An upper bound on the Frobenius distance of stored matrices (n, d, d) from SO(d).
+
+    The polar factor Q of A satisfies |A - Q| <= |A^T A - I| / (1 + sigma_min(A)).
+    """
+    d = R.shape[-1]
+    return 0.51 * float(d) * (worst_defect(R)[1] + 8.0 * float(np.finfo(float).eps))
+
+
 def _defects(R: FloatArray) -> FloatArray:
     """Largest entry of |R^T R - I| of each matrix (n, d, d)."""
     d = R.shape[-1]

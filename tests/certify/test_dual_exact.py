@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, seeds
 
 from certpgo.certify import dual
-from certpgo.certify.rounding import rotation_defect
 from certpgo.certify.shifted import Shifted, _exponent
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import factor
 from certpgo.linalg.arrays import CSC
+from certpgo.linalg.so import rotation_defect
 from certpgo.objective.problem import PoseProblem, problem_of
 from certpgo.optimize.newton import newton
 

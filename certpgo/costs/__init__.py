@@ -1,0 +1,1 @@
+"""The costs of other programs, edge by edge, and their minorants."""

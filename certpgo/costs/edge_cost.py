@@ -1,0 +1,87 @@
+"""What a cost of measured poses is made of: one residual per edge, and a minorant of its square.
+
+An edge sees two poses only through v = R_i^T (t_j - t_i) and Q = R_i^T R_j. With the measured
+(R~, t~), y = R~^T (v - t~) and E = R~^T Q are the translation and rotation of what the measurement
+leaves unexplained, in the frame of the measured pose.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from certpgo.graph.information import InformationGraph
+from certpgo.linalg.arrays import BoolArray, FloatArray
+from certpgo.linalg.balls import Ball
+
+
+@dataclass(frozen=True, eq=False)
+class Minorants:
+    """Functions m_e(v, Q) = tau |v + Q a - b|^2 - 2 <N, Q> + constant, none above its edge's cost.
+
+    They hold for all v and all rotations Q, for the stored doubles, despite rounding. They are
+    linear in the Gram matrix of the poses, so their sum is a pose graph's cost plus a constant.
+
+    Attributes
+    ----------
+    tau : (m,) positive weights
+    a, b : (m, d) arms at the edge's second and first pose, metres
+    N : (m, d, d) couplings of the rotations
+    constant : (m,) rounded down; -inf where there is no minorant
+    """
+
+    tau: FloatArray
+    a: FloatArray
+    b: FloatArray
+    N: FloatArray
+    constant: FloatArray
+
+    @property
+    def exist(self) -> BoolArray:
+        """(m,) which edges have one."""
+        return np.isfinite(self.constant)
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeCost(ABC):
+    """A residual e(v, Q) of each edge with cost e^T Omega e.
+
+    Attributes
+    ----------
+    graph : the measurements with their information matrices Omega
+    """
+
+    graph: InformationGraph
+
+    #: Name in options and reports, and what it is in the words of the program's users.
+    name: ClassVar[str]
+    title: ClassVar[str]
+
+    @abstractmethod
+    def residuals(self, v: FloatArray, Q: FloatArray) -> FloatArray:
+        """(m, p) residuals, in the order of the information: translation, rotation."""
+
+    @abstractmethod
+    def linearized(
+        self, v: FloatArray, Q: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Residuals (m, p) with their derivatives in v, (m, p, d), and in w, (m, p, q).
+
+        Q moves to Q exp(w), as in `certpgo.linalg.so`.
+        """
+
+    @abstractmethod
+    def upper(self, v: Ball, Q: Ball) -> FloatArray:
+        """(m,) doubles not below the costs of any of these (v, Q)."""
+
+    @abstractmethod
+    def minorants(self, v: FloatArray, Q: FloatArray) -> Minorants:
+        """Minorants that touch the costs at (v, Q), up to rounding."""
+
+    def costs(self, v: FloatArray, Q: FloatArray) -> FloatArray:
+        """(m,) costs."""
+        e = self.residuals(v, Q)
+        return np.asarray(np.einsum("ma,mab,mb->m", e, self.graph.information, e))

@@ -1,0 +1,98 @@
+"""Measured poses with their full information matrices, as the program that wrote them meant them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from certpgo.errors import GraphError
+from certpgo.graph.graph import FAR, PoseGraph, RotationGraph
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats
+
+
+@dataclass(frozen=True, eq=False)
+class InformationGraph:
+    """Relative poses between nodes, each with a full information matrix.
+
+    Attributes
+    ----------
+    isotropic : the same measurements with the weights kappa and tau of the chordal cost
+    information : (m, p, p) symmetric matrices, translation before rotation, p = 3 or 6; 1/m^2,
+        1/m and dimensionless. What residual they weigh is the cost's: the rotational part refers to
+        the vector part of a quaternion in g2o, to the tangent space in GTSAM
+
+    Raises
+    ------
+    GraphError
+        Matrices of another shape, not symmetric, not finite or beyond the range of weights.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certpgo.datasets.synthetic import helix
+    >>> graph = helix(3, np.random.default_rng(0)).graph
+    >>> full = InformationGraph(graph, np.tile(np.diag([4.0, 4, 4, 1, 1, 1]), (2, 1, 1)))
+    >>> full.num_edges, full.is_definite.all()
+    (2, np.True_)
+    """
+
+    isotropic: PoseGraph
+    information: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "information", frozen_floats(self.information))
+        m, p = self.num_edges, self.d * (self.d + 1) // 2
+        if self.information.shape != (m, p, p):
+            raise GraphError(
+                f"information must be {(m, p, p)} matrices, not {self.information.shape}"
+            )
+        if not (np.abs(self.information) < FAR).all():
+            raise GraphError(f"information must be finite, with entries below {FAR:.2g}")
+        if (self.information != np.swapaxes(self.information, 1, 2)).any():
+            raise GraphError("information matrices must be symmetric")
+
+    @property
+    def rotation(self) -> RotationGraph:
+        """The graph of relative rotations."""
+        return self.isotropic.rotation
+
+    @property
+    def rotations(self) -> FloatArray:
+        """(m, d, d) measured rotations R_ij ~ R_i^T R_j."""
+        return self.isotropic.rotation.rotations
+
+    @property
+    def translations(self) -> FloatArray:
+        """(m, d) measured t_ij ~ R_i^T (t_j - t_i), metres."""
+        return self.isotropic.translations
+
+    @property
+    def edges(self) -> IntArray:
+        """(m, 2) node pairs (i, j)."""
+        return self.isotropic.edges
+
+    @property
+    def num_nodes(self) -> int:
+        """Number n of poses."""
+        return self.isotropic.num_nodes
+
+    @property
+    def num_edges(self) -> int:
+        """Number m of edges, parallel ones counted."""
+        return self.isotropic.num_edges
+
+    @property
+    def d(self) -> int:
+        """Dimension of space, 2 or 3."""
+        return self.isotropic.d
+
+    @cached_property
+    def is_definite(self) -> BoolArray:
+        """(m,) which information matrices are positive definite, as computed."""
+        return np.asarray(np.linalg.eigvalsh(self.information)[:, 0] > 0.0)
+
+    def with_edges(self, chosen: IntArray | BoolArray) -> InformationGraph:
+        """All nodes with only the ``chosen`` edges, given by index or mask (m,)."""
+        return InformationGraph(self.isotropic.with_edges(chosen), self.information[chosen])
