@@ -279,17 +279,25 @@ def _assembly_radii(
     i, j = graph.edges.T
     sums = (np.bincount(graph.edges.ravel(), minlength=n) + 4.0) * U
     root = math.sqrt(d)
-    measured = (
-        (sums + rotation_defect(graph.rotations)) * problem.rotation.node_weights * (1.0 + root)
-    )
-    turn = measured + sums * np.abs(multipliers).sum(axis=2).max(axis=1)
+    if graph.is_general:
+        # Couplings are stored as they are, and the nuclear norm bounds all of an edge's blocks.
+        nuclear = np.trace(graph.polar[1], axis1=1, axis2=2)
+        turn = 2.1 * root * sums * scatter_sum(graph.edges.ravel(), np.repeat(nuclear, 2), n)
+    else:
+        defect = rotation_defect(graph.rotations)
+        turn = (sums + defect) * problem.rotation.node_weights * (1.0 + root)
+    turn = turn + sums * np.abs(multipliers).sum(axis=2).max(axis=1)
     if not isinstance(problem, PoseProblem):
         return np.repeat(turn, d)
     w_t = float(w[~is_rotation][0])
-    length = np.abs(problem.graph.translations).sum(axis=1)
-    lever = problem.graph.tau * length
-    out = scatter_sum(i, lever, n)
-    turn = turn + sums * (scatter_sum(i, lever * length, n) + 2.0 * out * w_t)
-    move = 2.0 * problem.translation_weights * w_t + 2.0 * out + scatter_sum(j, lever, n)
+    tau, arms = problem.graph.tau, problem.graph.arms
+    at_i = np.abs(problem.graph.translations).sum(axis=1)
+    at_j = np.zeros_like(at_i) if arms is None else np.abs(arms).sum(axis=1)
+    out = scatter_sum(i, tau * at_i, n) + scatter_sum(j, tau * at_j, n)
+    both = at_i + at_j
+    spread = scatter_sum(i, tau * at_i * both, n) + scatter_sum(j, tau * at_j * both, n)
+    turn = turn + sums * (spread + 2.0 * out * w_t)
+    across = scatter_sum(j, tau * at_i, n) + scatter_sum(i, tau * at_j, n)
+    move = 2.0 * problem.translation_weights * w_t + 2.0 * out + across
     rows = np.concatenate([(sums * move)[:, None], np.repeat(turn[:, None], d, axis=1)], axis=1)
     return np.asarray(rows.ravel())

@@ -18,6 +18,9 @@ U = float(np.finfo(float).eps) / 2
 
 def cost_upper(problem: Problem, estimate: Estimate) -> float:
     """An upper bound on F of the estimate, whose translations are taken as stored."""
+    if problem.graph.is_general:
+        cost, error = _general(problem, estimate)
+        return cost + error
     weights, sizes, errors = _residuals(problem, estimate)
     terms = weights * (sizes * (1.0 + 32.0 * U) + errors) ** 2
     return float(np.sum(terms) * (1.0 + _of_a_sum(terms)))
@@ -25,6 +28,9 @@ def cost_upper(problem: Problem, estimate: Estimate) -> float:
 
 def cost_lower(problem: Problem, estimate: Estimate) -> float:
     """A lower bound on F of the estimate, also for quaternions rounded from its rotations."""
+    if problem.graph.is_general:
+        cost, error = _general(problem, estimate)
+        return max(cost - 2.0 * error, 0.0)
     weights, sizes, errors = _residuals(problem, estimate)
     terms = weights * np.maximum(sizes * (1.0 - 32.0 * U) - 2.0 * errors, 0.0) ** 2
     return float(np.sum(terms) * (1.0 - _of_a_sum(terms)))
@@ -46,6 +52,30 @@ def _residuals(problem: Problem, estimate: Estimate) -> tuple[FloatArray, FloatA
     weights = np.concatenate([graph.kappa, problem.graph.tau])
     errors = np.concatenate([error, (own + 32.0 * U) * lever])
     return weights, np.concatenate([norm, r]), errors
+
+
+def _general(problem: Problem, estimate: Estimate) -> tuple[float, float]:
+    """F and a bound on its error, for edges with couplings or arms."""
+    graph = problem.rotation.graph
+    _, K, _ = graph.polar
+    nuclear = np.trace(K, axis1=1, axis2=2)
+    own = rotation_defect(estimate.rotations)
+    E = problem.rotation.residuals(estimate.rotations)
+    size = np.sqrt(np.einsum("mab,mab->m", E, E))
+    # Residuals are off by `off`; the polar factors reproduce the couplings up to rounding.
+    off = 2.0 * own + 64.0 * U
+    errors = nuclear * (2.0 * off * size + off**2 + 64.0 * U)
+    terms = np.einsum("mab,mab->m", E @ K, E)
+    if isinstance(problem, PoseProblem) and estimate.translations is not None:
+        r = np.linalg.norm(problem.translation_residuals(estimate), axis=1)
+        lever = np.linalg.norm(problem.graph.translations, axis=1)
+        if problem.graph.arms is not None:
+            lever = lever + np.linalg.norm(problem.graph.arms, axis=1)
+        off = (own + 32.0 * U) * lever + 32.0 * U * r
+        terms = np.concatenate([terms, problem.graph.tau * r**2])
+        errors = np.concatenate([errors, problem.graph.tau * off * (2.0 * r + off)])
+    error = float(errors.sum() + _of_a_sum(terms) * np.abs(terms).sum())
+    return float(terms.sum()), 1.001 * error
 
 
 def _of_a_sum(terms: FloatArray) -> float:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from certpgo.graph.information import InformationGraph
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.balls import Ball
+from certpgo.linalg.so import rotation_defect
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +58,25 @@ class EdgeCost(ABC):
 
     graph: InformationGraph
 
-    #: Name in options and reports, and what it is in the words of the program's users.
+    #: Name in options and reports.
     name: ClassVar[str]
-    title: ClassVar[str]
+
+    @property
+    @abstractmethod
+    def title(self) -> str:
+        """What it is, in the words of the program's users."""
+
+    @cached_property
+    def measured(self) -> Ball:
+        """(m, d, d) the rotations nearest to the measured matrices, which are the data."""
+        R = self.graph.rotations
+        return Ball.within(R, rotation_defect(R))
+
+    def unexplained(self, v: FloatArray, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Translations y (m, d) and rotations E (m, d, d) between measured and given poses."""
+        back = np.swapaxes(self.graph.rotations, 1, 2)
+        y = (back @ (v - self.graph.translations)[:, :, None])[:, :, 0]
+        return y, back @ Q
 
     @abstractmethod
     def residuals(self, v: FloatArray, Q: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ world <- body i, an edge (i, j) measures R_ij ~ R_i^T R_j and t_ij ~ R_i^T (t_j 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar, Literal
@@ -46,6 +46,9 @@ class RotationGraph:
     rotations : (m, d, d) measured R_ij ~ R_i^T R_j, d = 2 or 3; a matrix of few digits is replaced
         by the nearest rotation
     kappa : (m,) rotational concentrations, between 2^-400 and 2^400
+    couplings : (m, d, d) matrices N of general edges, whose terms are tr(K) + tr(K') - 2 <N, Q>,
+        Q = R_i^T R_j, with K and K' the symmetric polar factors of N; None for N = kappa R_ij,
+        where that is kappa ||R_j - R_i R_ij||_F^2. See `with_matrix_weights`
 
     Raises
     ------
@@ -71,6 +74,7 @@ class RotationGraph:
     edges: IntArray
     rotations: FloatArray
     kappa: FloatArray
+    couplings: FloatArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "edges", frozen_indices(self.edges))
@@ -94,6 +98,48 @@ class RotationGraph:
         if defect > so.ROUNDING_DEFECT:
             cleaned = frozen_floats(so.nearest_to_rounding(self.rotations))
             object.__setattr__(self, "rotations", cleaned)
+        if self.couplings is not None:
+            object.__setattr__(self, "couplings", frozen_floats(self.couplings))
+            _check_matrices("couplings", self.couplings, (m, self.d, self.d), self.edges)
+
+    def with_matrix_weights(self, K: FloatArray) -> RotationGraph:
+        """The same measurements with terms tr(E K E^T), E = R_j - R_i R_ij.
+
+        Weights act on the right, in the frame of node j. With tangent information O_R, that is
+        4 sin^2(theta/2) n^T O_R n for a residual angle theta about n, for K = tr(O_R)/2 I - O_R.
+
+        Parameters
+        ----------
+        K : (m, d, d) symmetric positive definite matrices
+
+        Raises
+        ------
+        GraphError
+            One is not.
+        """
+        K = np.asarray(K, dtype=np.float64)
+        if K.shape != self.rotations.shape or (np.swapaxes(K, 1, 2) != K).any():
+            raise GraphError(f"matrix weights must be {self.rotations.shape} and symmetric")
+        indefinite = np.asarray(~(np.linalg.eigvalsh(K)[:, 0] > 0.0))
+        if indefinite.any():
+            raise GraphError(f"{_edge_name(self.edges, indefinite)}: K is not positive definite")
+        kappa = np.trace(K, axis1=1, axis2=2) / self.d
+        return replace(self, kappa=kappa, couplings=self.rotations @ K)
+
+    @property
+    def is_general(self) -> bool:
+        """Whether edges have couplings."""
+        return self.couplings is not None
+
+    @cached_property
+    def polar(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Factors P, K and K' (m, d, d) of the couplings: N = P K = K' P, P orthogonal, K >= 0."""
+        if self.couplings is None:
+            K = self.kappa[:, None, None] * np.eye(self.d)
+            return self.rotations, K, K
+        U, s, Vt = np.linalg.svd(self.couplings)
+        V, Ut = np.swapaxes(Vt, 1, 2), np.swapaxes(U, 1, 2)
+        return U @ Vt, _symmetric((V * s[:, None, :]) @ Vt), _symmetric((U * s[:, None, :]) @ Ut)
 
     @property
     def d(self) -> int:
@@ -130,7 +176,11 @@ class RotationGraph:
         """Concentrations times factors (m,); an edge with factor 0 is removed."""
         kept = factors != 0.0
         graph = self if kept.all() else self.with_edges(kept)
-        return graph.with_weights(factors[kept] * graph.kappa)
+        factors = factors[kept]
+        couplings = graph.couplings
+        if couplings is not None:
+            couplings = factors[:, None, None] * couplings
+        return replace(graph, kappa=factors * graph.kappa, couplings=couplings)
 
     def without_parallel_edges(self, keep: Keep) -> RotationGraph:
         """Keep ``"all"`` parallel edges, or the ``"first"`` or ``"last"`` of each pair {i, j}."""
@@ -138,14 +188,18 @@ class RotationGraph:
 
     def with_edges(self, chosen: IntArray | BoolArray) -> RotationGraph:
         """All nodes with only the ``chosen`` edges, given by index or mask (m,)."""
-        return RotationGraph(
-            self.num_nodes, self.edges[chosen], self.rotations[chosen], self.kappa[chosen]
-        )
+        return self._with(self.num_nodes, self.edges[chosen], chosen)
 
     def subgraph(self, nodes: IntArray) -> RotationGraph:
         """The graph induced on ``nodes``, renumbered in that order."""
         edges, chosen = _induced(self.num_nodes, self.edges, nodes)
-        return RotationGraph(len(nodes), edges, self.rotations[chosen], self.kappa[chosen])
+        return self._with(len(nodes), edges, chosen)
+
+    def _with(self, num_nodes: int, edges: IntArray, chosen: IntArray | BoolArray) -> RotationGraph:
+        couplings = None if self.couplings is None else self.couplings[chosen]
+        return RotationGraph(
+            num_nodes, edges, self.rotations[chosen], self.kappa[chosen], couplings
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +212,8 @@ class PoseGraph:
     rotation : the graph of relative rotations
     translations : (m, d) measured t_ij ~ R_i^T (t_j - t_i), metres
     tau : (m,) translational concentrations, 1/m^2, between 2^-400 and 2^400
+    arms : (m, d) points a of general edges, in the frame of pose j, whose terms are
+        tau |t_j + R_j a - t_i - R_i t_ij|^2; metres. None for zeros
 
     Raises
     ------
@@ -183,6 +239,7 @@ class PoseGraph:
     rotation: RotationGraph
     translations: FloatArray
     tau: FloatArray
+    arms: FloatArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "translations", frozen_floats(self.translations))
@@ -194,6 +251,36 @@ class PoseGraph:
         if bad.any():
             raise GraphError(f"{_edge_name(self.edges, bad)}: translation is not finite")
         _check_weights("tau", self.tau, self.edges)
+        if self.arms is not None:
+            object.__setattr__(self, "arms", frozen_floats(self.arms))
+            _check_matrices("arms", self.arms, expected, self.edges)
+
+    def with_matrix_weights(self, W: FloatArray) -> PoseGraph:
+        """The same measurements with terms tr(E W E^T), E = X_j - X_i [[1, 0], [t_ij, R_ij]].
+
+        X = [t R] interleaved: the translation comes first. A positive semidefinite W is the second
+        moment of a point cloud, and the term its point-to-point registration.
+
+        Parameters
+        ----------
+        W : (m, d + 1, d + 1) symmetric positive definite matrices
+
+        Raises
+        ------
+        GraphError
+            One is not.
+        """
+        W, d = np.asarray(W, dtype=np.float64), self.d
+        if W.shape != (self.num_edges, d + 1, d + 1) or (np.swapaxes(W, 1, 2) != W).any():
+            raise GraphError(f"matrix weights must be {(self.num_edges, d + 1, d + 1)}, symmetric")
+        tau, k = W[:, 0, 0], W[:, 0, 1:]
+        _check_weights("tau", tau, self.edges)
+        # tau |E_t + E_R k / tau|^2 + tr(E_R (K - k k^T / tau) E_R^T)
+        arms = k / tau[:, None]
+        K = W[:, 1:, 1:] - k[:, :, None] * arms[:, None, :]
+        rotation = self.rotation.with_matrix_weights(_symmetric(K))
+        turned = (rotation.rotations @ arms[:, :, None])[:, :, 0]
+        return PoseGraph(rotation, self.translations + turned, tau, arms)
 
     @property
     def num_nodes(self) -> int:
@@ -236,13 +323,14 @@ class PoseGraph:
         """The same measurements with other concentrations; None keeps the current ones."""
         rotation = self.rotation if kappa is None else self.rotation.with_weights(kappa)
         new_tau = self.tau if tau is None else _broadcast(tau, self.num_edges)
-        return PoseGraph(rotation, self.translations, new_tau)
+        return PoseGraph(rotation, self.translations, new_tau, self.arms)
 
     def reweighted(self, factors: FloatArray) -> PoseGraph:
         """Concentrations times factors (m,); an edge with factor 0 is removed."""
         kept = factors != 0.0
         graph = self if kept.all() else self.with_edges(kept)
-        return graph.with_weights(factors[kept] * graph.rotation.kappa, factors[kept] * graph.tau)
+        factors = factors[kept]
+        return replace(graph, rotation=graph.rotation.reweighted(factors), tau=factors * graph.tau)
 
     def without_parallel_edges(self, keep: Keep) -> PoseGraph:
         """Keep ``"all"`` parallel edges, or the ``"first"`` or ``"last"`` of each pair {i, j}."""
@@ -250,14 +338,21 @@ class PoseGraph:
 
     def with_edges(self, chosen: IntArray | BoolArray) -> PoseGraph:
         """All nodes with only the ``chosen`` edges, given by index or mask (m,)."""
-        return PoseGraph(
-            self.rotation.with_edges(chosen), self.translations[chosen], self.tau[chosen]
-        )
+        return self._with(self.rotation.with_edges(chosen), chosen)
 
     def subgraph(self, nodes: IntArray) -> PoseGraph:
         """The graph induced on ``nodes``, renumbered in that order."""
         _, chosen = _induced(self.num_nodes, self.edges, nodes)
-        return PoseGraph(self.rotation.subgraph(nodes), self.translations[chosen], self.tau[chosen])
+        return self._with(self.rotation.subgraph(nodes), chosen)
+
+    def _with(self, rotation: RotationGraph, chosen: IntArray | BoolArray) -> PoseGraph:
+        arms = None if self.arms is None else self.arms[chosen]
+        return PoseGraph(rotation, self.translations[chosen], self.tau[chosen], arms)
+
+    @property
+    def is_general(self) -> bool:
+        """Whether edges have arms or couplings."""
+        return self.arms is not None or self.rotation.is_general
 
 
 Graph = RotationGraph | PoseGraph
@@ -352,6 +447,18 @@ def _check_weights(name: str, weights: FloatArray, edges: IntArray) -> None:
         value = weights[np.argmax(bad)]
         expected = "positive" if value <= 0.0 else f"between {1.0 / FAR:.2g} and {FAR:.2g}"
         raise GraphError(f"{_edge_name(edges, bad)}: {name} is {value}; it must be {expected}")
+
+
+def _check_matrices(name: str, values: FloatArray, shape: tuple[int, ...], edges: IntArray) -> None:
+    if values.shape != shape:
+        raise GraphError(f"{name} must be {shape}, not {values.shape}")
+    bad = np.asarray(~(np.abs(values) < FAR).reshape(len(edges), -1).all(axis=1))
+    if bad.any():
+        raise GraphError(f"{_edge_name(edges, bad)}: {name} must be below {FAR:.2g}")
+
+
+def _symmetric(A: FloatArray) -> FloatArray:
+    return np.asarray(0.5 * (A + np.swapaxes(A, 1, 2)))
 
 
 def _edge_name(edges: IntArray, bad: BoolArray) -> str:

@@ -1,4 +1,4 @@
-"""Measured poses with their full information matrices, as the program that wrote them meant them."""
+"""Measured poses with their full information matrices."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
+from certpgo.checker import FAR
 from certpgo.errors import GraphError
-from certpgo.graph.graph import FAR, PoseGraph, RotationGraph
+from certpgo.graph.graph import PoseGraph, RotationGraph
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats
 
 

@@ -8,7 +8,7 @@ numbers in its operands. It relies on IEEE 754 arithmetic, and on elementary fun
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Union
+from typing import Any, Union
 
 import numpy as np
 
@@ -71,12 +71,12 @@ class Ball:
         return np.asarray(np.abs(self.mid) + self.radius) * _UP
 
     @property
-    def T(self) -> Ball:
+    def T(self) -> Ball:  # noqa: N802
         """The transposes of matrices (..., p, q)."""
         return Ball(np.swapaxes(self.mid, -1, -2), np.swapaxes(self.radius, -1, -2))
 
-    def __getitem__(self, index: object) -> Ball:
-        return Ball(self.mid[index], self.radius[index])  # type: ignore[index]
+    def __getitem__(self, index: Any) -> Ball:
+        return Ball(self.mid[index], self.radius[index])
 
     def __neg__(self) -> Ball:
         return Ball(-self.mid, self.radius)
@@ -127,6 +127,14 @@ class Ball:
     def apply(self, vectors: Number) -> Ball:
         """Products of matrices (..., p, q) and vectors (..., q)."""
         return (self @ _ball(vectors)[..., None])[..., 0]
+
+    def reshaped(self, *shape: int) -> Ball:
+        """The same balls in another shape."""
+        return Ball(self.mid.reshape(shape), self.radius.reshape(shape))
+
+    def padded(self, widths: tuple[tuple[int, int], ...]) -> Ball:
+        """Zeros around, as by `numpy.pad`."""
+        return Ball(np.pad(self.mid, widths), np.pad(self.radius, widths))
 
     def squared(self) -> Ball:
         """Squares."""
@@ -180,4 +188,4 @@ def sums(ball: Ball, axis: int = -1) -> Ball:
 
 
 def _count(ball: Ball, axis: int) -> float:
-    return (ball.mid.shape[axis] + 2.0) * U * (1.0 + 1e-12)
+    return float((ball.mid.shape[axis] + 2.0) * U * (1.0 + 1e-12))

@@ -31,16 +31,45 @@ def laplacian(blocks: BlockPattern, weights: FloatArray) -> CSC:
     return blocks.assemble(degree[:, None, None], -weights[:, None, None])
 
 
+def spread(graph: RotationGraph) -> FloatArray:
+    """(n, d, d) sums at each node of the edges' weights: deg I, or the polar factors."""
+    n, d = graph.num_nodes, graph.d
+    if not graph.is_general:
+        return np.asarray(degrees(graph.edges, graph.kappa, n)[:, None, None] * np.eye(d))
+    i, j = graph.edges.T
+    _, K, K_left = graph.polar
+    return scatter_sum(i, K_left, n) + scatter_sum(j, K, n)
+
+
+def coupled(graph: RotationGraph) -> FloatArray:
+    """(m, d, d) couplings N: kappa R_ij where edges are isotropic."""
+    if graph.couplings is None:
+        return np.asarray(graph.kappa[:, None, None] * graph.rotations)
+    return graph.couplings
+
+
+def moments(graph: PoseGraph) -> tuple[FloatArray, FloatArray]:
+    """(n, d) and (n, d, d) first and second moments, weighted by tau, of the arms at each node."""
+    n, (i, j) = graph.num_nodes, graph.edges.T
+    b, a = graph.translations, graph.arms
+    at_i = graph.tau[:, None] * b
+    first = scatter_sum(i, at_i, n)
+    second = scatter_sum(i, at_i[:, :, None] * b[:, None, :], n)
+    if a is not None:
+        at_j = graph.tau[:, None] * a
+        first += scatter_sum(j, at_j, n)
+        second += scatter_sum(j, at_j[:, :, None] * a[:, None, :], n)
+    return first, second
+
+
 def connection_laplacian(blocks: BlockPattern, graph: RotationGraph, shift: float = 0.0) -> CSC:
     """Rotation connection Laplacian L (plus ``shift`` I), (dn, dn).
 
     L_ii = deg_i I and L_ij = -kappa R_ij: the thesis' (Laplacian x 1) o Rtilde, eq. 4.6; in
-    Eriksson et al. blkdiag(deg I) - Rtilde, eq. 9. F(R) = tr(R L R^T).
+    Eriksson et al. blkdiag(deg I) - Rtilde, eq. 9. F(R) = tr(R L R^T). Of general edges, the
+    polar factors and -N.
     """
-    degree = degrees(graph.edges, graph.kappa, graph.num_nodes) + shift
-    return blocks.assemble(
-        degree[:, None, None] * np.eye(graph.d), -graph.kappa[:, None, None] * graph.rotations
-    )
+    return blocks.assemble(spread(graph) + shift * np.eye(graph.d), -coupled(graph))
 
 
 def data_matrix(blocks: BlockPattern, graph: PoseGraph) -> CSC:
@@ -48,21 +77,21 @@ def data_matrix(blocks: BlockPattern, graph: PoseGraph) -> CSC:
 
     Rosen et al. (SE-Sync, IJRR 2019) eq. 20, interleaved.
     """
-    n, d, i = graph.num_nodes, graph.d, graph.edges[:, 0]
-    tau, t = graph.tau, graph.translations
-    kappa = graph.rotation.kappa
-    moment = tau[:, None] * t
-
+    n, d, tau = graph.num_nodes, graph.d, graph.tau
+    first, second = moments(graph)
     diagonal = np.zeros((n, d + 1, d + 1))
     diagonal[:, 0, 0] = degrees(graph.edges, tau, n)
-    diagonal[:, 0, 1:] = diagonal[:, 1:, 0] = scatter_sum(i, moment, n)
-    spread = scatter_sum(i, moment[:, :, None] * t[:, None, :], n)
-    diagonal[:, 1:, 1:] = degrees(graph.edges, kappa, n)[:, None, None] * np.eye(d) + spread
+    diagonal[:, 0, 1:] = diagonal[:, 1:, 0] = first
+    diagonal[:, 1:, 1:] = spread(graph.rotation) + second
 
     upper = np.zeros((graph.num_edges, d + 1, d + 1))
     upper[:, 0, 0] = -tau
-    upper[:, 1:, 0] = -moment  # rotation of i against translation of j
-    upper[:, 1:, 1:] = -kappa[:, None, None] * graph.rotation.rotations
+    # Rotation of i against translation of j.
+    upper[:, 1:, 0] = -tau[:, None] * graph.translations
+    upper[:, 1:, 1:] = -coupled(graph.rotation)
+    if graph.arms is not None:
+        upper[:, 0, 1:] = -tau[:, None] * graph.arms
+        upper[:, 1:, 1:] += upper[:, 1:, :1] * graph.arms[:, None, :]
     return blocks.assemble(diagonal, upper)
 
 
@@ -97,13 +126,13 @@ def rotation_hessian(
     -------
     (n, p, p) diagonal blocks and (m, p, p) blocks of edges (i, j), p = d (d - 1) / 2
     """
-    d = graph.d
     i, j = graph.edges.T
-    degree = degrees(graph.edges, graph.kappa, graph.num_nodes)
-    S = degree[:, None, None] * np.eye(d) - multipliers
     between = np.swapaxes(R[j], 1, 2) @ R[i]
-    coupling = _tangent_coupling(graph.rotations, between)
-    return tangent_restriction(S), -graph.kappa[:, None, None] * coupling
+    if graph.couplings is None:
+        upper = -graph.kappa[:, None, None] * _tangent_coupling(graph.rotations, between)
+    else:
+        upper = -_general_coupling(graph.couplings, between)
+    return tangent_restriction(spread(graph) - multipliers), upper
 
 
 def pose_hessian(
@@ -116,23 +145,26 @@ def pose_hessian(
     """
     d, n = graph.d, graph.num_nodes
     p = so.tangent_dim(d)
-    i = graph.edges[:, 0]
+    i, j = graph.edges.T
     tau, t = graph.tau, graph.translations
     rotation_diagonal, rotation_upper = rotation_hessian(graph.rotation, R, multipliers)
-    # The residual t_j - t_i - R_i t_ij moves by dt_j - dt_i + R_i lever(t_ij) w_i.
-    moment = scatter_sum(i, tau[:, None] * t, n)
-    spread = scatter_sum(i, (tau[:, None] * t)[:, :, None] * t[:, None, :], n)
-
+    # The residual moves by dt_j - dt_i + R_i lever(t_ij) w_i - R_j lever(a) w_j.
+    first, second = moments(graph)
     diagonal = np.zeros((n, d + p, d + p))
     diagonal[:, :d, :d] = degrees(graph.edges, tau, n)[:, None, None] * np.eye(d)
-    diagonal[:, :d, d:] = -R @ _lever(moment)
+    diagonal[:, :d, d:] = -R @ _lever(first)
     diagonal[:, d:, :d] = np.swapaxes(diagonal[:, :d, d:], 1, 2)
-    diagonal[:, d:, d:] = rotation_diagonal + tangent_restriction(spread)
+    diagonal[:, d:, d:] = rotation_diagonal + tangent_restriction(second)
 
     upper = np.zeros((graph.num_edges, d + p, d + p))
     upper[:, np.arange(d), np.arange(d)] = -tau[:, None]
-    upper[:, d:, :d] = np.swapaxes(R[i] @ _lever(tau[:, None] * t), 1, 2)
+    at_i = R[i] @ _lever(tau[:, None] * t)
+    upper[:, d:, :d] = np.swapaxes(at_i, 1, 2)
     upper[:, d:, d:] = rotation_upper
+    if graph.arms is not None:
+        at_j = R[j] @ _lever(graph.arms)
+        upper[:, :d, d:] = tau[:, None, None] * at_j
+        upper[:, d:, d:] -= np.swapaxes(at_i, 1, 2) @ at_j
     return diagonal, upper
 
 
@@ -157,29 +189,40 @@ def lifted_hessian(
     rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
     n, q, r, d = basis.shape
     i, j = graph.edges.T
-    spread = degrees(graph.edges, rotation.kappa, n)[:, None, None] * np.eye(d) - multipliers
-    carried = (basis[i] @ rotation.rotations[:, None]).reshape(-1, q, r * d)
-    there = np.swapaxes(basis[j].reshape(-1, q, r * d), 1, 2)
-    coupling = -rotation.kappa[:, None, None] * (carried @ there)
     flat = basis.reshape(n, q, r * d)
+    weights = spread(rotation) - multipliers
+    carried = (basis[i] @ _carrier(rotation)[:, None]).reshape(-1, q, r * d)
+    there = np.swapaxes(flat[j], 1, 2)
+    coupling = carried @ there
+    if not rotation.is_general:
+        coupling *= rotation.kappa[:, None, None]
     if not isinstance(graph, PoseGraph):
-        return (basis @ spread[:, None]).reshape(n, q, r * d) @ np.swapaxes(flat, 1, 2), coupling
-    tau, t = graph.tau, graph.translations
-    moment = scatter_sum(i, tau[:, None] * t, n)
-    spread = spread + scatter_sum(i, (tau[:, None] * t)[:, :, None] * t[:, None, :], n)
+        return (basis @ weights[:, None]).reshape(n, q, r * d) @ np.swapaxes(flat, 1, 2), -coupling
+    tau = graph.tau[:, None]
+    first, second = moments(graph)
+    weights = weights + second
 
     diagonal = np.zeros((n, r + q, r + q))
-    diagonal[:, :r, :r] = degrees(graph.edges, tau, n)[:, None, None] * np.eye(r)
-    diagonal[:, r:, :r] = (basis @ moment[:, None, :, None])[..., 0]
+    diagonal[:, :r, :r] = degrees(graph.edges, graph.tau, n)[:, None, None] * np.eye(r)
+    diagonal[:, r:, :r] = (basis @ first[:, None, :, None])[..., 0]
     diagonal[:, :r, r:] = np.swapaxes(diagonal[:, r:, :r], 1, 2)
-    turned = (basis @ spread[:, None]).reshape(n, q, r * d)
+    turned = (basis @ weights[:, None]).reshape(n, q, r * d)
     diagonal[:, r:, r:] = turned @ np.swapaxes(flat, 1, 2)
 
     upper = np.zeros((graph.num_edges, r + q, r + q))
-    upper[:, np.arange(r), np.arange(r)] = -tau[:, None]
-    upper[:, r:, :r] = -(basis[i] @ (tau[:, None] * t)[:, None, :, None])[..., 0]
-    upper[:, r:, r:] = coupling
+    upper[:, np.arange(r), np.arange(r)] = -tau
+    at_i = (basis[i] @ (tau * graph.translations)[:, None, :, None])[..., 0]
+    upper[:, r:, :r] = -at_i
+    upper[:, r:, r:] = -coupling
+    if graph.arms is not None:
+        at_j = (basis[j] @ graph.arms[:, None, :, None])[..., 0]
+        upper[:, :r, r:] = -tau[:, None] * np.swapaxes(at_j, 1, 2)
+        upper[:, r:, r:] -= at_i @ np.swapaxes(at_j, 1, 2)
     return diagonal, upper
+
+
+def _carrier(graph: RotationGraph) -> FloatArray:
+    return graph.rotations if graph.couplings is None else graph.couplings
 
 
 def tangent_restriction(S: FloatArray) -> FloatArray:
@@ -202,3 +245,11 @@ def _tangent_coupling(A: FloatArray, B: FloatArray) -> FloatArray:
     """
     form = tangent_restriction(A @ B)
     return form if A.shape[-1] == 2 else np.asarray(form @ A)
+
+
+def _general_coupling(A: FloatArray, B: FloatArray) -> FloatArray:
+    """(m, p, p) forms (v, w) -> tr(hat(v) A hat(w)^T B) for any matrices A."""
+    basis = so.hat(np.eye(so.tangent_dim(A.shape[-1])))
+    left = np.einsum("mab,kbc->mkac", B, basis)
+    right = np.einsum("mab,lcb->mlac", A, basis)
+    return np.asarray(np.einsum("mkac,mlca->mkl", left, right))

@@ -91,9 +91,10 @@ class RotationProblem(Objective):
         return self.connection_laplacian
 
     def residuals(self, R: FloatArray) -> FloatArray:
-        """(m, r, d) matrices R_j - R_i R_ij, for rotations (n, r, d)."""
+        """(m, r, d) matrices R_j - R_i R_ij, for rotations (n, r, d); R_j - R_i P if N = P K."""
         i, j = self.graph.edges.T
-        return np.asarray(R[j] - R[i] @ self.graph.rotations)
+        measured = self.graph.polar[0] if self.graph.is_general else self.graph.rotations
+        return np.asarray(R[j] - R[i] @ measured)
 
     def cost(self, point: Point) -> float:
         """F of the point's rotations."""
@@ -101,11 +102,17 @@ class RotationProblem(Objective):
 
     def cost_of(self, residuals: FloatArray) -> float:
         """F, from the residuals (m, r, d)."""
+        if self.graph.is_general:
+            return float(self._terms(residuals).sum())
         return float(self.graph.kappa @ np.einsum("mab,mab->m", residuals, residuals))
 
     def edge_costs(self, point: Point) -> FloatArray:
         """(m,) terms of F, one per edge."""
-        E = self.residuals(point.rotations)
+        return self._terms(self.residuals(point.rotations))
+
+    def _terms(self, E: FloatArray) -> FloatArray:
+        if self.graph.is_general:
+            return np.asarray(np.einsum("mab,mab->m", E @ self.graph.polar[1], E))
         return np.asarray(self.graph.kappa * np.einsum("mab,mab->m", E, E))
 
     def gradient(self, point: Point) -> FloatArray:
@@ -115,8 +122,13 @@ class RotationProblem(Objective):
     def gradient_of(self, residuals: FloatArray) -> FloatArray:
         """Half the Euclidean gradient of F, (n, r, d), from the residuals."""
         i, j = self.graph.edges.T
-        E = self.graph.kappa[:, None, None] * residuals
-        back = E @ np.swapaxes(self.graph.rotations, 1, 2)
+        measured = self.graph.rotations
+        if self.graph.is_general:
+            measured, K, _ = self.graph.polar
+            E = residuals @ K
+        else:
+            E = self.graph.kappa[:, None, None] * residuals
+        back = E @ np.swapaxes(measured, 1, 2)
         return scatter_sum(j, E, self.n) - scatter_sum(i, back, self.n)
 
     def residual_angles(self, estimate: Estimate) -> FloatArray:
@@ -273,15 +285,19 @@ class PoseProblem(Objective):
         return self.settled(Estimate(rotations, np.zeros(rotations.shape[:2])))
 
     def translation_residuals(self, point: Point) -> FloatArray:
-        """(m, r) vectors t_j - t_i - R_i t_ij."""
+        """(m, r) vectors t_j - t_i - R_i t_ij, plus R_j a where an edge has an arm a."""
         i, j = self.graph.edges.T
         t = _translations(point)
         return np.asarray(t[j] - t[i] - self._steps(point))
 
     def _steps(self, point: Point) -> FloatArray:
-        """(m, r) vectors R_i t_ij."""
-        R = point.rotations[self.graph.edges[:, 0]]
-        return np.asarray((R @ self.graph.translations[:, :, None])[:, :, 0])
+        """(m, r) vectors R_i t_ij, minus R_j a where an edge has an arm a."""
+        i, j = self.graph.edges.T
+        R = point.rotations
+        steps = (R[i] @ self.graph.translations[:, :, None])[:, :, 0]
+        if self.graph.arms is not None:
+            steps = steps - (R[j] @ self.graph.arms[:, :, None])[:, :, 0]
+        return np.asarray(steps)
 
     def cost(self, point: Point) -> float:
         """F of the point."""
@@ -303,11 +319,15 @@ class PoseProblem(Objective):
         return self._gradient_of(E, r)
 
     def _gradient_of(self, E: FloatArray, r: FloatArray) -> FloatArray:
-        moment = (self.graph.tau[:, None] * r)[:, :, None] * self.graph.translations[:, None, :]
+        force = (self.graph.tau[:, None] * r)[:, :, None]
+        moment = force * self.graph.translations[:, None, :]
         G = np.empty((self.n, r.shape[1], self.d + 1))
         G[:, :, 0] = self._forces(r)
         G[:, :, 1:] = self.rotation.gradient_of(E)
         G[:, :, 1:] -= scatter_sum(self.graph.edges[:, 0], moment, self.n)
+        if self.graph.arms is not None:
+            moment = force * self.graph.arms[:, None, :]
+            G[:, :, 1:] += scatter_sum(self.graph.edges[:, 1], moment, self.n)
         return G
 
     def _forces(self, residuals: FloatArray) -> FloatArray:
@@ -351,10 +371,14 @@ class PoseProblem(Objective):
 
     @cached_property
     def lever_weights(self) -> FloatArray:
-        """(n,) sums of tau |t_ij|^2 over the edges that leave each node."""
-        t = self.graph.translations
+        """(n,) sums of tau |t_ij|^2 over the edges that leave each node, and of tau |a|^2."""
+        t, a = self.graph.translations, self.graph.arms
         lever = self.graph.tau * np.einsum("ma,ma->m", t, t)
-        return scatter_sum(self.graph.edges[:, 0], lever, self.n)
+        levers = scatter_sum(self.graph.edges[:, 0], lever, self.n)
+        if a is not None:
+            lever = self.graph.tau * np.einsum("ma,ma->m", a, a)
+            levers += scatter_sum(self.graph.edges[:, 1], lever, self.n)
+        return levers
 
     def scaled(self, factor: float) -> PoseProblem:
         """The same measurements with all weights times ``factor``; pattern and order are shared."""
