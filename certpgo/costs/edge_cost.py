@@ -83,17 +83,15 @@ class EdgeCost(ABC):
         """(m, p) residuals, in the order of the information: translation, rotation."""
 
     @abstractmethod
-    def linearized(
-        self, v: FloatArray, Q: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def linearized(self, v: FloatArray, Q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Residuals (m, p) with their derivatives in v, (m, p, d), and in w, (m, p, q).
 
         Q moves to Q exp(w), as in `certpgo.linalg.so`.
         """
 
     @abstractmethod
-    def upper(self, v: Ball, Q: Ball) -> FloatArray:
-        """(m,) doubles not below the costs of any of these (v, Q)."""
+    def enclosures(self, v: Ball, Q: Ball) -> Ball:
+        """(m,) balls that contain the costs of all of these (v, Q)."""
 
     @abstractmethod
     def minorants(self, v: FloatArray, Q: FloatArray) -> Minorants:

@@ -73,21 +73,20 @@ class G2oCost(EdgeCost):
             in_w[:, d:] = 0.5 * (quaternion[:, :1, None] * np.eye(3) + so.hat(turned))
         return np.concatenate([y, turned], axis=1), in_v, in_w
 
-    def upper(self, v: Ball, Q: Ball) -> FloatArray:
-        """(m,) doubles not below the costs of any of these (v, Q)."""
-        measured = self.measured
+    def enclosures(self, v: Ball, Q: Ball) -> Ball:
+        """(m,) balls that contain the costs of all of these (v, Q)."""
+        measured, d = self.measured, self.graph.d
         y, E = measured.T.apply(v - self.graph.translations), measured.T @ Q
-        d = self.graph.d
         T, P, W = blocks(self.graph.information, d)
         if d == 2:
-            a = arctan2(E[:, 1, 0] - E[:, 0, 1], E[:, 0, 0] + E[:, 1, 1])[:, None]
-            cross = 2.0 * y.dot(_times(P, a))
-            return np.asarray((y.dot(_times(T, y)) + cross + a.dot(_times(W, a))).upper)
-        b, sure = _vector_parts(E)
-        cross = 2.0 * y.dot(_times(P, b))
-        # With w near zero, b may also be -b.
-        either = np.where(sure, cross.upper, cross.size)
-        return np.asarray((y.dot(_times(T, y)) + b.dot(_times(W, b)) + Ball.exact(either)).upper)
+            x = arctan2(E[:, 1, 0] - E[:, 0, 1], E[:, 0, 0] + E[:, 1, 1])[:, None]
+            cross = 2.0 * y.dot(_times(P, x))
+        else:
+            x, sure = _vector_parts(E)
+            cross = 2.0 * y.dot(_times(P, x))
+            # With w near zero, the vector part may also be -x.
+            cross = Ball(np.where(sure, cross.mid, 0.0), np.where(sure, cross.radius, cross.size))
+        return y.dot(_times(T, y)) + cross + x.dot(_times(W, x))
 
     def minorants(self, v: FloatArray, Q: FloatArray) -> Minorants:
         """Minorants that touch the costs at (v, Q), up to rounding.

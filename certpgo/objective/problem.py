@@ -388,6 +388,10 @@ class PoseProblem(Objective):
         """The problem with weights times factors (m,); an edge with factor 0 is removed."""
         return self._shared(PoseProblem(self.graph.reweighted(factors), self.engine))
 
+    def of_same_edges(self, graph: PoseGraph) -> PoseProblem:
+        """The problem of another graph with the same edges; pattern and order are shared."""
+        return self._shared(PoseProblem(graph, self.engine))
+
     def with_unit_weights(self) -> PoseProblem:
         """The same measurements with kappa = tau = 1, as the thesis weighs them."""
         return PoseProblem(self.graph.with_weights(1.0, 1.0), self.engine)

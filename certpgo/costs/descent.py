@@ -1,0 +1,82 @@
+"""Levenberg-Marquardt on the poses, for the costs of other programs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from certpgo.costs.problem import InformationProblem
+from certpgo.graph import Estimate
+from certpgo.linalg import so
+from certpgo.linalg.blocks import add_to_diagonal
+from certpgo.optimize.monitor import Monitor, Stopwatch, silent
+from certpgo.optimize.progress import Progress
+from certpgo.optimize.solution import Solution, Status
+
+#: Relative decrease of f that is lost in rounding.
+ROUNDING = 16 * float(np.finfo(float).eps)
+#: Damping after the first rejected step, and its largest value, relative to the diagonal.
+FIRST_DAMPING, LARGEST_DAMPING = 1e-6, 1e9
+#: Actual over predicted decrease from which the damping is reduced.
+GOOD_GAIN = 0.5
+
+
+def descend(
+    problem: InformationProblem,
+    initial: Estimate,
+    *,
+    tolerance: float = 1e-11,
+    max_iterations: int = 200,
+    monitor: Monitor = silent,
+    watch: Stopwatch | None = None,
+) -> Solution:
+    """Descend from ``initial`` to a stationary point of the problem's cost.
+
+    Parameters
+    ----------
+    tolerance : stationarity at which to stop, see `InformationProblem.stationarity`
+    """
+    problem.check(initial)
+    progress = Progress(monitor, tolerance, max_iterations, watch or Stopwatch())
+    point, damping, step_norm, gain = initial, 0.0, 0.0, None
+    cost, gradient, H = problem.normal_equations(point)
+    while progress.advance(cost, problem.stationarity_of(gradient, H), step_norm, gain=gain):
+        first = H.diagonal()
+        pinned = np.zeros_like(first)
+        pinned[: gradient.shape[1]] = first[: gradient.shape[1]]  # fixes the gauge
+        with progress.watch.phase("descend"):
+            while damping <= LARGEST_DAMPING:
+                damped = damping * first
+                A = add_to_diagonal(H, damped + pinned)
+                factor = problem.chordal.symbolic(A).factor(A)
+                if factor is not None:
+                    step = -factor.solve(gradient.ravel())
+                    candidate = _retract(problem, point, step)
+                    lower, following, matrix = problem.normal_equations(candidate)
+                    predicted = float(step @ (damped * step - gradient.ravel()))
+                    gain = (cost - lower) / predicted if predicted > 0.0 else 0.0
+                    if gain > 1e-3 or predicted <= ROUNDING * cost:
+                        break
+                damping = max(10.0 * damping, FIRST_DAMPING)
+            else:
+                progress.status = Status.STALLED
+                break
+        if predicted <= ROUNDING * cost:
+            before = problem.stationarity_of(gradient, H)
+            if problem.stationarity_of(following, matrix) < before and lower <= cost * (
+                1.0 + 2.0 * ROUNDING
+            ):
+                point, cost, gradient, H = candidate, lower, following, matrix
+                continue
+            progress.status = Status.STALLED
+            break
+        if gain > GOOD_GAIN:
+            damping = damping / 10.0 if damping > FIRST_DAMPING else 0.0
+        point, cost, gradient, H = candidate, lower, following, matrix
+        step_norm = float(np.linalg.norm(step))
+    return progress.solution(point, cost)
+
+
+def _retract(problem: InformationProblem, point: Estimate, step: np.ndarray) -> Estimate:
+    moves = step.reshape(problem.n, -1)
+    turned = so.project(point.rotations @ so.exp(moves[:, problem.d :]))
+    return Estimate.trusted(turned, point.translations + moves[:, : problem.d])

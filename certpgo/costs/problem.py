@@ -1,0 +1,224 @@
+"""The cost of another program on a graph: value, derivatives, scale and surrogate."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from certpgo.costs.edge_cost import EdgeCost
+from certpgo.errors import InputError
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph.graph import require_connected
+from certpgo.graph.information import InformationGraph
+from certpgo.linalg import so
+from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.balls import Ball
+from certpgo.linalg.blocks import scatter_sum
+from certpgo.linalg.factor import default_engine
+from certpgo.linalg.so import rotation_defect
+from certpgo.objective.problem import PoseProblem
+
+
+@dataclass(frozen=True, eq=False)
+class InformationProblem:
+    """Minimise the cost of another program, f = sum e^T Omega e over the edges, over SE(d)^n.
+
+    Attributes
+    ----------
+    cost : the residuals of the program, for the measurements of a graph
+    engine : factorization engine, see `certpgo.linalg.factor.engines`
+
+    Raises
+    ------
+    GraphError
+        The graph is disconnected.
+    """
+
+    cost: EdgeCost
+    engine: str = field(default_factory=default_engine)
+
+    def __post_init__(self) -> None:
+        require_connected(self.graph.isotropic)
+
+    @property
+    def graph(self) -> InformationGraph:
+        """The measurements."""
+        return self.cost.graph
+
+    @cached_property
+    def chordal(self) -> PoseProblem:
+        """The problem of the same measurements with isotropic weights; shares pattern and order."""
+        return PoseProblem(self.graph.isotropic, self.engine)
+
+    @property
+    def n(self) -> int:
+        """Number of poses."""
+        return self.graph.num_nodes
+
+    @property
+    def d(self) -> int:
+        """Dimension of space, 2 or 3."""
+        return self.graph.d
+
+    @cached_property
+    def scale(self) -> float:
+        """W_f: the sum of the mean rotational and, times |t_ij|^2, translational information."""
+        d = self.d
+        information, t = self.graph.information, self.graph.translations
+        diagonal = np.abs(np.diagonal(information, axis1=1, axis2=2))
+        lever = np.einsum("ma,ma->m", t, t)
+        return float((diagonal[:, d:].mean(axis=1) + lever * diagonal[:, :d].mean(axis=1)).sum())
+
+    def scaled(self, factor: float) -> InformationProblem:
+        """The same measurements with all weights times ``factor``."""
+        graph = InformationGraph(
+            self.graph.isotropic.reweighted(np.full(self.graph.num_edges, factor)),
+            factor * self.graph.information,
+        )
+        other = InformationProblem(replace(self.cost, graph=graph), self.engine)
+        other.__dict__["chordal"] = self.chordal.of_same_edges(graph.isotropic)
+        return other
+
+    def check(self, estimate: Estimate) -> None:
+        """Refuse an estimate of another graph by an InputError."""
+        self.chordal.check(estimate)
+
+    def relative(self, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+        """(m, d) vectors v = R_i^T (t_j - t_i) and (m, d, d) rotations Q = R_i^T R_j."""
+        i, j = self.graph.edges.T
+        R, t = estimate.rotations, _translations(estimate)
+        back = np.swapaxes(R[i], 1, 2)
+        return (back @ (t[j] - t[i])[:, :, None])[:, :, 0], back @ R[j]
+
+    def edge_costs(self, estimate: Estimate) -> FloatArray:
+        """(m,) terms of f, one per edge."""
+        return self.cost.costs(*self.relative(estimate))
+
+    def value(self, estimate: Estimate) -> float:
+        """The cost f of an estimate."""
+        return float(self.edge_costs(estimate).sum())
+
+    def enclosure(self, estimate: Estimate) -> tuple[float, float]:
+        """Lower and upper bounds on f of an estimate, whose translations are taken as stored."""
+        i, j = self.graph.edges.T
+        R = Ball.within(estimate.rotations, rotation_defect(estimate.rotations))
+        t = Ball.exact(_translations(estimate))
+        v = R.T[i].apply(t[j] - t[i])
+        found = self.cost.enclosures(v, R.T[i] @ R[j])
+        low, high = math.fsum(found.lower), math.fsum(found.upper)
+        return math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
+
+    def residual_angles(self, estimate: Estimate) -> FloatArray:
+        """(m,) angles between R_i R_ij and R_j, radians."""
+        return self.chordal.residual_angles(estimate)
+
+    def normal_equations(self, estimate: Estimate) -> tuple[float, FloatArray, CSC]:
+        """The cost, half its gradient (n, d + p), and the Gauss-Newton matrix.
+
+        Poses move by world-frame translations, then body-frame rotations.
+        """
+        n, d = self.n, self.d
+        i, j = self.graph.edges.T
+        v, Q = self.relative(estimate)
+        e, in_v, in_w = self.cost.linearized(v, Q)
+        # v moves by R_i^T (dt_j - dt_i) + v x w_i, and Q by Q exp(w_j - Q^T w_i).
+        by_t = in_v @ np.swapaxes(estimate.rotations[i], 1, 2)
+        lever = np.stack([v[:, 1], -v[:, 0]], axis=1)[:, :, None] if d == 2 else so.hat(v)
+        turned = in_w if d == 2 else in_w @ np.swapaxes(Q, 1, 2)
+        at_i = np.concatenate([-by_t, in_v @ lever - turned], axis=2)
+        at_j = np.concatenate([by_t, in_w], axis=2)
+        weighted = self.graph.information @ e[:, :, None]
+        gradient = scatter_sum(i, (np.swapaxes(at_i, 1, 2) @ weighted)[:, :, 0], n)
+        gradient += scatter_sum(j, (np.swapaxes(at_j, 1, 2) @ weighted)[:, :, 0], n)
+        heavy_i, heavy_j = self.graph.information @ at_i, self.graph.information @ at_j
+        diagonal = scatter_sum(i, np.swapaxes(at_i, 1, 2) @ heavy_i, n)
+        diagonal += scatter_sum(j, np.swapaxes(at_j, 1, 2) @ heavy_j, n)
+        upper = np.swapaxes(at_i, 1, 2) @ heavy_j
+        cost = float((e[:, None, :] @ weighted).sum())
+        return cost, gradient, self.chordal.pattern.assemble(diagonal, upper)
+
+    def stationarity(self, estimate: Estimate) -> float:
+        """Largest gradient of a pose over its curvature, radians and relative translations."""
+        _, gradient, matrix = self.normal_equations(estimate)
+        return self.stationarity_of(gradient, matrix)
+
+    def stationarity_of(self, gradient: FloatArray, matrix: CSC) -> float:
+        """`stationarity`, from the normal equations."""
+        curvature = matrix.diagonal().reshape(gradient.shape)
+        t = self.graph.translations
+        length = math.sqrt(float(np.einsum("ma,ma->", t, t)) / len(t)) or 1.0
+        unit = np.r_[np.full(self.d, length), np.ones(gradient.shape[1] - self.d)]
+        with np.errstate(all="ignore"):
+            size = np.abs(gradient) / (curvature * unit)
+        return float(np.nan_to_num(size, nan=0.0).max())
+
+    def refuse_indefinite(self) -> None:
+        """Refuse information matrices that have no lower bound.
+
+        Raises
+        ------
+        InputError
+            Some are not positive definite.
+        """
+        bad = int((~self.graph.is_definite).sum())
+        if bad:
+            raise InputError(
+                f"{bad} of {self.graph.num_edges} information matrices are not positive definite: "
+                f"{self.cost.title} has no proven lower bound there (--cost chordal has)"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Surrogate:
+    """A pose graph whose cost plus a constant is nowhere above a problem's cost.
+
+    Attributes
+    ----------
+    problem : the pose graph's
+    constant : rounded down
+    """
+
+    problem: PoseProblem
+    constant: float
+
+
+def surrogate(problem: InformationProblem, estimate: Estimate) -> Surrogate:
+    """The pose graph of the tangent minorants at an estimate.
+
+    With equality there, up to rounding: if the estimate is stationary for the cost, it is for the
+    surrogate, and a lower bound of the surrogate's cost plus the constant is one of the cost.
+
+    Raises
+    ------
+    InputError
+        Some edge has no minorant there.
+    """
+    graph = problem.graph
+    found = problem.cost.minorants(*problem.relative(estimate))
+    missing = np.flatnonzero(~found.exist)
+    if len(missing):
+        i, j = graph.edges[missing[0]]
+        raise InputError(
+            f"{len(missing)} of {graph.num_edges} measurements have no minorant in "
+            f"{problem.cost.title}, such as edge ({i}, {j})"
+        )
+    singular = np.linalg.svd(found.N, compute_uv=False)
+    rotation = RotationGraph(
+        graph.num_nodes, graph.edges, graph.rotations, singular.mean(axis=1), found.N
+    )
+    arms = found.a if found.a.any() else None
+    general = PoseGraph(rotation, found.b, found.tau, arms)
+    # The general edge's cost has the traces of the polar factors as well.
+    _, K, K_left = rotation.polar
+    traces = np.concatenate([np.diagonal(A, axis1=1, axis2=2).ravel() for A in (K, K_left)])
+    constant = math.nextafter(math.fsum(np.r_[found.constant, -traces]), -math.inf)
+    return Surrogate(problem.chordal.of_same_edges(general), constant)
+
+
+def _translations(estimate: Estimate) -> FloatArray:
+    if estimate.translations is None:
+        raise InputError("the estimate has no translations, but the graph measures them")
+    return estimate.translations
