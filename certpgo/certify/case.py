@@ -6,13 +6,14 @@ import math
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
 from certpgo import checker
 from certpgo.certify import rounding
 from certpgo.certify.bounds import Bounds
-from certpgo.certify.certificate import Certificate, Tier, Verdict
+from certpgo.certify.certificate import CHORDAL, Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound, dual_bound
 from certpgo.certify.parts import Part, outside, parts, sum_of_bounds
 from certpgo.certify.proof import exact_cost, exact_graph, proven_bound
@@ -71,8 +72,8 @@ class Case:
     rtol: float
     atol: float
 
-    @staticmethod
-    def of(problem: Problem, tier: Tier | str, rtol: float, atol: float) -> Case:
+    @classmethod
+    def of(cls, problem: Problem, tier: Tier | str, rtol: float, atol: float) -> Self:
         """Normalize a problem.
 
         Raises
@@ -89,7 +90,12 @@ class Case:
             scaled = problem.scaled(1.0 / unit)
         except GraphError as error:
             raise InputError(f"too uneven weights: divided by {unit:.2g}, {error}") from None
-        return Case(scaled, unit, tier, rtol, atol)
+        return cls(scaled, unit, tier, rtol, atol)
+
+    @property
+    def objective(self) -> str:
+        """The cost that certificates are about."""
+        return CHORDAL
 
     @property
     def rigorous(self) -> bool:
@@ -251,6 +257,7 @@ class Case:
             bounds=bounds,
             engine=problem.engine,
             reason="",
+            objective=self.objective,
         )
         scaled = in_units(self.unit, judged)
         return replace(scaled, reason=_reason(scaled))

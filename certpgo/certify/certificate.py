@@ -10,6 +10,9 @@ from certpgo.certify.bounds import Bounds
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
 
+#: The cost F of isotropic weights.
+CHORDAL = "F"
+
 
 class Verdict(Enum):
     """The verdict on an estimate.
@@ -93,6 +96,8 @@ class Certificate:
     bounds : bounds that need no factorization, at ``refined``; None if they failed
     engine : factorization engine
     reason : the reason for the verdict in one sentence
+    objective : the cost that the certificate is about: F, or that of another program, see
+        `certpgo.costs`; then F stands for that cost everywhere here
 
     Examples
     --------
@@ -128,6 +133,7 @@ class Certificate:
     bounds: Bounds | None
     engine: str
     reason: str
+    objective: str = CHORDAL
 
     @property
     def relative_gap(self) -> float:

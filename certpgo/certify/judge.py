@@ -5,17 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from certpgo.certify.bounds import Bounds, bounds
-from certpgo.certify.case import ATOL, RTOL, Basin, Case
+from certpgo.certify.case import ATOL, DESCENT, RTOL, Basin, Case
 from certpgo.certify.certificate import Certificate, Tier
+from certpgo.certify.own_cost import OwnCostCase
+from certpgo.costs.problem import InformationProblem
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.objective.base import Objective
 from certpgo.objective.problem import Problem
 from certpgo.optimize import spectral
+from certpgo.optimize.newton import newton
 
 
 def certify(
-    problem: Problem,
+    problem: Problem | InformationProblem,
     estimate: Estimate,
     *,
     tier: Tier | str = Tier.STANDARD,
@@ -74,20 +77,23 @@ class Judge:
 
     def __init__(
         self,
-        problem: Problem,
+        problem: Problem | InformationProblem,
         *,
         tier: Tier | str = Tier.STANDARD,
         rtol: float = RTOL,
         atol: float = ATOL,
         refine: bool = True,
     ) -> None:
-        if not isinstance(problem, Objective):
+        if isinstance(problem, InformationProblem):
+            self._case: Case = OwnCostCase.of(problem, tier, rtol, atol)
+        elif isinstance(problem, Objective):
+            self._case = Case.of(problem, tier, rtol, atol)
+        else:
             raise InputError(
                 "a PoseProblem(graph) or RotationProblem(graph) is judged, not a "
                 f"{type(problem).__name__}"
             )
         self._problem, self._refine = problem, refine
-        self._case = Case.of(problem, tier, rtol, atol)
         self._best: Basin | None = None
         self._spectral: Basin | None = None
 
@@ -119,15 +125,20 @@ class Judge:
         return self._spectral
 
 
-def _spectral_start(problem: Problem) -> Estimate:
+def _spectral_start(problem: Problem | InformationProblem) -> Estimate:
     try:
+        if isinstance(problem, InformationProblem):
+            start = spectral.spectral_start(problem.chordal)
+            return newton(problem.chordal, start, DESCENT).estimate
         return spectral.spectral_start(problem)
     except (NumericalError, np.linalg.LinAlgError):
         n, d = problem.n, problem.d
         return Estimate(np.tile(np.eye(d), (n, 1, 1)), np.zeros((n, d)))
 
 
-def _bounds(problem: Problem, point: Estimate) -> Bounds | None:
+def _bounds(problem: Problem | InformationProblem, point: Estimate) -> Bounds | None:
+    if isinstance(problem, InformationProblem):  # they are about chordal costs
+        return None
     try:
         return bounds(problem.rotation, point)
     except (NumericalError, np.linalg.LinAlgError):

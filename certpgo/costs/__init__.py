@@ -1,1 +1,43 @@
 """The costs of other programs, edge by edge, and their minorants."""
+
+from __future__ import annotations
+
+from certpgo.costs.edge_cost import EdgeCost
+from certpgo.costs.g2o import G2oCost
+from certpgo.costs.problem import InformationProblem, Surrogate, surrogate
+from certpgo.errors import InputError, SpecError
+from certpgo.graph import Instance, PoseGraph
+from certpgo.graph.information import InformationGraph
+
+#: The costs by name; ``"chordal"`` is F itself.
+COSTS: dict[str, type[EdgeCost]] = {cost.name: cost for cost in (G2oCost,)}
+
+__all__ = ["COSTS", "InformationProblem", "Surrogate", "information_problem", "surrogate"]
+
+
+def information_problem(instance: Instance, cost: str) -> InformationProblem:
+    """The problem of an instance under the cost of another program.
+
+    Parameters
+    ----------
+    instance : as read from a file with information matrices
+    cost : ``"g2o"`` or ``"gtsam"``
+
+    Raises
+    ------
+    SpecError
+        An unknown cost.
+    InputError
+        There are no poses or no information matrices, or some are not positive definite.
+    """
+    if cost not in COSTS:
+        raise SpecError.unknown("cost", cost, ["chordal", *COSTS])
+    if not isinstance(instance.graph, PoseGraph) or instance.information is None:
+        raise InputError(
+            f"{instance.source or instance.name}: --cost {cost} needs poses with information "
+            "matrices on every edge, and no other weights"
+        )
+    graph = InformationGraph(instance.graph, instance.information.matrices)
+    problem = InformationProblem(COSTS[cost](graph))
+    problem.refuse_indefinite()
+    return problem

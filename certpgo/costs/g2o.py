@@ -257,7 +257,7 @@ def _spatial(cost: G2oCost, v: FloatArray, Q: FloatArray) -> Minorants:
     turned = cost.measured.T @ N
     total = _exact_form(quadratic, linear, k, q0) + 2.0 * _davenport(turned)
     level = np.trace(total.mid, axis1=1, axis2=2) / 4.0
-    rest = (total - level[:, None, None] * np.eye(4)).reshaped(-1, 16)
+    rest = _flat(total - level[:, None, None] * np.eye(4))
     spread = sums(rest * rest).sqrt()
     found = (constant - k + level - spread.size).lower
     return Minorants(
@@ -294,9 +294,9 @@ def _exact_form(quadratic: Ball, linear: Ball, k: FloatArray, q0: FloatArray) ->
     """`_form` with bounds on its rounding."""
     q = Ball.exact(q0)
     out = k[:, None, None] * (q[:, :, None] * q[:, None, :])
-    padded = linear.padded(((0, 0), (1, 0)))
+    padded = _padded(linear, ((0, 0), (1, 0)))
     half = 0.5 * (q[:, :, None] * padded[:, None, :])
-    return out + half + half.T + quadratic.padded(((0, 0), (1, 0), (1, 0)))
+    return out + half + half.T + _padded(quadratic, ((0, 0), (1, 0), (1, 0)))
 
 
 def _davenport(N: Ball) -> Ball:
@@ -306,9 +306,9 @@ def _davenport(N: Ball) -> Ball:
     ]
     trace = N[:, 0, 0] + N[:, 1, 1] + N[:, 2, 2]
     lower = N + N.T - trace[:, None, None] * np.eye(3)
-    corner = trace[:, None, None].padded(((0, 0), (0, 3), (0, 3)))
-    side = z[:, None, :].padded(((0, 0), (0, 3), (1, 0)))
-    return corner + side + side.T + lower.padded(((0, 0), (1, 0), (1, 0)))
+    corner = _padded(trace[:, None, None], ((0, 0), (0, 3), (0, 3)))
+    side = _padded(z[:, None, :], ((0, 0), (0, 3), (1, 0)))
+    return corner + side + side.T + _padded(lower, ((0, 0), (1, 0), (1, 0)))
 
 
 def _quaternions(E: FloatArray) -> FloatArray:
@@ -330,7 +330,7 @@ def _vector_parts(E: Ball) -> tuple[Ball, FloatArray]:
     norm = sums(exact * exact)
     square = (w * w - sums(b * b))[:, None, None] * np.eye(3)
     there = square + 2.0 * (b[:, :, None] * b[:, None, :]) + 2.0 * w[:, None, None] * _hat(b)
-    apart = (E * norm[:, None, None] - there).reshaped(-1, 9)
+    apart = _flat(E * norm[:, None, None] - there)
     distance = sums(apart * apart).sqrt().upper
     radius = 0.51 * distance + 2.0 * np.abs(norm.mid - 1.0) + 1e-15
     return Ball.within(q[:, 1:], radius[:, None]), np.asarray(q[:, 0] > radius)
@@ -338,3 +338,13 @@ def _vector_parts(E: Ball) -> tuple[Ball, FloatArray]:
 
 def _hat(b: Ball) -> Ball:
     return Ball(so.hat(b.mid), np.abs(so.hat(b.radius)))
+
+
+def _flat(A: Ball) -> Ball:
+    """Matrices (m, p, q) as vectors (m, p q)."""
+    return Ball(A.mid.reshape(len(A.mid), -1), A.radius.reshape(len(A.mid), -1))
+
+
+def _padded(A: Ball, widths: tuple[tuple[int, int], ...]) -> Ball:
+    """Zeros around, as by `numpy.pad`."""
+    return Ball(np.pad(A.mid, widths), np.pad(A.radius, widths))

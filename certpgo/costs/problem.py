@@ -28,7 +28,7 @@ class InformationProblem:
 
     Attributes
     ----------
-    cost : the residuals of the program, for the measurements of a graph
+    edge_cost : the residuals of the program, for the measurements of a graph
     engine : factorization engine, see `certpgo.linalg.factor.engines`
 
     Raises
@@ -37,7 +37,7 @@ class InformationProblem:
         The graph is disconnected.
     """
 
-    cost: EdgeCost
+    edge_cost: EdgeCost
     engine: str = field(default_factory=default_engine)
 
     def __post_init__(self) -> None:
@@ -46,7 +46,7 @@ class InformationProblem:
     @property
     def graph(self) -> InformationGraph:
         """The measurements."""
-        return self.cost.graph
+        return self.edge_cost.graph
 
     @cached_property
     def chordal(self) -> PoseProblem:
@@ -78,7 +78,7 @@ class InformationProblem:
             self.graph.isotropic.reweighted(np.full(self.graph.num_edges, factor)),
             factor * self.graph.information,
         )
-        other = InformationProblem(replace(self.cost, graph=graph), self.engine)
+        other = InformationProblem(replace(self.edge_cost, graph=graph), self.engine)
         other.__dict__["chordal"] = self.chordal.of_same_edges(graph.isotropic)
         return other
 
@@ -95,9 +95,9 @@ class InformationProblem:
 
     def edge_costs(self, estimate: Estimate) -> FloatArray:
         """(m,) terms of f, one per edge."""
-        return self.cost.costs(*self.relative(estimate))
+        return self.edge_cost.costs(*self.relative(estimate))
 
-    def value(self, estimate: Estimate) -> float:
+    def cost(self, estimate: Estimate) -> float:
         """The cost f of an estimate."""
         return float(self.edge_costs(estimate).sum())
 
@@ -107,7 +107,7 @@ class InformationProblem:
         R = Ball.within(estimate.rotations, rotation_defect(estimate.rotations))
         t = Ball.exact(_translations(estimate))
         v = R.T[i].apply(t[j] - t[i])
-        found = self.cost.enclosures(v, R.T[i] @ R[j])
+        found = self.edge_cost.enclosures(v, R.T[i] @ R[j])
         low, high = math.fsum(found.lower), math.fsum(found.upper)
         return math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
 
@@ -123,7 +123,7 @@ class InformationProblem:
         n, d = self.n, self.d
         i, j = self.graph.edges.T
         v, Q = self.relative(estimate)
-        e, in_v, in_w = self.cost.linearized(v, Q)
+        e, in_v, in_w = self.edge_cost.linearized(v, Q)
         # v moves by R_i^T (dt_j - dt_i) + v x w_i, and Q by Q exp(w_j - Q^T w_i).
         by_t = in_v @ np.swapaxes(estimate.rotations[i], 1, 2)
         lever = np.stack([v[:, 1], -v[:, 0]], axis=1)[:, :, None] if d == 2 else so.hat(v)
@@ -167,7 +167,7 @@ class InformationProblem:
         if bad:
             raise InputError(
                 f"{bad} of {self.graph.num_edges} information matrices are not positive definite: "
-                f"{self.cost.title} has no proven lower bound there (--cost chordal has)"
+                f"{self.edge_cost.title} has no proven lower bound there (--cost chordal has)"
             )
 
 
@@ -197,13 +197,13 @@ def surrogate(problem: InformationProblem, estimate: Estimate) -> Surrogate:
         Some edge has no minorant there.
     """
     graph = problem.graph
-    found = problem.cost.minorants(*problem.relative(estimate))
+    found = problem.edge_cost.minorants(*problem.relative(estimate))
     missing = np.flatnonzero(~found.exist)
     if len(missing):
         i, j = graph.edges[missing[0]]
         raise InputError(
             f"{len(missing)} of {graph.num_edges} measurements have no minorant in "
-            f"{problem.cost.title}, such as edge ({i}, {j})"
+            f"{problem.edge_cost.title}, such as edge ({i}, {j})"
         )
     singular = np.linalg.svd(found.N, compute_uv=False)
     rotation = RotationGraph(

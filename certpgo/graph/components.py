@@ -19,7 +19,9 @@ def rotations_alone(instance: Instance) -> Instance:
     if not isinstance(instance.graph, PoseGraph):
         return instance
     truth = None if instance.truth is None else instance.truth.with_translations(None)
-    return replace(instance, graph=instance.graph.rotation, truth=truth, initial=None)
+    return replace(
+        instance, graph=instance.graph.rotation, truth=truth, initial=None, information=None
+    )
 
 
 def connected_parts(instance: Instance, components: Components) -> list[Instance]:
@@ -52,7 +54,7 @@ def component(instance: Instance, label: int) -> Instance:
 def restricted(instance: Instance, nodes: IntArray, name: str) -> Instance:
     """The instance of a subset of nodes, ascending, and the edges between them."""
     graph = instance.graph
-    inside = np.isin(graph.edges, nodes).all(axis=1)
+    inside = np.asarray(np.isin(graph.edges, nodes).all(axis=1))
     place = {int(node): k for k, node in enumerate(nodes)}
     return replace(
         instance,
@@ -64,4 +66,5 @@ def restricted(instance: Instance, nodes: IntArray, name: str) -> Instance:
         fixed=tuple(place[node] for node in instance.fixed if node in place),
         names=tuple(instance.names[node] for node in nodes) if instance.names else (),
         outliers=None if instance.outliers is None else instance.outliers[inside],
+        information=instance.information and instance.information.subset(inside),
     )

@@ -30,6 +30,7 @@ from certpgo.linalg.blocks import adjacency
 
 if TYPE_CHECKING:
     from certpgo.graph.estimate import Estimate
+    from certpgo.graph.information import Information
 
 Keep = Literal["all", "first", "last"]
 
@@ -184,7 +185,7 @@ class RotationGraph:
 
     def without_parallel_edges(self, keep: Keep) -> RotationGraph:
         """Keep ``"all"`` parallel edges, or the ``"first"`` or ``"last"`` of each pair {i, j}."""
-        return self.with_edges(_simple_edges(self.num_nodes, self.edges, keep))
+        return self.with_edges(simple_edges(self.num_nodes, self.edges, keep))
 
     def with_edges(self, chosen: IntArray | BoolArray) -> RotationGraph:
         """All nodes with only the ``chosen`` edges, given by index or mask (m,)."""
@@ -334,7 +335,7 @@ class PoseGraph:
 
     def without_parallel_edges(self, keep: Keep) -> PoseGraph:
         """Keep ``"all"`` parallel edges, or the ``"first"`` or ``"last"`` of each pair {i, j}."""
-        return self.with_edges(_simple_edges(self.num_nodes, self.edges, keep))
+        return self.with_edges(simple_edges(self.num_nodes, self.edges, keep))
 
     def with_edges(self, chosen: IntArray | BoolArray) -> PoseGraph:
         """All nodes with only the ``chosen`` edges, given by index or mask (m,)."""
@@ -386,6 +387,8 @@ class Instance:
     notices : what the reader assumed, skipped or found unusual, one sentence each
     names : (n,) the source's own names of the nodes, e.g. of images; may be empty
     outliers : (m,) whether each measurement is a known outlier, or None if unknown
+    information : the source's information matrices as they are, translation before rotation; None
+        where it has none, or other weights were chosen
 
     Examples
     --------
@@ -406,6 +409,7 @@ class Instance:
     notices: tuple[str, ...] = ()
     names: tuple[str, ...] = ()
     outliers: BoolArray | None = None
+    information: Information | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ids", frozen_indices(self.ids))
@@ -423,6 +427,8 @@ class Instance:
             object.__setattr__(self, "outliers", frozen_flags(self.outliers))
             if self.outliers.shape != (self.graph.num_edges,):
                 raise GraphError(f"outliers must be {self.graph.num_edges} flags, one per edge")
+        if self.information is not None and len(self.information.index) != self.graph.num_edges:
+            raise GraphError(f"information must be {self.graph.num_edges} matrices, one per edge")
 
 
 def in_range(weights: FloatArray) -> BoolArray:
@@ -477,8 +483,8 @@ def _components(n: int, edges: IntArray) -> IntArray:
     return np.asarray(labels)
 
 
-def _simple_edges(n: int, edges: IntArray, keep: Keep) -> IntArray:
-    """Indices of the edges to keep, ascending."""
+def simple_edges(n: int, edges: IntArray, keep: Keep) -> IntArray:
+    """Indices of the edges that ``keep`` keeps of parallel ones, ascending."""
     if keep == "all":
         return np.arange(len(edges))
     pair = np.sort(edges, axis=1) @ np.array([n, 1])

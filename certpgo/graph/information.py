@@ -10,7 +10,40 @@ import numpy as np
 from certpgo.checker import FAR
 from certpgo.errors import GraphError
 from certpgo.graph.graph import PoseGraph, RotationGraph
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats
+from certpgo.linalg.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    frozen_floats,
+    frozen_indices,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """The information matrices of a file, each distinct one stored once.
+
+    Attributes
+    ----------
+    distinct : (k, p, p) symmetric matrices, translation before rotation
+    index : (m,) which of them belongs to each edge
+    """
+
+    distinct: FloatArray
+    index: IntArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "distinct", frozen_floats(self.distinct))
+        object.__setattr__(self, "index", frozen_indices(self.index))
+
+    @property
+    def matrices(self) -> FloatArray:
+        """(m, p, p) matrices of the edges."""
+        return np.asarray(self.distinct[self.index])
+
+    def subset(self, chosen: IntArray | BoolArray) -> Information:
+        """The matrices of some edges, given by index or mask (m,)."""
+        return Information(self.distinct, self.index[chosen])
 
 
 @dataclass(frozen=True, eq=False)

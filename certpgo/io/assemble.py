@@ -8,9 +8,10 @@ import numpy as np
 
 from certpgo.errors import FormatError, InputError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph.information import Information
 from certpgo.io.chunks import text_lines
 from certpgo.io.format import LabelledPoses, ReadOptions
-from certpgo.io.lines import Dialect, read_lines
+from certpgo.io.lines import Dialect, TaggedLines, read_lines
 from certpgo.io.plural import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
 
@@ -68,7 +69,18 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
             "rotation_information": options.rotation_information or dialect.rotation_information
         },
         notices=tuple(notices),
+        information=_information(content) if isinstance(graph, PoseGraph) else None,
     )
+
+
+def _information(content: TaggedLines) -> Information | None:
+    """The information matrices of all edges; None unless each has one."""
+    parts = [part for part in content.information if part is not None]
+    if len(parts) < len(content.information):
+        return None
+    offsets = np.cumsum([0, *(len(part.distinct) for part in parts)])
+    index = [part.index + offset for part, offset in zip(parts, offsets[:-1], strict=True)]
+    return Information(np.concatenate([part.distinct for part in parts]), np.concatenate(index))
 
 
 def poses_from_lines(dialect: Dialect, path: Path) -> LabelledPoses:

@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 
 from certpgo.errors import InputError
+from certpgo.graph.information import Information
 from certpgo.io.chunks import parsed, refuse_loops, without_comments
 from certpgo.io.exact import quaternion
 from certpgo.io.exact.information import InformationLayout
@@ -79,6 +80,7 @@ class TaggedLines:
     edges: list[IntArray] = field(default_factory=list)
     measured: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
     weights: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
+    information: list[Information | None] = field(default_factory=list)
     vertices: list[IntArray] = field(default_factory=list)
     values: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
     fixed: list[int] = field(default_factory=list)
@@ -87,7 +89,8 @@ class TaggedLines:
     def extend(self, other: TaggedLines) -> None:
         """Append the next chunk."""
         self.counts.update(other.counts)
-        for name in ("edges", "measured", "weights", "vertices", "values", "fixed"):
+        lists = ("edges", "measured", "weights", "information", "vertices", "values", "fixed")
+        for name in lists:
             getattr(self, name).extend(getattr(other, name))
 
 
@@ -170,25 +173,31 @@ class _Parser:
         refuse_loops(ids)
         content.edges.append(ids)
         content.measured.append((rotations, translations))
-        content.weights.append(self._weigh(tag.d, texts, content.counts))
+        self._weigh(tag.d, texts, content)
 
     def _information_size(self, tag: Tag) -> int:
         return self._dialect.layouts[tag.d].size if tag.kind == "edge" else 0
 
-    def _weigh(
-        self, d: int, texts: list[bytes], counts: Counter[str]
-    ) -> tuple[FloatArray, FloatArray]:
+    def _weigh(self, d: int, texts: list[bytes], content: TaggedLines) -> None:
         kappa, tau = np.ones(len(texts)), np.ones(len(texts))
+        content.weights.append((kappa, tau))
         if self._options.ignore_information:
-            return kappa, tau
+            content.information.append(None)
+            return
         stated = np.array([bool(text) for text in texts])
-        counts["edge{s} without information: kappa = tau = 1"] += int(np.sum(~stated))
+        content.counts["edge{s} without information: kappa = tau = 1"] += int(np.sum(~stated))
         layout = self._dialect.layouts[d]
-        kappa[stated], tau[stated], indefinite = weigh([t for t in texts if t], layout)
-        counts["edge{s} with information indefinite as a whole, diagonal blocks used"] += indefinite
+        weighed = weigh([t for t in texts if t], layout)
+        kappa[stated], tau[stated] = weighed.kappa, weighed.tau
+        content.counts["edge{s} with information indefinite as a whole, diagonal blocks used"] += (
+            weighed.indefinite
+        )
         if self._options.rotation_information == "quaternion":
             kappa[stated] *= 0.25  # half the angle, a quarter of the information; exact
-        return kappa, tau
+        matrices = weighed.distinct[:, np.array(layout.positions)]
+        # Only small roll, pitch and yaw are tangent vectors.
+        whole = stated.all() and not (d == 3 and self._dialect.rotation_information == "rpy")
+        content.information.append(Information(matrices, weighed.which) if whole else None)
 
 
 def _fields(

@@ -11,7 +11,7 @@ import numpy as np
 
 from certpgo.errors import CertPGOError, FormatError, InputError, InputNotice
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph
-from certpgo.graph.graph import Keep
+from certpgo.graph.graph import Keep, simple_edges
 from certpgo.io.assemble import estimate_for, truth_for
 from certpgo.io.dead_reckoning import integrated
 from certpgo.io.format import (
@@ -260,11 +260,13 @@ def _labelled(
 
 
 def _with_choices(instance: Instance, keep: Keep, weights: _Weights) -> Instance:
-    graph = instance.graph
+    graph, information = instance.graph, instance.information
     if str(weights) != "file":
-        graph = weights.apply(graph)
+        graph, information = weights.apply(graph), None
     if keep != "all":
-        graph = graph.without_parallel_edges(keep)
+        kept = simple_edges(graph.num_nodes, graph.edges, keep)
+        graph = graph.with_edges(kept)
+        information = information and information.subset(kept)
     # An .npz file stores its options; only those chosen now replace them.
     options = {"keep": "all", "rotation_information": "tangent", "weights": "file"}
     options |= instance.options
@@ -272,7 +274,7 @@ def _with_choices(instance: Instance, keep: Keep, weights: _Weights) -> Instance
         options["keep"] = keep
     if str(weights) != "file":
         options["weights"] = str(weights)
-    return replace(instance, graph=graph, options=options)
+    return replace(instance, graph=graph, options=options, information=information)
 
 
 def _with_truth(instance: Instance, path: Path) -> Instance:

@@ -8,6 +8,7 @@ leaves the rounding, or positive definiteness, undecided.
 from __future__ import annotations
 
 import re
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,19 +42,37 @@ _REGULAR = 2.0**-36
 _UNUSUAL = re.compile(rb"[eE_]")
 
 
-def weigh(texts: list[bytes], layout: InformationLayout) -> tuple[FloatArray, FloatArray, int]:
-    """Weights kappa (k,) and tau (k,), and the number of indefinite full matrices."""
+class Weighed(NamedTuple):
+    """The weights of information matrices, and the matrices themselves.
+
+    Attributes
+    ----------
+    kappa, tau : (k,) weights
+    indefinite : number of full matrices that are not positive definite
+    distinct : (l, size) different matrices, as numbers in the order of the text
+    which : (k,) which of them each one is
+    """
+
+    kappa: FloatArray
+    tau: FloatArray
+    indefinite: int
+    distinct: FloatArray
+    which: IntArray
+
+
+def weigh(texts: list[bytes], layout: InformationLayout) -> Weighed:
+    """The weights of information matrices, given as numbers separated by blanks."""
     number: dict[bytes, int] = {}
-    index = [number.setdefault(text, len(number)) for text in texts]
-    kappa, tau, flags = _distinct(list(number), layout)
+    index = np.array([number.setdefault(text, len(number)) for text in texts], dtype=np.intp)
+    kappa, tau, flags, values = _distinct(list(number), layout)
     if not (in_range(kappa) & in_range(tau)).all():
         raise InputError(f"information must give weights between {1.0 / FAR:.2g} and {FAR:.2g}")
-    return kappa[index], tau[index], int(np.count_nonzero(flags[index]))
+    return Weighed(kappa[index], tau[index], int(np.count_nonzero(flags[index])), values, index)
 
 
 def _distinct(
     texts: list[bytes], layout: InformationLayout
-) -> tuple[FloatArray, FloatArray, BoolArray]:
+) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
     size = layout.size
     tokens = b" ; ".join([*texts, b""]).split()
     try:
@@ -78,7 +97,7 @@ def _distinct(
         kappa *= 0.5
     for k in np.flatnonzero(~(plain & certain & certain_tau)):
         kappa[k], tau[k] = _exact(texts[k], layout)
-    return kappa, tau, indefinite(values, layout)
+    return kappa, tau, indefinite(values, layout), values
 
 
 def _exact(text: bytes, layout: InformationLayout) -> tuple[float, float]:

@@ -1,0 +1,105 @@
+"""Certificates in the cost of another program, by surrogates.
+
+A surrogate is a pose graph whose cost F' plus a constant C is nowhere above the cost f, and equal
+to it at its expansion point. So F' >= v implies f >= v + C; at a stationary point of f, whose
+surrogate has a positive semidefinite certificate matrix there, that is f itself.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from certpgo.certify.case import SETTLED, Basin, Case
+from certpgo.certify.certificate import Tier
+from certpgo.certify.dual import DualBound, dual_bound
+from certpgo.costs.descent import descend
+from certpgo.costs.problem import InformationProblem, surrogate
+from certpgo.errors import InputError, NumericalError
+from certpgo.graph import Estimate
+from certpgo.graph.lift import Point
+from certpgo.optimize.solution import Status
+
+
+@dataclass(frozen=True)
+class OwnCostCase(Case):
+    """A `Case` whose cost is that of another program; ``problem`` is an `InformationProblem`."""
+
+    problem: InformationProblem  # type: ignore[assignment]
+
+    @classmethod
+    def of(  # type: ignore[override]
+        cls, problem: InformationProblem, tier: Tier | str, rtol: float, atol: float
+    ) -> Self:
+        """Normalize a problem; see `Case.of`.
+
+        Raises
+        ------
+        InputError
+            Also the proof tier, or information matrices that are not positive definite.
+        """
+        problem.refuse_indefinite()
+        case = super().of(problem, tier, rtol, atol)  # type: ignore[arg-type]
+        if case.tier is Tier.PROOF:
+            raise InputError(f"the proof tier is for the chordal cost, not for {case.objective}")
+        return case
+
+    @property
+    def objective(self) -> str:
+        """The cost that certificates are about."""
+        return self.problem.edge_cost.title
+
+    def basin(self, start: Estimate, refine: bool, known: Basin | None = None) -> Basin:
+        """The end of descent on the cost from an estimate, or the estimate itself."""
+        point, settled = start, True
+        try:
+            if refine:
+                solution = descend(self.problem, start)
+                point = solution.estimate
+                settled = solution.status is Status.CONVERGED or (
+                    solution.status is Status.STALLED and self.problem.stationarity(point) < SETTLED
+                )
+            cost = self.cost_upper(point)
+            if known is not None and known.value >= cost - self.tolerance(cost):
+                return Basin(point, cost, settled, known.bound)
+            bound = self.bound(point, cost)
+        except (NumericalError, np.linalg.LinAlgError):
+            return Basin(start, self.cost_upper(start), False, None)
+        return Basin(point, cost, settled, bound)
+
+    def bound(
+        self,
+        point: Point,
+        cost: float,
+        *,
+        sharp: bool = True,
+        tight: bool = False,
+        refine: bool = True,
+    ) -> DualBound | None:
+        """The bound by the surrogate at a point, from the multipliers there."""
+        if not isinstance(point, Estimate):
+            return None
+        below = surrogate(self.problem, point)
+        enough = cost - self.tolerance(cost) - below.constant
+        found = dual_bound(
+            below.problem,
+            below.problem.settled(point),
+            rounding=self.rigorous,
+            enough=enough,
+            sharp=sharp,
+            tight=tight,
+        )
+        if found is None:
+            return None
+        return replace(found, value=math.nextafter(found.value + below.constant, -math.inf))
+
+    def cost_upper(self, estimate: Estimate) -> float:
+        """The cost of the estimate, rounded up."""
+        return self.problem.enclosure(estimate)[1]
+
+    def sure(self, estimate: Estimate, cost: float) -> float:
+        """A smaller cost is lower than the estimate's, at most ``cost``, despite rounding."""
+        return self.problem.enclosure(estimate)[0] - self.difference(cost)
