@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from certpgo.assess import metrics
 from certpgo.certify import Certificate, Tier, certify
+from certpgo.costs.problem import InformationProblem
 from certpgo.errors import CertPGOError, InputError, InputNotice
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph
 from certpgo.io.digits import Digits, Writing
@@ -110,7 +111,7 @@ class Assessment:
 
 
 def assess(
-    problem: Problem,
+    problem: Problem | InformationProblem,
     estimate: Estimate,
     certificate: Certificate,
     *,
@@ -153,13 +154,14 @@ def distance(estimate: Estimate, other: Estimate) -> Distance:
 
 
 def costly_edges(
-    problem: Problem, estimate: Estimate, ids: IntArray, count: int = EDGES
+    problem: Problem | InformationProblem, estimate: Estimate, ids: IntArray, count: int = EDGES
 ) -> tuple[CostlyEdge, ...]:
     """The edges with the largest terms of F; none where F is zero or not finite."""
     terms = problem.edge_costs(estimate)
     lengths: FloatArray | None = None
-    if isinstance(problem, PoseProblem):
-        lengths = np.linalg.norm(problem.translation_residuals(estimate), axis=1)
+    poses = problem.chordal if isinstance(problem, InformationProblem) else problem
+    if isinstance(poses, PoseProblem):
+        lengths = np.linalg.norm(poses.translation_residuals(estimate), axis=1)
     total = float(terms.sum())
     if not 0.0 < total < math.inf:
         return ()
@@ -178,7 +180,7 @@ def costly_edges(
 
 
 def rounding_cost(
-    problem: Problem, estimate: Estimate, best: Estimate, writing: Writing
+    problem: Problem | InformationProblem, estimate: Estimate, best: Estimate, writing: Writing
 ) -> Rounding:
     """The increase of F when the best estimate is written like the file of the estimate.
 

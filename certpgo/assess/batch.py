@@ -13,6 +13,7 @@ import numpy as np
 
 from certpgo.assess.assessment import Assessment, assess
 from certpgo.certify.judge import Judge
+from certpgo.costs.problem import InformationProblem
 from certpgo.errors import CertPGOError, InputError
 from certpgo.graph import Estimate, Instance
 from certpgo.io import read_estimate
@@ -60,7 +61,7 @@ class JudgedGraph:
     """A connected graph, its problem, and the certifier of its estimates."""
 
     instance: Instance
-    problem: Problem
+    problem: Problem | InformationProblem
     judge: Judge
 
     def assessed(self, estimate: Estimate, writing: Writing | None = None) -> Assessment:

@@ -31,7 +31,7 @@ from certpgo.graph.cycles import is_cycle
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize import spectral
 from certpgo.optimize.newton import NewtonSettings, newton
-from certpgo.solvers.certified.pipeline import solve
+from certpgo.solvers.certified.interface import solve
 
 #: The method that solves the semidefinite program.
 PROGRAM = "sdp_dual"

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 
 from certpgo.assess.assessment import Assessment
 from certpgo.certify import Certificate
+from certpgo.certify.certificate import CHORDAL
 from certpgo.graph import Instance
 from certpgo.linalg.arrays import IntArray
 from certpgo.solvers.certified.disagreement import Disagreement
@@ -51,8 +52,10 @@ def trusts(certificate: Certificate) -> str:
     return _TRUSTS[certificate.tier.value]
 
 
-def objective(reading: Mapping[str, str]) -> str:
+def objective(reading: Mapping[str, str], certificate: Certificate | None = None) -> str:
     """The cost that the verdict refers to."""
+    if certificate is not None and certificate.objective != CHORDAL:
+        return certificate.objective
     return f"F with {reading_sentence(reading)}"
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+
+from certpgo.errors import InputError
 
 GraphName = Annotated[
     str,
@@ -31,6 +34,37 @@ Timestamps = Annotated[
         help="TUM timestamps are node ids, ignored (index), or matched with the times in FILE.",
     ),
 ]
+
+
+class Cost(StrEnum):
+    """The cost that a verdict is about."""
+
+    CHORDAL = "chordal"
+    G2O = "g2o"
+    GTSAM = "gtsam"
+
+
+CostOption = Annotated[
+    Cost,
+    typer.Option(
+        "--cost",
+        help="The cost to minimise: F with isotropic weights (chordal), or that of g2o or GTSAM "
+        "with the file's full information matrices.",
+    ),
+]
+
+
+def refuse_chordal_only(cost: Cost, **outputs: Path | None) -> None:
+    """Refuse outputs that exist for the chordal cost only.
+
+    Raises
+    ------
+    InputError
+        One is requested with another cost.
+    """
+    for name, out in outputs.items():
+        if cost is not Cost.CHORDAL and out is not None:
+            raise InputError(f"--{name} is for --cost chordal, not for --cost {cost.value}")
 
 
 def tier_option(default: str) -> Any:

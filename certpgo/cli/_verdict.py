@@ -52,7 +52,9 @@ def show(
 ) -> None:
     """Print the verdict, its reason, the numbers behind it, and the objective."""
     from certpgo.assess.wording import comparison, hint, meaning, numbers, objective, trusts
+    from certpgo.certify.certificate import CHORDAL
 
+    others = " (other tools minimise other errors)" if certificate.objective == CHORDAL else ""
     facts(
         [
             (certificate.verdict.value, meaning(certificate)),
@@ -61,7 +63,7 @@ def show(
             *(() if disagreement is None else [("outliers?", hint(disagreement))]),
             *(() if assessment is None else comparison(assessment)),
             ("proof rests on", trusts(certificate)),
-            ("objective", f"{objective(reading)} (other tools minimise other errors)"),
+            ("objective", f"{objective(reading, certificate)}{others}"),
         ]
     )
 
@@ -94,7 +96,7 @@ def as_json(
         "schema": SCHEMA,
         "graph": part.name,
         "reading": dict(part.options),
-        "objective": objective(part.options),
+        "objective": objective(part.options, certificate),
         "verdict": None if c is None else c.verdict.value,
         "reason": None if c is None else c.reason,
         "tier": None if c is None else c.tier.value,

@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from certpgo.cli import _verdict
-from certpgo.cli._options import GraphName, HtmlOut, Json, ProofOut, Timestamps, tier_option
+from certpgo.cli._options import (
+    Cost,
+    CostOption,
+    GraphName,
+    HtmlOut,
+    Json,
+    ProofOut,
+    Timestamps,
+    refuse_chordal_only,
+    tier_option,
+)
 from certpgo.cli._paging import origin_of, require_pages, write_page
 from certpgo.cli._proving import REFUSED, provable_source, prove
 from certpgo.cli._reading import Reading, takes_reading
@@ -21,7 +31,9 @@ if TYPE_CHECKING:
     from certpgo.assess.assessment import Assessment
     from certpgo.assess.batch import JudgedGraph
     from certpgo.certify import Certificate
+    from certpgo.costs import InformationProblem
     from certpgo.graph import Estimate, Instance
+    from certpgo.objective.problem import Problem
     from certpgo.solvers.certified.disagreement import Disagreement
 
 
@@ -34,6 +46,7 @@ def command(
             metavar="ESTIMATE...", help="File or dataset with poses; several need --csv."
         ),
     ],
+    cost: CostOption = Cost.CHORDAL,
     tier: Annotated[str | None, tier_option("standard, or proof with --proof")] = None,
     rtol: Annotated[
         float, typer.Option("--rtol", help="Tolerance on the gap, relative to the cost F.")
@@ -63,6 +76,7 @@ def command(
     from certpgo.assess.batch import JudgedGraph
     from certpgo.assess.wording import hint
     from certpgo.certify.judge import Judge
+    from certpgo.costs import problem_under
     from certpgo.io.format import format_to_write
     from certpgo.objective.problem import problem_of
 
@@ -72,6 +86,7 @@ def command(
         raise InputError("--best, --proof and --html need a single estimate, without --csv")
     if best is not None:
         format_to_write(best, None)  # report a wrong suffix before any work
+    refuse_chordal_only(cost, proof=proof, html=html)
     for out in (best, csv, proof, html):
         refuse_unwritable(out)
     require_pages(html)
@@ -84,7 +99,7 @@ def command(
     instance = reading.open(source)
     parts = []
     for connected in reading.parts(instance):
-        problem = problem_of(connected.graph)
+        problem = problem_under(connected, cost.value)
         judge = Judge(problem, tier=tier, rtol=rtol, atol=atol, refine=refine)
         parts.append(JudgedGraph(connected, problem, judge))
     if best is not None and len(parts) > 1:
@@ -114,7 +129,8 @@ def command(
         written = proof if proven else None
         remarks = [f"{hint(found)}." for found in disagreements if found is not None]
         origin = origin_of(graph, reading, estimate=estimates[0], proof=written, remarks=remarks)
-        write_page(html, part.instance, part.problem, given[0], assessments[0], origin)
+        problem = problem_of(part.instance.graph)
+        write_page(html, part.instance, problem, given[0], assessments[0], origin)
     return code if proven else code or REFUSED
 
 
@@ -131,7 +147,6 @@ def _single(
     path: Path, given: Sequence[Estimate], parts: Sequence[JudgedGraph], json: bool
 ) -> tuple[list[Assessment], list[Disagreement | None]]:
     from certpgo.io.digits import writing_of
-    from certpgo.solvers.certified.disagreement import disagreement
 
     writing = writing_of(path)
     assessments: list[Assessment] = []
@@ -139,9 +154,8 @@ def _single(
     for part, estimate in zip(parts, given, strict=True):
         with working(f"certifying {part.instance.name}"):
             found = part.assessed(estimate, writing)
-            refit = not found.best_is_optimal
             assessments.append(found)
-            disagreements.append(disagreement(part.problem, found.best, refit=refit))
+            disagreements.append(_disagreement(part.problem, found))
         if not json:
             if len(parts) > 1:
                 typer.echo(part.instance.name)
@@ -159,6 +173,16 @@ def _single(
         ]
         document(reports[0] if len(reports) == 1 else reports)
     return assessments, disagreements
+
+
+def _disagreement(problem: Problem | InformationProblem, found: Assessment) -> Disagreement | None:
+    """Measurements that disagree with the rest, by their residual angles and chordal cost."""
+    from certpgo.costs import InformationProblem
+    from certpgo.solvers.certified.disagreement import disagreement
+
+    if isinstance(problem, InformationProblem):
+        problem = problem.chordal
+    return disagreement(problem, found.best, refit=not found.best_is_optimal)
 
 
 def _batch(

@@ -4,14 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from certpgo.cli import _verdict
-from certpgo.cli._options import GraphName, HtmlOut, Json, ProofOut, tier_option
+from certpgo.cli._options import (
+    Cost,
+    CostOption,
+    GraphName,
+    HtmlOut,
+    Json,
+    ProofOut,
+    refuse_chordal_only,
+    tier_option,
+)
 from certpgo.cli._paging import origin_of, require_pages, write_page
 from certpgo.cli._proving import REFUSED, provable_source, prove
 from certpgo.cli._reading import Reading, takes_reading
@@ -21,6 +29,7 @@ from certpgo.errors import InputError
 from certpgo.optimize.monitor import Iteration, Monitor, TableMonitor
 
 if TYPE_CHECKING:
+    from certpgo import SolveSettings
     from certpgo.certify import Certificate
     from certpgo.graph import Estimate, Instance
     from certpgo.optimize.solution import Solution, Solver
@@ -39,6 +48,7 @@ def command(
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Setting of --method."),
     ] = None,
+    cost: CostOption = Cost.CHORDAL,
     initial: Annotated[Path | None, typer.Option("--initial", help="Initial estimate.")] = None,
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="Write the estimate to this file.")
@@ -86,11 +96,15 @@ def command(
     Riemannian staircase. Ctrl-C returns the best estimate so far; a second Ctrl-C aborts. With
     --robust the verdict is only about the measurements that are kept.
     """
+    from certpgo import SolveSettings
     from certpgo.io import read_estimate, write
     from certpgo.io.format import format_to_write
     from certpgo.registry import build, parse_settings, refuse_unsuited
 
     _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank)
+    if cost is not Cost.CHORDAL and (method is not None or robust):
+        raise InputError(f"--cost {cost.value} chooses its own method: not with --method, --robust")
+    refuse_chordal_only(cost, proof=proof, html=html)
     if proof is not None:
         _verdict.refuse_screening(tier)
         tier = tier or "proof"
@@ -123,7 +137,8 @@ def command(
         with working(f"solving {part.name}") as status:
             monitor = TableMonitor() if trace else _StatusLine(status)
             if solver is None or method is None:
-                result = _certified(part, begin, time_limit, max_rank, tier, robust, monitor)
+                limits = SolveSettings(time_limit=time_limit, max_rank=max_rank, tier=tier)
+                result = _certified(part, begin, limits, robust, monitor, cost)
             else:
                 requested = (tier or "standard") if certify else None
                 result = _by_method(part, method, solver, begin, requested, monitor, status)
@@ -231,6 +246,10 @@ class _Result:
             lines.append(("rejected", few_edges(part, solution.rejected)))
         if written is not None:
             lines.append(("written", str(written)))
+        chordal = None if self.found is None else self.found.chordal
+        if chordal is not None:
+            verdict = f"{chordal.verdict.value}, F = {chordal.cost:.12g} at another estimate"
+            lines.append(("chordal cost", verdict))
         facts(lines)
         if self.certificate is None:
             notice(f"{self._own_bound()}; --certify certifies the estimate")
@@ -305,17 +324,24 @@ class _StatusLine:
 def _certified(
     part: Instance,
     initial: Estimate | None,
-    time_limit: float | None,
-    max_rank: int | None,
-    tier: str | None,
+    settings: SolveSettings,
     robust: bool,
     monitor: Monitor,
+    cost: Cost,
 ) -> _Result:
-    from certpgo import SolveSettings, solve, solve_robustly
+    from certpgo import solve, solve_robustly
 
-    settings = SolveSettings(time_limit=time_limit, max_rank=max_rank, tier=tier)
-    solver = solve_robustly if robust else partial(solve, on_disagreement=_hinting)
-    found = solver(part.graph, settings, initial=initial, monitor=monitor)
+    if robust:
+        found = solve_robustly(part.graph, settings, initial=initial, monitor=monitor)
+    else:
+        found = solve(
+            part,
+            settings,
+            cost=cost.value,
+            initial=initial,
+            monitor=monitor,
+            on_disagreement=_hinting,
+        )
     name = "robust" if robust else "certified"
     return _Result(part, name, found.solution, found.certificate, found)
 

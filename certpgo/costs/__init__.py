@@ -8,11 +8,27 @@ from certpgo.costs.problem import InformationProblem, Surrogate, surrogate
 from certpgo.errors import InputError, SpecError
 from certpgo.graph import Instance, PoseGraph
 from certpgo.graph.information import InformationGraph
+from certpgo.objective.problem import Problem, problem_of
 
-#: The costs by name; ``"chordal"`` is F itself.
+#: The name of F itself.
+CHORDAL = "chordal"
+#: The costs of other programs by name.
 COSTS: dict[str, type[EdgeCost]] = {cost.name: cost for cost in (G2oCost,)}
 
-__all__ = ["COSTS", "InformationProblem", "Surrogate", "information_problem", "surrogate"]
+__all__ = [
+    "CHORDAL",
+    "COSTS",
+    "InformationProblem",
+    "Surrogate",
+    "information_problem",
+    "problem_under",
+    "surrogate",
+]
+
+
+def problem_under(instance: Instance, cost: str = CHORDAL) -> Problem | InformationProblem:
+    """The problem of an instance under a cost: ``"chordal"``, or see `information_problem`."""
+    return problem_of(instance.graph) if cost == CHORDAL else information_problem(instance, cost)
 
 
 def information_problem(instance: Instance, cost: str) -> InformationProblem:
@@ -31,7 +47,7 @@ def information_problem(instance: Instance, cost: str) -> InformationProblem:
         There are no poses or no information matrices, or some are not positive definite.
     """
     if cost not in COSTS:
-        raise SpecError.unknown("cost", cost, ["chordal", *COSTS])
+        raise SpecError.unknown("cost", cost, [CHORDAL, *COSTS])
     if not isinstance(instance.graph, PoseGraph) or instance.information is None:
         raise InputError(
             f"{instance.source or instance.name}: --cost {cost} needs poses with information "

@@ -15,7 +15,7 @@ from certpgo.graph import Estimate
 from certpgo.objective.problem import RotationProblem, problem_of
 from certpgo.optimize import spectral
 from certpgo.optimize.solution import Relaxation, Solution, Status
-from certpgo.solvers.certified.pipeline import solve
+from certpgo.solvers.certified.interface import solve
 
 
 def rungs(problem, *arguments, **options):

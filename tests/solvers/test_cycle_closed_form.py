@@ -14,7 +14,7 @@ from certpgo.graph import RotationGraph
 from certpgo.graph.cycles import walk
 from certpgo.linalg import so
 from certpgo.objective.problem import RotationProblem
-from certpgo.solvers.certified.pipeline import solve
+from certpgo.solvers.certified.interface import solve
 from certpgo.solvers.cycle_closed_form import CycleClosedForm, shares, stationary_point
 
 ROUNDING = 1e-12

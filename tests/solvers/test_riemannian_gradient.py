@@ -10,7 +10,7 @@ from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.optimize.solution import Status
-from certpgo.solvers.certified.pipeline import solve
+from certpgo.solvers.certified.interface import solve
 from certpgo.solvers.riemannian_gradient import RiemannianGradient
 
 

@@ -19,7 +19,7 @@ from certpgo.certify.curvature import smallest_eigenvalues
 from certpgo.datasets import synthetic
 from certpgo.graph import Estimate, Instance, RotationGraph
 from certpgo.objective.problem import problem_of
-from certpgo.solvers.certified.pipeline import solve
+from certpgo.solvers.certified.interface import solve
 from certpgo.view.certificate_page import Origin, certificate_page
 from certpgo.view.page import embedded, numeric
 from certpgo.view.scene import scene

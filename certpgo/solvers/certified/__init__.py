@@ -1,10 +1,12 @@
 """The certified pipeline: initialize, optimize, certify; climb, round and polish if that fails.
 
-Reading order: `pipeline` (the interface), `staircase` (the search), `disagreement` (finds outlying
-measurements) and `robust` (the pipeline without these).
+Reading order: `interface`, `pipeline`, `staircase` (the search), `own_cost` (the search in the cost
+of another program), `disagreement` (finds outlying measurements) and `robust` (the pipeline without
+these).
 """
 
-from certpgo.solvers.certified.pipeline import SOLVER, CertifiedSolution, solve
+from certpgo.solvers.certified.interface import solve
+from certpgo.solvers.certified.pipeline import SOLVER, CertifiedSolution
 from certpgo.solvers.certified.robust import solve_robustly
 
 __all__ = ["SOLVER", "CertifiedSolution", "solve", "solve_robustly"]

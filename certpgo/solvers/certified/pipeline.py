@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.case import PROOF_GAIN, Basin, Case
 from certpgo.errors import InputError
-from certpgo.graph import Estimate, Graph, PoseGraph, RotationGraph
-from certpgo.objective.problem import Problem, problem_of
+from certpgo.graph import Estimate
+from certpgo.objective.problem import Problem
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.progress import stoppable
 from certpgo.optimize.solution import Solution, Status
 from certpgo.optimize.starts import Start
-from certpgo.solvers.certified.disagreement import Disagreement, agrees, disagreement, ignore
+from certpgo.solvers.certified.disagreement import Disagreement, agrees, disagreement
 from certpgo.solvers.certified.settings import SolveSettings
 from certpgo.solvers.certified.staircase import Level, Staircase
 
@@ -38,6 +38,8 @@ class CertifiedSolution:
     settings : settings of the search
     disagreement : measurements that disagree with the rest, if there are any;
         `certpgo.solve_robustly` rejects them
+    chordal : under the cost of another program, the result for the chordal cost F from which the
+        search began; None for F itself, or from a given initial estimate
 
     Examples
     --------
@@ -56,6 +58,7 @@ class CertifiedSolution:
     levels: tuple[Level, ...]
     settings: SolveSettings
     disagreement: Disagreement | None = None
+    chordal: CertifiedSolution | None = None
 
     @property
     def estimate(self) -> Estimate:
@@ -71,69 +74,6 @@ class CertifiedSolution:
     def verdict(self) -> Verdict:
         """The certificate's verdict."""
         return self.certificate.verdict
-
-
-def solve(
-    graph: Graph,
-    settings: SolveSettings | None = None,
-    *,
-    initial: Estimate | None = None,
-    monitor: Monitor = silent,
-    on_disagreement: Callable[[Disagreement], object] = ignore,
-    **options: Any,
-) -> CertifiedSolution:
-    """The best estimate of a graph, with a certificate of how good it is.
-
-    The Riemannian staircase from rank d (Boumal 2015; Rosen et al., IJRR 2019), with Newton's
-    method on poses and certificates that account for rounding.
-
-    Parameters
-    ----------
-    graph : the measurements of n poses or rotations, connected
-    settings : limits, tolerances and tuning, see `SolveSettings`
-    initial : initial estimate; n poses, in metres; by default one is computed
-    monitor : is called with each iteration, and may stop the search
-    on_disagreement : is called with measurements that disagree with the rest, after the first
-        descent
-    options : single settings instead: ``time_limit``, ``max_rank``, ``tier``, ``rtol``, ``atol``
-        and any other field of `SolveSettings`
-
-    Returns
-    -------
-    The verdict is CERTIFIED; BOUNDED with a proven gap if the relaxation is not tight; or UNDECIDED
-    if the search ended before a useful bound was found. Ctrl-C stops the search like a monitor; a
-    second one raises KeyboardInterrupt.
-
-    Raises
-    ------
-    GraphError
-        The graph is not connected.
-    InputError
-        An initial estimate of another graph, invalid limits or tolerances, weights beyond the range
-        of doubles.
-    SpecError
-        An unknown tier or setting.
-    NumericalError
-        No initialization could be computed.
-
-    Examples
-    --------
-    >>> import certpgo
-    >>> from certpgo.datasets.synthetic import winding_cycle
-    >>> instance, _ = winding_cycle(6, 0.3, 0)
-    >>> result = certpgo.solve(instance.graph, time_limit=10.0)
-    >>> result.verdict.value
-    'CERTIFIED'
-    >>> print(f"{result.cost:.6f}")  # 8 n sin^2(theta / (2 n)), the error distributed evenly
-    0.029994
-    """
-    if not isinstance(graph, (PoseGraph, RotationGraph)):
-        raise InputError(
-            f"solve takes a graph, such as instance.graph, not a {type(graph).__name__}"
-        )
-    chosen = (settings or SolveSettings()).changed(options)
-    begin = None if initial is None else Start(initial, GIVEN)
-    return search_and_certify(problem_of(graph), chosen, begin, monitor, on_disagreement)
 
 
 def search_and_certify(

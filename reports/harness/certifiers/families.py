@@ -22,7 +22,7 @@ from certpgo.io import read, read_estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import PoseProblem, RotationProblem
-from certpgo.solvers.certified.pipeline import solve
+from certpgo.solvers.certified.interface import solve
 from reports.harness.certifiers import extremes, made, oracle
 from reports.harness.certifiers.made import Made
 from reports.harness.certifiers.points import (

@@ -18,7 +18,7 @@ from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize import newton, spectral
 from certpgo.optimize.solution import Solution
-from certpgo.solvers.certified.pipeline import solve
+from certpgo.solvers.certified.interface import solve
 from reports.harness.experiments.metrics import METRICS, Needs, needing
 
 #: Nodes of which the truth is known, and theirs.

@@ -13,7 +13,7 @@ from certpgo.graph import Estimate, Graph, PoseGraph, RotationGraph
 from certpgo.linalg import so
 from certpgo.objective.problem import Problem, problem_of
 from certpgo.optimize.newton import NewtonSettings, newton
-from certpgo.solvers.certified.pipeline import solve
+from certpgo.solvers.certified.interface import solve
 
 #: Noise of the rotations, radians, and of the steps relative to their size; None is uniform.
 NOISES = (0.1, 0.3, 0.6, 1.0, 1.5, None)

@@ -22,7 +22,7 @@ from certpgo.errors import CertPGOError, SpecError
 from certpgo.graph import Instance
 from certpgo.graph.components import rotations_alone
 from certpgo.linalg.factor import default_engine
-from certpgo.solvers.certified.pipeline import solve
+from certpgo.solvers.certified.interface import solve
 from reports.harness.experiments.absence import DIED, missing
 from reports.harness.experiments.keys import content_key
 from reports.harness.experiments.records import Record, of_certificate, of_solution

@@ -1,0 +1,90 @@
+"""`certpgo.solve`: the certified pipeline for a graph, in a choice of costs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from certpgo.costs import CHORDAL, information_problem
+from certpgo.costs.problem import InformationProblem
+from certpgo.errors import InputError
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.objective.problem import problem_of
+from certpgo.optimize.monitor import Monitor, silent
+from certpgo.optimize.starts import Start
+from certpgo.solvers.certified.disagreement import Disagreement, ignore
+from certpgo.solvers.certified.own_cost import search_own_cost
+from certpgo.solvers.certified.pipeline import GIVEN, CertifiedSolution, search_and_certify
+from certpgo.solvers.certified.settings import SolveSettings
+
+
+def solve(
+    graph: Graph | Instance | InformationProblem,
+    settings: SolveSettings | None = None,
+    *,
+    cost: str = CHORDAL,
+    initial: Estimate | None = None,
+    monitor: Monitor = silent,
+    on_disagreement: Callable[[Disagreement], object] = ignore,
+    **options: Any,
+) -> CertifiedSolution:
+    """The best estimate of a graph, with a certificate of how good it is.
+
+    The Riemannian staircase from rank d (Boumal 2015; Rosen et al., IJRR 2019), with Newton's
+    method on poses and certificates that account for rounding.
+
+    Parameters
+    ----------
+    graph : the measurements of n poses or rotations, connected, or the instance that was read
+    cost : ``"chordal"``, the F of this package; or for an instance with information matrices
+        ``"g2o"`` or ``"gtsam"``, the cost that these programs minimise, see `certpgo.costs`
+    settings : limits, tolerances and tuning, see `SolveSettings`
+    initial : initial estimate; n poses, in metres; by default one is computed
+    monitor : is called with each iteration, and may stop the search
+    on_disagreement : is called with measurements that disagree with the rest, after the first
+        descent
+    options : single settings instead: ``time_limit``, ``max_rank``, ``tier``, ``rtol``, ``atol``
+        and any other field of `SolveSettings`
+
+    Returns
+    -------
+    The verdict is CERTIFIED; BOUNDED with a proven gap if the relaxation is not tight; or UNDECIDED
+    if the search ended before a useful bound was found. Ctrl-C stops the search like a monitor; a
+    second one raises KeyboardInterrupt.
+
+    Raises
+    ------
+    GraphError
+        The graph is not connected.
+    InputError
+        An initial estimate of another graph, invalid limits or tolerances, weights beyond the range
+        of doubles.
+    SpecError
+        An unknown tier or setting.
+    NumericalError
+        No initialization could be computed.
+
+    Examples
+    --------
+    >>> import certpgo
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> instance, _ = winding_cycle(6, 0.3, 0)
+    >>> result = certpgo.solve(instance.graph, time_limit=10.0)
+    >>> result.verdict.value
+    'CERTIFIED'
+    >>> print(f"{result.cost:.6f}")  # 8 n sin^2(theta / (2 n)), the error distributed evenly
+    0.029994
+    """
+    chosen = (settings or SolveSettings()).changed(options)
+    if isinstance(graph, Instance):
+        graph = graph.graph if cost == CHORDAL else information_problem(graph, cost)
+    elif cost != CHORDAL:
+        raise InputError(f"cost={cost!r} needs the instance that was read, with its information")
+    if isinstance(graph, InformationProblem):
+        return search_own_cost(graph, chosen, initial, monitor)
+    if not isinstance(graph, (PoseGraph, RotationGraph)):
+        raise InputError(
+            f"solve takes a graph, such as instance.graph, not a {type(graph).__name__}"
+        )
+    begin = None if initial is None else Start(initial, GIVEN)
+    return search_and_certify(problem_of(graph), chosen, begin, monitor, on_disagreement)

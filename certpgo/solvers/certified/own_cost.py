@@ -1,0 +1,127 @@
+"""The search in the cost of another program, over surrogates.
+
+From the chordal optimum, descend on the cost f. Where the surrogate at the end does not certify it,
+the staircase minimises the surrogate globally: its bound is one on f, and its minimizer begins
+another descent, since a surrogate is below f everywhere and equal to it at the current point. Each
+round that continues lowers f.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+
+from certpgo.certify.case import Basin
+from certpgo.certify.certificate import Tier
+from certpgo.certify.dual import DualBound
+from certpgo.certify.own_cost import OwnCostCase
+from certpgo.costs.descent import descend
+from certpgo.costs.problem import InformationProblem, surrogate
+from certpgo.graph import Estimate
+from certpgo.optimize.monitor import Monitor
+from certpgo.optimize.progress import Stop, stoppable
+from certpgo.optimize.solution import Solution, Status
+from certpgo.optimize.starts import Start
+from certpgo.solvers.certified.pipeline import GIVEN, CertifiedSolution, search_and_certify
+from certpgo.solvers.certified.settings import SolveSettings
+from certpgo.solvers.certified.staircase import Level
+
+#: Surrogates that are minimised globally, at most.
+ROUNDS = 5
+
+
+def search_own_cost(
+    problem: InformationProblem,
+    settings: SolveSettings,
+    initial: Estimate | None,
+    monitor: Monitor,
+) -> CertifiedSolution:
+    """The best estimate under the problem's cost, with its certificate."""
+    case = OwnCostCase.of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
+    with stoppable(monitor, case.unit, settings.time_limit) as stop:
+        chordal = None
+        if initial is None:
+            chordal = search_and_certify(problem.chordal, settings, None, monitor)
+            stop.watch.seconds.update(chordal.solution.seconds)
+            initial = chordal.estimate
+        search = _Search(case, settings, stop, initial)
+        search.go_on()
+        ended = stop.status or search.status
+    certificate = case.certificate(search.best.point, search.best)
+    name = GIVEN if chordal is None else "the optimum of the chordal cost"
+    solution = Solution(
+        estimate=search.best.point,
+        cost=problem.cost(search.best.point),
+        status=ended,
+        iterations=max(len(stop.trace) - 1, 0),
+        lower_bound=certificate.lower_bound,
+        seconds=stop.watch.seconds,
+        trace=tuple(stop.trace),
+        note=f"initialized by {name}; {search.surrogates} surrogates minimised",
+    )
+    level = Level(problem.d, solution.cost, ended)
+    return CertifiedSolution(solution, certificate, name, (level,), settings, chordal=chordal)
+
+
+class _Search:
+    """The best estimate and bound so far."""
+
+    def __init__(
+        self, case: OwnCostCase, settings: SolveSettings, stop: Stop, start: Estimate
+    ) -> None:
+        self.case, self.settings, self.stop = case, settings, stop
+        self.surrogates = 0
+        self.best, self.status = self.basin(start)
+
+    def go_on(self) -> None:
+        """Minimise surrogates globally while that lowers the cost."""
+        while not (self.is_done or self.surrogates == ROUNDS):
+            self.surrogates += 1
+            estimate, bound = self.minimised()
+            if bound is not None and bound.value > self.best.value:
+                self.best = replace(self.best, bound=bound)
+            found, status = self.basin(estimate)
+            if not found.cost < (1.0 - self.settings.same_cost) * self.best.cost:
+                break
+            if found.value < self.best.value:
+                found = replace(found, bound=self.best.bound)
+            self.best, self.status = found, status
+
+    def basin(self, start: Estimate) -> tuple[Basin, Status]:
+        """The end of descent on the cost, with its bound."""
+        problem = self.case.problem
+        found = descend(problem, start, monitor=self.stop, watch=self.stop.watch)
+        with self.stop.watch.phase("certify"):
+            basin = self.case.basin(found.estimate, False)
+        return replace(basin, settled=found.status is Status.CONVERGED), found.status
+
+    def minimised(self) -> tuple[Estimate, DualBound | None]:
+        """The global search on the surrogate at the best estimate, and its bound on the cost."""
+        below = surrogate(self.case.problem, self.best.point)
+        share = self.best.cost / below.problem.cost(self.best.point)
+        left = self.stop.deadline - time.monotonic()
+        limited = replace(
+            self.settings,
+            tier=Tier.STANDARD,
+            rtol=min(self.settings.rtol * share, 0.5),
+            atol=0.0,
+            try_own_start=False,
+            time_limit=None if math.isinf(left) else max(left, 0.0),
+        )
+        start = Start(self.best.point, "the expansion point", near=True)
+        found = search_and_certify(below.problem, limited, start, self.stop)
+        for phase, seconds in found.solution.seconds.items():
+            self.stop.watch.seconds[phase] = self.stop.watch.seconds.get(phase, 0.0) + seconds
+        lower = found.certificate.lower_bound
+        if not lower > 0.0 or found.certificate.multipliers is None:
+            return found.estimate, None
+        value = math.nextafter(lower + below.constant, -math.inf)
+        shift = found.certificate.shift
+        return found.estimate, DualBound(value, found.certificate.multipliers, shift, 0, 0)
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the gap is closed or a stop was requested."""
+        closed = self.best.cost - self.best.value <= self.case.tolerance(self.best.cost)
+        return closed or self.stop.asked
