@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -246,8 +247,7 @@ class _Result:
             lines.append(("rejected", few_edges(part, solution.rejected)))
         if written is not None:
             lines.append(("written", str(written)))
-        chordal = None if self.found is None else self.found.chordal
-        if chordal is not None:
+        if self.found is not None and (chordal := self.found.chordal) is not None:
             verdict = f"{chordal.verdict.value}, F = {chordal.cost:.12g} at another estimate"
             lines.append(("chordal cost", verdict))
         facts(lines)
@@ -331,19 +331,12 @@ def _certified(
 ) -> _Result:
     from certpgo import solve, solve_robustly
 
-    if robust:
-        found = solve_robustly(part.graph, settings, initial=initial, monitor=monitor)
-    else:
-        found = solve(
-            part,
-            settings,
-            cost=cost.value,
-            initial=initial,
-            monitor=monitor,
-            on_disagreement=_hinting,
-        )
-    name = "robust" if robust else "certified"
-    return _Result(part, name, found.solution, found.certificate, found)
+    search: Callable[..., CertifiedSolution] = solve_robustly
+    if not robust:
+        search = partial(solve, cost=cost.value, on_disagreement=_hinting)
+    found = search(part.graph if robust else part, settings, initial=initial, monitor=monitor)
+    method = "robust" if robust else "certified"
+    return _Result(part, method, found.solution, found.certificate, found)
 
 
 def _hinting(found: Disagreement) -> None:

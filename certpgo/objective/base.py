@@ -146,3 +146,10 @@ class Objective(ABC):
             )
         if isinstance(self.graph, PoseGraph) and estimate.translations is None:
             raise InputError("the estimate has no translations, but the graph measures them")
+
+
+def require_graph(problem: Objective, kind: type, otherwise: str) -> None:
+    """Refuse another kind of graph by an InputError, which says what to take instead."""
+    if not isinstance(problem.graph, kind):
+        found, expecting = type(problem.graph).__name__, type(problem).__name__
+        raise InputError(f"{expecting} takes a {kind.__name__}, not a {found}; {otherwise}")
