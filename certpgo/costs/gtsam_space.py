@@ -272,7 +272,8 @@ def _split(
 ) -> tuple[FloatArray, BoolArray, FloatArray, FloatArray]:
     """Weights t (m,), whether T = t I and P = 0 (m,), T'^-1 P and W' (m, 3, 3).
 
-    They are nan where the information is not definite. Of the shares tried, the one with the largest t^3 det W'.
+    They are nan where the information is not definite. Of the shares tried, the one with the
+    largest t^3 det W'.
     """
     m, least = len(T), _smallest(T)
     crossless = np.asarray(~P.any(axis=(1, 2)))

@@ -205,10 +205,7 @@ def surrogate(problem: InformationProblem, estimate: Estimate) -> Surrogate:
             f"{len(missing)} of {graph.num_edges} measurements have no minorant in "
             f"{problem.edge_cost.title}, such as edge ({i}, {j})"
         )
-    singular = np.linalg.svd(found.N, compute_uv=False)
-    rotation = RotationGraph(
-        graph.num_nodes, graph.edges, graph.rotations, singular.mean(axis=1), found.N
-    )
+    rotation = RotationGraph.of_couplings(graph.num_nodes, graph.edges, graph.rotations, found.N)
     arms = found.a if found.a.any() else None
     general = PoseGraph(rotation, found.b, found.tau, arms)
     # The general edge's cost has the traces of the polar factors as well.

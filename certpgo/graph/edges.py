@@ -9,6 +9,7 @@ from scipy.sparse import csgraph
 
 from certpgo.checker import FAR
 from certpgo.errors import GraphError
+from certpgo.linalg import so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.blocks import adjacency
 
@@ -53,6 +54,16 @@ def check_matrices(name: str, values: FloatArray, shape: tuple[int, ...], edges:
 def symmetric(A: FloatArray) -> FloatArray:
     """The symmetric parts of matrices (m, d, d)."""
     return np.asarray(0.5 * (A + np.swapaxes(A, 1, 2)))
+
+
+def polar_factors(N: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Factors P, K and K' (m, d, d) with N = P K = K' P, P orthogonal, K and K' symmetric >= 0."""
+    # A reflection of one axis makes every determinant positive.
+    flip = np.ones(N.shape[:-1])
+    flip[:, -1] = np.where(so.determinants(N) < 0.0, -1.0, 1.0)
+    P = so.project(N * flip[:, None, :]) * flip[:, None, :]
+    back = np.swapaxes(P, 1, 2)
+    return P, symmetric(back @ N), symmetric(N @ back)
 
 
 def edge_name(edges: IntArray, bad: BoolArray) -> str:

@@ -22,6 +22,7 @@ from certpgo.graph.edges import (
     components_of,
     edge_name,
     induced,
+    polar_factors,
     simple_edges,
     symmetric,
 )
@@ -97,6 +98,17 @@ class RotationGraph:
             object.__setattr__(self, "couplings", frozen_floats(self.couplings))
             check_matrices("couplings", self.couplings, (m, self.d, self.d), self.edges)
 
+    @staticmethod
+    def of_couplings(
+        num_nodes: int, edges: IntArray, rotations: FloatArray, couplings: FloatArray
+    ) -> RotationGraph:
+        """The graph of general edges; kappa is tr(K) / d, for methods that weigh by a number."""
+        polar = polar_factors(np.asarray(couplings, dtype=np.float64))
+        kappa = np.trace(polar[1], axis1=1, axis2=2) / couplings.shape[-1]
+        graph = RotationGraph(num_nodes, edges, rotations, kappa, couplings)
+        graph.__dict__["polar"] = polar
+        return graph
+
     def with_matrix_weights(self, K: FloatArray) -> RotationGraph:
         """The same measurements with terms tr(E K E^T), E = R_j - R_i R_ij.
 
@@ -132,9 +144,7 @@ class RotationGraph:
         if self.couplings is None:
             K = self.kappa[:, None, None] * np.eye(self.d)
             return self.rotations, K, K
-        U, s, Vt = np.linalg.svd(self.couplings)
-        V, Ut = np.swapaxes(Vt, 1, 2), np.swapaxes(U, 1, 2)
-        return U @ Vt, symmetric((V * s[:, None, :]) @ Vt), symmetric((U * s[:, None, :]) @ Ut)
+        return polar_factors(self.couplings)
 
     @property
     def d(self) -> int:
