@@ -31,6 +31,7 @@ from certpgo.solvers.certified.settings import SolveSettings
 if TYPE_CHECKING:
     from certpgo.assess.assessment import certify_values
     from certpgo.certify.proof_file import write_proof
+    from certpgo.costs.gtsam_graph import from_gtsam, to_gtsam
     from certpgo.checker import check
     from certpgo.io import read, read_estimate, write
     from certpgo.registry import get_solver
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
 _LATER = {
     "check": "checker",
     "certify_values": "assess.assessment",
+    "from_gtsam": "costs.gtsam_graph",
+    "to_gtsam": "costs.gtsam_graph",
     "read": "io",
     "read_estimate": "io",
     "write": "io",
@@ -77,6 +80,8 @@ __all__ = [
     "certify",
     "check",
     "certify_values",
+    "from_gtsam",
+    "to_gtsam",
     "get_solver",
     "read",
     "read_estimate",

@@ -58,7 +58,7 @@ HOMES = {
     "joblib": ("reports/harness/experiments/execute.py",),
     "distributed": ("reports/harness/experiments/execute.py",),
     "ray": ("reports/harness/experiments/execute.py",),
-    "gtsam": (),
+    "gtsam": ("certpgo/costs/gtsam_graph.py",),
 }
 #: Lines of a file; the checker is one file, so that it can be copied and read alone.
 LONGEST, CHECKER = 400, 900
