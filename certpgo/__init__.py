@@ -31,8 +31,8 @@ from certpgo.solvers.certified.settings import SolveSettings
 if TYPE_CHECKING:
     from certpgo.assess.assessment import certify_values
     from certpgo.certify.proof_file import write_proof
-    from certpgo.costs.gtsam_graph import from_gtsam, to_gtsam
     from certpgo.checker import check
+    from certpgo.costs.gtsam_graph import from_gtsam, to_gtsam
     from certpgo.io import read, read_estimate, write
     from certpgo.registry import get_solver
 

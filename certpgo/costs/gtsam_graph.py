@@ -87,7 +87,6 @@ def to_gtsam(problem: InformationProblem, estimate: Estimate) -> tuple[Any, Any]
         raise MissingDependency("gtsam", "baselines") from None
     measured, d = problem.graph, problem.d
     order = _tangent_order(d)
-    pose = gtsam.Pose2 if d == 2 else gtsam.Pose3
     factor = getattr(gtsam, f"BetweenFactorPose{d}")
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     matrices = _matrices(measured.rotations, measured.translations)
@@ -95,12 +94,12 @@ def to_gtsam(problem: InformationProblem, estimate: Estimate) -> tuple[Any, Any]
         measured.edges.tolist(), matrices, measured.information, strict=True
     ):
         noise = gtsam.noiseModel.Gaussian.Information(full[np.ix_(order, order)])
-        graph.add(factor(i, j, pose(M), noise))
+        graph.add(factor(i, j, _pose(gtsam, M), noise))
     t = estimate.translations
     for k, M in enumerate(
         _matrices(estimate.rotations, np.zeros((problem.n, d)) if t is None else t)
     ):
-        values.insert(k, pose(M))
+        values.insert(k, _pose(gtsam, M))
     return graph, values
 
 
@@ -137,6 +136,12 @@ def _information(factor: Any, d: int) -> FloatArray:
 def _tangent_order(d: int) -> list[int]:
     """The permutation between GTSAM's order of tangent vectors and translation first."""
     return [0, 1, 2] if d == 2 else [3, 4, 5, 0, 1, 2]
+
+
+def _pose(gtsam: Any, M: FloatArray) -> Any:
+    if M.shape[0] == 4:
+        return gtsam.Pose3(M)
+    return gtsam.Pose2(M[0, 2], M[1, 2], float(np.arctan2(M[1, 0], M[0, 0])))
 
 
 def _matrix(pose: Any) -> FloatArray:

@@ -35,7 +35,7 @@ and zeta = 2 (c - 1/12) omega^T M omega. Let d = omega - omega0; all is smooth o
   2 (c - 1/12)) at x = pi^2, below 0.68 |M|, and |M| <= |k| |y~|.
 - |D(omega) - D0| <= ((pi + theta0) / 6) 1.12 |k| |d| for theta0 <= 0.9. D = nu(theta) k in the
   plane normal to omega, taken as complex numbers, with |nu| = rho(theta/2), rho(x) = x / sin(x) -
-  cos(x), and |nu'| = (rho'^2 + rho^2)^(1/2) / 2 <= (theta/3) (1 + 0.2143 theta^2 / pi^2). The
+  cos(x), and |nu'| = (rho'^2 + rho^2)^(1/2) / 2 <= (theta/3) (1 + 0.22 theta^2 / pi^2). The
   derivative of D along unit vectors at an angle beta to omega has norm at most (n cos(beta) +
   (n^2 cos^2(beta) + 4 (|nu| / theta)^2 sin^2(beta))^(1/2)) / 2, n = |nu'|, which is at most n or
   2 |nu| / theta; the bound on |nu'| bounds both. On the segment from omega0 to omega, theta is at
