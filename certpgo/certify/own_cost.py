@@ -13,8 +13,9 @@ from typing import Self
 
 import numpy as np
 
+from certpgo.certify.bounds import Bounds
 from certpgo.certify.case import SETTLED, Basin, Case
-from certpgo.certify.certificate import Tier
+from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound, dual_bound
 from certpgo.costs.descent import descend
 from certpgo.costs.problem import InformationProblem, surrogate
@@ -82,7 +83,10 @@ class OwnCostCase(Case):
         """The bound by the surrogate at a point, from the multipliers there."""
         if not isinstance(point, Estimate):
             return None
-        below = surrogate(self.problem, point)
+        try:
+            below = surrogate(self.problem, point)
+        except NumericalError:
+            return None
         enough = cost - self.tolerance(cost) - below.constant
         found = dual_bound(
             below.problem,
@@ -95,6 +99,25 @@ class OwnCostCase(Case):
         if found is None:
             return None
         return replace(found, value=math.nextafter(found.value + below.constant, -math.inf))
+
+    def certificate(
+        self,
+        estimate: Estimate,
+        own: Basin,
+        other: Basin | None = None,
+        bounds: Bounds | None = None,
+    ) -> Certificate:
+        """The certificate of an estimate; its reason names measurements without a minorant."""
+        found = super().certificate(estimate, own, other, bounds)
+        if found.verdict not in (Verdict.BOUNDED, Verdict.UNDECIDED):
+            return found
+        exist = self.problem.edge_cost.minorants(*self.problem.relative(own.point)).exist
+        missing = np.flatnonzero(~exist)
+        if not len(missing):
+            return found
+        i, j = self.problem.graph.edges[missing[0]]
+        spoiled = f"{len(missing)} measurements, such as that of edge ({i}, {j}), add nothing to it"
+        return replace(found, reason=f"{found.reason}; {spoiled}")
 
     def cost_upper(self, estimate: Estimate) -> float:
         """The cost of the estimate, rounded up."""

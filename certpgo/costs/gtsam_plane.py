@@ -44,7 +44,7 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.balls import Ball, is_positive_definite, near_rotations
 
-#: Shares of the smallest eigenvalue of the translational information that tau may be.
+#: Shares of the largest tau for which w' is not negative.
 SHARES = (1.0 - 2.0**-20, 0.99, 0.9, 0.75, 0.5, 0.25, 0.1)
 #: X may be at most this times w'; 5 would do.
 ROOM = 4.0
@@ -153,7 +153,11 @@ def _split(
     Of the shares tried, the one with the largest tau^2 w'.
     """
     m = len(w)
-    smallest = np.linalg.eigvalsh(T)[:, 0]
+    # w' > 0 exactly for tau below the inverse of the largest translational variance.
+    with np.errstate(all="ignore"):
+        conditional = T - p[:, :, None] * p[:, None, :] / w[:, None, None]
+    finite = (w > 0.0) & np.isfinite(conditional).all(axis=(1, 2))
+    smallest = np.linalg.eigvalsh(np.where(finite[:, None, None], conditional, 0.0))[:, 0]
     tau, rest = np.full(m, np.nan), np.full((m, 2, 2), np.nan)
     r, left, best = np.full((m, 2), np.nan), np.full(m, np.nan), np.zeros(m)
     for share in SHARES:

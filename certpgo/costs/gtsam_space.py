@@ -85,7 +85,7 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.balls import Ball, crossed, is_positive_definite, near_rotations, sums
 
-#: Shares of the smallest eigenvalue of the translational information that t may be.
+#: Shares of the largest t for which W' is positive semidefinite.
 SHARES = (0.99, 0.9, 0.75, 0.5, 0.25, 0.1)
 #: The share without cross terms, and the share of t that tau is where k = 0: nothing is lost.
 WHOLE, NEARLY = 1.0 - 2.0**-20, 1.0 - 2.0**-30
@@ -168,7 +168,7 @@ def _taken_apart(graph: InformationGraph, y: FloatArray, omega: FloatArray) -> _
     for tried in TOUCHED:
         k = tried * _times(rest, q)
         size = np.linalg.norm(k, axis=1)
-        slope = _slopes(k, tried * _times(np.swapaxes(P, 1, 2), q), y, omega)
+        slope = _slopes(k, tried * _times(_transposed(P), q), y, omega)
         swept = (SWEPT * (np.pi + at.theta) * size) ** 2
         pays = np.where(size > 0.0, np.clip(np.sqrt(swept * t / enough), t / 1024, t / 2), t)
         eta_now = np.where(size > 0.0, pays, (1.0 - NEARLY) * t)
@@ -183,7 +183,7 @@ def _taken_apart(graph: InformationGraph, y: FloatArray, omega: FloatArray) -> _
         remains[fits], rho[fits] = remains_now[fits], least[fits]
         done |= fits
     x = share[:, None] * q
-    p = _times(np.swapaxes(P, 1, 2), x)
+    p = _times(_transposed(P), x)
     return _Terms(y, omega, at, t, scalar, rest, r, left, share, x, p, mu, eta, remains, rho)
 
 
@@ -194,10 +194,10 @@ def _edges(
     at, k, part = of.at, of.k, of.part
     tau, E = of.t - of.eta, so.exp(of.omega)
     inverse = _inverse_jacobians(of.omega)
-    swept = _times(np.swapaxes(inverse, 1, 2), k) - 0.5 * (k + _times(E, k))
+    swept = _times(_transposed(inverse), k) - 0.5 * (k + _times(E, k))
     over = of.remains - of.rho[:, None, None] * np.eye(3)
     c_e = 2.0 * part[:, None] * _times(over, of.e)
-    c_z = 2.0 * (of.t / at.h.nearest)[:, None] * (of.y - _times(np.swapaxes(E, 1, 2), of.y))
+    c_z = 2.0 * (of.t / at.h.nearest)[:, None] * (of.y - _times(_transposed(E), of.y))
     c_s = of.rho * at.dg.nearest - _dots(c_z, c_z) / (4.0 * of.t) * at.dh.nearest
     c_s -= 0.5 * _dots(c_e, of.e) * at.dchi.nearest
     a = (k - c_z) / (2.0 * tau)[:, None]
@@ -279,14 +279,17 @@ def _split(
     crossless = np.asarray(~P.any(axis=(1, 2)))
     scalar = (T[:, :1, :1] * np.eye(3) == T).all(axis=(1, 2)) & crossless
     t = np.where(scalar, T[:, 0, 0], np.where(crossless, WHOLE * least, np.nan))
+    # W' is positive definite exactly for t below the inverse of the largest translational variance.
+    both = ~crossless & (_smallest(W) > 0.0)
+    least[both] = _smallest(T[both] - P[both] @ np.linalg.solve(W[both], _transposed(P[both])))
     r, left, best = np.zeros((m, 3, 3)), W.copy(), np.full(m, -np.inf)
     left[~crossless] = np.nan
     for share in SHARES:
-        tried = np.flatnonzero(~crossless & (least > 0.0))
+        tried = np.flatnonzero(both & (least > 0.0))
         rest = T[tried] - (share * least[tried])[:, None, None] * np.eye(3)
         solved = np.linalg.solve(rest, P[tried])
-        remaining = W[tried] - np.swapaxes(P[tried], 1, 2) @ solved
-        remaining = 0.5 * (remaining + np.swapaxes(remaining, 1, 2))
+        remaining = W[tried] - _transposed(P[tried]) @ solved
+        remaining = 0.5 * (remaining + _transposed(remaining))
         values = np.linalg.eigvalsh(remaining)
         worth = np.where(values[:, 0] > 0.0, share**3 * values.prod(axis=1), -np.inf)
         better = worth > best[tried]
@@ -307,9 +310,7 @@ def _slopes(k: FloatArray, p: FloatArray, y: FloatArray, omega: FloatArray) -> F
 def _bilinear(k: FloatArray, y: FloatArray) -> FloatArray:
     """The matrices M (m, 3, 3)."""
     outer = k[:, :, None] * y[:, None, :]
-    return np.asarray(
-        0.5 * (outer + np.swapaxes(outer, 1, 2)) - _dots(k, y)[:, None, None] * np.eye(3)
-    )
+    return np.asarray(0.5 * (outer + _transposed(outer)) - _dots(k, y)[:, None, None] * np.eye(3))
 
 
 def _inverse_jacobians(omega: FloatArray) -> FloatArray:
@@ -352,6 +353,10 @@ def _times(A: FloatArray, x: FloatArray) -> FloatArray:
 
 def _dots(x: FloatArray, y: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("ma,ma->m", x, y))
+
+
+def _transposed(A: FloatArray) -> FloatArray:
+    return np.swapaxes(A, 1, 2)
 
 
 def _kept(x: FloatArray, sound: BoolArray) -> FloatArray:

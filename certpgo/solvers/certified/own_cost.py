@@ -18,6 +18,7 @@ from certpgo.certify.dual import DualBound
 from certpgo.certify.own_cost import OwnCostCase
 from certpgo.costs.descent import descend
 from certpgo.costs.problem import InformationProblem, surrogate
+from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.progress import Stop, stoppable
@@ -98,7 +99,10 @@ class _Search:
 
     def minimised(self) -> tuple[Estimate, DualBound | None]:
         """The global search on the surrogate at the best estimate, and its bound on the cost."""
-        below = surrogate(self.case.problem, self.best.point)
+        try:
+            below = surrogate(self.case.problem, self.best.point)
+        except NumericalError:
+            return self.best.point, None
         share = self.best.cost / below.problem.cost(self.best.point)
         left = self.stop.deadline - time.monotonic()
         limited = replace(
