@@ -44,8 +44,8 @@ def search_own_cost(
         chordal = None
         if initial is None:
             chordal = search_and_certify(problem.chordal, settings, None, monitor)
-            stop.watch.seconds.update(chordal.solution.seconds)
             initial = chordal.estimate
+            _follow(stop, chordal)
         search = _Search(case, settings, stop, initial)
         search.go_on()
         ended = stop.status or search.status
@@ -63,6 +63,13 @@ def search_own_cost(
     )
     level = Level(problem.d, solution.cost, ended)
     return CertifiedSolution(solution, certificate, name, (level,), settings, chordal=chordal)
+
+
+def _follow(stop: Stop, found: CertifiedSolution) -> None:
+    """Add the seconds of a search within this one, and stop if it was interrupted."""
+    for phase, seconds in found.solution.seconds.items():
+        stop.watch.seconds[phase] = stop.watch.seconds.get(phase, 0.0) + seconds
+    stop.interrupted = stop.interrupted or found.solution.status is Status.INTERRUPTED
 
 
 class _Search:
@@ -115,8 +122,7 @@ class _Search:
         )
         start = Start(self.best.point, "the expansion point", near=True)
         found = search_and_certify(below.problem, limited, start, self.stop)
-        for phase, seconds in found.solution.seconds.items():
-            self.stop.watch.seconds[phase] = self.stop.watch.seconds.get(phase, 0.0) + seconds
+        _follow(self.stop, found)
         lower = found.certificate.lower_bound
         if not lower > 0.0 or found.certificate.multipliers is None:
             return found.estimate, None
