@@ -50,6 +50,7 @@ class RandomStarts(Baseline):
     max_iterations: int = 500
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.starts < 1 or self.max_iterations < 1 or self.seed < 0:
             raise SpecError("starts and max_iterations must be at least 1, seed not negative")
 

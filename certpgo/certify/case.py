@@ -82,7 +82,7 @@ class Case:
         SpecError
             An unknown tier.
         """
-        tier = _tier(tier)
+        tier = tier_called(tier)
         refuse_tolerances(rtol, atol)
         unit = unit_of(problem)
         try:
@@ -275,12 +275,19 @@ def refuse_tolerances(rtol: float, atol: float) -> None:
         raise InputError(f"tolerances must lie within 0 ... 1: rtol={rtol}, atol={atol}")
 
 
-def _tier(tier: Tier | str) -> Tier:
+def tier_called(tier: Tier | str) -> Tier:
+    """The tier itself, or the one with that name.
+
+    Raises
+    ------
+    SpecError
+        There is none.
+    """
     if isinstance(tier, Tier):
         return tier
     known = {t.value: t for t in Tier}
     if tier not in known:
-        raise SpecError.unknown("tier", tier, known)
+        raise SpecError.unknown("tier", str(tier), known)
     return known[tier]
 
 
