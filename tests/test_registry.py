@@ -47,6 +47,21 @@ def test_a_baseline_is_loaded_by_path_and_may_import_its_neighbour(checkout):
     assert registry.get_solver("some_peer").value == 7
 
 
+def test_only_nested_settings_cannot_be_set_one_by_one(checkout):
+    made = SOLVER_FILE.replace("import dataclass", "import dataclass, field").replace(
+        "    value: int",
+        "    names: tuple[str, ...] = field(default_factory=lambda: ('a', 'b'))\n"
+        "    inner: object = field(default_factory=Inner)\n    value: int",
+    )
+    inner = "\n@dataclass(frozen=True)\nclass Inner:\n    x: int = 1\n\n@dataclass(frozen=True)\nclass S"
+    made = made.replace("\n@dataclass(frozen=True)\nclass S", inner)
+    (checkout / "baselines" / "some_peer.py").write_text(made)
+    solver = registry.get_solver("some_peer")
+    assert registry.defaults(solver) == {"names": ("a", "b"), "value": 7}
+    assert registry.build("some_peer", {"names": ("c",)}).names == ("c",)
+    assert list(registry.setting_fields(registry.get_solver("certified"))).count("newton") == 0
+
+
 def test_listing_names_runs_no_file(checkout):
     (checkout / "baselines" / "broken.py").write_text("raise RuntimeError('imported')\n")
     assert "broken" in registry.solver_names()
