@@ -161,7 +161,7 @@ class Case:
             return whole
 
         def bound_of(part: Part) -> DualBound | None:
-            here = part.point(point, polish=refine)
+            here = part.point(point, refine=refine)
             cost = part.problem.cost(here)
             return self._bound(part.problem, here, cost, sharp=sharp, tight=tight)
 
