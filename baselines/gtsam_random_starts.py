@@ -51,8 +51,8 @@ class RandomStarts(Baseline):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.starts < 1 or self.max_iterations < 1 or self.seed < 0:
-            raise SpecError("starts and max_iterations must be at least 1, seed not negative")
+        if self.starts < 1 or self.max_iterations < 1:
+            raise SpecError("starts and max_iterations must be at least 1")
 
     def ready(
         self, problem: Problem, initial: Estimate | None, watch: Stopwatch

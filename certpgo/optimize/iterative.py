@@ -50,7 +50,7 @@ class Iterative(Settings):
         super().__post_init__()
         if not 0.0 <= self.tolerance < math.inf or self.max_iterations < 1:
             raise SpecError(
-                "tolerance must be finite and not negative, and max_iterations at least 1"
+                "tolerance must not be negative or infinite, and max_iterations at least 1"
             )
 
 

@@ -115,7 +115,7 @@ def test_the_trace_says_how_well_the_model_predicted_each_step():
         ({"near": -1.0}, "near must not be negative"),
         ({"max_iterations": 0}, "max_iterations at least 1"),
         ({"max_iterations": 2.5}, "max_iterations must be an integer, not 2.5"),
-        ({"tolerance": math.inf}, "tolerance must be finite"),
+        ({"tolerance": math.inf}, "must not be negative or infinite"),
         *(
             ({field.name: math.nan}, "required|must")
             for field in fields(NewtonSettings)

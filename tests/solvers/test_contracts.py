@@ -137,6 +137,18 @@ def test_settings_are_validated_at_construction(name, key):
         build(name, {key: wrong})
 
 
+@pytest.mark.parametrize(
+    ("name", "key"), [(name, key) for name in NAMES for key in defaults(registry.get_solver(name))]
+)
+def test_settings_of_another_type_are_refused(name, key):
+    default = defaults(registry.get_solver(name))[key]
+    if default is None or isinstance(default, str):
+        pytest.skip(f"{key}: several types are allowed")
+    wrong = 2.5 if type(default) is int else "text"
+    with pytest.raises(SpecError, match=f"{key} must be"):
+        build(name, {key: wrong})
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_an_unknown_setting_is_refused(name):
     with pytest.raises(SpecError, match=f"unknown setting of {name} 'no_such'"):
