@@ -66,6 +66,10 @@ class FormatError(InputError):
         super().__init__(f"{place}: {expected}")
 
 
+class FileNotHere(InputError):  # noqa: N818 - the condition is the name
+    """The file of a dataset is not on this machine."""
+
+
 class GraphError(InputError):
     """A graph or estimate violates its invariants.
 
