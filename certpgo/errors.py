@@ -8,6 +8,18 @@ from pathlib import Path
 
 #: Number of known names up to which all are listed.
 FEW = 8
+#: Similarity, from 0 to 1, from which on another name may have been meant.
+CLOSE = 0.65
+#: Letters from which on the beginning of a name stands for it.
+BEGINNING = 3
+
+
+def nearest(name: str, names: Iterable[str]) -> list[str]:
+    """At most three names that may have been meant: similar ones, or longer by an ending."""
+    listed = list(names)
+    longer = [n for n in listed if len(name) >= BEGINNING and n.startswith(name)]
+    similar = difflib.get_close_matches(name, listed, n=3, cutoff=CLOSE)
+    return list(dict.fromkeys([*similar, *longer]))[:3]
 
 
 class CertPGOError(Exception):
@@ -141,7 +153,7 @@ class SpecError(CertPGOError, LookupError):
     def unknown(cls, kind: str, name: str, known: Iterable[str]) -> SpecError:
         """The error for an unknown ``name``, with the nearest known ones or all if few."""
         names = sorted(known)
-        near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+        near = nearest(name, names)
         hint = f"did you mean {' or '.join(near)}?" if near else ""
         if not near or len(names) <= FEW:
             known_are = f"known: {', '.join(names)}" if names else "there are none"
