@@ -22,6 +22,12 @@ def nearest(name: str, names: Iterable[str]) -> list[str]:
     return list(dict.fromkeys([*similar, *longer]))[:3]
 
 
+def kind_of(thing: object) -> str:
+    """The name of an object's type with its article, for messages."""
+    name = type(thing).__name__
+    return f"{'an' if name[:1].upper() in 'AEIO' else 'a'} {name}"
+
+
 class CertPGOError(Exception):
     """Base of the errors that this package raises; the message is one line.
 
@@ -47,7 +53,7 @@ class InputError(CertPGOError, ValueError):
     >>> certpgo.solve(instance)
     Traceback (most recent call last):
         ...
-    certpgo.errors.InputError: solve takes a graph, such as instance.graph, not a Instance
+    certpgo.errors.InputError: solve takes a graph, such as instance.graph, not an Instance
     """
 
 
@@ -76,6 +82,10 @@ class FormatError(InputError):
         self.path, self.line, self.expected = Path(path), line, expected
         place = f"{path}:{line}" if line is not None else f"{path}"
         super().__init__(f"{place}: {expected}")
+
+
+class NoMeasurements(FormatError):  # noqa: N818 - the condition is the name
+    """A file holds an estimate where measurements are expected."""
 
 
 class GraphError(InputError):

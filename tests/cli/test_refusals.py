@@ -49,6 +49,13 @@ def test_a_missing_file(certpgo, command):
     fails_in_one_line(certpgo(command, "folder/nowhere.g2o"), "folder/nowhere.g2o")
 
 
+def test_a_translation_beyond_doubles_names_its_edge(certpgo, tmp_path):
+    graph = tmp_path / "far.g2o"
+    rest = "0 0.1 1 0 0 1 0 1"
+    graph.write_text("".join(f"EDGE_SE2 {i} {i + 1} {x} {rest}\n" for i, x in ((7, 1), (8, 1e308))))
+    fails_in_one_line(certpgo("solve", graph), "edge 8 to 9: translations up to 1e+90 expected")
+
+
 @pytest.mark.parametrize("command", ["solve", "info", "compare", "convert"])
 def test_an_empty_name(certpgo, command):
     done = certpgo(command, "", *["out.g2o"] * (command == "convert"))
