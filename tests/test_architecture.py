@@ -18,6 +18,7 @@ HARNESS_FILES = sorted(HARNESS.rglob("*.py"))
 
 #: The order of reading: a room imports from rooms of lower rank alone.
 RANKS = {
+    "_start": 0,
     "checker": 0,
     "errors": 0,
     "linalg": 1,
@@ -33,6 +34,7 @@ RANKS = {
     "view": 8,
     "__init__": 8,
     "cli": 9,
+    "__main__": 10,
 }
 HARNESS_RANKS = {
     "experiments": 0,

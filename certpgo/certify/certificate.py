@@ -93,6 +93,7 @@ class Certificate:
     bounds : bounds that need no factorization, at ``refined``; None if they failed
     engine : factorization engine
     reason : the reason for the verdict in one sentence
+    descended : whether ``refined`` is the end of local descent
 
     Examples
     --------
@@ -128,6 +129,7 @@ class Certificate:
     bounds: Bounds | None
     engine: str
     reason: str
+    descended: bool = True
 
     @property
     def relative_gap(self) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 from certpgo.certify.bounds import Bounds, bounds
 from certpgo.certify.case import ATOL, RTOL, Basin, Case
 from certpgo.certify.certificate import Certificate, Tier
-from certpgo.errors import InputError, NumericalError
+from certpgo.errors import InputError, NumericalError, kind_of
 from certpgo.graph import Estimate
 from certpgo.objective.base import Objective
 from certpgo.objective.problem import Problem
@@ -83,8 +83,7 @@ class Judge:
     ) -> None:
         if not isinstance(problem, Objective):
             raise InputError(
-                "a PoseProblem(graph) or RotationProblem(graph) is judged, not a "
-                f"{type(problem).__name__}"
+                f"a PoseProblem(graph) or RotationProblem(graph) is judged, not {kind_of(problem)}"
             )
         self._problem, self._refine = problem, refine
         self._case = Case.of(problem, tier, rtol, atol)

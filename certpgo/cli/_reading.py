@@ -95,7 +95,10 @@ class Reading:
         """The file or dataset with this path or name."""
         from certpgo.datasets.source import resolve
 
-        return resolve(name, self.data)
+        source = resolve(name, self.data)
+        if source.hides_dataset:
+            notice(f"{name} is a file here; the dataset of that name is not used")
+        return source
 
     @property
     def options(self) -> dict[str, Any]:

@@ -14,14 +14,25 @@ if TYPE_CHECKING:
 
 
 def refuse_unwritable(out: Path | None) -> None:
-    """Refuse an output whose folder is missing or not writable.
+    """Refuse an output whose folder is missing or not writable, or that is a folder itself.
 
     Raises
     ------
     InputError
-        There is no such folder, or it cannot be written to.
+        There is no such folder, it cannot be written to, or the output is a folder.
     """
-    if out is not None and not (out.parent.is_dir() and os.access(out.parent, os.W_OK)):
+    from certpgo.io.writing import is_stream
+
+    if out is None:
+        return
+    if out.is_dir():
+        raise InputError(f"{out}: cannot be written: it is a folder")
+    folder = Path(os.path.realpath(out)).parent
+    if is_stream(out):  # written to, so its folder need not be
+        writable = os.access(out, os.W_OK)
+    else:
+        writable = folder.is_dir() and os.access(folder, os.W_OK)
+    if not writable:
         raise InputError(f"{out}: cannot be written: no such folder, or no write permission")
 
 

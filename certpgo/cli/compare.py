@@ -18,6 +18,7 @@ from certpgo.io.plural import counted
 
 if TYPE_CHECKING:
     from certpgo.assess.comparison import Competitor, MethodResult
+    from certpgo.datasets.source import Source
     from certpgo.graph import Instance
 
 #: Datasets compared by default, if available locally; otherwise small files of the gtsam wheel.
@@ -60,8 +61,8 @@ def command(
     from certpgo.assess.comparison import NOTES, MethodResult, as_data
 
     chosen = _default_methods() if methods is None else _methods(methods.split(","))
-    names = tuple(dict.fromkeys(graphs)) if graphs else _usual(reading, quick)
-    sources = [reading.resolve(name) for name in names]
+    named = [reading.resolve(name) for name in dict.fromkeys(graphs or ())]
+    sources = named or _usual(reading, quick)
     for source in sources:
         source.path()  # report missing files and download datasets before any work
     results = _Results(out)
@@ -228,18 +229,18 @@ def _methods(names: Sequence[str]) -> tuple[Competitor, ...]:
     return tuple(labelled.get(name) or Competitor(name) for name in dict.fromkeys(names))
 
 
-def _usual(reading: Reading, quick: bool) -> tuple[str, ...]:
-    """The usual datasets that are available locally, or their substitutes."""
-    from certpgo.datasets.source import resolve
+def _usual(reading: Reading, quick: bool) -> list[Source]:
+    """The usual datasets that are available locally, or their substitutes; never other files."""
+    from certpgo.datasets.source import Source
 
     local = [
-        tuple(name for name in group if resolve(name, reading.data).is_here)
+        [s for name in group if (s := Source(name, is_file=False, data=reading.data)).is_here]
         for group in (USUAL, STAND_INS)
     ]
-    names = local[0] or local[1]
-    if not names:
+    found = local[0] or local[1]
+    if not found:
         raise InputError(
             "none of the usual datasets is available: name a graph, download some with certpgo "
             "fetch, set --data, or pip install 'certpgo[baselines]' for small ones"
         )
-    return tuple(name for name in names if name in QUICK) or names[:1] if quick else names
+    return [s for s in found if s.name in QUICK] or found[:1] if quick else found

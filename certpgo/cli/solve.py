@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from certpgo.cli import _verdict
+from certpgo.cli._interrupting import ends_at_once
 from certpgo.cli._options import GraphName, HtmlOut, Json, ProofOut, tier_option
 from certpgo.cli._paging import origin_of, require_pages, write_page
 from certpgo.cli._proving import REFUSED, provable_source, prove
@@ -26,6 +28,12 @@ if TYPE_CHECKING:
     from certpgo.optimize.solution import Solution, Solver
     from certpgo.solvers.certified import CertifiedSolution
     from certpgo.solvers.certified.disagreement import Disagreement
+
+
+_UNPROVABLE = (
+    "a proof is about all measurements of a file, not about those that a robust method keeps; "
+    "write a graph of these (see Reject outliers) and prove its estimate"
+)
 
 
 @takes_reading
@@ -84,13 +92,16 @@ def command(
 
     The certified pipeline initializes, optimizes and certifies; if that fails, it climbs the
     Riemannian staircase. Ctrl-C returns the best estimate so far; a second Ctrl-C aborts. With
-    --robust the verdict is only about the measurements that are kept.
+    --method, the first Ctrl-C aborts. With --robust the verdict is only about the measurements that
+    are kept.
     """
     from certpgo.io import read_estimate, write
     from certpgo.io.format import format_to_write
     from certpgo.registry import build, parse_settings, refuse_unsuited
 
     _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank)
+    if robust and proof is not None:
+        raise InputError(_UNPROVABLE)
     if proof is not None:
         _verdict.refuse_screening(tier)
         tier = tier or "proof"
@@ -116,6 +127,8 @@ def command(
         solver = build(method, parse_settings(method, settings or ()))
         for part in parts:
             refuse_unsuited(method, solver, part.graph)
+        if initial is not None and not getattr(solver, "takes_initial", True):
+            raise InputError(f"{method} takes no initial estimate: not with --initial")
     results: list[_Result] = []
     proven = True
     for part, target in zip(parts, targets, strict=True):
@@ -131,6 +144,8 @@ def command(
             with noticing():
                 write(target, result.solution.estimate, instance=part, format=format)
         results.append(result)
+        if trace and not result.solution.trace:
+            notice(f"{result.method} reports no iterations: nothing to --trace")
         if not json:
             result.show(target)
         if proof and provable and not result.interrupted:
@@ -246,10 +261,7 @@ class _Result:
     def prove(self, out: Path, source: Path, *, json: bool) -> bool:
         """Write the proof; returns False if there is none."""
         if len(self.solution.rejected):
-            notice(
-                "no proof is written: it would be about all measurements, not only the kept ones; "
-                "write a graph of these (see Reject outliers) and prove its estimate"
-            )
+            notice(f"no proof is written: {_UNPROVABLE}")
             return False
         if self.certificate is None:
             return True
@@ -339,7 +351,8 @@ def _by_method(
     from certpgo.objective.problem import problem_of
 
     problem = problem_of(part.graph)
-    solution = solver.solve(problem, initial=initial, monitor=monitor)
+    with ends_at_once() if getattr(solver, "compiled", False) else nullcontext():
+        solution = solver.solve(problem, initial=initial, monitor=monitor)
     if tier is None:
         return _Result(part, name, solution, None)
     status.update(f"certifying the estimate of {part.name}")

@@ -90,7 +90,7 @@ class RotationGraph:
         worst, defect = so.worst_defect(self.rotations)
         if not defect <= so.DEFECT_TOLERANCE:
             i, j = self.edges[worst]
-            raise GraphError(f"edge ({i}, {j}): not a rotation, off by {defect:.1e}")
+            raise GraphError(f"edge ({i}, {j}): {so.shortfall(self.rotations[worst], defect)}")
         if defect > so.ROUNDING_DEFECT:
             cleaned = frozen_floats(so.nearest_to_rounding(self.rotations))
             object.__setattr__(self, "rotations", cleaned)
@@ -287,7 +287,8 @@ class Instance:
     initial : the source's initial values (e.g. its VERTEX lines), or None
     fixed : nodes that the source fixes (FIX lines, priors)
     source : path or name of a generator
-    options : the reading options used (parallel edges, weights, ...)
+    options : the reading options used (parallel edges, weights, ...), and ``"information"``:
+        ``"none"`` or ``"some"`` where not all of a file's edges have it
     notices : what the reader assumed, skipped or found unusual, one sentence each
     names : (n,) the source's own names of the nodes, e.g. of images; may be empty
     outliers : (m,) whether each measurement is a known outlier, or None if unknown

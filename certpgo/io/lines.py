@@ -22,6 +22,8 @@ from certpgo.io.exact.weighing import weigh
 from certpgo.io.format import ReadOptions, RotationInformation
 from certpgo.linalg.arrays import FloatArray, IntArray
 
+#: Notice about edges without information, with their number.
+UNINFORMED = "edge{s} without information: kappa = tau = 1"
 #: Rotations (k, d, d), translations (k, d), and how many quaternions are off norm 1.
 Poses = tuple[FloatArray, FloatArray, int]
 
@@ -182,7 +184,7 @@ class _Parser:
         if self._options.ignore_information:
             return kappa, tau
         stated = np.array([bool(text) for text in texts])
-        counts["edge{s} without information: kappa = tau = 1"] += int(np.sum(~stated))
+        counts[UNINFORMED] += int(np.sum(~stated))
         layout = self._dialect.layouts[d]
         kappa[stated], tau[stated], indefinite = weigh([t for t in texts if t], layout)
         counts["edge{s} with information indefinite as a whole, diagonal blocks used"] += indefinite

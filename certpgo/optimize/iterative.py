@@ -20,6 +20,8 @@ class Settings:
 
     poses: ClassVar[bool] = True
     rotations: ClassVar[bool] = True
+    takes_initial: ClassVar[bool] = True
+    compiled: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         refuse_mistyped(self)

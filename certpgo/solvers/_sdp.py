@@ -126,6 +126,8 @@ class Semidefinite(Settings, ABC):
     max_iterations: int | None = None
     force: bool = False
 
+    takes_initial: ClassVar[bool] = False
+    compiled: ClassVar[bool] = True
     #: Whether the semidefinite matrix is as sparse as the graph.
     decomposable: ClassVar[bool]
 

@@ -260,6 +260,25 @@ def test_convert_the_poses_alone(certpgo, square, tmp_path):
     )
 
 
+@pytest.mark.parametrize("suffix", [".g2o", ".npz"])
+def test_a_file_that_holds_an_estimate_alone_is_converted_as_one(certpgo, square, tmp_path, suffix):
+    estimate, out = tmp_path / f"solved{suffix}", tmp_path / f"out{suffix}"
+    certpgo("convert", square, estimate, "--estimate")
+    assert certpgo("convert", estimate, out, "--anchor", "identity").code == 0
+    assert package.read_estimate(out).num_nodes == 4
+
+
+@pytest.mark.parametrize("option", [("--graph", "square.g2o"), ("--anchor", "identity")])
+def test_options_for_estimates_are_refused_for_a_graph(
+    certpgo, square, tmp_path, option, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    done = certpgo("convert", square, "out.g2o", *option)
+    assert done.code == 1
+    assert f"{option[0]} is about estimates" in done.err
+    assert not (tmp_path / "out.g2o").exists()
+
+
 def test_convert_a_dataset_by_name(certpgo, tmp_path, dataset_path):
     dataset_path("tinyGrid3D")
     assert certpgo("convert", "tinyGrid3D", tmp_path / "graph.npz").code == 0

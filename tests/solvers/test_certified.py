@@ -844,7 +844,7 @@ def test_the_work_stays_small(name, factorizations, products, dataset):
 
 
 def test_what_is_no_graph_is_refused(dataset):
-    with pytest.raises(InputError, match=r"such as instance\.graph, not a Instance"):
+    with pytest.raises(InputError, match=r"such as instance\.graph, not an Instance"):
         solve(dataset("smallGrid3D"))
 
 

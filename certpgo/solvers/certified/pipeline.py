@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.case import PROOF_GAIN, Basin, Case
-from certpgo.errors import InputError
+from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate, Graph, PoseGraph, RotationGraph
 from certpgo.objective.problem import Problem, problem_of
 from certpgo.optimize.monitor import Monitor, silent
@@ -128,9 +128,7 @@ def solve(
     0.029994
     """
     if not isinstance(graph, (PoseGraph, RotationGraph)):
-        raise InputError(
-            f"solve takes a graph, such as instance.graph, not a {type(graph).__name__}"
-        )
+        raise InputError(f"solve takes a graph, such as instance.graph, not {kind_of(graph)}")
     chosen = (settings or SolveSettings()).changed(options)
     begin = None if initial is None else Start(initial, GIVEN)
     return search_and_certify(problem_of(graph), chosen, begin, monitor, on_disagreement)
