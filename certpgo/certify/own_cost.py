@@ -65,11 +65,11 @@ class OwnCostCase(Case):
                 )
             cost = self.cost_upper(point)
             if known is not None and known.value >= cost - self.tolerance(cost):
-                return Basin(point, cost, settled, known.bound)
+                return Basin(point, cost, settled, known.bound, refine)
             bound = self.bound(point, cost)
         except (NumericalError, np.linalg.LinAlgError):
-            return Basin(start, self.cost_upper(start), False, None)
-        return Basin(point, cost, settled, bound)
+            return Basin(start, self.cost_upper(start), False, None, refine)
+        return Basin(point, cost, settled, bound, refine)
 
     def bound(
         self,

@@ -90,7 +90,7 @@ class RotationGraph:
         worst, defect = so.worst_defect(self.rotations)
         if not defect <= so.DEFECT_TOLERANCE:
             i, j = self.edges[worst]
-            raise GraphError(f"edge ({i}, {j}): not a rotation, off by {defect:.1e}")
+            raise GraphError(f"edge ({i}, {j}): {so.shortfall(self.rotations[worst], defect)}")
         if defect > so.ROUNDING_DEFECT:
             cleaned = frozen_floats(so.nearest_to_rounding(self.rotations))
             object.__setattr__(self, "rotations", cleaned)

@@ -1,11 +1,15 @@
 """GTSAM's cost against 80 digits and GTSAM itself; its minorants never above it, and touching."""
 
+from dataclasses import replace
+
 import arbs
 import numpy as np
 import pytest
 from flint import arb, fmpq
 
 from certpgo import PoseGraph, RotationGraph
+from certpgo.costs import gtsam_plane, gtsam_space
+from certpgo.costs.edge_cost import Minorants
 from certpgo.costs.gtsam import GtsamCost
 from certpgo.graph.information import InformationGraph
 from certpgo.linalg import so
@@ -196,3 +200,29 @@ def test_what_has_no_minorant():
     found = cost.minorants(*at(cost, np.ones((2, 3)), np.full((2, 3), 0.1)))
     assert found.exist.tolist() == [False, True]
     assert np.isfinite(np.c_[found.a, found.b, found.N.reshape(2, 9), found.tau]).all()
+
+
+@pytest.mark.parametrize("kind", ["anisotropic", "cross terms"])
+def test_a_coupling_that_is_not_paid_for_has_no_minorant(kind):
+    cost = cost_of(np.random.default_rng(1), 40, kind, 10.0)
+    y, w = 0.1 * np.ones((40, 3)), turns(np.random.default_rng(2), 40, 3, -1.0, 1e-3)
+    enough = gtsam_space._taken_apart(cost.graph, y, w)
+    assert (enough.share == 1.0).all()
+    less = replace(enough, mu=0.99 * enough.mu)
+    for terms, exist in ((enough, True), (less, False)):
+        tau, a, b, N = gtsam_space._edges(cost.graph, terms)
+        found = Minorants(tau, a, b, N, np.zeros(40))
+        constants = gtsam_space._constants(cost.graph, found, terms)
+        assert (np.isfinite(constants) == exist).all()
+
+
+@pytest.mark.parametrize("kind", ["plane", "isotropic"])
+def test_a_term_that_is_not_convex_has_no_minorant(kind, monkeypatch):
+    """X of more than five times the curvature, as for large angles it would be."""
+    cost = cost_of(np.random.default_rng(1), 40, kind, 10.0)
+    d = cost.graph.d
+    where = at(cost, np.ones((40, d)), turns(np.random.default_rng(2), 40, d, -0.01, 3.0))
+    assert cost.minorants(*where).exist.all()
+    for module in (gtsam_plane, gtsam_space):
+        monkeypatch.setattr(module, "ROOM", 5.001)
+    assert not cost.minorants(*where).exist.all()

@@ -48,7 +48,7 @@ def search_own_cost(
             _follow(stop, chordal)
         search = _Search(case, settings, stop, initial)
         search.go_on()
-        ended = stop.status or search.status
+        ended = stop.ended_by or search.status
     certificate = case.certificate(search.best.point, search.best)
     name = GIVEN if chordal is None else "the optimum of the chordal cost"
     solution = Solution(
@@ -84,7 +84,7 @@ class _Search:
 
     def go_on(self) -> None:
         """Minimise surrogates globally while that lowers the cost."""
-        while not (self.is_done or self.surrogates == ROUNDS):
+        while not (self.is_certified or self.surrogates == ROUNDS or self.stop.cuts()):
             self.surrogates += 1
             estimate, bound = self.minimised()
             if bound is not None and bound.value > self.best.value:
@@ -131,7 +131,6 @@ class _Search:
         return found.estimate, DualBound(value, found.certificate.multipliers, shift, 0, 0)
 
     @property
-    def is_done(self) -> bool:
-        """Whether the gap is closed or a stop was requested."""
-        closed = self.best.cost - self.best.value <= self.case.tolerance(self.best.cost)
-        return closed or self.stop.asked
+    def is_certified(self) -> bool:
+        """Whether the gap is closed."""
+        return self.best.cost - self.best.value <= self.case.tolerance(self.best.cost)
