@@ -125,6 +125,7 @@ def _certificate(search: Staircase, tier: Tier | None) -> Certificate:
     near = certificate.gap <= PROOF_GAIN * certificate.tolerance
     rounding = search.has_reached_the_floor and near and not search.is_certified
     escalates = rounding and tier is None and not search.stop.asked
+    escalates &= not search.problem.graph.is_general  # of which there are no proofs
     if not (tier is Tier.PROOF or escalates):
         return certificate
     with search.watch.phase("prove"):
