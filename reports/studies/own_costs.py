@@ -116,7 +116,9 @@ def _information(rng: np.random.Generator, m: int, p: int, decades: float) -> Fl
     return np.asarray(0.5 * (A + np.swapaxes(A, 1, 2)))
 
 
-def estimates(case: Case, rng: np.random.Generator) -> Iterator[tuple[str, Estimate]]:
+def estimates(
+    case: Case, rng: np.random.Generator, descents: int
+) -> Iterator[tuple[str, Estimate]]:
     """Starting points for descents, by name."""
     problem, n, d = case.problem, case.problem.n, case.problem.d
     yield "truth", case.truth
@@ -126,26 +128,26 @@ def estimates(case: Case, rng: np.random.Generator) -> Iterator[tuple[str, Estim
         for sign in (1.0, -1.0):
             turns = sign * 2.0 * np.pi * np.arange(n)[:, None] / n * axis
             yield "wound up", problem.chordal.complete(so.exp(turns) @ case.truth.rotations)
-    for _ in range(DESCENTS):
+    for _ in range(descents):
         yield "random", problem.chordal.complete(so.random(rng, n, d))
 
 
-def outcomes(seed: int, first: int = 0) -> Counter[str]:
+def outcomes(seed: int, first: int = 0, descents: int = DESCENTS) -> Counter[str]:
     """The verdicts on estimates of one instance, and what of them is false."""
     found: Counter[str] = Counter()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         try:
-            _judge(case_of(seed, first), seed, first, found)
+            _judge(case_of(seed, first), seed, first, descents, found)
         except Exception as error:
             found[f"FALSE: seed {seed}: {error!r}"] += 1
     return found
 
 
-def _judge(case: Case, seed: int, first: int, found: Counter[str]) -> None:
+def _judge(case: Case, seed: int, first: int, descents: int, found: Counter[str]) -> None:
     problem = case.problem
     rng = np.random.default_rng(np.random.SeedSequence((17, first, seed)))
-    starts = list(estimates(case, rng))
+    starts = list(estimates(case, rng, descents))
     ends = [descend(problem, start).estimate for _, start in starts]
     solved = solve(problem, max_rank=problem.d + MORE_RANKS, time_limit=10.0)
     others = [end for end in ends if np.isfinite(problem.cost(end))]
@@ -168,8 +170,9 @@ def _judge(case: Case, seed: int, first: int, found: Counter[str]) -> None:
     judged.append(("the best, unrefined", best, certify(problem, best, refine=False)))
     judged.append(("the worst end, unrefined", worst, certify(problem, worst, refine=False)))
     for *_, c in judged:
-        for x in (c.refined, c.better):
-            ceiling = ceiling if x is None else min(ceiling, problem.enclosure(x)[1])
+        for found_on_the_way in (c.refined, c.better):
+            if found_on_the_way is not None:
+                ceiling = min(ceiling, problem.enclosure(found_on_the_way)[1])
     for name, x, c in judged:
         low, high = problem.enclosure(x)
         verdict = c.verdict.value
