@@ -83,12 +83,17 @@ class Case:
         Raises
         ------
         InputError
-            Tolerances that are negative or not finite, or weights beyond the range of doubles.
+            Tolerances that are negative or not finite, weights beyond the range of doubles, or the
+            proof tier for general edges.
         SpecError
             An unknown tier.
         """
         tier = tier_called(tier)
         refuse_tolerances(rtol, atol)
+        if tier is Tier.PROOF and problem.graph.is_general:
+            raise InputError(
+                "the proof tier is for isotropic weights, not for edges with matrix weights"
+            )
         unit = unit_of(problem)
         try:
             scaled = problem.scaled(1.0 / unit)

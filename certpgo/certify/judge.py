@@ -136,7 +136,8 @@ def _spectral_start(problem: Problem | InformationProblem) -> Estimate:
 
 
 def _bounds(problem: Problem | InformationProblem, point: Estimate) -> Bounds | None:
-    if isinstance(problem, InformationProblem):  # they are about chordal costs
+    # They are about chordal costs with isotropic weights.
+    if isinstance(problem, InformationProblem) or problem.graph.is_general:
         return None
     try:
         return bounds(problem.rotation, point)

@@ -284,7 +284,9 @@ class PoseGraph:
         arms = k / tau[:, None]
         K = W[:, 1:, 1:] - k[:, :, None] * arms[:, None, :]
         rotation = self.rotation.with_matrix_weights(symmetric(K))
-        turned = (rotation.rotations @ arms[:, :, None])[:, :, 0]
+        # Arms move the measured points at both ends; those that the graph has are replaced.
+        moved = arms if self.arms is None else arms - self.arms
+        turned = (rotation.rotations @ moved[:, :, None])[:, :, 0]
         return PoseGraph(rotation, self.translations + turned, tau, arms)
 
     @property

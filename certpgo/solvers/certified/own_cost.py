@@ -17,8 +17,7 @@ from certpgo.certify.certificate import Tier
 from certpgo.certify.dual import DualBound
 from certpgo.certify.own_cost import OwnCostCase
 from certpgo.costs.descent import descend
-from certpgo.costs.problem import InformationProblem, surrogate
-from certpgo.errors import NumericalError
+from certpgo.costs.problem import InformationProblem, Surrogate
 from certpgo.graph import Estimate
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.progress import Stop, stoppable
@@ -85,8 +84,11 @@ class _Search:
     def go_on(self) -> None:
         """Minimise surrogates globally while that lowers the cost."""
         while not (self.is_certified or self.surrogates == ROUNDS or self.stop.cuts()):
+            below = self.case.below(self.best.point)
+            if below is None:
+                break
             self.surrogates += 1
-            estimate, bound = self.minimised()
+            estimate, bound = self.minimised(below)
             if bound is not None and bound.value > self.best.value:
                 self.best = replace(self.best, bound=bound)
             found, status = self.basin(estimate)
@@ -104,12 +106,8 @@ class _Search:
             basin = self.case.basin(found.estimate, False)
         return replace(basin, settled=found.status is Status.CONVERGED), found.status
 
-    def minimised(self) -> tuple[Estimate, DualBound | None]:
+    def minimised(self, below: Surrogate) -> tuple[Estimate, DualBound | None]:
         """The global search on the surrogate at the best estimate, and its bound on the cost."""
-        try:
-            below = surrogate(self.case.problem, self.best.point)
-        except NumericalError:
-            return self.best.point, None
         share = self.best.cost / below.problem.cost(self.best.point)
         left = self.stop.deadline - time.monotonic()
         limited = replace(

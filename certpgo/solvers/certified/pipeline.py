@@ -123,7 +123,9 @@ def _certificate(search: Staircase, tier: Tier | None) -> Certificate:
     certificate = search.case.certificate(estimate, search.basin)
     near = certificate.gap <= PROOF_GAIN * certificate.tolerance
     rounding = search.has_reached_the_floor and near and not search.is_certified
-    escalates = rounding and tier is None and not search.stop.cuts()
+    # Of general graphs there are no proofs.
+    provable = not search.problem.graph.is_general
+    escalates = rounding and tier is None and provable and not search.stop.cuts()
     if not (tier is Tier.PROOF or escalates):
         return certificate
     with search.watch.phase("prove"):
