@@ -88,6 +88,10 @@ class NoMeasurements(FormatError):  # noqa: N818 - the condition is the name
     """A file holds an estimate where measurements are expected."""
 
 
+class FileNotHere(InputError):  # noqa: N818 - the condition is the name
+    """The file of a dataset is not on this machine."""
+
+
 class GraphError(InputError):
     """A graph or estimate violates its invariants.
 

@@ -52,7 +52,11 @@ HOMES = {
     "pooch": ("certpgo/datasets/lookup.py",),
     "typer": ("certpgo/cli/", "reports/harness/commands/"),
     "rich": ("certpgo/cli/", "reports/harness/commands/"),
-    "threadpoolctl": ("certpgo/certify/proof.py", "reports/harness/experiments/timing.py"),
+    "threadpoolctl": (
+        "certpgo/certify/proof.py",
+        "certpgo/assess/comparison.py",
+        "reports/harness/experiments/timing.py",
+    ),
     "jinja2": ("certpgo/view/page.py",),
     "flint": ("reports/harness/certifiers/oracle.py",),
     "matplotlib": ("reports/harness/experiments/figure.py",),

@@ -86,7 +86,7 @@ class Case:
         SpecError
             An unknown tier.
         """
-        tier = _tier(tier)
+        tier = tier_called(tier)
         refuse_tolerances(rtol, atol)
         unit = unit_of(problem)
         try:
@@ -165,7 +165,7 @@ class Case:
             return whole
 
         def bound_of(part: Part) -> DualBound | None:
-            here = part.point(point, polish=refine)
+            here = part.point(point, refine=refine)
             cost = part.problem.cost(here)
             return self._bound(part.problem, here, cost, sharp=sharp, tight=tight)
 
@@ -280,12 +280,19 @@ def refuse_tolerances(rtol: float, atol: float) -> None:
         raise InputError(f"tolerances must lie within 0 ... 1: rtol={rtol}, atol={atol}")
 
 
-def _tier(tier: Tier | str) -> Tier:
+def tier_called(tier: Tier | str) -> Tier:
+    """The tier itself, or the one with that name.
+
+    Raises
+    ------
+    SpecError
+        There is none.
+    """
     if isinstance(tier, Tier):
         return tier
     known = {t.value: t for t in Tier}
     if tier not in known:
-        raise SpecError.unknown("tier", tier, known)
+        raise SpecError.unknown("tier", str(tier), known)
     return known[tier]
 
 

@@ -132,6 +132,7 @@ class Semidefinite(Settings, ABC):
     decomposable: ClassVar[bool]
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.program not in PROGRAMS:
             raise SpecError.unknown("program", self.program, PROGRAMS)
         if self.tolerance is not None and not 0.0 < self.tolerance < 1.0:
