@@ -84,12 +84,12 @@ class FormatError(InputError):
         super().__init__(f"{place}: {expected}")
 
 
-class FileNotHere(InputError):  # noqa: N818 - the condition is the name
-    """The file of a dataset is not on this machine."""
-
-
 class NoMeasurements(FormatError):  # noqa: N818 - the condition is the name
     """A file holds an estimate where measurements are expected."""
+
+
+class FileNotHere(InputError):  # noqa: N818 - the condition is the name
+    """The file of a dataset is not on this machine."""
 
 
 class GraphError(InputError):

@@ -97,11 +97,7 @@ def build(name: str, settings: Mapping[str, Any]) -> Solver:
     for key in known.keys() - defaults(solver).keys() - settings.keys():
         problem = f"{name}'s setting {key} has no default: --set {key}=VALUE sets it"
         raise UnusableFile(inspect.getfile(solver), problem)
-    try:
-        return solver(**settings)
-    except TypeError as error:  # a value of a type that its checks cannot compare
-        values = ", ".join(f"{key}={value!r}" for key, value in settings.items())
-        raise SpecError(f"{name} does not take the settings {values}: {error}") from None
+    return solver(**settings)
 
 
 def refuse_unsuited(name: str, solver: Solver | type[Solver], graph: Graph) -> None:

@@ -34,6 +34,8 @@ USUAL = (
     "manhattan",
     "city10000",
 )
+#: Columns that are empty for most methods.
+_SPARSE = ("kept, %", "not run or failed")
 STAND_INS = ("sphere2500.txt", "w100", "w10000")
 QUICK = ("smallGrid3D", "MIT", "w100")
 
@@ -58,7 +60,7 @@ def command(
     reading: Reading,
 ) -> int:
     """Compare methods on graphs: cost, proven gap, verdict and run time of each."""
-    from certpgo.assess.comparison import NOTES, MethodResult, as_data
+    from certpgo.assess.comparison import MethodResult, as_data, notes
 
     chosen = _default_methods() if methods is None else _methods(methods.split(","))
     named = [reading.resolve(name) for name in dict.fromkeys(graphs or ())]
@@ -92,7 +94,7 @@ def command(
     if json:
         document([as_data(result) for result in results.rows])
     else:
-        for sentence in NOTES:
+        for sentence in notes(result.method for result in results.rows):
             typer.echo(sentence)
     if interrupted:
         notice("interrupted")
@@ -139,10 +141,8 @@ class _Results:
         from certpgo.io.writing import write_whole
 
         write_whole(self.path.with_suffix(".md"), _markdown(self.rows).encode())
-        try:
-            self.partial.replace(self.path)
-        except OSError as error:
-            raise InputError(f"{self.path}: cannot be written: {error.strerror}") from None
+        write_whole(self.path, self.partial.read_bytes())
+        self.partial.unlink()
 
 
 def _compare(
@@ -175,13 +175,17 @@ def _section(
 
     rows: list[Sequence[str]] = [cells(result) for result in results]
     header: Sequence[str] = (*COLUMNS, "not run or failed")
-    if not any(row[-1] for row in rows):
-        header, rows = header[:-1], [row[:-1] for row in rows]
+    # A column for a few methods is shown where it says something.
+    shown = [
+        k for k, name in enumerate(header) if name not in _SPARSE or any(row[k] for row in rows)
+    ]
+    header = [header[k] for k in shown]
+    rows = [[row[k] for k in shown] for row in rows]
     return title(results[0]), header, rows, " ".join(captions(results))
 
 
 def _markdown(results: Sequence[MethodResult]) -> str:
-    from certpgo.assess.comparison import NOTES, TITLE, title
+    from certpgo.assess.comparison import TITLE, notes, title
     from certpgo.view.markdown_tables import markdown_table
 
     lines = [f"# {TITLE}", ""]
@@ -192,7 +196,7 @@ def _markdown(results: Sequence[MethodResult]) -> str:
             continue
         heading, header, body, caption = _section(rows)
         lines += [f"## {heading}", "", caption, "", *markdown_table(header, body), ""]
-    for sentence in NOTES:
+    for sentence in notes(result.method for result in results):
         lines += [sentence, ""]
     return "\n".join(lines)
 

@@ -330,6 +330,26 @@ def test_compare_prints_and_writes(certpgo, square, tmp_path):
     assert "| spanning_tree |" in (out / "compare.md").read_text()
 
 
+def test_compare_shows_columns_and_notes_that_say_something(certpgo, square, tmp_path):
+    out = tmp_path / "results"
+    plain = certpgo("compare", square, "--methods", "spanning_tree", "--out", out).out
+    assert "kept, %" not in plain
+    assert "GTSAM" not in plain
+    robust = "graduated_non_convexity"
+    assert "kept, %" in certpgo("compare", square, "--methods", robust, "--out", out).out
+    assert "kept, %" in (out / "compare.md").read_text()
+
+
+def test_compare_writes_through_a_link(certpgo, square, tmp_path):
+    out, elsewhere = tmp_path / "results", tmp_path / "elsewhere.jsonl"
+    out.mkdir()
+    (out / "compare.jsonl").symlink_to(elsewhere)
+    assert certpgo("compare", square, "--methods", "spanning_tree", "--out", out).code == 0
+    assert (out / "compare.jsonl").is_symlink()
+    assert len(elsewhere.read_text().splitlines()) == 1
+    assert sorted(path.name for path in out.iterdir()) == ["compare.jsonl", "compare.md"]
+
+
 def test_compare_reads_as_it_is_told(certpgo, square, tmp_path):
     common = ("compare", square, "--methods", "newton", "--out", tmp_path / "r", "--json")
     [file], [unit] = certpgo(*common).json, certpgo(*common, "--unit-weights").json
