@@ -70,9 +70,7 @@ def row(problem: InformationProblem) -> str:
         shown = f"{missed:.1e}"
     except CertPGOError:
         shown = "no minorants"
-    return (
-        f"{f:.8g} | {found.verdict.value} | {gap:.1e} | {shown} | {surrogates} | {seconds:.1f} |"
-    )
+    return f"{f:.8g} | {found.verdict.value} | {gap:.1e} | {shown} | {surrogates} | {seconds:.1f} |"
 
 
 def main() -> None:

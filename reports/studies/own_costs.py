@@ -23,7 +23,9 @@ NAMES = (
     *("M3500a", "M3500b", "M3500c", "tinyGrid3D", "smallGrid3D", "sphere2500", "torus3D"),
     *("parking-garage", "sphere_bignoise_vertex3", "cubicle"),
 )
-HEADER = "| graph | cost | optimum f | verdict | gap / f | surrogates | f, chordal / f | s | s in all |"
+HEADER = (
+    "| graph | cost | optimum f | verdict | gap / f | surrogates | f, chordal / f | s | s in all |"
+)
 
 
 def row(name: str, cost: str) -> str:
