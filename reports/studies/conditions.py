@@ -47,9 +47,9 @@ def uneven(
     information[:, :3, :3] = T = 0.5 * (T + np.swapaxes(T, 1, 2))
     information[:, :3, 3:] = information[:, 3:, :3] = 0.0
     translations = graph.translations
-    if drawn_from is not None:
+    if drawn_from is not None and (t := drawn_from.translations) is not None:
         i, j = graph.edges.T
-        R, t = drawn_from.rotations, drawn_from.translations
+        R = drawn_from.rotations
         noise = rng.standard_normal((graph.num_edges, 3)) / np.sqrt(tau[:, None] * spread)
         exact = (np.swapaxes(R[i], 1, 2) @ (t[j] - t[i])[:, :, None])[:, :, 0]
         translations = exact + (axes @ noise[:, :, None])[:, :, 0]
