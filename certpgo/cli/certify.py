@@ -30,9 +30,7 @@ def command(
     graph: GraphName,
     estimates: Annotated[
         list[str],
-        typer.Argument(
-            metavar="ESTIMATE...", help="File or dataset with poses; several need --csv."
-        ),
+        typer.Argument(metavar="ESTIMATE", help="File or dataset with poses; several need --csv."),
     ],
     tier: Annotated[str | None, tier_option("standard, or proof with --proof")] = None,
     rtol: Annotated[
