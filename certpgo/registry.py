@@ -29,6 +29,11 @@ if TYPE_CHECKING:
 
 #: Environment variable with the checkout's path, if the package is installed elsewhere.
 REPOSITORY_VARIABLE = "CERTPGO_REPOSITORY"
+#: What to do without a checkout.
+NO_CHECKOUT = (
+    "this needs a checkout of certpgo (it is not in the wheel): run it there, or set "
+    f"{REPOSITORY_VARIABLE} to its path"
+)
 
 _PACKAGE = Path(__file__).parent
 _SOLVERS = _PACKAGE / "solvers"
@@ -194,10 +199,7 @@ def repository() -> Path:
     """
     root = checkout()
     if root is None:
-        raise SpecError(
-            "this needs a checkout of certpgo (it is not in the wheel): run it there, or set "
-            f"{REPOSITORY_VARIABLE} to its path"
-        )
+        raise SpecError(NO_CHECKOUT)
     return root
 
 

@@ -21,6 +21,8 @@ from certpgo.errors import CertPGOError
 
 Command = Callable[..., int | None]
 
+#: Commands that exist in a checkout only.
+BENCHMARKS = ("bench", "gate", "report", "reproduce")
 #: What each exit code means.
 EXIT_CODES = {
     0: "success or CERTIFIED",
@@ -49,6 +51,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         arguments = [*(sys.argv[1:] if argv is None else argv)]
         # Only the requested command is imported.
         known = arguments and arguments[0] in command_names()
+        if not known and arguments and arguments[0] in BENCHMARKS:
+            return _fail(f"{arguments[0]} is a command of the benchmarks; {registry.NO_CHECKOUT}")
         names = arguments[:1] if known else command_names()
         application(names)(arguments, prog_name="certpgo")
     except SystemExit as end:

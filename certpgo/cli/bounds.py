@@ -26,7 +26,7 @@ def command(
     estimate: Annotated[
         str | None,
         typer.Argument(
-            metavar="[ESTIMATE]", help="Estimate to compare with; by default certpgo solve's."
+            metavar="ESTIMATE", help="Estimate to compare with; by default certpgo solve's."
         ),
     ] = None,
     sdp: Annotated[

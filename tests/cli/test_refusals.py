@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from certpgo import InputError, certify
+from certpgo import InputError, certify, registry
+from certpgo.cli import BENCHMARKS
 from certpgo.datasets.synthetic import cycle
 from certpgo.objective.problem import problem_of
 
@@ -178,7 +179,8 @@ def test_files_that_are_not_there_are_named(certpgo, square, tmp_path):
     estimate = tmp_path / "e.tum"
     estimate.write_text("0 0 0 0 0 0 0 1\n")
     done = certpgo("certify", square, estimate, "--timestamps", missing)
-    fails_in_one_line(done, "missing: No such file or directory")
+    said = f"certpgo: {missing}: no such file; ids, index or a file of times expected"
+    fails_in_one_line(done, said)
 
 
 def test_what_is_no_estimate_is_told_where_to_go():
@@ -190,6 +192,29 @@ def test_what_is_no_estimate_is_told_where_to_go():
 def test_without_a_checkout_reproduce_says_so(certpgo, tmp_path, monkeypatch):
     monkeypatch.setenv("CERTPGO_REPOSITORY", str(tmp_path))
     fails_in_one_line(certpgo("reproduce", "compare"), "needs a checkout of certpgo")
+
+
+@pytest.fixture
+def wheel(monkeypatch):
+    """The package without a checkout."""
+    monkeypatch.setattr("certpgo.registry.command_names", lambda: ())
+    monkeypatch.setattr("certpgo.registry.checkout", lambda: None)
+
+
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_commands_of_the_checkout_are_named_as_such(certpgo, wheel, name):
+    done = certpgo(name, "--all")
+    fails_in_one_line(done, f"{name} is a command of the benchmarks; this needs a checkout")
+
+
+def test_the_commands_of_the_checkout_are_all_named():
+    assert registry.command_names() == BENCHMARKS
+
+
+def test_what_only_a_checkout_has_is_listed_as_such(certpgo, wheel):
+    done = certpgo("list", "tables", "figures")
+    line = "in a checkout only, and this is none\n"
+    assert (done.code, done.out) == (0, f"tables: {line}\nfigures: {line}\n")
 
 
 def test_compare_needs_no_checkout(certpgo, square, tmp_path, monkeypatch):
