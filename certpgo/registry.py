@@ -97,7 +97,11 @@ def build(name: str, settings: Mapping[str, Any]) -> Solver:
     for key in known.keys() - defaults(solver).keys() - settings.keys():
         problem = f"{name}'s setting {key} has no default: --set {key}=VALUE sets it"
         raise UnusableFile(inspect.getfile(solver), problem)
-    return solver(**settings)
+    try:
+        return solver(**settings)
+    except TypeError as error:  # a value of a type that its checks cannot compare
+        values = ", ".join(f"{key}={value!r}" for key, value in settings.items())
+        raise SpecError(f"{name} does not take the settings {values}: {error}") from None
 
 
 def refuse_unsuited(name: str, solver: Solver | type[Solver], graph: Graph) -> None:
@@ -116,14 +120,18 @@ def refuse_unsuited(name: str, solver: Solver | type[Solver], graph: Graph) -> N
 
 def setting_fields(solver: type[Solver]) -> dict[str, Field[Any]]:
     """The settings of a method by name, without nested ones."""
-    flat = (f for f in fields(solver) if f.init)  # type: ignore[arg-type]
-    return {f.name: f for f in flat if f.default_factory is MISSING}
+    given = (f for f in fields(solver) if f.init)  # type: ignore[arg-type]
+    return {f.name: f for f in given if not (is_dataclass(f.type) or is_dataclass(_default(f)))}
 
 
 def defaults(solver: type[Solver]) -> dict[str, Any]:
     """Default values by setting, without settings that have none."""
-    known = setting_fields(solver).items()
-    return {name: field.default for name, field in known if field.default is not MISSING}
+    values = {name: _default(field) for name, field in setting_fields(solver).items()}
+    return {name: value for name, value in values.items() if value is not MISSING}
+
+
+def _default(field: Field[Any]) -> Any:
+    return field.default if field.default_factory is MISSING else field.default_factory()
 
 
 def parse_settings(name: str, assignments: Iterable[str]) -> dict[str, Any]:

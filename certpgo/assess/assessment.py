@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from certpgo.assess import metrics
 from certpgo.certify import Certificate, Tier, certify
+from certpgo.costs import CHORDAL, information_problem
 from certpgo.costs.problem import InformationProblem
 from certpgo.errors import CertPGOError, InputError, InputNotice
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph
@@ -199,7 +200,12 @@ def rounding_cost(
 
 
 def certify_values(
-    graph: Graph | Instance, values: Any, *, ids: ArrayLike | None = None, **options: Any
+    graph: Graph | Instance,
+    values: Any,
+    *,
+    cost: str = CHORDAL,
+    ids: ArrayLike | None = None,
+    **options: Any,
 ) -> Certificate:
     """Certify GTSAM's Values, or any object with ``keys()`` and ``atPose3``, ``atRot3`` and so on.
 
@@ -210,6 +216,7 @@ def certify_values(
     ----------
     graph : a graph, whose ids are 0 ... n-1, or an instance with its own ids
     values : poses or rotations, 2D or 3D like the graph
+    cost : ``"chordal"``, or for an instance with information matrices ``"gtsam"`` or ``"g2o"``
     ids : (n,) integers, the key of each node, to avoid guessing the match
     options : options of `certify`: tier, rtol, atol, refine
 
@@ -251,4 +258,8 @@ def certify_values(
     )
     if notice:
         warnings.warn(notice, InputNotice, stacklevel=2)
-    return certify(problem_of(measured), estimate, **options)
+    if cost == CHORDAL:
+        return certify(problem_of(measured), estimate, **options)
+    if not isinstance(graph, Instance):
+        raise InputError(f"cost={cost!r} needs the instance that was read, with its information")
+    return certify(information_problem(graph, cost), estimate, **options)

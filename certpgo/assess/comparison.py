@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -90,6 +90,8 @@ NOTES = (
     "minimise its own error with the file's full information matrices.",
     "Seconds are those of one run, without reading and certifying.",
 )
+#: Shape of the rows in files and JSON documents.
+SCHEMA = 2
 #: Column titles of `cells`.
 COLUMNS = ("method", "F", "f_ML", "gap", "gap / F", "verdict", "kept, %", "seconds (by phase)")
 
@@ -100,8 +102,10 @@ class MethodResult:
 
     Attributes
     ----------
-    graph, d, nodes, edges, reading : the graph, and how it was read
-    method, settings : the label, and the settings that differ from the default
+    graph, d, nodes, edges, reading : the graph, and how it was read; None and empty if it could not
+        be read, or is not connected
+    method, settings : the label, and the settings that differ from the default; empty for a graph
+        that could not be read
     error : why there is no estimate (the fields below are then empty), or empty
     status, iterations, seconds, note : as in `certpgo.Solution`
     cost : F of all measurements
@@ -111,12 +115,12 @@ class MethodResult:
     """
 
     graph: str
-    d: int
-    nodes: int
-    edges: int
-    reading: Mapping[str, str]
-    method: str
-    settings: Mapping[str, Any]
+    d: int | None = None
+    nodes: int | None = None
+    edges: int | None = None
+    reading: Mapping[str, str] = field(default_factory=dict)
+    method: str = ""
+    settings: Mapping[str, Any] = field(default_factory=dict)
     error: str = ""
     status: str = ""
     iterations: int = 0
@@ -237,6 +241,11 @@ def certified(solution: Solution, problem: Problem) -> tuple[Certificate, float]
     return certificate, time.perf_counter() - start
 
 
+def as_data(result: MethodResult) -> dict[str, Any]:
+    """The row of a result in files: the number of its shape, then the fields."""
+    return {"schema": SCHEMA, **asdict(result)}
+
+
 def in_one_line(error: Exception) -> str:
     """A foreign error in one line: its type and the first line of its message."""
     return f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
@@ -244,6 +253,8 @@ def in_one_line(error: Exception) -> str:
 
 def title(result: MethodResult) -> str:
     """Name and size of the graph."""
+    if result.nodes is None or result.edges is None or result.d is None:
+        return result.graph
     return f"{result.graph} ({sizes(result.nodes, result.edges, result.d)})"
 
 
@@ -297,8 +308,11 @@ def seconds_by_phase(phases: Mapping[str, float]) -> str:
 
 
 def _timed(solver: Solver, problem: Problem, initial: Estimate | None = None) -> Solution:
-    """The method's solution; a method that reports no phases is timed as a whole."""
-    start = time.perf_counter()
-    solution = solver.solve(problem, initial=initial)
+    """The method's solution, on one thread; if it reports no phases, it is timed as a whole."""
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(limits=1):
+        start = time.perf_counter()
+        solution = solver.solve(problem, initial=initial)
     elapsed = time.perf_counter() - start
     return solution if solution.seconds else replace(solution, seconds={"solve": elapsed})

@@ -13,8 +13,9 @@ from typing import Self
 
 import numpy as np
 
+from certpgo.certify.bounds import Bounds
 from certpgo.certify.case import SETTLED, Basin, Case
-from certpgo.certify.certificate import Tier
+from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound, dual_bound
 from certpgo.costs.descent import descend
 from certpgo.costs.problem import InformationProblem, Surrogate, surrogate
@@ -64,11 +65,11 @@ class OwnCostCase(Case):
                 )
             cost = self.cost_upper(point)
             if known is not None and known.value >= cost - self.tolerance(cost):
-                return Basin(point, cost, settled, known.bound)
+                return Basin(point, cost, settled, known.bound, refine)
             bound = self.bound(point, cost)
         except (NumericalError, np.linalg.LinAlgError):
-            return Basin(start, self.cost_upper(start), False, None)
-        return Basin(point, cost, settled, bound)
+            return Basin(start, self.cost_upper(start), False, None, refine)
+        return Basin(point, cost, settled, bound, refine)
 
     def bound(
         self,
@@ -98,11 +99,30 @@ class OwnCostCase(Case):
             return None
         return replace(found, value=math.nextafter(found.value + below.constant, -math.inf))
 
+    def certificate(
+        self,
+        estimate: Estimate,
+        own: Basin,
+        other: Basin | None = None,
+        bounds: Bounds | None = None,
+    ) -> Certificate:
+        """The certificate of an estimate; its reason names measurements without a minorant."""
+        found = super().certificate(estimate, own, other, bounds)
+        if found.verdict not in (Verdict.BOUNDED, Verdict.UNDECIDED):
+            return found
+        exist = self.problem.edge_cost.minorants(*self.problem.relative(own.point)).exist
+        missing = np.flatnonzero(~exist)
+        if not len(missing):
+            return found
+        i, j = self.problem.graph.edges[missing[0]]
+        spoiled = f"{len(missing)} measurements, such as that of edge ({i}, {j}), add nothing to it"
+        return replace(found, reason=f"{found.reason}; {spoiled}")
+
     def below(self, point: Estimate) -> Surrogate | None:
-        """The surrogate at a point; None where a measurement is missed by too much for one."""
+        """The surrogate at a point; None if too many measurements have no minorant there."""
         try:
             return surrogate(self.problem, point)
-        except InputError:
+        except NumericalError:
             return None
 
     def cost_upper(self, estimate: Estimate) -> float:

@@ -16,7 +16,7 @@ from typing import Annotated
 
 import typer
 
-from certpgo import registry
+from certpgo import _start, registry
 from certpgo.errors import CertPGOError
 
 Command = Callable[..., int | None]
@@ -43,6 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     ----------
     argv : arguments after the program's name; by default those of the process
     """
+    _start.usual_interrupts()
     try:
         # Not list(...): the command of that name is an attribute of this module.
         arguments = [*(sys.argv[1:] if argv is None else argv)]
@@ -52,6 +53,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         application(names)(arguments, prog_name="certpgo")
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else int(end.code is not None)
+    except KeyboardInterrupt:  # while a command was imported
+        return _fail("interrupted", 130)
     return 0
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from certpgo.costs.edge_cost import EdgeCost
 from certpgo.costs.g2o import G2oCost
+from certpgo.costs.gtsam import GtsamCost
 from certpgo.costs.problem import InformationProblem, Surrogate, surrogate
 from certpgo.errors import InputError, SpecError
 from certpgo.graph import Instance, PoseGraph
@@ -13,7 +14,7 @@ from certpgo.objective.problem import Problem, problem_of
 #: The name of F itself.
 CHORDAL = "chordal"
 #: The costs of other programs by name.
-COSTS: dict[str, type[EdgeCost]] = {cost.name: cost for cost in (G2oCost,)}
+COSTS: dict[str, type[EdgeCost]] = {cost.name: cost for cost in (G2oCost, GtsamCost)}
 
 __all__ = [
     "CHORDAL",

@@ -46,6 +46,12 @@ class Minorants:
         """(m,) which edges have one."""
         return np.isfinite(self.constant)
 
+    def subset(self, chosen: BoolArray) -> Minorants:
+        """Those of some edges."""
+        return Minorants(
+            self.tau[chosen], self.a[chosen], self.b[chosen], self.N[chosen], self.constant[chosen]
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class EdgeCost(ABC):

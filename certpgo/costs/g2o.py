@@ -245,7 +245,7 @@ def _spatial(cost: G2oCost, v: FloatArray, Q: FloatArray) -> Minorants:
     lam, b = np.where(fits, lam, 1.0), np.where(fits[:, None], b, 0.0)
     schur = np.where(fits[:, None, None], schur, 0.0)
     quadratic, linear, constant = _schur_terms(cost, lam, b)
-    q0 = _quaternions(np.swapaxes(cost.graph.rotations, 1, 2) @ Q) * (1.0 - 2.0**-50)
+    q0 = _quaternions(np.swapaxes(cost.graph.rotations, 1, 2) @ Q) * (1.0 - 2.0**-48)
     k = _slope(q0, linear)
     # The form to be matched, and the couplings N' of -2 <N', E> that match it.
     form = _form(schur, linear.mid, k, q0)

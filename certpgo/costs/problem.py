@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from certpgo.costs.edge_cost import EdgeCost
-from certpgo.errors import InputError
+from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.graph import require_connected
 from certpgo.graph.information import InformationGraph
 from certpgo.linalg import so
-from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.balls import Ball
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.factor import default_engine
@@ -179,10 +179,13 @@ class Surrogate:
     ----------
     problem : the pose graph's
     constant : rounded down
+    without : indices of the measurements that have no minorant at the expansion point, and are
+        left out: their terms are at least zero
     """
 
     problem: PoseProblem
     constant: float
+    without: IntArray
 
 
 def surrogate(problem: InformationProblem, estimate: Estimate) -> Surrogate:
@@ -194,28 +197,26 @@ def surrogate(problem: InformationProblem, estimate: Estimate) -> Surrogate:
     Raises
     ------
     InputError
-        Some edge has no minorant there.
+        Some information matrices are not positive definite.
+    NumericalError
+        The measurements that have minorants there do not connect the graph.
     """
+    problem.refuse_indefinite()
     graph = problem.graph
     found = problem.edge_cost.minorants(*problem.relative(estimate))
-    missing = np.flatnonzero(~found.exist)
-    if len(missing):
-        i, j = graph.edges[missing[0]]
-        raise InputError(
-            f"{len(missing)} of {graph.num_edges} measurements have no minorant in "
-            f"{problem.edge_cost.title}, such as edge ({i}, {j})"
-        )
-    singular = np.linalg.svd(found.N, compute_uv=False)
-    rotation = RotationGraph(
-        graph.num_nodes, graph.edges, graph.rotations, singular.mean(axis=1), found.N
-    )
+    kept = found.exist
+    if not kept.all():
+        if not kept.any() or not graph.with_edges(kept).isotropic.is_connected:
+            raise NumericalError("measurements with minorants do not connect the graph")
+        found, graph = found.subset(kept), graph.with_edges(kept)
+    rotation = RotationGraph.of_couplings(graph.num_nodes, graph.edges, graph.rotations, found.N)
     arms = found.a if found.a.any() else None
     general = PoseGraph(rotation, found.b, found.tau, arms)
     # The general edge's cost has the traces of the polar factors as well.
     _, K, K_left = rotation.polar
     traces = np.concatenate([np.diagonal(A, axis1=1, axis2=2).ravel() for A in (K, K_left)])
     constant = math.nextafter(math.fsum(np.r_[found.constant, -traces]), -math.inf)
-    return Surrogate(problem.chordal.of_same_edges(general), constant)
+    return Surrogate(problem.chordal.of_same_edges(general), constant, np.flatnonzero(~kept))
 
 
 def _translations(estimate: Estimate) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from certpgo.graph.estimate import Estimate
-from certpgo.graph.graph import Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph.graph import Graph, PoseGraph, RotationGraph
+from certpgo.graph.instance import Instance
 
 __all__ = ["Estimate", "Graph", "Instance", "PoseGraph", "RotationGraph"]

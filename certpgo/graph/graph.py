@@ -6,33 +6,28 @@ world <- body i, an edge (i, j) measures R_ij ~ R_i^T R_j and t_ij ~ R_i^T (t_j 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from types import MappingProxyType
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
-from scipy.sparse import csgraph
 
-from certpgo.checker import FAR
 from certpgo.errors import GraphError
-from certpgo.linalg import so
-from certpgo.linalg.arrays import (
-    BoolArray,
-    FloatArray,
-    IntArray,
-    frozen_flags,
-    frozen_floats,
-    frozen_indices,
+from certpgo.graph.edges import (
+    Keep,
+    broadcast,
+    check_edges,
+    check_matrices,
+    check_weights,
+    components_of,
+    edge_name,
+    induced,
+    polar_factors,
+    simple_edges,
+    symmetric,
 )
-from certpgo.linalg.blocks import adjacency
-
-if TYPE_CHECKING:
-    from certpgo.graph.estimate import Estimate
-    from certpgo.graph.information import Information
-
-Keep = Literal["all", "first", "last"]
+from certpgo.linalg import so
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats, frozen_indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,18 +85,29 @@ class RotationGraph:
             raise GraphError(
                 f"rotations must be ({m}, d, d) with d = 2 or 3, not {self.rotations.shape}"
             )
-        _check_edges(self.edges, self.num_nodes)
-        _check_weights("kappa", self.kappa, self.edges)
+        check_edges(self.edges, self.num_nodes)
+        check_weights("kappa", self.kappa, self.edges)
         worst, defect = so.worst_defect(self.rotations)
         if not defect <= so.DEFECT_TOLERANCE:
             i, j = self.edges[worst]
-            raise GraphError(f"edge ({i}, {j}): not a rotation, off by {defect:.1e}")
+            raise GraphError(f"edge ({i}, {j}): {so.shortfall(self.rotations[worst], defect)}")
         if defect > so.ROUNDING_DEFECT:
             cleaned = frozen_floats(so.nearest_to_rounding(self.rotations))
             object.__setattr__(self, "rotations", cleaned)
         if self.couplings is not None:
             object.__setattr__(self, "couplings", frozen_floats(self.couplings))
-            _check_matrices("couplings", self.couplings, (m, self.d, self.d), self.edges)
+            check_matrices("couplings", self.couplings, (m, self.d, self.d), self.edges)
+
+    @staticmethod
+    def of_couplings(
+        num_nodes: int, edges: IntArray, rotations: FloatArray, couplings: FloatArray
+    ) -> RotationGraph:
+        """The graph of general edges; kappa is tr(K) / d, for methods that weigh by a number."""
+        polar = polar_factors(np.asarray(couplings, dtype=np.float64))
+        kappa = np.trace(polar[1], axis1=1, axis2=2) / couplings.shape[-1]
+        graph = RotationGraph(num_nodes, edges, rotations, kappa, couplings)
+        graph.__dict__["polar"] = polar
+        return graph
 
     def with_matrix_weights(self, K: FloatArray) -> RotationGraph:
         """The same measurements with terms tr(E K E^T), E = R_j - R_i R_ij.
@@ -123,7 +129,7 @@ class RotationGraph:
             raise GraphError(f"matrix weights must be {self.rotations.shape} and symmetric")
         indefinite = np.asarray(~(np.linalg.eigvalsh(K)[:, 0] > 0.0))
         if indefinite.any():
-            raise GraphError(f"{_edge_name(self.edges, indefinite)}: K is not positive definite")
+            raise GraphError(f"{edge_name(self.edges, indefinite)}: K is not positive definite")
         kappa = np.trace(K, axis1=1, axis2=2) / self.d
         return replace(self, kappa=kappa, couplings=self.rotations @ K)
 
@@ -138,9 +144,7 @@ class RotationGraph:
         if self.couplings is None:
             K = self.kappa[:, None, None] * np.eye(self.d)
             return self.rotations, K, K
-        U, s, Vt = np.linalg.svd(self.couplings)
-        V, Ut = np.swapaxes(Vt, 1, 2), np.swapaxes(U, 1, 2)
-        return U @ Vt, _symmetric((V * s[:, None, :]) @ Vt), _symmetric((U * s[:, None, :]) @ Ut)
+        return polar_factors(self.couplings)
 
     @property
     def d(self) -> int:
@@ -155,7 +159,7 @@ class RotationGraph:
     @cached_property
     def components(self) -> IntArray:
         """(n,) label of each node's connected component; labels count from 0."""
-        return _components(self.num_nodes, self.edges)
+        return components_of(self.num_nodes, self.edges)
 
     @cached_property
     def component_sizes(self) -> tuple[int, ...]:
@@ -170,7 +174,7 @@ class RotationGraph:
     def with_weights(self, kappa: FloatArray | float) -> RotationGraph:
         """The same measurements with other concentrations (a scalar applies to all edges)."""
         return RotationGraph(
-            self.num_nodes, self.edges, self.rotations, _broadcast(kappa, self.num_edges)
+            self.num_nodes, self.edges, self.rotations, broadcast(kappa, self.num_edges)
         )
 
     def reweighted(self, factors: FloatArray) -> RotationGraph:
@@ -193,7 +197,7 @@ class RotationGraph:
 
     def subgraph(self, nodes: IntArray) -> RotationGraph:
         """The graph induced on ``nodes``, renumbered in that order."""
-        edges, chosen = _induced(self.num_nodes, self.edges, nodes)
+        edges, chosen = induced(self.num_nodes, self.edges, nodes)
         return self._with(len(nodes), edges, chosen)
 
     def _with(self, num_nodes: int, edges: IntArray, chosen: IntArray | BoolArray) -> RotationGraph:
@@ -250,11 +254,11 @@ class PoseGraph:
             raise GraphError(f"translations must be {expected}, not {self.translations.shape}")
         bad = np.asarray(~np.isfinite(self.translations).all(axis=1))
         if bad.any():
-            raise GraphError(f"{_edge_name(self.edges, bad)}: translation is not finite")
-        _check_weights("tau", self.tau, self.edges)
+            raise GraphError(f"{edge_name(self.edges, bad)}: translation is not finite")
+        check_weights("tau", self.tau, self.edges)
         if self.arms is not None:
             object.__setattr__(self, "arms", frozen_floats(self.arms))
-            _check_matrices("arms", self.arms, expected, self.edges)
+            check_matrices("arms", self.arms, expected, self.edges)
 
     def with_matrix_weights(self, W: FloatArray) -> PoseGraph:
         """The same measurements with terms tr(E W E^T), E = X_j - X_i [[1, 0], [t_ij, R_ij]].
@@ -275,11 +279,11 @@ class PoseGraph:
         if W.shape != (self.num_edges, d + 1, d + 1) or (np.swapaxes(W, 1, 2) != W).any():
             raise GraphError(f"matrix weights must be {(self.num_edges, d + 1, d + 1)}, symmetric")
         tau, k = W[:, 0, 0], W[:, 0, 1:]
-        _check_weights("tau", tau, self.edges)
+        check_weights("tau", tau, self.edges)
         # tau |E_t + E_R k / tau|^2 + tr(E_R (K - k k^T / tau) E_R^T)
         arms = k / tau[:, None]
         K = W[:, 1:, 1:] - k[:, :, None] * arms[:, None, :]
-        rotation = self.rotation.with_matrix_weights(_symmetric(K))
+        rotation = self.rotation.with_matrix_weights(symmetric(K))
         # Arms move the measured points at both ends; those that the graph has are replaced.
         moved = arms if self.arms is None else arms - self.arms
         turned = (rotation.rotations @ moved[:, :, None])[:, :, 0]
@@ -325,7 +329,7 @@ class PoseGraph:
     ) -> PoseGraph:
         """The same measurements with other concentrations; None keeps the current ones."""
         rotation = self.rotation if kappa is None else self.rotation.with_weights(kappa)
-        new_tau = self.tau if tau is None else _broadcast(tau, self.num_edges)
+        new_tau = self.tau if tau is None else broadcast(tau, self.num_edges)
         return PoseGraph(rotation, self.translations, new_tau, self.arms)
 
     def reweighted(self, factors: FloatArray) -> PoseGraph:
@@ -345,7 +349,7 @@ class PoseGraph:
 
     def subgraph(self, nodes: IntArray) -> PoseGraph:
         """The graph induced on ``nodes``, renumbered in that order."""
-        _, chosen = _induced(self.num_nodes, self.edges, nodes)
+        _, chosen = induced(self.num_nodes, self.edges, nodes)
         return self._with(self.rotation.subgraph(nodes), chosen)
 
     def _with(self, rotation: RotationGraph, chosen: IntArray | BoolArray) -> PoseGraph:
@@ -370,138 +374,3 @@ def require_connected(graph: Graph) -> None:
             f"the graph has {len(sizes)} components of {shown} nodes; it must be connected",
             component_sizes=sizes,
         )
-
-
-@dataclass(frozen=True, eq=False)
-class Instance:
-    """A graph as read, with other information from its source.
-
-    Attributes
-    ----------
-    name : short name
-    graph : the measurements, nodes 0 ... n-1
-    ids : (n,) the source's own node ids; node k is ``ids[k]``
-    truth : ground truth, or None
-    initial : the source's initial values (e.g. its VERTEX lines), or None
-    fixed : nodes that the source fixes (FIX lines, priors)
-    source : path or name of a generator
-    options : the reading options used (parallel edges, weights, ...)
-    notices : what the reader assumed, skipped or found unusual, one sentence each
-    names : (n,) the source's own names of the nodes, e.g. of images; may be empty
-    outliers : (m,) whether each measurement is a known outlier, or None if unknown
-    information : the source's information matrices as they are, translation before rotation; None
-        where it has none, or other weights were chosen
-
-    Examples
-    --------
-    >>> from certpgo.datasets.synthetic import winding_cycle
-    >>> instance, _ = winding_cycle(5, 0.1, 0)
-    >>> instance.name, instance.graph.num_nodes, instance.truth.num_nodes
-    ('winding_cycle-5', 5, 5)
-    """
-
-    name: str
-    graph: Graph
-    ids: IntArray
-    truth: Estimate | None = None
-    initial: Estimate | None = None
-    fixed: tuple[int, ...] = ()
-    source: str = ""
-    options: Mapping[str, str] = field(default_factory=dict)
-    notices: tuple[str, ...] = ()
-    names: tuple[str, ...] = ()
-    outliers: BoolArray | None = None
-    information: Information | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "ids", frozen_indices(self.ids))
-        object.__setattr__(self, "options", MappingProxyType(dict(self.options)))
-        n = self.graph.num_nodes
-        ordered = np.sort(self.ids, axis=None)  # several times faster than np.unique's hashing
-        if self.ids.shape != (n,) or (ordered[1:] == ordered[:-1]).any():
-            raise GraphError(f"ids must be {n} distinct integers")
-        if self.names and len(set(self.names)) != n:
-            raise GraphError(f"names must be {n} distinct strings, or none")
-        for what, value in (("truth", self.truth), ("initial", self.initial)):
-            if value is not None and (value.num_nodes, value.d) != (n, self.graph.d):
-                raise GraphError(f"{what} is for another graph: {value.num_nodes} nodes, not {n}")
-        if self.outliers is not None:
-            object.__setattr__(self, "outliers", frozen_flags(self.outliers))
-            if self.outliers.shape != (self.graph.num_edges,):
-                raise GraphError(f"outliers must be {self.graph.num_edges} flags, one per edge")
-        if self.information is not None and len(self.information.index) != self.graph.num_edges:
-            raise GraphError(f"information must be {self.graph.num_edges} matrices, one per edge")
-
-
-def in_range(weights: FloatArray) -> BoolArray:
-    """Which weights are allowed: products of others could overflow or underflow."""
-    return np.asarray((weights > 1.0 / FAR) & (weights < FAR))
-
-
-def _check_edges(edges: IntArray, n: int) -> None:
-    outside = np.asarray(((edges < 0) | (edges >= n)).any(axis=1))
-    if outside.any():
-        raise GraphError(f"{_edge_name(edges, outside)}: nodes are numbered 0 to {n - 1}")
-    loop = np.asarray(edges[:, 0] == edges[:, 1])
-    if loop.any():
-        raise GraphError(f"{_edge_name(edges, loop)}: a node cannot be measured from itself")
-
-
-def _check_weights(name: str, weights: FloatArray, edges: IntArray) -> None:
-    if weights.shape != (len(edges),):
-        raise GraphError(f"{name} must have {len(edges)} entries, not {weights.shape}")
-    bad = ~in_range(weights)
-    if bad.any():
-        value = weights[np.argmax(bad)]
-        expected = "positive" if value <= 0.0 else f"between {1.0 / FAR:.2g} and {FAR:.2g}"
-        raise GraphError(f"{_edge_name(edges, bad)}: {name} is {value}; it must be {expected}")
-
-
-def _check_matrices(name: str, values: FloatArray, shape: tuple[int, ...], edges: IntArray) -> None:
-    if values.shape != shape:
-        raise GraphError(f"{name} must be {shape}, not {values.shape}")
-    bad = np.asarray(~(np.abs(values) < FAR).reshape(len(edges), -1).all(axis=1))
-    if bad.any():
-        raise GraphError(f"{_edge_name(edges, bad)}: {name} must be below {FAR:.2g}")
-
-
-def _symmetric(A: FloatArray) -> FloatArray:
-    return np.asarray(0.5 * (A + np.swapaxes(A, 1, 2)))
-
-
-def _edge_name(edges: IntArray, bad: BoolArray) -> str:
-    i, j = edges[np.argmax(bad)]
-    return f"edge ({i}, {j})"
-
-
-def _broadcast(weights: FloatArray | float, m: int) -> FloatArray:
-    return np.broadcast_to(np.asarray(weights, dtype=np.float64), (m,))
-
-
-def _components(n: int, edges: IntArray) -> IntArray:
-    matrix = adjacency(n, edges[:, 0], edges[:, 1], np.ones(len(edges)))
-    labels = csgraph.connected_components(matrix, directed=False)[1].astype(np.intp)
-    labels.flags.writeable = False
-    return np.asarray(labels)
-
-
-def simple_edges(n: int, edges: IntArray, keep: Keep) -> IntArray:
-    """Indices of the edges that ``keep`` keeps of parallel ones, ascending."""
-    if keep == "all":
-        return np.arange(len(edges))
-    pair = np.sort(edges, axis=1) @ np.array([n, 1])
-    if keep == "last":
-        _, index = np.unique(pair[::-1], return_index=True)
-        return np.sort(len(edges) - 1 - index)
-    if keep == "first":
-        return np.sort(np.unique(pair, return_index=True)[1])
-    raise GraphError(f"keep must be 'all', 'first' or 'last', not {keep!r}")
-
-
-def _induced(n: int, edges: IntArray, nodes: IntArray) -> tuple[IntArray, IntArray]:
-    """Renumbered edges among ``nodes``, and which edges of the whole graph they are."""
-    number = np.full(n, -1, dtype=np.intp)
-    number[nodes] = np.arange(len(nodes))
-    renumbered = number[edges]
-    chosen = np.flatnonzero((renumbered >= 0).all(axis=1))
-    return renumbered[chosen], chosen

@@ -11,7 +11,7 @@ import numpy as np
 
 from certpgo.errors import CertPGOError, FormatError, InputError, InputNotice
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph
-from certpgo.graph.graph import Keep, simple_edges
+from certpgo.graph.edges import Keep, simple_edges
 from certpgo.io.assemble import estimate_for, truth_for
 from certpgo.io.dead_reckoning import integrated
 from certpgo.io.format import (

@@ -14,7 +14,7 @@ import numpy as np
 
 from certpgo.checker import FAR
 from certpgo.errors import InputError
-from certpgo.graph.graph import in_range
+from certpgo.graph.edges import in_range
 from certpgo.io.exact.doubledouble import (
     DD,
     add,

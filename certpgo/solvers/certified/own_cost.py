@@ -43,11 +43,11 @@ def search_own_cost(
         chordal = None
         if initial is None:
             chordal = search_and_certify(problem.chordal, settings, None, monitor)
-            stop.watch.seconds.update(chordal.solution.seconds)
             initial = chordal.estimate
+            _follow(stop, chordal)
         search = _Search(case, settings, stop, initial)
         search.go_on()
-        ended = stop.status or search.status
+        ended = stop.ended_by or search.status
     certificate = case.certificate(search.best.point, search.best)
     name = GIVEN if chordal is None else "the optimum of the chordal cost"
     solution = Solution(
@@ -64,6 +64,13 @@ def search_own_cost(
     return CertifiedSolution(solution, certificate, name, (level,), settings, chordal=chordal)
 
 
+def _follow(stop: Stop, found: CertifiedSolution) -> None:
+    """Add the seconds of a search within this one, and stop if it was interrupted."""
+    for phase, seconds in found.solution.seconds.items():
+        stop.watch.seconds[phase] = stop.watch.seconds.get(phase, 0.0) + seconds
+    stop.interrupted = stop.interrupted or found.solution.status is Status.INTERRUPTED
+
+
 class _Search:
     """The best estimate and bound so far."""
 
@@ -76,7 +83,7 @@ class _Search:
 
     def go_on(self) -> None:
         """Minimise surrogates globally while that lowers the cost."""
-        while not (self.is_done or self.surrogates == ROUNDS):
+        while not (self.is_certified or self.surrogates == ROUNDS or self.stop.cuts()):
             below = self.case.below(self.best.point)
             if below is None:
                 break
@@ -113,8 +120,7 @@ class _Search:
         )
         start = Start(self.best.point, "the expansion point", near=True)
         found = search_and_certify(below.problem, limited, start, self.stop)
-        for phase, seconds in found.solution.seconds.items():
-            self.stop.watch.seconds[phase] = self.stop.watch.seconds.get(phase, 0.0) + seconds
+        _follow(self.stop, found)
         lower = found.certificate.lower_bound
         if not lower > 0.0 or found.certificate.multipliers is None:
             return found.estimate, None
@@ -123,7 +129,6 @@ class _Search:
         return found.estimate, DualBound(value, found.certificate.multipliers, shift, 0, 0)
 
     @property
-    def is_done(self) -> bool:
-        """Whether the gap is closed or a stop was requested."""
-        closed = self.best.cost - self.best.value <= self.case.tolerance(self.best.cost)
-        return closed or self.stop.asked
+    def is_certified(self) -> bool:
+        """Whether the gap is closed."""
+        return self.best.cost - self.best.value <= self.case.tolerance(self.best.cost)

@@ -1,0 +1,107 @@
+"""Arrays of edges: what a graph requires of them, and which of them a part keeps."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from scipy.sparse import csgraph
+
+from certpgo.checker import FAR
+from certpgo.errors import GraphError
+from certpgo.linalg import so
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.linalg.blocks import adjacency
+
+Keep = Literal["all", "first", "last"]
+
+
+def in_range(weights: FloatArray) -> BoolArray:
+    """Which weights are allowed: products of others could overflow or underflow."""
+    return np.asarray((weights > 1.0 / FAR) & (weights < FAR))
+
+
+def check_edges(edges: IntArray, n: int) -> None:
+    """Refuse indices out of range and loops by a GraphError."""
+    outside = np.asarray(((edges < 0) | (edges >= n)).any(axis=1))
+    if outside.any():
+        raise GraphError(f"{edge_name(edges, outside)}: nodes are numbered 0 to {n - 1}")
+    loop = np.asarray(edges[:, 0] == edges[:, 1])
+    if loop.any():
+        raise GraphError(f"{edge_name(edges, loop)}: a node cannot be measured from itself")
+
+
+def check_weights(name: str, weights: FloatArray, edges: IntArray) -> None:
+    """Refuse weights of another shape or out of range by a GraphError."""
+    if weights.shape != (len(edges),):
+        raise GraphError(f"{name} must have {len(edges)} entries, not {weights.shape}")
+    bad = ~in_range(weights)
+    if bad.any():
+        value = weights[np.argmax(bad)]
+        expected = "positive" if value <= 0.0 else f"between {1.0 / FAR:.2g} and {FAR:.2g}"
+        raise GraphError(f"{edge_name(edges, bad)}: {name} is {value}; it must be {expected}")
+
+
+def check_matrices(name: str, values: FloatArray, shape: tuple[int, ...], edges: IntArray) -> None:
+    """Refuse arrays of another shape or too large by a GraphError."""
+    if values.shape != shape:
+        raise GraphError(f"{name} must be {shape}, not {values.shape}")
+    bad = np.asarray(~(np.abs(values) < FAR).reshape(len(edges), -1).all(axis=1))
+    if bad.any():
+        raise GraphError(f"{edge_name(edges, bad)}: {name} must be below {FAR:.2g}")
+
+
+def symmetric(A: FloatArray) -> FloatArray:
+    """The symmetric parts of matrices (m, d, d)."""
+    return np.asarray(0.5 * (A + np.swapaxes(A, 1, 2)))
+
+
+def polar_factors(N: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Factors P, K and K' (m, d, d) with N = P K = K' P, P orthogonal, K and K' symmetric >= 0."""
+    # A reflection of one axis makes every determinant positive.
+    flip = np.ones(N.shape[:-1])
+    flip[:, -1] = np.where(so.determinants(N) < 0.0, -1.0, 1.0)
+    P = so.project(N * flip[:, None, :]) * flip[:, None, :]
+    back = np.swapaxes(P, 1, 2)
+    return P, symmetric(back @ N), symmetric(N @ back)
+
+
+def edge_name(edges: IntArray, bad: BoolArray) -> str:
+    """The first bad edge, for messages."""
+    i, j = edges[np.argmax(bad)]
+    return f"edge ({i}, {j})"
+
+
+def broadcast(weights: FloatArray | float, m: int) -> FloatArray:
+    """One weight per edge."""
+    return np.broadcast_to(np.asarray(weights, dtype=np.float64), (m,))
+
+
+def components_of(n: int, edges: IntArray) -> IntArray:
+    """(n,) label of each node's connected component; labels count from 0."""
+    matrix = adjacency(n, edges[:, 0], edges[:, 1], np.ones(len(edges)))
+    labels = csgraph.connected_components(matrix, directed=False)[1].astype(np.intp)
+    labels.flags.writeable = False
+    return np.asarray(labels)
+
+
+def simple_edges(n: int, edges: IntArray, keep: Keep) -> IntArray:
+    """Indices of the edges that ``keep`` keeps of parallel ones, ascending."""
+    if keep == "all":
+        return np.arange(len(edges))
+    pair = np.sort(edges, axis=1) @ np.array([n, 1])
+    if keep == "last":
+        _, index = np.unique(pair[::-1], return_index=True)
+        return np.sort(len(edges) - 1 - index)
+    if keep == "first":
+        return np.sort(np.unique(pair, return_index=True)[1])
+    raise GraphError(f"keep must be 'all', 'first' or 'last', not {keep!r}")
+
+
+def induced(n: int, edges: IntArray, nodes: IntArray) -> tuple[IntArray, IntArray]:
+    """Renumbered edges among ``nodes``, and which edges of the whole graph they are."""
+    number = np.full(n, -1, dtype=np.intp)
+    number[nodes] = np.arange(len(nodes))
+    renumbered = number[edges]
+    chosen = np.flatnonzero((renumbered >= 0).all(axis=1))
+    return renumbered[chosen], chosen

@@ -1,0 +1,77 @@
+"""A graph as read, with what else its source says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+from certpgo.errors import GraphError
+from certpgo.graph.estimate import Estimate
+from certpgo.graph.graph import Graph
+from certpgo.graph.information import Information
+from certpgo.linalg.arrays import BoolArray, IntArray, frozen_flags, frozen_indices
+
+
+@dataclass(frozen=True, eq=False)
+class Instance:
+    """A graph as read, with other information from its source.
+
+    Attributes
+    ----------
+    name : short name
+    graph : the measurements, nodes 0 ... n-1
+    ids : (n,) the source's own node ids; node k is ``ids[k]``
+    truth : ground truth, or None
+    initial : the source's initial values (e.g. its VERTEX lines), or None
+    fixed : nodes that the source fixes (FIX lines, priors)
+    source : path or name of a generator
+    options : the reading options used (parallel edges, weights, ...), and ``"information"``:
+        ``"none"`` or ``"some"`` where not all of a file's edges have it
+    notices : what the reader assumed, skipped or found unusual, one sentence each
+    names : (n,) the source's own names of the nodes, e.g. of images; may be empty
+    outliers : (m,) whether each measurement is a known outlier, or None if unknown
+    information : the source's information matrices as they are, translation before rotation; None
+        where it has none, or other weights were chosen
+
+    Examples
+    --------
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> instance, _ = winding_cycle(5, 0.1, 0)
+    >>> instance.name, instance.graph.num_nodes, instance.truth.num_nodes
+    ('winding_cycle-5', 5, 5)
+    """
+
+    name: str
+    graph: Graph
+    ids: IntArray
+    truth: Estimate | None = None
+    initial: Estimate | None = None
+    fixed: tuple[int, ...] = ()
+    source: str = ""
+    options: Mapping[str, str] = field(default_factory=dict)
+    notices: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
+    outliers: BoolArray | None = None
+    information: Information | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "ids", frozen_indices(self.ids))
+        object.__setattr__(self, "options", MappingProxyType(dict(self.options)))
+        n = self.graph.num_nodes
+        ordered = np.sort(self.ids, axis=None)  # several times faster than np.unique's hashing
+        if self.ids.shape != (n,) or (ordered[1:] == ordered[:-1]).any():
+            raise GraphError(f"ids must be {n} distinct integers")
+        if self.names and len(set(self.names)) != n:
+            raise GraphError(f"names must be {n} distinct strings, or none")
+        for what, value in (("truth", self.truth), ("initial", self.initial)):
+            if value is not None and (value.num_nodes, value.d) != (n, self.graph.d):
+                raise GraphError(f"{what} is for another graph: {value.num_nodes} nodes, not {n}")
+        if self.outliers is not None:
+            object.__setattr__(self, "outliers", frozen_flags(self.outliers))
+            if self.outliers.shape != (self.graph.num_edges,):
+                raise GraphError(f"outliers must be {self.graph.num_edges} flags, one per edge")
+        if self.information is not None and len(self.information.index) != self.graph.num_edges:
+            raise GraphError(f"information must be {self.graph.num_edges} matrices, one per edge")

@@ -1,0 +1,176 @@
+"""A graph of rotations with its operators, objective and residuals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+
+from certpgo.graph import Estimate, RotationGraph
+from certpgo.graph.graph import require_connected
+from certpgo.graph.lift import Point
+from certpgo.linalg import so
+from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.blocks import scatter_sum
+from certpgo.linalg.factor import default_engine
+from certpgo.objective import operators
+from certpgo.objective.base import FirstOrder, Objective, require_graph
+
+AnyPoint = TypeVar("AnyPoint", bound=Point)
+
+
+@dataclass(frozen=True, eq=False)
+class RotationProblem(Objective):
+    """Rotation averaging: minimise F(R) = sum kappa ||R_j - R_i R_ij||_F^2 over SO(d)^n.
+
+    Attributes
+    ----------
+    graph : n nodes and m measured rotations R_ij ~ R_i^T R_j, with concentrations kappa
+    engine : factorization engine, see `certpgo.linalg.factor.engines`
+
+    Raises
+    ------
+    GraphError
+        The graph is disconnected.
+    InputError
+        It is not a RotationGraph.
+
+    Examples
+    --------
+    Five identities measured around a cycle, and rotations that wind around it once: each residual
+    angle is 72 degrees, and F = 8 n sin^2(pi / n).
+
+    >>> import numpy as np
+    >>> from certpgo import RotationProblem
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> instance, around = winding_cycle(5, 0.0, 1)
+    >>> problem = RotationProblem(instance.graph)
+    >>> print(f"{problem.cost(around):.6f}")
+    13.819660
+    >>> print(np.degrees(problem.residual_angles(around)).round(6))
+    [72. 72. 72. 72. 72.]
+    """
+
+    graph: RotationGraph
+    engine: str = field(default_factory=default_engine)
+
+    def __post_init__(self) -> None:
+        require_graph(self, RotationGraph, "of a PoseGraph g take RotationProblem(g.rotation)")
+        require_connected(self.graph)
+
+    @property
+    def rotation(self) -> RotationProblem:
+        """The problem of the rotations alone: this one."""
+        return self
+
+    @property
+    def scale(self) -> float:
+        """W = sum(kappa), the scale of the objective in absolute tolerances."""
+        return float(self.graph.kappa.sum())
+
+    @cached_property
+    def connection_laplacian(self) -> CSC:
+        """L with F(R) = tr(R L R^T), (dn, dn)."""
+        return operators.connection_laplacian(self.pattern, self.graph)
+
+    @cached_property
+    def laplacian(self) -> CSC:
+        """The graph Laplacian weighted by kappa, (n, n)."""
+        return operators.laplacian(self.pattern, self.graph.kappa)
+
+    @property
+    def matrix(self) -> CSC:
+        """The objective's matrix: the connection Laplacian."""
+        return self.connection_laplacian
+
+    def residuals(self, R: FloatArray) -> FloatArray:
+        """(m, r, d) matrices R_j - R_i R_ij, for rotations (n, r, d); R_j - R_i P if N = P K."""
+        i, j = self.graph.edges.T
+        measured = self.graph.polar[0] if self.graph.is_general else self.graph.rotations
+        return np.asarray(R[j] - R[i] @ measured)
+
+    def cost(self, point: Point) -> float:
+        """F of the point's rotations."""
+        return self.cost_of(self.residuals(point.rotations))
+
+    def cost_of(self, residuals: FloatArray) -> float:
+        """F, from the residuals (m, r, d)."""
+        if self.graph.is_general:
+            return float(self._terms(residuals).sum())
+        return float(self.graph.kappa @ np.einsum("mab,mab->m", residuals, residuals))
+
+    def edge_costs(self, point: Point) -> FloatArray:
+        """(m,) terms of F, one per edge."""
+        return self._terms(self.residuals(point.rotations))
+
+    def _terms(self, E: FloatArray) -> FloatArray:
+        if self.graph.is_general:
+            return np.asarray(np.einsum("mab,mab->m", E @ self.graph.polar[1], E))
+        return np.asarray(self.graph.kappa * np.einsum("mab,mab->m", E, E))
+
+    def gradient(self, point: Point) -> FloatArray:
+        """Half the Euclidean gradient of F, (n, r, d); in the papers' notation X M by blocks."""
+        return self.gradient_of(self.residuals(point.rotations))
+
+    def gradient_of(self, residuals: FloatArray) -> FloatArray:
+        """Half the Euclidean gradient of F, (n, r, d), from the residuals."""
+        i, j = self.graph.edges.T
+        measured = self.graph.rotations
+        if self.graph.is_general:
+            measured, K, _ = self.graph.polar
+            E = residuals @ K
+        else:
+            E = self.graph.kappa[:, None, None] * residuals
+        back = E @ np.swapaxes(measured, 1, 2)
+        return scatter_sum(j, E, self.n) - scatter_sum(i, back, self.n)
+
+    def residual_angles(self, estimate: Estimate) -> FloatArray:
+        """(m,) angles between R_i R_ij and R_j, radians."""
+        i, j = self.graph.edges.T
+        R = estimate.rotations
+        return so.angle(np.swapaxes(R[j], 1, 2) @ R[i] @ self.graph.rotations)
+
+    def hessian(self, estimate: Estimate, multipliers: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Blocks of the Riemannian Hessian of F/2; see `operators.rotation_hessian`."""
+        return operators.rotation_hessian(self.graph, estimate.rotations, multipliers)
+
+    def settled(self, point: AnyPoint) -> AnyPoint:
+        """The point's rotations; there are no translations to optimize."""
+        return point.with_translations(None)  # type: ignore[return-value]
+
+    def complete(self, rotations: FloatArray) -> Estimate:
+        """The estimate of these rotations."""
+        return Estimate(rotations)
+
+    @cached_property
+    def node_weights(self) -> FloatArray:
+        """(n,) sums of kappa at each node: approximately the curvature of F/2 in its rotation."""
+        return operators.degrees(self.graph.edges, self.graph.kappa, self.n)
+
+    @property
+    def curvature(self) -> FloatArray:
+        """(n,) sums of kappa at each node."""
+        return self.node_weights
+
+    def first_order(self, estimate: Estimate) -> FirstOrder:
+        """Cost, gradient, multipliers and stationarity at an estimate."""
+        R = estimate.rotations
+        E = self.residuals(R)
+        G = self.gradient_of(E)
+        turn = operators.tangent_gradient(G, R)
+        largest = float((np.linalg.norm(turn, axis=1) / self.curvature).max())
+        return FirstOrder(self.cost_of(E), turn, operators.multipliers(G, R), largest)
+
+    def scaled(self, factor: float) -> RotationProblem:
+        """The same measurements with all weights times ``factor``; pattern and order are shared."""
+        return self.reweighted(np.full(self.graph.num_edges, factor))
+
+    def reweighted(self, factors: FloatArray) -> RotationProblem:
+        """The problem with weights times factors (m,); an edge with factor 0 is removed."""
+        return self._shared(RotationProblem(self.graph.reweighted(factors), self.engine))
+
+    def with_unit_weights(self) -> RotationProblem:
+        """The same measurements with kappa = 1, as the thesis weighs them."""
+        return RotationProblem(self.graph.with_weights(1.0), self.engine)
