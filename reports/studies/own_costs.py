@@ -191,10 +191,11 @@ def _judge(case: Case, seed: int, first: int, descents: int, found: Counter[str]
             found[f"solve: {'best' if optimal else 'beaten'}: {verdict}"] += 1
 
 
-def block(first_and_series: tuple[int, int]) -> Counter[str]:
-    """The sum of the outcomes of a block of seeds."""
-    start, series = first_and_series
-    return sum((outcomes(seed, series) for seed in range(start, start + BLOCK)), Counter())
+def block(part: tuple[int, int, int]) -> Counter[str]:
+    """The sum of the outcomes of a block of seeds, by its first one, series and descents."""
+    start, series, descents = part
+    seeds = range(start, start + BLOCK)
+    return sum((outcomes(seed, series, descents) for seed in seeds), Counter())
 
 
 def main() -> None:
@@ -202,10 +203,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("instances", type=int, nargs="?", default=1000)
     parser.add_argument("--seed", type=int, default=0, help="of the series")
+    parser.add_argument("--descents", type=int, default=DESCENTS, help="from random rotations")
     parser.add_argument("--processes", type=int, default=2)
     options = parser.parse_args()
     found: Counter[str] = Counter()
-    blocks = [(start, options.seed) for start in range(0, options.instances, BLOCK)]
+    starts = range(0, options.instances, BLOCK)
+    blocks = [(start, options.seed, options.descents) for start in starts]
     with multiprocessing.get_context("spawn").Pool(options.processes) as pool:
         for counts in pool.imap_unordered(block, blocks):
             found += counts

@@ -210,6 +210,27 @@ def test_stored_matrices_that_are_too_small_do_not_hide_cost():
             assert exact <= found.upper[k]
 
 
+@given(seeds, dimensions)
+@few
+def test_enclosures_contain_the_costs_of_all_poses_in_the_balls(seed, d):
+    """Rotations and translations at the balls' ends, moved together."""
+    rng, m, r = rng_of(seed), 4, 1e-6
+    edges = random_edges(rng, m, d, condition=1e3)
+    edges.turn[0] = np.r_[0.3 * r, edges.turn[0, 1:]] if d == 3 else np.pi - 0.3 * r
+    v, Q = rounded(edges)
+    found = edges.cost.enclosures(Ball.within(v, r), Ball.within(Q, r))
+    for _ in range(20):
+        axis = rng.choice([-1.0, 1.0], (m, so.tangent_dim(d)))
+        step = so.exp(1e-3 * axis) - np.eye(d)
+        size = 0.999 * r * 1e-3 / np.abs(Q @ step).max(axis=(1, 2))
+        turned = so.project(Q @ so.exp(size[:, None] * axis))
+        moved = v + r * rng.choice([-1.0, 1.0], v.shape)
+        assert np.all(np.abs(turned - Q) <= r)
+        value = edges.cost.costs(moved, turned)
+        assert np.all(value >= found.lower - 1e-12 * np.abs(value))
+        assert np.all(value <= found.upper + 1e-12 * np.abs(value))
+
+
 # --- Minorants
 
 
