@@ -12,7 +12,8 @@ from certpgo import registry
 from certpgo.assess.metrics import f_ml
 from certpgo.assess.wording import reading_sentence
 from certpgo.certify import Certificate, certify
-from certpgo.errors import CertPGOError
+from certpgo.costs import CHORDAL, InformationProblem, information_problem
+from certpgo.errors import CertPGOError, SpecError
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.plural import counted
 from certpgo.objective.problem import Problem, problem_of
@@ -32,6 +33,7 @@ class Competitor:
     takes : ``"poses"`` or ``"rotations"`` if restricted to these; empty for both
     reads_source : whether the method reads the graph's file itself (for the full information
         matrices, which our graphs do not keep); the path is passed as its setting ``source``
+    cost : the cost that it minimises, see `certpgo.costs`
     """
 
     solver: str = ""
@@ -40,6 +42,7 @@ class Competitor:
     start: Competitor | None = None
     takes: Literal["", "poses", "rotations"] = ""
     reads_source: bool = False
+    cost: str = CHORDAL
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "settings", MappingProxyType(dict(self.settings)))
@@ -173,7 +176,7 @@ def compare(
             dict(method.settings),
         )
         try:
-            yield _result(blank, method, problem, instance.source)
+            yield _result(blank, method, problem, instance)
         except CertPGOError as error:
             yield replace(blank, error=str(error))
         except MemoryError:
@@ -182,8 +185,10 @@ def compare(
             yield replace(blank, error=in_one_line(error))
 
 
-def _result(blank: MethodResult, method: Competitor, problem: Problem, source: str) -> MethodResult:
-    solution = solution_of(method, problem, source=source)
+def _result(
+    blank: MethodResult, method: Competitor, problem: Problem, instance: Instance
+) -> MethodResult:
+    solution = solution_of(method, problem, instance)
     if solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     certificate, _ = certified(solution, problem)
@@ -207,31 +212,38 @@ def _result(blank: MethodResult, method: Competitor, problem: Problem, source: s
 def solution_of(
     method: Competitor,
     problem: Problem,
+    instance: Instance | None = None,
     *,
-    source: str = "",
     settings: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
 ) -> Solution:
     """The method's solution, from the initial estimate of its ``start`` method if it has one.
 
     Parameters
     ----------
-    source : path of the graph's file, for methods that read it themselves
+    problem : the chordal one
+    instance : that of the problem, for methods that read its file or its information matrices
     settings : further settings by method label
 
     Raises
     ------
     SpecError
-        The method or a setting is unknown, or the method does not take this kind of problem.
+        The method or a setting is unknown, or the method does not take this kind of problem or
+        cost.
     """
     own = {**method.settings, **settings.get(method.label, {})}
     if method.reads_source:
-        own["source"] = source
+        own["source"] = "" if instance is None else instance.source
     solver = registry.build(method.solver, own)
     registry.refuse_unsuited(method.solver, solver, problem.graph)
+    posed: Problem | InformationProblem = problem
+    if method.cost != CHORDAL:
+        if instance is None or not getattr(solver, "own_costs", False):
+            raise SpecError(f"{method.solver} does not minimise the cost {method.cost}")
+        posed = information_problem(instance, method.cost)
     if method.start is None:
-        return _timed(solver, problem)
-    start = solution_of(method.start, problem, source=source, settings=settings)
-    solution = _timed(solver, problem, start.estimate)
+        return _timed(solver, posed)
+    start = solution_of(method.start, problem, instance, settings=settings)
+    solution = _timed(solver, posed, start.estimate)
     spent = sum(start.seconds.values())
     return replace(
         solution,
@@ -240,10 +252,13 @@ def solution_of(
     )
 
 
-def certified(solution: Solution, problem: Problem) -> tuple[Certificate, float]:
+def certified(
+    solution: Solution, problem: Problem | InformationProblem
+) -> tuple[Certificate, float]:
     """The certificate for the measurements that the method kept, and its run time in seconds."""
     start = time.perf_counter()
-    certificate = certify(solution.judged(problem), solution.estimate)
+    judged = problem if isinstance(problem, InformationProblem) else solution.judged(problem)
+    certificate = certify(judged, solution.estimate)
     return certificate, time.perf_counter() - start
 
 
@@ -321,12 +336,14 @@ def seconds_by_phase(phases: Mapping[str, float]) -> str:
     return f"{sum(phases.values()):.3f}" + (f" ({parts})" if len(phases) > 1 else "")
 
 
-def _timed(solver: Solver, problem: Problem, initial: Estimate | None = None) -> Solution:
+def _timed(
+    solver: Solver, problem: Problem | InformationProblem, initial: Estimate | None = None
+) -> Solution:
     """The method's solution, on one thread; if it reports no phases, it is timed as a whole."""
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(limits=1):
         start = time.perf_counter()
-        solution = solver.solve(problem, initial=initial)
+        solution = solver.solve(problem, initial=initial)  # type: ignore[arg-type]
     elapsed = time.perf_counter() - start
     return solution if solution.seconds else replace(solution, seconds={"solve": elapsed})

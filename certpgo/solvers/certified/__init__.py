@@ -5,8 +5,8 @@ of another program), `disagreement` (finds outlying measurements) and `robust` (
 these).
 """
 
-from certpgo.solvers.certified.interface import solve
-from certpgo.solvers.certified.pipeline import SOLVER, CertifiedSolution
+from certpgo.solvers.certified.interface import SOLVER, solve
+from certpgo.solvers.certified.pipeline import CertifiedSolution
 from certpgo.solvers.certified.robust import solve_robustly
 
 __all__ = ["SOLVER", "CertifiedSolution", "solve", "solve_robustly"]

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 from certpgo.costs import CHORDAL, information_problem
 from certpgo.costs.problem import InformationProblem
 from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
-from certpgo.objective.problem import problem_of
+from certpgo.objective.problem import Problem, problem_of
 from certpgo.optimize.monitor import Monitor, silent
+from certpgo.optimize.solution import Solution
 from certpgo.optimize.starts import Start
 from certpgo.solvers.certified.disagreement import Disagreement, ignore
 from certpgo.solvers.certified.own_cost import search_own_cost
@@ -86,3 +88,40 @@ def solve(
         raise InputError(f"solve takes a graph, such as instance.graph, not {kind_of(graph)}")
     begin = None if initial is None else Start(initial, GIVEN)
     return search_and_certify(problem_of(graph), chosen, begin, monitor, on_disagreement)
+
+
+@dataclass(frozen=True)
+class Certified(SolveSettings):
+    """The certified pipeline as a method.
+
+    The estimate is that of `certpgo.solve`, the settings are those of `SolveSettings`.
+
+    Examples
+    --------
+    >>> import certpgo
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> problem = certpgo.RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> certpgo.get_solver("certified")().solve(problem).lower_bound > 0.029
+    True
+    """
+
+    poses: ClassVar[bool] = True
+    rotations: ClassVar[bool] = True
+    #: It minimises the costs of other programs too.
+    own_costs: ClassVar[bool] = True
+
+    def solve(
+        self,
+        problem: Problem | InformationProblem,
+        *,
+        initial: Estimate | None = None,
+        monitor: Monitor = silent,
+    ) -> Solution:
+        """The best estimate found."""
+        if isinstance(problem, InformationProblem):
+            return search_own_cost(problem, self, initial, monitor).solution
+        begin = None if initial is None else Start(initial, GIVEN)
+        return search_and_certify(problem, self, begin, monitor).solution
+
+
+SOLVER = Certified

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.case import PROOF_GAIN, Basin, Case
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
 from certpgo.objective.problem import Problem
-from certpgo.optimize.monitor import Monitor, silent
+from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.progress import stoppable
 from certpgo.optimize.solution import Solution
 from certpgo.optimize.starts import Start
@@ -190,32 +189,3 @@ def _reason(search: Staircase, certificate: Certificate) -> str:
         limit = "the relaxation has no lower point beyond rounding, which limits the proof"
         return f"{certificate.reason}; {limit}"
     return f"{certificate.reason}; {_end(search)}" if search.ended_early else certificate.reason
-
-
-@dataclass(frozen=True)
-class Certified(SolveSettings):
-    """The certified pipeline as a method.
-
-    The estimate is that of `certpgo.solve`, the settings are those of `SolveSettings`.
-
-    Examples
-    --------
-    >>> import certpgo
-    >>> from certpgo.datasets.synthetic import winding_cycle
-    >>> problem = certpgo.RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
-    >>> certpgo.get_solver("certified")().solve(problem).lower_bound > 0.029
-    True
-    """
-
-    poses: ClassVar[bool] = True
-    rotations: ClassVar[bool] = True
-
-    def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
-    ) -> Solution:
-        """The best estimate found."""
-        begin = None if initial is None else Start(initial, GIVEN)
-        return search_and_certify(problem, self, begin, monitor).solution
-
-
-SOLVER = Certified

@@ -23,17 +23,16 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.solvers.certified.interface import solve
-from reports.harness.certifiers import extremes, made, oracle
+from reports.harness.certifiers import extremes, made, own_costs
 from reports.harness.certifiers.made import Made
 from reports.harness.certifiers.points import (
-    Known,
-    Truth,
     ZooPoint,
     best_of,
     stationary,
     truth_by_form,
     truth_by_oracle,
     truth_by_search,
+    truth_in_hand,
 )
 
 SIZES = (10, 20, 50, 60, 100, 200, 500, 1000, 2000)
@@ -261,7 +260,7 @@ def _garage(quick: bool) -> Iterator[ZooPoint]:
     problem = RotationProblem(graph)  # type: ignore[arg-type]
     best = solve(graph).estimate
     # Too large for the oracle: the better point refutes, and that the optimum is one stays open.
-    truth = Truth(oracle.cost(problem, best)[1], -math.inf, Known.OPEN)
+    truth = truth_in_hand(problem, best)
     yield ZooPoint("F*", problem, best, truth)
     for times in (1.1, 3.2, 10.0, 100.0):
         yield ZooPoint(f"{times:g} F*", problem, _soft_move(problem, best, times), truth)
@@ -353,6 +352,10 @@ FAMILIES: dict[str, Callable[[bool], Iterator[ZooPoint]]] = {
     "moved along the softest mode": _stretched,
     f"{GARAGE}, moved along the softest mode": _garage,
     "no rotations: reflected, scaled": _infeasible,
+    "g2o's and GTSAM's costs, wound-up cycles": own_costs.wound,
+    "g2o's and GTSAM's costs, exact data": own_costs.exact,
+    "g2o's and GTSAM's costs, noise": own_costs.noisy,
+    "g2o's and GTSAM's costs, MIT and intel": own_costs.read,
     "cycles at the optimum": _right,
     "noisy cycles at the optimum": partial(_noisy, False),
 }

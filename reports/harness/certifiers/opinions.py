@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.certify import Tier, Verdict, certify
+from certpgo.costs import InformationProblem
 from certpgo.errors import InputError, MissingDependency
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
@@ -31,7 +32,7 @@ class Opinion:
     lower_bound : no estimate costs less, it says
     better : an estimate that it calls better by more than the tolerance, or None
     basin : another estimate that it calls optimal, or None
-    multipliers : (n, d, d) what the lower bound rests on, or None
+    multipliers : (n, d, d) what the lower bound rests on, or None where that is a surrogate
     undecided : whether it decides nothing
     """
 
@@ -43,7 +44,7 @@ class Opinion:
     undecided: bool = False
 
 
-Certifier = Callable[[Problem, Estimate], Opinion]
+Certifier = Callable[[Problem | InformationProblem, Estimate], Opinion]
 
 
 def certifiers() -> dict[str, Certifier]:
@@ -122,8 +123,13 @@ def _faults(case: ZooPoint, opinion: Opinion) -> Iterator[Outcome]:
         yield Outcome.FALSE_REFUTATION
     if opinion.basin is not None and case.is_beaten(opinion.basin):
         yield Outcome.FALSE_BASIN
-    if opinion.multipliers is not None and case.problem.n <= MOST_NODES:
-        holds = oracle.is_proof(case.problem, opinion.multipliers)
+    problem = case.problem
+    if (
+        opinion.multipliers is not None
+        and problem.n <= MOST_NODES
+        and not isinstance(problem, InformationProblem)
+    ):
+        holds = oracle.is_proof(problem, opinion.multipliers)
         if holds is False:
             yield Outcome.FALSE_PROOF
         else:
@@ -139,7 +145,7 @@ def _is_refuted(case: ZooPoint, opinion: Opinion) -> bool:
 
 
 def _ours(tier: Tier, refine: bool) -> Certifier:
-    def certifier(problem: Problem, point: Estimate) -> Opinion:
+    def certifier(problem: Problem | InformationProblem, point: Estimate) -> Opinion:
         estimate = Estimate(point.rotations, point.translations)  # which checks its matrices
         certificate = certify(problem, estimate, tier=tier, refine=refine)
         return Opinion(
@@ -147,7 +153,7 @@ def _ours(tier: Tier, refine: bool) -> Certifier:
             certificate.lower_bound,
             certificate.better if certificate.verdict is Verdict.REFUTED else None,
             certificate.refined if certificate.basin_is_global else None,
-            certificate.multipliers,
+            None if isinstance(problem, InformationProblem) else certificate.multipliers,
             certificate.verdict is Verdict.UNDECIDED,
         )
 
@@ -156,4 +162,10 @@ def _ours(tier: Tier, refine: bool) -> Certifier:
 
 def _theirs(name: str) -> Certifier:
     rule = rules.get_rule(name)
-    return lambda problem, point: Opinion(rule(problem, point))
+
+    def certifier(problem: Problem | InformationProblem, point: Estimate) -> Opinion:
+        if isinstance(problem, InformationProblem):
+            raise InputError(f"{name} is about F")
+        return Opinion(rule(problem, point))
+
+    return certifier

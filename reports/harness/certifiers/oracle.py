@@ -1,7 +1,8 @@
 """The truth in balls: costs, and lower bounds by an interval L D L^T, with python-flint.
 
 None of the package's operators or factorizations is used. The data are exact: the rotations
-nearest to the stored matrices, enclosed in balls, and the stored translations and weights.
+nearest to the stored matrices, enclosed in balls, and the stored translations and weights. Of the
+costs of other programs there are no lower bounds.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from certpgo.costs import InformationProblem
 from certpgo.errors import MissingDependency
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
@@ -24,9 +26,11 @@ SHIFTS = tuple(10.0**-k for k in range(14, 6, -1))
 Matrix = dict[tuple[int, int], Any]
 
 
-def cost(problem: Problem, estimate: Estimate) -> tuple[float, float]:
-    """A lower and an upper bound on F of an estimate."""
+def cost(problem: Problem | InformationProblem, estimate: Estimate) -> tuple[float, float]:
+    """A lower and an upper bound on the cost of an estimate."""
     with library().ctx.workprec(BITS):
+        if isinstance(problem, InformationProblem):
+            return _own_cost(problem, estimate)
         return _cost(problem, estimate)
 
 
@@ -43,6 +47,61 @@ def _cost(problem: Problem, estimate: Estimate) -> tuple[float, float]:
             gap = _column(t[j]) - _column(t[i]) - R[i] * step
             total += float(problem.graph.tau[e]) * (gap.transpose() * gap)[0, 0]
     return _below(total), -_below(-total)
+
+
+def _own_cost(problem: InformationProblem, estimate: Estimate) -> tuple[float, float]:
+    flint, t = library(), estimate.translations
+    R, measured = _rotations(estimate.rotations), _rotations(problem.graph.rotations)
+    residual = _gtsam_residual if problem.edge_cost.name == "gtsam" else _g2o_residual
+    total = flint.arb(0)
+    for e, (i, j) in enumerate(problem.graph.edges.tolist()):
+        step = R[i].transpose() * (_column(t[j]) - _column(t[i]))  # type: ignore[index]
+        back = measured[e].transpose()
+        y = back * (step - _column(problem.graph.translations[e]))
+        r = residual(y, back * R[i].transpose() * R[j])
+        total += (r.transpose() * flint.arb_mat(problem.graph.information[e].tolist()) * r)[0, 0]
+    return _below(total), -_below(-total)
+
+
+def _g2o_residual(y: Any, E: Any) -> Any:
+    """y, then the angle of E, or the vector part of its unit quaternion (w, b), w >= 0."""
+    if E.nrows() == 2:
+        turned = [library().arb.atan2(E[1, 0] - E[0, 1], E[0, 0] + E[1, 1])]
+    else:
+        w = (1 + E.trace()).sqrt() / 2
+        turned = [x / (2 * w) for x in _vee(E)]
+    return library().arb_mat([[x] for x in (*y.entries(), *turned)])
+
+
+def _gtsam_residual(y: Any, E: Any) -> Any:
+    """V^-1 y, then omega = Log E, by the inverse of V, an infinite series in closed form."""
+    arb, arb_mat = library().arb, library().arb_mat
+    sines = _vee(E)
+    cosine = E.trace() / 2 if E.nrows() == 2 else (E.trace() - 1) / 2
+    square = sum((x * x for x in sines), arb(0))
+    if square < 1e-40 and cosine > 0:
+        # 1 <= theta / sin(theta) <= 1 + theta^2, and 1/12 <= c <= 1/12 + theta^2.
+        longer, c = arb(1, 2e-40), arb(1) / 12 + arb(0, 2e-40)
+    else:
+        sine = square.sqrt()
+        theta = arb.atan2(sine, cosine)
+        longer = theta / sine
+        c = (1 - theta / 2 * (theta / 2).cot()) / theta**2
+    omega = [x * longer for x in sines]
+    if E.nrows() == 2:
+        [w] = omega
+        hat = arb_mat([[0, -w], [w, 0]])
+    else:
+        x, z, v = omega
+        hat = arb_mat([[0, -v, z], [v, 0, -x], [-z, x, 0]])
+    u = y - hat * y / 2 + hat * (hat * y) * c
+    return arb_mat([[x] for x in (*u.entries(), *omega)])
+
+
+def _vee(E: Any) -> list[Any]:
+    """Of a rotation by theta about n, sin(theta) n."""
+    pairs = [(1, 0)] if E.nrows() == 2 else [(2, 1), (0, 2), (1, 0)]
+    return [(E[a, b] - E[b, a]) / 2 for a, b in pairs]
 
 
 def lower_bound(problem: Problem, point: Estimate, allowed: float) -> float:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 
 from certpgo.certify.case import ATOL, RTOL
+from certpgo.costs import InformationProblem
+from certpgo.costs.descent import descend
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.linalg import so
@@ -52,11 +55,12 @@ class ZooPoint:
     Attributes
     ----------
     name : what it is called among its family
+    problem : under F, or under the cost of another program
     point : the estimate; its matrices are not checked, so that it may be none
     """
 
     name: str
-    problem: Problem
+    problem: Problem | InformationProblem
     point: Estimate
     truth: Truth
 
@@ -80,15 +84,24 @@ class ZooPoint:
         return high - self.truth.lower <= MARGIN * self.tolerance(high)
 
 
-def stationary(problem: Problem, start: Estimate) -> Estimate:
+def stationary(problem: Problem | InformationProblem, start: Estimate) -> Estimate:
     """Where descent from an estimate ends."""
+    if isinstance(problem, InformationProblem):
+        if start.translations is None:
+            start = problem.chordal.complete(start.rotations)
+        return descend(problem, start, max_iterations=300).estimate
     point = newton(
         problem, problem.complete(start.rotations), NewtonSettings(max_iterations=300)
     ).estimate
     return problem.complete(point.rotations)
 
 
-def truth_by_form(problem: Problem, best: Estimate, optimum: float) -> Truth:
+def truth_in_hand(problem: Problem | InformationProblem, best: Estimate) -> Truth:
+    """The truth where a point is all that is known."""
+    return Truth(oracle.cost(problem, best)[1], -math.inf, Known.OPEN)
+
+
+def truth_by_form(problem: Problem | InformationProblem, best: Estimate, optimum: float) -> Truth:
     """The truth where F* is known in closed form and ``best`` attains it.
 
     The stored data are the form's but for rounding, of some 1e-15 of each term.
@@ -117,7 +130,7 @@ def truth_by_oracle(problem: Problem, best: Estimate) -> Truth:
     return Truth(upper, lower, Known.ORACLE if is_known else Known.OPEN, loose=not is_known)
 
 
-def best_of(problem: Problem, starts: list[Estimate]) -> list[Estimate]:
+def best_of(problem: Problem | InformationProblem, starts: list[Estimate]) -> list[Estimate]:
     """The stationary points that descents from the starts end in, the best one first."""
     points = []
     for start in starts:

@@ -12,6 +12,7 @@ from certpgo.assess import metrics
 from certpgo.certify import Certificate, Verdict
 from certpgo.certify.bounds import alpha_max, fiedler_value, normalized_fiedler_value
 from certpgo.certify.case import SETTLED
+from certpgo.costs import InformationProblem
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
@@ -85,7 +86,7 @@ def certified_by(problem: Problem, certificate: Certificate) -> str:
 
 def of_estimate(
     keys: Iterable[str],
-    problem: Problem,
+    problem: Problem | InformationProblem,
     evaluated: Problem,
     solution: Solution,
     certificate: Certificate | None,
@@ -99,7 +100,7 @@ def of_estimate(
 
     Parameters
     ----------
-    problem : the problem that was solved; F, bounds and gaps refer to it
+    problem : the problem that estimates are judged by; F, bounds and gaps refer to it
     evaluated : the problem whose graph the thesis' metrics are evaluated on
     certificate : of the estimate, or None; of a robust method's, for the measurements it kept
     best : F of the optimum, or None
@@ -124,7 +125,7 @@ def of_estimate(
         reached = cost - best <= SAME * best + SAME_SCALE * problem.scale
         values["global_percent"] = 100.0 * reached
     if needing(keys, Needs.RESIDUAL_BOUND):
-        values.update(of_graph(needing(METRICS, Needs.RESIDUAL_BOUND), problem))
+        values.update(of_graph(needing(METRICS, Needs.RESIDUAL_BOUND), evaluated))
     if truth is not None and needing(keys, Needs.TRUTH):
         values.update(_against_truth(estimate, truth))
     if solution.weights is not None:
@@ -139,6 +140,8 @@ def of_estimate(
         values["lower_bound"] = certificate.lower_bound
         values["gap"] = certificate.gap
         values["relative_gap"] = certificate.relative_gap
+        if certificate.lower_bound > 0.0 and "over_bound" in keys:
+            values["over_bound"] = certificate.cost_upper / certificate.lower_bound
         values["certify_seconds"] = certify_seconds
     return {key: value for key, value in values.items() if math.isfinite(value)}
 

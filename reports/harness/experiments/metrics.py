@@ -124,6 +124,8 @@ def _registry() -> Iterable[Metric]:
     yield Metric("lower_bound", "F", "higher", Tolerance.RELATIVE, Needs.CERTIFICATE)
     yield Metric("gap", "F", "lower", Tolerance.COST_DIFFERENCE, Needs.CERTIFICATE)
     yield Metric("relative_gap", "", "lower", Tolerance.OF_ONE, Needs.CERTIFICATE)
+    # At least the share of F over that of the optimum.
+    yield Metric("over_bound", "", "lower", Tolerance.RELATIVE, Needs.CERTIFICATE)
     yield Metric("certify_seconds", "s", "", Tolerance.MACHINE, Needs.CERTIFICATE)
     # F above the optimum; and 100 where F is the optimum, so that the mean is a share.
     yield Metric("error", "F", "lower", Tolerance.COST_DIFFERENCE, Needs.OPTIMUM)

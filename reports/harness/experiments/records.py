@@ -42,6 +42,7 @@ class Record(JournalEntry):
     kind : ``"poses"`` or ``"rotations"``, of the graph
     profile : ``"quick"`` or ``"full"``
     parts : how many records have the key, one a component
+    objective : the cost that metrics and verdict are about; empty for F
     """
 
     table: str
@@ -71,6 +72,7 @@ class Record(JournalEntry):
     kind: str = ""
     profile: str = "full"
     parts: int = 1
+    objective: str = ""
 
     def __post_init__(self) -> None:
         if bool(self.absence) != bool(self.error):

@@ -47,7 +47,7 @@ ROUNDING = 1e-9
 
 _STRENGTH = {"": 0, "UNDECIDED": 1, "BOUNDED": 2, "CERTIFIED": 3}
 _ENDED_WELL = (Status.CLOSED_FORM.value, Status.CONVERGED.value)
-_SPECIFICATION = ("solver", "settings", "reading", "judging", "d", "n", "m")
+_SPECIFICATION = ("solver", "settings", "reading", "judging", "d", "n", "m", "objective")
 
 
 class Key(NamedTuple):

@@ -15,6 +15,7 @@ from pathlib import Path
 from certpgo import registry
 from certpgo.assess.comparison import certified, solution_of
 from certpgo.assess.provenance import provenance
+from certpgo.costs import CHORDAL, information_problem
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.components import connected_parts, rotations_alone
@@ -174,9 +175,8 @@ class _Context:
         self.announce(f"{self.instance.name}: {method.label} again")
         with suppress(Exception, OutOfTime), self.limit.kept():
             problem = problem_of(self.instance.graph, method.engine or None)
-            source = self.instance.source
             settings = self.trial.row.settings
-            self.first = solution_of(method, problem, source=source, settings=settings).estimate
+            self.first = solution_of(method, problem, self.instance, settings=settings).estimate
 
 
 def _run_method(method: Method, context: _Context) -> Record:
@@ -209,23 +209,25 @@ def _solved(method: Method, context: _Context, best: float | None, record: Recor
     if not method.solver:
         asked = [key for key in table.metrics if key in (method.published or table.metrics)]
         return replace(record, metrics=evaluate.of_graph(asked, problem))
+    row = trial.row
+    posed = problem if row.cost == CHORDAL else information_problem(instance, row.cost)
     times: dict[str, float] = {}
     if table.reference is not None:
         times, kept = reference.against(table.reference, method, instance.graph, context.timed)
         record = replace(record, metrics=times, note=kept)
         if not table.certify:
             return record
-    solution = solution_of(method, problem, source=instance.source, settings=trial.row.settings)
+    solution = solution_of(method, problem, instance, settings=row.settings)
     if solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     note = "; ".join(filter(None, (record.note, solution.note)))
     trace = () if record.seed else trace_of(solution)
     record = replace(record, **of_solution(solution), note=note, trace=trace)
-    certificate, seconds = certified(solution, problem) if table.certify else (None, 0.0)
+    certificate, seconds = certified(solution, posed) if table.certify else (None, 0.0)
     evaluated = problem if judged is instance else problem_of(judged.graph)
     metrics = evaluate.of_estimate(
         table.metrics,
-        problem,
+        posed,
         evaluated,
         solution,
         certificate,

@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 from certpgo.assess import comparison
+from certpgo.costs import CHORDAL
 from certpgo.errors import SpecError
 from certpgo.graph.components import Components
 from reports.harness.experiments.claims import Claim
@@ -49,6 +50,7 @@ class Row:
         ``"largest"``
     settings : settings of single methods in this row alone, by the method's label
     absent : why the row cannot be run by anybody, where that is known; it is shown nevertheless
+    cost : the cost by which its estimates are judged, see `certpgo.costs`
     """
 
     dataset: str = ""
@@ -65,6 +67,7 @@ class Row:
     components: Components = "refuse"
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     absent: str = ""
+    cost: str = CHORDAL
 
     def __post_init__(self) -> None:
         if bool(self.dataset) == bool(self.generator):
@@ -206,6 +209,10 @@ class Table:
                 raise SpecError.unknown(f"row of table {self.name}", label, labels)
         if self.reference is None and needing(self.metrics, Needs.TIMING):
             raise SpecError(f"table {self.name}: times are relative to a reference; give one")
+        if any(row.cost != CHORDAL for row in self.rows) and (
+            self.reference is not None or needing(self.metrics, Needs.OPTIMUM, Needs.GRAPH)
+        ):
+            raise SpecError(f"table {self.name}: optima and times are of the chordal cost")
         if self.seeds < 1:
             raise SpecError(f"table {self.name}: seeds must be at least 1, not {self.seeds}")
 

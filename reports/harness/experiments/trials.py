@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from certpgo.costs import CHORDAL
 from certpgo.errors import InputError
 from reports.harness.experiments.instances import is_here, seed_of
 from reports.harness.experiments.keys import Profile, record_key
@@ -53,6 +54,7 @@ class Trial:
             seed=self.repetition if self.row.generator else None,
             key=self.key(method),
             profile=self.profile,
+            objective="" if self.row.cost == CHORDAL else self.row.cost,
         )
 
 

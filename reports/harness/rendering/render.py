@@ -137,6 +137,8 @@ def _captions(group: Sequence[Record]) -> Iterable[str]:
         yield "Not read."
     else:
         yield f"Read with {_reading(first)}."
+    if first.objective:
+        yield f"Costs, bounds and verdicts are those of `--cost {first.objective}`."
     if first.judging is not None:
         yield f"f_ML and s are evaluated with {reading_sentence(first.judging)}."
     yield from remarks((record.method, record.note) for record in group)
