@@ -89,7 +89,7 @@ class AngleFunctions:
 
 
 def exponential(omega: Ball) -> Ball:
-    """Rotations (m, d, d) by vectors (m, 1) or (m, 3), no longer than the square root of `LARGEST`."""
+    """Rotations (m, d, d) by vectors (m, 1) or (m, 3) whose square is at most `LARGEST`."""
     x, hat = omega.dot(omega)[:, None, None], crossed(omega)
     return series(S, x) * hat + 0.5 * series(B, x) * (hat @ hat) + np.eye(hat.mid.shape[-1])
 
