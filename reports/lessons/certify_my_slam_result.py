@@ -234,8 +234,8 @@ plt.show()
 # $\kappa = 3 / (2 \operatorname{tr} \Omega_R^{-1})$, $\tau = 3 / \operatorname{tr} \Omega_t^{-1}$.
 # These are two objectives, and the optimum of one is near that of the other, not at it. The
 # isotropic file shows that here the weights, not the logarithms, make the difference. So the gap in
-# $F$ does not tell how well GTSAM minimised its own error; each of the two estimates is better by
-# its own measure:
+# $F$ does not tell how well GTSAM minimised its own error, which can be certified too: see the
+# lesson *Certify the cost you minimise*. Each of the two estimates is better by its own measure:
 
 # %%
 review = assess(problem, estimate_of(answer), certificate, ids=instance.ids)
