@@ -223,8 +223,9 @@ def _planar(cost: G2oCost, v: FloatArray, Q: FloatArray) -> Minorants:
     # The angle of the couplings, less that of the measured rotation.
     apart = arctan2(n * x - c * z, c * x + n * z)
     off = apart + beta / s
-    off = off - 2.0 * np.pi * np.round(off.mid / (2.0 * np.pi))
-    error = off.size + 1e-15  # and of 2 pi
+    turns = np.round(off.mid / (2.0 * np.pi))
+    off = off - 2.0 * np.pi * turns
+    error = off.size + 1e-15 * np.abs(turns)  # and of 2 pi
     lowest = s * at * at + 4.0 * k * at.cos() - 4.0 * ((k - weight).size + weight.upper * error)
     found = (constant - beta * beta / s + lowest).lower
     fits &= (s.lower > 0.0) & np.isfinite(found)
@@ -247,6 +248,8 @@ def _spatial(cost: G2oCost, v: FloatArray, Q: FloatArray) -> Minorants:
     quadratic, linear, constant = _schur_terms(cost, lam, b)
     q0 = _quaternions(np.swapaxes(cost.graph.rotations, 1, 2) @ Q) * (1.0 - 2.0**-48)
     k = _slope(q0, linear)
+    fits &= np.isfinite(k)
+    k = np.where(fits, k, 0.0)
     # The form to be matched, and the couplings N' of -2 <N', E> that match it.
     form = _form(schur, linear.mid, k, q0)
     beta, cross, D = form[:, 0, 0], form[:, 1:, 0], form[:, 1:, 1:]

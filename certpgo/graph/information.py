@@ -17,6 +17,7 @@ from certpgo.linalg.arrays import (
     frozen_floats,
     frozen_indices,
 )
+from certpgo.linalg.balls import Ball, is_positive_definite
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +125,8 @@ class InformationGraph:
 
     @cached_property
     def is_definite(self) -> BoolArray:
-        """(m,) which information matrices are positive definite, as computed."""
-        return np.asarray(np.linalg.eigvalsh(self.information)[:, 0] > 0.0)
+        """(m,) which information matrices are proven to be positive definite."""
+        return is_positive_definite(Ball.exact(self.information))
 
     def with_edges(self, chosen: IntArray | BoolArray) -> InformationGraph:
         """All nodes with only the ``chosen`` edges, given by index or mask (m,)."""
