@@ -22,6 +22,7 @@ from certpgo.costs.problem import InformationProblem, Surrogate, surrogate
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.lift import Point
+from certpgo.io.plural import counted
 from certpgo.optimize.solution import Status
 
 
@@ -115,7 +116,8 @@ class OwnCostCase(Case):
         if not len(missing):
             return found
         i, j = self.problem.graph.edges[missing[0]]
-        spoiled = f"{len(missing)} measurements, such as that of edge ({i}, {j}), add nothing to it"
+        count = counted(len(missing), "measurement{s}")
+        spoiled = f"{count} without a minorant there, such as edge ({i}, {j})"
         return replace(found, reason=f"{found.reason}; {spoiled}")
 
     def below(self, point: Estimate) -> Surrogate | None:
