@@ -1,4 +1,4 @@
-# make compare   methods side by side, each answer certified; needs Python 3.11 or newer, nothing else
+# make compare   methods side by side, each answer certified; needs Python 3.11 to 3.13
 # make test      lint, types and tests
 # make gate      quick results of some tables against the committed ones
 # make docs      the site, into build/docs, lessons run; make linkcheck looks its outside links up
@@ -39,7 +39,7 @@ linkcheck: $(DOCS)
 setup: $(DEVELOP)
 
 $(MADE):
-	$(PYTHON) -c 'import sys; sys.exit("certpgo needs Python 3.11 or newer" if sys.version_info < (3, 11) else 0)'
+	$(PYTHON) -c 'import sys; sys.exit(0 if (3, 11) <= sys.version_info[:2] <= (3, 13) else "certpgo needs Python 3.11 to 3.13: make PYTHON=python3.12 ...")'
 	$(PYTHON) -m venv $(VENV)
 	@touch $@
 

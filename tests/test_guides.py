@@ -23,7 +23,7 @@ PAGES = [
 ]
 FENCE = re.compile(r"^```(?P<kind>[a-z]*)\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL)
 #: Datasets that a page's Python reads, named in a comment of the page.
-NEEDS = re.compile(r"^(?:%|<!--) needs: ([\w ]*\w)", re.MULTILINE)
+NEEDS = re.compile(r"^<!-- needs: ([\w ]*\w)", re.MULTILINE)
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
