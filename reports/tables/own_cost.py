@@ -85,6 +85,7 @@ TABLE = Table(
         Column("cost", "cost", ".10g", exact=True),
         Column("relative_gap", "gap / cost", ".1e"),
         Column("over_bound", "cost / bound", ".5g"),
+        Column("own_bound", "bound of the search", ".10g"),
         Column("status", "ended"),
         Column("total_seconds", "seconds", ".2f"),
     ),
@@ -98,7 +99,9 @@ TABLE = Table(
         "which kappa and tau stand for each information matrix. The proven bound is on that cost, "
         "so that an estimate that is optimal under one cost is BOUNDED or REFUTED under another. "
         "Cost over bound is at least the cost over that of the optimum; where the optimum is "
-        "certified, both are the same but for the tolerance.",
+        "certified, both are the same but for the tolerance. A verdict is that of `certify` on the "
+        "estimate alone; where the relaxation is not tight, the search that found an optimum may "
+        "have proven more about the cost that it minimised: the bound of the search.",
         "GTSAM runs Levenberg-Marquardt with its default settings on the factors that it reads "
         "from the file; in the plane LAGO stands in for its chordal initialization. Seconds are "
         "one run's, without judging the answer; those of our optima include their certificate.",
