@@ -32,6 +32,7 @@ class Baseline(Settings):
     """A method of GTSAM; subclasses implement `ready`."""
 
     rotations: ClassVar[bool] = False
+    compiled: ClassVar[bool] = True
 
     def ready(
         self, problem: Problem, initial: Estimate | None, watch: Stopwatch

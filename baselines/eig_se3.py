@@ -16,7 +16,7 @@ which are eigenvalues of L too. That is how EIG-SE(3) fails on sparse graphs.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -49,6 +49,8 @@ class EigSE3(Settings):
     vectors: Vectors = "eigen"
     weights: Weights = "unit"
     tol: float = 1e-9
+
+    takes_initial: ClassVar[bool] = False
 
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent

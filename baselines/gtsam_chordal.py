@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 from certpgo.graph import Estimate
 from certpgo.objective.problem import Problem
@@ -26,6 +27,8 @@ class Chordal(Baseline):
     """
 
     source: str | None = None
+
+    takes_initial: ClassVar[bool] = False
 
     def ready(
         self, problem: Problem, initial: Estimate | None, watch: Stopwatch

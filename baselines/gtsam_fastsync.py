@@ -23,6 +23,7 @@ class FastSync(Baseline):
     """
 
     rotations: ClassVar[bool] = True
+    takes_initial: ClassVar[bool] = False
 
     def ready(
         self, problem: Problem, initial: Estimate | None, watch: Stopwatch

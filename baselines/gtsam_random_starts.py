@@ -50,8 +50,9 @@ class RandomStarts(Baseline):
     max_iterations: int = 500
 
     def __post_init__(self) -> None:
-        if self.starts < 1 or self.max_iterations < 1 or self.seed < 0:
-            raise SpecError("starts and max_iterations must be at least 1, seed not negative")
+        super().__post_init__()
+        if self.starts < 1 or self.max_iterations < 1:
+            raise SpecError("starts and max_iterations must be at least 1")
 
     def ready(
         self, problem: Problem, initial: Estimate | None, watch: Stopwatch

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -46,6 +47,8 @@ class IrlsEigSE3(Iterative):
     tolerance: float = 1e-3
     max_iterations: int = 30
     tol: float = 1e-9
+
+    takes_initial: ClassVar[bool] = False
 
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent

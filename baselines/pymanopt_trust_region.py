@@ -34,6 +34,7 @@ class TrustRegion(Settings):
     min_gradient_norm: float = 1e-6
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         self._rank(2)
         if not (self.max_iterations > 0 and self.min_gradient_norm > 0.0):
             raise SpecError("max_iterations and min_gradient_norm must be positive")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from certpgo import _start  # noqa: F401 - first: Ctrl-C during the imports below
+
 # `certify` is both a function and a subpackage: importing it first makes the function win.
 from certpgo.certify import Certificate, Tier, Verdict, certify
 from certpgo.errors import (
@@ -30,15 +32,14 @@ from certpgo.solvers.certified.settings import SolveSettings
 
 if TYPE_CHECKING:
     from certpgo.assess.assessment import certify_values
-    from certpgo.certify.proof_file import write_proof
-    from certpgo.checker import check
+    from certpgo.certify.proof_file import check, write_proof
     from certpgo.costs.gtsam_graph import from_gtsam, to_gtsam
     from certpgo.io import read, read_estimate, write
     from certpgo.registry import get_solver
 
 #: Imported on first use, to keep `import certpgo` fast.
 _LATER = {
-    "check": "checker",
+    "check": "certify.proof_file",
     "certify_values": "assess.assessment",
     "from_gtsam": "costs.gtsam_graph",
     "to_gtsam": "costs.gtsam_graph",
@@ -96,3 +97,7 @@ def __getattr__(name: str) -> Any:
     if name not in _LATER:
         raise AttributeError(f"module 'certpgo' has no attribute {name!r}")
     return getattr(importlib.import_module(f"certpgo.{_LATER[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, "__version__", "__doc__"])

@@ -828,10 +828,11 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
 def _about(graph: Graph, claim: dict[str, Any]) -> str:
     """Describes F, as the reading options come from the proof."""
     names = ("kappa", "tau") if claim["kind"] == "poses" else ("kappa",)
-    said = [f"{claim['kind']} of {graph.n} nodes by {len(graph.i)} measurements"]
+    said = [f"the {claim['kind']} of {graph.n} nodes from {len(graph.i)} measurements"]
     said += [f"{k} {'of the file' if claim[k] is None else repr(claim[k])}" for k in names]
-    said.append(f"rotational information about {claim['rotation_information']}")
-    said.append(f"parallel edges {claim['keep']}")
+    said.append(f"rotational information read as {claim['rotation_information']}")
+    added = claim["keep"] == "all"
+    said.append("parallel edges added" if added else f"only the {claim['keep']} of parallel edges")
     if claim["component_sha256"] is not None:
         said.append("nodes of cc.txt alone")
     return ", ".join(said)

@@ -8,6 +8,24 @@ from pathlib import Path
 
 #: Number of known names up to which all are listed.
 FEW = 8
+#: Similarity, from 0 to 1, from which on another name may have been meant.
+CLOSE = 0.65
+#: Letters from which on the beginning of a name stands for it.
+BEGINNING = 3
+
+
+def nearest(name: str, names: Iterable[str]) -> list[str]:
+    """At most three names that may have been meant: similar ones, or longer by an ending."""
+    listed = list(names)
+    longer = [n for n in listed if len(name) >= BEGINNING and n.startswith(name)]
+    similar = difflib.get_close_matches(name, listed, n=3, cutoff=CLOSE)
+    return list(dict.fromkeys([*similar, *longer]))[:3]
+
+
+def kind_of(thing: object) -> str:
+    """The name of an object's type with its article, for messages."""
+    name = type(thing).__name__
+    return f"{'an' if name[:1].upper() in 'AEIO' else 'a'} {name}"
 
 
 class CertPGOError(Exception):
@@ -35,7 +53,7 @@ class InputError(CertPGOError, ValueError):
     >>> certpgo.solve(instance)
     Traceback (most recent call last):
         ...
-    certpgo.errors.InputError: solve takes a graph, such as instance.graph, not a Instance
+    certpgo.errors.InputError: solve takes a graph, such as instance.graph, not an Instance
     """
 
 
@@ -64,6 +82,14 @@ class FormatError(InputError):
         self.path, self.line, self.expected = Path(path), line, expected
         place = f"{path}:{line}" if line is not None else f"{path}"
         super().__init__(f"{place}: {expected}")
+
+
+class NoMeasurements(FormatError):  # noqa: N818 - the condition is the name
+    """A file holds an estimate where measurements are expected."""
+
+
+class FileNotHere(InputError):  # noqa: N818 - the condition is the name
+    """The file of a dataset is not on this machine."""
 
 
 class GraphError(InputError):
@@ -141,7 +167,7 @@ class SpecError(CertPGOError, LookupError):
     def unknown(cls, kind: str, name: str, known: Iterable[str]) -> SpecError:
         """The error for an unknown ``name``, with the nearest known ones or all if few."""
         names = sorted(known)
-        near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+        near = nearest(name, names)
         hint = f"did you mean {' or '.join(near)}?" if near else ""
         if not near or len(names) <= FEW:
             known_are = f"known: {', '.join(names)}" if names else "there are none"

@@ -29,6 +29,11 @@ if TYPE_CHECKING:
 
 #: Environment variable with the checkout's path, if the package is installed elsewhere.
 REPOSITORY_VARIABLE = "CERTPGO_REPOSITORY"
+#: What to do without a checkout.
+NO_CHECKOUT = (
+    "this needs a checkout of certpgo (it is not in the wheel): run it there, or set "
+    f"{REPOSITORY_VARIABLE} to its path"
+)
 
 _PACKAGE = Path(__file__).parent
 _SOLVERS = _PACKAGE / "solvers"
@@ -116,14 +121,18 @@ def refuse_unsuited(name: str, solver: Solver | type[Solver], graph: Graph) -> N
 
 def setting_fields(solver: type[Solver]) -> dict[str, Field[Any]]:
     """The settings of a method by name, without nested ones."""
-    flat = (f for f in fields(solver) if f.init)  # type: ignore[arg-type]
-    return {f.name: f for f in flat if f.default_factory is MISSING}
+    given = (f for f in fields(solver) if f.init)  # type: ignore[arg-type]
+    return {f.name: f for f in given if not (is_dataclass(f.type) or is_dataclass(_default(f)))}
 
 
 def defaults(solver: type[Solver]) -> dict[str, Any]:
     """Default values by setting, without settings that have none."""
-    known = setting_fields(solver).items()
-    return {name: field.default for name, field in known if field.default is not MISSING}
+    values = {name: _default(field) for name, field in setting_fields(solver).items()}
+    return {name: value for name, value in values.items() if value is not MISSING}
+
+
+def _default(field: Field[Any]) -> Any:
+    return field.default if field.default_factory is MISSING else field.default_factory()
 
 
 def parse_settings(name: str, assignments: Iterable[str]) -> dict[str, Any]:
@@ -190,10 +199,7 @@ def repository() -> Path:
     """
     root = checkout()
     if root is None:
-        raise SpecError(
-            "this needs a checkout of certpgo (it is not in the wheel): run it there, or set "
-            f"{REPOSITORY_VARIABLE} to its path"
-        )
+        raise SpecError(NO_CHECKOUT)
     return root
 
 

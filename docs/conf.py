@@ -52,7 +52,7 @@ smartquotes = False  # they would turn -- of --method into a dash
 nitpicky = True
 # Types of other packages have no page here, and fetching their indices needs a network.
 nitpick_ignore_regex = [
-    (r"py:.*", r"(numpy|scipy|matplotlib|collections|dataclasses|pathlib|types)\..*"),
+    (r"py:.*", r"(numpy|scipy|matplotlib|collections|dataclasses|fractions|pathlib|types)\..*"),
 ]
 
 # Markdown

@@ -88,6 +88,7 @@ def gtsam_cost(information, w, y):
 def minorant(found, edge, v, Q):
     """m(v, Q) of an edge of `Minorants`."""
     r = v + Q * column(found.a[edge]) - column(found.b[edge])
-    coupled = sum((a * b for a, b in zip(matrix(found.N[edge]).entries(), Q.entries())), arb(0))
+    pairs = zip(matrix(found.N[edge]).entries(), Q.entries(), strict=True)
+    coupled = sum((a * b for a, b in pairs), arb(0))
     constant = exact(found.constant[edge])
     return exact(found.tau[edge]) * (r.transpose() * r)[0, 0] - 2 * coupled + constant

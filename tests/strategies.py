@@ -56,3 +56,21 @@ def dense_cost(graph, R, t=None):
             r = t[j] - t[i] - R[i] @ graph.translations[e]
             total += graph.tau[e] * float(r @ r)
     return total
+
+
+def definite(rng, m, p, condition=10.0):
+    """Random symmetric positive definite matrices (m, p, p) of at most that condition."""
+    B = np.linalg.qr(rng.standard_normal((m, p, p)))[0]
+    A = (B * condition ** rng.uniform(-1.0, 0.0, (m, 1, p))) @ np.swapaxes(B, 1, 2)
+    return 0.5 * (A + np.swapaxes(A, 1, 2))
+
+
+def general_graph(rng, n, d, **options):
+    """A graph whose edges have arms, and couplings N of which some have det N < 0."""
+    graph, R, t = pose_graph(rng, n, d, **options)
+    m = graph.num_edges
+    N = graph.rotation.rotations @ definite(rng, m, d)
+    N[::4, :, 0] *= -1.0
+    rotation = RotationGraph(n, graph.edges, graph.rotation.rotations, graph.rotation.kappa, N)
+    arms = 0.5 * rng.standard_normal((m, d))
+    return PoseGraph(rotation, graph.translations, graph.tau, arms), R, t

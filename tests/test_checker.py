@@ -551,8 +551,8 @@ def test_works_as_a_file_by_itself(small, tmp_path):
     done, said = run(path, proof), checker.check(path, proof)
     assert (done.returncode, done.stdout, done.stderr) == (
         0,
-        f"{said}\nabout poses of 6 nodes by 17 measurements, kappa of the file, tau of the file, "
-        "rotational information about tangent, parallel edges all\n",
+        f"{said}\nabout the poses of 6 nodes from 17 measurements, kappa of the file, "
+        "tau of the file, rotational information read as tangent, parallel edges added\n",
         "",
     )
     refused = run(path, path)

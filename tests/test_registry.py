@@ -47,6 +47,34 @@ def test_a_baseline_is_loaded_by_path_and_may_import_its_neighbour(checkout):
     assert registry.get_solver("some_peer").value == 7
 
 
+NESTING_SOLVER_FILE = """
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+@dataclass(frozen=True)
+class Inner:
+    x: int = 1
+
+@dataclass(frozen=True)
+class SOLVER:
+    names: tuple[str, ...] = field(default_factory=lambda: ("a", "b"))
+    inner: Inner = field(default_factory=Inner)
+    other: Inner = Inner()
+    poses: ClassVar[bool] = True
+    rotations: ClassVar[bool] = True
+
+    def solve(self, problem, **more): ...
+"""
+
+
+def test_only_nested_settings_cannot_be_set_one_by_one(checkout):
+    (checkout / "baselines" / "some_peer.py").write_text(NESTING_SOLVER_FILE)
+    solver = registry.get_solver("some_peer")
+    assert registry.defaults(solver) == {"names": ("a", "b")}
+    assert registry.build("some_peer", {"names": ("c",)}).names == ("c",)
+    assert "newton" not in registry.setting_fields(registry.get_solver("certified"))
+
+
 def test_listing_names_runs_no_file(checkout):
     (checkout / "baselines" / "broken.py").write_text("raise RuntimeError('imported')\n")
     assert "broken" in registry.solver_names()

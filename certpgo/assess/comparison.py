@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -54,6 +54,8 @@ class Competitor:
         return self.takes in ("", graph.kind)
 
 
+#: The label of the method that reads the graph's file itself.
+_OF_THE_FILE = "gtsam_gauss_newton (file's information)"
 _EIGEN_MA = Competitor("eigen_ma", takes="poses")
 _EIGEN_RA = Competitor("eigen_ra", takes="rotations")
 #: Methods compared by default.
@@ -75,13 +77,13 @@ METHODS = (
     Competitor("gtsam_fastsync"),
     Competitor(
         "gtsam_gauss_newton",
-        "gtsam_gauss_newton (file's information)",
+        _OF_THE_FILE,
         takes="poses",
         reads_source=True,
     ),
 )
 TITLE = "Methods side by side, every estimate certified by the same procedure"
-#: Notes printed below the tables.
+#: Notes printed below the tables; see `notes`.
 NOTES = (
     "F is the weighted squared error that is minimised, f_ML the thesis' log-likelihood with "
     "unit weights. The gap is proven: no estimate of the graph costs less than this one by more "
@@ -89,10 +91,16 @@ NOTES = (
     "to the kept ones, F and f_ML to all. CERTIFIED: the gap is at most 1e-5 F. BOUNDED: it is "
     "larger. REFUTED: a lower-cost estimate is known that local descent from this one does not "
     "reach.",
-    "GTSAM minimises F to first order; only in its last row does it read the file itself and "
-    "minimise its own error with the file's full information matrices.",
+    "GTSAM gets the weights of F: its own error then differs from F by terms of fourth order in "
+    "the residuals.",
+    f"In the row {_OF_THE_FILE}, GTSAM reads the file itself and minimises its own error with the "
+    "file's full information matrices.",
     "Seconds are those of one run, without reading and certifying.",
 )
+#: Methods without which a note is left out, by the beginnings of their labels.
+_ABOUT = {NOTES[1]: "gtsam", NOTES[2]: _OF_THE_FILE}
+#: Shape of the rows in files and JSON documents.
+SCHEMA = 2
 #: Column titles of `cells`.
 COLUMNS = ("method", "F", "f_ML", "gap", "gap / F", "verdict", "kept, %", "seconds (by phase)")
 
@@ -103,8 +111,10 @@ class MethodResult:
 
     Attributes
     ----------
-    graph, d, nodes, edges, reading : the graph, and how it was read
-    method, settings : the label, and the settings that differ from the default
+    graph, d, nodes, edges, reading : the graph, and how it was read; None and empty if it could not
+        be read, or is not connected
+    method, settings : the label, and the settings that differ from the default; empty for a graph
+        that could not be read
     error : why there is no estimate (the fields below are then empty), or empty
     status, iterations, seconds, note : as in `certpgo.Solution`
     cost : F of all measurements
@@ -114,12 +124,12 @@ class MethodResult:
     """
 
     graph: str
-    d: int
-    nodes: int
-    edges: int
-    reading: Mapping[str, str]
-    method: str
-    settings: Mapping[str, Any]
+    d: int | None = None
+    nodes: int | None = None
+    edges: int | None = None
+    reading: Mapping[str, str] = field(default_factory=dict)
+    method: str = ""
+    settings: Mapping[str, Any] = field(default_factory=dict)
     error: str = ""
     status: str = ""
     iterations: int = 0
@@ -252,13 +262,28 @@ def certified(
     return certificate, time.perf_counter() - start
 
 
+def as_data(result: MethodResult) -> dict[str, Any]:
+    """The row of a result in files: the number of its shape, then the fields."""
+    return {"schema": SCHEMA, **asdict(result)}
+
+
 def in_one_line(error: Exception) -> str:
     """A foreign error in one line: its type and the first line of its message."""
     return f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
 
 
+def notes(labels: Iterable[str]) -> tuple[str, ...]:
+    """The notes about these methods."""
+    present = tuple(labels)
+    return tuple(
+        note for note in NOTES if any(label.startswith(_ABOUT.get(note, "")) for label in present)
+    )
+
+
 def title(result: MethodResult) -> str:
     """Name and size of the graph."""
+    if result.nodes is None or result.edges is None or result.d is None:
+        return result.graph
     return f"{result.graph} ({sizes(result.nodes, result.edges, result.d)})"
 
 
@@ -314,8 +339,11 @@ def seconds_by_phase(phases: Mapping[str, float]) -> str:
 def _timed(
     solver: Solver, problem: Problem | InformationProblem, initial: Estimate | None = None
 ) -> Solution:
-    """The method's solution; a method that reports no phases is timed as a whole."""
-    start = time.perf_counter()
-    solution = solver.solve(problem, initial=initial)  # type: ignore[arg-type]
+    """The method's solution, on one thread; if it reports no phases, it is timed as a whole."""
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(limits=1):
+        start = time.perf_counter()
+        solution = solver.solve(problem, initial=initial)  # type: ignore[arg-type]
     elapsed = time.perf_counter() - start
     return solution if solution.seconds else replace(solution, seconds={"solve": elapsed})

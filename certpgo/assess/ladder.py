@@ -31,7 +31,9 @@ from certpgo.graph.cycles import is_cycle
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize import spectral
 from certpgo.optimize.newton import NewtonSettings, newton
+from certpgo.optimize.solution import Status
 from certpgo.solvers.certified.interface import solve
+from certpgo.solvers.certified.pipeline import CertifiedSolution
 
 #: The method that solves the semidefinite program.
 PROGRAM = "sdp_dual"
@@ -121,9 +123,11 @@ def ladder(
         An estimate of another graph.
     NumericalError
         No estimate was given, and none was found.
+    KeyboardInterrupt
+        Ctrl-C, also where the search returns an estimate after it.
     """
     if estimate is None:
-        found, seconds = _timed(lambda: solve(problem.graph))
+        found, seconds = _timed(lambda: _searched(problem))
         point, certificate, proven = found.estimate, found.certificate, found.certificate
     else:
         problem.check(point := estimate)
@@ -156,12 +160,20 @@ def rungs_of_eigenvalues(
     return tuple(_in_view_of_earlier([*_spectral(problem, F), *_angles(problem, stationary)]))
 
 
+def _searched(problem: Problem, initial: Estimate | None = None) -> CertifiedSolution:
+    """The pipeline's result; an unfinished one would be taken for what the graph has to offer."""
+    found = solve(problem.graph, initial=initial)
+    if found.solution.status is Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    return found
+
+
 def _certificates(problem: Problem, point: Estimate) -> tuple[Certificate, Certificate]:
     """The certificate of the point, and the one with the higher bound: this or the pipeline's."""
     own = certify(problem, point)
     if own.verdict is Verdict.CERTIFIED or own.basin_is_global:
         return own, own
-    searched = solve(problem.graph, initial=point).certificate
+    searched = _searched(problem, point).certificate
     return own, max(own, searched, key=lambda certificate: certificate.lower_bound)
 
 

@@ -24,6 +24,7 @@ _MEANINGS = {
     "UNDECIDED": "nothing useful could be proven, for or against",
 }
 _RIGHT_BASIN = "not the optimum, but local descent from here reaches it; this is proven"
+_RIGHT_ROTATIONS = "not the optimum, but with its best translations it is; this is proven"
 _HINT = "a hint of the gap to the best possible estimate; this tier proves nothing"
 _TRUSTS = {
     "screen": "a plain factorization whose rounding errors are not bounded: a hint, no proof",
@@ -44,12 +45,15 @@ def meaning(certificate: Certificate) -> str:
     if certificate.tier.value == "screen" and verdict == "BOUNDED":
         return _HINT
     in_right_basin = verdict == "BOUNDED" and certificate.basin_is_global
-    return _RIGHT_BASIN if in_right_basin else _MEANINGS[verdict]
+    if in_right_basin:
+        return _RIGHT_BASIN if certificate.descended else _RIGHT_ROTATIONS
+    return _MEANINGS[verdict]
 
 
-def trusts(certificate: Certificate) -> str:
-    """The assumptions of the proof."""
-    return _TRUSTS[certificate.tier.value]
+def trusts(certificate: Certificate) -> Iterable[tuple[str, str]]:
+    """The assumptions of the proof, unless nothing was proven."""
+    if certificate.verdict.value != "UNDECIDED":
+        yield "proof rests on", _TRUSTS[certificate.tier.value]
 
 
 def objective(reading: Mapping[str, str], certificate: Certificate | None = None) -> str:
@@ -63,13 +67,19 @@ def reading_sentence(reading: Mapping[str, str]) -> str:
     """How a file was read, in words."""
     if not reading:
         return "as generated"
-    weights = reading.get("weights", "file")
-    sentence = {
-        "file": "weights from the file's information matrices",
-        "unit": "all weights 1, ignoring those of the file",
-    }.get(weights, f"weights {weights}")
+    weights, information = reading.get("weights", "file"), reading.get("information", "all")
+    of_file = weights == "file" and information != "none"
+    if information == "none" and weights in ("file", "unit"):
+        sentence = "weights 1: the file has no information"
+    elif weights == "unit":
+        sentence = "all weights 1, ignoring those of the file"
+    elif of_file:
+        rest = ", 1 where it has none" if information == "some" else ""
+        sentence = f"weights from the file's information matrices{rest}"
+    else:
+        sentence = f"weights {weights}"
     about = reading.get("rotation_information", "tangent")
-    if weights == "file" and about != "tangent":
+    if of_file and about != "tangent":
         sentence += f" (rotational part read as {about})"
     keep = reading.get("keep", "all")
     parallel = "parallel edges added" if keep == "all" else f"only the {keep} of parallel edges"
@@ -96,7 +106,7 @@ def few_edges(instance: Instance, edges: IntArray) -> str:
 
 def numbers(certificate: Certificate) -> Iterable[tuple[str, str]]:
     """Cost, bound, gap and tolerance as names and values."""
-    yield "cost F", f"{certificate.cost_upper:.12g}"
+    yield "cost F, at most", f"{certificate.cost_upper:.12g}"
     if math.isfinite(certificate.lower_bound):
         claim = "no estimate of this graph costs less"
         claim = f"likely: {claim}" if certificate.tier.value == "screen" else claim
@@ -107,10 +117,10 @@ def numbers(certificate: Certificate) -> Iterable[tuple[str, str]]:
     yield "tolerance", f"{certificate.tolerance:.3g}"
     yield "largest residual", f"{math.degrees(certificate.max_residual_angle):.4g} degrees"
     if certificate.refined_cost < certificate.cost_upper - certificate.tolerance:
-        yield (
-            "after descent",
-            f"{certificate.refined_cost:.12g}  (its cost after local descent)",
-        )
+        name, what = ("after descent", "after local descent")
+        if not certificate.descended:
+            name, what = "translations", "with its best translations"
+        yield name, f"{certificate.refined_cost:.12g}  (its cost {what})"
     if certificate.better_cost is not None:
         yield "lower cost", f"{certificate.better_cost:.12g}"
 

@@ -43,12 +43,16 @@ SETTLED = 1e-6
 
 @dataclass(frozen=True)
 class Basin:
-    """The end of a descent, whether it converged, and the bound by its multipliers."""
+    """The end of a descent, whether it converged, and the bound by its multipliers.
+
+    Without descent, it is the estimate with its best translations.
+    """
 
     point: Estimate
     cost: float
     settled: bool
     bound: DualBound | None
+    descended: bool = True
 
     @property
     def value(self) -> float:
@@ -79,12 +83,17 @@ class Case:
         Raises
         ------
         InputError
-            Tolerances that are negative or not finite, or weights beyond the range of doubles.
+            Tolerances that are negative or not finite, weights beyond the range of doubles, or the
+            proof tier for general edges.
         SpecError
             An unknown tier.
         """
-        tier = _tier(tier)
+        tier = tier_called(tier)
         refuse_tolerances(rtol, atol)
+        if tier is Tier.PROOF and problem.graph.is_general:
+            raise InputError(
+                "the proof tier is for isotropic weights, not for edges with matrix weights"
+            )
         unit = unit_of(problem)
         try:
             scaled = problem.scaled(1.0 / unit)
@@ -132,11 +141,11 @@ class Case:
                 )
             cost = self.cost_upper(point)
             if known is not None and known.value >= cost - self.tolerance(cost):
-                return Basin(point, cost, settled, known.bound)
+                return Basin(point, cost, settled, known.bound, refine)
             bound = self.bound(point, cost, refine=refine)
         except (NumericalError, np.linalg.LinAlgError):
-            return Basin(start, self.cost_upper(start), False, None)
-        return Basin(point, cost, settled, bound)
+            return Basin(start, self.cost_upper(start), False, None, refine)
+        return Basin(point, cost, settled, bound, refine)
 
     def bound(
         self,
@@ -167,7 +176,7 @@ class Case:
             return whole
 
         def bound_of(part: Part) -> DualBound | None:
-            here = part.point(point, polish=refine)
+            here = part.point(point, refine=refine)
             cost = part.problem.cost(here)
             return self._bound(part.problem, here, cost, sharp=sharp, tight=tight)
 
@@ -258,6 +267,7 @@ class Case:
             engine=problem.engine,
             reason="",
             objective=self.objective,
+            descended=own.descended,
         )
         scaled = in_units(self.unit, judged)
         return replace(scaled, reason=_reason(scaled))
@@ -282,12 +292,19 @@ def refuse_tolerances(rtol: float, atol: float) -> None:
         raise InputError(f"tolerances must lie within 0 ... 1: rtol={rtol}, atol={atol}")
 
 
-def _tier(tier: Tier | str) -> Tier:
+def tier_called(tier: Tier | str) -> Tier:
+    """The tier itself, or the one with that name.
+
+    Raises
+    ------
+    SpecError
+        There is none.
+    """
     if isinstance(tier, Tier):
         return tier
     known = {t.value: t for t in Tier}
     if tier not in known:
-        raise SpecError.unknown("tier", tier, known)
+        raise SpecError.unknown("tier", str(tier), known)
     return known[tier]
 
 
@@ -298,7 +315,8 @@ def _reason(c: Certificate) -> str:
     if c.tier is Tier.SCREEN:
         floor = f"likely, though not proven at this tier: {floor}"
     own = f"this one costs {c.cost_upper:.10g}"
-    improved = f"{own} and, after local descent, {c.refined_cost:.10g}"
+    by = "after local descent" if c.descended else "with its best translations"
+    improved = f"{own} and, {by}, {c.refined_cost:.10g}"
     lower = c.refined_cost < c.cost_upper - c.tolerance
     if c.verdict is Verdict.CERTIFIED:
         within = f"{floor}; {own}, within {_of_f(c)} of the optimum"
@@ -320,6 +338,8 @@ def _reason(c: Certificate) -> str:
         )
     if c.verdict is Verdict.UNDECIDED:
         return f"{own}, and no lower bound above zero could be proven"
+    if c.basin_is_global and not c.descended:
+        return f"{floor}; {improved}, the optimum: only its translations are not the best"
     if c.basin_is_global:
         return (
             f"{floor}; {improved}, the optimum: this one is in the right basin, but not at its "
@@ -330,10 +350,15 @@ def _reason(c: Certificate) -> str:
     return f"{floor}; {own}, at most {_of_f(c)} above the optimum"
 
 
+def percent(share: float) -> str:
+    """A share in percent, to two digits, without an exponent below 1000 %."""
+    return f"{100.0 * share:.2g}" if 100.0 * share < 99.5 else f"{100.0 * share:.3g}"
+
+
 def _of_f(c: Certificate) -> str:
     """The gap relative to F and in absolute terms."""
     if not c.cost_upper > 0.0:
         return f"{c.gap:.2g}"
     share = c.gap / c.cost_upper
-    said = f"{100.0 * share:.2g} % of" if share > LARGE else f"{share:.2g}"
+    said = f"{percent(share)} % of" if share > LARGE else f"{share:.2g}"
     return f"{said} F = {c.gap:.2g}"

@@ -98,6 +98,7 @@ class Certificate:
     reason : the reason for the verdict in one sentence
     objective : the cost that the certificate is about: F, or that of another program, see
         `certpgo.costs`; then F stands for that cost everywhere here
+    descended : whether ``refined`` is the end of local descent
 
     Examples
     --------
@@ -134,6 +135,7 @@ class Certificate:
     engine: str
     reason: str
     objective: str = CHORDAL
+    descended: bool = True
 
     @property
     def relative_gap(self) -> float:

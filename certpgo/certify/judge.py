@@ -9,7 +9,7 @@ from certpgo.certify.case import ATOL, DESCENT, RTOL, Basin, Case
 from certpgo.certify.certificate import Certificate, Tier
 from certpgo.certify.own_cost import OwnCostCase
 from certpgo.costs.problem import InformationProblem
-from certpgo.errors import InputError, NumericalError
+from certpgo.errors import InputError, NumericalError, kind_of
 from certpgo.graph import Estimate
 from certpgo.objective.base import Objective
 from certpgo.objective.problem import Problem
@@ -90,8 +90,7 @@ class Judge:
             self._case = Case.of(problem, tier, rtol, atol)
         else:
             raise InputError(
-                "a PoseProblem(graph) or RotationProblem(graph) is judged, not a "
-                f"{type(problem).__name__}"
+                f"a PoseProblem(graph) or RotationProblem(graph) is judged, not {kind_of(problem)}"
             )
         self._problem, self._refine = problem, refine
         self._best: Basin | None = None
@@ -137,7 +136,8 @@ def _spectral_start(problem: Problem | InformationProblem) -> Estimate:
 
 
 def _bounds(problem: Problem | InformationProblem, point: Estimate) -> Bounds | None:
-    if isinstance(problem, InformationProblem):  # they are about chordal costs
+    # They are about chordal costs with isotropic weights.
+    if isinstance(problem, InformationProblem) or problem.graph.is_general:
         return None
     try:
         return bounds(problem.rotation, point)

@@ -18,7 +18,7 @@ from certpgo.certify.case import SETTLED, Basin, Case
 from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound, dual_bound
 from certpgo.costs.descent import descend
-from certpgo.costs.problem import InformationProblem, surrogate
+from certpgo.costs.problem import InformationProblem, Surrogate, surrogate
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.lift import Point
@@ -43,10 +43,10 @@ class OwnCostCase(Case):
             Also the proof tier, or information matrices that are not positive definite.
         """
         problem.refuse_indefinite()
-        case = super().of(problem, tier, rtol, atol)  # type: ignore[arg-type]
-        if case.tier is Tier.PROOF:
-            raise InputError(f"the proof tier is for the chordal cost, not for {case.objective}")
-        return case
+        if tier in (Tier.PROOF, Tier.PROOF.value):
+            title = problem.edge_cost.title
+            raise InputError(f"the proof tier is for the chordal cost, not for {title}")
+        return super().of(problem, tier, rtol, atol)  # type: ignore[arg-type]
 
     @property
     def objective(self) -> str:
@@ -65,11 +65,11 @@ class OwnCostCase(Case):
                 )
             cost = self.cost_upper(point)
             if known is not None and known.value >= cost - self.tolerance(cost):
-                return Basin(point, cost, settled, known.bound)
+                return Basin(point, cost, settled, known.bound, refine)
             bound = self.bound(point, cost)
         except (NumericalError, np.linalg.LinAlgError):
-            return Basin(start, self.cost_upper(start), False, None)
-        return Basin(point, cost, settled, bound)
+            return Basin(start, self.cost_upper(start), False, None, refine)
+        return Basin(point, cost, settled, bound, refine)
 
     def bound(
         self,
@@ -80,12 +80,11 @@ class OwnCostCase(Case):
         tight: bool = False,
         refine: bool = True,
     ) -> DualBound | None:
-        """The bound by the surrogate at a point, from the multipliers there."""
+        """The bound by the surrogate at a point, from the multipliers there; None without one."""
         if not isinstance(point, Estimate):
             return None
-        try:
-            below = surrogate(self.problem, point)
-        except NumericalError:
+        below = self.below(point)
+        if below is None:
             return None
         enough = cost - self.tolerance(cost) - below.constant
         found = dual_bound(
@@ -118,6 +117,13 @@ class OwnCostCase(Case):
         i, j = self.problem.graph.edges[missing[0]]
         spoiled = f"{len(missing)} measurements, such as that of edge ({i}, {j}), add nothing to it"
         return replace(found, reason=f"{found.reason}; {spoiled}")
+
+    def below(self, point: Estimate) -> Surrogate | None:
+        """The surrogate at a point; None if too many measurements have no minorant there."""
+        try:
+            return surrogate(self.problem, point)
+        except NumericalError:
+            return None
 
     def cost_upper(self, estimate: Estimate) -> float:
         """The cost of the estimate, rounded up."""

@@ -42,13 +42,13 @@ class Part:
     nodes: IntArray
     problem: Problem
 
-    def point(self, whole: Point, *, polish: bool) -> Point:
+    def point(self, whole: Point, *, refine: bool) -> Point:
         """A point of the whole graph restricted to the part, with its best translations."""
         point = whole.subset(self.nodes)
         if isinstance(self.problem, PoseProblem):
             point = point.with_translations(np.zeros(point.rotations.shape[:2]))
         point = self.problem.settled(point)
-        if not (polish and isinstance(point, Estimate)):
+        if not (refine and isinstance(point, Estimate)):
             return point
         refined = newton(self.problem, point, FEW_STEPS, near=True).estimate
         return self.problem.settled(refined)

@@ -100,6 +100,50 @@ def write_proof(
     return found[0]
 
 
+class RefusedProof(NumericalError, checker.Refused):  # noqa: N818 - the condition is the name
+    """A proof is not valid for its file."""
+
+
+class UnreadableProof(InputError, checker.Unreadable):  # noqa: N818 - the condition is the name
+    """A proof or its graph file cannot be read."""
+
+
+def check(graph_path: str | Path, proof_path: str | Path) -> checker.Answer:
+    """Check a proof about a graph file, by `certpgo.checker`, which works without the package too.
+
+    Parameters
+    ----------
+    graph_path : g2o or 1DSfM text, with the SHA-256 given in the proof
+    proof_path : a file by `certpgo.write_proof`, or from any other source
+
+    Raises
+    ------
+    NumericalError
+        The proof is not valid for this file; it is also a ``certpgo.checker.Refused``.
+    InputError
+        One of the files cannot be read; it is also a ``certpgo.checker.Unreadable``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import certpgo
+    >>> from certpgo.datasets.synthetic import helix
+    >>> certpgo.write("helix.g2o", helix(3, np.random.default_rng(0)))
+    >>> instance = certpgo.read("helix.g2o")
+    >>> result = certpgo.solve(instance.graph)
+    >>> proven = instance, result.estimate, result.certificate
+    >>> _ = certpgo.write_proof("helix.cert", "helix.g2o", *proven)
+    >>> print(certpgo.check("helix.g2o", "helix.cert"))
+    PROVED: F(x) <= ..., F* >= ..., relative gap <= ...
+    """
+    try:
+        return checker.check(graph_path, proof_path)
+    except checker.Refused as reason:
+        raise RefusedProof(str(reason)) from None
+    except checker.Unreadable as reason:
+        raise UnreadableProof(str(reason)) from None
+
+
 def provable(source: str | Path) -> Path:
     """The path of a file that the checker can read.
 

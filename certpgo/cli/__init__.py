@@ -16,11 +16,13 @@ from typing import Annotated
 
 import typer
 
-from certpgo import registry
+from certpgo import _start, registry
 from certpgo.errors import CertPGOError
 
 Command = Callable[..., int | None]
 
+#: Commands that exist in a checkout only.
+BENCHMARKS = ("bench", "gate", "report", "reproduce")
 #: What each exit code means.
 EXIT_CODES = {
     0: "success or CERTIFIED",
@@ -43,15 +45,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     ----------
     argv : arguments after the program's name; by default those of the process
     """
+    _start.usual_interrupts()
     try:
         # Not list(...): the command of that name is an attribute of this module.
         arguments = [*(sys.argv[1:] if argv is None else argv)]
         # Only the requested command is imported.
         known = arguments and arguments[0] in command_names()
+        if not known and arguments and arguments[0] in BENCHMARKS:
+            return _fail(f"{arguments[0]} is a command of the benchmarks; {registry.NO_CHECKOUT}")
         names = arguments[:1] if known else command_names()
         application(names)(arguments, prog_name="certpgo")
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else int(end.code is not None)
+    except KeyboardInterrupt:  # while a command was imported
+        return _fail("interrupted", 130)
     return 0
 
 

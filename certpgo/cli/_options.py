@@ -54,16 +54,16 @@ CostOption = Annotated[
 ]
 
 
-def refuse_chordal_only(cost: Cost, **outputs: Path | None) -> None:
-    """Refuse outputs that exist for the chordal cost only.
+def refuse_chordal_only(cost: Cost, **options: Any) -> None:
+    """Refuse options that exist for the chordal cost only.
 
     Raises
     ------
     InputError
-        One is requested with another cost.
+        One is given with another cost.
     """
-    for name, out in outputs.items():
-        if cost is not Cost.CHORDAL and out is not None:
+    for name, value in options.items():
+        if cost is not Cost.CHORDAL and value:
             raise InputError(f"--{name} is for --cost chordal, not for --cost {cost.value}")
 
 

@@ -20,7 +20,7 @@ from certpgo.errors import GraphError
 
 if TYPE_CHECKING:
     from certpgo.datasets.source import Source
-    from certpgo.graph import Instance
+    from certpgo.graph import Estimate, Instance
 
 #: Seconds of reading after which a progress bar appears.
 PATIENCE = 1.0
@@ -95,7 +95,10 @@ class Reading:
         """The file or dataset with this path or name."""
         from certpgo.datasets.source import resolve
 
-        return resolve(name, self.data)
+        source = resolve(name, self.data)
+        if source.hides_dataset:
+            notice(f"{name} is a file here; the dataset of that name is not used")
+        return source
 
     @property
     def options(self) -> dict[str, Any]:
@@ -167,6 +170,15 @@ def takes_reading(command: Callable[..., int | None]) -> Callable[..., int | Non
     with_reading.__signature__ = inspect.Signature([*keyword, *shared])  # type: ignore[attr-defined]
     with_reading.__annotations__ = {p.name: p.annotation for p in [*keyword, *shared]}
     return with_reading
+
+
+def restricted_to(part: Instance, estimate: Estimate | None, instance: Instance) -> Estimate | None:
+    """An estimate of the whole instance for one of its parts."""
+    import numpy as np
+
+    if estimate is None or part is instance:
+        return estimate
+    return estimate.subset(np.searchsorted(instance.ids, part.ids))
 
 
 @contextmanager

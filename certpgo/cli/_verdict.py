@@ -62,7 +62,7 @@ def show(
             *numbers(certificate),
             *(() if disagreement is None else [("outliers?", hint(disagreement))]),
             *(() if assessment is None else comparison(assessment)),
-            ("proof rests on", trusts(certificate)),
+            *trusts(certificate),
             ("objective", f"{objective(reading, certificate)}{others}"),
         ]
     )

@@ -1,9 +1,9 @@
-"""Refusal of unwritable outputs, or outputs that would replace an input, before any work."""
+"""Where outputs go; those that cannot be written, or replace an input, are refused at once."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,17 +11,29 @@ from certpgo.errors import InputError
 
 if TYPE_CHECKING:
     from certpgo.datasets.source import Source
+    from certpgo.graph import Instance
 
 
 def refuse_unwritable(out: Path | None) -> None:
-    """Refuse an output whose folder is missing or not writable.
+    """Refuse an output whose folder is missing or not writable, or that is a folder itself.
 
     Raises
     ------
     InputError
-        There is no such folder, or it cannot be written to.
+        There is no such folder, it cannot be written to, or the output is a folder.
     """
-    if out is not None and not (out.parent.is_dir() and os.access(out.parent, os.W_OK)):
+    from certpgo.io.writing import is_stream
+
+    if out is None:
+        return
+    if out.is_dir():
+        raise InputError(f"{out}: cannot be written: it is a folder")
+    folder = Path(os.path.realpath(out)).parent
+    if is_stream(out):  # written to, so its folder need not be
+        writable = os.access(out, os.W_OK)
+    else:
+        writable = folder.is_dir() and os.access(folder, os.W_OK)
+    if not writable:
         raise InputError(f"{out}: cannot be written: no such folder, or no write permission")
 
 
@@ -69,3 +81,10 @@ def _files(source: Source | str | Path, data: Path | None) -> Iterator[Path]:
 
 def _is_same(a: Path, b: Path) -> bool:
     return a.resolve() == b.resolve() or (a.exists() and b.exists() and a.samefile(b))
+
+
+def targets_of(out: Path | None, parts: Sequence[Instance]) -> list[Path | None]:
+    """The file of each part; several parts get one each, named by their smallest ids."""
+    if out is None or len(parts) == 1:
+        return [out] * len(parts)
+    return [out.with_stem(f"{out.stem}-{int(part.ids.min())}") for part in parts]

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from contextlib import nullcontext
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from certpgo.cli._interrupting import ends_at_once
 from certpgo.cli._options import GraphName, Json, Timestamps
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, facts, noticing, table, working
@@ -24,7 +26,7 @@ def command(
     estimate: Annotated[
         str | None,
         typer.Argument(
-            metavar="[ESTIMATE]", help="Estimate to compare with; by default certpgo solve's."
+            metavar="ESTIMATE", help="Estimate to compare with; by default certpgo solve's."
         ),
     ] = None,
     sdp: Annotated[
@@ -53,7 +55,7 @@ def command(
             points = [*estimates_for(path, instance, parts, timestamps)]
     documents = []
     for part, point in zip(parts, points, strict=True):
-        with working(f"bounds of {part.name}"):
+        with working(f"bounds of {part.name}"), ends_at_once() if sdp else nullcontext():
             found = ladder(problem_of(part.graph), point, sdp=sdp, force=force)
         if json:
             documents.append(_as_json(part, found))

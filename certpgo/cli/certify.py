@@ -42,9 +42,7 @@ def command(
     graph: GraphName,
     estimates: Annotated[
         list[str],
-        typer.Argument(
-            metavar="ESTIMATE...", help="File or dataset with poses; several need --csv."
-        ),
+        typer.Argument(metavar="ESTIMATE", help="File or dataset with poses; several need --csv."),
     ],
     cost: CostOption = Cost.CHORDAL,
     tier: Annotated[str | None, tier_option("standard, or proof with --proof")] = None,

@@ -18,6 +18,7 @@ from certpgo.io.plural import counted
 
 if TYPE_CHECKING:
     from certpgo.assess.comparison import Competitor, MethodResult
+    from certpgo.datasets.source import Source
     from certpgo.graph import Instance
 
 #: Datasets compared by default, if available locally; otherwise small files of the gtsam wheel.
@@ -33,6 +34,8 @@ USUAL = (
     "manhattan",
     "city10000",
 )
+#: Columns that are empty for most methods.
+_SPARSE = ("kept, %", "not run or failed")
 STAND_INS = ("sphere2500.txt", "w100", "w10000")
 QUICK = ("smallGrid3D", "MIT", "w100")
 
@@ -41,9 +44,7 @@ QUICK = ("smallGrid3D", "MIT", "w100")
 def command(
     graphs: Annotated[
         list[str] | None,
-        typer.Argument(
-            metavar="[DATASET|FILE]...", help="By default the usual datasets found locally."
-        ),
+        typer.Argument(metavar="DATASET|FILE", help="By default the usual datasets found locally."),
     ] = None,
     methods: Annotated[
         str | None, typer.Option("--methods", help="Method names or labels, separated by commas.")
@@ -57,16 +58,14 @@ def command(
     reading: Reading,
 ) -> int:
     """Compare methods on graphs: cost, proven gap, verdict and run time of each."""
-    from dataclasses import asdict
+    from certpgo.assess.comparison import MethodResult, as_data, notes
 
-    from certpgo.assess.comparison import METHODS, NOTES
-
-    chosen = METHODS if methods is None else _methods(methods.split(","))
-    names = tuple(dict.fromkeys(graphs)) if graphs else _usual(reading, quick)
-    sources = [reading.resolve(name) for name in names]
+    chosen = _default_methods() if methods is None else _methods(methods.split(","))
+    named = [reading.resolve(name) for name in dict.fromkeys(graphs or ())]
+    sources = named or _usual(reading, quick)
     for source in sources:
         source.path()  # report missing files and download datasets before any work
-    found: list[MethodResult] = []
+    results = _Results(out)
     unread: list[str] = []
     interrupted = False
     try:
@@ -74,50 +73,96 @@ def command(
             try:
                 parts = reading.parts(reading.open(source, notices=False))
             except CertPGOError as error:
+                if len(sources) == 1:
+                    raise
                 unread.append(str(error))
+                results.add(MethodResult(source.name, error=f"not read: {error}"))
                 continue
             for part in parts:
                 # A method requested by name is run anyway, and reports why it is unsuited.
                 suited = [method for method in chosen if methods or method.suits(part.graph)]
-                _compare(part, suited, found, shown=not json)
-    except KeyboardInterrupt:
-        if not found:
+                _compare(part, suited, results, shown=not json)
+        results.complete()
+    except BaseException as error:
+        if results.rows:
+            notice(f"{counted(len(results.rows), 'result{s}')} so far kept in {results.partial}")
+        if not (results.rows and isinstance(error, KeyboardInterrupt)):
             raise
         interrupted = True
-    if not found:
-        raise InputError("; ".join(unread))
-    _write(out, found, interrupted)
     if json:
-        document([asdict(result) for result in found])
+        document([as_data(result) for result in results.rows])
     else:
-        for sentence in NOTES:
+        for sentence in notes(result.method for result in results.rows):
             typer.echo(sentence)
     if interrupted:
-        notice(f"interrupted with {counted(len(found), 'result{s}')}")
-    notice(f"results written to {out / 'compare.jsonl'} and {out / 'compare.md'}")
+        notice("interrupted")
+    else:
+        notice(f"results written to {results.path} and {results.path.with_suffix('.md')}")
     for reason in unread:
         notice(f"not read: {reason}")
     return INTERRUPTED if interrupted else int(bool(unread))
 
 
+class _Results:
+    """Results, each written as a line to a file that gets its name when it is complete.
+
+    Attributes
+    ----------
+    path, partial : the file of all results, and the one of those so far
+    rows : the results so far
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / "compare.jsonl"
+        self.partial = folder / "compare.jsonl.partial"
+        self.rows: list[MethodResult] = []
+
+    def add(self, result: MethodResult) -> None:
+        """Write a result; the first one replaces those of an interrupted run."""
+        import json
+
+        from certpgo.assess.comparison import as_data
+        from certpgo.io.plain import plain
+        from certpgo.io.writing import folder_to_write
+
+        folder_to_write(self.path.parent)
+        line = json.dumps(plain(as_data(result)), allow_nan=False)
+        try:
+            with self.partial.open("a" if self.rows else "w", encoding="utf-8") as stream:
+                stream.write(f"{line}\n")
+        except OSError as error:
+            raise InputError(f"{self.partial}: cannot be written: {error.strerror}") from None
+        self.rows.append(result)
+
+    def complete(self) -> None:
+        """Replace the results of an earlier run."""
+        from certpgo.io.writing import write_whole
+
+        write_whole(self.path.with_suffix(".md"), _markdown(self.rows).encode())
+        write_whole(self.path, self.partial.read_bytes())
+        self.partial.unlink()
+
+
 def _compare(
-    part: Instance, methods: Sequence[Competitor], found: list[MethodResult], *, shown: bool
+    part: Instance, methods: Sequence[Competitor], results: _Results, *, shown: bool
 ) -> None:
-    """Append the results on a connected graph; on interruption, show those so far."""
+    """Add the results on a connected graph; on interruption, show those so far."""
     from certpgo.assess.comparison import TITLE, compare
 
-    before = len(found)
+    before = len(results.rows)
     try:
         with working(part.name) as status:
 
             def announce(label: str) -> None:
                 status.update(f"{part.name}: {label}")
 
-            found += compare(part, methods, announce=announce)
+            for result in compare(part, methods, announce=announce):
+                results.add(result)
     finally:
-        if shown and len(found) > before:
-            typer.echo("" if before else f"{TITLE}\n")
-            table(*_section(found[before:]))
+        if shown and len(results.rows) > before:
+            is_first = not any(result.method for result in results.rows[:before])
+            typer.echo(f"{TITLE}\n" if is_first else "")
+            table(*_section(results.rows[before:]))
 
 
 def _section(
@@ -128,40 +173,57 @@ def _section(
 
     rows: list[Sequence[str]] = [cells(result) for result in results]
     header: Sequence[str] = (*COLUMNS, "not run or failed")
-    if not any(row[-1] for row in rows):
-        header, rows = header[:-1], [row[:-1] for row in rows]
+    # A column for a few methods is shown where it says something.
+    shown = [
+        k for k, name in enumerate(header) if name not in _SPARSE or any(row[k] for row in rows)
+    ]
+    header = [header[k] for k in shown]
+    rows = [[row[k] for k in shown] for row in rows]
     return title(results[0]), header, rows, " ".join(captions(results))
 
 
-def _write(out: Path, results: Sequence[MethodResult], interrupted: bool) -> None:
-    import json
-    from dataclasses import asdict
-
-    from certpgo.assess.comparison import NOTES, TITLE
-    from certpgo.io.plain import plain
-    from certpgo.io.writing import folder_to_write, write_whole
+def _markdown(results: Sequence[MethodResult]) -> str:
+    from certpgo.assess.comparison import TITLE, notes, title
     from certpgo.view.markdown_tables import markdown_table
 
     lines = [f"# {TITLE}", ""]
-    if interrupted:
-        lines += ["**Interrupted: the results are incomplete.**", ""]
-    for _, group in itertools.groupby(results, key=lambda result: result.graph):
-        title, header, rows, caption = _section(list(group))
-        lines += [f"## {title}", "", caption, "", *markdown_table(header, rows), ""]
-    for sentence in NOTES:
+    for _, group in itertools.groupby(results, key=lambda result: (result.graph, result.nodes)):
+        rows = list(group)
+        if not rows[0].method:
+            lines += [f"## {title(rows[0])}", "", rows[0].error, ""]
+            continue
+        heading, header, body, caption = _section(rows)
+        lines += [f"## {heading}", "", caption, "", *markdown_table(header, body), ""]
+    for sentence in notes(result.method for result in results):
         lines += [sentence, ""]
-    folder_to_write(out)
-    data = [json.dumps(plain(asdict(result)), allow_nan=False) for result in results]
-    write_whole(out / "compare.jsonl", "".join(f"{line}\n" for line in data).encode())
-    write_whole(out / "compare.md", "\n".join(lines).encode())
+    return "\n".join(lines)
+
+
+def _default_methods() -> tuple[Competitor, ...]:
+    """The default methods that are here; a notice names the others."""
+    from certpgo.assess.comparison import METHODS
+
+    here = _available()
+    absent = dict.fromkeys(method.solver for method in METHODS if method not in here)
+    if absent:
+        notice(f"not compared, as these are in a checkout only: {', '.join(absent)}")
+    return here
+
+
+def _available() -> tuple[Competitor, ...]:
+    from certpgo import registry
+    from certpgo.assess.comparison import METHODS
+
+    known = registry.solver_names()
+    return tuple(method for method in METHODS if method.solver in known)
 
 
 def _methods(names: Sequence[str]) -> tuple[Competitor, ...]:
     """Methods by label among the default ones, or by name in the registry."""
     from certpgo import registry
-    from certpgo.assess.comparison import METHODS, Competitor
+    from certpgo.assess.comparison import Competitor
 
-    labelled = {method.label: method for method in METHODS}
+    labelled = {method.label: method for method in _available()}
     known = {*labelled, *registry.solver_names()}
     for name in names:
         if name not in known:
@@ -169,18 +231,18 @@ def _methods(names: Sequence[str]) -> tuple[Competitor, ...]:
     return tuple(labelled.get(name) or Competitor(name) for name in dict.fromkeys(names))
 
 
-def _usual(reading: Reading, quick: bool) -> tuple[str, ...]:
-    """The usual datasets that are available locally, or their substitutes."""
-    from certpgo.datasets.source import resolve
+def _usual(reading: Reading, quick: bool) -> list[Source]:
+    """The usual datasets that are available locally, or their substitutes; never other files."""
+    from certpgo.datasets.source import Source
 
     local = [
-        tuple(name for name in group if resolve(name, reading.data).is_here)
+        [s for name in group if (s := Source(name, is_file=False, data=reading.data)).is_here]
         for group in (USUAL, STAND_INS)
     ]
-    names = local[0] or local[1]
-    if not names:
+    found = local[0] or local[1]
+    if not found:
         raise InputError(
             "none of the usual datasets is available: name a graph, download some with certpgo "
             "fetch, set --data, or pip install 'certpgo[baselines]' for small ones"
         )
-    return tuple(name for name in names if name in QUICK) or names[:1] if quick else names
+    return [s for s in found if s.name in QUICK] or found[:1] if quick else found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +13,7 @@ from certpgo.cli._options import Timestamps
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import noticing
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
-from certpgo.errors import InputError
+from certpgo.errors import InputError, NoMeasurements
 
 
 class Anchor(StrEnum):
@@ -60,10 +61,16 @@ def command(
     given = reading.resolve(source)
     path = given.path()
     if not estimate and out.write_graph is not None and format_of(path).read_graph is not None:
-        if anchor is not None:
-            raise InputError("--anchor moves estimates; add --estimate to convert the poses")
-        write(target, reading.open(given), format=format)
-        return
+        with suppress(NoMeasurements):
+            converted = reading.open(given)
+            for name, value in (("--anchor", anchor), ("--graph", graph)):
+                if value is not None:
+                    raise InputError(
+                        f"{name} is about estimates, and {path} has measurements; --estimate "
+                        "converts its poses"
+                    )
+            write(target, converted, format=format)
+            return
     instance = None if graph is None else reading.open(reading.resolve(graph))
     with noticing():
         write(

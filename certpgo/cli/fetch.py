@@ -12,7 +12,7 @@ from certpgo.cli._show import document, working
 
 def command(
     names: Annotated[
-        list[str], typer.Argument(metavar="NAME...", help="Names from certpgo list datasets.")
+        list[str], typer.Argument(metavar="NAME", help="Names from certpgo list datasets.")
     ],
     data: Data = None,
     json: Json = False,

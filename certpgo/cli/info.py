@@ -26,15 +26,15 @@ def command(
     reading: Reading,
 ) -> None:
     """Describe a graph: counts, connectivity, weights, eigenvalues and notices."""
-    from certpgo.assess import diagnostics as doctor
+    from certpgo.assess import diagnostics
 
     instance = reading.open(reading.resolve(graph), notices=False)
-    found = doctor.structure(instance)
+    found = diagnostics.structure(instance)
     spectra: dict[str, dict[str, Spectrum]] = {}
     with working("eigenvalues"):
         for part in _parts(reading, instance):
-            spectra[part.name] = dict(doctor.spectra(part.graph))
-    engine = doctor.engines_in_words()
+            spectra[part.name] = dict(diagnostics.spectra(part.graph))
+    engine = diagnostics.engines_in_words()
     if json:
         document(_as_json(instance, found, spectra, engine))
         return

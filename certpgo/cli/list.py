@@ -34,7 +34,8 @@ class Listing(StrEnum):
 
 def command(
     kinds: Annotated[
-        list[Listing] | None, typer.Argument(help="What to list; everything by default.")
+        list[Listing] | None,
+        typer.Argument(metavar="KIND", help="What to list; everything by default."),
     ] = None,
     data: Data = None,
     json: Json = False,
@@ -45,10 +46,15 @@ def command(
         document(listed)
         return
     for name, rows in listed.items():
-        header = list(rows[0]) if rows else ["none"]
+        if not rows:
+            typer.echo(f"{name}: {_NONE.get(name, 'none')}\n")
+            continue
+        header = list(rows[0])
         table(name, header, [list(row.values()) for row in rows], _CAPTIONS.get(name, ""))
 
 
+#: Why a list is empty.
+_NONE = dict.fromkeys(("tables", "figures"), "in a checkout only, and this is none")
 _CAPTIONS = {"methods": "settings with their defaults; change them with --set KEY=VALUE\n"}
 
 

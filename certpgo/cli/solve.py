@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from certpgo.cli import _verdict
+from certpgo.cli._interrupting import ends_at_once
 from certpgo.cli._options import (
     Cost,
     CostOption,
@@ -23,9 +25,9 @@ from certpgo.cli._options import (
 )
 from certpgo.cli._paging import origin_of, require_pages, write_page
 from certpgo.cli._proving import REFUSED, provable_source, prove
-from certpgo.cli._reading import Reading, takes_reading
+from certpgo.cli._reading import Reading, restricted_to, takes_reading
 from certpgo.cli._show import document, facts, notice, noticing, working
-from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
+from certpgo.cli._writing import refuse_overwriting, refuse_unwritable, targets_of
 from certpgo.errors import InputError
 from certpgo.optimize.monitor import Iteration, Monitor, TableMonitor
 
@@ -36,6 +38,12 @@ if TYPE_CHECKING:
     from certpgo.optimize.solution import Solution, Solver
     from certpgo.solvers.certified import CertifiedSolution
     from certpgo.solvers.certified.disagreement import Disagreement
+
+
+_UNPROVABLE = (
+    "a proof is about all measurements of a file, not about those that a robust method keeps; "
+    "write a graph of these (see Reject outliers) and prove its estimate"
+)
 
 
 @takes_reading
@@ -95,7 +103,8 @@ def command(
 
     The certified pipeline initializes, optimizes and certifies; if that fails, it climbs the
     Riemannian staircase. Ctrl-C returns the best estimate so far; a second Ctrl-C aborts. With
-    --robust the verdict is only about the measurements that are kept.
+    --method, the first Ctrl-C aborts. With --robust the verdict is only about the measurements that
+    are kept.
     """
     from certpgo import SolveSettings
     from certpgo.io import read_estimate, write
@@ -103,9 +112,9 @@ def command(
     from certpgo.registry import build, parse_settings, refuse_unsuited
 
     _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank)
-    if cost is not Cost.CHORDAL and (method is not None or robust):
-        raise InputError(f"--cost {cost.value} chooses its own method: not with --method, --robust")
-    refuse_chordal_only(cost, proof=proof, html=html)
+    refuse_chordal_only(cost, method=method, robust=robust, proof=proof, html=html)
+    if robust and proof is not None:
+        raise InputError(_UNPROVABLE)
     if proof is not None:
         _verdict.refuse_screening(tier)
         tier = tier or "proof"
@@ -122,7 +131,7 @@ def command(
     for name, output in (("--proof", proof), ("--html", html)):
         if output is not None and (len(parts) > 1 or not certify):
             raise InputError(f"{name} needs a connected graph and a certified estimate")
-    targets = _targets(out, parts)
+    targets = targets_of(out, parts)
     refuse_overwriting(targets, [source, initial])
     with noticing():
         start = None if initial is None else read_estimate(initial, instance)
@@ -131,10 +140,12 @@ def command(
         solver = build(method, parse_settings(method, settings or ()))
         for part in parts:
             refuse_unsuited(method, solver, part.graph)
+        if initial is not None and not getattr(solver, "takes_initial", True):
+            raise InputError(f"{method} takes no initial estimate: not with --initial")
     results: list[_Result] = []
     proven = True
     for part, target in zip(parts, targets, strict=True):
-        begin = _restricted(start, instance, part)
+        begin = restricted_to(part, start, instance)
         with working(f"solving {part.name}") as status:
             monitor = TableMonitor() if trace else _StatusLine(status)
             if solver is None or method is None:
@@ -147,6 +158,8 @@ def command(
             with noticing():
                 write(target, result.solution.estimate, instance=part, format=format)
         results.append(result)
+        if trace and not result.solution.trace:
+            notice(f"{result.method} reports no iterations: nothing to --trace")
         if not json:
             result.show(target)
         if proof and provable and not result.interrupted:
@@ -265,10 +278,7 @@ class _Result:
     def prove(self, out: Path, source: Path, *, json: bool) -> bool:
         """Write the proof; returns False if there is none."""
         if len(self.solution.rejected):
-            notice(
-                "no proof is written: it would be about all measurements, not only the kept ones; "
-                "write a graph of these (see Reject outliers) and prove its estimate"
-            )
+            notice(f"no proof is written: {_UNPROVABLE}")
             return False
         if self.certificate is None:
             return True
@@ -358,7 +368,8 @@ def _by_method(
     from certpgo.objective.problem import problem_of
 
     problem = problem_of(part.graph)
-    solution = solver.solve(problem, initial=initial, monitor=monitor)
+    with ends_at_once() if getattr(solver, "compiled", False) else nullcontext():
+        solution = solver.solve(problem, initial=initial, monitor=monitor)
     if tier is None:
         return _Result(part, name, solution, None)
     status.update(f"certifying the estimate of {part.name}")
@@ -383,18 +394,3 @@ def _refuse_mixtures(
         raise InputError("--time-limit and --max-rank cannot be combined with --method")
     if method is not None and robust:
         raise InputError("--robust chooses its own method: not with --method")
-
-
-def _restricted(estimate: Estimate | None, instance: Instance, part: Instance) -> Estimate | None:
-    import numpy as np
-
-    if estimate is None or part is instance:
-        return estimate
-    return estimate.subset(np.searchsorted(instance.ids, part.ids))
-
-
-def _targets(out: Path | None, parts: Sequence[Instance]) -> list[Path | None]:
-    """The file of each part; several parts get one each, named by their smallest ids."""
-    if out is None or len(parts) == 1:
-        return [out] * len(parts)
-    return [out.with_stem(f"{out.stem}-{int(part.ids.min())}") for part in parts]

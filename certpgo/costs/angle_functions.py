@@ -89,7 +89,7 @@ class AngleFunctions:
 
 
 def exponential(omega: Ball) -> Ball:
-    """Rotations (m, d, d) by vectors (m, 1) or (m, 3), no longer than `LARGEST`^(1/2)."""
+    """Rotations (m, d, d) by vectors (m, 1) or (m, 3), no longer than the square root of `LARGEST`."""
     x, hat = omega.dot(omega)[:, None, None], crossed(omega)
     return series(S, x) * hat + 0.5 * series(B, x) * (hat @ hat) + np.eye(hat.mid.shape[-1])
 

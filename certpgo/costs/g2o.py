@@ -94,9 +94,9 @@ class G2oCost(EdgeCost):
         None where the translational information is not positive definite, or, in the plane, where
         cross terms leave no rotational information.
         """
-        if self.graph.d == 2:
-            return _planar(self, v, Q)
-        return _spatial(self, v, Q)
+        # What is not finite is no minorant.
+        with np.errstate(all="ignore"):
+            return _planar(self, v, Q) if self.graph.d == 2 else _spatial(self, v, Q)
 
 
 def blocks(information: FloatArray, d: int) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -315,7 +315,8 @@ def _quaternions(E: FloatArray) -> FloatArray:
     """(m, 4) unit quaternions (w, b) of rotations, w >= 0."""
     v = so.log(E)
     half = 0.5 * np.linalg.norm(v, axis=1)[:, None]
-    return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * v], axis=1)
+    w = np.maximum(np.cos(half), 0.0)  # not below zero where the angle is rounded up to pi
+    return np.concatenate([w, 0.5 * np.sinc(half / np.pi) * v], axis=1)
 
 
 def _vector_parts(E: Ball) -> tuple[Ball, FloatArray]:

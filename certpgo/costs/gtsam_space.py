@@ -11,9 +11,9 @@ share T' q0, p = share P^T q0 and 0 <= share <= 1,
 
     q^T T' q >= 2 k.u + 2 p.omega - k.q0,
 
-and as (I - V^-1)^T and E act on k as rotations about omega,
+and, as k.u = y.V^-T k, its part that is not linear in the class is
 
-    2 k.u = 2 k.y - k.z + 2 y.D(omega),    D(omega) = V^-T k - (k + E k) / 2.
+    2 k.u - (2 k.y - k.z) = 2 y.D(omega),    D(omega) = V^-T k - (k + E k) / 2.
 
 *Translations.* With b' = R~^T (b - t~), the minorant's terms in y and z are tau |y|^2 +
 2 tau (a - b').y - 2 tau a.z. Minimising the difference over y and z, whatever they are, leaves
@@ -90,9 +90,12 @@ SHARES = (0.99, 0.9, 0.75, 0.5, 0.25, 0.1)
 #: The share without cross terms, and the share of t that tau is where k = 0: nothing is lost.
 WHOLE, NEARLY = 1.0 - 2.0**-20, 1.0 - 2.0**-30
 #: Shares of q^T T' q that may be touched, in order.
-TOUCHED = (1.0, 0.7, 0.5, 0.35, 0.25, 0.15, 0.1, 0.05, 0.02, 0.0)
+TOUCHED = (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1, 0.05, 0.02, 0.0)
 #: What of the least rotational information must be left after paying for the touched share.
-KEPT = 0.25
+KEPT = 0.1
+#: eta is such that both lose alike if this share of the least rotational information were there,
+#: and at most this share of t.
+BALANCE, MOST = 0.25, 0.8
 #: Bounds of the docstring: on zeta, on D, and the angle up to which they stand.
 CURVED, SWEPT, TURNED = 0.34, 0.1867, 0.9
 #: X may be at most this times rho; 5 would do.
@@ -161,7 +164,8 @@ def _taken_apart(graph: InformationGraph, y: FloatArray, omega: FloatArray) -> _
     at = AngleFunctions.of(np.linalg.norm(omega, axis=1))
     inverse = _inverse_jacobians(omega)
     q = _times(inverse, y) + _times(r, omega)
-    enough, steep = KEPT * _smallest(left), at.theta > TURNED
+    smallest, steep = _smallest(left), at.theta > TURNED
+    enough, left_over = KEPT * smallest, BALANCE * smallest
     m = len(t)
     done, share, mu, eta = np.zeros(m, dtype=np.bool_), np.zeros(m), np.zeros(m), np.zeros(m)
     remains, rho = np.empty((m, 3, 3)), np.empty(m)
@@ -170,7 +174,7 @@ def _taken_apart(graph: InformationGraph, y: FloatArray, omega: FloatArray) -> _
         size = np.linalg.norm(k, axis=1)
         slope = _slopes(k, tried * _times(_transposed(P), q), y, omega)
         swept = (SWEPT * (np.pi + at.theta) * size) ** 2
-        pays = np.where(size > 0.0, np.clip(np.sqrt(swept * t / enough), t / 1024, t / 2), t)
+        pays = np.where(size > 0.0, np.clip(np.sqrt(swept * t / left_over), t / 1024, MOST * t), t)
         eta_now = np.where(size > 0.0, pays, (1.0 - NEARLY) * t)
         needed = CURVED * size * np.linalg.norm(y, axis=1) + swept / eta_now
         needed += 0.5 * np.linalg.norm(_times(inverse, slope), axis=1)

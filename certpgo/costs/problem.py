@@ -206,9 +206,9 @@ def surrogate(problem: InformationProblem, estimate: Estimate) -> Surrogate:
     found = problem.edge_cost.minorants(*problem.relative(estimate))
     kept = found.exist
     if not kept.all():
-        found, graph = found.subset(kept), graph.with_edges(kept)
-        if not graph.isotropic.is_connected:
+        if not kept.any() or not graph.with_edges(kept).isotropic.is_connected:
             raise NumericalError("measurements with minorants do not connect the graph")
+        found, graph = found.subset(kept), graph.with_edges(kept)
     rotation = RotationGraph.of_couplings(graph.num_nodes, graph.edges, graph.rotations, found.N)
     arms = found.a if found.a.any() else None
     general = PoseGraph(rotation, found.b, found.tau, arms)

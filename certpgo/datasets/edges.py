@@ -9,7 +9,7 @@ import numpy as np
 from scipy import linalg
 from scipy.sparse import csgraph
 
-from certpgo.errors import InputError
+from certpgo.errors import FileNotHere, InputError
 from certpgo.graph import PoseGraph
 from certpgo.io import read
 from certpgo.linalg.arrays import IntArray
@@ -22,7 +22,7 @@ def viewing_edges(name: str, data: str | Path | None = None) -> tuple[str, int, 
 
     path = datasets.find(name, data)
     if path is None:
-        raise InputError(f"{name}: file not here; certpgo fetch {name}")
+        raise FileNotHere(f"{name}: file not here; certpgo fetch {name}")
     graph = read(path, quiet=True).graph
     graph = graph.rotation if isinstance(graph, PoseGraph) else graph
     sizes = np.array(graph.component_sizes)

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from certpgo.datasets.catalogue import Entry
-from certpgo.errors import InputError, MissingDependency
+from certpgo.errors import FileNotHere, InputError, MissingDependency
 
 #: Environment variable naming a data folder.
 DATA_VARIABLE = "CERTPGO_DATA"
@@ -50,11 +50,11 @@ def search(entry: Entry, folders: Iterable[Path]) -> tuple[Path | None, list[Pat
     return None, others
 
 
-def missing(entry: Entry, places: dict[str, Path], others: list[Path]) -> InputError:
+def missing(entry: Entry, places: dict[str, Path], others: list[Path]) -> FileNotHere:
     """The error for a missing file: folders searched, and files with wrong checksums."""
     where = ", ".join(f"{place} ({folder})" for place, folder in places.items())
     wrong = "".join(f"; {path} is another file (its checksum differs)" for path in others)
-    return InputError(f"{entry.name}: {entry.filename} is not in {where}{wrong}; {_remedy(entry)}")
+    return FileNotHere(f"{entry.name}: {entry.filename} is not in {where}{wrong}; {_remedy(entry)}")
 
 
 def download(entry: Entry) -> Path:

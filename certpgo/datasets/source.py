@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from certpgo import datasets, io
-from certpgo.errors import InputError, SpecError
+from certpgo.errors import InputError, SpecError, nearest
 from certpgo.graph import Instance
 
 
@@ -27,6 +26,11 @@ class Source:
     name: str
     is_file: bool
     data: Path | None = None
+
+    @property
+    def hides_dataset(self) -> bool:
+        """Whether it is a file whose path is also the name of a dataset."""
+        return self.is_file and self.name in datasets.names()
 
     @cached_property
     def found(self) -> Path | None:
@@ -59,12 +63,14 @@ class Source:
 
 def resolve(name: str, data: Path | None = None) -> Source:
     """The file at a path, otherwise the dataset of that name; InputError if neither exists."""
+    if not name:
+        raise InputError("a file or dataset expected, not an empty name")
     if Path(name).exists():
         return Source(name, is_file=True, data=data)
     try:
         datasets.entry(name)
     except SpecError:
-        near = difflib.get_close_matches(name, datasets.names("graph"), n=3, cutoff=0.6)
+        near = nearest(name, datasets.names("graph"))
         hint = f"did you mean {' or '.join(near)}?" if near else "see certpgo list datasets"
         raise InputError(f"{name}: no such file or dataset; {hint}") from None
     return Source(name, is_file=False, data=data)

@@ -50,7 +50,7 @@ class Estimate:
             )
         worst, defect = so.worst_defect(self.rotations)
         if not defect <= so.DEFECT_TOLERANCE:
-            raise GraphError(f"node {worst}: not a rotation, off by {defect:.1e}")
+            raise GraphError(f"node {worst}: {so.shortfall(self.rotations[worst], defect)}")
         if defect > so.ROUNDING_DEFECT:
             cleaned = frozen_floats(so.nearest_to_rounding(self.rotations))
             object.__setattr__(self, "rotations", cleaned)

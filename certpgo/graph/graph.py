@@ -90,7 +90,7 @@ class RotationGraph:
         worst, defect = so.worst_defect(self.rotations)
         if not defect <= so.DEFECT_TOLERANCE:
             i, j = self.edges[worst]
-            raise GraphError(f"edge ({i}, {j}): not a rotation, off by {defect:.1e}")
+            raise GraphError(f"edge ({i}, {j}): {so.shortfall(self.rotations[worst], defect)}")
         if defect > so.ROUNDING_DEFECT:
             cleaned = frozen_floats(so.nearest_to_rounding(self.rotations))
             object.__setattr__(self, "rotations", cleaned)
@@ -284,7 +284,9 @@ class PoseGraph:
         arms = k / tau[:, None]
         K = W[:, 1:, 1:] - k[:, :, None] * arms[:, None, :]
         rotation = self.rotation.with_matrix_weights(symmetric(K))
-        turned = (rotation.rotations @ arms[:, :, None])[:, :, 0]
+        # Arms move the measured points at both ends; those that the graph has are replaced.
+        moved = arms if self.arms is None else arms - self.arms
+        turned = (rotation.rotations @ moved[:, :, None])[:, :, 0]
         return PoseGraph(rotation, self.translations + turned, tau, arms)
 
     @property

@@ -28,7 +28,8 @@ class Instance:
     initial : the source's initial values (e.g. its VERTEX lines), or None
     fixed : nodes that the source fixes (FIX lines, priors)
     source : path or name of a generator
-    options : the reading options used (parallel edges, weights, ...)
+    options : the reading options used (parallel edges, weights, ...), and ``"information"``:
+        ``"none"`` or ``"some"`` where not all of a file's edges have it
     notices : what the reader assumed, skipped or found unusual, one sentence each
     names : (n,) the source's own names of the nodes, e.g. of images; may be empty
     outliers : (m,) whether each measurement is a known outlier, or None if unknown

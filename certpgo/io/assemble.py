@@ -6,14 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo.errors import FormatError, InputError
+from certpgo.errors import FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.io.chunks import text_lines
 from certpgo.io.format import LabelledPoses, ReadOptions
-from certpgo.io.lines import Dialect, TaggedLines, read_lines
+from certpgo.io.lines import UNINFORMED, Dialect, TaggedLines, read_lines
 from certpgo.io.plural import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
+
+#: Largest translation, metres.
+FARTHEST = 1e90
 
 
 def numbered(ids: IntArray, queries: IntArray) -> IntArray:
@@ -33,10 +36,12 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
     """The instance in a file of tagged lines."""
     content = read_lines(path, dialect, options)
     if not content.edges:
-        what = "no edges: this is an estimate, not a graph" if content.vertices else "no edges"
-        raise FormatError(path, None, what)
+        if content.vertices:
+            raise NoMeasurements(path, None, "no edges: this is an estimate, not a graph")
+        raise FormatError(path, None, "no edges")
     pairs = np.concatenate(content.edges)
     R, t = joined(content.measured)
+    _refuse_far(path, pairs, t)
     kappa, tau = joined(content.weights)
     content.measured.clear()
     vertices = np.concatenate([*content.vertices, np.empty(0, dtype=np.intp)])
@@ -66,7 +71,8 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
         fixed=tuple(fixed.tolist()),
         source=str(path),
         options={
-            "rotation_information": options.rotation_information or dialect.rotation_information
+            "rotation_information": options.rotation_information or dialect.rotation_information,
+            **_uninformed(content.counts[UNINFORMED], len(pairs)),
         },
         notices=tuple(notices),
         information=_information(content) if isinstance(graph, PoseGraph) else None,
@@ -81,6 +87,23 @@ def _information(content: TaggedLines) -> Information | None:
     offsets = np.cumsum([0, *(len(part.distinct) for part in parts)])
     index = [part.index + offset for part, offset in zip(parts, offsets[:-1], strict=True)]
     return Information(np.concatenate([part.distinct for part in parts]), np.concatenate(index))
+
+
+def _refuse_far(path: Path, pairs: IntArray, t: FloatArray) -> None:
+    """Refuse a translation whose square, times a weight, may be beyond the range of doubles."""
+    largest = np.abs(t).max(axis=1)
+    edge = int(np.argmax(largest))
+    if largest[edge] > FARTHEST:
+        i, j = pairs[edge]
+        said = f"edge {i} to {j}: translations up to {FARTHEST:.0e} expected, not {largest[edge]:g}"
+        raise FormatError(path, None, said)
+
+
+def _uninformed(without: int, edges: int) -> dict[str, str]:
+    """The option ``information``, present where edges lack it."""
+    if not without:
+        return {}
+    return {"information": "none" if without == edges else "some"}
 
 
 def poses_from_lines(dialect: Dialect, path: Path) -> LabelledPoses:

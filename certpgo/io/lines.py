@@ -23,6 +23,8 @@ from certpgo.io.exact.weighing import weigh
 from certpgo.io.format import ReadOptions, RotationInformation
 from certpgo.linalg.arrays import FloatArray, IntArray
 
+#: Notice about edges without information, with their number.
+UNINFORMED = "edge{s} without information: kappa = tau = 1"
 #: Rotations (k, d, d), translations (k, d), and how many quaternions are off norm 1.
 Poses = tuple[FloatArray, FloatArray, int]
 
@@ -185,7 +187,7 @@ class _Parser:
             content.information.append(None)
             return
         stated = np.array([bool(text) for text in texts])
-        content.counts["edge{s} without information: kappa = tau = 1"] += int(np.sum(~stated))
+        content.counts[UNINFORMED] += int(np.sum(~stated))
         layout = self._dialect.layouts[d]
         weighed = weigh([t for t in texts if t], layout)
         kappa[stated], tau[stated] = weighed.kappa, weighed.tau

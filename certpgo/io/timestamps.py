@@ -129,8 +129,11 @@ def _from_file(path: Path) -> FloatArray:
     """The first number of each line, without blank lines and comments."""
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except FileNotFoundError:
+        expected = "ids, index or a file of times expected for the timestamps"
+        raise FormatError(path, None, f"no such file; {expected}") from None
     except OSError as error:
-        raise InputError(f"{path}: {error.strerror}") from None
+        raise FormatError(path, None, f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise FormatError(path, None, "a text file of timestamps expected") from None
     times = []

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
+import shutil
+import stat
+import tempfile
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -34,7 +38,8 @@ def write(
 ) -> None:
     """Write a graph or an estimate, in the format of the path's suffix.
 
-    The file is written under a temporary name and then renamed, so it is complete or absent.
+    The file is written under a temporary name and then renamed, so it is complete or absent. A
+    symbolic link is followed; a pipe or device is written to.
 
     Parameters
     ----------
@@ -152,13 +157,52 @@ def folder_to_write(folder: Path) -> Path:
     return folder
 
 
+def is_stream(path: Path) -> bool:
+    """Whether a path leads to a pipe or a character device, which is written to, never replaced.
+
+    Raises
+    ------
+    InputError
+        It leads to a block device or a socket, which is no place for a file.
+    """
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError):
+        return False
+    if stat.S_ISBLK(mode) or stat.S_ISSOCK(mode):
+        raise InputError(f"{path}: cannot be written: it is a block device or a socket")
+    return stat.S_ISFIFO(mode) or stat.S_ISCHR(mode)
+
+
 def atomically(path: Path, write_to: Callable[[Path], object]) -> None:
-    """Write a temporary file and rename it; InputError if that fails."""
+    """Write a temporary file and rename it; InputError if that fails.
+
+    A symbolic link stays: the file that it leads to is written. Pipes and devices get the complete
+    content, as they cannot be replaced.
+    """
+    try:
+        if is_stream(path):
+            _into_stream(path, write_to)
+        else:
+            _in_place_of(Path(os.path.realpath(path)), write_to)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def _into_stream(path: Path, write_to: Callable[[Path], object]) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        temporary = Path(folder) / "output"
+        write_to(temporary)
+        with temporary.open("rb") as content, path.open("wb") as stream:
+            shutil.copyfileobj(content, stream)
+
+
+def _in_place_of(path: Path, write_to: Callable[[Path], object]) -> None:
+    if path.is_symlink():  # after resolution: a loop
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     try:
         write_to(temporary)
         os.replace(temporary, path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
     finally:
         temporary.unlink(missing_ok=True)

@@ -224,6 +224,16 @@ def rotation_defect(R: FloatArray) -> float:
     return 0.51 * float(d) * (worst_defect(R)[1] + 8.0 * float(np.finfo(float).eps))
 
 
+def shortfall(R: FloatArray, defect: float) -> str:
+    """In what a matrix (d, d) fails to be a rotation, given its defect."""
+    if np.isfinite(defect):
+        return f"not a rotation, off by {defect:.1e}"
+    determinant = float(determinants(R[None])[0]) if np.abs(R).max() < 1e100 else np.nan
+    if determinant <= 0.0:
+        return f"not a rotation, its determinant is {determinant:.2g}"
+    return "not a rotation, its entries are too large"
+
+
 def _defects(R: FloatArray) -> FloatArray:
     """Largest entry of |R^T R - I| of each matrix (n, d, d)."""
     d = R.shape[-1]

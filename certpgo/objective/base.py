@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from certpgo.errors import InputError
+from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.lift import Point
 from certpgo.linalg import factor
@@ -136,7 +136,7 @@ class Objective(ABC):
         """Refuse an estimate of another graph by an InputError."""
         if not isinstance(estimate, Estimate):
             raise InputError(
-                f"an Estimate is expected, not a {type(estimate).__name__}: certify_values takes "
+                f"an Estimate is expected, not {kind_of(estimate)}: certify_values takes "
                 "GTSAM's Values, read_estimate reads files"
             )
         if (estimate.num_nodes, estimate.d) != (self.n, self.d):

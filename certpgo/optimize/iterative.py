@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar, Literal, get_args, get_origin, get_type_hints
+import math
+from dataclasses import dataclass, fields, is_dataclass
+from numbers import Integral, Real
+from typing import Any, ClassVar, Literal, get_args, get_origin, get_type_hints
 
 from certpgo.errors import SpecError
 
@@ -12,14 +14,17 @@ from certpgo.errors import SpecError
 class Settings:
     """Settings of a method, checked at construction.
 
-    A setting whose type is a Literal must be one of its values, ``tol`` must lie between 0 and 1,
-    and ``seed`` must not be negative.
+    Numbers and nested settings must be of their type, a setting whose type is a Literal must be one
+    of its values, ``tol`` must lie between 0 and 1, and ``seed`` must not be negative.
     """
 
     poses: ClassVar[bool] = True
     rotations: ClassVar[bool] = True
+    takes_initial: ClassVar[bool] = True
+    compiled: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
+        refuse_mistyped(self)
         for name, hint in get_type_hints(type(self)).items():
             if get_origin(hint) is Literal and getattr(self, name) not in get_args(hint):
                 raise SpecError.unknown(name, getattr(self, name), get_args(hint))
@@ -45,5 +50,38 @@ class Iterative(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.tolerance >= 0.0 or self.max_iterations < 1:
-            raise SpecError("tolerance must not be negative and max_iterations at least 1")
+        if not 0.0 <= self.tolerance < math.inf or self.max_iterations < 1:
+            raise SpecError(
+                "tolerance must not be negative or infinite, and max_iterations at least 1"
+            )
+
+
+def refuse_mistyped(settings: Any) -> None:
+    """Refuse settings whose type is a number, a truth value or nested settings if they are not.
+
+    Raises
+    ------
+    SpecError
+        One is not.
+    """
+    hints = get_type_hints(type(settings))
+    for name in (field.name for field in fields(settings)):
+        value, hint = getattr(settings, name), hints[name]
+        kinds = get_args(hint) if type(None) in get_args(hint) else (hint,)
+        if not any(_is_of(kind, value) for kind in kinds):
+            wanted = " or ".join("None" if kind is type(None) else _words(kind) for kind in kinds)
+            raise SpecError(f"{name} must be {wanted}, not {value!r}")
+
+
+def _is_of(kind: Any, value: Any) -> bool:
+    if kind in (int, float):
+        number = Integral if kind is int else Real
+        return isinstance(value, number) and not isinstance(value, bool)
+    if kind in (bool, type(None)) or is_dataclass(kind):
+        return isinstance(value, kind)
+    return True
+
+
+def _words(kind: Any) -> str:
+    known = {int: "an integer", float: "a number", bool: "True or False"}
+    return known.get(kind) or f"of type {kind.__name__}"

@@ -19,7 +19,7 @@ from certpgo.linalg.factor import Factor
 from certpgo.objective import operators
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch, silent
-from certpgo.optimize.newton import ROUNDING, forcing_term
+from certpgo.optimize.newton import DEFAULT, ROUNDING, forcing_term
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Status
 
@@ -54,6 +54,8 @@ def descend(
     direction: FloatArray | None = None,
     tolerance: float = 1e-10,
     max_iterations: int = 500,
+    loosest: float = DEFAULT.loosest,
+    tightest: float = DEFAULT.tightest,
     monitor: Monitor = silent,
     watch: Stopwatch | None = None,
 ) -> Descent:
@@ -70,6 +72,7 @@ def descend(
         certificate matrix with a negative eigenvalue, the only descent direction at a stationary
         point of lower rank
     tolerance : stationarity (radians) at which to stop
+    loosest, tightest : relative residuals of conjugate gradients, as in `NewtonSettings`
     watch : stopwatch that already timed the initialization
     """
     watch = watch or Stopwatch()
@@ -95,7 +98,7 @@ def descend(
                 current.hessian.__matmul__,
                 -current.gradient,
                 metric.solve,
-                tol=forcing_term(gained),
+                tol=forcing_term(gained, loosest, tightest),
                 max_iterations=MAX_PRODUCTS,
                 radius=radius,
             )
@@ -108,14 +111,14 @@ def descend(
             if risen or not candidate.stationarity < current.stationarity:
                 progress.status = Status.STALLED
                 break
-            gain = 1.0
+            gain, ratio = None, 1.0
         else:
-            gain = (current.cost - candidate.cost) / predicted
-        if not gain >= POOR:
+            gain = ratio = (current.cost - candidate.cost) / predicted
+        if not ratio >= POOR:
             radius *= 0.25
-        elif gain > GOOD and solved.end in (End.BOUNDARY, End.NEGATIVE_CURVATURE):
+        elif ratio > GOOD and solved.end in (End.BOUNDARY, End.NEGATIVE_CURVATURE):
             radius *= 2.0
-        accepted = gain > ACCEPTED
+        accepted = ratio > ACCEPTED
         if accepted:
             gained = max(current.cost - candidate.cost, 0.0) / current.cost
             current, step_norm = candidate, float(np.linalg.norm(solved.x))

@@ -88,10 +88,12 @@ class NewtonSettings(Iterative):
         if not 0.0 < self.tightest <= self.loosest < 1.0:
             raise SpecError("0 < tightest <= loosest < 1 is required")
         dampings = (self.smallest_damping, self.second_damping, self.first_damping)
-        if not 0.0 < min(dampings) <= max(dampings) < self.largest_damping:
-            raise SpecError("dampings must be positive, and largest_damping the largest")
-        if min(self.slow_decrease, self.near, self.stagnation, self.max_products, self.large) < 0:
-            raise SpecError("settings of Newton's method must not be negative")
+        if not all(0.0 < damping < self.largest_damping < math.inf for damping in dampings):
+            raise SpecError("dampings must be positive and finite, and largest_damping the largest")
+        others = ("slow_decrease", "near", "stagnation", "max_products", "large")
+        for name in others:
+            if not getattr(self, name) >= 0:
+                raise SpecError(f"{name} must not be negative: {getattr(self, name)}")
 
 
 DEFAULT = NewtonSettings()

@@ -81,6 +81,7 @@ class Stop:
     watch : stopwatch of all phases
     trace : all iterations
     interrupted : whether the monitor or Ctrl-C requested a stop
+    cut : why work was cut short or left out, or None if none was
     """
 
     monitor: Monitor
@@ -89,9 +90,10 @@ class Stop:
     watch: Stopwatch = field(default_factory=Stopwatch)
     trace: list[Iteration] = field(default_factory=list)
     interrupted: bool = False
+    cut: Status | None = None
 
     @property
-    def status(self) -> Status | None:
+    def request(self) -> Status | None:
         """Why to stop now, or None."""
         if self.interrupted:
             return Status.INTERRUPTED
@@ -100,7 +102,17 @@ class Stop:
     @property
     def asked(self) -> bool:
         """Whether to stop, because of the monitor, Ctrl-C or the deadline."""
-        return self.status is not None
+        return self.request is not None
+
+    def cuts(self) -> bool:
+        """Whether to stop now; if so, the caller leaves work out, and `cut` keeps the reason."""
+        self.cut = self.cut or self.request
+        return self.asked
+
+    @property
+    def ended_by(self) -> Status | None:
+        """Why the phases did not end by themselves; None if they did, whatever the time is now."""
+        return Status.INTERRUPTED if self.interrupted else self.cut
 
     def interrupt(self, signum: int, frame: FrameType | None) -> None:
         """Handle Ctrl-C: stop after this iteration; the second time, immediately."""
@@ -118,7 +130,7 @@ class Stop:
         )
         self.trace.append(forwarded)
         self.interrupted = self.monitor(forwarded) or self.interrupted
-        return self.asked
+        return self.cuts()
 
 
 @contextmanager

@@ -134,6 +134,9 @@ class Solver(Protocol):
     Attributes
     ----------
     poses, rotations : which kinds of problem it accepts
+    takes_initial : whether it uses an initial estimate; optional, True by default
+    compiled : whether it runs in compiled code, which Ctrl-C can only end together with the
+        process; optional, False by default
     """
 
     poses: ClassVar[bool]

@@ -126,10 +126,13 @@ class Semidefinite(Settings, ABC):
     max_iterations: int | None = None
     force: bool = False
 
+    takes_initial: ClassVar[bool] = False
+    compiled: ClassVar[bool] = True
     #: Whether the semidefinite matrix is as sparse as the graph.
     decomposable: ClassVar[bool]
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.program not in PROGRAMS:
             raise SpecError.unknown("program", self.program, PROGRAMS)
         if self.tolerance is not None and not 0.0 < self.tolerance < 1.0:

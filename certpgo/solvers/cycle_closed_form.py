@@ -54,6 +54,7 @@ class CycleClosedForm:
 
     poses: ClassVar[bool] = False
     rotations: ClassVar[bool] = True
+    takes_initial: ClassVar[bool] = False
 
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent

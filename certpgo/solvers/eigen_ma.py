@@ -49,6 +49,7 @@ class EigenMA(Settings):
     tol: float = 1e-5
 
     rotations: ClassVar[bool] = False
+    takes_initial: ClassVar[bool] = False
 
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent

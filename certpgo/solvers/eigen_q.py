@@ -39,6 +39,7 @@ class EigenQ(Settings):
     tol: float = 1e-3
 
     rotations: ClassVar[bool] = False
+    takes_initial: ClassVar[bool] = False
 
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent

@@ -47,6 +47,7 @@ class EigenRA(Settings):
     tol: float = 1e-5
 
     poses: ClassVar[bool] = False
+    takes_initial: ClassVar[bool] = False
 
     def solve(
         self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent

@@ -98,6 +98,7 @@ class EigenRAO(Iterative):
     max_iterations: int = 20
 
     poses: ClassVar[bool] = False
+    takes_initial: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -116,7 +116,7 @@ def _facts(instance: Instance, assessment: Assessment) -> Iterable[tuple[str, st
     yield from numbers(certificate)
     yield from distances(assessment)
     yield from digits(assessment)
-    yield "proof rests on", trusts(certificate)
+    yield from trusts(certificate)
     yield "objective", f"{objective(instance.options)} (other tools minimise other errors)"
 
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from certpgo.registry import repository
 from reports.harness.certifiers.summary import certifier_names
-from reports.harness.certifiers.zoo_records import ALL, Outcome, Tally, ZooRecord, total
 from reports.harness.experiments.absence import Absence, NotRun
 from reports.harness.experiments.figure import Data, Figure
 from reports.harness.experiments.journal import read_entries
+from reports.harness.experiments.zoo_records import ALL, Outcome, Tally, ZooRecord, total
 
 from . import _style
 

@@ -83,8 +83,8 @@ TABLE = Table(
     quick=("parking-garage",),
     notes=(
         "Smallest eigenvalues of the rotation connection Laplacian, and the second of the graph's "
-        "own, every edge weighing 1. The thesis uses a simple graph: of parallel edges the last "
-        "is kept.",
+        "own, every edge weighing 1. The thesis uses a simple graph: of parallel edges, which only "
+        "cubicle and rim have, the last is kept.",
         "Where the printed numbers differ: the Fiedler value of Sphere (sphere_bignoise_vertex3) "
         "repeats its eigenvalues there, but is that of no reading of the public file; the first "
         "eigenvalue of cubicle lies between those of the last of parallel edges (8.7e-06) and of "

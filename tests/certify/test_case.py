@@ -226,6 +226,20 @@ SMALL = "negligible relative to the total weight W = 1e+03"
             "the right basin, but not at its minimum",
         ),
         (
+            {"refined_cost": 7.0, "descended": False},
+            f"{FLOOR_6}; this one costs 8 and, with its best translations, 7: the optimum is at "
+            "most that",
+        ),
+        (
+            {"refined_cost": 7.0, "basin_is_global": True, "descended": False},
+            f"{FLOOR_6}; this one costs 8 and, with its best translations, 7, the optimum: only "
+            "its translations are not the best",
+        ),
+        (
+            {"gap": 8.0, "lower_bound": 6.0},
+            f"{FLOOR_6}; this one costs 8, at most 100 % of F = 8 above the optimum",
+        ),
+        (
             {"verdict": Verdict.REFUTED, "better_cost": 6.5},
             "another estimate costs 6.5; this one costs 8, and local descent from it does not lead "
             f"there; {FLOOR_6}",

@@ -197,9 +197,24 @@ def test_what_cannot_be_proven_is_said_and_nothing_is_written(tmp_path):
     assert not out.exists()
 
 
-def test_public_names():
-    assert certpgo.check is checker.check
-    assert certpgo.write_proof is write_proof
+def test_refusals_of_the_checker_are_errors_of_the_package(tmp_path):
+    graph, proof = tmp_path / "cycle.g2o", tmp_path / "cycle.cert"
+    instance, _ = winding_cycle(5, 0.1, 0)
+    certpgo.write(graph, instance)
+    instance = certpgo.read(graph, quiet=True)
+    answer = certpgo.solve(instance.graph)
+    certpgo.write_proof(proof, graph, instance, answer.estimate, answer.certificate)
+    graph.write_text(f"{graph.read_text()}\n")
+    for error in (certpgo.CertPGOError, checker.Refused):
+        with pytest.raises(error, match="its SHA-256 differs"):
+            certpgo.check(graph, proof)
+    for error in (certpgo.InputError, checker.Unreadable):
+        with pytest.raises(error, match="no such file"):
+            certpgo.check(graph, tmp_path / "absent.cert")
+
+
+def test_dir_lists_the_public_names():
+    assert {name for name in dir(certpgo) if not name.startswith("__")} == set(certpgo.__all__)
 
 
 @pytest.mark.parametrize("weight", [1.0, 0.999, 1.0 - 1e-9])

@@ -6,6 +6,7 @@ from itertools import islice
 
 import numpy as np
 import pytest
+import threadpoolctl
 
 import certpgo as package
 from certpgo.cli import command_names
@@ -259,6 +260,25 @@ def test_convert_the_poses_alone(certpgo, square, tmp_path):
     )
 
 
+@pytest.mark.parametrize("suffix", [".g2o", ".npz"])
+def test_a_file_that_holds_an_estimate_alone_is_converted_as_one(certpgo, square, tmp_path, suffix):
+    estimate, out = tmp_path / f"solved{suffix}", tmp_path / f"out{suffix}"
+    certpgo("convert", square, estimate, "--estimate")
+    assert certpgo("convert", estimate, out, "--anchor", "identity").code == 0
+    assert package.read_estimate(out).num_nodes == 4
+
+
+@pytest.mark.parametrize("option", [("--graph", "square.g2o"), ("--anchor", "identity")])
+def test_options_for_estimates_are_refused_for_a_graph(
+    certpgo, square, tmp_path, option, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    done = certpgo("convert", square, "out.g2o", *option)
+    assert done.code == 1
+    assert f"{option[0]} is about estimates" in done.err
+    assert not (tmp_path / "out.g2o").exists()
+
+
 def test_convert_a_dataset_by_name(certpgo, tmp_path, dataset_path):
     dataset_path("tinyGrid3D")
     assert certpgo("convert", "tinyGrid3D", tmp_path / "graph.npz").code == 0
@@ -310,6 +330,26 @@ def test_compare_prints_and_writes(certpgo, square, tmp_path):
     assert "| spanning_tree |" in (out / "compare.md").read_text()
 
 
+def test_compare_shows_columns_and_notes_that_say_something(certpgo, square, tmp_path):
+    out = tmp_path / "results"
+    plain = certpgo("compare", square, "--methods", "spanning_tree", "--out", out).out
+    assert "kept, %" not in plain
+    assert "GTSAM" not in plain
+    robust = "graduated_non_convexity"
+    assert "kept, %" in certpgo("compare", square, "--methods", robust, "--out", out).out
+    assert "kept, %" in (out / "compare.md").read_text()
+
+
+def test_compare_writes_through_a_link(certpgo, square, tmp_path):
+    out, elsewhere = tmp_path / "results", tmp_path / "elsewhere.jsonl"
+    out.mkdir()
+    (out / "compare.jsonl").symlink_to(elsewhere)
+    assert certpgo("compare", square, "--methods", "spanning_tree", "--out", out).code == 0
+    assert (out / "compare.jsonl").is_symlink()
+    assert len(elsewhere.read_text().splitlines()) == 1
+    assert sorted(path.name for path in out.iterdir()) == ["compare.jsonl", "compare.md"]
+
+
 def test_compare_reads_as_it_is_told(certpgo, square, tmp_path):
     common = ("compare", square, "--methods", "newton", "--out", tmp_path / "r", "--json")
     [file], [unit] = certpgo(*common).json, certpgo(*common, "--unit-weights").json
@@ -344,32 +384,94 @@ def test_compare_leaves_out_methods_for_other_graphs_unless_asked(certpgo, tmp_p
     assert "takes pose graphs only" in asked["error"]
 
 
+def files(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
 @pytest.mark.parametrize("count", [0, 1])
-def test_an_interrupted_comparison_keeps_what_is_done(
-    certpgo, square, tmp_path, monkeypatch, count
+def test_a_comparison_that_is_cut_short_keeps_what_is_done(
+    certpgo, square, tmp_path, monkeypatch, count, error
 ):
     from certpgo.assess import comparison
 
     common = ("compare", square, "--methods", "newton,eigen_ma", "--out", tmp_path / "r")
     certpgo(*common)
-    before = {path.name: path.read_bytes() for path in (tmp_path / "r").iterdir()}
+    before = files(tmp_path / "r")
     whole = comparison.compare
 
-    def interrupted(*args, **kwargs):
+    def cut_short(*args, **kwargs):
         yield from islice(whole(*args, **kwargs), count)
-        raise KeyboardInterrupt
+        raise error
 
-    monkeypatch.setattr(comparison, "compare", interrupted)
-    done = certpgo(*common)
-    assert done.code == 130
-    assert "interrupted" in done.err
-    after = {path.name: path.read_bytes() for path in (tmp_path / "r").iterdir()}
-    if not count:
-        assert after == before
-        return
-    assert [found["method"] for found in results(tmp_path / "r")] == ["newton"]
-    assert b"Interrupted" in after["compare.md"]
-    assert "newton" in done.out
+    monkeypatch.setattr(comparison, "compare", cut_short)
+    if error is RuntimeError:
+        with pytest.raises(RuntimeError):
+            certpgo(*common)
+    else:
+        done = certpgo(*common)
+        assert done.code == 130
+        assert "interrupted" in done.err
+        assert (
+            f"1 result so far kept in {tmp_path / 'r' / 'compare.jsonl.partial'}" in done.err
+        ) == count
+        assert ("newton" in done.out) == count
+    after = files(tmp_path / "r")
+    partial = after.pop("compare.jsonl.partial", b"")
+    assert after == before
+    assert [json.loads(line)["method"] for line in partial.splitlines()] == ["newton"][:count]
+    monkeypatch.undo()
+    certpgo(*common)
+    assert files(tmp_path / "r").keys() == before.keys()
+
+
+def test_rows_of_a_comparison_are_written_as_they_come(certpgo, square, tmp_path, monkeypatch):
+    from certpgo.assess import comparison
+
+    solved, written = comparison.solution_of, []
+
+    def noted(*args, **options):
+        path = tmp_path / "r" / "compare.jsonl.partial"
+        written.append(len(path.read_text().splitlines()) if path.exists() else 0)
+        return solved(*args, **options)
+
+    monkeypatch.setattr(comparison, "solution_of", noted)
+    certpgo("compare", square, "--methods", "newton,eigen_q,certified", "--out", tmp_path / "r")
+    assert written == [0, 1, 2]
+
+
+def test_rows_of_a_comparison_state_their_shape(certpgo, square, tmp_path):
+    done = certpgo("compare", square, "--methods", "newton", "--out", tmp_path / "r", "--json")
+    assert [row["schema"] for row in (*done.json, *results(tmp_path / "r"))] == [2, 2]
+
+
+def test_without_a_checkout_the_default_methods_are_those_of_the_wheel(
+    certpgo, square, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("CERTPGO_REPOSITORY", str(tmp_path))
+    done = certpgo("compare", square, "--out", tmp_path / "r", "--json")
+    assert [row["error"] for row in done.json] == [""] * len(done.json)
+    [line] = [line for line in done.err.splitlines() if "gtsam_chordal" in line]
+    assert line.startswith("note: not compared, as these are in a checkout only: gtsam_chordal, ")
+    asked = certpgo("compare", square, "--methods", "gtsam_chordal", "--out", tmp_path / "s")
+    assert (asked.code, "unknown method" in asked.err) == (1, True)
+
+
+def test_methods_are_compared_on_one_thread(certpgo, square, tmp_path, monkeypatch):
+    from certpgo.solvers.spanning_tree import SpanningTree
+
+    solve, threads = SpanningTree.solve, []
+
+    def noted(self, problem, **more):
+        threads.extend(pool["num_threads"] for pool in threadpoolctl.threadpool_info())
+        return solve(self, problem, **more)
+
+    monkeypatch.setattr(SpanningTree, "solve", noted)
+    with threadpoolctl.threadpool_limits(limits=2):
+        if all(pool["num_threads"] == 1 for pool in threadpoolctl.threadpool_info()):
+            pytest.skip("this machine has one thread")
+        certpgo("compare", square, "--methods", "spanning_tree", "--out", tmp_path / "r")
+    assert set(threads) == {1}
 
 
 def test_a_method_that_breaks_is_a_row_with_the_reason(certpgo, square, tmp_path, monkeypatch):
@@ -396,7 +498,26 @@ def test_a_named_graph_that_cannot_be_read_fails_the_comparison(certpgo, square,
     mixed = certpgo("compare", square, bad, *common)
     assert mixed.code == 1
     assert "bad.g2o:1" in mixed.err
-    assert len(results(tmp_path / "r")) == 1
+    fine, unread = results(tmp_path / "r")
+    assert (fine["method"], fine["error"]) == ("newton", "")
+    assert (unread["graph"], unread["method"], unread["nodes"]) == (str(bad), "", None)
+    assert "bad.g2o:1" in unread["error"]
+    assert f"## {bad}\n\nnot read: " in (tmp_path / "r" / "compare.md").read_text()
+    first = certpgo("compare", bad, square, *common)
+    assert (first.code, "Methods side by side" in first.out) == (1, True)
+
+
+def test_a_graph_in_pieces_is_a_row_with_the_reason(certpgo, square, tmp_path):
+    path = tmp_path / "two.g2o"
+    lines = [f"EDGE_SE2 {i} {i + 1} 1 0 0.1 1 0 0 1 0 1" for i in (0, 1, 5)]
+    path.write_text("\n".join(lines) + "\n")
+    common = ("--methods", "newton", "--out", tmp_path / "r", "--json")
+    done = certpgo("compare", path, square, *common)
+    assert done.code == 1
+    assert "2 components" in done.err
+    apart, fine = done.json
+    assert "2 components" in apart["error"]
+    assert fine["verdict"] == "CERTIFIED"
 
 
 def test_reproduce_quick_writes_elsewhere(certpgo, tmp_path):

@@ -1,3 +1,4 @@
+import json
 import os
 
 import pytest
@@ -63,6 +64,20 @@ def test_the_gate_is_one_json_document(certpgo, committed, tmp_path):
     assert (move["direction"], move["fails"], move["change"]) == ("worse", True, None)
     assert [key["row"] for key in said["missing"]] == ["other"]
     assert [(key["row"], key["seed"]) for key in said["added"]] == [("third", 2)]
+
+
+def test_the_zoo_is_a_file_of_its_own(certpgo, tmp_path):
+    results = registry.repository() / "reports" / "results" / "zoo.jsonl"
+    first, *others = results.read_text().splitlines()
+    data = json.loads(first)
+    data["outcomes"]["certpgo proof"]["missed"] = 1
+    path = tmp_path / "zoo.jsonl"
+    path.write_text("\n".join([json.dumps(data), *others]) + "\n")
+    done = certpgo("gate", path, "--json")
+    assert (done.code, done.json["compared"]) == (7, len(others) + 1)
+    [move] = done.json["movements"]
+    assert (move["table"], move["what"]) == ("zoo", "certpgo proof: missed")
+    assert (move["committed"], move["new"], move["direction"]) == (0, 1, "worse")
 
 
 def test_times_are_compared_as_told(certpgo, tmp_path):

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from certpgo import InputError, certify
+from certpgo import InputError, certify, registry
+from certpgo.cli import BENCHMARKS
 from certpgo.datasets.synthetic import cycle
 from certpgo.objective.problem import problem_of
 
@@ -49,6 +50,46 @@ def test_a_missing_file(certpgo, command):
     fails_in_one_line(certpgo(command, "folder/nowhere.g2o"), "folder/nowhere.g2o")
 
 
+def test_a_translation_beyond_doubles_names_its_edge(certpgo, tmp_path):
+    graph = tmp_path / "far.g2o"
+    rest = "0 0.1 1 0 0 1 0 1"
+    graph.write_text("".join(f"EDGE_SE2 {i} {i + 1} {x} {rest}\n" for i, x in ((7, 1), (8, 1e308))))
+    fails_in_one_line(certpgo("solve", graph), "edge 8 to 9: translations up to 1e+90 expected")
+
+
+@pytest.mark.parametrize("command", ["solve", "info", "compare", "convert"])
+def test_an_empty_name(certpgo, command):
+    done = certpgo(command, "", *["out.g2o"] * (command == "convert"))
+    fails_in_one_line(done, "a file or dataset expected, not an empty name")
+
+
+def test_a_file_that_hides_a_dataset_is_noted(certpgo, square, monkeypatch):
+    monkeypatch.chdir(square.parent)
+    square.rename("MIT")
+    done = certpgo("info", "MIT")
+    assert done.code == 0
+    assert "note: MIT is a file here; the dataset of that name is not used" in done.err
+
+
+def test_the_usual_datasets_are_never_files_here(certpgo, square, monkeypatch):
+    monkeypatch.chdir(square.parent)
+    monkeypatch.delenv("CERTPGO_DATA", raising=False)
+    monkeypatch.setattr("certpgo.datasets.lookup.places", lambda data: {"here": square.parent})
+    square.rename("sphere2500.txt")
+    fails_in_one_line(certpgo("compare"), "none of the usual datasets is available")
+
+
+def test_what_is_far_from_any_name_is_not_guessed(certpgo, square):
+    done = certpgo("solve", square, "--method", "magic")
+    fails_in_one_line(done, "unknown method 'magic'; known: ")
+    assert "did you mean" not in done.err
+
+
+def test_a_trace_of_a_method_without_iterations_is_noted(certpgo, square):
+    done = certpgo("solve", square, "--method", "eigen_ma", "--trace")
+    assert "note: eigen_ma reports no iterations: nothing to --trace" in done.err
+
+
 def test_a_name_that_nearly_is_a_dataset(certpgo):
     fails_in_one_line(certpgo("info", "sphere250"), "did you mean sphere2500")
 
@@ -87,6 +128,8 @@ def test_an_estimate_for_another_graph(certpgo, square, tmp_path, estimate, said
         (("--set", "tol=1"), "--set needs --method"),
         (("--no-certify",), "--no-certify needs --method"),
         (("--method", "eigen_ma", "--time-limit", "1"), "cannot be combined with --method"),
+        (("--method", "eigen_ma", "--initial", "square.g2o"), "eigen_ma takes no initial estimate"),
+        (("--robust", "--proof", "out.cert"), "not about those that a robust method keeps"),
         (("--kappa", "-1"), "kappa"),
         (("--unit-weights", "--tau", "2"), "unit weights"),
         (("-o", "out.docx"), "out.docx"),
@@ -95,7 +138,8 @@ def test_an_estimate_for_another_graph(certpgo, square, tmp_path, estimate, said
         (("--data", "no/such/folder"), ""),
     ],
 )
-def test_an_unusable_argument(certpgo, square, arguments, said):
+def test_an_unusable_argument(certpgo, square, monkeypatch, arguments, said):
+    monkeypatch.chdir(square.parent)
     graph = "MIT" if "--data" in arguments else square
     fails_in_one_line(certpgo("solve", graph, *arguments), said)
 
@@ -135,7 +179,8 @@ def test_files_that_are_not_there_are_named(certpgo, square, tmp_path):
     estimate = tmp_path / "e.tum"
     estimate.write_text("0 0 0 0 0 0 0 1\n")
     done = certpgo("certify", square, estimate, "--timestamps", missing)
-    fails_in_one_line(done, "missing: No such file or directory")
+    said = f"certpgo: {missing}: no such file; ids, index or a file of times expected"
+    fails_in_one_line(done, said)
 
 
 def test_what_is_no_estimate_is_told_where_to_go():
@@ -147,6 +192,29 @@ def test_what_is_no_estimate_is_told_where_to_go():
 def test_without_a_checkout_reproduce_says_so(certpgo, tmp_path, monkeypatch):
     monkeypatch.setenv("CERTPGO_REPOSITORY", str(tmp_path))
     fails_in_one_line(certpgo("reproduce", "compare"), "needs a checkout of certpgo")
+
+
+@pytest.fixture
+def wheel(monkeypatch):
+    """The package without a checkout."""
+    monkeypatch.setattr("certpgo.registry.command_names", lambda: ())
+    monkeypatch.setattr("certpgo.registry.checkout", lambda: None)
+
+
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_commands_of_the_checkout_are_named_as_such(certpgo, wheel, name):
+    done = certpgo(name, "--all")
+    fails_in_one_line(done, f"{name} is a command of the benchmarks; this needs a checkout")
+
+
+def test_the_commands_of_the_checkout_are_all_named():
+    assert registry.command_names() == BENCHMARKS
+
+
+def test_what_only_a_checkout_has_is_listed_as_such(certpgo, wheel):
+    done = certpgo("list", "tables", "figures")
+    line = "in a checkout only, and this is none\n"
+    assert (done.code, done.out) == (0, f"tables: {line}\nfigures: {line}\n")
 
 
 def test_compare_needs_no_checkout(certpgo, square, tmp_path, monkeypatch):

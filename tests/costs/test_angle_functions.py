@@ -157,7 +157,9 @@ def test_how_far_the_rest_of_the_inverse_jacobian_sweeps():
         p, q, s, r = (entire(c, x) for c in (P, Q, S, whole[1:]))
         a = q / s**2 + s
         # Both sides squared, less 16/9 x^2, over x^4.
-        assert r / s**2 * (a + arb(fmpq(4, 3))) + (p / s) ** 2 < arb(fmpq(16, 9)) * (2 * b + b**2 * x)
+        assert r / s**2 * (a + arb(fmpq(4, 3))) + (p / s) ** 2 < arb(fmpq(16, 9)) * (
+            2 * b + b**2 * x
+        )
     # The mean of (theta/3) (1 + 0.22 theta^2 / pi^2) between theta0 <= 0.9 and pi.
     mean = (1 + arb(0.22) / 2 * (1 + arb(TURNED) ** 2 / arb.pi() ** 2)) / 6
     assert mean < SWEPT

@@ -35,6 +35,8 @@ def test_arrays_are_read_only_and_the_caller_keeps_his():
         ({"edges": np.array([[0, 1], [1, 1], [2, 0]])}, r"edge \(1, 1\): .* from itself"),
         ({"edges": np.zeros((0, 2)), "rotations": np.zeros((0, 3, 3)), "kappa": []}, "non-empty"),
         ({"rotations": np.zeros((3, 4, 4))}, "d = 2 or 3"),
+        ({"rotations": -EYES}, r"edge \(0, 1\): not a rotation, its determinant is -1$"),
+        ({"rotations": 1e200 * EYES}, r"edge \(0, 1\): not a rotation, its entries are too large"),
         ({"rotations": 1.1 * EYES}, r"edge \(0, 1\): not a rotation, off by 2.1e-01"),
         ({"rotations": -EYES}, r"not a rotation"),
         (

@@ -12,6 +12,7 @@ from reports.harness.experiments import metrics, regression, scan
 from reports.harness.experiments.absence import Absence
 from reports.harness.experiments.journal import to_line
 from reports.harness.experiments.records import Record
+from reports.harness.experiments.zoo_records import ZooRecord
 
 COMMITTED = Record(
     "t",
@@ -275,6 +276,82 @@ def test_what_is_worse_one_way_is_better_the_other(change, metric):
         ]
 
 
+ZOO = ZooRecord(
+    family="wound-up cycles",
+    points={"all": 54, "closed form": 54},
+    outcomes={
+        "certpgo standard": {"certified": 30, "not certified": 24, "missed": 2},
+        "gtsam_shonan": {"certified": 40, "false": 40},
+    },
+    provenance={"engine": "cholmod"},
+)
+
+
+def with_outcome(certifier, **counts):
+    counts = {name.replace("_", " "): count for name, count in counts.items()}
+    return replace(ZOO, outcomes={**ZOO.outcomes, certifier: {**ZOO.of(certifier), **counts}})
+
+
+@pytest.mark.parametrize(
+    ("after", "expected"),
+    [
+        (ZOO, {}),
+        (with_outcome("certpgo standard", false=1), {"certpgo standard: false": "worse"}),
+        (with_outcome("certpgo standard", failed=1), {"certpgo standard: failed": "worse"}),
+        (with_outcome("certpgo standard", missed=3), {"certpgo standard: missed": "worse"}),
+        (with_outcome("certpgo standard", missed=1), {"certpgo standard: missed": "better"}),
+        (with_outcome("certpgo standard", certified=29), {"certpgo standard: certified": "noted"}),
+        (with_outcome("gtsam_shonan", false=43), {"gtsam_shonan: false": "different"}),
+        (with_outcome("gtsam_shonan", false=42), {}),  # within one in twenty
+        (replace(ZOO, faults=["n=5: certpgo standard: false"]), {"faults": "worse"}),
+        (replace(ZOO, points={"all": 53}), {"points": "different"}),
+        (replace(ZOO, instances={"all": 50}), {"instances": "different"}),
+        (with_outcome("cora_rule", certified=1), {"cora_rule": "noted"}),
+        (with_outcome("gtsam_shonan", not_installed=54), {"gtsam_shonan": "noted"}),
+        (
+            replace(ZOO, outcomes={"gtsam_shonan": ZOO.of("gtsam_shonan")}),
+            {"certpgo standard": "different"},
+        ),
+    ],
+)
+def test_the_zoo_is_compared(after, expected):
+    key = regression.Key("full", "zoo", ZOO.family, "", "every certifier", None)
+    found = regression.compare_records({key: after}, {key: ZOO})
+    assert {move.metric: move.direction for move in found.movements} == expected
+    assert found.holds() == (not set(expected.values()) & {"worse", "different"})
+
+
+def test_another_engine_may_miss_one_point_more_but_is_never_false():
+    key = regression.Key("full", "zoo", ZOO.family, "", "every certifier", None)
+
+    def moved(**counts):
+        after = replace(
+            with_outcome("certpgo standard", **counts), provenance={"engine": "superlu"}
+        )
+        return regression.compare_records({key: after}, {key: ZOO}).failures
+
+    assert moved(missed=3) == ()
+    assert moved(missed=4)
+    assert moved(false=1)
+
+
+def test_zoo_records_without_points_are_left_out(tmp_path):
+    path = write(tmp_path / "zoo.jsonl", replace(ZOO, points={}, outcomes={}))
+    committed = write(tmp_path / "committed" / "zoo.jsonl", ZOO)
+    found = regression.compare_records(*map(regression.load_records, (path, committed)))
+    assert (found.compared, list(found.missing.values())) == (0, ["not run: its file is not here"])
+
+
+def test_the_committed_zoo_is_compared_with_the_rest():
+    results = registry.repository() / "reports" / "results"
+    committed = regression.load_records(results)
+    alone = regression.load_records(results / "zoo.jsonl")
+    assert len(alone) == 226
+    assert {key for key in committed if key.table == "zoo"} == set(alone)
+    found = regression.compare_records(alone, committed)
+    assert (found.compared, found.movements) == (226, ())
+
+
 def write(path, *records):
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("".join(to_line(record) + "\n" for record in records))
@@ -319,6 +396,20 @@ def test_quick_records_are_never_compared_with_full_ones(tmp_path):
 def test_a_malformed_file_is_one_clear_line(tmp_path, text, said):
     path = tmp_path / "t.jsonl"
     path.write_bytes(text)
+    with pytest.raises(FormatError, match=said):
+        regression.load_records(path)
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ('"outcomes": []', "a record, one JSON object a line"),
+        ('"points": {"all": "many"}', r"must be numbers \(f, every certifier\)"),
+    ],
+)
+def test_a_malformed_zoo_is_one_clear_line(tmp_path, fields, said):
+    path = tmp_path / "zoo.jsonl"
+    path.write_text(f'{{"family": "f", {fields}}}\n\n')
     with pytest.raises(FormatError, match=said):
         regression.load_records(path)
 

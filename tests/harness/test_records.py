@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 
 from certpgo.assess.provenance import provenance
+from certpgo.datasets.edges import viewing_edges
 from certpgo.errors import FormatError, InputError
 from certpgo.graph import Estimate
 from certpgo.optimize.monitor import Iteration
 from certpgo.optimize.solution import Solution, Status
-from reports.harness.experiments.absence import Absence
+from reports.harness.experiments.absence import Absence, missing
 from reports.harness.experiments.journal import Journal, from_line, latest, read_entries, to_line
 from reports.harness.experiments.records import TRACED, Record, trace_of
 
@@ -37,6 +38,15 @@ def test_a_record_survives_its_line():
 def test_a_missing_result_has_a_reason_and_words_for_it(more):
     with pytest.raises(ValueError, match="reason"):
         Record("t", "row", "method", **more)
+
+
+def test_a_file_that_is_not_here_is_not_a_failure(monkeypatch):
+    monkeypatch.setattr("certpgo.datasets.find", lambda name, data: None)
+    with pytest.raises(InputError) as caught:
+        viewing_edges("Ellis_Island.mat")
+    found = missing(caught.value)
+    assert (found.absence, found.absence.is_failure) == (Absence.NOT_HERE, False)
+    assert str(found) == "not run: Ellis_Island.mat: file not here; certpgo fetch Ellis_Island.mat"
 
 
 def test_a_trace_is_thinned_and_keeps_its_ends():

@@ -26,8 +26,8 @@ from reports.harness.certifiers.points import (
     truth_by_form,
     truth_by_oracle,
 )
-from reports.harness.certifiers.zoo_records import ALL, BLOCK, FAULTS, ZooRecord, total
 from reports.harness.experiments.journal import Journal, from_line, to_line
+from reports.harness.experiments.zoo_records import ALL, BLOCK, FAULTS, ZooRecord, total
 
 RULES = ("se_sync_rule", "cora_rule")
 

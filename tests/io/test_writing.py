@@ -1,5 +1,8 @@
 """What is written is read back: to the last bit from npz, to the format's digits from the rest."""
 
+import os
+import socket
+import threading
 from dataclasses import replace
 
 import numpy as np
@@ -252,6 +255,55 @@ def test_a_failure_leaves_the_old_file(tmp_path, monkeypatch):
         io.write(path, make_instance(0, 3))
     assert path.read_text() == "precious"
     assert [p.name for p in tmp_path.iterdir()] == ["graph.g2o"]
+
+
+def test_a_symbolic_link_stays_and_its_target_is_written(tmp_path):
+    target, link = tmp_path / "folder" / "target.tum", tmp_path / "link.tum"
+    target.parent.mkdir()
+    link.symlink_to(target)  # first dangling, then to an existing file
+    estimate = make_estimate(np.random.default_rng(0), 3, 3)
+    for _ in range(2):
+        io.write(link, estimate)
+        assert link.is_symlink()
+        assert len(target.read_text().splitlines()) == 3
+    assert [p.name for p in target.parent.iterdir()] == ["target.tum"]
+
+
+def test_a_link_to_itself_is_refused(tmp_path):
+    link = tmp_path / "loop.tum"
+    link.symlink_to(link)
+    with pytest.raises(InputError, match=r"loop\.tum: cannot be written"):
+        io.write(link, make_estimate(np.random.default_rng(0), 3, 3))
+    assert link.is_symlink()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+@pytest.mark.parametrize("suffix", [".tum", ".npz", ".g2o"])
+def test_a_pipe_is_written_to_and_stays(tmp_path, suffix):
+    pipe, link = tmp_path / f"pipe{suffix}", tmp_path / f"link{suffix}"
+    os.mkfifo(pipe)
+    link.symlink_to(pipe)
+    estimate = make_estimate(np.random.default_rng(0), 3, 3)
+    io.write(tmp_path / f"file{suffix}", estimate)
+    for path in (pipe, link):
+        received = []
+        reader = threading.Thread(target=lambda into=received: into.append(pipe.read_bytes()))
+        reader.start()
+        io.write(path, estimate)
+        reader.join()
+        assert received == [(tmp_path / f"file{suffix}").read_bytes()]
+        assert pipe.is_fifo()
+        assert link.is_symlink()
+
+
+@pytest.mark.skipif(not hasattr(socket, "AF_UNIX"), reason="needs sockets that are files")
+def test_a_socket_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # the path of a socket must be short
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind("s.tum")
+        with pytest.raises(InputError, match="a block device or a socket"):
+            io.write("s.tum", make_estimate(np.random.default_rng(0), 3, 3))
+    assert (tmp_path / "s.tum").is_socket()
 
 
 def test_planar_estimates_are_embedded_at_height_zero(tmp_path):

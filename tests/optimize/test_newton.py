@@ -2,6 +2,8 @@
 
 import io
 import itertools
+import math
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -109,8 +111,16 @@ def test_the_trace_says_how_well_the_model_predicted_each_step():
         ({"min_gain": 0.8}, "min_gain < good_gain"),
         ({"tightest": 0.5}, "tightest <= loosest"),
         ({"largest_damping": 1e-9}, "largest_damping the largest"),
-        ({"near": -1.0}, "must not be negative"),
+        ({"largest_damping": math.inf}, "must be positive and finite"),
+        ({"near": -1.0}, "near must not be negative"),
         ({"max_iterations": 0}, "max_iterations at least 1"),
+        ({"max_iterations": 2.5}, "max_iterations must be an integer, not 2.5"),
+        ({"tolerance": math.inf}, "must not be negative or infinite"),
+        *(
+            ({field.name: math.nan}, "required|must")
+            for field in fields(NewtonSettings)
+            if field.type == "float"
+        ),
     ],
 )
 def test_settings_that_make_no_sense_are_refused(changed, message):

@@ -5,7 +5,8 @@ import math
 import os
 import signal
 import threading
-from dataclasses import replace
+from dataclasses import fields, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,11 +22,12 @@ from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import factor, so
 from certpgo.objective.problem import RotationProblem, problem_of
+from certpgo.optimize import low_rank, progress
 from certpgo.optimize.monitor import silent
 from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.optimize.progress import Stop
 from certpgo.optimize.solution import Status
-from certpgo.solvers.certified import pipeline
+from certpgo.solvers.certified import pipeline, staircase
 from certpgo.solvers.certified.staircase import Staircase
 from certpgo.solvers.low_rank import LowRank
 
@@ -445,6 +447,83 @@ def test_no_time_at_all_still_gives_an_estimate(d):
     assert (unhurried.verdict, unhurried.solution.status) == (Verdict.CERTIFIED, Status.CONVERGED)
 
 
+@pytest.fixture
+def clock(monkeypatch):
+    """The clock of time limits, which the test sets: ``clock.now`` seconds."""
+    stopped = SimpleNamespace(now=0.0)
+    monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: stopped.now))
+    return stopped
+
+
+def test_a_deadline_after_the_search_is_not_the_reason_of_the_verdict(clock, monkeypatch):
+    certificate = pipeline._certificate
+
+    def late(search, tier):
+        clock.now = 2.0
+        return certificate(search, tier)
+
+    graph = winding_cycle(40, 1e-8, 0)[0].graph
+    options = {"time_limit": 1.0, "atol": 0.0, "tier": "standard"}
+    expected = solve(graph, **options).certificate.reason
+    monkeypatch.setattr(pipeline, "_certificate", late)
+    answer = solve(graph, **options)
+    assert (answer.verdict, answer.solution.status) == (Verdict.UNDECIDED, Status.CONVERGED)
+    assert answer.certificate.reason == expected
+    assert "stopped" not in expected
+
+
+def test_a_deadline_during_the_closing_bound_does_not_stop_the_search(clock, monkeypatch):
+    bound = Case.bound
+
+    def late(case, point, cost, **options):
+        found = bound(case, point, cost, **options)
+        if found is not None and cost - found.value <= case.tolerance(cost):
+            clock.now = 3.0
+        return found
+
+    monkeypatch.setattr(Case, "bound", late)
+    instance, wound = winding_cycle(20, 0.3, 1)
+    answer = solve_from(instance.graph, wound, time_limit=2.0)
+    assert clock.now == 3.0
+    assert (answer.verdict, answer.solution.status) == (Verdict.CERTIFIED, Status.CONVERGED)
+
+
+def test_a_deadline_before_the_last_bound_stops_the_search(clock):
+    def late(step):
+        if step.number == 3:
+            clock.now = 3.0
+        return False
+
+    instance, wound = winding_cycle(20, 0.3, 1)
+    answer = solve_from(instance.graph, wound, time_limit=2.0, monitor=late)
+    assert (answer.verdict, answer.solution.status) == (Verdict.UNDECIDED, Status.TIME_LIMIT)
+    assert answer.certificate.reason == "stopped before a useful bound was found"
+
+
+@pytest.mark.parametrize("tier", [None, "proof"])
+def test_a_proof_that_the_deadline_leaves_out_is_a_stop(clock, monkeypatch, tier):
+    certificate = pipeline._certificate
+
+    def late(search, tier):
+        clock.now = 2.0
+        return certificate(search, tier)
+
+    graph = corridor(400, np.random.default_rng(0)).graph
+    assert solve(graph, atol=1e-13, time_limit=1.0, tier=tier).verdict is Verdict.CERTIFIED
+    monkeypatch.setattr(pipeline, "_certificate", late)
+    answer = solve(graph, atol=1e-13, time_limit=1.0, tier=tier)
+    assert answer.solution.status is Status.TIME_LIMIT
+    assert answer.verdict is (Verdict.BOUNDED if tier is None else Verdict.UNDECIDED)
+
+
+def test_asking_whether_to_stop_changes_nothing(clock):
+    stop = Stop(silent, 1.0, 1.0)
+    clock.now = 2.0
+    assert (stop.asked, stop.request, stop.ended_by) == (True, Status.TIME_LIMIT, None)
+    assert stop.cuts()
+    assert stop.ended_by is Status.TIME_LIMIT
+
+
 def test_the_maximal_rank_is_not_exceeded():
     graph, wound = wound_graph()
     grounded = solve_from(graph, wound, max_rank=3)
@@ -679,6 +758,22 @@ def test_a_bound_that_rounding_limits_is_computed_once(monkeypatch):
     assert len(points) == 1
 
 
+@pytest.mark.parametrize("over", [0.5, 2.0])
+def test_only_an_eigenvalue_beyond_rounding_is_a_way_down(monkeypatch, over):
+    problem = problem_of(winding_cycle(6, 0.3, 0)[0].graph)
+    case = Case.of(problem, Tier.STANDARD, 0.0, 0.0)
+    search = Staircase(case, SolveSettings(), Stop(silent, case.unit, math.inf), None)
+    eigenvalue = -over * staircase.RESOLUTION * float(case.problem.curvature.max())
+    direction = np.ones((6, 3))
+    monkeypatch.setattr(staircase, "negative_curvature", lambda *_: (eigenvalue, direction))
+    point = search.best.estimate
+    found, _ = search.way_down(point)
+    assert (found, search.floor) == (
+        (None, case.problem.cost(point)) if over < 1.0 else (eigenvalue, -math.inf)
+    )
+    assert search.has_reached_the_floor == (over < 1.0)
+
+
 def test_looser_tolerances_certify_more():
     for seed in range(20):
         graph, _, _ = pose_graph(np.random.default_rng(seed), 8, 3, noise=1.0)
@@ -805,9 +900,43 @@ def test_settings_are_in_the_answer_and_can_be_given_one_by_one():
         ({"same_cost": 1.0}, SpecError, "same_cost must lie between 0 and 1"),
         ({"time_limits": 1.0}, SpecError, "unknown setting of solve 'time_limits'; did you mean"),
         ({"max_rank": 1}, InputError, "maximal rank must be at least 3"),
+        ({"max_rank": 0}, InputError, "maximal rank must be at least 1, not 0"),
+        ({"max_rank": 5.5}, SpecError, "max_rank must be an integer or None, not 5.5"),
+        ({"max_rank": True}, SpecError, "max_rank must be an integer or None, not True"),
         ({"tier": "proofs"}, SpecError, "did you mean proof"),
+        ({"tier": 3}, SpecError, "unknown tier '3'; known: proof, screen, standard"),
+        ({"lifted_tolerance": math.inf}, SpecError, "lifted_tolerance must be finite"),
+        ({"rank_steps": 2.5}, SpecError, "rank_steps must be an integer, not 2.5"),
+        ({"try_own_start": "no"}, SpecError, "try_own_start must be True or False, not 'no'"),
+        ({"newton": None}, SpecError, "newton must be of type NewtonSettings, not None"),
+        ({"newton": {}}, SpecError, "newton must be of type NewtonSettings, not {}"),
+        ({"hope": "far"}, SpecError, "hope must be a number, not 'far'"),
     ],
 )
 def test_settings_out_of_range_are_refused(options, error, message):
     with pytest.raises(error, match=message):
         solve(winding_cycle(6, 0.3, 0)[0].graph, **options)
+
+
+def test_settings_are_refused_where_they_are_made():
+    with pytest.raises(SpecError, match="unknown tier 'bogus'"):
+        SolveSettings(tier="bogus")
+    for field in fields(SolveSettings):
+        if "float" in field.type:
+            with pytest.raises((InputError, SpecError)):
+                SolveSettings(**{field.name: math.nan})
+
+
+def test_low_rank_optimization_has_the_forcing_terms_of_the_settings(monkeypatch):
+    asked, descend = [], low_rank.descend
+
+    def noted(*args, **options):
+        asked.append({key: options[key] for key in ("tolerance", "loosest", "tightest")})
+        return descend(*args, **options)
+
+    monkeypatch.setattr(low_rank, "descend", noted)
+    instance, wound = winding_cycle(9, 0.3, 1)
+    own = NewtonSettings(tolerance=1e-3, loosest=1e-3, tightest=1e-5)
+    answer = solve_from(instance.graph, wound, newton=own)
+    assert len(answer.levels) > 1
+    assert asked[0] == {"tolerance": 1e-3, "loosest": 1e-3, "tightest": 1e-5}

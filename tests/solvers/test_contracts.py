@@ -9,6 +9,8 @@ from certpgo import registry
 from certpgo.certify import certify
 from certpgo.datasets import synthetic
 from certpgo.errors import CertPGOError, GraphError, MissingDependency, SpecError
+from certpgo.graph import Estimate
+from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem, problem_of
 from certpgo.optimize.solution import Solution, Status
 from certpgo.registry import build, defaults
@@ -135,6 +137,45 @@ def test_settings_are_validated_at_construction(name, key):
     wrong = "no such choice" if isinstance(default, str) else -1 if default >= 0 else -1e9
     with pytest.raises(CertPGOError):
         build(name, {key: wrong})
+
+
+@pytest.mark.parametrize(
+    ("name", "key"), [(name, key) for name in NAMES for key in defaults(registry.get_solver(name))]
+)
+def test_settings_of_another_type_are_refused(name, key):
+    default = defaults(registry.get_solver(name))[key]
+    if default is None or isinstance(default, str):
+        pytest.skip(f"{key}: several types are allowed")
+    wrong = 2.5 if type(default) is int else "text"
+    with pytest.raises(SpecError, match=f"{key} must be"):
+        build(name, {key: wrong})
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_initial_estimate_is_used_unless_the_method_takes_none(name):
+    graphs = [graph() for graph in MICRO.values()]
+    problem = next(p for p in map(problem_of, graphs) if _takes(name, p))
+    rng = np.random.default_rng(5)
+    R = so.random(rng, problem.n, problem.d)
+    t = rng.standard_normal((problem.n, problem.d)) if isinstance(problem, PoseProblem) else None
+    solver = applicable(name, problem)
+    own = solved(solver, problem)
+    given = solver.solve(problem, initial=Estimate(R, t))
+    same = own.cost == given.cost and own.iterations == given.iterations
+    assert same != getattr(solver, "takes_initial", True)
+
+
+def _takes(name, problem):
+    solver = registry.get_solver(name)
+    if not (solver.poses if isinstance(problem, PoseProblem) else solver.rotations):
+        return False
+    try:
+        solver().solve(problem)
+    except GraphError:
+        return False
+    except MissingDependency as error:
+        pytest.skip(str(error))
+    return True
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -211,6 +211,8 @@ def test_robust_solving_stops_where_it_is_told():
     assert late.solution.status.value == "time limit"
     with pytest.raises(certpgo.InputError, match="time limit"):
         certpgo.solve_robustly(graph, time_limit=-1.0)
+    hurried = certpgo.SolveSettings(time_limit=100.0, max_rank=6)
+    assert certpgo.solve_robustly(graph, hurried).settings == hurried
 
 
 #: Public sets whose residuals are as their weights say, or as those of the rest.

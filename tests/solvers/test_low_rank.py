@@ -16,6 +16,7 @@ from certpgo.graph.lift import Lift, lifted
 from certpgo.linalg import factor, so
 from certpgo.objective import operators
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
+from certpgo.optimize import low_rank
 from certpgo.optimize.low_rank import _Tangent, descend, leave, tangent_basis
 from certpgo.optimize.newton import newton
 from certpgo.optimize.solution import Status
@@ -225,6 +226,26 @@ def test_interruption_and_the_iteration_limit():
     solution = LowRank(rank=5, seed=1).solve(problem, monitor=lambda step: step.number == 1)
     assert (solution.status, solution.iterations) == (Status.INTERRUPTED, 1)
     assert solution.cost == problem.cost(solution.estimate)
+
+
+def test_forcing_terms_are_those_asked_for():
+    graph, _, _ = pose_graph(np.random.default_rng(0), 12, 3)
+    start = some_point(np.random.default_rng(1), 12, 5, 3)
+    loose, tight = (descend(PoseProblem(graph), start, 5, loosest=term) for term in (0.1, 1e-6))
+    steps = [len(found.trace) - 1 for found in (loose, tight)]
+    assert tight.counts["products"] / steps[1] > 1.5 * loose.counts["products"] / steps[0]
+
+
+def test_a_step_whose_decrease_is_rounding_has_no_gain(monkeypatch):
+    """As in Newton's method: actual over predicted decrease says nothing there."""
+    monkeypatch.setattr(low_rank, "ROUNDING", 1e-6)
+    graph, _, _ = pose_graph(np.random.default_rng(0), 12, 3)
+    start = some_point(np.random.default_rng(1), 12, 5, 3)
+    found = descend(PoseProblem(graph), start, 5)
+    gains = [step.gain for step in found.trace[1:]]
+    assert gains[-1] is None
+    assert None not in gains[:4]
+    assert all(step.accepted for step in found.trace if step.gain is None)
 
 
 @pytest.mark.parametrize("d", [2, 3])

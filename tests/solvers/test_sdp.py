@@ -365,7 +365,7 @@ def test_settings_are_checked_at_construction(method):
     for settings, message in (
         ({"program": "CLARABELL"}, "unknown program 'CLARABELL'; did you mean CLARABEL"),
         ({"program": "GLPK"}, "unknown program 'GLPK'; known: CLARABEL, COPT, CVXOPT"),
-        ({"program": "NOPE"}, r"did you mean COPT\? known: CLARABEL, COPT, CVXOPT"),
+        ({"program": "NOPE"}, r"'NOPE'; known: CLARABEL, COPT, CVXOPT"),
         ({"tolerance": 0.0}, "tolerance must lie"),
         ({"max_iterations": 0}, "at least 1"),
         ({"program": "COPT", "tolerance": 1e-6}, "tolerance cannot be set for COPT"),

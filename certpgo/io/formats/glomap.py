@@ -52,6 +52,7 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         options={
             "rotation_information": options.rotation_information or "tangent",
             "weights": "unit",
+            "information": "none",
         },
         notices=(
             "no weights in the file: kappa = 1",

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from certpgo.errors import CertPGOError, FormatError, InputError
+from certpgo.errors import CertPGOError, FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.io.expansion import refuse_bombs
 from certpgo.io.format import Format, LabelledPoses, ReadOptions
@@ -75,7 +75,9 @@ def _load(path: Path, kind: str) -> _Arrays:
     except InputError:
         found, version = "something else", 0
     if found != kind or version != _VERSION:
-        raise FormatError(path, None, f"one {kind} (version {_VERSION}) expected, not {found}")
+        other = (kind, found, version) == ("graph", "estimate", _VERSION)
+        error = NoMeasurements if other else FormatError
+        raise error(path, None, f"one {kind} (version {_VERSION}) expected, not {found}")
     return arrays
 
 

@@ -60,6 +60,7 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         options={
             "rotation_information": options.rotation_information or "tangent",
             "weights": "unit",
+            "information": "none",
         },
     )
     truth, more = _truth(file, instance)

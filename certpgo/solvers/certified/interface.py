@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from certpgo.costs import CHORDAL, information_problem
 from certpgo.costs.problem import InformationProblem
-from certpgo.errors import InputError
+from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.objective.problem import Problem, problem_of
 from certpgo.optimize.monitor import Monitor, silent
@@ -85,9 +85,7 @@ def solve(
     if isinstance(graph, InformationProblem):
         return search_own_cost(graph, chosen, initial, monitor)
     if not isinstance(graph, (PoseGraph, RotationGraph)):
-        raise InputError(
-            f"solve takes a graph, such as instance.graph, not a {type(graph).__name__}"
-        )
+        raise InputError(f"solve takes a graph, such as instance.graph, not {kind_of(graph)}")
     begin = None if initial is None else Start(initial, GIVEN)
     return search_and_certify(problem_of(graph), chosen, begin, monitor, on_disagreement)
 

@@ -17,8 +17,7 @@ from certpgo.certify.certificate import Tier
 from certpgo.certify.dual import DualBound
 from certpgo.certify.own_cost import OwnCostCase
 from certpgo.costs.descent import descend
-from certpgo.costs.problem import InformationProblem, surrogate
-from certpgo.errors import NumericalError
+from certpgo.costs.problem import InformationProblem, Surrogate
 from certpgo.graph import Estimate
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.progress import Stop, stoppable
@@ -44,11 +43,11 @@ def search_own_cost(
         chordal = None
         if initial is None:
             chordal = search_and_certify(problem.chordal, settings, None, monitor)
-            stop.watch.seconds.update(chordal.solution.seconds)
             initial = chordal.estimate
+            _follow(stop, chordal)
         search = _Search(case, settings, stop, initial)
         search.go_on()
-        ended = stop.status or search.status
+        ended = stop.ended_by or search.status
     certificate = case.certificate(search.best.point, search.best)
     name = GIVEN if chordal is None else "the optimum of the chordal cost"
     solution = Solution(
@@ -65,6 +64,13 @@ def search_own_cost(
     return CertifiedSolution(solution, certificate, name, (level,), settings, chordal=chordal)
 
 
+def _follow(stop: Stop, found: CertifiedSolution) -> None:
+    """Add the seconds of a search within this one, and stop if it was interrupted."""
+    for phase, seconds in found.solution.seconds.items():
+        stop.watch.seconds[phase] = stop.watch.seconds.get(phase, 0.0) + seconds
+    stop.interrupted = stop.interrupted or found.solution.status is Status.INTERRUPTED
+
+
 class _Search:
     """The best estimate and bound so far."""
 
@@ -77,9 +83,12 @@ class _Search:
 
     def go_on(self) -> None:
         """Minimise surrogates globally while that lowers the cost."""
-        while not (self.is_done or self.surrogates == ROUNDS):
+        while not (self.is_certified or self.surrogates == ROUNDS or self.stop.cuts()):
+            below = self.case.below(self.best.point)
+            if below is None:
+                break
             self.surrogates += 1
-            estimate, bound = self.minimised()
+            estimate, bound = self.minimised(below)
             if bound is not None and bound.value > self.best.value:
                 self.best = replace(self.best, bound=bound)
             found, status = self.basin(estimate)
@@ -97,12 +106,8 @@ class _Search:
             basin = self.case.basin(found.estimate, False)
         return replace(basin, settled=found.status is Status.CONVERGED), found.status
 
-    def minimised(self) -> tuple[Estimate, DualBound | None]:
+    def minimised(self, below: Surrogate) -> tuple[Estimate, DualBound | None]:
         """The global search on the surrogate at the best estimate, and its bound on the cost."""
-        try:
-            below = surrogate(self.case.problem, self.best.point)
-        except NumericalError:
-            return self.best.point, None
         share = self.best.cost / below.problem.cost(self.best.point)
         left = self.stop.deadline - time.monotonic()
         limited = replace(
@@ -115,8 +120,7 @@ class _Search:
         )
         start = Start(self.best.point, "the expansion point", near=True)
         found = search_and_certify(below.problem, limited, start, self.stop)
-        for phase, seconds in found.solution.seconds.items():
-            self.stop.watch.seconds[phase] = self.stop.watch.seconds.get(phase, 0.0) + seconds
+        _follow(self.stop, found)
         lower = found.certificate.lower_bound
         if not lower > 0.0 or found.certificate.multipliers is None:
             return found.estimate, None
@@ -125,7 +129,6 @@ class _Search:
         return found.estimate, DualBound(value, found.certificate.multipliers, shift, 0, 0)
 
     @property
-    def is_done(self) -> bool:
-        """Whether the gap is closed or a stop was requested."""
-        closed = self.best.cost - self.best.value <= self.case.tolerance(self.best.cost)
-        return closed or self.stop.asked
+    def is_certified(self) -> bool:
+        """Whether the gap is closed."""
+        return self.best.cost - self.best.value <= self.case.tolerance(self.best.cost)

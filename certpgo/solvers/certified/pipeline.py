@@ -12,7 +12,7 @@ from certpgo.graph import Estimate
 from certpgo.objective.problem import Problem
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.progress import stoppable
-from certpgo.optimize.solution import Solution, Status
+from certpgo.optimize.solution import Solution
 from certpgo.optimize.starts import Start
 from certpgo.solvers.certified.disagreement import Disagreement, agrees, disagreement
 from certpgo.solvers.certified.settings import SolveSettings
@@ -95,9 +95,8 @@ def search_and_certify(
         search = Staircase(steering, settings, stop, initial)
         found = on_disagreement and _disagreement(search, problem, on_disagreement)
         search.go_on(highest)
-        ended = search.status
         certificate = _certificate(search, None if settings.tier is None else case.tier)
-    result = _result(problem, search, ended, certificate)
+    result = _result(problem, search, certificate)
     # The first descent may have ended in a local minimum.
     confirmed = found and not agrees(problem, result.estimate)
     return replace(result, disagreement=found) if confirmed else result
@@ -123,29 +122,29 @@ def _certificate(search: Staircase, tier: Tier | None) -> Certificate:
     certificate = search.case.certificate(estimate, search.basin)
     near = certificate.gap <= PROOF_GAIN * certificate.tolerance
     rounding = search.has_reached_the_floor and near and not search.is_certified
-    escalates = rounding and tier is None and not search.stop.asked
+    # Of general graphs there are no proofs.
+    provable = not search.problem.graph.is_general
+    escalates = rounding and tier is None and provable and not search.stop.cuts()
     if not (tier is Tier.PROOF or escalates):
         return certificate
     with search.watch.phase("prove"):
         case = replace(search.case, tier=Tier.PROOF)
         cost = case.cost_upper(estimate)
         # A search stopped before the requested proof must not return a weaker tier instead.
-        bound = None if search.stop.asked else case.bound(estimate, cost)
+        bound = None if search.stop.cuts() else case.bound(estimate, cost)
         proven = case.certificate(estimate, Basin(estimate, cost, True, bound))
     better = proven.lower_bound > certificate.lower_bound
     return proven if tier is Tier.PROOF or better else certificate
 
 
-def _result(
-    problem: Problem, search: Staircase, ended: Status, certificate: Certificate
-) -> CertifiedSolution:
+def _result(problem: Problem, search: Staircase, certificate: Certificate) -> CertifiedSolution:
     """The result in the units of the graph."""
     stop, unit, estimate = search.stop, search.case.unit, search.best.estimate
     certificate = replace(certificate, reason=_reason(search, certificate))
     solution = Solution(
         estimate=estimate,
         cost=problem.cost(estimate),
-        status=ended,
+        status=search.status,
         iterations=max(len(stop.trace) - 1, 0),
         lower_bound=certificate.lower_bound,
         seconds=search.watch.seconds,
@@ -170,13 +169,14 @@ def _end(search: Staircase) -> str:
 
 def _reason(search: Staircase, certificate: Certificate) -> str:
     """The certificate's reason, extended by what the search explains."""
-    stopped = search.stop.status is not None
+    stopped = search.stop.cut is not None
     minimal = search.has_reached_the_floor and not stopped
     if certificate.verdict is Verdict.UNDECIDED and minimal:
         cost, share = certificate.cost_upper, certificate.cost_upper / certificate.scale
         return (
-            f"the relaxation has no lower point, but the cost, {cost:.4g}, is only {share:.1g} of "
-            "the total weight W, too little for a proof that allows for rounding: "
+            "the relaxation has no lower point beyond rounding, but the cost, "
+            f"{cost:.4g}, is only {share:.1g} of the total weight W, too little for a proof that "
+            "allows for rounding: "
             f"atol={2.0 * share:.1g} treats it as zero, and weights that state the true precision "
             "of the data raise it"
         )
@@ -186,6 +186,6 @@ def _reason(search: Staircase, certificate: Certificate) -> str:
     if certificate.verdict is not Verdict.BOUNDED:
         return certificate.reason
     if minimal:
-        limit = "the relaxation has no lower point: rounding limits the proof"
+        limit = "the relaxation has no lower point beyond rounding, which limits the proof"
         return f"{certificate.reason}; {limit}"
     return f"{certificate.reason}; {_end(search)}" if search.ended_early else certificate.reason

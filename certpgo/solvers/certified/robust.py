@@ -70,7 +70,7 @@ def solve_robustly(
         with stop.watch.phase("select"):
             selection = select(problem, initial=initial, monitor=stop)
         left = None if limit is None else limit - min(limit, stop.watch.total)
-        ended = stop.status
+        ended = stop.ended_by
         found = search_and_certify(
             problem.reweighted(selection.weights),
             replace(chosen, time_limit=left if ended is None else 0.0),
@@ -85,4 +85,6 @@ def solve_robustly(
         note=f"{selection.note(problem)}; {found.solution.note}",
         weights=selection.weights,
     )
-    return replace(found, solution=solution, start=selection.method, disagreement=None)
+    return replace(
+        found, solution=solution, start=selection.method, settings=chosen, disagreement=None
+    )

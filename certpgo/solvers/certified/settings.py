@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from certpgo.certify import Tier
-from certpgo.certify.case import ATOL, RTOL, refuse_tolerances
+from certpgo.certify.case import ATOL, RTOL, refuse_tolerances, tier_called
 from certpgo.errors import InputError, SpecError
+from certpgo.optimize.iterative import refuse_mistyped
 from certpgo.optimize.newton import NewtonSettings
 
 
@@ -21,14 +23,15 @@ class SolveSettings:
     time_limit : seconds after which to return the best estimate so far, once the current step (such
         as a factorization) is finished. None: the staircase climbs for at most ``patience`` after
         its first bound; `math.inf` removes this limit too
-    max_rank : highest rank of the staircase; by default d + 7
+    max_rank : highest rank of the staircase, at least d; by default d + 7
     try_own_start : if descent from a given initial estimate is not certified, also descend from a
         computed initialization before climbing; the better result is used, as its note tells
     tier : what the certificate trusts, see `Tier`; by default the standard tier, and the proof tier
         if only rounding prevents CERTIFIED
     rtol, atol : CERTIFIED means gap <= rtol F + atol W
-    patience : seconds of climbing after a first bound
-    lifted_tolerance : stationarity required at higher ranks, relative to the typical residual
+    patience : seconds of climbing after a first bound; ignored if ``time_limit`` is set
+    lifted_tolerance : stationarity required at higher ranks, relative to the typical residual, but
+        no smaller an angle than ``newton.tolerance``
     rank_steps : steps of low-rank optimization at each rank
     rounds : maximal number of unsuccessful rounds of random roundings
     round_nodes : total number of nodes in all these rounds, which are at least two
@@ -37,7 +40,8 @@ class SolveSettings:
     same_cost : relative difference below which costs count as equal
     hope : number of steps, each as good as the last, within which a descent must be able to reach
         the best cost
-    newton : settings of the descents at rank d
+    newton : settings of the descents at rank d; ``loosest`` and ``tightest`` are also those of
+        low-rank optimization
 
     Raises
     ------
@@ -73,8 +77,13 @@ class SolveSettings:
     )
 
     def __post_init__(self) -> None:
+        refuse_mistyped(self)
+        if self.tier is not None:
+            tier_called(self.tier)
         if self.time_limit is not None and not self.time_limit >= 0.0:
             raise InputError(f"the time limit must not be negative: {self.time_limit}")
+        if self.max_rank is not None and self.max_rank < 1:
+            raise InputError(f"the maximal rank must be at least 1, not {self.max_rank}")
         refuse_tolerances(self.rtol, self.atol)
         if not self.patience >= 0.0:
             raise SpecError(f"patience must not be negative: {self.patience}")
@@ -82,6 +91,8 @@ class SolveSettings:
         for name in (*positive, "hope"):
             if not getattr(self, name) > 0:
                 raise SpecError(f"{name} must be positive, not {getattr(self, name)}")
+        if self.lifted_tolerance == math.inf:
+            raise SpecError("lifted_tolerance must be finite")
         if not 0.0 <= self.same_cost < 1.0:
             raise SpecError(f"same_cost must lie between 0 and 1, not {self.same_cost}")
 

@@ -77,7 +77,7 @@ class Staircase:
         self.counts: Counter[str] = Counter()
         self.bound: DualBound | None = None
         self.exhausted: Point | None = None  # point without a better bound
-        self.floor = -math.inf  # the relaxation's minimum, once the climb has reached it
+        self.floor = -math.inf  # the relaxation's minimum up to rounding, once it is reached
         self.ended_early = False
         start = self.own_start() if initial is None else self.given(initial)
         self.start = self.origin = start.name
@@ -91,7 +91,7 @@ class Staircase:
     def start_again(self, initial: str) -> None:
         """Descend from a computed initialization; keep the better result."""
         # The weight of a bridge may raise the tolerance above a possible improvement.
-        if self.stop.asked or self.case.is_sharp(self.basin):
+        if self.case.is_sharp(self.basin) or self.stop.cuts():
             return
         with suppress(NumericalError, np.linalg.LinAlgError):
             own = self.own_start()
@@ -123,7 +123,7 @@ class Staircase:
         point: Point = self.best.estimate
         # After an error, the search continues with what was found before.
         with suppress(NumericalError, np.linalg.LinAlgError):
-            while not self.is_done:
+            while not self.ends():
                 eigenvalue, direction = self.way_down(point)
                 rank = self.levels[-1].rank + 1
                 self.ended_early = self.is_impatient
@@ -170,22 +170,23 @@ class Staircase:
     def escape(self, point: Point, rank: int, direction: FloatArray) -> Lift:
         """Low-rank optimization from a saddle point."""
         residual = math.sqrt(self.cost / self.problem.scale)
+        inner = self.settings.newton
         found = low_rank.descend(
             self.problem,
             point,
             rank,
             direction=direction,
-            tolerance=max(
-                self.settings.lifted_tolerance * residual, self.settings.newton.tolerance
-            ),
+            tolerance=max(self.settings.lifted_tolerance * residual, inner.tolerance),
             max_iterations=self.settings.rank_steps,
+            loosest=inner.loosest,
+            tightest=inner.tightest,
             monitor=lambda step: self.stop(step) or self.is_impatient,
             watch=self.watch,
         )
         self.counts.update(found.counts)
         status = found.status
         if status is Status.INTERRUPTED:
-            status = self.stop.status or Status.TIME_LIMIT
+            status = self.stop.ended_by or Status.TIME_LIMIT
         self.levels.append(Level(rank, found.cost, status))
         return found.point
 
@@ -197,17 +198,17 @@ class Staircase:
         n = self.problem.n
         few, nodes, rounds = self.settings.few, self.settings.round_nodes, self.settings.rounds
         failures, limit = 0, max(1, min(more**2, n // few, max(2, nodes // n), rounds))
-        while failures < limit and not (self.is_done or self.has_reached_the_floor):
+        while failures < limit and not (self.has_reached_the_floor or self.ends()):
             before = self.best
             with self.watch.phase("round"):
                 starts = roundings(self.problem, point, before.estimate, rng)
-            self.polish(starts)
+            self.improve_from(starts)
             failures = failures + 1 if self.best is before else 0
 
-    def polish(self, starts: Iterable[Estimate]) -> None:
+    def improve_from(self, starts: Iterable[Estimate]) -> None:
         """Descents from several initial estimates; unpromising ones are stopped early."""
         for start in starts:
-            if self.is_done:
+            if self.ends():
                 break
             self.improve(
                 self.descend(start, monitor=_Hopeful(self.stop, self.best.cost, self.settings.hope))
@@ -243,7 +244,7 @@ class Staircase:
 
     def improve_bound(self, point: Point, *, tight: bool = True) -> None:
         """Compute the bound of a point and keep it if it is better."""
-        if self.stop.asked:
+        if self.stop.cuts():
             return
         with self.watch.phase("certify"):
             bound = self.case.bound(point, self.cost, sharp=False, tight=tight)
@@ -266,15 +267,19 @@ class Staircase:
             if self.basin.value > 0.0:
                 break
 
+    def ends(self) -> bool:
+        """Whether the gap is closed, or a stop leaves the rest of the search out."""
+        return self.is_certified or self.stop.cuts()
+
     @property
     def status(self) -> Status:
         """How the search ended."""
         limit = Status.TIME_LIMIT if self.ended_early else None
-        return self.stop.status or limit or self.best.status
+        return self.stop.ended_by or limit or self.best.status
 
     @property
     def has_reached_the_floor(self) -> bool:
-        """Whether the relaxation has no lower point than the best estimate."""
+        """Whether no point of the relaxation is lower than the best estimate, beyond rounding."""
         return self.best.cost - self.floor <= self.case.tolerance(self.best.cost)
 
     @property

@@ -30,7 +30,7 @@ from reports.harness.certifiers.points import (
     truth_by_oracle,
     truth_by_search,
 )
-from reports.harness.certifiers.zoo_records import ALL, BLOCK, Tally, total
+from reports.harness.experiments.zoo_records import ALL, BLOCK, Tally, total
 
 #: Sorts of instances: a draw whose optimum stays open, and one that local descent may miss.
 SET_ASIDE, WOUND_OR_LOOSE = "set aside", "wound-up or loose"

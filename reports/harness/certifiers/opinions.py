@@ -16,7 +16,7 @@ from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import Problem
 from reports.harness.certifiers import oracle, rules
 from reports.harness.certifiers.points import Known, ZooPoint
-from reports.harness.certifiers.zoo_records import ALL, FAULTS, Outcome, Tally
+from reports.harness.experiments.zoo_records import ALL, FAULTS, Outcome, Tally
 
 #: Nodes up to which an interval factorization confirms bounds.
 MOST_NODES = 200

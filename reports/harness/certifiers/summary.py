@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from certpgo.view.markdown_tables import bar
 from reports.harness.certifiers.campaign import SET_ASIDE, WOUND_OR_LOOSE
 from reports.harness.certifiers.points import Known
-from reports.harness.certifiers.zoo_records import (
+from reports.harness.experiments.zoo_records import (
     ALL,
     OTHER_FAULTS,
     Outcome,

@@ -16,8 +16,8 @@ from certpgo.linalg.factor import default_engine
 from reports.harness.certifiers import campaign, oracle
 from reports.harness.certifiers.families import FAMILIES
 from reports.harness.certifiers.opinions import certifiers, tally_of
-from reports.harness.certifiers.zoo_records import Job, Outcome, ZooRecord, total
 from reports.harness.experiments.journal import Journal
+from reports.harness.experiments.zoo_records import Job, Outcome, ZooRecord, total
 
 #: Random instances without a campaign, and of the quick profile.
 FEWEST, QUICK = 500, 5

@@ -13,9 +13,9 @@ from certpgo.cli._show import document, notice, table, working
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
-    from reports.harness.certifiers.zoo_records import ZooRecord
     from reports.harness.experiments.journal import JournalEntry
     from reports.harness.experiments.records import Record
+    from reports.harness.experiments.zoo_records import ZooRecord
 
 
 def command(
@@ -72,8 +72,8 @@ def command(
 def _zoo(campaign: int, quick: bool, processes: int, out: Path, shown: bool) -> list[ZooRecord]:
     from certpgo.io.writing import write_whole
     from reports.harness.certifiers import summary, zoo
-    from reports.harness.certifiers.zoo_records import FILE, ZooRecord
     from reports.harness.experiments.journal import Journal
+    from reports.harness.experiments.zoo_records import FILE, ZooRecord
 
     journal = Journal(out, FILE, ZooRecord)
     with working("zoo") as status:

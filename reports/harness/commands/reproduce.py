@@ -14,7 +14,7 @@ from reports.harness.commands._tables import run_all, run_report
 
 def command(
     name: Annotated[
-        str | None, typer.Argument(metavar="[NAME]", help="See list tables, list figures.")
+        str | None, typer.Argument(metavar="NAME", help="See list tables, list figures.")
     ] = None,
     every: Annotated[bool, typer.Option("--all", help="All tables and figures.")] = False,
     seeds: Annotated[

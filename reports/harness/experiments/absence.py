@@ -6,7 +6,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from certpgo.assess.comparison import in_one_line
-from certpgo.errors import CertPGOError, InputError, MissingDependency
+from certpgo.errors import CertPGOError, FileNotHere, InputError, MissingDependency
 from reports.harness.experiments.limits import OutOfTime
 
 
@@ -69,6 +69,8 @@ def missing(error: Exception | OutOfTime) -> Missing:
     match error:
         case NotRun():
             return Missing(error.absence, str(error))
+        case FileNotHere():
+            return Missing(Absence.NOT_HERE, str(error))
         case MissingDependency():
             return Missing(Absence.MISSING_PACKAGE, str(error))
         case OutOfTime():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
@@ -20,7 +21,16 @@ SAME_ANGLE = 1e-4
 #: core, and the timing protocol asks for a core of its own.
 TIMES = 1.5
 
+#: A count may move by this part, rounded down: one below 20 is exact, and a long iteration that
+#: ends at a tolerance may end a little earlier or later with other BLAS kernels (98 for 99 steps).
+COUNTS = 0.05
+#: With another factorization engine a count may move by one as well: a matrix that is nearly
+#: singular is one engine's failure and another's success.
+OTHER_ENGINE = 1
+
 Better = Literal["", "lower", "higher"]
+#: What a value that moved means.
+Direction = Literal["worse", "different", "better", "noted"]
 
 
 class Tolerance(Enum):
@@ -143,6 +153,11 @@ WORK = ("iterations", "factorizations", "products", "nonzeros")
 def metric_of(key: str) -> Metric:
     """The metric of that key; one that is not in the registry moves by `SAME`."""
     return METRICS.get(key, Metric(key))
+
+
+def count_allowed(before: int, same_engine: bool) -> int:
+    """How far a count may move, between runs of the same factorization engine or of two."""
+    return max(math.floor(COUNTS * before), 0 if same_engine else OTHER_ENGINE)
 
 
 def needing(keys: Iterable[str], *needs: Needs) -> tuple[str, ...]:

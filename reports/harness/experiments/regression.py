@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 from certpgo.errors import FormatError, InputError
 from certpgo.optimize.solution import Status
 from reports.harness.experiments import scan
 from reports.harness.experiments.journal import from_line, read_entries, to_line
-from reports.harness.experiments.metrics import TIMES, WORK, Better, Tolerance, metric_of
+from reports.harness.experiments.metrics import (
+    TIMES,
+    WORK,
+    Better,
+    Direction,
+    Tolerance,
+    count_allowed,
+    metric_of,
+)
 from reports.harness.experiments.records import Record
 from reports.harness.experiments.runner import run_table
+from reports.harness.experiments.zoo_records import FILE as ZOO
+from reports.harness.experiments.zoo_records import ZooRecord
+from reports.harness.experiments.zoo_regression import zoo_movements
 
 #: Tables whose quick profiles are run when no new records are given: quick ones without times.
 FIXED = (
@@ -26,21 +36,12 @@ FIXED = (
     "compare",
 )
 
-#: Files of another kind of records, which have a check of their own: `certpgo bench zoo`.
-OTHERS = ("zoo",)
 #: Folder of the quick profile's records, whose seeds differ from the full profile's.
 QUICK = "quick"
 
-Direction = Literal["worse", "different", "better", "noted"]
 #: Directions that fail the gate.
 FAILING = ("worse", "different")
 
-#: A count may move by this part, rounded down: one below 20 is exact, and a long iteration that
-#: ends at a tolerance may end a little earlier or later with other BLAS kernels (98 for 99 steps).
-COUNTS = 0.05
-#: With another factorization engine a count may move by one as well: a matrix that is nearly
-#: singular is one engine's failure and another's success.
-OTHER_ENGINE = 1
 #: A cost is below a bound, or a bound above a cost, beyond rounding.
 ROUNDING = 1e-9
 
@@ -60,8 +61,10 @@ class Key(NamedTuple):
     seed: int | None
 
 
+#: A record of a table, or of the zoo.
+Entry = Record | ZooRecord
 #: Records by their keys.
-Records = dict[Key, Record]
+Records = dict[Key, Entry]
 
 
 @dataclass(frozen=True)
@@ -170,7 +173,7 @@ def load_records(source: Path) -> Records:
     folders = (source, source / QUICK)
     paths = [source]
     if source.is_dir():
-        paths = [p for f in folders for p in sorted(f.glob("*.jsonl")) if p.stem not in OTHERS]
+        paths = [p for f in folders for p in sorted(f.glob("*.jsonl"))]
     found = {_key(record): record for path in paths for record in _read(path)}
     if not found:
         raise InputError(f"{source}: no records in there")
@@ -201,34 +204,61 @@ def run_quick(
     return found, refused
 
 
-def _read(path: Path) -> Iterator[Record]:
+def _read(path: Path) -> Iterator[Entry]:
+    records: tuple[Entry, ...]
     try:
-        records = read_entries(path, Record)
+        records = read_entries(path, ZooRecord if path.stem == ZOO else Record)
     except UnicodeDecodeError:
         raise FormatError(path, None, "records are text in UTF-8") from None
     for record in records:
-        numbers: list[Any] = [record.iterations]
-        for values in (record.metrics, record.counts):
-            numbers += values.values() if isinstance(values, Mapping) else [values]
-        if not all(x is None or isinstance(x, (int, float)) for x in numbers):
-            place = f"{record.row}, {record.method}"
+        if not all(x is None or isinstance(x, (int, float)) for x in _numbers(record)):
+            key = _key(record)
+            place = f"{key.row}, {key.method}"
             raise FormatError(path, None, f"metrics and counts must be numbers ({place})")
         yield record
 
 
-def _key(record: Record) -> Key:
+def _numbers(record: Entry) -> Iterator[Any]:
+    """What must be numbers, or None."""
+    if isinstance(record, ZooRecord):
+        tables: Iterable[Any] = (record.points, record.instances, *record.outcomes.values())
+    else:
+        yield record.iterations
+        tables = (record.metrics, record.counts)
+    for values in tables:
+        yield from values.values() if isinstance(values, Mapping) else [values]
+
+
+def _key(record: Entry) -> Key:
+    if isinstance(record, ZooRecord):
+        profile = QUICK if record.quick else "full"
+        return Key(profile, ZOO, record.family, "", "every certifier", record.seed)
     return Key(*(getattr(record, name) for name in Key._fields))
 
 
-def _is_left_out(record: Record) -> bool:
+def _is_left_out(record: Entry) -> bool:
+    if isinstance(record, ZooRecord):
+        return bool(record.why_missing)
     return record.absence is not None and not record.absence.is_failure
 
 
-def _engine(record: Record) -> str:
+def _engine(record: Entry) -> str:
     return record.provenance.get("engine", "")
 
 
-def _movements(key: Key, before: Record, after: Record, times: float) -> Iterator[Movement]:
+def _movements(key: Key, before: Entry, after: Entry, times: float) -> Iterator[Movement]:
+    if isinstance(before, Record) and isinstance(after, Record):
+        yield from _of_tables(key, before, after, times)
+    elif isinstance(before, ZooRecord) and isinstance(after, ZooRecord):
+        same_engine = _engine(before) == _engine(after)
+        for metric, direction, was, now in zoo_movements(before, after, same_engine):
+            yield Movement(key, metric, was, now, direction)
+    else:
+        was, now = type(before).__name__, type(after).__name__
+        yield Movement(key, "kind of record", was, now, "different")
+
+
+def _of_tables(key: Key, before: Record, after: Record, times: float) -> Iterator[Movement]:
     def moved(metric: str, direction: Direction, was: Any, now: Any) -> Movement:
         return Movement(key, metric, was, now, direction)
 
@@ -272,7 +302,7 @@ def _movements(key: Key, before: Record, after: Record, times: float) -> Iterato
     for name, (k, now_k) in counted.items():
         if k is None or now_k is None:
             continue
-        if abs(now_k - k) > max(math.floor(COUNTS * k), 0 if same_engine else OTHER_ENGINE):
+        if abs(now_k - k) > count_allowed(k, same_engine):
             yield moved(name, _direction("lower" if name in WORK else "", k, now_k), k, now_k)
 
 

@@ -22,8 +22,7 @@ from certpgo.graph.components import connected_parts, rotations_alone
 from certpgo.linalg.factor import default_engine
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.solution import Status
-from reports.harness.experiments import evaluate
-from reports.harness.experiments import reference as bench
+from reports.harness.experiments import evaluate, reference
 from reports.harness.experiments.absence import Absence, NotRun, missing
 from reports.harness.experiments.instances import known_truth, load_row
 from reports.harness.experiments.limits import NO_LIMIT, Limit, OutOfTime
@@ -214,7 +213,7 @@ def _solved(method: Method, context: _Context, best: float | None, record: Recor
     posed = problem if row.cost == CHORDAL else information_problem(instance, row.cost)
     times: dict[str, float] = {}
     if table.reference is not None:
-        times, kept = bench.against(table.reference, method, instance.graph, context.timed)
+        times, kept = reference.against(table.reference, method, instance.graph, context.timed)
         record = replace(record, metrics=times, note=kept)
         if not table.certify:
             return record

@@ -21,6 +21,8 @@ from reports.harness.rendering.citations import citation
 from reports.harness.rendering.findings import findings
 from reports.harness.rendering.published import compared, printed_number
 
+#: Columns of a table that are left out of a section in which they are empty.
+SPARSE = ("kept_percent",)
 #: A warning about times taken while more ran than there are cores, or an unknown number.
 CROWDED = (
     "Not every run had a core to itself: those times are longer than necessary and should not be "
@@ -117,8 +119,10 @@ def _section(table: Table, group: Sequence[Record]) -> Section:
     if len({line[1:] for line in lines}) == 1 and first.absence:
         lines = [("every method", *lines[0][1:])]
     header = ("method", *(c.title for c in table.columns), "published", "not run or failed")
-    # The last two columns are shown where they say something.
-    shown = [k for k in range(len(header)) if k < len(header) - 2 or any(line[k] for line in lines)]
+    # Columns about a few methods or rows are shown where they say something.
+    sparse = [k for k, c in enumerate(table.columns, 1) if c.key in SPARSE]
+    sparse += [len(header) - 2, len(header) - 1]
+    shown = [k for k in range(len(header)) if k not in sparse or any(line[k] for line in lines)]
     return Section(
         title=f"{first.part or first.row}{size}{seed}",
         caption=" ".join(_captions(group)),

@@ -70,6 +70,8 @@ class Tally:
     faults: Sequence[str] = ()
 
     def __post_init__(self) -> None:
+        if not isinstance(self.outcomes, Mapping):
+            raise TypeError("outcomes are counts by certifier")
         # A file has mappings.
         object.__setattr__(self, "points", Counter(self.points))
         object.__setattr__(self, "instances", Counter(self.instances))
@@ -147,3 +149,8 @@ class ZooRecord(Tally, JournalEntry):
     def label(self) -> str:
         """What reports call it."""
         return Job(self.family, self.seed).label
+
+    @property
+    def why_missing(self) -> str:
+        """Why there are no points, or empty."""
+        return "" if self.points else "not run: its file is not here"

@@ -1,0 +1,129 @@
+"""Ctrl-C ends a command promptly, with one line and exit code 130."""
+
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from certpgo.datasets.synthetic import winding_cycle
+from certpgo.io import write
+from certpgo.optimize.solution import Status
+from certpgo.solvers._sdp import Semidefinite
+from certpgo.solvers.certified.interface import solve
+
+ROOT = Path(__file__).parents[2]
+needs_signals = pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
+#: A module that presses Ctrl-C when it is imported.
+IMPATIENT = "import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(10)\n"
+
+
+def run(*arguments, folder):
+    """A command in a process that finds the modules of the folder first."""
+    path = os.pathsep.join([str(folder), str(ROOT)])
+    return subprocess.run(
+        [sys.executable, *map(str, arguments)],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+
+
+@needs_signals
+@pytest.mark.parametrize("module", ["numpy", "scipy", "typer"])
+def test_during_the_imports(tmp_path, module):
+    (tmp_path / f"{module}.py").write_text(IMPATIENT)
+    done = run("-m", "certpgo", "--version", folder=tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "certpgo: interrupted\n")
+
+
+@needs_signals
+def test_during_the_imports_of_the_installed_command(tmp_path):
+    (tmp_path / "scipy.py").write_text(IMPATIENT)
+    script = tmp_path / "certpgo"
+    script.write_text("import sys\nfrom certpgo.cli import main\nsys.exit(main())\n")
+    done = run(script, "--version", folder=tmp_path)
+    assert (done.returncode, done.stderr) == (130, "certpgo: interrupted\n")
+
+
+@needs_signals
+def test_the_library_leaves_ctrl_c_to_its_program(tmp_path):
+    (tmp_path / "scipy.py").write_text(IMPATIENT)
+    script = tmp_path / "mine.py"
+    script.write_text("try:\n    import certpgo\nexcept KeyboardInterrupt:\n    print('caught')\n")
+    assert run(script, folder=tmp_path).stdout == "caught\n"
+
+
+def test_the_module_is_the_command(tmp_path):
+    done = run("-m", "certpgo", "--version", folder=tmp_path)
+    assert (done.returncode, done.stdout[:8]) == (0, "certpgo ")
+
+
+def test_while_a_command_is_imported(certpgo, monkeypatch):
+    def impatient(names):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("certpgo.cli.application", impatient)
+    done = certpgo("info", "graph.g2o")
+    assert (done.code, done.err) == (130, "certpgo: interrupted\n")
+
+
+@needs_signals
+def test_compiled_code_is_ended_at_once(tmp_path):
+    script = tmp_path / "waits.py"
+    script.write_text(
+        "import os, signal, time\n"
+        "from certpgo.cli._interrupting import ends_at_once\n"
+        "print('first')\n"
+        "with ends_at_once():\n"
+        "    try:\n"
+        "        os.kill(os.getpid(), signal.SIGINT)\n"
+        "        time.sleep(30.0)\n"
+        "    finally:\n"
+        "        print('Python handled it')\n"
+    )
+    done = run(script, folder=tmp_path)
+    # What shells report as exit code 130.
+    assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, "first\n", "")
+
+
+@pytest.mark.parametrize("arguments", [("solve", "--method", "sdp_dual"), ("bounds", "--sdp")])
+def test_an_interior_point_solver_can_be_ended(certpgo, square, monkeypatch, arguments):
+    solve, during = Semidefinite._run, []
+
+    def recording(self, posed):
+        during.append(signal.getsignal(signal.SIGINT))
+        return solve(self, posed)
+
+    monkeypatch.setattr(Semidefinite, "_run", recording)
+    before = signal.getsignal(signal.SIGINT)
+    command, *options = arguments
+    assert certpgo(command, square, "--rotations", *options).code == 0
+    assert during == [signal.SIG_DFL]
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+@pytest.mark.parametrize("given", [False, True])
+@pytest.mark.parametrize("options", [(), ("--json",)])
+def test_bounds_of_half_a_search_are_not_shown(certpgo, tmp_path, monkeypatch, given, options):
+    def interrupted(graph, initial=None):
+        found = solve(graph, initial=initial)
+        return replace(found, solution=replace(found.solution, status=Status.INTERRUPTED))
+
+    monkeypatch.setattr("certpgo.assess.ladder.solve", interrupted)
+    instance, wound = winding_cycle(12, 0.1, 1)  # no optimum: its bounds need a search
+    graph, estimate = tmp_path / "cycle.npz", tmp_path / "wound.npz"
+    write(graph, instance)
+    write(estimate, wound)
+    done = certpgo("bounds", graph, *[estimate] * given, *options)
+    assert (done.code, done.out, done.err) == (130, "", "certpgo: interrupted\n")
+
+
+def test_the_help_says_which_interrupt_aborts(certpgo):
+    said = " ".join(certpgo("solve", "--help").out.replace("│", " ").split())
+    assert "With --method, the first Ctrl-C aborts" in said

@@ -1,0 +1,418 @@
+"""Solving and certifying in g2o's cost: published data, surrogates, symmetries, refusals."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from strategies import definite, dimensions, pose_graph, rng_of, seeds
+
+import certpgo
+from certpgo import Estimate, PoseGraph, RotationGraph, certify, read, solve, write
+from certpgo.certify.own_cost import OwnCostCase
+from certpgo.cli import main
+from certpgo.costs import InformationProblem, information_problem, problem_under, surrogate
+from certpgo.costs.descent import descend
+from certpgo.costs.g2o import G2oCost
+from certpgo.errors import GraphError, InputError, NumericalError, SpecError
+from certpgo.graph import Instance
+from certpgo.graph.components import connected_parts
+from certpgo.graph.information import Information, InformationGraph
+from certpgo.linalg import so
+from certpgo.optimize.starts import start_of
+
+few = settings(max_examples=10)
+
+#: g2o's chi2 at the optimum and the largest relative gap (OBJECTIVES, 1d, and as measured there).
+GOLDEN = {
+    "intel": (45.00469581, 4e-8),
+    "MIT": (41.16326884, 1e-8),
+    "kitti_00": (98.32201174, 2e-5),
+    "kitti_05": (157.1043651, 1e-5),
+    "manhattan": (3549.036796, 1e-8),
+    "M3500a": (912.1150122, 2e-8),
+    "smallGrid3D": (458.1537843, 1e-9),
+    "sphere2500": (727.1496672, 1e-7),
+    "parking-garage": (1.23869058, 2e-6),
+}
+
+
+def problem_of_random(rng, n, d, *, noise=0.05, condition=5.0, cross=True, extra=None):
+    graph, R, t = pose_graph(rng, n, d, noise=noise, extra=extra)
+    Omega = definite(rng, graph.num_edges, d * (d + 1) // 2, condition)
+    if not cross:
+        Omega[:, :d, d:] = Omega[:, d:, :d] = 0.0
+        Omega[:, :d, :d] = graph.tau[:, None, None] * np.eye(d)
+    return InformationProblem(G2oCost(InformationGraph(graph, Omega))), Estimate(R, t)
+
+
+# --- Published data
+
+
+@pytest.mark.parametrize("name", GOLDEN)
+def test_golden_optima_are_found_and_certified(name, dataset):
+    result = solve(dataset(name), cost="g2o")
+    cost, gap = GOLDEN[name]
+    digits = 5e-10 if cost < 1000.0 else 2e-10  # ten digits, as printed
+    assert result.cost == pytest.approx(cost, rel=digits)
+    c = result.certificate
+    assert (c.verdict.value, c.tier.value) == ("CERTIFIED", "standard")
+    assert c.lower_bound <= result.cost <= c.cost_upper
+    assert 0.0 <= c.gap <= gap * cost
+    assert "g2o's chi2 of EdgeSE" in c.objective
+    assert result.chordal is not None
+    assert result.chordal.certificate.objective == "F"
+
+
+def test_wrong_optima_are_refuted(dataset):
+    """MIT's initial values lead to 770.87; the optimum of F costs 2381 (OBJECTIVES)."""
+    instance = dataset("MIT")
+    problem = information_problem(instance, "g2o")
+    stuck = descend(problem, instance.initial, max_iterations=500)
+    assert stuck.cost == pytest.approx(770.87, rel=1e-3)
+    alone = certify(problem, stuck.estimate, refine=False)
+    assert alone.verdict.value in ("BOUNDED", "UNDECIDED")
+    found = certify(problem, stuck.estimate)
+    assert found.verdict.value == "REFUTED"
+    assert found.better_cost == pytest.approx(41.16326884, rel=1e-8)
+    assert found.lower_bound <= 41.16326884 * (1 + 1e-9)
+    chordal = solve(instance).estimate
+    assert problem.cost(chordal) > 50.0 * 41.0
+    found = certify(problem, chordal)
+    assert found.verdict.value == "BOUNDED"
+    assert found.basin_is_global
+    assert found.refined_cost == pytest.approx(41.16326884, rel=1e-8)
+
+
+# --- Surrogates
+
+
+@given(seeds, dimensions, st.booleans())
+@few
+def test_a_surrogate_equals_the_cost_at_its_point_and_is_stationary_there(seed, d, cross):
+    rng = rng_of(seed)
+    problem, x = problem_of_random(rng, 7, d, cross=cross)
+    found = descend(problem, x).estimate
+    assert problem.stationarity(found) < 1e-9
+    below = surrogate(problem, found)
+    f = problem.cost(found)
+    size = abs(below.constant) + f
+    assert below.problem.cost(found) + below.constant <= f + 1e-14 * size
+    assert below.problem.cost(found) + below.constant == pytest.approx(f, abs=1e-10 * size)
+    assert below.problem.stationarity(found) < 1e-7
+    for _ in range(10):
+        near = 10.0 ** rng.uniform(-6.0, 0.0)
+        moved = Estimate(
+            found.rotations @ so.exp(near * rng.standard_normal((7, so.tangent_dim(d)))),
+            found.translations + near * rng.standard_normal((7, d)),
+        )
+        value = below.problem.cost(moved) + below.constant
+        assert value <= problem.cost(moved) + 1e-13 * size
+
+
+@given(seeds, dimensions)
+@few
+def test_normal_equations_are_derivatives_of_the_cost(seed, d):
+    rng = rng_of(seed)
+    problem, x = problem_of_random(rng, 6, d, noise=0.2)
+    cost, gradient, H = problem.normal_equations(x)
+    assert cost == pytest.approx(problem.cost(x), rel=1e-12)
+    v = rng.standard_normal(gradient.shape)
+
+    def moved(h):
+        R = x.rotations @ so.exp(h * v[:, d:])
+        return problem.cost(Estimate.trusted(R, x.translations + h * v[:, :d]))
+
+    h = 1e-5
+    slope = (moved(h) - moved(-h)) / (2.0 * h)
+    assert 2.0 * float(np.sum(gradient * v)) == pytest.approx(slope, rel=1e-6, abs=1e-6 * cost)
+    assert np.linalg.eigvalsh(H.toarray())[0] >= -1e-10 * abs(H).max()
+    assert abs(H - H.T).max() <= 1e-12 * abs(H).max()
+
+
+@given(seeds, dimensions)
+@few
+def test_the_cost_of_an_estimate_is_enclosed(seed, d):
+    problem, x = problem_of_random(rng_of(seed), 8, d, noise=0.3, condition=1e6)
+    low, high = problem.enclosure(x)
+    assert low <= problem.cost(x) <= high
+    assert high - low <= 1e-11 * high
+
+
+# --- Symmetries
+
+
+@given(seeds, dimensions, st.integers(-30, 30))
+@few
+def test_the_frame_the_labels_and_the_unit_do_not_matter(seed, d, exponent):
+    rng, n = rng_of(seed), 7
+    problem, x = problem_of_random(rng, n, d, cross=d == 2)
+    best = descend(problem, x).estimate
+    first = certify(problem, best)
+    moved = best.moved(so.random(rng, 1, d)[0], 3.0 * rng.standard_normal(d))
+    nodes = rng.permutation(n)
+    place = np.argsort(nodes)
+    graph = problem.graph.isotropic
+    rotation = replace(graph.rotation, edges=place[graph.edges])
+    relabelled = InformationGraph(replace(graph, rotation=rotation), problem.graph.information)
+    other = InformationProblem(G2oCost(relabelled))
+    found = [certify(problem, moved), certify(other, best.subset(nodes))]
+    for c in found:
+        assert c.verdict is first.verdict
+        assert c.cost_upper == pytest.approx(first.cost_upper, rel=1e-9)
+        assert c.lower_bound == pytest.approx(first.lower_bound, rel=1e-6)
+    unit = 2.0**exponent
+    heavier = certify(problem.scaled(unit), best)
+    assert heavier.verdict is first.verdict
+    assert heavier.cost_upper == unit * first.cost_upper
+    assert heavier.lower_bound == unit * first.lower_bound
+    assert heavier.scale == unit * first.scale
+
+
+# --- Where the cost is not near its measurements
+
+
+def around(n, closing=0.0):
+    """A planar cycle of identities that the estimate winds around, with cross terms."""
+    edges = np.c_[np.arange(n), (np.arange(n) + 1) % n]
+    rotation = RotationGraph(n, edges, np.tile(np.eye(2), (n, 1, 1)), np.ones(n))
+    graph = PoseGraph(rotation, np.tile([-3.0, 0.0], (n, 1)), np.ones(n))
+    Omega = np.array([[4.0, 0.0, 1.0], [0.0, 4.0, 0.0], [1.0, 0.0, 1.0]])
+    problem = InformationProblem(G2oCost(InformationGraph(graph, np.tile(Omega, (n, 1, 1)))))
+    angles = 2.0 * np.pi * np.arange(n)[:, None] / n
+    return problem, Estimate(so.exp(angles), np.zeros((n, 2)))
+
+
+def test_edges_without_minorants_leave_a_verdict_undecided():
+    """Three edges of a triangle that miss their turns by 120 degrees: no minorant, no error."""
+    problem, wound = around(3)
+    with pytest.raises(NumericalError, match="do not connect the graph"):
+        surrogate(problem, wound)
+    alone = certify(problem, wound, refine=False)
+    assert (alone.verdict.value, alone.lower_bound) == ("UNDECIDED", 0.0)
+    assert certify(problem, wound).verdict.value != "CERTIFIED"
+    assert solve(problem, initial=wound).verdict.value != "REFUTED"
+    assert OwnCostCase.of(problem, "standard", 1e-5, 1e-12).below(wound) is None
+
+
+def test_random_estimates_get_a_verdict_without_warnings(recwarn):
+    for seed in range(3):
+        for d in (2, 3):
+            rng = rng_of(seed)
+            problem, _ = problem_of_random(rng, 6, d, noise=1.0, condition=100.0, extra=4)
+            x = Estimate(so.random(rng, 6, d), 3.0 * rng.standard_normal((6, d)))
+            best = solve(problem, initial=x, max_rank=d)
+            found = certify(problem, x)
+            assert best.certificate.lower_bound <= best.cost
+            assert found.lower_bound <= best.certificate.cost_upper
+    assert [str(w.message) for w in recwarn] == []
+
+
+# --- Refusals
+
+SQUARE = """\
+VERTEX_SE2 0 0 0 0
+VERTEX_SE2 1 1 0 1.57
+VERTEX_SE2 2 1 1 3.14
+VERTEX_SE2 3 0 1 -1.57
+EDGE_SE2 0 1 1.01 0 1.57 100 3 0 200 1 50
+EDGE_SE2 1 2 0.99 0 1.58 100 0 2 120 0 60
+EDGE_SE2 2 3 1 0.01 1.56 130 0 0 100 5 70
+EDGE_SE2 3 0 1 0 1.57 100 0 0 100 0 100
+"""
+
+
+@pytest.fixture
+def square(tmp_path):
+    path = tmp_path / "square.g2o"
+    path.write_text(SQUARE)
+    return path
+
+
+def written(tmp_path, text):
+    path = tmp_path / "other.g2o"
+    path.write_text(text)
+    return read(path, quiet=True)
+
+
+def test_indefinite_information_is_refused(dataset):
+    sentence = (
+        "5021 of 16869 information matrices are not positive definite: g2o's chi2 of EdgeSE3:QUAT "
+        r"with full information has no proven lower bound there \(--cost chordal has\)"
+    )
+    instance = dataset("cubicle")
+    with pytest.raises(InputError, match=sentence):
+        solve(instance, cost="g2o")
+    with pytest.raises(InputError, match="5021 of 16869"):
+        problem_under(instance, "g2o")
+
+
+def test_what_has_no_information_is_refused(square, tmp_path):
+    without = SQUARE.replace("EDGE_SE2 3 0 1 0 1.57 100 0 0 100 0 100", "EDGE_SE2 3 0 1 0 1.57")
+    for instance in (
+        read(square, unit_weights=True, quiet=True),
+        read(square, kappa=2.0, quiet=True),
+        written(tmp_path, without),
+    ):
+        with pytest.raises(InputError, match="needs poses with information matrices on every edge"):
+            solve(instance, cost="g2o")
+    with pytest.raises(InputError, match="needs the instance that was read"):
+        solve(read(square, quiet=True).graph, cost="g2o")
+    with pytest.raises(SpecError, match=r"unknown cost 'g2o2'; did you mean g2o\?"):
+        solve(read(square, quiet=True), cost="g2o2")
+
+
+def test_there_is_no_proof_tier(square):
+    instance = read(square, quiet=True)
+    problem = information_problem(instance, "g2o")
+    for run in (
+        lambda: solve(instance, cost="g2o", tier="proof"),
+        lambda: certify(problem, instance.initial, tier="proof"),
+    ):
+        with pytest.raises(InputError, match="the proof tier is for the chordal cost, not for g2o"):
+            run()
+    screened = certify(problem, solve(instance, cost="g2o").estimate, tier="screen")
+    assert screened.verdict.value == "BOUNDED"
+
+
+def test_disconnected_graphs_are_refused_or_solved_apart(tmp_path):
+    two = SQUARE + "".join(
+        line.replace("EDGE_SE2 3 0", "EDGE_SE2 7 4")
+        .replace("EDGE_SE2 0 1", "EDGE_SE2 4 5")
+        .replace("EDGE_SE2 1 2", "EDGE_SE2 5 6")
+        .replace("EDGE_SE2 2 3", "EDGE_SE2 6 7")
+        + "\n"
+        for line in SQUARE.splitlines()
+        if line.startswith("EDGE")
+    )
+    instance = written(tmp_path, two.replace(" 50\n", " 55\n", 1))
+    with pytest.raises(GraphError, match="2 components"):
+        solve(instance, cost="g2o")
+    parts = connected_parts(instance, "each")
+    last = [part.information.matrices[0, 2, 2] for part in parts]
+    assert sorted(last) == [50.0, 55.0]
+    for part in parts:
+        assert solve(part, cost="g2o").verdict.value == "CERTIFIED"
+
+
+def test_information_graphs_refuse_what_is_not_theirs():
+    graph, _, _ = pose_graph(rng_of(0), 4, 2)
+    m = graph.num_edges
+    eye = np.tile(np.eye(3), (m, 1, 1))
+    for wrong, words in (
+        (eye[:-1], "must be"),
+        (np.tile(np.eye(6), (m, 1, 1)), "must be"),
+        (np.full((m, 3, 3), np.inf), "finite"),
+        (np.full((m, 3, 3), np.nan), "finite"),
+        (eye * 1e130, "below"),
+        (eye + np.triu(np.ones((3, 3)), 1), "symmetric"),
+    ):
+        with pytest.raises(GraphError, match=words):
+            InformationGraph(graph, wrong)
+    with pytest.raises(GraphError, match="one per edge"):
+        Instance("x", graph, np.arange(4), information=Information(eye, np.arange(m - 1)))
+
+
+# --- Reading
+
+
+def test_information_is_that_of_the_file_and_follows_its_edges(tmp_path):
+    lines = SQUARE + "EDGE_SE2 1 0 -1 0 -1.57 7 0 0 8 0 9\nEDGE_SE2 1 2 1 0 1.5 17 1 2 18 3 19\n"
+    path = tmp_path / "parallel.g2o"
+    path.write_text(lines)
+    whole = read(path, quiet=True)
+    first = np.array([[100.0, 3.0, 0.0], [3.0, 200.0, 1.0], [0.0, 1.0, 50.0]])
+    np.testing.assert_array_equal(whole.information.matrices[0], first)
+    last = np.array([[17.0, 1.0, 2.0], [1.0, 18.0, 3.0], [2.0, 3.0, 19.0]])
+    for keep, wanted, corner in (("first", [0, 1, 2, 3], 50.0), ("last", [2, 3, 4, 5], 9.0)):
+        part = read(path, keep=keep, quiet=True)
+        np.testing.assert_array_equal(
+            part.information.matrices, whole.information.matrices[np.array(wanted)]
+        )
+        assert part.graph.num_edges == 4
+        assert corner in part.information.matrices[:, 2, 2]
+        result = solve(part, cost="g2o")
+        assert result.verdict.value == "CERTIFIED"
+        edges = problem_under(part, "g2o").graph
+        np.testing.assert_array_equal(edges.edges, part.graph.edges)
+    np.testing.assert_array_equal(
+        read(path, keep="last", quiet=True).information.matrices[-1], last
+    )
+
+
+def test_problem_under_is_the_problem_that_solve_takes(square):
+    instance = read(square, quiet=True)
+    assert problem_under(instance).graph is instance.graph
+    problem = problem_under(instance, "g2o")
+    one, other = solve(instance, cost="g2o"), solve(problem)
+    assert one.cost == other.cost == pytest.approx(problem.cost(one.estimate), rel=1e-14)
+    again = certify(problem, one.estimate)
+    assert again.verdict.value == "CERTIFIED"
+    # The surrogate search starts from the given estimate, with no chordal result.
+    given = solve(problem, initial=start_of(problem.chordal).estimate)
+    assert given.chordal is None
+    assert given.cost == pytest.approx(one.cost, rel=1e-10)
+    assert certpgo.certify(problem, given.estimate).verdict.value == "CERTIFIED"
+
+
+# --- The command line
+
+
+def run(capsys, *arguments):
+    capsys.readouterr()
+    code = main([str(argument) for argument in arguments])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def test_the_command_line_has_costs(square, tmp_path, capsys):
+    out = tmp_path / "best.g2o"
+    code, text, _ = run(capsys, "solve", square, "--cost", "g2o", "-o", out, "--json")
+    found = json.loads(text)
+    assert (code, found["verdict"]) == (0, "CERTIFIED")
+    assert "g2o's chi2 of EdgeSE2 with full information" in found["objective"]
+    instance = read(square, quiet=True)
+    assert found["cost"] == pytest.approx(solve(instance, cost="g2o").cost, rel=1e-10)
+    code, text, _ = run(capsys, "certify", square, out, "--cost", "g2o", "--json")
+    found = json.loads(text)
+    assert (code, found["verdict"]) == (0, "CERTIFIED")
+    assert "g2o's chi2" in found["objective"]
+    code, text, _ = run(capsys, "certify", square, square, "--cost", "g2o", "--json")
+    found = json.loads(text)
+    assert (code, found["verdict"]) == (3, "BOUNDED")
+    assert found["best"]["is_optimal"]
+    code, text, _ = run(capsys, "solve", square, "--cost", "g2o")
+    assert code == 0
+    assert "chordal cost" in text
+    assert "g2o's chi2" in text
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--cost", "g2o", "--tier", "proof"), "the proof tier is for the chordal cost"),
+        (("--cost", "g2o", "--unit-weights"), "needs poses with information matrices"),
+        (("--cost", "g2o", "--robust"), "is for --cost chordal"),
+        (("--cost", "g2o", "--method", "newton"), "is for --cost chordal"),
+        (("--cost", "g2o", "--proof", "x.npz"), "is for --cost chordal"),
+    ],
+)
+def test_the_command_line_refuses_what_a_cost_does_not_have(square, capsys, options, words):
+    code, _, err = run(capsys, "solve", square, *options)
+    assert code == 1
+    assert words in " ".join(err.split())
+
+
+def test_a_written_estimate_is_judged_as_read(square, tmp_path, capsys):
+    """Six digits: within the tolerance or not, but the cost is that of the file's poses."""
+    instance = read(square, quiet=True)
+    best = solve(instance, cost="g2o").estimate
+    path = tmp_path / "rounded.g2o"
+    write(path, best, instance=instance)
+    code, text, _ = run(capsys, "certify", square, path, "--cost", "g2o", "--json")
+    assert code == 0
+    assert json.loads(text)["cost"] == pytest.approx(
+        information_problem(instance, "g2o").cost(best), rel=1e-9
+    )
