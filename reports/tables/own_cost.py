@@ -109,8 +109,9 @@ TABLE = Table(
         "estimate alone; where the relaxation is not tight, the search that found an optimum may "
         "have proven more about the cost that it minimised: the bound of the search.",
         "GTSAM runs Levenberg-Marquardt with its default settings on the factors that it reads "
-        "from the file (those of w100 and w10000 it cannot read); in the plane LAGO stands in for its chordal initialization. Seconds are "
-        "one run's, without judging the answer; those of our optima include their certificate.",
+        "from the file (those of w100 and w10000 it cannot read); in the plane LAGO stands in for "
+        "its chordal initialization. Seconds are one run's, without judging the answer; those of "
+        "our optima include their certificate.",
         "All sets of the catalogue that have information matrices, but for those that have wrong "
         "measurements (see robust_pose_graphs).",
     ),
