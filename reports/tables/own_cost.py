@@ -116,7 +116,7 @@ TABLE = Table(
         "measurements (see robust_pose_graphs).",
     ),
     explained={
-        "ais2klinik, GTSAM's cost": "ours is lower, 172.8129400, and certified: GTSAM, from which "
-        "the prototype took its estimate, had stopped short of the optimum",
+        "ais2klinik, GTSAM's cost": "ours is lower, 172.8129400, and certified: the prototype's "
+        "estimate was GTSAM's, which stops short of the optimum here",
     },
 )
