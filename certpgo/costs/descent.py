@@ -14,8 +14,10 @@ from certpgo.optimize.solution import Solution, Status
 
 #: Relative decrease of f that is lost in rounding.
 ROUNDING = 16 * float(np.finfo(float).eps)
-#: Damping after the first rejected step, and its largest value, relative to the diagonal.
+#: Damping after the first rejected step without any, and the largest, relative to the diagonal.
 FIRST_DAMPING, LARGEST_DAMPING = 1e-6, 1e9
+#: Damping below which none is tried: a whole step may be too long where 1e-9 is right.
+LEAST_DAMPING = 1e-12
 #: Actual over predicted decrease from which the damping is reduced.
 GOOD_GAIN = 0.5
 
@@ -56,7 +58,7 @@ def descend(
                     gain = (cost - lower) / predicted if predicted > 0.0 else 0.0
                     if gain > 1e-3 or predicted <= ROUNDING * cost:
                         break
-                damping = max(10.0 * damping, FIRST_DAMPING)
+                damping = 10.0 * damping or FIRST_DAMPING
             else:
                 progress.status = Status.STALLED
                 break
@@ -70,7 +72,7 @@ def descend(
             progress.status = Status.STALLED
             break
         if gain > GOOD_GAIN:
-            damping = damping / 10.0 if damping > FIRST_DAMPING else 0.0
+            damping = damping / 10.0 if damping > LEAST_DAMPING else 0.0
         point, cost, gradient, H = candidate, lower, following, matrix
         step_norm = float(np.linalg.norm(step))
     return progress.solution(point, cost)

@@ -34,6 +34,8 @@ OTHERS = (
     "pose3example",
     "pose3example-grid",
 )
+#: Whose files GTSAM cannot read.
+UNREAD = ("w100", "w10000")
 #: Some information matrices are not positive definite.
 REFUSED = ("cubicle",)
 
@@ -66,7 +68,11 @@ def _rows(dataset: str) -> list[Row]:
         Row(
             dataset,
             f"{dataset}, {JUDGES[cost][0]}",
-            methods=tuple(method.label for method in JUDGES[cost][1]),
+            methods=tuple(
+                method.label
+                for method in JUDGES[cost][1]
+                if method not in OF_GTSAM_ITSELF or dataset not in UNREAD
+            ),
             published=dataset if dataset in KNOWN and cost != CHORDAL else "",
             cost=cost,
         )
@@ -85,6 +91,7 @@ TABLE = Table(
         Column("cost", "cost", ".10g", exact=True),
         Column("relative_gap", "gap / cost", ".1e"),
         Column("over_bound", "cost / bound", ".5g"),
+        Column("own_bound", "bound of the search", ".10g"),
         Column("status", "ended"),
         Column("total_seconds", "seconds", ".2f"),
     ),
@@ -98,15 +105,18 @@ TABLE = Table(
         "which kappa and tau stand for each information matrix. The proven bound is on that cost, "
         "so that an estimate that is optimal under one cost is BOUNDED or REFUTED under another. "
         "Cost over bound is at least the cost over that of the optimum; where the optimum is "
-        "certified, both are the same but for the tolerance.",
+        "certified, both are the same but for the tolerance. A verdict is that of `certify` on the "
+        "estimate alone; where the relaxation is not tight, the search that found an optimum may "
+        "have proven more about the cost that it minimised: the bound of the search.",
         "GTSAM runs Levenberg-Marquardt with its default settings on the factors that it reads "
-        "from the file; in the plane LAGO stands in for its chordal initialization. Seconds are "
-        "one run's, without judging the answer; those of our optima include their certificate.",
+        "from the file (those of w100 and w10000 it cannot read); in the plane LAGO stands in for "
+        "its chordal initialization. Seconds are one run's, without judging the answer; those of "
+        "our optima include their certificate.",
         "All sets of the catalogue that have information matrices, but for those that have wrong "
         "measurements (see robust_pose_graphs).",
     ),
     explained={
-        "ais2klinik, GTSAM's cost": "ours is lower, 172.8129400, and certified: GTSAM, from which "
-        "the prototype took its estimate, had stopped short of the optimum",
+        "ais2klinik, GTSAM's cost": "ours is lower, 172.8129400, and certified: the prototype's "
+        "estimate was GTSAM's, which stops short of the optimum here",
     },
 )

@@ -52,7 +52,7 @@ def wound(quick: bool) -> Iterator[ZooPoint]:
 
 def exact(quick: bool) -> Iterator[ZooPoint]:
     """Data without noise, f* = 0: the truth, and where descents from other starts end."""
-    for cost, d, seed in itertools.product(COSTS, (2, 3), range(1 if quick else 25)):
+    for cost, d, seed in itertools.product(COSTS, (2, 3), range(1 if quick else 10)):
         rng = np.random.default_rng(np.random.SeedSequence((1, d, seed)))
         problem, true = _measured(cost, d, 0.0, rng)
         truth = truth_by_form(problem, true, 0.0)
@@ -63,7 +63,7 @@ def exact(quick: bool) -> Iterator[ZooPoint]:
 
 def noisy(quick: bool) -> Iterator[ZooPoint]:
     """Noise from little to all: the best and the worst end of several descents."""
-    for cost, d, seed in itertools.product(COSTS, (2, 3), range(1 if quick else 50)):
+    for cost, d, seed in itertools.product(COSTS, (2, 3), range(1 if quick else 30)):
         rng = np.random.default_rng(np.random.SeedSequence((2, d, seed)))
         noise = 10.0 ** rng.uniform(-2.0, 0.3)
         problem, true = _measured(cost, d, noise, rng)

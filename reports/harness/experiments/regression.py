@@ -34,6 +34,7 @@ FIXED = (
     "moreira2020_table5_6",
     "moreira2020_table5_7",
     "compare",
+    "own_cost",
 )
 
 #: Folder of the quick profile's records, whose seeds differ from the full profile's.

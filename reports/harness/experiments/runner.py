@@ -220,6 +220,8 @@ def _solved(method: Method, context: _Context, best: float | None, record: Recor
     solution = solution_of(method, problem, instance, settings=row.settings)
     if solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
+    if method.cost != row.cost:  # its bound and trace are of another cost
+        solution = replace(solution, lower_bound=None, trace=())
     note = "; ".join(filter(None, (record.note, solution.note)))
     trace = () if record.seed else trace_of(solution)
     record = replace(record, **of_solution(solution), note=note, trace=trace)
