@@ -96,6 +96,7 @@ TABLE = Table(
         Column("total_seconds", "seconds", ".2f"),
     ),
     published="own_cost_prototype",
+    paper=False,
     quick=tuple(
         row.label for name in ("smallGrid3D", "MIT", "pose2example") for row in _rows(name)
     ),

@@ -164,6 +164,7 @@ class Table:
         are joined by slashes
     comparable : the printed numbers are of the same instances, or of draws of the same kind;
         others are shown, never compared
+    paper : they are those of a paper; others are compared, but not counted among the papers'
     summary : of the instances of a synthetic row only the ``"mean"`` is shown, or the ``"median"``
         with quartiles; empty shows each
     certify : certify every estimate
@@ -187,6 +188,7 @@ class Table:
     published: str = ""
     key: str = "dataset"
     comparable: bool = True
+    paper: bool = True
     summary: Literal["", "mean", "median"] = ""
     certify: bool = True
     reference: Method | None = None

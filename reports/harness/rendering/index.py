@@ -22,7 +22,8 @@ standard errors of our mean; it is better where lower or higher numbers are, and
 several of our readings correspond to one value, the nearest counts. Every value of the papers'
 tables is counted, whether or not it could be run, except times and what says what a row is of: for
 times the claimed order is checked, among the claims. Where a claim names no tolerance, the one in
-its sentence is ours."""
+its sentence is ours. What own_cost is compared with are values of a prototype, which are not
+counted among the papers'."""
 
 
 def index(tables: Sequence[TableResult], figures: Sequence[FigureResult]) -> str:
@@ -43,7 +44,7 @@ def index(tables: Sequence[TableResult], figures: Sequence[FigureResult]) -> str
 
 def summary(tables: Sequence[TableResult], figures: Sequence[FigureResult]) -> str:
     """The outcomes of the papers' printed values and claims, in two sentences."""
-    found = [cell for table in tables for cell in table.cells]
+    found = [cell for result in tables if result.table.paper for cell in result.cells]
     outcomes = [outcome for _, about in _named(tables, figures) for outcome in about]
     return f"{_of_cells(found)} {_of_claims(outcomes)}"
 
@@ -85,7 +86,8 @@ def _by_table(tables: Sequence[TableResult]) -> list[str]:
     for result in tables:
         if result.cells:
             counts = cells.tally(result.cells)
-            total = {kind: total[kind] + counts[kind] for kind in kinds}
+            if result.table.paper:
+                total = {kind: total[kind] + counts[kind] for kind in kinds}
             rows.append((_link(result), *_numbers(len(result.cells), counts)))
     rows.append(("all", *_numbers(sum(total.values()), total)))
     return markdown_table(("table", "printed", *(kind.value for kind in kinds)), rows)
