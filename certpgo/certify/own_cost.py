@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -81,9 +82,28 @@ class OwnCostCase(Case):
         tight: bool = False,
         refine: bool = True,
     ) -> DualBound | None:
-        """The bound by the surrogate at a point, from the multipliers there; None without one."""
+        """The bound by the surrogate at a point, from the multipliers there; None without one.
+
+        If it is of no use, the bound of a relaxed cost, at the end of descent on that.
+        """
         if not isinstance(point, Estimate):
             return None
+        found = self._bound_at(point, cost, sharp=sharp, tight=tight)
+        if (found is not None and found.value > 0.0) or self.relaxed is None:
+            return found
+        return self.relaxed.basin(point, True).bound or found
+
+    @cached_property
+    def relaxed(self) -> OwnCostCase | None:
+        """The case of a cost that is nowhere above this one; None if there is none."""
+        cost = self.problem.edge_cost.relaxed()
+        if cost is None or not cost.graph.is_definite.all():
+            return None
+        return replace(self, problem=self.problem.with_cost(cost))
+
+    def _bound_at(
+        self, point: Estimate, cost: float, *, sharp: bool, tight: bool
+    ) -> DualBound | None:
         below = self.below(point)
         if below is None:
             return None

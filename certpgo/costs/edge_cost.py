@@ -103,6 +103,10 @@ class EdgeCost(ABC):
     def minorants(self, v: FloatArray, Q: FloatArray) -> Minorants:
         """Minorants that touch the costs at (v, Q), up to rounding."""
 
+    def relaxed(self) -> EdgeCost | None:
+        """A cost nowhere above this one that may have a bound where this one has none."""
+        return None
+
     def costs(self, v: FloatArray, Q: FloatArray) -> FloatArray:
         """(m,) costs."""
         e = self.residuals(v, Q)

@@ -7,12 +7,13 @@ quadratic form minimised over y (a Schur complement), and what is left bounded o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from certpgo.costs.edge_cost import EdgeCost, Minorants
+from certpgo.graph.information import InformationGraph
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.balls import Ball, arctan2, sums
@@ -21,6 +22,8 @@ from certpgo.linalg.balls import Ball, arctan2, sums
 SHARES = (0.99, 0.9, 0.7, 0.5, 0.3, 0.1)
 #: The share where that information is isotropic, and cross terms zero; nothing is lost there.
 WHOLE = 1.0 - 2.0**-30
+#: Share of the sum of the two smaller eigenvalues of W to which a largest above another is clipped.
+CLIPPED, NEARLY = 0.999, 0.9995
 #: Attempts to round a slope up.
 MAX_RAISES = 8
 
@@ -97,6 +100,27 @@ class G2oCost(EdgeCost):
         # What is not finite is no minorant.
         with np.errstate(all="ignore"):
             return _planar(self, v, Q) if self.graph.d == 2 else _spatial(self, v, Q)
+
+    def relaxed(self) -> G2oCost | None:
+        """In space, with the largest eigenvalue of W below the sum of the others.
+
+        Else K = (tr(W) I - 2 W) / 8 of an edge is indefinite, and the relaxation may be unbounded.
+        """
+        d = self.graph.d
+        if d == 2:
+            return None
+        information = self.graph.information.copy()
+        values, vectors = np.linalg.eigh(information[:, d:, d:])
+        others, largest = values[:, 0] + values[:, 1], values[:, 2]
+        steep = largest > NEARLY * others
+        if not steep.any():
+            return None
+        v = vectors[steep, :, 2]
+        taken = (largest - CLIPPED * others)[steep, None, None] * v[:, :, None] * v[:, None, :]
+        # A little more than its rounding, so that what is taken is positive semidefinite.
+        taken += 1e-13 * largest[steep, None, None] * np.eye(3)
+        information[steep, d:, d:] -= 0.5 * (taken + np.swapaxes(taken, 1, 2))
+        return replace(self, graph=InformationGraph(self.graph.isotropic, information))
 
 
 def blocks(information: FloatArray, d: int) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -78,8 +78,12 @@ class InformationProblem:
             self.graph.isotropic.reweighted(np.full(self.graph.num_edges, factor)),
             factor * self.graph.information,
         )
-        other = InformationProblem(replace(self.edge_cost, graph=graph), self.engine)
-        other.__dict__["chordal"] = self.chordal.of_same_edges(graph.isotropic)
+        return self.with_cost(replace(self.edge_cost, graph=graph))
+
+    def with_cost(self, edge_cost: EdgeCost) -> InformationProblem:
+        """The problem of another cost on the same edges; pattern and order are shared."""
+        other = InformationProblem(edge_cost, self.engine)
+        other.__dict__["chordal"] = self.chordal.of_same_edges(edge_cost.graph.isotropic)
         return other
 
     def check(self, estimate: Estimate) -> None:
