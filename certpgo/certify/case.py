@@ -350,15 +350,10 @@ def _reason(c: Certificate) -> str:
     return f"{floor}; {own}, at most {_of_f(c)} above the optimum"
 
 
-def percent(share: float) -> str:
-    """A share in percent, to two digits, without an exponent below 1000 %."""
-    return f"{100.0 * share:.2g}" if 100.0 * share < 99.5 else f"{100.0 * share:.3g}"
-
-
 def _of_f(c: Certificate) -> str:
     """The gap relative to F and in absolute terms."""
     if not c.cost_upper > 0.0:
         return f"{c.gap:.2g}"
     share = c.gap / c.cost_upper
-    said = f"{percent(share)} % of" if share > LARGE else f"{share:.2g}"
+    said = f"{100.0 * share:.3g} % of" if share > LARGE else f"{share:.2g}"
     return f"{said} F = {c.gap:.2g}"
