@@ -91,6 +91,8 @@ def write(
         raise InputError(f"{path}: {form.name} cannot be written for a graph")
     graph_writer = form.write_graph
     whole = _as_instance(path, what, ids)
+    if whole.graph.is_general:
+        raise InputError(f"{path}: no format holds matrix weights, couplings or arms")
     atomically(path, lambda temporary: graph_writer(temporary, whole))
 
 

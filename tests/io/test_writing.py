@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from certpgo import io
+from certpgo.datasets import synthetic
 from certpgo.errors import FormatError, InputError, InputNotice, SpecError
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.linalg import so
@@ -363,3 +364,24 @@ def test_real_graphs_survive_g2o(data, tmp_path):
         instance = io.read(data(name))
         io.write(tmp_path / "a.g2o", instance)
         assert_graphs_agree(io.read(tmp_path / "a.g2o").graph, instance.graph, 2e-15)
+
+
+def test_full_information_is_written_as_it_was_read(tmp_path):
+    line = "EDGE_SE2 {} {} 1 0.01 1.57 101.25 3e-2 -0.7 200.1 1 50.123456789\n"
+    source = tmp_path / "square.g2o"
+    source.write_text("".join(line.format(k, (k + 1) % 4) for k in range(4)))
+    instance = io.read(source)
+    io.write(tmp_path / "again.g2o", instance)
+    again = io.read(tmp_path / "again.g2o")
+    np.testing.assert_array_equal(again.information.matrices, instance.information.matrices)
+    np.testing.assert_array_equal(again.graph.tau, instance.graph.tau)
+    np.testing.assert_array_equal(again.graph.rotation.kappa, instance.graph.rotation.kappa)
+
+
+def test_a_graph_of_matrix_weights_has_no_format(tmp_path):
+    graph = synthetic.helix(3, np.random.default_rng(0)).graph
+    general = graph.with_matrix_weights(np.tile(np.diag([1.0, 2.0, 3.0, 4.0]), (2, 1, 1)))
+    for suffix in ("g2o", "npz"):
+        with pytest.raises(InputError, match="no format holds matrix weights"):
+            io.write(tmp_path / f"general.{suffix}", general)
+    assert not list(tmp_path.iterdir())

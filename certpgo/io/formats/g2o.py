@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.graph import Estimate, Instance, PoseGraph
+from certpgo.graph.information import Information
 from certpgo.io.assemble import instance_from_lines, poses_from_lines
 from certpgo.io.exact import quaternion
 from certpgo.io.exact.information import ROW_MAJOR_2D, ROW_MAJOR_3D
@@ -85,7 +86,14 @@ def _pose_numbers(R: FloatArray, translations: FloatArray | None) -> list[str]:
     return [" ".join(map(repr, row)) for row in np.hstack([t, angles]).tolist()]
 
 
-def _information(d: int, kappa: float, tau: float) -> str:
+def _full(information: Information) -> list[str]:
+    """The upper triangle of each edge's matrix, row by row."""
+    row, column = np.triu_indices(information.distinct.shape[-1])
+    texts = [" ".join(map(repr, M)) for M in information.distinct[:, row, column].tolist()]
+    return [texts[k] for k in information.index.tolist()]
+
+
+def _isotropic(d: int, kappa: float, tau: float) -> str:
     # Isotropic, so that reading it returns kappa and tau exactly.
     if d == 2:
         return f"{tau!r} 0 0 {tau!r} 0 {kappa!r}"
@@ -107,13 +115,20 @@ def _write_graph(path: Path, instance: Instance) -> None:
         rotation, t, tau = graph, None, np.ones(graph.num_edges)
     numbers = _pose_numbers(rotation.rotations, t)
     pairs = ids[graph.edges].tolist()
-    weights = zip(rotation.kappa.tolist(), tau.tolist(), strict=True)
+    about = instance.options.get("rotation_information", "tangent")
+    if instance.information is not None and about == DIALECT.rotation_information:
+        weights = _full(instance.information)
+    else:
+        weights = [
+            _isotropic(graph.d, *pair)
+            for pair in zip(rotation.kappa.tolist(), tau.tolist(), strict=True)
+        ]
     with path.open("w", encoding="ascii") as file:
         if instance.initial is not None:
             file.writelines(_vertex_lines(ids, instance.initial))
         file.writelines(f"FIX {ids[k]}\n" for k in instance.fixed)
         file.writelines(
-            f"{tag} {i} {j} {pose} {_information(graph.d, *weight)}\n"
+            f"{tag} {i} {j} {pose} {weight}\n"
             for (i, j), pose, weight in zip(pairs, numbers, weights, strict=True)
         )
 
