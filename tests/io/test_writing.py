@@ -380,7 +380,9 @@ def test_full_information_is_written_as_it_was_read(tmp_path):
 
 def test_a_graph_of_matrix_weights_has_no_format(tmp_path):
     graph = synthetic.helix(3, np.random.default_rng(0)).graph
-    general = graph.with_matrix_weights(np.tile(np.diag([1.0, 2.0, 3.0, 4.0]), (2, 1, 1)))
+    general = graph.with_matrix_weights(
+        np.tile(np.diag([1.0, 2.0, 3.0, 4.0]), (graph.num_edges, 1, 1))
+    )
     for suffix in ("g2o", "npz"):
         with pytest.raises(InputError, match="no format holds matrix weights"):
             io.write(tmp_path / f"general.{suffix}", general)
