@@ -48,12 +48,10 @@ class InputError(CertPGOError, ValueError):
     Examples
     --------
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import winding_cycle
-    >>> instance, _ = winding_cycle(5, 0.1, 0)
-    >>> certpgo.solve(instance)
+    >>> certpgo.solve("sphere2500.g2o")
     Traceback (most recent call last):
         ...
-    certpgo.errors.InputError: solve takes a graph, such as instance.graph, not an Instance
+    certpgo.errors.InputError: solve takes a graph, such as instance.graph, not a str
     """
 
 

@@ -68,9 +68,10 @@ class InformationGraph:
     >>> import numpy as np
     >>> from certpgo.datasets.synthetic import helix
     >>> graph = helix(3, np.random.default_rng(0)).graph
-    >>> full = InformationGraph(graph, np.tile(np.diag([4.0, 4, 4, 1, 1, 1]), (2, 1, 1)))
-    >>> full.num_edges, full.is_definite.all()
-    (2, np.True_)
+    >>> information = np.tile(np.diag([4.0, 4, 4, 1, 1, 1]), (graph.num_edges, 1, 1))
+    >>> full = InformationGraph(graph, information)
+    >>> full.num_edges, bool(full.is_definite.all())
+    (14, True)
     """
 
     isotropic: PoseGraph
