@@ -205,7 +205,9 @@ class _Weights:
 
     def __post_init__(self) -> None:
         if self.unit and (self.kappa is not None or self.tau is not None):
-            raise InputError("unit weights exclude a kappa or tau")
+            raise InputError(
+                "unit weights (--unit-weights) exclude a kappa or tau (--kappa, --tau)"
+            )
         for name, value in (("kappa", self.kappa), ("tau", self.tau)):
             if value is not None and not 0.0 < value < np.inf:
                 raise InputError(f"{name} must be positive and finite, not {value}")

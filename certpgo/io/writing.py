@@ -17,13 +17,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from certpgo.errors import InputError, InputNotice
-from certpgo.graph import Estimate, Graph, Instance
+from certpgo.errors import InputError, InputNotice, kind_of
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.io.format import format_to_write
 from certpgo.io.timestamps import node_times
 from certpgo.linalg.arrays import IntArray
 
 Anchor = Literal["file", "identity", "prior", "none"]
+
+_WITH_GRAPH: tuple[type, ...] = (Instance, PoseGraph, RotationGraph)
 
 
 def write(
@@ -87,6 +89,9 @@ def write(
         times = node_times(labels, timestamps) if form.name == "tum" else labels.astype(float)
         atomically(path, lambda temporary: writer(temporary, anchored, labels, times))
         return
+    if not isinstance(what, _WITH_GRAPH):
+        hint = "; its estimate may be meant" if hasattr(what, "estimate") else ""
+        raise InputError(f"a graph or an estimate is written, not {kind_of(what)}{hint}")
     if form.write_graph is None:
         raise InputError(f"{path}: {form.name} cannot be written for a graph")
     graph_writer = form.write_graph

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from certpgo import io
+from certpgo import io, solve
 from certpgo.datasets import synthetic
 from certpgo.errors import FormatError, InputError, InputNotice, SpecError
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
@@ -387,3 +387,11 @@ def test_a_graph_of_matrix_weights_has_no_format(tmp_path):
         with pytest.raises(InputError, match="no format holds matrix weights"):
             io.write(tmp_path / f"general.{suffix}", general)
     assert not list(tmp_path.iterdir())
+
+
+def test_what_is_neither_graph_nor_estimate_is_refused_by_name(tmp_path):
+    answer = solve(synthetic.winding_cycle(5, 0.1, 0)[0].graph)
+    with pytest.raises(InputError, match="not a CertifiedSolution; its estimate may be meant"):
+        io.write(tmp_path / "x.tum", answer)
+    with pytest.raises(InputError, match=r"is written, not a str$"):
+        io.write(tmp_path / "x.g2o", "graph")

@@ -94,7 +94,9 @@ def _truth(file: Path, instance: Instance) -> tuple[Estimate | None, tuple[str, 
         n = instance.graph.num_nodes
         if len(nodes) == n:
             return estimate, ()
-        return None, (f"truth for {len(nodes)} of {n} nodes in {path.name}: see read_truth",)
+        return None, (
+            f"truth for {len(nodes)} of {n} nodes in {path.name}: certpgo.io.read_truth reads them",
+        )
     return None, ()
 
 

@@ -31,7 +31,7 @@ def command(
         typer.Option("--size", min=2, help="Turns of a helix, or the side of a grid."),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Small sizes only.")] = False,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the random graphs.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the random graphs.")] = 0,
     campaign: Annotated[
         int,
         typer.Option("--campaign", metavar="N", min=0, help="zoo: at least N random instances."),
@@ -44,7 +44,7 @@ def command(
     ] = Path("bench-results"),
     json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
 ) -> int:
-    """Measure growth, or what certifiers get wrong.
+    """Measure how time and memory grow with the graph, or count certifiers' errors.
 
     scale solves synthetic graphs of growing size, each in a process of its own: time, memory,
     slope, verdict. zoo puts points of known truth, most of them adversarial, before our certifier
