@@ -12,14 +12,14 @@ from numpy.typing import ArrayLike
 
 from certpgo.assess import metrics
 from certpgo.certify import Certificate, Tier, certify
-from certpgo.costs import CHORDAL, information_problem
+from certpgo.costs import CHORDAL, problem_under
 from certpgo.costs.problem import InformationProblem
 from certpgo.errors import CertPGOError, InputError, InputNotice
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph
 from certpgo.io.digits import Digits, Writing
 from certpgo.io.gtsam_values import estimate_from_values
 from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.objective.problem import PoseProblem, Problem, problem_of
+from certpgo.objective.problem import PoseProblem, Problem
 
 #: Number of costliest edges listed.
 EDGES = 5
@@ -258,8 +258,4 @@ def certify_values(
     )
     if notice:
         warnings.warn(notice, InputNotice, stacklevel=2)
-    if cost == CHORDAL:
-        return certify(problem_of(measured), estimate, **options)
-    if not isinstance(graph, Instance):
-        raise InputError(f"cost={cost!r} needs the instance that was read, with its information")
-    return certify(information_problem(graph, cost), estimate, **options)
+    return certify(problem_under(graph, cost), estimate, **options)

@@ -23,7 +23,7 @@ from certpgo.graph import Estimate
 from certpgo.graph.lift import Point
 from certpgo.objective.problem import Problem
 from certpgo.optimize.newton import NewtonSettings, newton
-from certpgo.optimize.solution import Status
+from certpgo.optimize.solution import Solution, Status
 
 #: CERTIFIED means gap <= rtol F + atol W.
 RTOL, ATOL = 1e-5, 1e-12
@@ -128,16 +128,14 @@ class Case:
 
         The bound of a ``known`` basin is reused if it is good enough.
         """
-        # The bound needs the best translations: elsewhere it is valid, but useless.
-        problem = self.problem
         settled = True
         try:
-            point = problem.complete(start.rotations)
+            point = self.completed(start)
             if refine:
-                solution = newton(problem, point, DESCENT)
-                point = problem.complete(solution.estimate.rotations)
+                solution = self.descent(point)
+                point = self.completed(solution.estimate)
                 settled = solution.status is Status.CONVERGED or (
-                    solution.status is Status.STALLED and problem.stationarity(point) < SETTLED
+                    solution.status is Status.STALLED and self.problem.stationarity(point) < SETTLED
                 )
             cost = self.cost_upper(point)
             if known is not None and known.value >= cost - self.tolerance(cost):
@@ -146,6 +144,17 @@ class Case:
         except (NumericalError, np.linalg.LinAlgError):
             return Basin(start, self.cost_upper(start), False, None, refine)
         return Basin(point, cost, settled, bound, refine)
+
+    def completed(self, estimate: Estimate) -> Estimate:
+        """The estimate at which a bound is computed: with its best translations.
+
+        Elsewhere the bound is valid, but useless.
+        """
+        return self.problem.complete(estimate.rotations)
+
+    def descent(self, start: Estimate) -> Solution:
+        """Local descent from an estimate."""
+        return newton(self.problem, start, DESCENT)
 
     def bound(
         self,

@@ -18,10 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.certify.residual import measured_residual
-from certpgo.certify.rounding import U
 from certpgo.certify.shifted import Shifted
 from certpgo.graph.lift import Point
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray
+from certpgo.linalg.balls import U
 from certpgo.linalg.blocks import add_to_diagonal, pinned, scatter_sum
 from certpgo.linalg.factor import Factor
 from certpgo.linalg.so import rotation_defect

@@ -15,7 +15,7 @@ from typing import Self
 import numpy as np
 
 from certpgo.certify.bounds import Bounds
-from certpgo.certify.case import SETTLED, Basin, Case
+from certpgo.certify.case import Basin, Case
 from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound, dual_bound
 from certpgo.costs.descent import descend
@@ -24,7 +24,7 @@ from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.lift import Point
 from certpgo.io.plural import counted
-from certpgo.optimize.solution import Status
+from certpgo.optimize.solution import Solution
 
 
 @dataclass(frozen=True)
@@ -55,23 +55,13 @@ class OwnCostCase(Case):
         """The cost that certificates are about."""
         return self.problem.edge_cost.title
 
-    def basin(self, start: Estimate, refine: bool, known: Basin | None = None) -> Basin:
-        """The end of descent on the cost from an estimate, or the estimate itself."""
-        point, settled = start, True
-        try:
-            if refine:
-                solution = descend(self.problem, start)
-                point = solution.estimate
-                settled = solution.status is Status.CONVERGED or (
-                    solution.status is Status.STALLED and self.problem.stationarity(point) < SETTLED
-                )
-            cost = self.cost_upper(point)
-            if known is not None and known.value >= cost - self.tolerance(cost):
-                return Basin(point, cost, settled, known.bound, refine)
-            bound = self.bound(point, cost)
-        except (NumericalError, np.linalg.LinAlgError):
-            return Basin(start, self.cost_upper(start), False, None, refine)
-        return Basin(point, cost, settled, bound, refine)
+    def completed(self, estimate: Estimate) -> Estimate:
+        """The estimate itself: its best translations depend on the cost, and come by descent."""
+        return estimate
+
+    def descent(self, start: Estimate) -> Solution:
+        """Local descent on the cost from an estimate."""
+        return descend(self.problem, start)
 
     def bound(
         self,

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
-from certpgo.certify.rounding import U
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
+from certpgo.linalg.balls import U
 
 #: Bits after the point of L1, for rows of norm about one; a sum of squares has twice as many.
 BITS = 24

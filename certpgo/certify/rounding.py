@@ -10,10 +10,9 @@ import numpy as np
 
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.balls import U
 from certpgo.linalg.so import rotation_defect
 from certpgo.objective.problem import PoseProblem, Problem
-
-U = float(np.finfo(float).eps) / 2
 
 
 def cost_upper(problem: Problem, estimate: Estimate) -> float:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from certpgo.certify.rounding import U
 from certpgo.graph.lift import Point
 from certpgo.linalg.arrays import BoolArray, FloatArray
+from certpgo.linalg.balls import U
 from certpgo.objective.problem import PoseProblem, Problem
 
 

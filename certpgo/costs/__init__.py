@@ -7,7 +7,7 @@ from certpgo.costs.g2o import G2oCost
 from certpgo.costs.gtsam import GtsamCost
 from certpgo.costs.problem import InformationProblem, Surrogate, surrogate
 from certpgo.errors import InputError, SpecError
-from certpgo.graph import Instance, PoseGraph
+from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.graph.information import InformationGraph
 from certpgo.objective.problem import Problem, problem_of
 
@@ -27,9 +27,28 @@ __all__ = [
 ]
 
 
-def problem_under(instance: Instance, cost: str = CHORDAL) -> Problem | InformationProblem:
-    """The problem of an instance under a cost: ``"chordal"``, or see `information_problem`."""
-    return problem_of(instance.graph) if cost == CHORDAL else information_problem(instance, cost)
+def problem_under(
+    posed: Graph | Instance | InformationProblem, cost: str = CHORDAL
+) -> Problem | InformationProblem:
+    """The problem under a cost: ``"chordal"``, or see `information_problem`.
+
+    Parameters
+    ----------
+    posed : a graph or an instance; or a problem, which has its cost already and takes no other
+
+    Raises
+    ------
+    InputError
+        A cost of another program, and no instance.
+    """
+    if cost != CHORDAL:
+        if not isinstance(posed, Instance):
+            said = f"cost={cost!r} needs the instance that was read, with its information"
+            raise InputError(said)
+        return information_problem(posed, cost)
+    if isinstance(posed, InformationProblem):
+        return posed
+    return problem_of(posed.graph if isinstance(posed, Instance) else posed)
 
 
 def information_problem(instance: Instance, cost: str) -> InformationProblem:

@@ -9,11 +9,10 @@ from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.blocks import add_to_diagonal
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
+from certpgo.optimize.newton import ROUNDING
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Solution, Status
 
-#: Relative decrease of f that is lost in rounding.
-ROUNDING = 16 * float(np.finfo(float).eps)
 #: Damping after the first rejected step without any, and the largest, relative to the diagonal.
 FIRST_DAMPING, LARGEST_DAMPING = 1e-6, 1e9
 #: Damping below which none is tried: a whole step may be too long where 1e-9 is right.

@@ -16,7 +16,7 @@ from certpgo.costs.edge_cost import EdgeCost, Minorants
 from certpgo.graph.information import InformationGraph
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.linalg.balls import Ball, arctan2, sums
+from certpgo.linalg.balls import Ball, arctan2, crossed, joined, sums
 
 #: Shares of the smallest eigenvalue of the translational information that lam may be.
 SHARES = (0.99, 0.9, 0.7, 0.5, 0.3, 0.1)
@@ -275,16 +275,16 @@ def _spatial(cost: G2oCost, v: FloatArray, Q: FloatArray) -> Minorants:
     fits &= np.isfinite(k)
     k = np.where(fits, k, 0.0)
     # The form to be matched, and the couplings N' of -2 <N', E> that match it.
-    form = _form(schur, linear.mid, k, q0)
+    form = _form(Ball.exact(schur), Ball.exact(linear.mid), k, q0).mid
     beta, cross, D = form[:, 0, 0], form[:, 1:, 0], form[:, 1:, 1:]
     D = D - beta[:, None, None] * np.eye(3)
     trace = np.trace(D, axis1=1, axis2=2)[:, None, None]
     N = cost.graph.rotations @ (0.125 * trace * np.eye(3) - 0.25 * D - 0.25 * so.hat(cross))
 
     turned = cost.measured.T @ N
-    total = _exact_form(quadratic, linear, k, q0) + 2.0 * _davenport(turned)
+    total = _form(quadratic, linear, k, q0) + 2.0 * _davenport(turned)
     level = np.trace(total.mid, axis1=1, axis2=2) / 4.0
-    rest = _flat(total - level[:, None, None] * np.eye(4))
+    rest = (total - level[:, None, None] * np.eye(4)).reshaped(-1, 16)
     spread = sums(rest * rest).sqrt()
     found = (constant - k + level - spread.size).lower
     return Minorants(
@@ -307,35 +307,23 @@ def _slope(q0: FloatArray, linear: Ball) -> FloatArray:
     return np.where(short, np.inf, k)
 
 
-def _form(quadratic: FloatArray, linear: FloatArray, k: FloatArray, q0: FloatArray) -> FloatArray:
+def _form(quadratic: Ball, linear: Ball, k: FloatArray, q0: FloatArray) -> Ball:
     """(m, 4, 4) matrices of b^T W b + (q.q0) l.b + k (q.q0)^2."""
-    out = k[:, None, None] * q0[:, :, None] * q0[:, None, :]
-    half = 0.5 * q0[:, :, None] * linear[:, None, :]
-    out[:, :, 1:] += half
-    out[:, 1:, :] += np.swapaxes(half, 1, 2)
-    out[:, 1:, 1:] += quadratic
-    return out
-
-
-def _exact_form(quadratic: Ball, linear: Ball, k: FloatArray, q0: FloatArray) -> Ball:
-    """`_form` with bounds on its rounding."""
     q = Ball.exact(q0)
-    out = k[:, None, None] * (q[:, :, None] * q[:, None, :])
-    padded = _padded(linear, ((0, 0), (1, 0)))
-    half = 0.5 * (q[:, :, None] * padded[:, None, :])
-    return out + half + half.T + _padded(quadratic, ((0, 0), (1, 0), (1, 0)))
+    out = (k[:, None] * q)[:, :, None] * q[:, None, :]
+    half = (0.5 * q)[:, :, None] * linear.padded(((0, 0), (1, 0)))[:, None, :]
+    return out + half + half.T + quadratic.padded(((0, 0), (1, 0), (1, 0)))
 
 
 def _davenport(N: Ball) -> Ball:
     """(m, 4, 4) matrices G with <N, E(q)> = q^T G q."""
-    z = _matrices([[N[:, 2, 1] - N[:, 1, 2], N[:, 0, 2] - N[:, 2, 0], N[:, 1, 0] - N[:, 0, 1]]])[
-        :, 0
-    ]
+    skew = N - N.T
+    z = joined(skew[:, 2, 1, None], skew[:, 0, 2, None], skew[:, 1, 0, None])
     trace = N[:, 0, 0] + N[:, 1, 1] + N[:, 2, 2]
     lower = N + N.T - trace[:, None, None] * np.eye(3)
-    corner = _padded(trace[:, None, None], ((0, 0), (0, 3), (0, 3)))
-    side = _padded(z[:, None, :], ((0, 0), (0, 3), (1, 0)))
-    return corner + side + side.T + _padded(lower, ((0, 0), (1, 0), (1, 0)))
+    corner = trace[:, None, None].padded(((0, 0), (0, 3), (0, 3)))
+    side = z[:, None, :].padded(((0, 0), (0, 3), (1, 0)))
+    return corner + side + side.T + lower.padded(((0, 0), (1, 0), (1, 0)))
 
 
 def _quaternions(E: FloatArray) -> FloatArray:
@@ -357,22 +345,8 @@ def _vector_parts(E: Ball) -> tuple[Ball, FloatArray]:
     w, b = exact[:, 0], exact[:, 1:]
     norm = sums(exact * exact)
     square = (w * w - sums(b * b))[:, None, None] * np.eye(3)
-    there = square + 2.0 * (b[:, :, None] * b[:, None, :]) + 2.0 * w[:, None, None] * _hat(b)
-    apart = _flat(E * norm[:, None, None] - there)
+    there = square + 2.0 * (b[:, :, None] * b[:, None, :]) + 2.0 * w[:, None, None] * crossed(b)
+    apart = (E * norm[:, None, None] - there).reshaped(-1, 9)
     distance = sums(apart * apart).sqrt().upper
     radius = 0.51 * distance + 2.0 * np.abs(norm.mid - 1.0) + 1e-15
     return Ball.within(q[:, 1:], radius[:, None]), np.asarray(q[:, 0] > radius)
-
-
-def _hat(b: Ball) -> Ball:
-    return Ball(so.hat(b.mid), np.abs(so.hat(b.radius)))
-
-
-def _flat(A: Ball) -> Ball:
-    """Matrices (m, p, q) as vectors (m, p q)."""
-    return Ball(A.mid.reshape(len(A.mid), -1), A.radius.reshape(len(A.mid), -1))
-
-
-def _padded(A: Ball, widths: tuple[tuple[int, int], ...]) -> Ball:
-    """Zeros around, as by `numpy.pad`."""
-    return Ball(np.pad(A.mid, widths), np.pad(A.radius, widths))

@@ -13,13 +13,13 @@ from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.graph import require_connected
 from certpgo.graph.information import InformationGraph
-from certpgo.linalg import so
-from certpgo.linalg.arrays import CSC, FloatArray, IntArray
+from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.balls import Ball
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.factor import default_engine
 from certpgo.linalg.so import rotation_defect
-from certpgo.objective.problem import PoseProblem
+from certpgo.objective.operators import lever
+from certpgo.objective.problem import PoseProblem, translations_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,16 +69,12 @@ class InformationProblem:
         d = self.d
         information, t = self.graph.information, self.graph.translations
         diagonal = np.abs(np.diagonal(information, axis1=1, axis2=2))
-        lever = np.einsum("ma,ma->m", t, t)
-        return float((diagonal[:, d:].mean(axis=1) + lever * diagonal[:, :d].mean(axis=1)).sum())
+        squares = np.einsum("ma,ma->m", t, t)
+        return float((diagonal[:, d:].mean(axis=1) + squares * diagonal[:, :d].mean(axis=1)).sum())
 
     def scaled(self, factor: float) -> InformationProblem:
         """The same measurements with all weights times ``factor``."""
-        graph = InformationGraph(
-            self.graph.isotropic.reweighted(np.full(self.graph.num_edges, factor)),
-            factor * self.graph.information,
-        )
-        return self.with_cost(replace(self.edge_cost, graph=graph))
+        return self.with_cost(replace(self.edge_cost, graph=self.graph.scaled(factor)))
 
     def with_cost(self, edge_cost: EdgeCost) -> InformationProblem:
         """The problem of another cost on the same edges; pattern and order are shared."""
@@ -93,7 +89,7 @@ class InformationProblem:
     def relative(self, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
         """(m, d) vectors v = R_i^T (t_j - t_i) and (m, d, d) rotations Q = R_i^T R_j."""
         i, j = self.graph.edges.T
-        R, t = estimate.rotations, _translations(estimate)
+        R, t = estimate.rotations, translations_of(estimate)
         back = np.swapaxes(R[i], 1, 2)
         return (back @ (t[j] - t[i])[:, :, None])[:, :, 0], back @ R[j]
 
@@ -109,7 +105,7 @@ class InformationProblem:
         """Lower and upper bounds on f of an estimate, whose translations are taken as stored."""
         i, j = self.graph.edges.T
         R = Ball.within(estimate.rotations, rotation_defect(estimate.rotations))
-        t = Ball.exact(_translations(estimate))
+        t = Ball.exact(translations_of(estimate))
         v = R.T[i].apply(t[j] - t[i])
         found = self.edge_cost.enclosures(v, R.T[i] @ R[j])
         low, high = math.fsum(found.lower), math.fsum(found.upper)
@@ -130,9 +126,8 @@ class InformationProblem:
         e, in_v, in_w = self.edge_cost.linearized(v, Q)
         # v moves by R_i^T (dt_j - dt_i) + v x w_i, and Q by Q exp(w_j - Q^T w_i).
         by_t = in_v @ np.swapaxes(estimate.rotations[i], 1, 2)
-        lever = np.stack([v[:, 1], -v[:, 0]], axis=1)[:, :, None] if d == 2 else so.hat(v)
         turned = in_w if d == 2 else in_w @ np.swapaxes(Q, 1, 2)
-        at_i = np.concatenate([-by_t, in_v @ lever - turned], axis=2)
+        at_i = np.concatenate([-by_t, in_v @ lever(v) - turned], axis=2)
         at_j = np.concatenate([by_t, in_w], axis=2)
         weighted = self.graph.information @ e[:, :, None]
         gradient = scatter_sum(i, (np.swapaxes(at_i, 1, 2) @ weighted)[:, :, 0], n)
@@ -183,13 +178,10 @@ class Surrogate:
     ----------
     problem : the pose graph's
     constant : rounded down
-    without : indices of the measurements that have no minorant at the expansion point, and are
-        left out: their terms are at least zero
     """
 
     problem: PoseProblem
     constant: float
-    without: IntArray
 
 
 def surrogate(problem: InformationProblem, estimate: Estimate) -> Surrogate:
@@ -197,6 +189,7 @@ def surrogate(problem: InformationProblem, estimate: Estimate) -> Surrogate:
 
     With equality there, up to rounding: if the estimate is stationary for the cost, it is for the
     surrogate, and a lower bound of the surrogate's cost plus the constant is one of the cost.
+    Measurements without a minorant there are left out: their terms are at least zero.
 
     Raises
     ------
@@ -220,10 +213,4 @@ def surrogate(problem: InformationProblem, estimate: Estimate) -> Surrogate:
     _, K, K_left = rotation.polar
     traces = np.concatenate([np.diagonal(A, axis1=1, axis2=2).ravel() for A in (K, K_left)])
     constant = math.nextafter(math.fsum(np.r_[found.constant, -traces]), -math.inf)
-    return Surrogate(problem.chordal.of_same_edges(general), constant, np.flatnonzero(~kept))
-
-
-def _translations(estimate: Estimate) -> FloatArray:
-    if estimate.translations is None:
-        raise InputError("the estimate has no translations, but the graph measures them")
-    return estimate.translations
+    return Surrogate(problem.chordal.of_same_edges(general), constant)

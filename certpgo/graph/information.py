@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -128,6 +129,14 @@ class InformationGraph:
     def is_definite(self) -> BoolArray:
         """(m,) which information matrices are proven to be positive definite."""
         return is_positive_definite(Ball.exact(self.information))
+
+    def scaled(self, factor: float) -> InformationGraph:
+        """The same measurements with all weights times ``factor``."""
+        isotropic = self.isotropic.reweighted(np.full(self.num_edges, factor))
+        other = InformationGraph(isotropic, factor * self.information)
+        if math.frexp(factor)[0] == 0.5:  # a power of two rounds nothing
+            other.__dict__["is_definite"] = self.is_definite
+        return other
 
     def with_edges(self, chosen: IntArray | BoolArray) -> InformationGraph:
         """All nodes with only the ``chosen`` edges, given by index or mask (m,)."""

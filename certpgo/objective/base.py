@@ -18,6 +18,7 @@ from certpgo.linalg.blocks import BlockPattern, expand, pinned
 from certpgo.linalg.factor import Factor, Symbolic
 from certpgo.objective import operators
 
+AnyPoint = TypeVar("AnyPoint", bound=Point)
 AnyProblem = TypeVar("AnyProblem", bound="Objective")
 
 

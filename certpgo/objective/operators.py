@@ -152,17 +152,17 @@ def pose_hessian(
     first, second = moments(graph)
     diagonal = np.zeros((n, d + p, d + p))
     diagonal[:, :d, :d] = degrees(graph.edges, tau, n)[:, None, None] * np.eye(d)
-    diagonal[:, :d, d:] = -R @ _lever(first)
+    diagonal[:, :d, d:] = -R @ lever(first)
     diagonal[:, d:, :d] = np.swapaxes(diagonal[:, :d, d:], 1, 2)
     diagonal[:, d:, d:] = rotation_diagonal + tangent_restriction(second)
 
     upper = np.zeros((graph.num_edges, d + p, d + p))
     upper[:, np.arange(d), np.arange(d)] = -tau[:, None]
-    at_i = R[i] @ _lever(tau[:, None] * t)
+    at_i = R[i] @ lever(tau[:, None] * t)
     upper[:, d:, :d] = np.swapaxes(at_i, 1, 2)
     upper[:, d:, d:] = rotation_upper
     if graph.arms is not None:
-        at_j = R[j] @ _lever(graph.arms)
+        at_j = R[j] @ lever(graph.arms)
         upper[:, :d, d:] = tau[:, None, None] * at_j
         upper[:, d:, d:] -= np.swapaxes(at_i, 1, 2) @ at_j
     return diagonal, upper
@@ -231,7 +231,7 @@ def tangent_restriction(S: FloatArray) -> FloatArray:
     return np.asarray(trace if S.shape[-1] == 2 else trace * np.eye(3) - S)
 
 
-def _lever(t: FloatArray) -> FloatArray:
+def lever(t: FloatArray) -> FloatArray:
     """(m, d, p) matrices with lever(t) w = -hat(w) t."""
     if t.shape[-1] == 2:
         return np.stack([t[:, 1], -t[:, 0]], axis=1)[:, :, None]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TypeVar
 
 import numpy as np
 
@@ -21,12 +20,10 @@ from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.factor import Factor, default_engine
 from certpgo.objective import operators
-from certpgo.objective.base import FirstOrder, Objective, require_graph
+from certpgo.objective.base import AnyPoint, FirstOrder, Objective, require_graph
 from certpgo.objective.rotation_problem import RotationProblem
 
 __all__ = ["PoseProblem", "Problem", "RotationProblem", "problem_of"]
-
-AnyPoint = TypeVar("AnyPoint", bound=Point)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +116,7 @@ class PoseProblem(Objective):
         if self._translation_factor is None:  # the weights are too uneven
             return point.with_translations(self._eliminated(point))  # type: ignore[return-value]
         forces = self._forces(self.translation_residuals(point))
-        t = _translations(point) - self.solve_translations(forces)
+        t = translations_of(point) - self.solve_translations(forces)
         return point.with_translations(t)  # type: ignore[return-value]
 
     def _eliminated(self, point: Point) -> FloatArray:
@@ -135,7 +132,7 @@ class PoseProblem(Objective):
     def translation_residuals(self, point: Point) -> FloatArray:
         """(m, r) vectors t_j - t_i - R_i t_ij, plus R_j a where an edge has an arm a."""
         i, j = self.graph.edges.T
-        t = _translations(point)
+        t = translations_of(point)
         return np.asarray(t[j] - t[i] - self._steps(point))
 
     def _steps(self, point: Point) -> FloatArray:
@@ -256,7 +253,8 @@ def problem_of(graph: RotationGraph | PoseGraph, engine: str | None = None) -> P
     return RotationProblem(graph, engine)
 
 
-def _translations(point: Point) -> FloatArray:
+def translations_of(point: Point) -> FloatArray:
+    """The translations of a point, which has some; else a GraphError."""
     if point.translations is None:
         raise GraphError("the estimate has no translations")
     return point.translations

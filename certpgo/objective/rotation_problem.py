@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TypeVar
 
 import numpy as np
 
@@ -16,9 +15,7 @@ from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.factor import default_engine
 from certpgo.objective import operators
-from certpgo.objective.base import FirstOrder, Objective, require_graph
-
-AnyPoint = TypeVar("AnyPoint", bound=Point)
+from certpgo.objective.base import AnyPoint, FirstOrder, Objective, require_graph
 
 
 @dataclass(frozen=True, eq=False)

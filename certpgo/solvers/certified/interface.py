@@ -6,11 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from certpgo.costs import CHORDAL, information_problem
+from certpgo.costs import CHORDAL, problem_under
 from certpgo.costs.problem import InformationProblem
 from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
-from certpgo.objective.problem import Problem, problem_of
+from certpgo.objective.problem import Problem
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.solution import Solution
 from certpgo.optimize.starts import Start
@@ -78,16 +78,23 @@ def solve(
     0.029994
     """
     chosen = (settings or SolveSettings()).changed(options)
-    if isinstance(graph, Instance):
-        graph = graph.graph if cost == CHORDAL else information_problem(graph, cost)
-    elif cost != CHORDAL:
-        raise InputError(f"cost={cost!r} needs the instance that was read, with its information")
-    if isinstance(graph, InformationProblem):
-        return search_own_cost(graph, chosen, initial, monitor)
-    if not isinstance(graph, (PoseGraph, RotationGraph)):
+    known = (Instance, InformationProblem, PoseGraph, RotationGraph)
+    if cost == CHORDAL and not isinstance(graph, known):
         raise InputError(f"solve takes a graph, such as instance.graph, not {kind_of(graph)}")
+    return _searched(problem_under(graph, cost), chosen, initial, monitor, on_disagreement)
+
+
+def _searched(
+    problem: Problem | InformationProblem,
+    settings: SolveSettings,
+    initial: Estimate | None,
+    monitor: Monitor,
+    on_disagreement: Callable[[Disagreement], object] | None = None,
+) -> CertifiedSolution:
+    if isinstance(problem, InformationProblem):
+        return search_own_cost(problem, settings, initial, monitor)
     begin = None if initial is None else Start(initial, GIVEN)
-    return search_and_certify(problem_of(graph), chosen, begin, monitor, on_disagreement)
+    return search_and_certify(problem, settings, begin, monitor, on_disagreement)
 
 
 @dataclass(frozen=True)
@@ -118,10 +125,7 @@ class Certified(SolveSettings):
         monitor: Monitor = silent,
     ) -> Solution:
         """The best estimate found."""
-        if isinstance(problem, InformationProblem):
-            return search_own_cost(problem, self, initial, monitor).solution
-        begin = None if initial is None else Start(initial, GIVEN)
-        return search_and_certify(problem, self, begin, monitor).solution
+        return _searched(problem, self, initial, monitor).solution
 
 
 SOLVER = Certified
