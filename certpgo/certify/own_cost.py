@@ -8,8 +8,10 @@ surrogate has a positive semidefinite certificate matrix there, that is f itself
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from typing import Self
 
 import numpy as np
@@ -17,6 +19,7 @@ import numpy as np
 from certpgo.certify.bounds import Bounds
 from certpgo.certify.case import Basin, Case
 from certpgo.certify.certificate import Certificate, Tier, Verdict
+from certpgo.certify.climb import climb
 from certpgo.certify.dual import DualBound, dual_bound
 from certpgo.costs.descent import descend
 from certpgo.costs.problem import InformationProblem, Surrogate, surrogate
@@ -25,6 +28,9 @@ from certpgo.graph import Estimate
 from certpgo.graph.lift import Point
 from certpgo.io.plural import counted
 from certpgo.optimize.solution import Solution
+
+#: Ranks that a point is lifted by for a bound.
+RANKS = 3
 
 
 @dataclass(frozen=True)
@@ -72,16 +78,23 @@ class OwnCostCase(Case):
         tight: bool = False,
         refine: bool = True,
     ) -> DualBound | None:
-        """The bound by the surrogate at a point, from the multipliers there; None without one.
+        """The best bound by the surrogate at a point; None without one.
 
-        If it is of no use, the bound of a relaxed cost, at the end of descent on that.
+        The first is that of the multipliers there. With ``refine``, if it does not suffice, those
+        of the surrogate's minima of higher ranks follow; and if none is of use, the bound of a
+        relaxed cost, at the end of descent on that.
         """
         if not isinstance(point, Estimate):
             return None
-        found = self._bound_at(point, cost, sharp=sharp, tight=tight)
-        if (found is not None and found.value > 0.0) or self.relaxed is None:
-            return found
-        return self.relaxed.basin(point, True).bound or found
+        best = None
+        for found in self._bounds_at(point, cost, sharp, tight, RANKS if refine else 0):
+            if best is None or found.value > best.value:
+                best = found
+            if best.value >= cost - self.tolerance(cost):
+                break
+        if (best is not None and best.value > 0.0) or self.relaxed is None:
+            return best
+        return self.relaxed.basin(point, True).bound or best
 
     @cached_property
     def relaxed(self) -> OwnCostCase | None:
@@ -91,24 +104,30 @@ class OwnCostCase(Case):
             return None
         return replace(self, problem=self.problem.with_cost(cost))
 
-    def _bound_at(
-        self, point: Estimate, cost: float, *, sharp: bool, tight: bool
-    ) -> DualBound | None:
+    def _bounds_at(
+        self, point: Estimate, cost: float, sharp: bool, tight: bool, ranks: int
+    ) -> Iterator[DualBound]:
+        """Bounds by the surrogate at a point, from points of rising rank."""
         below = self.below(point)
         if below is None:
-            return None
+            return
         enough = cost - self.tolerance(cost) - below.constant
-        found = dual_bound(
-            below.problem,
-            below.problem.settled(point),
-            rounding=self.rigorous,
-            enough=enough,
-            sharp=sharp,
-            tight=tight,
+        start = below.problem.settled(point)
+        points: Iterable[Point] = chain(
+            [start], climb(below.problem, start, self.problem.d + ranks)
         )
-        if found is None:
-            return None
-        return replace(found, value=math.nextafter(found.value + below.constant, -math.inf))
+        for here in points:
+            found = dual_bound(
+                below.problem,
+                here,
+                rounding=self.rigorous,
+                enough=enough,
+                sharp=sharp,
+                tight=tight,
+            )
+            if found is not None:
+                value = math.nextafter(found.value + below.constant, -math.inf)
+                yield replace(found, value=value)
 
     def certificate(
         self,
