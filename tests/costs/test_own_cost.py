@@ -198,7 +198,8 @@ def test_edges_without_minorants_leave_a_verdict_undecided(monkeypatch):
     assert (alone.verdict.value, alone.lower_bound) == ("UNDECIDED", 0.0)
     assert certify(problem, wound).verdict.value != "CERTIFIED"
     assert solve(problem, initial=wound).verdict.value != "REFUTED"
-    assert OwnCostCase.of(problem, "standard", 1e-5, 1e-12).below(wound) is None
+    case = OwnCostCase.of(problem, "standard", 1e-5, 1e-12)
+    assert case.below(*problem.relative(wound)) is None
 
 
 def test_random_estimates_get_a_verdict_without_warnings(recwarn):
