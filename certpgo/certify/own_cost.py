@@ -52,6 +52,8 @@ class OwnCostCase(Case):
     problem: InformationProblem  # type: ignore[assignment]
     #: Is called with the iterations of descents for bounds, and may stop them.
     monitor: Monitor = silent
+    #: Ranks above d that these reach.
+    ranks: int = RANKS
 
     @classmethod
     def of(  # type: ignore[override]
@@ -139,7 +141,7 @@ class OwnCostCase(Case):
             below = self.below(v, Q)
             if below is None:
                 return
-            highest = self.problem.d + (RANKS if refine else 0)
+            highest = self.problem.d + (self.ranks if refine else 0)
             settled = below.problem.settled(point)
             for point in climb(below.problem, settled, highest, self.monitor):
                 enough = cost - self.tolerance(cost) - below.constant

@@ -10,13 +10,13 @@ import typer
 
 from certpgo.cli import _verdict
 from certpgo.cli._options import (
-    Cost,
     CostOption,
     GraphName,
     HtmlOut,
     Json,
     ProofOut,
     Timestamps,
+    chosen_cost,
     refuse_chordal_only,
     tier_option,
 )
@@ -44,7 +44,7 @@ def command(
         list[str],
         typer.Argument(metavar="ESTIMATE", help="File or dataset with poses; several need --csv."),
     ],
-    cost: CostOption = Cost.CHORDAL,
+    cost: CostOption = None,
     tier: Annotated[str | None, tier_option("standard, or proof with --proof")] = None,
     rtol: Annotated[
         float, typer.Option("--rtol", help="Tolerance on the gap, relative to the cost F.")
@@ -95,9 +95,10 @@ def command(
     tier = tier or ("standard" if proof is None else "proof")
     provable = None if proof is None else provable_source(source)
     instance = reading.open(source)
+    own = chosen_cost(cost, instance, proof=proof, html=html)
     parts = []
     for connected in reading.parts(instance):
-        problem = problem_under(connected, cost.value)
+        problem = problem_under(connected, own)
         judge = Judge(problem, tier=tier, rtol=rtol, atol=atol, refine=refine)
         parts.append(JudgedGraph(connected, problem, judge))
     if best is not None and len(parts) > 1:

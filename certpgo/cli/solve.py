@@ -14,12 +14,12 @@ import typer
 from certpgo.cli import _verdict
 from certpgo.cli._interrupting import ends_at_once
 from certpgo.cli._options import (
-    Cost,
     CostOption,
     GraphName,
     HtmlOut,
     Json,
     ProofOut,
+    chosen_cost,
     refuse_chordal_only,
     tier_option,
 )
@@ -57,7 +57,7 @@ def command(
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Setting of --method."),
     ] = None,
-    cost: CostOption = Cost.CHORDAL,
+    cost: CostOption = None,
     initial: Annotated[Path | None, typer.Option("--initial", help="Initial estimate.")] = None,
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="Write the estimate to this file.")
@@ -128,6 +128,7 @@ def command(
     provable = None if proof is None else provable_source(source)
     instance = reading.open(source)
     parts = reading.parts(instance)
+    own = chosen_cost(cost, instance, method=method, robust=robust, proof=proof, html=html)
     for name, output in (("--proof", proof), ("--html", html)):
         if output is not None and (len(parts) > 1 or not certify):
             raise InputError(f"{name} needs a connected graph and a certified estimate")
@@ -150,7 +151,7 @@ def command(
             monitor = TableMonitor() if trace else _StatusLine(status)
             if solver is None or method is None:
                 limits = SolveSettings(time_limit=time_limit, max_rank=max_rank, tier=tier)
-                result = _certified(part, begin, limits, robust, monitor, cost)
+                result = _certified(part, begin, limits, robust, monitor, own)
             else:
                 requested = (tier or "standard") if certify else None
                 result = _by_method(part, method, solver, begin, requested, monitor, status)
@@ -337,13 +338,13 @@ def _certified(
     settings: SolveSettings,
     robust: bool,
     monitor: Monitor,
-    cost: Cost,
+    cost: str,
 ) -> _Result:
     from certpgo import solve, solve_robustly
 
     search: Callable[..., CertifiedSolution] = solve_robustly
     if not robust:
-        search = partial(solve, cost=cost.value, on_disagreement=_hinting)
+        search = partial(solve, cost=cost, on_disagreement=_hinting)
     found = search(part.graph if robust else part, settings, initial=initial, monitor=monitor)
     method = "robust" if robust else "certified"
     return _Result(part, method, found.solution, found.certificate, found)

@@ -29,10 +29,13 @@ class Information:
     ----------
     distinct : (k, p, p) symmetric matrices, translation before rotation
     index : (m,) which of them belongs to each edge
+    residual : the cost whose residuals they weigh in the program that the file is of, as named in
+        `certpgo.costs`; None if that is not known
     """
 
     distinct: FloatArray
     index: IntArray
+    residual: str | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "distinct", frozen_floats(self.distinct))
@@ -43,9 +46,14 @@ class Information:
         """(m, p, p) matrices of the edges."""
         return np.asarray(self.distinct[self.index])
 
+    @cached_property
+    def is_definite(self) -> BoolArray:
+        """(m,) which matrices are proven to be positive definite."""
+        return np.asarray(is_positive_definite(Ball.exact(self.distinct))[self.index])
+
     def subset(self, chosen: IntArray | BoolArray) -> Information:
         """The matrices of some edges, given by index or mask (m,)."""
-        return Information(self.distinct, self.index[chosen])
+        return Information(self.distinct, self.index[chosen], self.residual)
 
 
 @dataclass(frozen=True, eq=False)
