@@ -247,6 +247,8 @@ def test_convert_a_graph_there_and_back(certpgo, square, tmp_path):
     first, second = (package.read(path, quiet=True).graph for path in (square, back))
     np.testing.assert_array_equal(first.rotation.kappa, second.rotation.kappa)
     np.testing.assert_array_equal(first.translations, second.translations)
+    costs = [certpgo("solve", p, "--cost", "g2o", "--json").json["cost"] for p in (square, there)]
+    assert costs[0] == costs[1]
 
 
 def test_convert_the_poses_alone(certpgo, square, tmp_path):
