@@ -148,6 +148,12 @@ class InformationGraph:
             other.__dict__["is_definite"] = self.is_definite
         return other
 
+    def reweighted(self, factors: FloatArray) -> InformationGraph:
+        """Information times factors (m,); an edge with factor 0 is removed."""
+        kept = factors != 0.0
+        information = factors[kept, None, None] * self.information[kept]
+        return InformationGraph(self.isotropic.reweighted(factors), information)
+
     def with_edges(self, chosen: IntArray | BoolArray) -> InformationGraph:
         """All nodes with only the ``chosen`` edges, given by index or mask (m,)."""
         return InformationGraph(self.isotropic.with_edges(chosen), self.information[chosen])
