@@ -94,8 +94,8 @@ class MethodResult:
     ----------
     graph, d, nodes, edges, reading : the graph, and how it was read; None and empty if it could not
         be read, or is not connected
-    method, settings : the label, and the settings that differ from the default; empty for a graph
-        that could not be read
+    method, settings : the label, and the settings that differ from the default; empty, like the
+        next two, for a graph that could not be read or does not have the cost
     objective : the cost that judges the estimate, as in `certpgo.Certificate`
     minimised : the cost that the method was given, see `certpgo.costs`; a method that reads the
         graph's file minimises its own
@@ -114,8 +114,8 @@ class MethodResult:
     reading: Mapping[str, str] = field(default_factory=dict)
     method: str = ""
     settings: Mapping[str, Any] = field(default_factory=dict)
-    objective: str = OF_F
-    minimised: str = CHORDAL
+    objective: str = ""
+    minimised: str = ""
     error: str = ""
     status: str = ""
     iterations: int = 0
