@@ -146,8 +146,8 @@ class Solver(Protocol):
     ----------
     poses, rotations : which kinds of problem it accepts
     takes_initial : whether it uses an initial estimate; optional, True by default
-    own_costs : names of the costs of other programs that it minimises if it is given an
-        `certpgo.costs.InformationProblem`; optional, none by default
+    own_costs : names of the costs of other programs that it minimises if the problem has one, see
+        `certpgo.costs`; optional, none by default
     compiled : whether it runs in compiled code, which Ctrl-C can only end together with the
         process; optional, False by default
     """
