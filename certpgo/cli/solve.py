@@ -112,7 +112,7 @@ def command(
     from certpgo.registry import build, parse_settings, refuse_unsuited
 
     _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank)
-    refuse_chordal_only(cost, method=method, robust=robust, proof=proof, html=html)
+    refuse_chordal_only(cost, method=method, robust=robust, proof=proof)
     if robust and proof is not None:
         raise InputError(_UNPROVABLE)
     if proof is not None:
@@ -187,6 +187,7 @@ class _Result:
     solution: Solution
     certificate: Certificate | None
     found: CertifiedSolution | None = None  # by the certified pipeline
+    cost: Cost = Cost.CHORDAL
 
     @property
     def interrupted(self) -> bool:
@@ -291,7 +292,7 @@ class _Result:
         """Write the page of the certificate."""
         from certpgo.assess.assessment import assess
         from certpgo.assess.wording import hint
-        from certpgo.objective.problem import problem_of
+        from certpgo.costs import problem_under
 
         solution, part = self.solution, self.part
         if self.certificate is None:
@@ -304,7 +305,7 @@ class _Result:
             )
         if self.disagreement is not None:
             remarks.append(f"{hint(self.disagreement)}.")
-        problem = solution.judged(problem_of(part.graph))
+        problem = solution.judged(problem_under(part, self.cost.value))
         assessment = assess(problem, solution.estimate, self.certificate, ids=part.ids)
         origin = origin_of(
             graph,
@@ -346,7 +347,7 @@ def _certified(
         search = partial(solve, cost=cost.value, on_disagreement=_hinting)
     found = search(part.graph if robust else part, settings, initial=initial, monitor=monitor)
     method = "robust" if robust else "certified"
-    return _Result(part, method, found.solution, found.certificate, found)
+    return _Result(part, method, found.solution, found.certificate, found, cost)
 
 
 def _hinting(found: Disagreement) -> None:

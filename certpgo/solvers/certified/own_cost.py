@@ -119,7 +119,9 @@ class _Search:
             time_limit=None if math.isinf(left) else max(left, 0.0),
         )
         start = Start(self.best.point, "the expansion point", near=True)
-        found = search_and_certify(below.problem, limited, start, self.stop)
+        found = search_and_certify(
+            below.problem, limited, start, self.stop.of_minorant(below.constant)
+        )
         _follow(self.stop, found)
         lower = found.certificate.lower_bound
         if not lower > 0.0 or found.certificate.multipliers is None:
