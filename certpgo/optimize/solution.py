@@ -23,7 +23,7 @@ class Reweighted(Protocol):
         ...
 
 
-P = TypeVar("P", bound=Reweighted)
+AnyPosed = TypeVar("AnyPosed", bound=Reweighted)
 
 
 class Status(Enum):
@@ -130,7 +130,7 @@ class Solution:
         """(k,) measurements that a robust method rejected, ascending; empty for others."""
         return np.flatnonzero([] if self.weights is None else self.weights == 0.0)
 
-    def judged(self, problem: P) -> P:
+    def judged(self, problem: AnyPosed) -> AnyPosed:
         """The problem that the estimate solves, with the method's final weights.
 
         A certificate for it says that no estimate fits the kept measurements better, not that the

@@ -219,7 +219,7 @@ def weighed():
     """A noisy grid of poses with matrices that weigh directions and turns differently."""
     instance = synthetic.grid3d(2, np.random.default_rng(0))
     m = instance.graph.num_edges
-    matrix = np.diag([40.0, 90, 60, 50, 20, 30]) + 2.0 * np.ones((6, 6))
+    matrix = np.diag([40.0, 90, 60, 40, 35, 30]) + np.ones((6, 6))
     return replace(instance, information=Information(matrix[None], np.zeros(m, dtype=int)))
 
 
