@@ -76,7 +76,6 @@ def command(
     from certpgo.certify.judge import Judge
     from certpgo.costs import problem_under
     from certpgo.io.format import format_to_write
-    from certpgo.objective.problem import problem_of
 
     if len(estimates) > 1 and csv is None:
         raise InputError("several estimates need --csv OUT")
@@ -84,7 +83,7 @@ def command(
         raise InputError("--best, --proof and --html need a single estimate, without --csv")
     if best is not None:
         format_to_write(best, None)  # report a wrong suffix before any work
-    refuse_chordal_only(cost, proof=proof, html=html)
+    refuse_chordal_only(cost, proof=proof)
     for out in (best, csv, proof, html):
         refuse_unwritable(out)
     require_pages(html)
@@ -95,7 +94,7 @@ def command(
     tier = tier or ("standard" if proof is None else "proof")
     provable = None if proof is None else provable_source(source)
     instance = reading.open(source)
-    own = chosen_cost(cost, instance, proof=proof, html=html)
+    own = chosen_cost(cost, instance, proof=proof)
     parts = []
     for connected in reading.parts(instance):
         problem = problem_under(connected, own)
@@ -128,8 +127,7 @@ def command(
         written = proof if proven else None
         remarks = [f"{hint(found)}." for found in disagreements if found is not None]
         origin = origin_of(graph, reading, estimate=estimates[0], proof=written, remarks=remarks)
-        problem = problem_of(part.instance.graph)
-        write_page(html, part.instance, problem, given[0], assessments[0], origin)
+        write_page(html, part.instance, part.problem, given[0], assessments[0], origin)
     return code if proven else code or REFUSED
 
 

@@ -112,7 +112,7 @@ def command(
     from certpgo.registry import build, parse_settings, refuse_unsuited
 
     _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank)
-    refuse_chordal_only(cost, method=method, robust=robust, proof=proof, html=html)
+    refuse_chordal_only(cost, method=method, robust=robust, proof=proof)
     if robust and proof is not None:
         raise InputError(_UNPROVABLE)
     if proof is not None:
@@ -128,7 +128,7 @@ def command(
     provable = None if proof is None else provable_source(source)
     instance = reading.open(source)
     parts = reading.parts(instance)
-    own = chosen_cost(cost, instance, method=method, robust=robust, proof=proof, html=html)
+    own = chosen_cost(cost, instance, method=method, robust=robust, proof=proof)
     for name, output in (("--proof", proof), ("--html", html)):
         if output is not None and (len(parts) > 1 or not certify):
             raise InputError(f"{name} needs a connected graph and a certified estimate")
@@ -188,6 +188,7 @@ class _Result:
     solution: Solution
     certificate: Certificate | None
     found: CertifiedSolution | None = None  # by the certified pipeline
+    cost: str = "chordal"
 
     @property
     def interrupted(self) -> bool:
@@ -292,7 +293,7 @@ class _Result:
         """Write the page of the certificate."""
         from certpgo.assess.assessment import assess
         from certpgo.assess.wording import hint
-        from certpgo.objective.problem import problem_of
+        from certpgo.costs import problem_under
 
         solution, part = self.solution, self.part
         if self.certificate is None:
@@ -305,7 +306,7 @@ class _Result:
             )
         if self.disagreement is not None:
             remarks.append(f"{hint(self.disagreement)}.")
-        problem = solution.judged(problem_of(part.graph))
+        problem = solution.judged(problem_under(part, self.cost))
         assessment = assess(problem, solution.estimate, self.certificate, ids=part.ids)
         origin = origin_of(
             graph,
@@ -347,7 +348,7 @@ def _certified(
         search = partial(solve, cost=cost, on_disagreement=_hinting)
     found = search(part.graph if robust else part, settings, initial=initial, monitor=monitor)
     method = "robust" if robust else "certified"
-    return _Result(part, method, found.solution, found.certificate, found)
+    return _Result(part, method, found.solution, found.certificate, found, cost)
 
 
 def _hinting(found: Disagreement) -> None:

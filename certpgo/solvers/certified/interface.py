@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from certpgo.costs import CHORDAL, problem_under
+from certpgo.costs import CHORDAL, COSTS, problem_under
 from certpgo.costs.problem import InformationProblem
 from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
@@ -115,8 +115,7 @@ class Certified(SolveSettings):
 
     poses: ClassVar[bool] = True
     rotations: ClassVar[bool] = True
-    #: It minimises the costs of other programs too.
-    own_costs: ClassVar[bool] = True
+    own_costs: ClassVar[tuple[str, ...]] = tuple(COSTS)
 
     def solve(
         self,

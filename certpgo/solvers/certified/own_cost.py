@@ -50,7 +50,7 @@ def search_own_cost(
             initial = chordal.estimate
             _follow(stop, chordal)
         ranks = RANKS if settings.max_rank is None else max(settings.max_rank - problem.d, 0)
-        searched = replace(case, monitor=stop, ranks=min(ranks, RANKS))
+        searched = replace(case, monitor_of=stop.of_minorant, ranks=min(ranks, RANKS))
         search = _Search(searched, settings, stop, initial)
         search.go_on()
         ended = stop.ended_by or search.status
