@@ -99,6 +99,8 @@ class Certificate:
     objective : the cost that the certificate is about: F, or that of another program, see
         `certpgo.costs`; then F stands for that cost everywhere here
     descended : whether ``refined`` is the end of local descent
+    expansion : under the cost of another program, the estimate at whose surrogate the lower bound
+        was found; else None
 
     Examples
     --------
@@ -136,6 +138,7 @@ class Certificate:
     reason: str
     objective: str = CHORDAL
     descended: bool = True
+    expansion: Estimate | None = None
 
     @property
     def relative_gap(self) -> float:

@@ -19,6 +19,7 @@ import numpy as np
 
 from certpgo.certify.residual import measured_residual
 from certpgo.certify.shifted import Shifted
+from certpgo.graph import Estimate
 from certpgo.graph.lift import Point
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray
 from certpgo.linalg.balls import U
@@ -56,6 +57,7 @@ class DualBound:
     shift : the largest amount taken off a diagonal entry of Lam
     factorizations : number of numeric factorizations
     nonzeros : nonzeros of the factor that proves it; 0 if rounding was not bounded
+    expansion : under the cost of another program, the estimate at whose surrogate it was found
     """
 
     value: float
@@ -63,6 +65,7 @@ class DualBound:
     shift: float
     factorizations: int
     nonzeros: int
+    expansion: Estimate | None = None
 
 
 def dual_bound(

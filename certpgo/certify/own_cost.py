@@ -18,7 +18,9 @@ from certpgo.certify.bounds import Bounds
 from certpgo.certify.case import Basin, Case
 from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound, dual_bound
+from certpgo.certify.proof import proven_surrogate
 from certpgo.costs.descent import descend
+from certpgo.costs.g2o import G2oCost
 from certpgo.costs.problem import InformationProblem, Surrogate, surrogate
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate
@@ -42,13 +44,23 @@ class OwnCostCase(Case):
         Raises
         ------
         InputError
-            Also the proof tier, or information matrices that are not positive definite.
+            Also the proof tier of a cost that has none, or information matrices that are not positive definite.
         """
         problem.refuse_indefinite()
-        if tier in (Tier.PROOF, Tier.PROOF.value):
-            title = problem.edge_cost.title
-            raise InputError(f"the proof tier is for the chordal cost, not for {title}")
         return super().of(problem, tier, rtol, atol)  # type: ignore[arg-type]
+
+    @staticmethod
+    def refuse_unprovable(problem: InformationProblem) -> None:  # type: ignore[override]
+        """Refuse a cost that the checker does not know.
+
+        Raises
+        ------
+        InputError
+            It is not that of g2o.
+        """
+        if problem.edge_cost.name != G2oCost.name:
+            said = "proofs and their tier are for the chordal cost and g2o's, not for"
+            raise InputError(f"{said} {problem.edge_cost.title}")
 
     @property
     def objective(self) -> str:
@@ -97,10 +109,14 @@ class OwnCostCase(Case):
         below = self.below(point)
         if below is None:
             return None
+        settled = below.problem.settled(point)
+        if self.tier is Tier.PROOF:
+            found = dual_bound(below.problem, settled)
+            return None if found is None else self._proven(below, point, found)
         enough = cost - self.tolerance(cost) - below.constant
         found = dual_bound(
             below.problem,
-            below.problem.settled(point),
+            settled,
             rounding=self.rigorous,
             enough=enough,
             sharp=sharp,
@@ -108,7 +124,22 @@ class OwnCostCase(Case):
         )
         if found is None:
             return None
-        return replace(found, value=math.nextafter(found.value + below.constant, -math.inf))
+        value = math.nextafter(found.value + below.constant, -math.inf)
+        return replace(found, value=value, expansion=point)
+
+    def reproven(self, found: DualBound) -> DualBound | None:
+        """A bound of the standard tier at the proof tier; None if that fails."""
+        point = found.expansion
+        below = None if point is None else self.below(point)
+        proven = None if point is None or below is None else self._proven(below, point, found)
+        if (proven is not None and proven.value > 0.0) or self.relaxed is None:
+            return proven
+        return self.relaxed.reproven(found) or proven
+
+    def _proven(self, below: Surrogate, point: Estimate, found: DualBound) -> DualBound | None:
+        constants = below.minorants.constant
+        proven = proven_surrogate(below.problem, constants, point, found)
+        return None if proven is None else replace(proven, expansion=point)
 
     def certificate(
         self,

@@ -22,7 +22,8 @@ import numpy as np
 
 from certpgo import checker
 from certpgo.certify.case import Case
-from certpgo.certify.certificate import Certificate, Tier
+from certpgo.certify.certificate import CHORDAL, Certificate, Tier
+from certpgo.certify.cost_proof import cost_evidence, problem_of_certificate
 from certpgo.certify.proof import Witness, proof_of, prove
 from certpgo.errors import FormatError, InputError, NumericalError
 from certpgo.graph import Estimate, Instance, PoseGraph
@@ -81,10 +82,18 @@ def write_proof(
     True
     """
     source = provable(source)
-    claim, graph = _claim(source, instance)
-    multipliers, witness = _evidence(instance, graph, certificate)
+    if certificate.objective == CHORDAL:
+        claim, graph = _claim(source, instance)
+        multipliers, witness = _evidence(instance, graph, certificate)
+        minorants = None
+    else:
+        problem = problem_of_certificate(instance, certificate)
+        claim, graph = _claim(source, instance, problem.edge_cost.name)
+        evidence = cost_evidence(problem, graph, certificate)
+        multipliers, witness = evidence.multipliers, evidence.witness
+        minorants = evidence.minorants
     claim |= {"pin": witness.pin, "exponent": witness.exponent}
-    arrays = _arrays(proof_of(estimate, multipliers, witness))
+    arrays = _arrays(proof_of(estimate, multipliers, witness, minorants))
     found: list[checker.Answer] = []
 
     def accepted(beside: Path) -> None:
@@ -162,7 +171,9 @@ def provable(source: str | Path) -> Path:
     return path
 
 
-def _claim(source: Path, instance: Instance) -> tuple[dict[str, Any], checker.Graph]:
+def _claim(
+    source: Path, instance: Instance, cost: str | None = None
+) -> tuple[dict[str, Any], checker.Graph]:
     """The subject of the proof (hashes, kind, reading options), and the graph the checker reads."""
     file = source / "EGs.txt" if source.is_dir() else source
     component = file.with_name("cc.txt")
@@ -180,6 +191,9 @@ def _claim(source: Path, instance: Instance) -> tuple[dict[str, Any], checker.Gr
         "kappa": kappa,
         "tau": tau,
     }
+    if cost is not None:
+        meant = "quaternion" if instance.graph.d == 3 else "tangent"
+        claim |= {"version": 2, "cost": cost, "rotation_information": meant}
     members = component.read_bytes() if restricted else None
     try:
         graph = checker.read_graph(file.read_bytes(), claim, members)
@@ -230,4 +244,6 @@ def _arrays(proof: checker.Proof) -> dict[str, Any]:
     }
     if proof.t is not None:
         arrays["translations"] = proof.t
+    if proof.minorants is not None:
+        arrays |= proof.minorants._asdict()
     return arrays

@@ -24,6 +24,8 @@ SHARES = (0.99, 0.9, 0.7, 0.5, 0.3, 0.1)
 WHOLE = 1.0 - 2.0**-30
 #: Share of the sum of the two smaller eigenvalues of W to which a largest above another is clipped.
 CLIPPED, NEARLY = 0.999, 0.9995
+#: Angles below this touch like zero.
+TINY = 2.0**-60
 #: Attempts to round a slope up.
 MAX_RAISES = 8
 
@@ -253,7 +255,9 @@ def _planar(cost: G2oCost, v: FloatArray, Q: FloatArray) -> Minorants:
     lowest = s * at * at + 4.0 * k * at.cos() - 4.0 * ((k - weight).size + weight.upper * error)
     found = (constant - beta * beta / s + lowest).lower
     fits &= (s.lower > 0.0) & np.isfinite(found)
-    return Minorants(lam, np.zeros_like(b), b, N, np.where(fits, found, -np.inf))
+    # The series of the sine of a tiny angle has few correct digits.
+    touching = np.where(np.abs(alpha) < TINY, 0.0, np.abs(alpha))[:, None]
+    return Minorants(lam, np.zeros_like(b), b, N, np.where(fits, found, -np.inf), touching)
 
 
 def _spatial(cost: G2oCost, v: FloatArray, Q: FloatArray) -> Minorants:
@@ -287,9 +291,9 @@ def _spatial(cost: G2oCost, v: FloatArray, Q: FloatArray) -> Minorants:
     rest = (total - level[:, None, None] * np.eye(4)).reshaped(-1, 16)
     spread = sums(rest * rest).sqrt()
     found = (constant - k + level - spread.size).lower
-    return Minorants(
-        lam, np.zeros_like(b), b, N, np.where(fits & np.isfinite(found), found, -np.inf)
-    )
+    found = np.where(fits & np.isfinite(found), found, -np.inf)
+    touching = np.concatenate([q0, k[:, None]], axis=1)
+    return Minorants(lam, np.zeros_like(b), b, N, found, touching)
 
 
 def _slope(q0: FloatArray, linear: Ball) -> FloatArray:

@@ -8,12 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
-from certpgo.costs.edge_cost import EdgeCost
+from certpgo.costs.edge_cost import EdgeCost, Minorants
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.graph import require_connected
 from certpgo.graph.information import InformationGraph
-from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.arrays import CSC, BoolArray, FloatArray
 from certpgo.linalg.balls import Ball
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.factor import default_engine
@@ -178,10 +178,14 @@ class Surrogate:
     ----------
     problem : the pose graph's
     constant : rounded down
+    minorants : those of the edges that have one
+    kept : (m,) which edges these are
     """
 
     problem: PoseProblem
     constant: float
+    minorants: Minorants
+    kept: BoolArray
 
 
 def surrogate(problem: InformationProblem, estimate: Estimate) -> Surrogate:
@@ -213,4 +217,4 @@ def surrogate(problem: InformationProblem, estimate: Estimate) -> Surrogate:
     _, K, K_left = rotation.polar
     traces = np.concatenate([np.diagonal(A, axis1=1, axis2=2).ravel() for A in (K, K_left)])
     constant = math.nextafter(math.fsum(np.r_[found.constant, -traces]), -math.inf)
-    return Surrogate(problem.chordal.of_same_edges(general), constant)
+    return Surrogate(problem.chordal.of_same_edges(general), constant, found, kept)

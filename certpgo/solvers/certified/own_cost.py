@@ -126,7 +126,8 @@ class _Search:
             return found.estimate, None
         value = math.nextafter(lower + below.constant, -math.inf)
         shift = found.certificate.shift
-        return found.estimate, DualBound(value, found.certificate.multipliers, shift, 0, 0)
+        multipliers, expansion = found.certificate.multipliers, self.best.point
+        return found.estimate, DualBound(value, multipliers, shift, 0, 0, expansion)
 
     @property
     def is_certified(self) -> bool:

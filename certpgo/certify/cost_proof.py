@@ -1,0 +1,136 @@
+"""Proofs about the cost of g2o: minorants that the checker verifies, and multipliers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from certpgo import checker
+from certpgo.certify.certificate import Certificate, Tier
+from certpgo.certify.own_cost import OwnCostCase
+from certpgo.certify.proof import Witness, prove
+from certpgo.costs import COSTS, InformationProblem, information_problem
+from certpgo.costs.problem import Surrogate
+from certpgo.errors import NumericalError
+from certpgo.graph import Instance
+from certpgo.io.plural import counted
+from certpgo.linalg.arrays import FloatArray
+
+#: Rounds in which constants that the checker does not accept are lowered; each lowers them by
+#: `GROWTH` times what the one before did, at first by this share of the edge's weights.
+ROUNDS, GROWTH, FIRST = 16, 4.0, 2.0**-54
+#: What a measurement without a minorant costs at least, relative to the largest weight.
+NOTHING = -(2.0**-140)
+
+
+@dataclass(frozen=True, eq=False)
+class CostEvidence:
+    """What proves a lower bound on g2o's cost, in the units of the file; none of it is trusted."""
+
+    multipliers: FloatArray
+    witness: Witness
+    minorants: checker.Minorants
+
+
+def problem_of_certificate(instance: Instance, certificate: Certificate) -> InformationProblem:
+    """The problem whose cost a certificate is about.
+
+    Raises
+    ------
+    InputError
+        There are no proofs about that cost.
+    """
+    problems = [information_problem(instance, name) for name in COSTS]
+    problem = next(p for p in problems if p.edge_cost.title == certificate.objective)
+    OwnCostCase.refuse_unprovable(problem)
+    return problem
+
+
+def cost_evidence(
+    problem: InformationProblem, graph: checker.Graph, certificate: Certificate
+) -> CostEvidence:
+    """Minorants, multipliers and witness of a bound for the file's exact numbers.
+
+    Parameters
+    ----------
+    graph : the measurements of the file, to the last bit
+
+    Raises
+    ------
+    NumericalError
+        There are none.
+    """
+    point = certificate.expansion
+    if point is None or certificate.multipliers is None:
+        raise NumericalError("there is no lower bound above zero to prove")
+    case = OwnCostCase.of(problem, Tier.PROOF, certificate.rtol, certificate.atol)
+    unit, fallback = case.unit, certificate.multipliers / case.unit
+    graph = graph._replace(information=graph.information / unit)
+    for tried in (case, case.relaxed):
+        below = None if tried is None else tried.below(point)
+        if below is None:
+            continue
+        given = claimed(graph, below)
+        found = prove(below.problem, checker.surrogate(graph, given), point, fallback)
+        if found is not None and _total(found[0], given.constants) > 0.0:
+            return CostEvidence(unit * found[0], found[1], scaled(unit, given))
+    raise NumericalError("the lower bound cannot be proven without trusting a factorization")
+
+
+def claimed(graph: checker.Graph, below: Surrogate) -> checker.Minorants:
+    """The minorants of a surrogate with constants that the checker accepts.
+
+    Raises
+    ------
+    NumericalError
+        There are none for some measurement.
+    """
+    found, kept, rotation = below.minorants, below.kept, below.problem.graph.rotation
+    m, d = graph.t.shape
+    touching = np.zeros((len(found.tau), 0)) if found.touching is None else found.touching
+
+    def of_all(values: FloatArray) -> FloatArray:
+        out = np.zeros((m, *values.shape[1:]))
+        out[kept] = values
+        return out
+
+    centre = 2.0 * d * rotation.kappa
+    nothing = NOTHING * float(np.abs(graph.information).max())
+    constants = np.where(kept, of_all(np.nextafter(found.constant - centre, -np.inf)), nothing)
+    given = checker.Minorants(
+        tau=of_all(found.tau),
+        arms=of_all(found.b),
+        kappa=of_all(rotation.kappa),
+        couplings=of_all(found.N),
+        touching=of_all(touching),
+        constants=constants,
+    )
+    step = FIRST * (np.abs(constants) + of_all(centre))
+    for _ in range(ROUNDS):
+        failed = ~checker.minorants_hold(graph, given)
+        if not failed.any():
+            return given
+        lowered = np.where(failed, given.constants - step, given.constants)
+        given, step = given._replace(constants=lowered), GROWTH * step
+    raise NumericalError(f"no minorant is proven of {counted(int(failed.sum()), 'measurement{s}')}")
+
+
+def scaled(unit: float, given: checker.Minorants) -> checker.Minorants:
+    """The minorants of the weights times a power of two."""
+    touching = given.touching.copy()
+    if touching.shape[1] == 5:
+        touching[:, 4] *= unit
+    return given._replace(
+        tau=unit * given.tau,
+        kappa=unit * given.kappa,
+        couplings=unit * given.couplings,
+        touching=touching,
+        constants=unit * given.constants,
+    )
+
+
+def _total(multipliers: FloatArray, constants: FloatArray) -> float:
+    diagonal = np.einsum("naa->na", multipliers)
+    return math.fsum(np.concatenate([diagonal.ravel(), constants]))
