@@ -5,7 +5,8 @@
 needs only this file, Python and NumPy. GRAPH is g2o or 1DSfM text; PROOF contains an estimate x and
 multipliers Lam, both untrusted. The output is ``PROVED: F(x) <= ..., F* >= ...`` or one line with
 the reason why not. Here F(R, t) = sum kappa |R_j - R_i R_ij|^2 + sum tau |t_j - t_i - R_i t_ij|^2,
-without the second sum for rotations alone, and F* is its minimum over rotations R and points t.
+without the second sum for rotations alone, or g2o's chi2, f = sum e^T Omega e (see `g2o_cost`), for
+which PROOF contains a minorant of each summand. F* is the minimum over rotations R and points t.
 
 Trusted are IEEE 754 doubles rounded to nearest, Python, and that NumPy's matrix product adds up
 products in some order (where exactness matters they are integers below 2^53). The Cholesky factors
@@ -125,9 +126,9 @@ class Graph(NamedTuple):
     information: Any = None  # (m, p, p), translation first, for the cost of g2o
 
 
+Numbers = tuple[float, ...]
 #: Ends, rotation, translation, kappa and tau, and the information for the cost of g2o.
-Edge = tuple[int, int, tuple[float, ...], tuple[float, ...], float, float, tuple[float, ...]]
-
+Edge = tuple[int, int, Numbers, Numbers, float, float, Numbers]
 _NUMBERS = re.compile(rb"[0-9eE.+\- \t]*")  # the subset of float() syntax allowed in files
 _PLAIN = bytes(range(32, 127)) + b"\t\r\n"
 _IGNORED = re.compile(
@@ -167,13 +168,12 @@ def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> G
     graph = Graph(len(ids), i, j, R, np.array(t), *weights)
     if R is not None:
         return graph
-    if not all(upper):
-        raise Unreadable("information expected on every measurement")
     p = 3 if claim["d"] == 2 else 6
-    information, (a, b) = np.zeros((len(edges), p, p)), np.triu_indices(p)
-    information[:, a, b] = information[:, b, a] = np.array(upper)
+    information, (a, b) = np.full((len(edges), p, p), np.nan), np.triu_indices(p)
+    if all(upper):
+        information[:, a, b] = information[:, b, a] = np.array(upper)
     if not (abs(information) < FAR).all():
-        raise Unreadable("information must be finite, and not huge")
+        raise Unreadable("information expected on every measurement, finite and not huge")
     return graph._replace(q=np.array(q), information=information)
 
 
@@ -232,7 +232,7 @@ def _g2o_edge(
     words = _split(text, (pose, pose + (21 if d == 3 else 6)))
     numbers = tuple(map(float, words[2:pose]))
     q = numbers[3:] if d == 3 else half_angle(numbers[2])
-    kappa, tau, upper = 1.0, 1.0, tuple[float, ...]()
+    kappa, tau, upper = 1.0, 1.0, Numbers()
     if claim.get("cost") is not None:
         upper = tuple(map(float, words[pose:]))
     elif len(words) > pose and None in (claim["kappa"], claim["tau"]):
@@ -352,10 +352,7 @@ def harmonic_mean(words: Sequence[bytes], halves: int) -> float:
 
 
 class Minorants(NamedTuple):
-    """Claims that edge by edge, f >= tau |v - b|^2 + 2 d kappa - 2 <N, Q> + constant.
-
-    With v = R_i^T (t_j - t_i) and Q = R_i^T R_j; see `minorants_hold`.
-    """
+    """Claims f_e >= tau |v - b|^2 + 2 d kappa - 2 <N, Q> + constant; see `minorants_hold`."""
 
     tau: Array  # (m,)
     arms: Array  # (m, d): b
@@ -389,12 +386,9 @@ _OPTIONS: dict[str, tuple[Any, ...]] = {
 def read_claim(archive: Any) -> dict[str, Any]:
     """The header of a proof: its graph file, reading options and cost."""
     claim = json.loads(bytes(archive["claim"]))
-    if claim["format"] != "certpgo proof" or claim["version"] not in (1, 2):
-        raise Unreadable("not a proof of version 1 or 2")
-    if claim["version"] == 1 and "cost" in claim:
-        raise Unreadable("proofs of version 1 name no cost")
-    if claim["version"] == 2 and claim["cost"] != "g2o":
-        raise Unreadable("proofs of version 2 are about the cost of g2o")
+    kinds = (1, None), (2, "g2o")
+    if claim["format"] != "certpgo proof" or (claim["version"], claim.get("cost")) not in kinds:
+        raise Unreadable("not a proof of version 1, or of version 2 about the cost of g2o")
     if any(type(claim[name]) is not int for name in ("version", "d", "pin", "exponent")):
         raise Unreadable("integers expected")
     for name, choices in _OPTIONS.items():
@@ -405,12 +399,10 @@ def read_claim(archive: Any) -> dict[str, Any]:
     for name in ("kappa", "tau"):
         if claim[name] is not None and type(claim[name]) not in (int, float):
             raise Unreadable(f"{name} must be a number")
-    if claim["version"] == 2:
-        meant = "quaternion" if claim["d"] == 3 else "tangent"
-        if (claim["kind"], claim["rotation_information"]) != ("poses", meant):
-            raise Unreadable(f"the cost of g2o is about poses, with information about a {meant}")
-        if claim["kappa"] is not None or claim["tau"] is not None:
-            raise Unreadable("the cost of g2o has no weights but the file's")
+    meant = ["poses", "tangent" if claim["d"] == 2 else "quaternion", None, None]
+    said = [claim[name] for name in ("kind", "rotation_information", "kappa", "tau")]
+    if claim["version"] == 2 and said != meant:
+        raise Unreadable(f"the cost of g2o is about {meant[0]}, with information of a {meant[1]}")
     return dict(claim)
 
 
@@ -502,8 +494,9 @@ def g2o_cost(graph: Graph, q: Array, t: Any) -> float:
     (N, D), (M, C) = exact_rotations(q), exact_rotations(graph.q)
     both, e = integers(np.concatenate([t, graph.t]))
     at, step = both[:n], both[n:]
-    moved = _applied(N[graph.i], at[graph.j] - at[graph.i]) - D[graph.i][:, None] * step
-    y = _floored(_applied(M, moved), POINT - e, (D[graph.i] * C)[:, None])
+    moved = np.einsum("mab,ma->mb", N[graph.i], at[graph.j] - at[graph.i])
+    moved = np.einsum("mab,ma->mb", M, moved - D[graph.i][:, None] * step)
+    y = _floored(moved, POINT - e, (D[graph.i] * C)[:, None])
     pairs, measured = integers(q)[0], integers(graph.q)[0]
     between = _between(measured, _between(pairs[graph.i], pairs[graph.j]))
     x, either = _angles(between) if d == 2 else _vector_parts(between)
@@ -512,14 +505,8 @@ def g2o_cost(graph: Graph, q: Array, t: Any) -> float:
     x[either & (cross < 0)] *= -1  # f takes both values there
     r, off = np.concatenate([y, x], axis=1), 2  # within off
     total = (r[:, None, :] @ Omega @ r[:, :, None]).sum()
-    sizes = abs(Omega).sum(axis=1)
-    total += (sizes * (2 * off * abs(r) + off * off)).sum()
+    total += (abs(Omega).sum(axis=1) * (2 * off * abs(r) + off * off)).sum()
     return _rounded_up(total, unit + 2 * POINT)
-
-
-def _applied(N: Any, v: Any) -> Any:
-    """N^T v, row by row."""
-    return (v[:, None, :] @ N)[:, 0]
 
 
 def _between(a: Any, b: Any) -> Any:
@@ -560,14 +547,6 @@ def _angle(cosine: int, sine: int, norm: int) -> int:
     return (guess + left + left**3 // (6 << (2 * FINE))) >> (FINE - POINT)
 
 
-def refuse_indefinite(graph: Graph) -> None:
-    """Refuse information that is not positive definite: f might be negative."""
-    p = graph.t.shape[1] * (graph.t.shape[1] + 1) // 2
-    distinct = np.unique(graph.information.reshape(-1, p * p), axis=0).reshape(-1, p, p)
-    if not _definite(integers(distinct)[0]).all():
-        raise Refused("an information matrix is not positive definite")
-
-
 def _definite(A: Any) -> Bools:
     """(m,) which symmetric matrices (m, k, k) of integers are positive definite."""
     definite: Bools = np.ones(len(A), dtype=bool)
@@ -584,10 +563,10 @@ def surrogate(graph: Graph, given: Minorants) -> Graph:
 
 
 def minorants_hold(graph: Graph, given: Minorants) -> Bools:
-    """(m,) which of the minorants are proven to be nowhere above the terms of f.
+    """(m,) which minorants are proven to be nowhere above terms of f that are never negative.
 
-    The minimum over y of e^T Omega e - tau |y - y'|^2 is x^T S x + 2 beta.x + gamma. S, beta and
-    gamma are fractions of integers, and rounded down to multiples of 2^-unit.
+    With v = R_i^T (t_j - t_i) and Q = R_i^T R_j. The minimum over y of e^T Omega e - tau |y - y'|^2
+    is x^T S x + 2 beta.x + gamma, fractions of integers, rounded down to multiples of 2^-unit.
     """
     (m, d), p = graph.t.shape, graph.information.shape[1]
     full, e = integers(np.c_[graph.information.reshape(m, p * p), given.tau])
@@ -596,12 +575,13 @@ def minorants_hold(graph: Graph, given: Minorants) -> Bools:
     A = T - tau * np.eye(d, dtype=int)
     inverse = _adjugate(A)
     det = (A[:, :1] @ inverse[:, :, :1])[:, 0, 0]
-    fits = _definite(A)
+    fits = _definite(Omega) & _definite(A)
     det = np.where(fits, det, 1)
     R, norm = exact_rotations(graph.q)
     (b, t), et = integers(np.stack([given.arms, graph.t]))
-    y = _applied(R, b - t)[:, :, None]
-    yT, PT = np.swapaxes(y, 1, 2), np.swapaxes(P, 1, 2)
+    RT, PT = np.swapaxes(R, 1, 2), np.swapaxes(P, 1, 2)
+    y = RT @ (b - t)[:, :, None]
+    yT = np.swapaxes(y, 1, 2)
     S = det[:, None, None] * W - PT @ inverse @ P
     beta = -(tau * (PT @ inverse @ y))[:, :, 0]
     gamma = -(tau * (det[:, None, None] * (yT @ y) + tau * (yT @ inverse @ y)))[:, 0, 0]
@@ -610,7 +590,7 @@ def minorants_hold(graph: Graph, given: Minorants) -> Bools:
     (kappa, constant), ec = integers(np.stack([given.kappa, given.constants]))
     wanted = -_floored(-2 * d * kappa - constant, unit - ec)
     N, en = integers(given.couplings)
-    N = _floored(np.swapaxes(R, 1, 2) @ N, unit - en, norm[:, None, None])
+    N = _floored(RT @ N, unit - en, norm[:, None, None])
     if d == 3:
         wanted -= _floored(gamma, unit - e - 2 * et, det * norm**2)
         S = _floored(S, unit - e, det[:, None, None])
@@ -621,11 +601,10 @@ def minorants_hold(graph: Graph, given: Minorants) -> Bools:
     S = np.where(fits, S, 1)
     # s x^2 + 2 beta x + gamma = s (x + beta / s)^2 + gamma - beta^2 / s
     wanted -= _floored(gamma * S - beta**2, unit - e - 2 * et, S * det * norm**2)
-    turned = _floored(beta, FINE - et, S * norm)
-    s = _floored(S, unit - e, det)
-    angle, ea = integers(given.touching[:, 0])
-    terms = s, turned, N[:, 0, 0] + N[:, 1, 1], N[:, 1, 0] - N[:, 0, 1], _floored(angle, FINE - ea)
-    return fits & [_planar_holds(*term) for term in zip(*terms, wanted, strict=True)]
+    s, turned = _floored(S, unit - e, det), _floored(beta, FINE - et, S * norm)
+    (alpha, ea), u, v = integers(given.touching), N[:, 0, 0] + N[:, 1, 1], N[:, 1, 0] - N[:, 0, 1]
+    terms = zip(s, turned, u, v, _floored(alpha[:, 0], FINE - ea), wanted, strict=True)
+    return fits & [_planar_holds(*term) for term in terms]
 
 
 def _adjugate(A: Any) -> Any:
@@ -668,8 +647,7 @@ def _spatial_hold(S: Any, linear: Any, N: Any, touching: Array, wanted: Any, uni
     Numbers are in units of 2^-unit; S, l and N may be a unit more in each entry. With w0 >= 0,
     |q0| <= 1 and k >= |k x0 + l|, l.x >= (q.q0) (l.x) - k + k (q.q0)^2: a quadratic form in q.
     """
-    bits = 64
-    (q0, e), (k, ek) = integers(touching[:, :4]), integers(touching[:, 4])
+    (q0, e), (k, ek), bits = integers(touching[:, :4]), integers(touching[:, 4]), 64
     q0, k = _floored(q0, bits - e), _floored(k, unit - ek)
     needed = k[:, None] * q0[:, 1:] + (linear << bits)
     fits = (q0[:, 0] >= 0) & ((q0 * q0).sum(axis=1) <= 1 << (2 * bits)) & (k >= 0)
@@ -677,17 +655,15 @@ def _spatial_hold(S: Any, linear: Any, N: Any, touching: Array, wanted: Any, uni
     trace = N[:, 0, 0] + N[:, 1, 1] + N[:, 2, 2]
     form = np.zeros((len(S), 4, 4), dtype=object)
     form[:, 0, 0] = 2 * trace
-    form[:, 0, 1] = 2 * (N[:, 2, 1] - N[:, 1, 2])
-    form[:, 0, 2] = 2 * (N[:, 0, 2] - N[:, 2, 0])
-    form[:, 0, 3] = 2 * (N[:, 1, 0] - N[:, 0, 1])
+    form[:, 0, 1:] = 2 * (N[:, [2, 0, 1], [1, 2, 0]] - N[:, [1, 2, 0], [2, 0, 1]])
     form[:, 1:, 0] = form[:, 0, 1:]
     eye = np.eye(4, dtype=int)
     form[:, 1:, 1:] = S + 2 * (N + np.swapaxes(N, 1, 2) - trace[:, None, None] * eye[1:, 1:])
     form -= (wanted + k + 16)[:, None, None] * eye
-    half = np.zeros_like(form)
-    half[:, :, 1:] = (q0[:, :, None] * linear[:, None, :]) << bits
-    square = k[:, None, None] * q0[:, :, None] * q0[:, None, :]
-    form = (form << (2 * bits + 1)) + half + np.swapaxes(half, 1, 2) + 2 * square
+    form = (form << (2 * bits + 1)) + 2 * k[:, None, None] * q0[:, :, None] * q0[:, None, :]
+    half = (q0[:, :, None] * linear[:, None, :]) << bits
+    form[:, :, 1:] += half
+    form[:, 1:, :] += np.swapaxes(half, 1, 2)
     return np.asarray(fits & _definite(form))
 
 
@@ -1052,12 +1028,9 @@ def prove(graph: Graph, proof: Proof) -> Answer:
         upper = upper_bound(graph, proof.q, proof.t)
     else:
         upper = g2o_cost(graph, proof.q, proof.t)
-        refuse_indefinite(graph)
-        unproven = np.flatnonzero(~minorants_hold(graph, given))
-        if len(unproven):
-            raise Refused(f"the minorant of measurement {unproven[0]} was not proven")
-        graph = surrogate(graph, given)
-        terms = np.concatenate([terms, given.constants])
+        if not minorants_hold(graph, given).all():
+            raise Refused("a minorant was not proven, or that information is positive definite")
+        graph, terms = surrogate(graph, given), np.concatenate([terms, given.constants])
     blocks = certificate_matrix(graph, proof)
     if not is_positive_semidefinite(blocks, proof.order, proof.delta):
         raise Refused("the certificate matrix was not proven positive semidefinite")

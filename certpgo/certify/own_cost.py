@@ -44,7 +44,8 @@ class OwnCostCase(Case):
         Raises
         ------
         InputError
-            Also the proof tier of a cost that has none, or information matrices that are not positive definite.
+            Also the proof tier of a cost that has none, or information that is not positive
+            definite.
         """
         problem.refuse_indefinite()
         return super().of(problem, tier, rtol, atol)  # type: ignore[arg-type]
