@@ -18,9 +18,10 @@ from certpgo.graph import Instance
 from certpgo.io.plural import counted
 from certpgo.linalg.arrays import FloatArray
 
-#: Rounds in which constants that the checker does not accept are lowered; each lowers them by
-#: `GROWTH` times what the one before did, at first by this share of the edge's weights.
-ROUNDS, GROWTH, FIRST = 16, 4.0, 2.0**-54
+#: Shares of an edge's weights by which its constant is lowered in turn until the checker accepts
+#: it, and by which it is then raised if the checker accepts that too.
+LOWER = tuple(4.0**k for k in range(-27, -11))
+RAISE = tuple(2.0**-k for k in range(46, 51))
 #: What a measurement without a minorant costs at least, relative to the largest weight.
 NOTHING = -(2.0**-140)
 
@@ -107,14 +108,21 @@ def claimed(graph: checker.Graph, below: Surrogate) -> checker.Minorants:
         touching=of_all(touching),
         constants=constants,
     )
-    step = FIRST * (np.abs(constants) + of_all(centre))
-    for _ in range(ROUNDS):
-        failed = ~checker.minorants_hold(graph, given)
-        if not failed.any():
-            return given
-        lowered = np.where(failed, given.constants - step, given.constants)
-        given, step = given._replace(constants=lowered), GROWTH * step
-    raise NumericalError(f"no minorant is proven of {counted(int(failed.sum()), 'measurement{s}')}")
+    weights = np.abs(constants) + of_all(centre)
+    held = checker.minorants_hold(graph, given)
+    for share in LOWER:
+        if held.all():
+            break
+        lowered = np.where(held, given.constants, constants - share * weights)
+        given = given._replace(constants=lowered)
+        held = checker.minorants_hold(graph, given)
+    if not held.all():
+        raise NumericalError(f"no minorant is proven of {counted(sum(~held), 'measurement{s}')}")
+    for share in RAISE:
+        raised = given._replace(constants=given.constants + share * weights)
+        held = checker.minorants_hold(graph, raised)
+        given = given._replace(constants=np.where(held, raised.constants, given.constants))
+    return given
 
 
 def scaled(unit: float, given: checker.Minorants) -> checker.Minorants:

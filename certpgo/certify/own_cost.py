@@ -29,6 +29,11 @@ from certpgo.io.plural import counted
 from certpgo.optimize.solution import Solution
 
 
+def is_provable(problem: InformationProblem) -> bool:
+    """Whether the checker knows the problem's cost."""
+    return problem.edge_cost.name == G2oCost.name
+
+
 @dataclass(frozen=True)
 class OwnCostCase(Case):
     """A `Case` whose cost is that of another program; ``problem`` is an `InformationProblem`."""
@@ -59,7 +64,7 @@ class OwnCostCase(Case):
         InputError
             It is not that of g2o.
         """
-        if problem.edge_cost.name != G2oCost.name:
+        if not is_provable(problem):
             said = "proofs and their tier are for the chordal cost and g2o's, not for"
             raise InputError(f"{said} {problem.edge_cost.title}")
 

@@ -67,6 +67,18 @@ def refuse_chordal_only(cost: Cost, **options: Any) -> None:
             raise InputError(f"--{name} is for --cost chordal, not for --cost {cost.value}")
 
 
+def refuse_unprovable(cost: Cost, proof: Path | None) -> None:
+    """Refuse a proof file about a cost that the checker does not know.
+
+    Raises
+    ------
+    InputError
+        One is asked for.
+    """
+    if proof is not None and cost is Cost.GTSAM:
+        raise InputError(f"--proof is for --cost chordal and g2o, not for --cost {cost.value}")
+
+
 def tier_option(default: str) -> Any:
     """The option --tier of a command with this default."""
     return typer.Option(

@@ -18,6 +18,7 @@ from certpgo.cli._options import (
     ProofOut,
     Timestamps,
     refuse_chordal_only,
+    refuse_unprovable,
     tier_option,
 )
 from certpgo.cli._paging import origin_of, require_pages, write_page
@@ -84,7 +85,8 @@ def command(
         raise InputError("--best, --proof and --html need a single estimate, without --csv")
     if best is not None:
         format_to_write(best, None)  # report a wrong suffix before any work
-    refuse_chordal_only(cost, proof=proof, html=html)
+    refuse_chordal_only(cost, html=html)
+    refuse_unprovable(cost, proof)
     for out in (best, csv, proof, html):
         refuse_unwritable(out)
     require_pages(html)

@@ -21,6 +21,7 @@ from certpgo.cli._options import (
     Json,
     ProofOut,
     refuse_chordal_only,
+    refuse_unprovable,
     tier_option,
 )
 from certpgo.cli._paging import origin_of, require_pages, write_page
@@ -112,7 +113,8 @@ def command(
     from certpgo.registry import build, parse_settings, refuse_unsuited
 
     _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank)
-    refuse_chordal_only(cost, method=method, robust=robust, proof=proof, html=html)
+    refuse_chordal_only(cost, method=method, robust=robust, html=html)
+    refuse_unprovable(cost, proof)
     if robust and proof is not None:
         raise InputError(_UNPROVABLE)
     if proof is not None:

@@ -12,10 +12,10 @@ import math
 import time
 from dataclasses import replace
 
-from certpgo.certify.case import Basin
-from certpgo.certify.certificate import Tier
+from certpgo.certify.case import PROOF_GAIN, Basin
+from certpgo.certify.certificate import Certificate, Tier
 from certpgo.certify.dual import DualBound
-from certpgo.certify.own_cost import OwnCostCase
+from certpgo.certify.own_cost import OwnCostCase, is_provable
 from certpgo.costs.descent import descend
 from certpgo.costs.problem import InformationProblem, Surrogate
 from certpgo.graph import Estimate
@@ -39,16 +39,19 @@ def search_own_cost(
 ) -> CertifiedSolution:
     """The best estimate under the problem's cost, with its certificate."""
     case = OwnCostCase.of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
+    # Cheaper bounds suffice to guide the search.
+    steering = replace(case, tier=Tier.STANDARD) if case.tier is Tier.PROOF else case
     with stoppable(monitor, case.unit, settings.time_limit) as stop:
         chordal = None
         if initial is None:
-            chordal = search_and_certify(problem.chordal, settings, None, monitor)
+            first = settings if steering is case else replace(settings, tier=steering.tier)
+            chordal = search_and_certify(problem.chordal, first, None, monitor)
             initial = chordal.estimate
             _follow(stop, chordal)
-        search = _Search(case, settings, stop, initial)
+        search = _Search(steering, settings, stop, initial)
         search.go_on()
+        certificate = _certificate(search, None if settings.tier is None else case.tier)
         ended = stop.ended_by or search.status
-    certificate = case.certificate(search.best.point, search.best)
     name = GIVEN if chordal is None else "the optimum of the chordal cost"
     solution = Solution(
         estimate=search.best.point,
@@ -62,6 +65,24 @@ def search_own_cost(
     )
     level = Level(problem.d, solution.cost, ended)
     return CertifiedSolution(solution, certificate, name, (level,), settings, chordal=chordal)
+
+
+def _certificate(search: _Search, tier: Tier | None) -> Certificate:
+    """The certificate at a tier; by default the proof tier's if only rounding is in the way."""
+    best = search.best
+    certificate = search.case.certificate(best.point, best)
+    near = certificate.gap <= PROOF_GAIN * certificate.tolerance
+    rounding = near and is_provable(search.case.problem) and not search.is_certified
+    escalates = rounding and tier is None and not search.stop.cuts()
+    if not (tier is Tier.PROOF or escalates):
+        return certificate
+    with search.stop.watch.phase("prove"):
+        case = replace(search.case, tier=Tier.PROOF)
+        # A search stopped before the requested proof must not return a weaker tier instead.
+        bound = None if search.stop.cuts() or best.bound is None else case.reproven(best.bound)
+        proven = case.certificate(best.point, replace(best, bound=bound))
+    better = proven.lower_bound > certificate.lower_bound
+    return proven if tier is Tier.PROOF or better else certificate
 
 
 def _follow(stop: Stop, found: CertifiedSolution) -> None:
