@@ -351,7 +351,7 @@ def harmonic_mean(words: Sequence[bytes], halves: int) -> float:
 # --- The proof ------------------------------------------------------------------------------------
 
 
-class Minorants(NamedTuple):
+class EdgeBounds(NamedTuple):
     """Claims f_e >= tau |v - b|^2 + 2 d kappa - 2 <N, Q> + constant; see `minorants_hold`."""
 
     tau: Array  # (m,)
@@ -372,7 +372,7 @@ class Proof(NamedTuple):
     delta: Array  # (n b,) subtracted from the diagonal before factorizing
     pin: int  # the pose whose translation is pinned
     exponent: int  # base-2 exponent of the translations' weights in row sums
-    minorants: Minorants | None = None  # for the cost of g2o
+    minorants: EdgeBounds | None = None  # for the cost of g2o
 
 
 _OPTIONS: dict[str, tuple[Any, ...]] = {
@@ -421,7 +421,7 @@ def read_proof(archive: Any, claim: dict[str, Any], n: int, m: int = 0) -> Proof
 
     minorants = None
     if claim.get("cost") is not None:
-        minorants = Minorants(
+        minorants = EdgeBounds(
             array("tau", "<f8", m),
             array("arms", "<f8", m, d),
             array("kappa", "<f8", m),
@@ -557,12 +557,12 @@ def _definite(A: Any) -> Bools:
     return definite
 
 
-def surrogate(graph: Graph, given: Minorants) -> Graph:
+def surrogate(graph: Graph, given: EdgeBounds) -> Graph:
     """The graph whose F is the sum of the minorants without their constants."""
     return graph._replace(t=given.arms, kappa=given.kappa, tau=given.tau, N=given.couplings)
 
 
-def minorants_hold(graph: Graph, given: Minorants) -> Bools:
+def minorants_hold(graph: Graph, given: EdgeBounds) -> Bools:
     """(m,) which minorants are proven to be nowhere above terms of f that are never negative.
 
     With v = R_i^T (t_j - t_i) and Q = R_i^T R_j. The minimum over y of e^T Omega e - tau |y - y'|^2

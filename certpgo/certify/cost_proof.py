@@ -32,7 +32,7 @@ class CostEvidence:
 
     multipliers: FloatArray
     witness: Witness
-    minorants: checker.Minorants
+    minorants: checker.EdgeBounds
 
 
 def problem_of_certificate(instance: Instance, certificate: Certificate) -> InformationProblem:
@@ -80,7 +80,7 @@ def cost_evidence(
     raise NumericalError("the lower bound cannot be proven without trusting a factorization")
 
 
-def claimed(graph: checker.Graph, below: Surrogate) -> checker.Minorants:
+def claimed(graph: checker.Graph, below: Surrogate) -> checker.EdgeBounds:
     """The minorants of a surrogate with constants that the checker accepts.
 
     Raises
@@ -100,7 +100,7 @@ def claimed(graph: checker.Graph, below: Surrogate) -> checker.Minorants:
     centre = 2.0 * d * rotation.kappa
     nothing = NOTHING * float(np.abs(graph.information).max())
     constants = np.where(kept, of_all(np.nextafter(found.constant - centre, -np.inf)), nothing)
-    given = checker.Minorants(
+    given = checker.EdgeBounds(
         tau=of_all(found.tau),
         arms=of_all(found.b),
         kappa=of_all(rotation.kappa),
@@ -125,7 +125,7 @@ def claimed(graph: checker.Graph, below: Surrogate) -> checker.Minorants:
     return given
 
 
-def scaled(unit: float, given: checker.Minorants) -> checker.Minorants:
+def scaled(unit: float, given: checker.EdgeBounds) -> checker.EdgeBounds:
     """The minorants of the weights times a power of two."""
     touching = given.touching.copy()
     if touching.shape[1] == 5:

@@ -244,7 +244,7 @@ def proof_of(
     point: Estimate,
     multipliers: FloatArray,
     witness: Witness,
-    minorants: checker.Minorants | None = None,
+    minorants: checker.EdgeBounds | None = None,
 ) -> checker.Proof:
     """A proof in the checker's representation."""
     rows, columns = np.triu_indices(point.d)
