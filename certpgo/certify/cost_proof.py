@@ -18,10 +18,10 @@ from certpgo.graph import Instance
 from certpgo.io.plural import counted
 from certpgo.linalg.arrays import FloatArray
 
-#: Shares of an edge's weights by which its constant is lowered in turn until the checker accepts
-#: it, and by which it is then raised if the checker accepts that too.
+#: Shares of an edge's weights by which its constant is lowered until the checker accepts it.
 LOWER = tuple(4.0**k for k in range(-27, -11))
-RAISE = tuple(2.0**-k for k in range(46, 51))
+#: Attempts to raise it, and the share at first: four times the last if that was accepted, or half.
+ATTEMPTS, FIRST = 6, 2.0**-46
 #: What a measurement without a minorant costs at least, relative to the largest weight.
 NOTHING = -(2.0**-140)
 
@@ -118,10 +118,12 @@ def claimed(graph: checker.Graph, below: Surrogate) -> checker.EdgeBounds:
         held = checker.minorants_hold(graph, given)
     if not held.all():
         raise NumericalError(f"no minorant is proven of {counted(sum(~held), 'measurement{s}')}")
-    for share in RAISE:
-        raised = given._replace(constants=given.constants + share * weights)
+    step = FIRST * weights
+    for _ in range(ATTEMPTS):
+        raised = given._replace(constants=given.constants + step)
         held = checker.minorants_hold(graph, raised)
         given = given._replace(constants=np.where(held, raised.constants, given.constants))
+        step *= np.where(held, 4.0, 0.5)
     return given
 
 
