@@ -289,7 +289,7 @@ class Case:
             reason="",
             objective=self.objective,
             descended=own.descended,
-            expansion=best.bound.expansion if best.bound else None,
+            origin=best.bound.origin if best.bound else None,
         )
         scaled = in_units(self.unit, judged)
         return replace(scaled, reason=_reason(scaled))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +11,7 @@ from certpgo.certify.certificate import Certificate, Tier
 from certpgo.certify.own_cost import OwnCostCase
 from certpgo.certify.proof import Witness, prove
 from certpgo.costs import COSTS, InformationProblem, information_problem
-from certpgo.costs.problem import Surrogate
+from certpgo.costs.problem import Surrogate, surrogate_of
 from certpgo.errors import NumericalError
 from certpgo.graph import Instance
 from certpgo.io.plural import counted
@@ -63,21 +62,17 @@ def cost_evidence(
     NumericalError
         There are none.
     """
-    point = certificate.expansion
-    if point is None or certificate.multipliers is None:
+    if certificate.origin is None or certificate.multipliers is None:
         raise NumericalError("there is no lower bound above zero to prove")
     case = OwnCostCase.of(problem, Tier.PROOF, certificate.rtol, certificate.atol)
     unit, fallback = case.unit, certificate.multipliers / case.unit
     graph = graph._replace(information=graph.information / unit)
-    for tried in (case, case.relaxed):
-        below = None if tried is None else tried.below(point)
-        if below is None:
-            continue
-        given = claimed(graph, below)
-        found = prove(below.problem, checker.surrogate(graph, given), point, fallback)
-        if found is not None and _total(found[0], given.constants) > 0.0:
-            return CostEvidence(unit * found[0], found[1], scaled(unit, given))
-    raise NumericalError("the lower bound cannot be proven without trusting a factorization")
+    below = surrogate_of(case.problem, certificate.origin.minorants)
+    given, point = claimed(graph, below), certificate.origin.point
+    found = prove(below.problem, checker.surrogate(graph, given), point, fallback)
+    if found is None:
+        raise NumericalError("the lower bound cannot be proven without trusting a factorization")
+    return CostEvidence(unit * found[0], found[1], scaled(unit, given))
 
 
 def claimed(graph: checker.Graph, below: Surrogate) -> checker.EdgeBounds:
@@ -88,7 +83,8 @@ def claimed(graph: checker.Graph, below: Surrogate) -> checker.EdgeBounds:
     NumericalError
         There are none for some measurement.
     """
-    found, kept, rotation = below.minorants, below.kept, below.problem.graph.rotation
+    kept, rotation = below.minorants.exist, below.problem.graph.rotation
+    found = below.minorants.subset(kept)
     m, d = graph.t.shape
     touching = np.zeros((len(found.tau), 0)) if found.touching is None else found.touching
 
@@ -139,8 +135,3 @@ def scaled(unit: float, given: checker.EdgeBounds) -> checker.EdgeBounds:
         touching=touching,
         constants=unit * given.constants,
     )
-
-
-def _total(multipliers: FloatArray, constants: FloatArray) -> float:
-    diagonal = np.einsum("naa->na", multipliers)
-    return math.fsum(np.concatenate([diagonal.ravel(), constants]))

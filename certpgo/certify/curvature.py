@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from certpgo.graph.lift import Point
@@ -11,7 +13,8 @@ from certpgo.objective.problem import Problem
 from certpgo.objective.reduced import Reduced
 
 #: Shifts that make the certificate matrix definite, over the mean weight of a node.
-SHIFTS = tuple(1e-9 * 4.0**k for k in range(18))
+GROWTH = 4.0
+SHIFTS = tuple(1e-9 * GROWTH**k for k in range(18))
 #: Relative accuracy of the eigenvector, which is only a direction.
 ACCURACY = 0.05
 #: Relative accuracy of displayed eigenvalues.
@@ -31,15 +34,20 @@ def negative_curvature(problem: Problem, point: Point) -> tuple[float, FloatArra
     NumericalError
         A factorization failed, or the eigenvalue did not converge.
     """
-    S = _reduced(problem, problem.multipliers(point))
+    S, mean = _reduced(problem, problem.multipliers(point))
     # One vector more than the gauge's null vectors, which come next, so that it is not missed.
     start = np.random.default_rng(0).standard_normal((S.shape[0], problem.d + 1))
-    v = krylov_schur(S, S.solve, 1, shift=S.shift, tol=ACCURACY, start=start).vectors
-    # Components of large eigenvalues hardly matter in the inverse, but spoil the quotient.
-    for _ in range(INVERSE_ITERATIONS):
-        v = S.solve(v)
-        v /= np.linalg.norm(v)
-    value = float((v * (S @ v)).sum()) - S.shift
+    value, v = math.inf, start
+    for accuracy in (ACCURACY, PICTURED):
+        v = krylov_schur(S, S.solve, 1, shift=S.shift, tol=accuracy, start=start).vectors
+        # Components of large eigenvalues hardly matter in the inverse, but spoil the quotient.
+        for _ in range(INVERSE_ITERATIONS):
+            v = S.solve(v)
+            v /= np.linalg.norm(v)
+        value = float((v * (S @ v)).sum()) - S.shift
+        # If a shift failed, there is an eigenvalue below minus that, but for rounding.
+        if S.shift == SHIFTS[0] * mean or value < -0.5 * S.shift / GROWTH:
+            break
     return value, v.reshape(problem.n, problem.d)
 
 
@@ -57,12 +65,12 @@ def smallest_eigenvalues(problem: Problem, multipliers: FloatArray, k: int) -> F
     NumericalError
         A factorization failed, or the eigenvalues did not converge.
     """
-    S = _reduced(problem, multipliers)
+    S, _ = _reduced(problem, multipliers)
     return krylov_schur(S, S.solve, min(k, S.shape[0]), shift=S.shift, tol=PICTURED).values
 
 
-def _reduced(problem: Problem, multipliers: FloatArray) -> Reduced:
-    """The certificate matrix, translations eliminated, shifted until it is definite."""
+def _reduced(problem: Problem, multipliers: FloatArray) -> tuple[Reduced, float]:
+    """The certificate matrix, translations eliminated, shifted until it is definite; the unit."""
     mean = float(problem.curvature.mean())
     matrix = problem.certificate_matrix(multipliers)
-    return Reduced(problem, matrix, tuple(mean * shift for shift in SHIFTS))
+    return Reduced(problem, matrix, tuple(mean * shift for shift in SHIFTS)), mean

@@ -8,6 +8,7 @@ surrogate has a positive semidefinite certificate matrix there, that is f itself
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
@@ -17,16 +18,33 @@ import numpy as np
 from certpgo.certify.bounds import Bounds
 from certpgo.certify.case import Basin, Case
 from certpgo.certify.certificate import Certificate, Tier, Verdict
-from certpgo.certify.dual import DualBound, dual_bound
+from certpgo.certify.climb import climb
+from certpgo.certify.dual import DualBound, Origin, dual_bound
 from certpgo.certify.proof import proven_surrogate
 from certpgo.costs.descent import descend
 from certpgo.costs.g2o import G2oCost
-from certpgo.costs.problem import InformationProblem, Surrogate, surrogate
+from certpgo.costs.problem import InformationProblem, Surrogate, surrogate_at, surrogate_of
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.lift import Point
 from certpgo.io.plural import counted
+from certpgo.linalg.arrays import FloatArray
+from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.solution import Solution
+
+#: Ranks that a point is lifted by for a bound, and surrogates that are tried.
+RANKS, EXPANSIONS = 3, 6
+#: Share of the gap that another surrogate must be able to close.
+WORTH = 0.1
+
+
+@dataclass(frozen=True)
+class Reached:
+    """A point of a surrogate's relaxation, its bound on the cost, and the surrogate's number."""
+
+    point: Point
+    bound: DualBound | None
+    number: int
 
 
 def is_provable(problem: InformationProblem) -> bool:
@@ -39,6 +57,8 @@ class OwnCostCase(Case):
     """A `Case` whose cost is that of another program; ``problem`` is an `InformationProblem`."""
 
     problem: InformationProblem  # type: ignore[assignment]
+    #: Is called with the iterations of descents for bounds, and may stop them.
+    monitor: Monitor = silent
 
     @classmethod
     def of(  # type: ignore[override]
@@ -90,16 +110,91 @@ class OwnCostCase(Case):
         tight: bool = False,
         refine: bool = True,
     ) -> DualBound | None:
-        """The bound by the surrogate at a point, from the multipliers there; None without one.
+        """The best bound by surrogates, see `reached`; None without one.
 
-        If it is of no use, the bound of a relaxed cost, at the end of descent on that.
+        With ``refine``, not only by that at the point; and if none is above zero, by those of a
+        relaxed cost, at the end of descent on that.
         """
         if not isinstance(point, Estimate):
             return None
-        found = self._bound_at(point, cost, sharp=sharp, tight=tight)
-        if (found is not None and found.value > 0.0) or self.relaxed is None:
-            return found
-        return self.relaxed.basin(point, True).bound or found
+        if self.tier is Tier.PROOF:
+            standard = replace(self, tier=Tier.STANDARD)
+            bound = standard.bound(point, cost, sharp=sharp, tight=tight, refine=refine)
+            return None if bound is None else self.reproven(bound)
+        best = None
+        for found in self.reached(point, cost, sharp=sharp, tight=tight, refine=refine):
+            if found.bound is not None and (best is None or found.bound.value > best.value):
+                best = found.bound
+            if best is not None and best.value >= cost - self.tolerance(cost):
+                break
+        if (best is not None and best.value > 0.0) or self.relaxed is None:
+            return best
+        return self.relaxed.basin(point, True).bound or best
+
+    def reproven(self, found: DualBound) -> DualBound | None:
+        """A bound of the standard tier at the proof tier; None if that fails."""
+        if found.origin is None:
+            return None
+        minorants = found.origin.minorants
+        below = surrogate_of(self.problem, minorants).problem
+        constants = minorants.constant[minorants.exist]
+        return proven_surrogate(below, constants, found.origin.point, found)
+
+    def reached(
+        self,
+        start: Estimate,
+        cost: float,
+        *,
+        sharp: bool = True,
+        tight: bool = False,
+        refine: bool = True,
+    ) -> Iterator[Reached]:
+        """Points of surrogates' relaxations, and the bounds on the cost there.
+
+        The first is the start, in the surrogate expanded there. With ``refine``, minima of rising
+        rank follow, and then those of surrogates expanded in between: the largest bound by a
+        surrogate is the minimum of a convex function of the poses' Gram matrix, which surrogates
+        are tangent to. Frank and Wolfe's method (1956) finds it: between the last expansion and the
+        last minimum lies the next expansion, where that function is lowest.
+
+        Parameters
+        ----------
+        start : stationary for the cost
+        cost : the cost there; it decides when a bound suffices
+        sharp, tight : see `certpgo.certify.dual.dual_bound`
+        """
+        v, Q = self.problem.relative(start)
+        point: Point = start
+        expanded = cost
+        for number in range(EXPANSIONS if refine else 1):
+            below = self.below(v, Q)
+            if below is None:
+                return
+            highest = self.problem.d + (RANKS if refine else 0)
+            settled = below.problem.settled(point)
+            for point in climb(below.problem, settled, highest, self.monitor):
+                enough = cost - self.tolerance(cost) - below.constant
+                bound = dual_bound(
+                    below.problem,
+                    point,
+                    rounding=self.rigorous,
+                    enough=enough,
+                    sharp=sharp,
+                    tight=tight,
+                )
+                if bound is not None:
+                    value = math.nextafter(bound.value + below.constant, -math.inf)
+                    bound = replace(bound, value=value, origin=Origin(below.minorants, point))
+                yield Reached(point, bound, number)
+            there = self.problem.relative(point)
+            fall = expanded - (below.problem.cost(point) + below.constant)
+            bend = self.problem.bend(there[0] - v, below.minorants.tau)
+            gap = cost - expanded + fall
+            if not (gap > self.tolerance(cost) and min(fall, bend) > WORTH * gap):
+                return
+            step = min(0.5 * fall / bend, 1.0)
+            expanded -= step * (fall - step * bend)
+            v, Q = v + step * (there[0] - v), Q + step * (there[1] - Q)
 
     @cached_property
     def relaxed(self) -> OwnCostCase | None:
@@ -108,44 +203,6 @@ class OwnCostCase(Case):
         if cost is None or not cost.graph.is_definite.all():
             return None
         return replace(self, problem=self.problem.with_cost(cost))
-
-    def _bound_at(
-        self, point: Estimate, cost: float, *, sharp: bool, tight: bool
-    ) -> DualBound | None:
-        below = self.below(point)
-        if below is None:
-            return None
-        settled = below.problem.settled(point)
-        if self.tier is Tier.PROOF:
-            found = dual_bound(below.problem, settled)
-            return None if found is None else self._proven(below, point, found)
-        enough = cost - self.tolerance(cost) - below.constant
-        found = dual_bound(
-            below.problem,
-            settled,
-            rounding=self.rigorous,
-            enough=enough,
-            sharp=sharp,
-            tight=tight,
-        )
-        if found is None:
-            return None
-        value = math.nextafter(found.value + below.constant, -math.inf)
-        return replace(found, value=value, expansion=point)
-
-    def reproven(self, found: DualBound) -> DualBound | None:
-        """A bound of the standard tier at the proof tier; None if that fails."""
-        point = found.expansion
-        below = None if point is None else self.below(point)
-        proven = None if point is None or below is None else self._proven(below, point, found)
-        if (proven is not None and proven.value > 0.0) or self.relaxed is None:
-            return proven
-        return self.relaxed.reproven(found) or proven
-
-    def _proven(self, below: Surrogate, point: Estimate, found: DualBound) -> DualBound | None:
-        constants = below.minorants.constant
-        proven = proven_surrogate(below.problem, constants, point, found)
-        return None if proven is None else replace(proven, expansion=point)
 
     def certificate(
         self,
@@ -167,10 +224,10 @@ class OwnCostCase(Case):
         spoiled = f"{count} without a minorant there, such as edge ({i}, {j})"
         return replace(found, reason=f"{found.reason}; {spoiled}")
 
-    def below(self, point: Estimate) -> Surrogate | None:
-        """The surrogate at a point; None if too many measurements have no minorant there."""
+    def below(self, v: FloatArray, Q: FloatArray) -> Surrogate | None:
+        """The surrogate expanded there; None if too many measurements have no minorant."""
         try:
-            return surrogate(self.problem, point)
+            return surrogate_at(self.problem, v, Q)
         except NumericalError:
             return None
 

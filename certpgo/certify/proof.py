@@ -18,6 +18,7 @@ from certpgo import checker
 from certpgo.certify.dual import DualBound
 from certpgo.certify.shifted import Shifted
 from certpgo.graph import Estimate
+from certpgo.graph.lift import Point
 from certpgo.io.exact import quaternion
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.blocks import scatter_sum
@@ -58,7 +59,7 @@ class Witness:
 
 
 def prove(
-    problem: Problem, graph: checker.Graph, point: Estimate, fallback: FloatArray
+    problem: Problem, graph: checker.Graph, point: Point, fallback: FloatArray
 ) -> tuple[FloatArray, Witness] | None:
     """Multipliers Lam' (n, d, d) with a witness that F* >= tr(Lam'); None if there are none.
 
@@ -68,7 +69,7 @@ def prove(
     Parameters
     ----------
     graph : the problem's measurements, to the last bit
-    point : near-stationary; its translations are first made optimal for its rotations
+    point : near-stationary, of any rank; its translations are first made optimal for its rotations
     fallback : less sharp multipliers, e.g. of another point if the relaxation is loose
     """
     from threadpoolctl import threadpool_limits
@@ -124,7 +125,7 @@ def exact_cost(problem: Problem, graph: checker.Graph, estimate: Estimate) -> fl
 
 
 def proven_surrogate(
-    problem: PoseProblem, constants: FloatArray, point: Estimate, bound: DualBound
+    problem: PoseProblem, constants: FloatArray, point: Point, bound: DualBound
 ) -> DualBound | None:
     """A bound on a surrogate's cost plus constants (m,), proven without trusting a factorization.
 
@@ -157,8 +158,12 @@ def recentred(problem: Problem, multipliers: FloatArray, sign: float = 1.0) -> F
 class _Prover:
     """Residuals of one certificate matrix under different shifts; amounts are in units of A."""
 
-    def __init__(self, problem: Problem, graph: checker.Graph, point: Estimate) -> None:
-        self.problem, self.graph, self.point = problem, graph, point
+    def __init__(self, problem: Problem, graph: checker.Graph, point: Point) -> None:
+        self.problem, self.graph = problem, graph
+        # A bound does not depend on the estimate in its proof.
+        d, t = problem.d, point.translations
+        identity = np.tile(np.eye(d), (problem.n, 1, 1))
+        self.posed = Estimate(identity, None if t is None else np.zeros((problem.n, d)))
         shifted = Shifted.of(problem, point)
         self.shifted = replace(shifted, multipliers=recentred(problem, shifted.multipliers))
         self.size = len(self.shifted.weights)
@@ -193,7 +198,7 @@ class _Prover:
         """The checker's residual when ``asked`` (N,) is subtracted before factorizing."""
         pin, order = self.shifted.pin or 0, self.problem.order.astype(np.intp)
         blank = Witness(order, np.zeros(self.size), pin, self.exponent)
-        proof = proof_of(self.point, multipliers, blank)
+        proof = proof_of(self.posed, multipliers, blank)
         try:
             blocks = checker.certificate_matrix(self.graph, proof)
         except (checker.Refused, OverflowError):

@@ -1,8 +1,7 @@
 """g2o's chi2: EdgeSE2 and EdgeSE3:QUAT with full information matrices.
 
 The residual is y, then the angle of E in the plane, or the vector part b of its unit quaternion
-(w, b), w >= 0, in space. Both minorants are the cost with lam |y - y'|^2 taken out, the remaining
-quadratic form minimised over y (a Schur complement), and what is left bounded on the rotations.
+(w, b), w >= 0, in space.
 """
 
 from __future__ import annotations
@@ -13,21 +12,18 @@ from typing import ClassVar
 import numpy as np
 
 from certpgo.costs.edge_cost import EdgeCost, Minorants
+from certpgo.costs.g2o_plane import minorants_in_the_plane
+from certpgo.costs.g2o_space import minorants_in_space, quaternions
+from certpgo.costs.schur import blocks, decoupled
 from certpgo.graph.information import InformationGraph
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.linalg.balls import Ball, arctan2, crossed, joined, sums
+from certpgo.linalg.balls import Ball, arctan2, crossed, is_positive_definite, sums
 
-#: Shares of the smallest eigenvalue of the translational information that lam may be.
-SHARES = (0.99, 0.9, 0.7, 0.5, 0.3, 0.1)
-#: The share where that information is isotropic, and cross terms zero; nothing is lost there.
-WHOLE = 1.0 - 2.0**-30
 #: Share of the sum of the two smaller eigenvalues of W to which a largest above another is clipped.
 CLIPPED, NEARLY = 0.999, 0.9995
-#: Angles below this touch like zero.
-TINY = 2.0**-60
-#: Attempts to round a slope up.
-MAX_RAISES = 8
+#: Share of the information that is taken at least, for rounding.
+SPARE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +56,7 @@ class G2oCost(EdgeCost):
     def residuals(self, v: FloatArray, Q: FloatArray) -> FloatArray:
         """(m, p) residuals: y in metres, then an angle or the vector part of a quaternion."""
         y, E = self.unexplained(v, Q)
-        turned = so.log(E) if self.graph.d == 2 else _quaternions(E)[:, 1:]
+        turned = so.log(E) if self.graph.d == 2 else quaternions(E)[:, 1:]
         return np.concatenate([y, turned], axis=1)
 
     def linearized(self, v: FloatArray, Q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -73,7 +69,7 @@ class G2oCost(EdgeCost):
         if d == 2:
             turned, in_w[:, d:] = so.log(E), 1.0
         else:
-            quaternion = _quaternions(E)
+            quaternion = quaternions(E)
             turned = quaternion[:, 1:]
             in_w[:, d:] = 0.5 * (quaternion[:, :1, None] * np.eye(3) + so.hat(turned))
         return np.concatenate([y, turned], axis=1), in_v, in_w
@@ -96,246 +92,49 @@ class G2oCost(EdgeCost):
     def minorants(self, v: FloatArray, Q: FloatArray) -> Minorants:
         """Minorants that touch the costs at (v, Q), up to rounding.
 
-        None where the translational information is not positive definite, or, in the plane, where
-        cross terms leave no rotational information.
+        None where the information is not positive definite; or, in the plane, where the slope in
+        the angle is too large for what the translations leave of its information.
         """
+        minorants = minorants_in_the_plane if self.graph.d == 2 else minorants_in_space
         # What is not finite is no minorant.
         with np.errstate(all="ignore"):
-            return _planar(self, v, Q) if self.graph.d == 2 else _spatial(self, v, Q)
+            return minorants(self.graph, self.measured, *self.unexplained(v, Q))
 
     def relaxed(self) -> G2oCost | None:
-        """In space, with the largest eigenvalue of W below the sum of the others.
+        """Without cross terms, and in space with the largest eigenvalue of W below the others' sum.
 
-        Else K = (tr(W) I - 2 W) / 8 of an edge is indefinite, and the relaxation may be unbounded.
+        Wherever it is expanded, each of its minorants has a semidefinite K, and it always has one.
         """
-        d = self.graph.d
-        if d == 2:
+        d, information = self.graph.d, self.graph.information
+        T, P, W = blocks(information, d)
+        clipped = W if d == 2 else _clipped(W)
+        spoiled = P.any(axis=(1, 2)) | (clipped < W).any(axis=(1, 2))
+        if not spoiled.any():
             return None
-        information = self.graph.information.copy()
-        values, vectors = np.linalg.eigh(information[:, d:, d:])
-        others, largest = values[:, 0] + values[:, 1], values[:, 2]
-        steep = largest > NEARLY * others
-        if not steep.any():
+        T, W = decoupled(information[spoiled], d)
+        below = np.zeros_like(information[spoiled])
+        below[:, :d, :d], below[:, d:, d:] = T, W if d == 2 else _clipped(W)
+        below *= 1.0 - SPARE
+        with np.errstate(all="ignore"):
+            proven = is_positive_definite(Ball.exact(information[spoiled]) - below)
+        if not proven.all():
             return None
-        v = vectors[steep, :, 2]
-        taken = (largest - CLIPPED * others)[steep, None, None] * v[:, :, None] * v[:, None, :]
-        # A little more than its rounding, so that what is taken is positive semidefinite.
-        taken += 1e-13 * largest[steep, None, None] * np.eye(3)
-        information[steep, d:, d:] -= 0.5 * (taken + np.swapaxes(taken, 1, 2))
-        return replace(self, graph=InformationGraph(self.graph.isotropic, information))
-
-
-def blocks(information: FloatArray, d: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Blocks T (m, d, d), P (m, d, q) and W (m, q, q) of information matrices."""
-    return information[:, :d, :d], information[:, :d, d:], information[:, d:, d:]
+        less = information.copy()
+        less[spoiled] = below
+        return replace(self, graph=InformationGraph(self.graph.isotropic, less))
 
 
 def _times(A: FloatArray, x: Ball) -> Ball:
     return Ball.exact(A).apply(x)
 
 
-def _chosen(T: FloatArray, P: FloatArray, W: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Weights lam (m,) and W - P^T (T - lam I)^-1 P, (m, q, q); nan where T is not definite.
-
-    Of the shares tried, the one with the largest lam^d det of that matrix.
-    """
-    m, d, q = P.shape
-    least = np.linalg.eigvalsh(T)[:, 0]
-    chosen, schur, best = np.full(m, np.nan), np.full((m, q, q), np.nan), np.full(m, -np.inf)
-    scalar = (T[:, :1, :1] * np.eye(d) == T).all(axis=(1, 2)) & ~P.any(axis=(1, 2))
-    for share in (WHOLE, *SHARES):
-        tried = np.flatnonzero((least > 0.0) & (scalar == (share == WHOLE)))
-        lam = share * least[tried]
-        rest = T[tried] - lam[:, None, None] * np.eye(d)
-        left = W[tried] - np.swapaxes(P[tried], 1, 2) @ np.linalg.solve(rest, P[tried])
-        values = np.linalg.eigvalsh(left)
-        worth = np.where(values[:, 0] > 0.0, lam**d * np.abs(values.prod(axis=1)), values[:, 0])
-        better = worth > best[tried]
-        place = tried[better]
-        chosen[place], schur[place], best[place] = lam[better], left[better], worth[better]
-    return chosen, schur
-
-
-def _expanded(
-    cost: G2oCost, v: FloatArray, Q: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Residuals (m, p) with gradients (m, p); lam and the Schur complement; the arms b (m, d)."""
-    d = cost.graph.d
-    information = cost.graph.information
-    lam, schur = _chosen(*blocks(information, d))
-    e = cost.residuals(v, Q)
-    gradient = 2.0 * (information @ e[:, :, None])[:, :, 0]
-    target = e[:, :d] - gradient[:, :d] / (2.0 * lam[:, None])
-    b = cost.graph.translations + (cost.graph.rotations @ target[:, :, None])[:, :, 0]
-    return e, gradient, lam, schur, b
-
-
-def _schur_terms(cost: G2oCost, lam: FloatArray, b: FloatArray) -> tuple[Ball, Ball, Ball]:
-    """What minimising over y leaves of e^T Omega e - lam |y - y'|^2, y' = R~^T (b - t~).
-
-    The quadratic, linear and constant terms in the residual's rotational part: (m, q, q), (m, q)
-    and (m,).
-    """
-    d = cost.graph.d
-    T, P, W = (Ball.exact(block) for block in blocks(cost.graph.information, d))
-    y = cost.measured.T.apply(Ball.exact(b) - cost.graph.translations)
-    inverse = _inverse(T - lam[:, None, None] * np.eye(d))
-    weights = Ball.exact(lam)
-    quadratic = W - P.T @ inverse @ P
-    carried = inverse.apply(y)
-    linear = -2.0 * weights[:, None] * P.T.apply(carried)
-    linear = Ball(linear.mid, np.where(P.mid.any(axis=1), linear.radius, 0.0))
-    constant = -(weights * weights * y.dot(carried)) - weights * y.dot(y)
-    return quadratic, linear, constant
-
-
-def _inverse(A: Ball) -> Ball:
-    """Inverses of symmetric positive definite matrices (m, d, d); infinite radii where not."""
-    d = A.mid.shape[-1]
-    a, b, c = A[:, 0, 0], A[:, 0, 1], A[:, 1, 1]
-    if d == 2:
-        determinant = a * c - b * b
-        adjugate = _matrices([[c, -b], [-b, a]])
-        definite = (a.lower > 0.0) & (determinant.lower > 0.0)
-    else:
-        p, q, r = A[:, 0, 2], A[:, 1, 2], A[:, 2, 2]
-        xx, yy, zz = c * r - q * q, a * r - p * p, a * c - b * b
-        xy, xz, yz = p * q - b * r, b * q - p * c, b * p - a * q
-        determinant = a * xx + b * xy + p * xz
-        adjugate = _matrices([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        definite = (a.lower > 0.0) & (zz.lower > 0.0) & (determinant.lower > 0.0)
-    inverse = adjugate / determinant[:, None, None]
-    radius = np.where(definite[:, None, None], inverse.radius, np.inf)
-    return Ball(inverse.mid, radius)
-
-
-def _matrices(rows: list[list[Ball]]) -> Ball:
-    mid = np.stack([np.stack([x.mid for x in row], axis=-1) for row in rows], axis=-2)
-    radius = np.stack([np.stack([x.radius for x in row], axis=-1) for row in rows], axis=-2)
-    return Ball(mid, radius)
-
-
-def _planar(cost: G2oCost, v: FloatArray, Q: FloatArray) -> Minorants:
-    """EdgeSE2: an angle a leaves s (a + beta / s)^2 + gamma - beta^2 / s.
-
-    theta^2 is convex in cos(theta), so s theta^2 + 4 k cos(theta) is smallest at theta = alpha for
-    k = (s / 2) alpha / sin(alpha), and more turns only raise it. Couplings that are off by eps in
-    the angle, and not k but kappa, cost at most 4 kappa |eps| + 4 |k - kappa|.
-    """
-    e, gradient, lam, schur, b = _expanded(cost, v, Q)
-    s0 = schur[:, 0, 0]
-    with np.errstate(all="ignore"):
-        alpha = gradient[:, 2] / (2.0 * s0)
-        fits = (s0 > 0.0) & (np.abs(alpha) < np.pi)
-        alpha = np.where(fits, alpha, 0.0)
-        kappa = np.where(fits, 0.5 * s0 / np.sinc(alpha / np.pi), 1.0)
-    N = kappa[:, None, None] * (cost.graph.rotations @ so.exp((e[:, 2] - alpha)[:, None]))
-    N[:, 0, 0], N[:, 0, 1] = N[:, 1, 1], -N[:, 1, 0]
-    lam = np.where(fits, lam, 1.0)
-    b = np.where(fits[:, None], b, 0.0)
-
-    quadratic, linear, constant = _schur_terms(cost, lam, b)
-    s, beta = quadratic[:, 0, 0], 0.5 * linear[:, 0]
-    at = Ball.exact(alpha)
-    sine = at.sin()
-    quotient = at / sine
-    tiny = np.abs(alpha) < 1e-5  # 1 <= alpha / sin(alpha) <= 1 + alpha^2 / 5
-    mid = np.where(tiny, 1.0 + alpha**2 / 6.0, quotient.mid)
-    k = 0.5 * s * Ball(mid, np.where(tiny, 0.3 * alpha**4 + 1e-15, quotient.radius))
-    c, n = Ball.exact(N[:, 0, 0]), Ball.exact(N[:, 1, 0])
-    weight = (c * c + n * n).sqrt()
-    R = cost.graph.rotations
-    x, z = Ball.exact(R[:, 0, 0]) + R[:, 1, 1], Ball.exact(R[:, 1, 0]) - R[:, 0, 1]
-    # The angle of the couplings, less that of the measured rotation.
-    apart = arctan2(n * x - c * z, c * x + n * z)
-    off = apart + beta / s
-    turns = np.round(off.mid / (2.0 * np.pi))
-    off = off - 2.0 * np.pi * turns
-    error = off.size + 1e-15 * np.abs(turns)  # and of 2 pi
-    lowest = s * at * at + 4.0 * k * at.cos() - 4.0 * ((k - weight).size + weight.upper * error)
-    found = (constant - beta * beta / s + lowest).lower
-    fits &= (s.lower > 0.0) & np.isfinite(found)
-    # The series of the sine of a tiny angle has few correct digits.
-    touching = np.where(np.abs(alpha) < TINY, 0.0, np.abs(alpha))[:, None]
-    return Minorants(lam, np.zeros_like(b), b, N, np.where(fits, found, -np.inf), touching)
-
-
-def _spatial(cost: G2oCost, v: FloatArray, Q: FloatArray) -> Minorants:
-    """EdgeSE3:QUAT: a quadratic form in the unit quaternion q = (w, b), and l.b, w >= 0.
-
-    Quadratic forms in q are linear in E. For q0 = (w0, b0), w0 >= 0 and |q0| <= 1,
-
-        l.b >= (q.q0) l.b - k (1 - (q.q0)^2)    if k >= |k b0 + l|,
-
-    as the difference is (1 - q.q0) (l.b + k + k q.q0) >= (1 - q.q0) (k - |l + k b0|).
-    """
-    _, _, lam, schur, b = _expanded(cost, v, Q)
-    fits = np.isfinite(lam)
-    lam, b = np.where(fits, lam, 1.0), np.where(fits[:, None], b, 0.0)
-    schur = np.where(fits[:, None, None], schur, 0.0)
-    quadratic, linear, constant = _schur_terms(cost, lam, b)
-    q0 = _quaternions(np.swapaxes(cost.graph.rotations, 1, 2) @ Q) * (1.0 - 2.0**-48)
-    k = _slope(q0, linear)
-    fits &= np.isfinite(k)
-    k = np.where(fits, k, 0.0)
-    # The form to be matched, and the couplings N' of -2 <N', E> that match it.
-    form = _form(Ball.exact(schur), Ball.exact(linear.mid), k, q0).mid
-    beta, cross, D = form[:, 0, 0], form[:, 1:, 0], form[:, 1:, 1:]
-    D = D - beta[:, None, None] * np.eye(3)
-    trace = np.trace(D, axis1=1, axis2=2)[:, None, None]
-    N = cost.graph.rotations @ (0.125 * trace * np.eye(3) - 0.25 * D - 0.25 * so.hat(cross))
-
-    turned = cost.measured.T @ N
-    total = _form(quadratic, linear, k, q0) + 2.0 * _davenport(turned)
-    level = np.trace(total.mid, axis1=1, axis2=2) / 4.0
-    rest = (total - level[:, None, None] * np.eye(4)).reshaped(-1, 16)
-    spread = sums(rest * rest).sqrt()
-    found = (constant - k + level - spread.size).lower
-    found = np.where(fits & np.isfinite(found), found, -np.inf)
-    touching = np.concatenate([q0, k[:, None]], axis=1)
-    return Minorants(lam, np.zeros_like(b), b, N, found, touching)
-
-
-def _slope(q0: FloatArray, linear: Ball) -> FloatArray:
-    """(m,) the smallest k >= |k b0 + l|, or a little more; infinite where there is none."""
-    mid, b0 = linear.mid, q0[:, 1:]
-    along, room = np.einsum("ma,ma->m", b0, mid), 1.0 - np.einsum("ma,ma->m", b0, b0)
-    k = (along + np.sqrt(along**2 + room * np.einsum("ma,ma->m", mid, mid))) / room
-    for _ in range(MAX_RAISES):
-        needed = sums((k[:, None] * Ball.exact(b0) + linear).squared()).sqrt().upper
-        short = needed > k
-        short &= linear.size.any(axis=1)
-        if not short.any():
-            break
-        k = np.where(short, needed + 1e-14 * needed / room, k)
-    return np.where(short, np.inf, k)
-
-
-def _form(quadratic: Ball, linear: Ball, k: FloatArray, q0: FloatArray) -> Ball:
-    """(m, 4, 4) matrices of b^T W b + (q.q0) l.b + k (q.q0)^2."""
-    q = Ball.exact(q0)
-    out = (k[:, None] * q)[:, :, None] * q[:, None, :]
-    half = (0.5 * q)[:, :, None] * linear.padded(((0, 0), (1, 0)))[:, None, :]
-    return out + half + half.T + quadratic.padded(((0, 0), (1, 0), (1, 0)))
-
-
-def _davenport(N: Ball) -> Ball:
-    """(m, 4, 4) matrices G with <N, E(q)> = q^T G q."""
-    skew = N - N.T
-    z = joined(skew[:, 2, 1, None], skew[:, 0, 2, None], skew[:, 1, 0, None])
-    trace = N[:, 0, 0] + N[:, 1, 1] + N[:, 2, 2]
-    lower = N + N.T - trace[:, None, None] * np.eye(3)
-    corner = trace[:, None, None].padded(((0, 0), (0, 3), (0, 3)))
-    side = z[:, None, :].padded(((0, 0), (0, 3), (1, 0)))
-    return corner + side + side.T + lower.padded(((0, 0), (1, 0), (1, 0)))
-
-
-def _quaternions(E: FloatArray) -> FloatArray:
-    """(m, 4) unit quaternions (w, b) of rotations, w >= 0."""
-    v = so.log(E)
-    half = 0.5 * np.linalg.norm(v, axis=1)[:, None]
-    w = np.maximum(np.cos(half), 0.0)  # not below zero where the angle is rounded up to pi
-    return np.concatenate([w, 0.5 * np.sinc(half / np.pi) * v], axis=1)
+def _clipped(W: FloatArray) -> FloatArray:
+    """Matrices (m, 3, 3) nowhere above W, their largest eigenvalue below the sum of the others."""
+    values, vectors = np.linalg.eigh(W)
+    others = values[:, 0] + values[:, 1]
+    excess = np.where(values[:, 2] > NEARLY * others, values[:, 2] - CLIPPED * others, 0.0)
+    steepest = np.sqrt(excess)[:, None] * vectors[:, :, 2]
+    return np.asarray(W - steepest[:, :, None] * steepest[:, None, :])
 
 
 def _vector_parts(E: Ball) -> tuple[Ball, FloatArray]:
@@ -344,7 +143,7 @@ def _vector_parts(E: Ball) -> tuple[Ball, FloatArray]:
     For unit quaternions of rotations E and E', one of |q - q'| and |q + q'| is at most
     |E - E'| / 2 in the Frobenius norm.
     """
-    q = _quaternions(so.project(E.mid))
+    q = quaternions(so.project(E.mid))
     exact = Ball.exact(q)
     w, b = exact[:, 0], exact[:, 1:]
     norm = sums(exact * exact)

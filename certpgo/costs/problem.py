@@ -13,7 +13,9 @@ from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.graph import require_connected
 from certpgo.graph.information import InformationGraph
-from certpgo.linalg.arrays import CSC, BoolArray, FloatArray
+from certpgo.graph.lift import Point
+from certpgo.linalg import so
+from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.balls import Ball
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.factor import default_engine
@@ -86,12 +88,18 @@ class InformationProblem:
         """Refuse an estimate of another graph by an InputError."""
         self.chordal.check(estimate)
 
-    def relative(self, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+    def relative(self, point: Point) -> tuple[FloatArray, FloatArray]:
         """(m, d) vectors v = R_i^T (t_j - t_i) and (m, d, d) rotations Q = R_i^T R_j."""
         i, j = self.graph.edges.T
-        R, t = estimate.rotations, translations_of(estimate)
+        R, t = point.rotations, translations_of(point)
         back = np.swapaxes(R[i], 1, 2)
         return (back @ (t[j] - t[i])[:, :, None])[:, :, 0], back @ R[j]
+
+    def bend(self, v: FloatArray, weights: FloatArray) -> float:
+        """What translations v (m, d) add to the cost over minorants with these weights (m,)."""
+        y = (np.swapaxes(self.graph.rotations, 1, 2) @ v[:, :, None])[:, :, 0]
+        T = self.graph.information[:, : self.d, : self.d]
+        return float(np.einsum("ma,mab,mb->", y, T, y) - weights @ (v * v).sum(axis=1))
 
     def edge_costs(self, estimate: Estimate) -> FloatArray:
         """(m,) terms of f, one per edge."""
@@ -178,14 +186,12 @@ class Surrogate:
     ----------
     problem : the pose graph's
     constant : rounded down
-    minorants : those of the edges that have one
-    kept : (m,) which edges these are
+    minorants : those of all measurements, of which some may not exist
     """
 
     problem: PoseProblem
     constant: float
     minorants: Minorants
-    kept: BoolArray
 
 
 def surrogate(problem: InformationProblem, estimate: Estimate) -> Surrogate:
@@ -202,10 +208,27 @@ def surrogate(problem: InformationProblem, estimate: Estimate) -> Surrogate:
     NumericalError
         The measurements that have minorants there do not connect the graph.
     """
+    return surrogate_at(problem, *problem.relative(estimate))
+
+
+def surrogate_at(problem: InformationProblem, v: FloatArray, Q: FloatArray) -> Surrogate:
+    """The pose graph of the minorants expanded at v (m, d) and Q (m, d, d), of whatever origin.
+
+    It raises what `surrogate` does.
+    """
     problem.refuse_indefinite()
-    graph = problem.graph
-    found = problem.edge_cost.minorants(*problem.relative(estimate))
-    kept = found.exist
+    return surrogate_of(problem, problem.edge_cost.minorants(v, so.project(Q)))
+
+
+def surrogate_of(problem: InformationProblem, minorants: Minorants) -> Surrogate:
+    """The pose graph of minorants of all measurements of a problem.
+
+    Raises
+    ------
+    NumericalError
+        The measurements whose minorants exist do not connect the graph.
+    """
+    graph, found, kept = problem.graph, minorants, minorants.exist
     if not kept.all():
         if not kept.any() or not graph.with_edges(kept).isotropic.is_connected:
             raise NumericalError("measurements with minorants do not connect the graph")
@@ -217,4 +240,4 @@ def surrogate(problem: InformationProblem, estimate: Estimate) -> Surrogate:
     _, K, K_left = rotation.polar
     traces = np.concatenate([np.diagonal(A, axis1=1, axis2=2).ravel() for A in (K, K_left)])
     constant = math.nextafter(math.fsum(np.r_[found.constant, -traces]), -math.inf)
-    return Surrogate(problem.chordal.of_same_edges(general), constant, found, kept)
+    return Surrogate(problem.chordal.of_same_edges(general), constant, minorants)

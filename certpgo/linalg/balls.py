@@ -250,19 +250,25 @@ def near_rotations(R: FloatArray) -> Ball:
     return Ball(near.mid, (near.radius + remainder) * _UP)
 
 
-def is_positive_definite(A: Ball) -> BoolArray:
-    """(m,) whether all symmetric matrices in balls (m, d, d) are positive definite, as proven.
+def eliminated(A: Ball, count: int) -> tuple[Ball, BoolArray]:
+    """Schur complements of the leading blocks of symmetric matrices in balls (m, p, p).
 
-    They are if the pivots of elimination are positive. The lower triangle is read.
+    Returns the complements (m, p - count, p - count), and (m,) whether all leading blocks
+    (count, count) are proven positive definite. They are if the pivots of elimination are positive.
     """
     proven = np.ones(len(A.mid), dtype=np.bool_)
     with np.errstate(all="ignore"):
-        while A.mid.shape[-1]:
+        for _ in range(count):
             pivot, column = A[:, 0, 0], A[:, 1:, 0]
             proven &= pivot.lower > 0.0
             outer = column[:, :, None] * column[:, None, :]
             A = A[:, 1:, 1:] - outer / pivot[:, None, None]
-    return np.asarray(proven)
+    return A, np.asarray(proven)
+
+
+def is_positive_definite(A: Ball) -> BoolArray:
+    """(m,) whether all symmetric matrices in balls (m, d, d) are positive definite, as proven."""
+    return eliminated(A, A.mid.shape[-1])[1]
 
 
 def _generators(q: int) -> FloatArray:

@@ -21,6 +21,7 @@ from certpgo.certify.proof_file import write_proof
 from certpgo.costs import InformationProblem, information_problem, surrogate
 from certpgo.costs.descent import descend
 from certpgo.costs.g2o import G2oCost
+from certpgo.costs.problem import surrogate_of
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.information import InformationGraph
@@ -341,17 +342,20 @@ def test_only_the_costs_that_the_checker_knows_are_proven(small):
     graph = checker.read_graph(
         path.read_bytes(), {"d": instance.graph.d, "keep": "all", "cost": "g2o"} | NO_WEIGHTS, None
     )
-    for bare in ({"multipliers": None}, {"expansion": None}):
+    for bare in ({"multipliers": None}, {"origin": None}):
         with pytest.raises(NumericalError, match="no lower bound above zero"):
             cost_evidence(problem, graph, replace(answer.certificate, **bare))
-    for share in (-1.0, 3.0):
-        other = answer.certificate.multipliers * share + 1e9 * np.eye(instance.graph.d)
-        moved = Estimate(
-            so.random(rng_of(1), problem.n, problem.d), 9.0 * answer.estimate.translations
-        )
-        bad = replace(answer.certificate, multipliers=other, expansion=moved)
-        with pytest.raises(NumericalError):
-            cost_evidence(problem, graph, bad)
+    huge = answer.certificate.multipliers + 1e9 * np.eye(instance.graph.d)
+    there = replace(answer.certificate.origin, point=random_estimate(problem))
+    bad = replace(answer.certificate, multipliers=huge, origin=there)
+    with pytest.raises(NumericalError, match="cannot be proven"):
+        cost_evidence(problem, graph, bad)
+
+
+def random_estimate(problem):
+    rng = rng_of(1)
+    R = so.random(rng, problem.n, problem.d)
+    return Estimate(R, 9.0 * rng.standard_normal((problem.n, problem.d)))
 
 
 NO_WEIGHTS = {"kappa": None, "tau": None}
@@ -365,16 +369,10 @@ def test_measurements_without_minorant_count_nothing(d, tmp_path):
     graph = checker.read_graph(path.read_bytes(), claim, None)
     point = descend(problem, certpgo.solve(instance).estimate).estimate
     below = surrogate(problem, point)
-    kept = below.kept.copy()
+    constants, kept = below.minorants.constant.copy(), below.minorants.exist
     left_out = np.flatnonzero(kept)[[0, 4]]
-    kept[left_out] = False
-    chosen = kept[below.kept]
-    fewer = replace(
-        below,
-        kept=kept,
-        minorants=below.minorants.subset(chosen),
-        problem=type(below.problem)(below.problem.graph.with_edges(chosen)),
-    )
+    constants[left_out], kept[left_out] = -np.inf, False
+    fewer = surrogate_of(problem, replace(below.minorants, constant=constants))
     given = claimed(graph, fewer)
     assert checker.minorants_hold(graph, given).all()
     for e in left_out:
@@ -388,7 +386,7 @@ def test_measurements_without_minorant_count_nothing(d, tmp_path):
     # Constants are as sharp as half a dozen attempts make them.
     weights = np.abs(everywhere.constants) + 2 * d * everywhere.kappa
     more = everywhere._replace(constants=everywhere.constants + 1e-11 * weights)
-    assert checker.minorants_hold(graph, more)[below.kept].mean() < 0.2
+    assert checker.minorants_hold(graph, more)[below.minorants.exist].mean() < 0.2
 
 
 def test_constants_that_are_too_high_are_lowered(small):
@@ -433,13 +431,13 @@ def test_the_bound_of_the_proof_tier_is_what_it_says(small):
     problem = information_problem(instance, "g2o")
     case = OwnCostCase.of(problem, "proof", 1e-5, 1e-12)
     basin = case.basin(answer.estimate, False)
-    below = case.below(basin.point)
+    below = surrogate_of(case.problem, basin.bound.origin.minorants)
     trace = np.einsum("naa->", basin.bound.multipliers)
     assert basin.bound.value == pytest.approx(trace + below.constant, rel=1e-9)
     S = below.problem.certificate_matrix(basin.bound.multipliers).toarray()
     values = np.linalg.eigvalsh(S)
     assert values[0] > -1e-12 * values[-1]
-    assert basin.bound.expansion is basin.point
+    assert basin.bound.origin.point.rotations.shape == basin.point.rotations.shape
     again = case.reproven(basin.bound)
     assert again.value == pytest.approx(basin.bound.value, rel=1e-9)
 
@@ -452,4 +450,4 @@ def test_where_rounding_prevents_it_solve_takes_the_proof_tier(dataset):
     found = certpgo.solve(instance, **asked)
     assert (found.verdict.value, found.certificate.tier) == ("CERTIFIED", Tier.PROOF)
     assert found.certificate.relative_gap < 1e-6
-    assert found.certificate.expansion is not None
+    assert found.certificate.origin is not None

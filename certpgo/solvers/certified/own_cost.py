@@ -1,15 +1,13 @@
 """The search in the cost of another program, over surrogates.
 
 From the chordal optimum, descend on the cost f. Where the surrogate at the end does not certify it,
-the staircase minimises the surrogate globally: its bound is one on f, and its minimizer begins
-another descent, since a surrogate is below f everywhere and equal to it at the current point. Each
-round that continues lowers f.
+the Riemannian staircase minimises the surrogate's relaxation: its bound is one on f, and its
+rounded minimizer begins another descent, since a surrogate is below f everywhere and equal to it at
+the current point.
 """
 
 from __future__ import annotations
 
-import math
-import time
 from dataclasses import replace
 
 from certpgo.certify.case import PROOF_GAIN, Basin
@@ -17,18 +15,18 @@ from certpgo.certify.certificate import Certificate, Tier
 from certpgo.certify.dual import DualBound
 from certpgo.certify.own_cost import OwnCostCase, is_provable
 from certpgo.costs.descent import descend
-from certpgo.costs.problem import InformationProblem, Surrogate
+from certpgo.costs.problem import InformationProblem
 from certpgo.graph import Estimate
+from certpgo.graph.lift import Lift, rounded
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.progress import Stop, stoppable
 from certpgo.optimize.solution import Solution, Status
-from certpgo.optimize.starts import Start
 from certpgo.solvers.certified.pipeline import GIVEN, CertifiedSolution, search_and_certify
 from certpgo.solvers.certified.settings import SolveSettings
 from certpgo.solvers.certified.staircase import Level
 
-#: Surrogates that are minimised globally, at most.
-ROUNDS = 5
+#: Surrogates after which the search does not begin again.
+SURROGATES = 10
 
 
 def search_own_cost(
@@ -39,16 +37,16 @@ def search_own_cost(
 ) -> CertifiedSolution:
     """The best estimate under the problem's cost, with its certificate."""
     case = OwnCostCase.of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
-    # Cheaper bounds suffice to guide the search.
-    steering = replace(case, tier=Tier.STANDARD) if case.tier is Tier.PROOF else case
     with stoppable(monitor, case.unit, settings.time_limit) as stop:
+        # Cheaper bounds suffice to guide the search.
+        steering = replace(case, tier=Tier.STANDARD) if case.tier is Tier.PROOF else case
         chordal = None
         if initial is None:
             first = settings if steering is case else replace(settings, tier=steering.tier)
             chordal = search_and_certify(problem.chordal, first, None, monitor)
             initial = chordal.estimate
             _follow(stop, chordal)
-        search = _Search(steering, settings, stop, initial)
+        search = _Search(replace(steering, monitor=stop), settings, stop, initial)
         search.go_on()
         certificate = _certificate(search, None if settings.tier is None else case.tier)
         ended = stop.ended_by or search.status
@@ -69,9 +67,11 @@ def search_own_cost(
 
 def _certificate(search: _Search, tier: Tier | None) -> Certificate:
     """The certificate at a tier; by default the proof tier's if only rounding is in the way."""
-    best = search.best
+    best, origin = search.best, search.best.bound and search.best.bound.origin
     certificate = search.case.certificate(best.point, best)
-    near = certificate.gap <= PROOF_GAIN * certificate.tolerance
+    # A bound from a point of higher rank says that the relaxation is loose.
+    tight = origin is not None and not isinstance(origin.point, Lift)
+    near = tight and certificate.gap <= PROOF_GAIN * certificate.tolerance
     rounding = near and is_provable(search.case.problem) and not search.is_certified
     escalates = rounding and tier is None and not search.stop.cuts()
     if not (tier is Tier.PROOF or escalates):
@@ -103,21 +103,32 @@ class _Search:
         self.best, self.status = self.basin(start)
 
     def go_on(self) -> None:
-        """Minimise surrogates globally while that lowers the cost."""
-        while not (self.is_certified or self.surrogates == ROUNDS or self.stop.cuts()):
-            below = self.case.below(self.best.point)
-            if below is None:
+        """Climb on surrogates, and begin again where that leads to a lower cost."""
+        while not self.ends():
+            start, tried = self.best, 0
+            for found in self.case.reached(start.point, start.cost):
+                self.keep(found.bound)
+                if isinstance(found.point, Lift) and not self.ends():
+                    tried = found.number + 1
+                    self.improve(rounded(found.point))
+                if self.best.cost < start.cost or self.ends():
+                    break
+            self.surrogates += tried
+            if self.best.cost == start.cost or self.surrogates >= SURROGATES:
                 break
-            self.surrogates += 1
-            estimate, bound = self.minimised(below)
-            if bound is not None and bound.value > self.best.value:
-                self.best = replace(self.best, bound=bound)
-            found, status = self.basin(estimate)
-            if not found.cost < (1.0 - self.settings.same_cost) * self.best.cost:
-                break
-            if found.value < self.best.value:
-                found = replace(found, bound=self.best.bound)
+
+    def keep(self, bound: DualBound | None) -> None:
+        """Keep a bound if it is the best so far."""
+        if bound is not None and bound.value > self.best.value:
+            self.best = replace(self.best, bound=bound)
+
+    def improve(self, start: Estimate) -> None:
+        """Descend, and keep the end if its cost is lower."""
+        bound = self.best.bound
+        found, status = self.basin(start)
+        if found.cost < (1.0 - self.settings.same_cost) * self.best.cost:
             self.best, self.status = found, status
+            self.keep(bound)
 
     def basin(self, start: Estimate) -> tuple[Basin, Status]:
         """The end of descent on the cost, with its bound."""
@@ -127,28 +138,9 @@ class _Search:
             basin = self.case.basin(found.estimate, False)
         return replace(basin, settled=found.status is Status.CONVERGED), found.status
 
-    def minimised(self, below: Surrogate) -> tuple[Estimate, DualBound | None]:
-        """The global search on the surrogate at the best estimate, and its bound on the cost."""
-        share = self.best.cost / below.problem.cost(self.best.point)
-        left = self.stop.deadline - time.monotonic()
-        limited = replace(
-            self.settings,
-            tier=Tier.STANDARD,
-            rtol=min(self.settings.rtol * share, 0.5),
-            atol=0.0,
-            try_own_start=False,
-            time_limit=None if math.isinf(left) else max(left, 0.0),
-        )
-        start = Start(self.best.point, "the expansion point", near=True)
-        found = search_and_certify(below.problem, limited, start, self.stop)
-        _follow(self.stop, found)
-        lower = found.certificate.lower_bound
-        if not lower > 0.0 or found.certificate.multipliers is None:
-            return found.estimate, None
-        value = math.nextafter(lower + below.constant, -math.inf)
-        shift = found.certificate.shift
-        multipliers, expansion = found.certificate.multipliers, self.best.point
-        return found.estimate, DualBound(value, multipliers, shift, 0, 0, expansion)
+    def ends(self) -> bool:
+        """Whether the gap is closed, or a stop leaves the rest of the search out."""
+        return self.is_certified or self.stop.cuts()
 
     @property
     def is_certified(self) -> bool:
