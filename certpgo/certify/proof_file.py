@@ -1,7 +1,7 @@
 """Proof files: a certificate for a graph file, verified by `certpgo.checker`.
 
-An .npz archive without pickles. Its layout, version 1, with b = d for rotations alone and d + 1 for
-poses; nodes are those of the edges, by ascending id:
+An .npz archive without pickles. Its layout, with b = d for rotations alone and d + 1 for poses;
+nodes are those of the edges, by ascending id:
 
     claim         JSON as bytes: the graph file and its reading options (see `_claim`)
     rotations     (n, 4) quaternions x y z w of any norm, or (n, 2) half-angle pairs cos sin
@@ -9,6 +9,9 @@ poses; nodes are those of the edges, by ascending id:
     multipliers   (n, d (d + 1) / 2) upper triangles of Lam', row by row
     order         (n,) int32, elimination order of the nodes
     delta         (n b,) float32, subtracted from the equilibrated diagonal before factorizing
+
+That is version 1, about F. Version 2, about g2o's cost, also has the arrays of
+`certpgo.checker.EdgeBounds`, a row per edge.
 """
 
 from __future__ import annotations
@@ -45,8 +48,8 @@ def write_proof(
 ) -> checker.Answer:
     """Write the proof that an estimate of a graph file is as good as its certificate says.
 
-    It is about the numbers in the file, to the last bit, and is only written if the checker accepts
-    it.
+    It is about the certificate's cost, F or that of g2o, of the numbers in the file, to the last
+    bit, and is only written if the checker accepts it.
 
     Parameters
     ----------
@@ -63,7 +66,8 @@ def write_proof(
     Raises
     ------
     InputError
-        The source has another format, or the instance is only a part of it.
+        The source has another format, or the instance is only a part of it; or the certificate is
+        about a cost for which there are no proofs.
     NumericalError
         There is no proof, or the checker refuses it.
 

@@ -117,7 +117,7 @@ def command(
         _write_best(best, parts[0], assessments[0])
     elif any(a.excess > a.certificate.tolerance for a in assessments):
         notice("--best OUT writes the lower-cost estimate")
-    if any(_may_gain(a.certificate) for a in assessments):
+    if any(_may_gain(a.certificate, cost) for a in assessments):
         notice("rounding may limit the bound: try --tier proof")
     code = _verdict.exit_code(a.certificate for a in assessments)
     proven = True
@@ -134,13 +134,14 @@ def command(
     return code if proven else code or REFUSED
 
 
-def _may_gain(certificate: Certificate) -> bool:
+def _may_gain(certificate: Certificate, cost: Cost) -> bool:
     """Whether the refined point is so close to the bound that the proof tier may close the gap."""
     from certpgo.certify.case import PROOF_GAIN
 
     gap = certificate.refined_cost - certificate.lower_bound
     near = certificate.tolerance < gap <= PROOF_GAIN * certificate.tolerance
-    return certificate.tier.value == "standard" and certificate.better is None and near
+    provable = cost is not Cost.GTSAM and certificate.tier.value == "standard"
+    return provable and certificate.better is None and near
 
 
 def _single(

@@ -67,7 +67,8 @@ def search_own_cost(
 
 def _certificate(search: _Search, tier: Tier | None) -> Certificate:
     """The certificate at a tier; by default the proof tier's if only rounding is in the way."""
-    best, origin = search.best, search.best.bound and search.best.bound.origin
+    best = search.best
+    origin = None if best.bound is None else best.bound.origin
     certificate = search.case.certificate(best.point, best)
     # A bound from a point of higher rank says that the relaxation is loose.
     tight = origin is not None and not isinstance(origin.point, Lift)
