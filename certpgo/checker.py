@@ -5,7 +5,8 @@
 needs only this file, Python and NumPy. GRAPH is g2o or 1DSfM text; PROOF contains an estimate x and
 multipliers Lam, both untrusted. The output is ``PROVED: F(x) <= ..., F* >= ...`` or one line with
 the reason why not. Here F(R, t) = sum kappa |R_j - R_i R_ij|^2 + sum tau |t_j - t_i - R_i t_ij|^2,
-without the second sum for rotations alone, and F* is its minimum over rotations R and points t.
+without the second sum for rotations alone, or g2o's chi2, f = sum e^T Omega e (see `g2o_cost`), for
+which PROOF contains a minorant of each summand. F* is the minimum over rotations R and points t.
 
 Trusted are IEEE 754 doubles rounded to nearest, Python, and that NumPy's matrix product adds up
 products in some order (where exactness matters they are integers below 2^53). The Cholesky factors
@@ -35,9 +36,13 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.intp]
 
+Bools = npt.NDArray[np.bool_]
+
 U = 2.0**-53  # unit of rounding
 SPARE = 1.0 + 2.0**-20  # exceeds the rounding of any sum of fewer than 2^30 positive numbers
 POINT = 160  # fractional bits of rotations, stored as integers
+FINE = 256  # fractional bits of angles, sines and cosines
+OFF = 1 << 32  # exceeds the error of `_turn`, in units of 2^-FINE
 BITS = 25  # fractional bits in the high parts of factors
 FAR = 2.0**400  # products of numbers beyond might underflow or overflow
 ATTEMPTS = 3  # factorizations tried for a sufficiently small residual
@@ -68,8 +73,8 @@ def _big(x: npt.NDArray[Any]) -> Any:
     return x.astype(np.int64).astype(object)
 
 
-def rotations(q: Array) -> Any:
-    """Integers (k, d, d): 2^POINT R(q)/|q|^2 rounded down.
+def exact_rotations(q: Array) -> tuple[Any, Any]:
+    """Integers N (k, d, d) and D (k,) with the rotations R(q)/|q|^2 = N/D exactly.
 
     ``q`` are quaternions x y z w (k, 4), or half-angle pairs cos sin (k, 2), none zero.
     """
@@ -89,7 +94,18 @@ def rotations(q: Array) -> Any:
         entries += [xy + zw, ww - xx + yy - zz, yz - xw]
         entries += [xz - yw, yz + xw, ww - xx - yy + zz]
     d = 2 if len(parts) == 2 else 3
-    return np.stack([(N << POINT) // norm for N in entries], axis=-1).reshape(-1, d, d)
+    return np.stack(entries, axis=-1).reshape(-1, d, d), norm
+
+
+def rotations(q: Array) -> Any:
+    """Integers (k, d, d): 2^POINT R(q)/|q|^2 rounded down."""
+    N, D = exact_rotations(q)
+    return (N << POINT) // D[:, None, None]
+
+
+def _floored(n: Any, shift: int, divisor: Any = 1) -> Any:
+    """The integer below n 2^shift / divisor, rounded down; the divisor is positive."""
+    return (n << max(shift, 0)) // (divisor << max(-shift, 0))
 
 
 # --- The graph ------------------------------------------------------------------------------------
@@ -105,10 +121,14 @@ class Graph(NamedTuple):
     t: Array
     kappa: Array
     tau: Array
+    N: Any = None  # (m, d, d) couplings instead of kappa R
+    q: Any = None  # the measured rotations as in `rotations`
+    information: Any = None  # (m, p, p), translation first, for the cost of g2o
 
 
-Edge = tuple[int, int, tuple[float, ...], tuple[float, ...], float, float]
-
+Numbers = tuple[float, ...]
+#: Ends, rotation, translation, kappa and tau, and the information for the cost of g2o.
+Edge = tuple[int, int, Numbers, Numbers, float, float, Numbers]
 _NUMBERS = re.compile(rb"[0-9eE.+\- \t]*")  # the subset of float() syntax allowed in files
 _PLAIN = bytes(range(32, 127)) + b"\t\r\n"
 _IGNORED = re.compile(
@@ -133,7 +153,7 @@ def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> G
         edges = list(chosen.values())
     if not edges:
         raise Unreadable("no measurements")
-    first, second, q, t, kappa, tau = zip(*edges, strict=True)
+    first, second, q, t, kappa, tau, upper = zip(*edges, strict=True)
     ids = {k: position for position, k in enumerate(sorted({*first, *second}))}
     weights = [np.array(x) for x in (kappa, tau)]
     for k, name in enumerate(("kappa", "tau")):
@@ -144,7 +164,17 @@ def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> G
     if not (np.isfinite(np.array(q)).all() and np.isfinite(np.array(t)).all()):
         raise Unreadable("a number that is not finite")
     i, j = (np.array([ids[k] for k in ends]) for ends in (first, second))
-    return Graph(len(ids), i, j, rotations(np.array(q)), np.array(t), *weights)
+    R = rotations(np.array(q)) if claim.get("cost") is None else None
+    graph = Graph(len(ids), i, j, R, np.array(t), *weights)
+    if R is not None:
+        return graph
+    p = 3 if claim["d"] == 2 else 6
+    information, (a, b) = np.full((len(edges), p, p), np.nan), np.triu_indices(p)
+    if all(upper):
+        information[:, a, b] = information[:, b, a] = np.array(upper)
+    if not (abs(information) < FAR).all():
+        raise Unreadable("information expected on every measurement, finite and not huge")
+    return graph._replace(q=np.array(q), information=information)
 
 
 def _edges(text: bytes, claim: dict[str, Any]) -> Iterator[Edge]:
@@ -202,19 +232,21 @@ def _g2o_edge(
     words = _split(text, (pose, pose + (21 if d == 3 else 6)))
     numbers = tuple(map(float, words[2:pose]))
     q = numbers[3:] if d == 3 else half_angle(numbers[2])
-    kappa, tau = 1.0, 1.0
-    if len(words) > pose and None in (claim["kappa"], claim["tau"]):
+    kappa, tau, upper = 1.0, 1.0, Numbers()
+    if claim.get("cost") is not None:
+        upper = tuple(map(float, words[pose:]))
+    elif len(words) > pose and None in (claim["kappa"], claim["tau"]):
         kappa, tau = weigh(tuple(words[pose:]))
         if claim["rotation_information"] == "quaternion":
             kappa *= 0.25  # half the angle, a quarter of the information
-    return int(words[0]), int(words[1]), q, numbers[:d], kappa, tau
+    return int(words[0]), int(words[1]), q, numbers[:d], kappa, tau, upper
 
 
 def _1dsfm_edge(text: bytes) -> Edge:
     """``i j``, a matrix R_ij row by row, and an unused direction."""
     words = _split(text, (14,))
     q = shepperd(tuple(map(float, words[2:]))[:9])
-    return int(words[0]), int(words[1]), q, (0.0, 0.0, 0.0), 1.0, 1.0
+    return int(words[0]), int(words[1]), q, (0.0, 0.0, 0.0), 1.0, 1.0, ()
 
 
 def shepperd(M: tuple[float, ...]) -> tuple[float, ...]:
@@ -246,15 +278,7 @@ def half_angle(theta: float) -> tuple[float, float]:
     bits, halvings = 320 + max(0, -exponent), 8 + max(0, exponent)
     numerator, denominator = theta.as_integer_ratio()
     x = (numerator << bits) // (denominator << (1 + halvings))
-    sums, term, k = [0, 0], 1 << bits, 0
-    while term not in (0, -1):
-        sums[k % 2] += -term if k & 2 else term
-        k += 1
-        term = (term * x >> bits) // k
-    cosine, sine = sums
-    for _ in range(halvings):
-        cosine, sine = (cosine * cosine - sine * sine) >> bits, (cosine * sine) >> (bits - 1)
-    # Each truncation adds a unit and each doubling at most quadruples the error: below 2^64.
+    cosine, sine = circle(x, bits, halvings)  # within 2^63
     pairs = {
         ((cosine + e) / (1 << bits), (sine + f) / (1 << bits))
         for e in (-(1 << 64), 1 << 64)
@@ -263,6 +287,28 @@ def half_angle(theta: float) -> tuple[float, float]:
     if len(pairs) > 1:
         raise ValueError("an angle too close to call")
     return pairs.pop()
+
+
+def circle(x: int, bits: int, halvings: int) -> tuple[int, int]:
+    """Cosine and sine of x 2^(halvings - bits) in units of 2^-bits, |x| <= 2^(bits - 9).
+
+    Both are within 2^(7 + 2 halvings), even if x was rounded down: each truncation adds a unit, and
+    each doubling at most quadruples the error.
+    """
+    sums, term, k = [0, 0], 1 << bits, 0
+    while term not in (0, -1):
+        sums[k % 2] += -term if k & 2 else term
+        k += 1
+        term = (term * x >> bits) // k
+    cosine, sine = sums
+    for _ in range(halvings):
+        cosine, sine = (cosine * cosine - sine * sine) >> bits, (cosine * sine) >> (bits - 1)
+    return cosine, sine
+
+
+def _turn(angle: int) -> tuple[int, int]:
+    """Cosine and sine of an angle of less than 8 radians, all in units of 2^-FINE."""
+    return circle(angle >> 12, FINE, 12)
 
 
 def weights(words: tuple[bytes, ...]) -> tuple[float, float]:
@@ -305,6 +351,17 @@ def harmonic_mean(words: Sequence[bytes], halves: int) -> float:
 # --- The proof ------------------------------------------------------------------------------------
 
 
+class EdgeBounds(NamedTuple):
+    """Claims f_e >= tau |v - b|^2 + 2 d kappa - 2 <N, Q> + constant; see `minorants_hold`."""
+
+    tau: Array  # (m,)
+    arms: Array  # (m, d): b
+    kappa: Array  # (m,)
+    couplings: Array  # (m, d, d): N
+    touching: Array  # (m, 1): an angle; or (m, 5): a quaternion w x y z, and a slope
+    constants: Array  # (m,)
+
+
 class Proof(NamedTuple):
     """The content of a proof file; none of it is trusted."""
 
@@ -315,6 +372,7 @@ class Proof(NamedTuple):
     delta: Array  # (n b,) subtracted from the diagonal before factorizing
     pin: int  # the pose whose translation is pinned
     exponent: int  # base-2 exponent of the translations' weights in row sums
+    minorants: EdgeBounds | None = None  # for the cost of g2o
 
 
 _OPTIONS: dict[str, tuple[Any, ...]] = {
@@ -326,10 +384,11 @@ _OPTIONS: dict[str, tuple[Any, ...]] = {
 
 
 def read_claim(archive: Any) -> dict[str, Any]:
-    """The header of a proof: its graph file and reading options."""
+    """The header of a proof: its graph file, reading options and cost."""
     claim = json.loads(bytes(archive["claim"]))
-    if claim["format"] != "certpgo proof" or claim["version"] != 1:
-        raise Unreadable("not a proof of version 1")
+    kinds = (1, None), (2, "g2o")
+    if claim["format"] != "certpgo proof" or (claim["version"], claim.get("cost")) not in kinds:
+        raise Unreadable("not a proof of version 1, or of version 2 about the cost of g2o")
     if any(type(claim[name]) is not int for name in ("version", "d", "pin", "exponent")):
         raise Unreadable("integers expected")
     for name, choices in _OPTIONS.items():
@@ -340,11 +399,15 @@ def read_claim(archive: Any) -> dict[str, Any]:
     for name in ("kappa", "tau"):
         if claim[name] is not None and type(claim[name]) not in (int, float):
             raise Unreadable(f"{name} must be a number")
+    meant = ["poses", "tangent" if claim["d"] == 2 else "quaternion", None, None]
+    said = [claim[name] for name in ("kind", "rotation_information", "kappa", "tau")]
+    if claim["version"] == 2 and said != meant:
+        raise Unreadable(f"the cost of g2o is about {meant[0]}, with information of a {meant[1]}")
     return dict(claim)
 
 
-def read_proof(archive: Any, claim: dict[str, Any], n: int) -> Proof:
-    """The arrays of a proof about n nodes."""
+def read_proof(archive: Any, claim: dict[str, Any], n: int, m: int = 0) -> Proof:
+    """The arrays of a proof about n nodes and m measurements."""
     d, poses = claim["d"], claim["kind"] == "poses"
     b = d + 1 if poses else d
 
@@ -356,6 +419,16 @@ def read_proof(archive: Any, claim: dict[str, Any], n: int) -> Proof:
             raise Refused(f"{name} holds numbers that are not finite")
         return values
 
+    minorants = None
+    if claim.get("cost") is not None:
+        minorants = EdgeBounds(
+            array("tau", "<f8", m),
+            array("arms", "<f8", m, d),
+            array("kappa", "<f8", m),
+            array("couplings", "<f8", m, d, d),
+            array("touching", "<f8", m, 1 if d == 2 else 5),
+            array("constants", "<f8", m),
+        )
     proof = Proof(
         q=array("rotations", "<f8", n, 4 if d == 3 else 2),
         t=array("translations", "<f8", n, d) if poses else None,
@@ -364,6 +437,7 @@ def read_proof(archive: Any, claim: dict[str, Any], n: int) -> Proof:
         delta=array("delta", "<f4", n * b).astype(np.float64),
         pin=claim["pin"],
         exponent=claim["exponent"],
+        minorants=minorants,
     )
     if not np.array_equal(np.sort(proof.order), np.arange(n)):
         raise Refused("order is no permutation")
@@ -407,6 +481,192 @@ def _rounded_up(n: int, e: int) -> float:
     return math.nextafter((n << max(-e, 0)) / (1 << max(e, 0)), math.inf)
 
 
+# --- The cost of g2o ------------------------------------------------------------------------------
+
+
+def g2o_cost(graph: Graph, q: Array, t: Any) -> float:
+    """A double not below f(x) = sum e^T Omega e, computed in integers.
+
+    e = (y, x) with y = R_ij^T (R_i^T (t_j - t_i) - t_ij), and x the angle of E = R_ij^T R_i^T R_j,
+    or the vector part of its unit quaternion (w, x) with w >= 0.
+    """
+    d, n = graph.t.shape[1], graph.n
+    (N, D), (M, C) = exact_rotations(q), exact_rotations(graph.q)
+    both, e = integers(np.concatenate([t, graph.t]))
+    at, step = both[:n], both[n:]
+    moved = np.einsum("mab,ma->mb", N[graph.i], at[graph.j] - at[graph.i])
+    moved = np.einsum("mab,ma->mb", M, moved - D[graph.i][:, None] * step)
+    y = _floored(moved, POINT - e, (D[graph.i] * C)[:, None])
+    pairs, measured = integers(q)[0], integers(graph.q)[0]
+    between = _between(measured, _between(pairs[graph.i], pairs[graph.j]))
+    x, either = _angles(between) if d == 2 else _vector_parts(between)
+    Omega, unit = integers(graph.information)
+    cross = (y[:, None, :] @ Omega[:, :d, d:] @ x[:, :, None])[:, 0, 0]
+    x[either & (cross < 0)] *= -1  # f takes both values there
+    r, off = np.concatenate([y, x], axis=1), 2  # within off
+    total = (r[:, None, :] @ Omega @ r[:, :, None]).sum()
+    total += (abs(Omega).sum(axis=1) * (2 * off * abs(r) + off * off)).sum()
+    return _rounded_up(total, unit + 2 * POINT)
+
+
+def _between(a: Any, b: Any) -> Any:
+    """The products of a's conjugates with b: those of R(a)^T R(b)."""
+    if a.shape[1] == 2:
+        (c, s), (cb, sb) = a.T, b.T
+        return np.stack([c * cb + s * sb, c * sb - s * cb], axis=1)
+    (x, y, z, w), (p, q, r, v) = a.T, b.T
+    parts = [w * p - v * x - y * r + z * q, w * q - v * y - z * p + x * r]
+    parts += [w * r - v * z - x * q + y * p, w * v + x * p + y * q + z * r]
+    return np.stack(parts, axis=1)
+
+
+def _vector_parts(q: Any) -> tuple[Any, Bools]:
+    """(m, 3) x of unit quaternions (w, x), w >= 0, in units of 2^-POINT, within 2; where w = 0."""
+    norm = (q * q).sum(axis=1)
+    root = np.frompyfunc(math.isqrt, 1, 1)(norm << (2 * POINT))
+    x = np.where(q[:, 3:] < 0, -q[:, :3], q[:, :3])
+    return (x << (2 * POINT)) // root[:, None], q[:, 3] == 0
+
+
+def _angles(pairs: Any) -> tuple[Any, Bools]:
+    """(m, 1) angles in units of 2^-POINT, within 2, of half-angle pairs; which are pi or -pi."""
+    c, s = pairs.T
+    cosine, sine, norm = c * c - s * s, 2 * c * s, c * c + s * s
+    found = [_angle(*rotation) for rotation in zip(cosine, abs(sine), norm, strict=True)]
+    angles = np.array(found, dtype=object) * np.where(sine < 0, -1, 1)
+    return angles[:, None], (sine == 0) & (cosine < 0)
+
+
+def _angle(cosine: int, sine: int, norm: int) -> int:
+    """The angle from 0 to pi: a guess, and what turning back by it leaves."""
+    guess = int(math.ldexp(math.atan2(sine / norm, cosine / norm), 60)) << (FINE - 60)
+    c, s = _turn(guess)
+    left, ahead = (sine * c - cosine * s) // norm, (cosine * c + sine * s) // norm
+    if not (0 <= guess < 4 << FINE and abs(left) < 1 << (FINE - 40) and ahead > 1 << (FINE - 1)):
+        raise Refused("an angle was not found")
+    return (guess + left + left**3 // (6 << (2 * FINE))) >> (FINE - POINT)
+
+
+def _definite(A: Any) -> Bools:
+    """(m,) which symmetric matrices (m, k, k) of integers are positive definite."""
+    definite: Bools = np.ones(len(A), dtype=bool)
+    while A.shape[1]:  # Gaussian elimination without fractions
+        pivot = A[:, :1, :1]
+        definite &= pivot[:, 0, 0] > 0
+        A = pivot * A[:, 1:, 1:] - A[:, 1:, :1] * A[:, :1, 1:]
+    return definite
+
+
+def surrogate(graph: Graph, given: EdgeBounds) -> Graph:
+    """The graph whose F is the sum of the minorants without their constants."""
+    return graph._replace(t=given.arms, kappa=given.kappa, tau=given.tau, N=given.couplings)
+
+
+def minorants_hold(graph: Graph, given: EdgeBounds) -> Bools:
+    """(m,) which minorants are proven to be nowhere above terms of f that are never negative.
+
+    With v = R_i^T (t_j - t_i) and Q = R_i^T R_j. The minimum over y of e^T Omega e - tau |y - y'|^2
+    is x^T S x + 2 beta.x + gamma, fractions of integers, rounded down to multiples of 2^-unit.
+    """
+    (m, d), p = graph.t.shape, graph.information.shape[1]
+    full, e = integers(np.c_[graph.information.reshape(m, p * p), given.tau])
+    Omega, tau = full[:, :-1].reshape(m, p, p), full[:, -1, None, None]
+    T, P, W = Omega[:, :d, :d], Omega[:, :d, d:], Omega[:, d:, d:]
+    A = T - tau * np.eye(d, dtype=int)
+    inverse = _adjugate(A)
+    det = (A[:, :1] @ inverse[:, :, :1])[:, 0, 0]
+    fits = _definite(Omega) & _definite(A)
+    det = np.where(fits, det, 1)
+    R, norm = exact_rotations(graph.q)
+    (b, t), et = integers(np.stack([given.arms, graph.t]))
+    RT, PT = np.swapaxes(R, 1, 2), np.swapaxes(P, 1, 2)
+    y = RT @ (b - t)[:, :, None]
+    yT = np.swapaxes(y, 1, 2)
+    S = det[:, None, None] * W - PT @ inverse @ P
+    beta = -(tau * (PT @ inverse @ y))[:, :, 0]
+    gamma = -(tau * (det[:, None, None] * (yT @ y) + tau * (yT @ inverse @ y)))[:, 0, 0]
+
+    unit = POINT - math.frexp(float(abs(graph.information).max()))[1]
+    (kappa, constant), ec = integers(np.stack([given.kappa, given.constants]))
+    wanted = -_floored(-2 * d * kappa - constant, unit - ec)
+    N, en = integers(given.couplings)
+    N = _floored(RT @ N, unit - en, norm[:, None, None])
+    if d == 3:
+        wanted -= _floored(gamma, unit - e - 2 * et, det * norm**2)
+        S = _floored(S, unit - e, det[:, None, None])
+        linear = _floored(2 * beta, unit - e - et, (det * norm)[:, None])
+        return fits & _spatial_hold(S, linear, N, given.touching, wanted, unit)
+    S, beta = S[:, 0, 0], beta[:, 0]
+    fits &= S > 0
+    S = np.where(fits, S, 1)
+    # s x^2 + 2 beta x + gamma = s (x + beta / s)^2 + gamma - beta^2 / s
+    wanted -= _floored(gamma * S - beta**2, unit - e - 2 * et, S * det * norm**2)
+    s, turned = _floored(S, unit - e, det), _floored(beta, FINE - et, S * norm)
+    (alpha, ea), u, v = integers(given.touching), N[:, 0, 0] + N[:, 1, 1], N[:, 1, 0] - N[:, 0, 1]
+    terms = zip(s, turned, u, v, _floored(alpha[:, 0], FINE - ea), wanted, strict=True)
+    return fits & [_planar_holds(*term) for term in terms]
+
+
+def _adjugate(A: Any) -> Any:
+    """Adjugates of symmetric matrices (m, d, d)."""
+    if A.shape[1] == 2:
+        entries = [A[:, 1, 1], -A[:, 0, 1], -A[:, 0, 1], A[:, 0, 0]]
+        return np.stack(entries, axis=1).reshape(-1, 2, 2)
+    (a, b, c), (_, p, q), (_, _, r) = (A[:, k].T for k in range(3))
+    xy, xz, yz = c * q - b * r, b * q - c * p, b * c - a * q
+    entries = [p * r - q * q, xy, xz, xy, a * r - c * c, yz, xz, yz, a * p - b * b]
+    return np.stack(entries, axis=1).reshape(-1, 3, 3)
+
+
+def _planar_holds(s: int, h: int, u: int, v: int, alpha: int, wanted: int) -> bool:
+    """Whether s (x + h)^2 + 2 u cos(x) + 2 v sin(x) >= wanted for all x, and s, u, v a little more.
+
+    With phi = x + h, the cosine and sine of x are those of phi turned back: the sum is that of
+    s phi^2, 2 a cos(phi) and 2 b sin(phi). And phi^2 >= alpha^2 + 2 r (cos(alpha) - cos(phi)) with
+    r = alpha / sin(alpha), as phi^2 is convex in cos(phi) up to pi.
+    """
+    if not (abs(h) < 8 << FINE and 0 <= alpha < 4 << FINE and max(s, abs(u), abs(v)) < 1 << 200):
+        return False
+    (c, n), (cosine, sine) = _turn(h), _turn(alpha)
+    a, b = (u * c - v * n) >> FINE, (u * n + v * c) >> FINE
+    r = (1 << FINE, 1 << FINE)
+    if alpha:
+        if sine <= OFF:
+            return False
+        r = (alpha << FINE) // (sine + OFF), (alpha << FINE) // (sine - OFF) + 1
+    sr = s * r[0] >> FINE, ((s + 1) * r[1] >> FINE) + 1
+    if sr[1] >> 220:
+        return False
+    least = min(2 * (p * cosine >> FINE) - 2 * abs(a - p) for p in sr)  # concave in p
+    return (s * alpha**2 >> (2 * FINE)) + least - 2 * abs(b) - 24 >= wanted
+
+
+def _spatial_hold(S: Any, linear: Any, N: Any, touching: Array, wanted: Any, unit: int) -> Bools:
+    """(m,) whether x^T S x + l.x + 2 <N, E> >= wanted for all unit quaternions (w, x), w >= 0.
+
+    Numbers are in units of 2^-unit; S, l and N may be a unit more in each entry. With w0 >= 0,
+    |q0| <= 1 and k >= |k x0 + l|, l.x >= (q.q0) (l.x) - k + k (q.q0)^2: a quadratic form in q.
+    """
+    (q0, e), (k, ek), bits = integers(touching[:, :4]), integers(touching[:, 4]), 64
+    q0, k = _floored(q0, bits - e), _floored(k, unit - ek)
+    needed = k[:, None] * q0[:, 1:] + (linear << bits)
+    fits = (q0[:, 0] >= 0) & ((q0 * q0).sum(axis=1) <= 1 << (2 * bits)) & (k >= 0)
+    fits &= (needed * needed).sum(axis=1) <= (k << bits) ** 2
+    trace = N[:, 0, 0] + N[:, 1, 1] + N[:, 2, 2]
+    form = np.zeros((len(S), 4, 4), dtype=object)
+    form[:, 0, 0] = 2 * trace
+    form[:, 0, 1:] = 2 * (N[:, [2, 0, 1], [1, 2, 0]] - N[:, [1, 2, 0], [2, 0, 1]])
+    form[:, 1:, 0] = form[:, 0, 1:]
+    eye = np.eye(4, dtype=int)
+    form[:, 1:, 1:] = S + 2 * (N + np.swapaxes(N, 1, 2) - trace[:, None, None] * eye[1:, 1:])
+    form -= (wanted + k + 16)[:, None, None] * eye
+    form = (form << (2 * bits + 1)) + 2 * k[:, None, None] * q0[:, :, None] * q0[:, None, :]
+    half = (q0[:, :, None] * linear[:, None, :]) << bits
+    form[:, :, 1:] += half
+    form[:, 1:, :] += np.swapaxes(half, 1, 2)
+    return np.asarray(fits & _definite(form))
+
+
 # --- The certificate matrix -----------------------------------------------------------------------
 
 
@@ -426,19 +686,24 @@ class Blocks(NamedTuple):
 def certificate_matrix(graph: Graph, proof: Proof) -> Blocks:
     """A = M - blkdiag(0, Lam), with the pinned row and column zero off the diagonal.
 
-    Its entries are sums of integers; only those of kappa R_ij are truncated. It is equilibrated by
+    Its entries are sums of integers; only those of kappa R_ij are truncated. Couplings N take the
+    place of these. It is equilibrated by
     powers of two, so that diagonal entries lie between 1/4 and 1.
     """
     n, d, i, j = graph.n, graph.t.shape[1], graph.i, graph.j
     b = d if proof.t is None else d + 1
     (kappa, ek), (tau, et), (t, es) = map(integers, (graph.kappa, graph.tau, graph.t))
     Lam, el = integers(proof.multipliers)
-    unit = max(ek + POINT, et + 2 * es, et, el)  # entries are integers times 2^-unit
+    N, en = (None, ek + POINT) if graph.N is None else integers(graph.N)
+    unit = max(en, ek, et + 2 * es, et, el)  # entries are integers times 2^-unit
     # Normalized by a power of two to a largest kappa of about 1, for weights of any scale.
     normal = math.frexp(float(graph.kappa.max()))[1]
 
     upper, diagonal = (np.zeros((k, b, b), dtype=object) for k in (len(i), n))
-    upper[:, -d:, -d:] = (-kappa << (unit - ek - POINT))[:, None, None] * graph.R
+    if N is None:
+        upper[:, -d:, -d:] = (-kappa << (unit - en))[:, None, None] * graph.R
+    else:
+        upper[:, -d:, -d:] = -N << (unit - en)
     degrees = np.zeros(n, dtype=object)
     np.add.at(degrees, i, kappa << (unit - ek))
     np.add.at(degrees, j, kappa << (unit - ek))
@@ -471,8 +736,9 @@ def certificate_matrix(graph: Graph, proof: Proof) -> Blocks:
         diagonal[proof.pin, 0, 1:] = diagonal[proof.pin, 1:, 0] = 0
         between[pairs[:, 0] == proof.pin, 0, :] = 0
         between[pairs[:, 1] == proof.pin, :, 0] = 0
-    truncated = np.zeros(between.shape)  # bounds in units of 2^-POINT; translations are exact
-    truncated[:, -d:, -d:] = np.bincount(place, graph.kappa)[:, None, None]
+    truncated = np.zeros(between.shape)  # bounds in units of 2^-POINT; the rest is exact
+    if N is None:
+        truncated[:, -d:, -d:] = np.bincount(place, graph.kappa)[:, None, None]
     return _equilibrated(diagonal, pairs, between, truncated, unit, normal, proof.exponent)
 
 
@@ -756,13 +1022,19 @@ class Answer(NamedTuple):
 
 def prove(graph: Graph, proof: Proof) -> Answer:
     """Both bounds; raises `Refused` if they are not proven."""
-    upper = upper_bound(graph, proof.q, proof.t)
+    given, on_diagonal = proof.minorants, np.equal(*np.triu_indices(graph.t.shape[1]))
+    terms = proof.multipliers[:, on_diagonal].ravel()
+    if given is None:
+        upper = upper_bound(graph, proof.q, proof.t)
+    else:
+        upper = g2o_cost(graph, proof.q, proof.t)
+        if not minorants_hold(graph, given).all():
+            raise Refused("a minorant was not proven, or that information is positive definite")
+        graph, terms = surrogate(graph, given), np.concatenate([terms, given.constants])
     blocks = certificate_matrix(graph, proof)
     if not is_positive_semidefinite(blocks, proof.order, proof.delta):
         raise Refused("the certificate matrix was not proven positive semidefinite")
-    on_diagonal = np.equal(*np.triu_indices(graph.t.shape[1]))
-    lower = math.fsum(proof.multipliers[:, on_diagonal].ravel())
-    return Answer(upper, max(math.nextafter(lower, -math.inf), 0.0))
+    return Answer(upper, max(math.nextafter(math.fsum(terms), -math.inf), 0.0))
 
 
 def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
@@ -809,7 +1081,7 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
                 graph = read_graph(text, claim, component)
             except Unreadable as error:
                 raise Unreadable(f"{path}: {error}") from None
-            proof = read_proof(archive, claim, graph.n)
+            proof = read_proof(archive, claim, graph.n, len(graph.i))
     except (Refused, Unreadable):
         raise
     except FileNotFoundError:
@@ -829,8 +1101,12 @@ def _about(graph: Graph, claim: dict[str, Any]) -> str:
     """Describes F, as the reading options come from the proof."""
     names = ("kappa", "tau") if claim["kind"] == "poses" else ("kappa",)
     said = [f"the {claim['kind']} of {graph.n} nodes from {len(graph.i)} measurements"]
-    said += [f"{k} {'of the file' if claim[k] is None else repr(claim[k])}" for k in names]
-    said.append(f"rotational information read as {claim['rotation_information']}")
+    if claim.get("cost") is not None:
+        edges = "EdgeSE2" if claim["d"] == 2 else "EdgeSE3:QUAT"
+        said.insert(0, f"g2o's chi2 of {edges} with full information")
+    else:
+        said += [f"{k} {'of the file' if claim[k] is None else repr(claim[k])}" for k in names]
+        said.append(f"rotational information read as {claim['rotation_information']}")
     added = claim["keep"] == "all"
     said.append("parallel edges added" if added else f"only the {claim['keep']} of parallel edges")
     if claim["component_sha256"] is not None:

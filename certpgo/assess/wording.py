@@ -39,6 +39,9 @@ _TRUSTS = {
 }
 
 
+_ANGLES = ", and its library's sine and arctangent to 4 units in the last place"
+
+
 def meaning(certificate: Certificate) -> str:
     """What the verdict means."""
     verdict = certificate.verdict.value
@@ -53,7 +56,8 @@ def meaning(certificate: Certificate) -> str:
 def trusts(certificate: Certificate) -> Iterable[tuple[str, str]]:
     """The assumptions of the proof, unless nothing was proven."""
     if certificate.verdict.value != "UNDECIDED":
-        yield "proof rests on", _TRUSTS[certificate.tier.value]
+        angles = certificate.tier.value == "proof" and "EdgeSE2" in certificate.objective
+        yield "proof rests on", _TRUSTS[certificate.tier.value] + (_ANGLES if angles else "")
 
 
 def objective(reading: Mapping[str, str], certificate: Certificate | None = None) -> str:

@@ -90,16 +90,28 @@ class Case:
         """
         tier = tier_called(tier)
         refuse_tolerances(rtol, atol)
-        if tier is Tier.PROOF and problem.graph.is_general:
-            raise InputError(
-                "the proof tier is for isotropic weights, not for edges with matrix weights"
-            )
+        if tier is Tier.PROOF:
+            cls.refuse_unprovable(problem)
         unit = unit_of(problem)
         try:
             scaled = problem.scaled(1.0 / unit)
         except GraphError as error:
             raise InputError(f"too uneven weights: divided by {unit:.2g}, {error}") from None
         return cls(scaled, unit, tier, rtol, atol)
+
+    @staticmethod
+    def refuse_unprovable(problem: Problem) -> None:
+        """Refuse a problem that has no proof tier.
+
+        Raises
+        ------
+        InputError
+            It has general edges.
+        """
+        if problem.graph.is_general:
+            raise InputError(
+                "the proof tier is for isotropic weights, not for edges with matrix weights"
+            )
 
     @property
     def objective(self) -> str:
@@ -277,6 +289,7 @@ class Case:
             reason="",
             objective=self.objective,
             descended=own.descended,
+            origin=best.bound.origin if best.bound else None,
         )
         scaled = in_units(self.unit, judged)
         return replace(scaled, reason=_reason(scaled))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from certpgo.certify.bounds import Bounds
+from certpgo.certify.dual import Origin
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
 
@@ -46,7 +47,8 @@ class Tier(Enum):
     STANDARD : the usual componentwise error bound of the factorization and BLAS; their rounding is
         bounded (Rump and Jeannerod 2014, see `certpgo.certify.dual`)
     PROOF : IEEE 754 arithmetic, Python, and NumPy's sums of products; the residual of the
-        factorization is measured, as in `certpgo.checker`
+        factorization is measured, as in `certpgo.checker`. Under g2o's cost in the plane, also
+        NumPy's sine and arctangent to 4 units in the last place, which proof files do without
 
     Examples
     --------
@@ -99,6 +101,7 @@ class Certificate:
     objective : the cost that the certificate is about: F, or that of another program, see
         `certpgo.costs`; then F stands for that cost everywhere here
     descended : whether ``refined`` is the end of local descent
+    origin : under the cost of another program, where the lower bound comes from; else None
 
     Examples
     --------
@@ -136,6 +139,7 @@ class Certificate:
     reason: str
     objective: str = CHORDAL
     descended: bool = True
+    origin: Origin | None = None
 
     @property
     def relative_gap(self) -> float:

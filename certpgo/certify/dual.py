@@ -19,6 +19,7 @@ import numpy as np
 
 from certpgo.certify.residual import measured_residual
 from certpgo.certify.shifted import Shifted
+from certpgo.costs.edge_cost import Minorants
 from certpgo.graph.lift import Point
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray
 from certpgo.linalg.balls import U
@@ -46,6 +47,20 @@ AMPLE = 4.0
 
 
 @dataclass(frozen=True, eq=False)
+class Origin:
+    """Where a bound on the cost of another program comes from.
+
+    Attributes
+    ----------
+    minorants : of all measurements, some of which may not exist, for weights of order one
+    point : a point of their surrogate's relaxation, whose multipliers gave the bound
+    """
+
+    minorants: Minorants
+    point: Point
+
+
+@dataclass(frozen=True, eq=False)
 class DualBound:
     """A lower bound on F* and the multipliers that prove it.
 
@@ -56,6 +71,7 @@ class DualBound:
     shift : the largest amount taken off a diagonal entry of Lam
     factorizations : number of numeric factorizations
     nonzeros : nonzeros of the factor that proves it; 0 if rounding was not bounded
+    origin : where a bound on the cost of another program comes from
     """
 
     value: float
@@ -63,6 +79,7 @@ class DualBound:
     shift: float
     factorizations: int
     nonzeros: int
+    origin: Origin | None = None
 
 
 def dual_bound(

@@ -19,9 +19,11 @@ from certpgo.certify.bounds import Bounds
 from certpgo.certify.case import Basin, Case
 from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.climb import climb
-from certpgo.certify.dual import DualBound, dual_bound
+from certpgo.certify.dual import DualBound, Origin, dual_bound
+from certpgo.certify.proof import proven_surrogate
 from certpgo.costs.descent import descend
-from certpgo.costs.problem import InformationProblem, Surrogate, surrogate_at
+from certpgo.costs.g2o import G2oCost
+from certpgo.costs.problem import InformationProblem, Surrogate, surrogate_at, surrogate_of
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.lift import Point
@@ -45,6 +47,11 @@ class Reached:
     number: int
 
 
+def is_provable(problem: InformationProblem) -> bool:
+    """Whether the checker knows the problem's cost."""
+    return problem.edge_cost.name == G2oCost.name
+
+
 @dataclass(frozen=True)
 class OwnCostCase(Case):
     """A `Case` whose cost is that of another program; ``problem`` is an `InformationProblem`."""
@@ -64,13 +71,24 @@ class OwnCostCase(Case):
         Raises
         ------
         InputError
-            Also the proof tier, or information matrices that are not positive definite.
+            Also the proof tier of a cost that has none, or information that is not positive
+            definite.
         """
         problem.refuse_indefinite()
-        if tier in (Tier.PROOF, Tier.PROOF.value):
-            title = problem.edge_cost.title
-            raise InputError(f"the proof tier is for the chordal cost, not for {title}")
         return super().of(problem, tier, rtol, atol)  # type: ignore[arg-type]
+
+    @staticmethod
+    def refuse_unprovable(problem: InformationProblem) -> None:  # type: ignore[override]
+        """Refuse a cost that the checker does not know.
+
+        Raises
+        ------
+        InputError
+            It is not that of g2o.
+        """
+        if not is_provable(problem):
+            said = "proofs and their tier are for the chordal cost and g2o's, not for"
+            raise InputError(f"{said} {problem.edge_cost.title}")
 
     @property
     def objective(self) -> str:
@@ -101,6 +119,10 @@ class OwnCostCase(Case):
         """
         if not isinstance(point, Estimate):
             return None
+        if self.tier is Tier.PROOF:
+            standard = replace(self, tier=Tier.STANDARD)
+            bound = standard.bound(point, cost, sharp=sharp, tight=tight, refine=refine)
+            return None if bound is None else self.reproven(bound)
         best = None
         for found in self.reached(point, cost, sharp=sharp, tight=tight, refine=refine):
             if found.bound is not None and (best is None or found.bound.value > best.value):
@@ -110,6 +132,15 @@ class OwnCostCase(Case):
         if (best is not None and best.value > 0.0) or self.relaxed is None:
             return best
         return self.relaxed.basin(point, True).bound or best
+
+    def reproven(self, found: DualBound) -> DualBound | None:
+        """A bound of the standard tier at the proof tier; None if that fails."""
+        if found.origin is None:
+            return None
+        minorants = found.origin.minorants
+        below = surrogate_of(self.problem, minorants).problem
+        constants = minorants.constant[minorants.exist]
+        return proven_surrogate(below, constants, found.origin.point, found)
 
     def reached(
         self,
@@ -155,11 +186,11 @@ class OwnCostCase(Case):
                 )
                 if bound is not None:
                     value = math.nextafter(bound.value + below.constant, -math.inf)
-                    bound = replace(bound, value=value)
+                    bound = replace(bound, value=value, origin=Origin(below.minorants, point))
                 yield Reached(point, bound, number)
             there = self.problem.relative(point)
             fall = expanded - (below.problem.cost(point) + below.constant)
-            bend = self.problem.bend(there[0] - v, below.weights)
+            bend = self.problem.bend(there[0] - v, below.minorants.tau)
             gap = cost - expanded + fall
             if not (gap > self.tolerance(cost) and min(fall, bend) > WORTH * gap):
                 return

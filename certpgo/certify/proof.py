@@ -18,8 +18,10 @@ from certpgo import checker
 from certpgo.certify.dual import DualBound
 from certpgo.certify.shifted import Shifted
 from certpgo.graph import Estimate
+from certpgo.graph.lift import Point
 from certpgo.io.exact import quaternion
 from certpgo.linalg.arrays import BoolArray, FloatArray
+from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.so import rotation_defect
 from certpgo.objective import operators
 from certpgo.objective.problem import PoseProblem, Problem
@@ -57,14 +59,17 @@ class Witness:
 
 
 def prove(
-    problem: Problem, graph: checker.Graph, point: Estimate, fallback: FloatArray
+    problem: Problem, graph: checker.Graph, point: Point, fallback: FloatArray
 ) -> tuple[FloatArray, Witness] | None:
     """Multipliers Lam' (n, d, d) with a witness that F* >= tr(Lam'); None if there are none.
+
+    Of general edges, F is what the checker's terms add up to: for those of
+    `checker.surrogate`, kappa I takes the place of polar factors on the diagonal.
 
     Parameters
     ----------
     graph : the problem's measurements, to the last bit
-    point : near-stationary; its translations are first made optimal for its rotations
+    point : near-stationary, of any rank; its translations are first made optimal for its rotations
     fallback : less sharp multipliers, e.g. of another point if the relaxation is loose
     """
     from threadpoolctl import threadpool_limits
@@ -78,7 +83,7 @@ def prove(
             if found is not None:
                 return found
             shift *= GROWTH
-        return prover.settle(lambda _: fallback)
+        return prover.settle(lambda _: recentred(problem, fallback))
 
 
 def proven_bound(
@@ -119,12 +124,48 @@ def exact_cost(problem: Problem, graph: checker.Graph, estimate: Estimate) -> fl
         return math.inf
 
 
+def proven_surrogate(
+    problem: PoseProblem, constants: FloatArray, point: Point, bound: DualBound
+) -> DualBound | None:
+    """A bound on a surrogate's cost plus constants (m,), proven without trusting a factorization.
+
+    The couplings, arms and weights are the data, to the last bit; None if that fails.
+    """
+    found = prove(problem, exact_graph(problem), point, bound.multipliers)
+    if found is None:
+        return None
+    diagonal = np.einsum("naa->na", found[0])
+    centre = np.repeat(-problem.graph.rotation.kappa, 2 * problem.d)
+    total = math.fsum(np.concatenate([diagonal.ravel(), constants, centre]))
+    multipliers = recentred(problem, found[0], -1.0)
+    taken = np.einsum("naa->na", problem.multipliers(point) - multipliers)
+    value, shift = math.nextafter(total, -math.inf), float(taken.max())
+    return replace(bound, value=value, multipliers=multipliers, shift=shift)
+
+
+def recentred(problem: Problem, multipliers: FloatArray, sign: float = 1.0) -> FloatArray:
+    """Multipliers (n, d, d) where kappa I replaces general edges' polar factors, or the reverse."""
+    graph, n = problem.rotation.graph, problem.n
+    if not graph.is_general:
+        return multipliers
+    _, K, K_left = graph.polar
+    centre = graph.kappa[:, None, None] * np.eye(problem.d)
+    i, j = graph.edges.T
+    gained = scatter_sum(i, centre - K_left, n) + scatter_sum(j, centre - K, n)
+    return np.asarray(multipliers + sign * gained)
+
+
 class _Prover:
     """Residuals of one certificate matrix under different shifts; amounts are in units of A."""
 
-    def __init__(self, problem: Problem, graph: checker.Graph, point: Estimate) -> None:
-        self.problem, self.graph, self.point = problem, graph, point
-        self.shifted = Shifted.of(problem, point)
+    def __init__(self, problem: Problem, graph: checker.Graph, point: Point) -> None:
+        self.problem, self.graph = problem, graph
+        # A bound does not depend on the estimate in its proof.
+        d, t = problem.d, point.translations
+        identity = np.tile(np.eye(d), (problem.n, 1, 1))
+        self.posed = Estimate(identity, None if t is None else np.zeros((problem.n, d)))
+        shifted = Shifted.of(problem, point)
+        self.shifted = replace(shifted, multipliers=recentred(problem, shifted.multipliers))
         self.size = len(self.shifted.weights)
         free = self.shifted.weights[~self.shifted.is_rotation]
         self.exponent = int(math.log2(free[0])) if len(free) else 0
@@ -157,7 +198,7 @@ class _Prover:
         """The checker's residual when ``asked`` (N,) is subtracted before factorizing."""
         pin, order = self.shifted.pin or 0, self.problem.order.astype(np.intp)
         blank = Witness(order, np.zeros(self.size), pin, self.exponent)
-        proof = proof_of(self.point, multipliers, blank)
+        proof = proof_of(self.posed, multipliers, blank)
         try:
             blocks = checker.certificate_matrix(self.graph, proof)
         except (checker.Refused, OverflowError):
@@ -186,12 +227,14 @@ class _Found:
 
 
 def exact_graph(problem: Problem) -> checker.Graph:
-    """The problem's measurements in the checker's representation."""
+    """The problem's measurements, without arms at second poses, as the checker represents them."""
     graph = problem.rotation.graph
     (i, j), m = graph.edges.T.astype(np.intp), graph.num_edges
     t, tau = np.zeros((m, graph.d)), np.ones(m)
     if isinstance(problem, PoseProblem):
         t, tau = problem.graph.translations, problem.graph.tau
+    if graph.is_general:
+        return checker.Graph(graph.num_nodes, i, j, None, t, graph.kappa, tau, N=graph.couplings)
     R = checker.rotations(quaternions(graph.rotations))
     return checker.Graph(graph.num_nodes, i, j, R, t, graph.kappa, tau)
 
@@ -202,7 +245,12 @@ def quaternions(R: FloatArray) -> FloatArray:
     return q if R.shape[-1] == 3 else q[:, [3, 2]]
 
 
-def proof_of(point: Estimate, multipliers: FloatArray, witness: Witness) -> checker.Proof:
+def proof_of(
+    point: Estimate,
+    multipliers: FloatArray,
+    witness: Witness,
+    minorants: checker.EdgeBounds | None = None,
+) -> checker.Proof:
     """A proof in the checker's representation."""
     rows, columns = np.triu_indices(point.d)
     return checker.Proof(
@@ -213,4 +261,5 @@ def proof_of(point: Estimate, multipliers: FloatArray, witness: Witness) -> chec
         witness.delta,
         witness.pin,
         witness.exponent,
+        minorants,
     )

@@ -1,7 +1,7 @@
 """Proof files: a certificate for a graph file, verified by `certpgo.checker`.
 
-An .npz archive without pickles. Its layout, version 1, with b = d for rotations alone and d + 1 for
-poses; nodes are those of the edges, by ascending id:
+An .npz archive without pickles. Its layout, with b = d for rotations alone and d + 1 for poses;
+nodes are those of the edges, by ascending id:
 
     claim         JSON as bytes: the graph file and its reading options (see `_claim`)
     rotations     (n, 4) quaternions x y z w of any norm, or (n, 2) half-angle pairs cos sin
@@ -9,6 +9,9 @@ poses; nodes are those of the edges, by ascending id:
     multipliers   (n, d (d + 1) / 2) upper triangles of Lam', row by row
     order         (n,) int32, elimination order of the nodes
     delta         (n b,) float32, subtracted from the equilibrated diagonal before factorizing
+
+That is version 1, about F. Version 2, about g2o's cost, also has the arrays of
+`certpgo.checker.EdgeBounds`, a row per edge.
 """
 
 from __future__ import annotations
@@ -22,7 +25,8 @@ import numpy as np
 
 from certpgo import checker
 from certpgo.certify.case import Case
-from certpgo.certify.certificate import Certificate, Tier
+from certpgo.certify.certificate import CHORDAL, Certificate, Tier
+from certpgo.certify.cost_proof import cost_evidence, problem_of_certificate
 from certpgo.certify.proof import Witness, proof_of, prove
 from certpgo.errors import FormatError, InputError, NumericalError
 from certpgo.graph import Estimate, Instance, PoseGraph
@@ -44,8 +48,8 @@ def write_proof(
 ) -> checker.Answer:
     """Write the proof that an estimate of a graph file is as good as its certificate says.
 
-    It is about the numbers in the file, to the last bit, and is only written if the checker accepts
-    it.
+    It is about the certificate's cost, F or that of g2o, of the numbers in the file, to the last
+    bit, and is only written if the checker accepts it.
 
     Parameters
     ----------
@@ -62,7 +66,8 @@ def write_proof(
     Raises
     ------
     InputError
-        The source has another format, or the instance is only a part of it.
+        The source has another format, or the instance is only a part of it; or the certificate is
+        about a cost for which there are no proofs.
     NumericalError
         There is no proof, or the checker refuses it.
 
@@ -81,10 +86,18 @@ def write_proof(
     True
     """
     source = provable(source)
-    claim, graph = _claim(source, instance)
-    multipliers, witness = _evidence(instance, graph, certificate)
+    if certificate.objective == CHORDAL:
+        claim, graph = _claim(source, instance)
+        multipliers, witness = _evidence(instance, graph, certificate)
+        minorants = None
+    else:
+        problem = problem_of_certificate(instance, certificate)
+        claim, graph = _claim(source, instance, problem.edge_cost.name)
+        evidence = cost_evidence(problem, graph, certificate)
+        multipliers, witness = evidence.multipliers, evidence.witness
+        minorants = evidence.minorants
     claim |= {"pin": witness.pin, "exponent": witness.exponent}
-    arrays = _arrays(proof_of(estimate, multipliers, witness))
+    arrays = _arrays(proof_of(estimate, multipliers, witness, minorants))
     found: list[checker.Answer] = []
 
     def accepted(beside: Path) -> None:
@@ -162,7 +175,9 @@ def provable(source: str | Path) -> Path:
     return path
 
 
-def _claim(source: Path, instance: Instance) -> tuple[dict[str, Any], checker.Graph]:
+def _claim(
+    source: Path, instance: Instance, cost: str | None = None
+) -> tuple[dict[str, Any], checker.Graph]:
     """The subject of the proof (hashes, kind, reading options), and the graph the checker reads."""
     file = source / "EGs.txt" if source.is_dir() else source
     component = file.with_name("cc.txt")
@@ -180,6 +195,9 @@ def _claim(source: Path, instance: Instance) -> tuple[dict[str, Any], checker.Gr
         "kappa": kappa,
         "tau": tau,
     }
+    if cost is not None:
+        meant = "quaternion" if instance.graph.d == 3 else "tangent"
+        claim |= {"version": 2, "cost": cost, "rotation_information": meant}
     members = component.read_bytes() if restricted else None
     try:
         graph = checker.read_graph(file.read_bytes(), claim, members)
@@ -230,4 +248,6 @@ def _arrays(proof: checker.Proof) -> dict[str, Any]:
     }
     if proof.t is not None:
         arrays["translations"] = proof.t
+    if proof.minorants is not None:
+        arrays |= proof.minorants._asdict()
     return arrays

@@ -93,6 +93,18 @@ def chosen_cost(cost: Cost | None, instance: Instance, **options: Any) -> str:
     return own
 
 
+def refuse_unprovable(cost: Cost | None, proof: Path | None) -> None:
+    """Refuse a proof file about a cost that the checker does not know.
+
+    Raises
+    ------
+    InputError
+        One is asked for.
+    """
+    if proof is not None and cost is Cost.GTSAM:
+        raise InputError(f"--proof is for --cost chordal and g2o, not for --cost {cost.value}")
+
+
 def tier_option(default: str) -> Any:
     """The option --tier of a command with this default."""
     return typer.Option(

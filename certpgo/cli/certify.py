@@ -17,7 +17,7 @@ from certpgo.cli._options import (
     ProofOut,
     Timestamps,
     chosen_cost,
-    refuse_chordal_only,
+    refuse_unprovable,
     tier_option,
 )
 from certpgo.cli._paging import origin_of, require_pages, write_page
@@ -83,7 +83,7 @@ def command(
         raise InputError("--best, --proof and --html need a single estimate, without --csv")
     if best is not None:
         format_to_write(best, None)  # report a wrong suffix before any work
-    refuse_chordal_only(cost, proof=proof)
+    refuse_unprovable(cost, proof)
     for out in (best, csv, proof, html):
         refuse_unwritable(out)
     require_pages(html)
@@ -94,7 +94,7 @@ def command(
     tier = tier or ("standard" if proof is None else "proof")
     provable = None if proof is None else provable_source(source)
     instance = reading.open(source)
-    own = chosen_cost(cost, instance, proof=proof)
+    own = chosen_cost(cost, instance)
     parts = []
     for connected in reading.parts(instance):
         problem = problem_under(connected, own)
@@ -115,7 +115,7 @@ def command(
         _write_best(best, parts[0], assessments[0])
     elif any(a.excess > a.certificate.tolerance for a in assessments):
         notice("--best OUT writes the lower-cost estimate")
-    if any(_may_gain(a.certificate) for a in assessments):
+    if any(_may_gain(a.certificate, own) for a in assessments):
         notice("rounding may limit the bound: try --tier proof")
     code = _verdict.exit_code(a.certificate for a in assessments)
     proven = True
@@ -131,13 +131,14 @@ def command(
     return code if proven else code or REFUSED
 
 
-def _may_gain(certificate: Certificate) -> bool:
+def _may_gain(certificate: Certificate, cost: str) -> bool:
     """Whether the refined point is so close to the bound that the proof tier may close the gap."""
     from certpgo.certify.case import PROOF_GAIN
 
     gap = certificate.refined_cost - certificate.lower_bound
     near = certificate.tolerance < gap <= PROOF_GAIN * certificate.tolerance
-    return certificate.tier.value == "standard" and certificate.better is None and near
+    provable = cost != "gtsam" and certificate.tier.value == "standard"
+    return provable and certificate.better is None and near
 
 
 def _single(

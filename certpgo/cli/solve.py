@@ -21,6 +21,7 @@ from certpgo.cli._options import (
     ProofOut,
     chosen_cost,
     refuse_chordal_only,
+    refuse_unprovable,
     tier_option,
 )
 from certpgo.cli._paging import origin_of, require_pages, write_page
@@ -112,7 +113,8 @@ def command(
     from certpgo.registry import build, parse_settings, refuse_unsuited
 
     _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank)
-    refuse_chordal_only(cost, method=method, robust=robust, proof=proof)
+    refuse_chordal_only(cost, method=method, robust=robust)
+    refuse_unprovable(cost, proof)
     if robust and proof is not None:
         raise InputError(_UNPROVABLE)
     if proof is not None:
@@ -128,7 +130,7 @@ def command(
     provable = None if proof is None else provable_source(source)
     instance = reading.open(source)
     parts = reading.parts(instance)
-    own = chosen_cost(cost, instance, method=method, robust=robust, proof=proof)
+    own = chosen_cost(cost, instance, method=method, robust=robust)
     for name, output in (("--proof", proof), ("--html", html)):
         if output is not None and (len(parts) > 1 or not certify):
             raise InputError(f"{name} needs a connected graph and a certified estimate")

@@ -33,6 +33,8 @@ class Minorants:
     a, b : (m, d) arms at the edge's second and first pose, metres
     N : (m, d, d) couplings of the rotations
     constant : (m,) rounded down; -inf where there is no minorant
+    touching : (m, k) numbers from which the constants can be verified, see
+        `certpgo.checker.EdgeBounds`; None if the checker does not know the cost
     """
 
     tau: FloatArray
@@ -40,6 +42,7 @@ class Minorants:
     b: FloatArray
     N: FloatArray
     constant: FloatArray
+    touching: FloatArray | None = None
 
     @property
     def exist(self) -> BoolArray:
@@ -48,9 +51,9 @@ class Minorants:
 
     def subset(self, chosen: BoolArray) -> Minorants:
         """Those of some edges."""
-        return Minorants(
-            self.tau[chosen], self.a[chosen], self.b[chosen], self.N[chosen], self.constant[chosen]
-        )
+        touching = None if self.touching is None else self.touching[chosen]
+        arms = self.a[chosen], self.b[chosen]
+        return Minorants(self.tau[chosen], *arms, self.N[chosen], self.constant[chosen], touching)
 
 
 @dataclass(frozen=True, eq=False)

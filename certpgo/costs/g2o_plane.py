@@ -19,6 +19,8 @@ from certpgo.linalg.balls import Ball, arctan2
 
 #: Share of pi that the angle at which a minorant touches may be at most.
 MOST = 0.95
+#: Angles below this touch like zero.
+TINY = 2.0**-60
 
 
 def minorants_in_the_plane(
@@ -57,7 +59,9 @@ def minorants_in_the_plane(
     lowest = s * at * at + 4.0 * k * at.cos() - 4.0 * ((k - weight).size + weight.upper * error)
     found = (constant - beta * beta / s + lowest).lower
     fits &= (s.lower > 0.0) & np.isfinite(found)
-    return Minorants(lam, np.zeros_like(b), b, N, np.where(fits, found, -np.inf))
+    # The checker divides by the sine, of which a tiny angle leaves few digits.
+    touching = np.where(np.abs(alpha) < TINY, 0.0, np.abs(alpha))[:, None]
+    return Minorants(lam, np.zeros_like(b), b, N, np.where(fits, found, -np.inf), touching)
 
 
 def _curvature(schur: FloatArray, theta: FloatArray, slope: FloatArray) -> FloatArray:

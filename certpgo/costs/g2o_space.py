@@ -62,9 +62,9 @@ def minorants_in_space(
     rest = (total - level[:, None, None] * np.eye(4)).reshaped(-1, 16)
     spread = sums(rest * rest).sqrt()
     found = (constant - k + level - spread.size).lower
-    return Minorants(
-        lam, np.zeros_like(b), b, N, np.where(fits & np.isfinite(found), found, -np.inf)
-    )
+    found = np.where(fits & np.isfinite(found), found, -np.inf)
+    touching = np.concatenate([q0, k[:, None]], axis=1)
+    return Minorants(lam, np.zeros_like(b), b, N, found, touching)
 
 
 def _curvature(schur: FloatArray, x: FloatArray, slope: FloatArray) -> FloatArray:

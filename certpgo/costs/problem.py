@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from certpgo.costs.edge_cost import EdgeCost
+from certpgo.costs.edge_cost import EdgeCost, Minorants
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.graph import require_connected
@@ -190,12 +190,12 @@ class Surrogate:
     ----------
     problem : the pose graph's
     constant : rounded down
-    weights : (m,) tau of the minorants of all measurements of the problem
+    minorants : those of all measurements, of which some may not exist
     """
 
     problem: PoseProblem
     constant: float
-    weights: FloatArray
+    minorants: Minorants
 
 
 def surrogate(problem: InformationProblem, estimate: Estimate) -> Surrogate:
@@ -221,9 +221,18 @@ def surrogate_at(problem: InformationProblem, v: FloatArray, Q: FloatArray) -> S
     It raises what `surrogate` does.
     """
     problem.refuse_indefinite()
-    graph = problem.graph
-    found = problem.edge_cost.minorants(v, so.project(Q))
-    weights, kept = found.tau, found.exist
+    return surrogate_of(problem, problem.edge_cost.minorants(v, so.project(Q)))
+
+
+def surrogate_of(problem: InformationProblem, minorants: Minorants) -> Surrogate:
+    """The pose graph of minorants of all measurements of a problem.
+
+    Raises
+    ------
+    NumericalError
+        The measurements whose minorants exist do not connect the graph.
+    """
+    graph, found, kept = problem.graph, minorants, minorants.exist
     if not kept.all():
         if not kept.any() or not graph.with_edges(kept).isotropic.is_connected:
             raise NumericalError("measurements with minorants do not connect the graph")
@@ -235,4 +244,4 @@ def surrogate_at(problem: InformationProblem, v: FloatArray, Q: FloatArray) -> S
     _, K, K_left = rotation.polar
     traces = np.concatenate([np.diagonal(A, axis1=1, axis2=2).ravel() for A in (K, K_left)])
     constant = math.nextafter(math.fsum(np.r_[found.constant, -traces]), -math.inf)
-    return Surrogate(problem.chordal.of_same_edges(general), constant, weights)
+    return Surrogate(problem.chordal.of_same_edges(general), constant, minorants)

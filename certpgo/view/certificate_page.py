@@ -22,6 +22,7 @@ from certpgo.assess.wording import (
 )
 from certpgo.certify.certificate import Certificate
 from certpgo.certify.curvature import smallest_eigenvalues
+from certpgo.certify.own_cost import is_provable
 from certpgo.costs import CHORDAL, InformationProblem, own_cost, surrogate
 from certpgo.errors import CertPGOError, NumericalError
 from certpgo.graph import Estimate, Instance
@@ -248,7 +249,6 @@ def _recheck(
     if origin.proof:
         note = "An independent program, which shares no code with certpgo, checks the proof file:"
         return note, [f"certpgo check {quoted(origin.graph)} {quoted(origin.proof)}"]
-    own = isinstance(problem, InformationProblem)
     cost = problem.edge_cost.name if isinstance(problem, InformationProblem) else CHORDAL
     chosen = () if cost == own_cost(instance) else ("--cost", cost)
     options = " ".join(quoted(option) for option in (*chosen, *origin.reading))
@@ -261,7 +261,7 @@ def _recheck(
     lines_ = [] if origin.estimate else [f"{solving} -o {estimate}"]
     certify = f"certpgo certify {quoted(origin.graph)} {quoted(estimate)} {options}".rstrip()
     tier = "" if certificate.tier.value == "standard" else f" --tier {certificate.tier.value}"
-    if own:
+    if isinstance(problem, InformationProblem) and not is_provable(problem):
         return "To certify the estimate again:", [*lines_, f"{certify}{tier}"]
     return "No proof file was written. To certify the estimate again and write a proof:", [
         *lines_,

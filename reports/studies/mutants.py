@@ -46,6 +46,7 @@ TESTS = {
         "certify/test_attacks*",
     ),
     "certpgo/certify/certificate.py": ("certify/test_certificate*", "certify/test_certify*"),
+    "certpgo/certify/cost_proof.py": ("certify/test_cost_proof*",),
     "certpgo/certify/curvature.py": ("certify/test_curvature*",),
     "certpgo/certify/dual.py": ("certify/test_dual*", "certify/test_residual*"),
     "certpgo/certify/judge.py": (
@@ -64,7 +65,7 @@ TESTS = {
     ),
     "certpgo/certify/shifted.py": ("certify/test_shifted*", "certify/test_dual*"),
     "certpgo/certify/units.py": ("certify/test_extremes*",),
-    "certpgo/checker.py": ("test_checker*", "certify/test_proof*"),
+    "certpgo/checker.py": ("test_checker*", "certify/test_proof*", "certify/test_cost_proof*"),
 }
 #: Share of the mutants that may survive, of those that are not equivalent.
 ALLOWED = 0.05

@@ -81,6 +81,36 @@ def test_the_proof_tier_says_what_it_trusts(certpgo, square, proof, tmp_path):
     assert "IEEE 754" in done.out
 
 
+def test_proofs_about_g2os_cost_name_it(certpgo, square, tmp_path):
+    out, best = tmp_path / "g2o.cert", tmp_path / "g2o.g2o"
+    done = certpgo("solve", square, "--cost", "g2o", "-o", best, "--proof", out)
+    assert done.code == 0
+    said = "about  g2o's chi2 of EdgeSE2 with full information, the poses of 4 nodes"
+    assert said in done.out
+    assert "sine and arctangent" in done.out
+    cost = certpgo("solve", square, "--cost", "g2o", "--json").json["cost"]
+    checked = certpgo("check", square, out, "--json").json
+    assert checked["lower_bound"] <= checked["cost_upper"]
+    assert checked["cost_upper"] == pytest.approx(cost, rel=1e-12)
+    assert checked["relative_gap"] < 1e-10
+    assert checked["about"].startswith("g2o's chi2 of EdgeSE2 with full information")
+    done = certpgo("certify", square, square, "--cost", "g2o", "--proof", out, "--json")
+    assert done.code == 3
+    assert f"{out}: PROVED" in done.err
+    given = certpgo("check", square, out, "--json").json
+    assert given["cost_upper"] == pytest.approx(done.json["cost"], rel=1e-12)
+    assert given["lower_bound"] == pytest.approx(checked["lower_bound"], rel=1e-9)
+
+
+@pytest.mark.parametrize("command", ["solve", "certify"])
+def test_gtsams_cost_has_no_proofs(certpgo, square, tmp_path, command):
+    out = tmp_path / "gtsam.cert"
+    more = [square] if command == "certify" else []
+    done = certpgo(command, square, *more, "--cost", "gtsam", "--proof", out)
+    assert (done.code, out.exists()) == (1, False)
+    assert done.err == "certpgo: --proof is for --cost chordal and g2o, not for --cost gtsam\n"
+
+
 @pytest.mark.parametrize("command", ["solve", "certify"])
 def test_what_cannot_be_proven_is_said_before_the_work(certpgo, square, tmp_path, command):
     toro = tmp_path / "square.npz"

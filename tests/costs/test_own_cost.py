@@ -269,16 +269,16 @@ def test_what_has_no_information_is_refused(square, tmp_path):
         solve(read(square, quiet=True), cost="g2o2")
 
 
-def test_there_is_no_proof_tier(square):
+def test_gtsams_cost_has_no_proof_tier(square):
     instance = read(square, quiet=True)
-    problem = information_problem(instance, "g2o")
+    problem = information_problem(instance, "gtsam")
     for run in (
-        lambda: solve(instance, cost="g2o", tier="proof"),
+        lambda: solve(instance, cost="gtsam", tier="proof"),
         lambda: certify(problem, instance.initial, tier="proof"),
     ):
-        with pytest.raises(InputError, match="the proof tier is for the chordal cost, not for g2o"):
+        with pytest.raises(InputError, match="for the chordal cost and g2o's, not for twice GTSAM"):
             run()
-    screened = certify(problem, solve(instance, cost="g2o").estimate, tier="screen")
+    screened = certify(problem, solve(instance, cost="gtsam").estimate, tier="screen")
     assert screened.verdict.value == "BOUNDED"
 
 
@@ -415,11 +415,11 @@ def test_the_command_line_has_costs(square, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--cost", "g2o", "--tier", "proof"), "the proof tier is for the chordal cost"),
+        (("--cost", "gtsam", "--tier", "proof"), "for the chordal cost and g2o's, not for"),
         (("--cost", "g2o", "--unit-weights"), "needs poses with information matrices"),
         (("--cost", "g2o", "--robust"), "is for --cost chordal"),
         (("--cost", "g2o", "--method", "newton"), "is for --cost chordal"),
-        (("--cost", "g2o", "--proof", "x.npz"), "is for --cost chordal"),
+        (("--cost", "gtsam", "--proof", "x.npz"), "is for --cost chordal and g2o"),
     ],
 )
 def test_the_command_line_refuses_what_a_cost_does_not_have(square, capsys, options, words):

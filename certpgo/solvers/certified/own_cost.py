@@ -11,10 +11,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from certpgo.certify.case import Basin
-from certpgo.certify.certificate import Tier
+from certpgo.certify.case import PROOF_GAIN, Basin
+from certpgo.certify.certificate import Certificate, Tier
 from certpgo.certify.dual import DualBound
-from certpgo.certify.own_cost import RANKS, OwnCostCase
+from certpgo.certify.own_cost import RANKS, OwnCostCase, is_provable
 from certpgo.costs.descent import descend
 from certpgo.costs.problem import InformationProblem
 from certpgo.graph import Estimate
@@ -44,17 +44,20 @@ def search_own_cost(
     """
     case = OwnCostCase.of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
     with stoppable(monitor, case.unit, settings.time_limit) as stop:
+        # Cheaper bounds suffice to guide the search.
+        steering = replace(case, tier=Tier.STANDARD) if case.tier is Tier.PROOF else case
         chordal = None
         if initial is None:
-            chordal = search_and_certify(problem.chordal, settings, None, monitor, on_disagreement)
+            first = settings if steering is case else replace(settings, tier=steering.tier)
+            chordal = search_and_certify(problem.chordal, first, None, monitor, on_disagreement)
             initial = chordal.estimate
             _follow(stop, chordal)
         ranks = RANKS if settings.max_rank is None else max(settings.max_rank - problem.d, 0)
-        searched = replace(case, monitor_of=stop.of_minorant, ranks=min(ranks, RANKS))
+        searched = replace(steering, monitor_of=stop.of_minorant, ranks=min(ranks, RANKS))
         search = _Search(searched, settings, stop, initial)
         search.go_on()
+        certificate = _certificate(search, None if settings.tier is None else case.tier)
         ended = stop.ended_by or search.status
-    certificate = case.certificate(search.best.point, search.best)
     name = GIVEN if chordal is None else "the optimum of the chordal cost"
     solution = Solution(
         estimate=search.best.point,
@@ -71,6 +74,27 @@ def search_own_cost(
     return CertifiedSolution(
         solution, certificate, name, (level,), settings, disagreement, chordal=chordal
     )
+
+
+def _certificate(search: _Search, tier: Tier | None) -> Certificate:
+    """The certificate at a tier; by default the proof tier's if only rounding is in the way."""
+    best = search.best
+    origin = None if best.bound is None else best.bound.origin
+    certificate = search.case.certificate(best.point, best)
+    # A bound from a point of higher rank says that the relaxation is loose.
+    tight = origin is not None and not isinstance(origin.point, Lift)
+    near = tight and certificate.gap <= PROOF_GAIN * certificate.tolerance
+    rounding = near and is_provable(search.case.problem) and not search.is_certified
+    escalates = rounding and tier is None and not search.stop.cuts()
+    if not (tier is Tier.PROOF or escalates):
+        return certificate
+    with search.stop.watch.phase("prove"):
+        case = replace(search.case, tier=Tier.PROOF)
+        # A search stopped before the requested proof must not return a weaker tier instead.
+        bound = None if search.stop.cuts() or best.bound is None else case.reproven(best.bound)
+        proven = case.certificate(best.point, replace(best, bound=bound))
+    better = proven.lower_bound > certificate.lower_bound
+    return proven if tier is Tier.PROOF or better else certificate
 
 
 def _follow(stop: Stop, found: CertifiedSolution) -> None:

@@ -1,0 +1,532 @@
+"""The checker on g2o's cost: against ball arithmetic of 90 digits, and against forged minorants."""
+
+import math
+from fractions import Fraction
+
+import numpy as np
+import proofs
+import pytest
+import strategies
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from strategies import dimensions, rng_of, seeds
+
+from certpgo import checker
+from certpgo.certify.proof import quaternions
+from certpgo.linalg import so
+
+pytest.importorskip("flint", reason="python-flint is not installed")
+
+from exact_costs import (
+    applied,
+    arb,
+    balls,
+    inner,
+    planar,
+    product,
+    quadratic,
+    random_edges,
+    residual,
+    rounded,
+    spatial,
+    transposed,
+    turns,
+)
+
+few = settings(max_examples=15, deadline=None)
+UNIT = arb(2) ** checker.POINT
+
+
+def rational(x):
+    """A fraction as a ball."""
+    return arb(x.numerator) / arb(x.denominator)
+
+
+def rotation(q):
+    """R(q)/|q|^2 of doubles."""
+    return [[rational(x) for x in row] for row in proofs.exact_rotation(q)]
+
+
+# --- Sines, angles and vector parts
+
+
+@given(st.floats(-7.9, 7.9), st.sampled_from([(256, 12), (320, 12), (300, 20)]))
+def test_cosines_and_sines_are_within_what_is_said(angle, sizes):
+    bits, halvings = sizes
+    exact = int(Fraction(angle) * 2**bits)
+    off = arb(2) ** (7 + 2 * halvings - bits)
+    cosine, sine = checker.circle(exact >> halvings, bits, halvings)
+    x = rational(Fraction(exact, 2**bits))
+    assert abs(arb(cosine) / arb(2) ** bits - x.cos()) < off
+    assert abs(arb(sine) / arb(2) ** bits - x.sin()) < off
+
+
+@given(seeds, st.sampled_from([0, 3, -200]))
+@few
+def test_angles_of_pairs(seed, exponent):
+    rng = rng_of(seed)
+    pairs = rng.standard_normal((6, 2)) * 10.0 ** rng.uniform(-12, 0, (6, 2))
+    pairs = np.ldexp(np.concatenate([pairs, [[1, 0], [0, 1], [0, -1], [-1, 0], [1, 1]]]), exponent)
+    angles, either = checker._angles(checker.integers(pairs)[0])
+    assert either.tolist() == [False] * 6 + [False, True, True, False, False]
+    for (c, s), (found,) in zip(pairs, angles, strict=True):
+        E = rotation([c, s])
+        exact = arb.atan2(E[1][0], E[0][0])
+        if c == 0.0:
+            found, exact = abs(found), arb.pi()
+        assert abs(arb(int(found)) - exact * UNIT) < 2
+
+
+def test_a_wrong_guess_of_an_angle_is_refused(monkeypatch):
+    def angle():
+        return checker._angles(checker.integers(np.array([[0.8, 0.3]]))[0])
+
+    right = angle()[0][0, 0]
+    guess = math.atan2(2 * 0.8 * 0.3, 0.8**2 - 0.3**2)
+    monkeypatch.setattr(math, "atan2", lambda s, c: guess + 1e-13)
+    assert abs(angle()[0][0, 0] - right) <= 2
+    for wrong in (guess + 1e-9, guess - 1e-9, guess + math.pi, guess - math.pi, -0.1):
+        monkeypatch.setattr(math, "atan2", lambda s, c, wrong=wrong: wrong)
+        with pytest.raises(checker.Refused, match="angle"):
+            angle()
+
+
+@given(seeds)
+@few
+def test_vector_parts(seed):
+    q = rng_of(seed).standard_normal((8, 4)) * 10.0 ** rng_of(seed + 1).uniform(-9, 3, (8, 4))
+    q[0, 3], q[1] = 0.0, [0.0, 0.0, 0.0, -3.0]
+    x, either = checker._vector_parts(checker.integers(q)[0])
+    assert either.tolist() == [True] + [False] * 7
+    for row, found in zip(q, x, strict=True):
+        exact = balls(row)
+        norm = inner(exact, exact).sqrt() * (-1 if row[3] < 0.0 else 1)
+        for a, b in zip(exact[:3], found, strict=True):
+            assert abs(a / norm * UNIT - arb(int(b))) < 2
+
+
+@given(seeds, dimensions)
+@few
+def test_relative_quaternions(seed, d):
+    a, b = rng_of(seed).standard_normal((2, 3, 2 if d == 2 else 4))
+    p, q = (checker.integers(x)[0] for x in (a, b))
+    between = checker._between(p, q)
+    R, D = checker.exact_rotations(between.astype(float))
+    found = np.array(R / D[:, None, None], dtype=float)
+    pairs = [
+        np.array(R / D[:, None, None], dtype=float) for R, D in map(checker.exact_rotations, (a, b))
+    ]
+    np.testing.assert_allclose(found, np.swapaxes(pairs[0], 1, 2) @ pairs[1], atol=1e-13)
+
+
+@given(seeds, st.integers(1, 4))
+def test_definite_matrices_are_told_from_others(seed, size):
+    rng = rng_of(seed)
+    A = rng.integers(-3, 4, (20, size, size))
+    A = A @ np.swapaxes(A, 1, 2) + rng.integers(-2, 3) * np.eye(size, dtype=int)
+    found = checker._definite(A.astype(object))
+    for matrix, definite in zip(A, found, strict=True):
+        less = [[Fraction(int(x)) for x in row] for row in matrix]
+        for k in range(size):
+            less[k][k] -= Fraction(1, 10**9)  # below any eigenvalue of integers like these
+        assert proofs.is_positive_semidefinite(less) == definite
+
+
+# --- The cost
+
+
+def graph_of(cost):
+    """The measurements of a cost, as the checker reads them."""
+    graph = cost.graph
+    i, j = graph.edges.T
+    ones, q = np.ones(graph.num_edges), quaternions(graph.rotations)
+    return checker.Graph(
+        graph.num_nodes,
+        i,
+        j,
+        None,
+        graph.translations,
+        ones,
+        ones,
+        q=q,
+        information=graph.information,
+    )
+
+
+def exact_terms(graph, q, t):
+    """Terms of f, by the definitions."""
+    R, terms = [rotation(row) for row in q], []
+    for e, (i, j) in enumerate(zip(graph.i, graph.j, strict=True)):
+        back = transposed(R[i])
+        v = applied(back, [a - b for a, b in zip(balls(t[j]), balls(t[i]), strict=True)])
+        e_ = residual(rotation(graph.q[e]), balls(graph.t[e]), v, product(back, R[j]))
+        terms.append(quadratic(balls(graph.information[e]), e_))
+    return terms
+
+
+@given(seeds, dimensions)
+@few
+def test_costs_are_rounded_up_by_little(seed, d):
+    rng = rng_of(seed)
+    graph = graph_of(random_edges(rng, 5, d).cost)
+    q = rng.standard_normal((6, 2 if d == 2 else 4)) * 10.0 ** rng.uniform(-3, 3, (6, 1))
+    t = rng.standard_normal((6, d)) * 10.0 ** rng.uniform(-3, 3)
+    exact = sum(exact_terms(graph, q, t))
+    found = arb(checker.g2o_cost(graph, q, t))
+    assert exact <= found
+    assert found <= exact * (1 + arb(2) ** -51)
+
+
+@pytest.mark.parametrize("k", [-350, -40, 0, 7, 350])
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_scale_of_information_changes_nothing(d, k):
+    rng = rng_of(d)
+    edges = random_edges(rng, 6, d)
+    graph, q, t = graph_of(edges.cost), rng.standard_normal((7, 2 * d - 2)), np.ones((7, d))
+    scaled = graph._replace(information=np.ldexp(graph.information, k))
+    assert checker.g2o_cost(scaled, q, t) == math.ldexp(checker.g2o_cost(graph, q, t), k)
+
+
+def one_edge(measured, step, Omega):
+    d = len(step)
+    ones = np.ones(1)
+    return checker.Graph(
+        2,
+        np.array([0]),
+        np.array([1]),
+        None,
+        np.array([step]),
+        ones,
+        ones,
+        q=np.array([measured]),
+        information=np.asarray(Omega, dtype=float)[None],
+    ), np.zeros((2, d))
+
+
+def test_a_planar_cost_by_hand():
+    """A quarter turn measured, a turn of 3 rad / 2 found; one metre too far to the left."""
+    Omega = [[2, 0, 1], [0, 3, -1], [1, -1, 4]]
+    graph, t = one_edge([math.cos(math.pi / 4), math.sin(math.pi / 4)], [1.0, 0.0], Omega)
+    q = np.array([[1.0, 0.0], checker.half_angle(1.5)])
+    t[1] = [1.0, 1.0]  # y is (1, 0) in the measured frame
+    a = 1.5 - math.pi / 2
+    expected = 2 + 4 * a * a + 2 * a
+    assert checker.g2o_cost(graph, q, t) == pytest.approx(expected, rel=1e-14)
+
+
+def test_a_spatial_cost_by_hand():
+    """The quaternion (1, 1, 1, 1) / 2 where none was measured, of either sign and any norm."""
+    Omega = np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    Omega[0, 3] = Omega[3, 0] = 0.5
+    graph, t = one_edge([0.0, 0.0, 0.0, 2.0], [0.0, 0.0, 1.0], Omega)
+    t[1] = [1.0, 0.0, 0.0]
+    for sign in (7.0, -0.25):
+        q = np.array([[0.0, 0.0, 0.0, 1.0], [sign, sign, sign, sign]])
+        expected = 1 + 3 + 15 / 4 + 0.5
+        assert checker.g2o_cost(graph, q, t) == pytest.approx(expected, rel=1e-15)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_of_two_values_at_half_a_turn_the_larger_counts(sign):
+    Omega = [[2, 0, 1], [0, 3, 0], [1, 0, 4]]
+    graph, t = one_edge([1.0, 0.0], [0.0, 0.0], Omega)
+    t[1] = [sign, 0.0]
+    expected = 2 + 4 * math.pi**2 + 2 * math.pi
+    assert checker.g2o_cost(graph, np.array([[1.0, 0.0], [0.0, 1.0]]), t) == pytest.approx(expected)
+    Omega = np.eye(6)
+    Omega[0, 3] = Omega[3, 0] = 0.5
+    graph, t = one_edge([0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0], Omega)
+    t[1] = [sign, 0.0, 0.0]
+    q = np.array([[0.0, 0.0, 0.0, 1.0], [1.0, 0.0, 0.0, 0.0]])
+    assert checker.g2o_cost(graph, q, t) == math.nextafter(3.0, 4.0)
+
+
+# --- Minorants
+
+
+def minorants_of(edges):
+    """The package's minorants at the edges' residuals; zeros where there are none."""
+    v, Q = rounded(edges)
+    found = edges.cost.minorants(v, Q)
+    d, exist = edges.cost.graph.d, found.exist
+    kappa = np.linalg.norm(found.N, axis=(1, 2)) / math.sqrt(d)
+    given = checker.EdgeBounds(
+        found.tau, found.b, kappa, found.N, found.touching, found.constant - 2 * d * kappa
+    )
+    shaped = [exist.reshape(-1, *[1] * (x.ndim - 1)) for x in given]
+    return exist, checker.EdgeBounds(
+        *(np.where(s, x, 0.0) for s, x in zip(shaped, given, strict=True))
+    )
+
+
+def weights_of(graph, given):
+    d = graph.t.shape[1]
+    return np.abs(given.constants) + 2 * d * np.abs(given.kappa) + np.abs(graph.information).max()
+
+
+def raised(graph, given, share=1.0):
+    """The minorants with the largest constants that the checker accepts; which there are."""
+    low = given.constants - share * weights_of(graph, given)
+    high = given.constants + share * weights_of(graph, given)
+    held = checker.minorants_hold(graph, given._replace(constants=low))
+    for _ in range(70):
+        middle = 0.5 * (low + high)
+        accepted = checker.minorants_hold(graph, given._replace(constants=middle))
+        low, high = np.where(accepted, middle, low), np.where(accepted, high, middle)
+    return held, given._replace(constants=low)
+
+
+def lowest(graph, given, e):
+    """(y, turn) where f - m of an edge is about smallest, by samples of the turn."""
+    d, Omega, rng = graph.t.shape[1], graph.information[e], rng_of(e)
+    R = np.array(checker.rotations(graph.q[[e]])[0] / 2**checker.POINT, dtype=float)
+    target = R.T @ (given.arms[e] - graph.t[e])
+    T, P, W = Omega[:d, :d], Omega[:d, d:], Omega[d:, d:]
+    A = T - given.tau[e] * np.eye(d)
+    N = R.T @ given.couplings[e]
+
+    def at(turn):
+        if d == 2:
+            x, E = turn, so.exp(turn[None])[0]
+        else:
+            x, E = turn[1:], quaternion_matrix(turn)
+        y = -np.linalg.solve(A, P @ x + given.tau[e] * target)
+        rest = y - target
+        value = y @ T @ y + 2 * y @ P @ x + x @ W @ x - given.tau[e] * rest @ rest
+        return value + 2 * np.sum(N * E), y
+
+    best, spread = turns(rng, 1, d, True)[0], 1.0
+    for _ in range(12):
+        near = best + spread * rng.standard_normal((60, len(best)))
+        if spread == 1.0:
+            near = turns(rng, 200, d, True)
+        if d == 3:
+            near /= np.linalg.norm(near, axis=1)[:, None]
+            near = near[near[:, 0] >= 0.0]
+        else:
+            near = near[np.abs(near[:, 0]) <= np.pi]
+        best = min([best, *near], key=lambda turn: at(turn)[0])
+        spread *= 0.2
+    return at(best)[1], best
+
+
+def quaternion_matrix(q):
+    w, x = q[0], q[1:]
+    cross = np.array([[0, -x[2], x[1]], [x[2], 0, -x[0]], [-x[1], x[0], 0]])
+    return (w * w - x @ x) * np.eye(3) + 2 * np.outer(x, x) + 2 * w * cross
+
+
+def excess(graph, given, edges, e, y, turn):
+    """f - m of an edge at a point, without rounding."""
+    d = graph.t.shape[1]
+    v, Q, rest = edges.point(e, R=rotation(graph.q[e]), y=y, turn=turn)
+    arm = [a - b for a, b in zip(v, balls(given.arms[e]), strict=True)]
+    N = balls(given.couplings[e])
+    m = arb(float(given.tau[e])) * inner(arm, arm) + arb(float(given.constants[e]))
+    m += 2 * d * arb(float(given.kappa[e])) - 2 * sum(map(inner, N, Q))
+    return quadratic(balls(graph.information[e]), rest) - m
+
+
+def assert_below(graph, given, edges, e, rng):
+    points = [lowest(graph, given, e), (edges.y[e], edges.turn[e])]
+    points += [(3 * rng.standard_normal(len(edges.y[e])), turns(rng, 1, graph.t.shape[1], True)[0])]
+    for y, turn in points:
+        assert excess(graph, given, edges, e, y, turn) > 0
+    return excess(graph, given, edges, e, *points[1])
+
+
+@given(seeds, dimensions, st.booleans(), st.sampled_from([10.0, 1e6]))
+@few
+def test_accepted_constants_are_below_the_cost_by_little(seed, d, far, condition):
+    rng = rng_of(seed)
+    edges = random_edges(rng, 6, d, far=far, condition=condition)
+    graph = graph_of(edges.cost)
+    exist, given = minorants_of(edges)
+    accepted = checker.minorants_hold(graph, given)
+    assert accepted[exist].all()
+    held, best = raised(graph, given, 1e-3)
+    assert held[exist].all()
+    for e in np.flatnonzero(exist):
+        left = assert_below(graph, best, edges, e, rng)
+        assert left < 1e-9 * weights_of(graph, best)[e]  # they touch where the package says
+
+
+def forged(rng, given):
+    """One array changed: a number scaled, shifted, negated, or replaced by another's."""
+    name = rng.choice(["tau", "arms", "couplings", "touching", "kappa"])
+    array = getattr(given, name).copy()
+    k = rng.integers(array.size)
+    change = rng.integers(4)
+    if change == 0:
+        array.flat[k] *= rng.choice([-1.0, 0.0, 0.5, 1.0 + 1e-9, 2.0, 1e6])
+    elif change == 1:
+        array.flat[k] += rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-12, 1)
+    elif change == 2:
+        array = array[rng.permutation(len(array))]
+    else:
+        array = array + 10.0 ** rng.uniform(-9, 0) * rng.standard_normal(array.shape)
+    return given._replace(**{name: array})
+
+
+@given(seeds, dimensions)
+@settings(max_examples=60, deadline=None)
+def test_forged_minorants_are_refused_or_true(seed, d):
+    rng = rng_of(seed)
+    edges = random_edges(rng, 4, d, far=False)
+    graph = graph_of(edges.cost)
+    given = minorants_of(edges)[1]
+    held, best = raised(graph, forged(rng, given))
+    for e in np.flatnonzero(held):
+        assert_below(graph, best, edges, e, rng)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("k", [-300, 0, 300])
+def test_the_scale_of_the_weights_changes_no_verdict(d, k):
+    edges = random_edges(rng_of(7), 8, d, far=False)
+    graph = graph_of(edges.cost)
+    exist, given = minorants_of(edges)
+    scaled = {n: np.ldexp(getattr(given, n), k) for n in ("tau", "kappa", "couplings", "constants")}
+    scaled["touching"] = given.touching.copy()
+    if d == 3:
+        scaled["touching"][:, 4] = np.ldexp(given.touching[:, 4], k)
+    other = graph._replace(information=np.ldexp(graph.information, k))
+    assert exist.any()
+    for share in (-1e-14, 1e-15, 1e-14, 1e-13):
+        moved = given._replace(constants=given.constants + share * weights_of(graph, given))
+        constants = np.ldexp(moved.constants, k)
+        held = checker.minorants_hold(other, given._replace(**scaled | {"constants": constants}))
+        assert np.array_equal(held, checker.minorants_hold(graph, moved))
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_indefinite_information_is_refused(d):
+    edges = random_edges(rng_of(2), 5, d, far=False, cross=0.0)
+    graph = graph_of(edges.cost)
+    exist, given = minorants_of(edges)
+    assert exist.all()
+    lower = given._replace(constants=given.constants - weights_of(graph, given))
+    for entry in ((-1, -1), (0, 0)):
+        information = graph.information.copy()
+        information[2][entry] *= -1.0
+        held = checker.minorants_hold(graph._replace(information=information), lower)
+        assert held.tolist() == [True, True, False, True, True]
+    # All of the weight of a translation, or more, leaves nothing for the rest.
+    for more in (1.0 + 1e-12, 3.0):
+        tau = given.tau.copy()
+        tau[1] = more * np.linalg.eigvalsh(graph.information[1, :d, :d])[0]
+        assert not checker.minorants_hold(graph, lower._replace(tau=tau))[1]
+
+
+@pytest.mark.parametrize(
+    "touching",
+    [[-1e-3], [3.15], [4.5], [7.0], [1e300], [1e-300], [math.pi], [3.5]],
+)
+def test_planar_angles_that_touch_nowhere_are_no_reason_to_believe(touching):
+    edges = random_edges(rng_of(3), 3, 2, far=False)
+    graph = graph_of(edges.cost)
+    exist, given = minorants_of(edges)
+    held, best = raised(graph, given._replace(touching=np.array([touching] * 3)))
+    if not 0.0 <= touching[0] < math.pi or touching == [1e-300]:
+        assert held.tolist() == [touching == [1e-300]] * 3 or touching == [math.pi]
+    for e in np.flatnonzero(held & exist):
+        assert_below(graph, best, edges, e, rng_of(e))
+
+
+@pytest.mark.parametrize(
+    ("k", "q0", "accepted"),
+    [
+        (1.0, [1.0, 0.0, 0.0, 0.0], True),
+        (0.999, [1.0, 0.0, 0.0, 0.0], False),  # |l| = 1
+        (1e9, [1.0, 0.0, 0.0, 0.0], False),  # the larger, the less is left
+        (1.0, [-1.0, 0.0, 0.0, 0.0], False),
+        (1.0, [1.0, 1e-9, 0.0, 0.0], False),
+        (1.0, [0.0, 0.0, 0.0, 0.0], True),
+        (-1.0, [1.0, 0.0, 0.0, 0.0], False),
+        (10.0, [0.6, 0.75, 0.0, 0.0], True),  # 4 is enough
+        (3.99, [0.6, 0.75, 0.0, 0.0], False),
+        (4.01, [0.6, 0.75, 0.0, 0.0], True),
+        (10.0, [0.6, 0.81, 0.0, 0.0], False),  # longer than 1
+        (1.0, [0.6, -0.75, 0.0, 0.0], True),
+    ],
+)
+def test_slopes_are_steep_enough(k, q0, accepted):
+    # With T = 2, tau = 1, y' = (-1, 0, 0) and P = e1 e1^T / 2: l = -2 P^T y' = e1.
+    Omega = np.diag([2.0, 2.0, 2.0, 50.0, 50.0, 50.0])
+    Omega[0, 3] = Omega[3, 0] = 0.5
+    graph, _ = one_edge([0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0], Omega)
+    given = checker.EdgeBounds(
+        np.ones(1),
+        np.array([[-1.0, 0.0, 0.0]]),
+        np.zeros(1),
+        np.zeros((1, 3, 3)),
+        np.array([[*q0, k]]),
+        np.array([-100.0]),
+    )
+    assert checker.minorants_hold(graph, given).tolist() == [accepted]
+
+
+# --- The certificate matrix of couplings
+
+
+@given(seeds, dimensions)
+@few
+def test_couplings_enter_the_matrix_exactly(seed, d):
+    rng, n = rng_of(seed), 4
+    i, j = strategies.random_edges(rng, n, 4).T
+    m = len(i)
+    N = rng.standard_normal((m, d, d)) * 10.0 ** rng.uniform(-6, 1, (m, 1, 1))
+    b, tau = rng.standard_normal((m, d)), rng.uniform(0.5, 2.0, m)
+    graph = checker.Graph(n, i, j, None, b, np.full(m, 100.0), tau, N=N)
+    multipliers = rng.standard_normal((n, d * (d + 1) // 2))
+    q, t = np.ones((n, 2 * d - 2)), np.zeros((n, d))
+    proof = checker.Proof(q, t, multipliers, np.arange(n), np.zeros(n * (d + 1)), 0, 0)
+    blocks = checker.certificate_matrix(graph, proof)
+    size = d + 1
+    exact = {}
+
+    def add(p, a, r, c, value):
+        exact[p * size + a, r * size + c] = exact.get((p * size + a, r * size + c), 0) + value
+
+    for e in range(m):
+        ends = [(j[e], 0, Fraction(1)), (i[e], 0, Fraction(-1))]
+        ends += [(i[e], 1 + a, -Fraction(b[e, a])) for a in range(d)]
+        for p, a, x in ends:
+            for r, c, y in ends:
+                add(p, a, r, c, Fraction(tau[e]) * x * y)
+        for a in range(d):
+            add(i[e], 1 + a, i[e], 1 + a, Fraction(100))
+            add(j[e], 1 + a, j[e], 1 + a, Fraction(100))
+            for c in range(d):
+                add(i[e], 1 + a, j[e], 1 + c, -Fraction(N[e, a, c]))
+                add(j[e], 1 + c, i[e], 1 + a, -Fraction(N[e, a, c]))
+    for p in range(n):
+        for k, (a, c) in enumerate(zip(*np.triu_indices(d), strict=True)):
+            add(p, 1 + a, p, 1 + c, -Fraction(multipliers[p, k]))
+            if a != c:
+                add(p, 1 + c, p, 1 + a, -Fraction(multipliers[p, k]))
+    normal = math.frexp(100.0)[1]
+
+    def assert_block(p, r, high, low):
+        for a in range(size):
+            for c in range(size):
+                scale = int(blocks.scales[p, a] + blocks.scales[r, c]) - normal
+                pinned = {(p, a) == (0, 0), (r, c) == (0, 0)} == {True, False}
+                wanted = 0 if pinned else exact.get((p * size + a, r * size + c), 0)
+                wanted *= Fraction(2) ** scale
+                found = Fraction(float(high[a, c])) + Fraction(float(low[a, c]))
+                assert abs(found - wanted) < Fraction(1, 2**100)
+
+    for p in range(n):
+        assert_block(p, p, blocks.high[0][p], blocks.low[0][p])
+    for k, (p, r) in enumerate(blocks.pairs):
+        assert_block(p, r, blocks.high[1][k], blocks.low[1][k])
+
+
+def test_planar_and_spatial_rotations_are_those_of_the_residuals():
+    """The test's own conventions: a turn about z in space is the turn in the plane."""
+    angle = arb(0.3)
+    flat, turned = planar(angle), spatial([(angle / 2).cos(), arb(0), arb(0), (angle / 2).sin()])
+    for a in range(2):
+        for b in range(2):
+            assert abs(flat[a][b] - turned[a][b]) < 1e-80
