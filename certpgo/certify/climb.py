@@ -7,7 +7,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from certpgo.certify.curvature import negative_curvature
+from certpgo.certify.curvature import negative_curvature, resolution
 from certpgo.errors import NumericalError
 from certpgo.graph.lift import Point
 from certpgo.objective.problem import Problem
@@ -55,5 +55,5 @@ def climb(
             if rank > highest:
                 break
             eigenvalue, direction = negative_curvature(problem, point)
-            if eigenvalue >= 0.0:
+            if -eigenvalue <= resolution(problem):
                 break

@@ -21,6 +21,13 @@ ACCURACY = 0.05
 PICTURED = 1e-3
 #: Number of inverse iterations.
 INVERSE_ITERATIONS = 2
+#: Negative eigenvalues above minus this, over the largest weight of a node, may be rounding.
+RESOLUTION = 16.0 * float(np.finfo(float).eps)
+
+
+def resolution(problem: Problem) -> float:
+    """The size of negative eigenvalues of the certificate matrix that may be rounding."""
+    return RESOLUTION * float(problem.curvature.max())
 
 
 def negative_curvature(problem: Problem, point: Point) -> tuple[float, FloatArray]:

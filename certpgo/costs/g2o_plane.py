@@ -31,7 +31,9 @@ def minorants_in_the_plane(
     aside = set_aside(graph, np.concatenate([y, theta], axis=1), _curvature)
     fits, s0 = np.isfinite(aside.lam), aside.schur[:, 0, 0]
     with np.errstate(all="ignore"):
-        alpha = np.where(fits, aside.slope[:, 0] / (2.0 * s0), 0.0)
+        alpha = aside.slope[:, 0] / (2.0 * s0)
+        fits &= np.abs(alpha) < np.pi
+        alpha = np.where(fits, alpha, 0.0)
         kappa = np.where(fits, 0.5 * s0 / np.sinc(alpha / np.pi), 1.0)
     N = kappa[:, None, None] * (graph.rotations @ so.exp(theta - alpha[:, None]))
     N[:, 0, 0], N[:, 0, 1] = N[:, 1, 1], -N[:, 1, 0]

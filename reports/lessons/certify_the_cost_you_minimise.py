@@ -270,10 +270,12 @@ print("judged with what else is known:", refuted.verdict.value, f"f* >= {refuted
 
 # %% [markdown]
 # The surrogate of the wrong optimum is below $f$ like any other, but its optimum is far away and
-# low. Rigour never depends on where the minorants touch; sharpness does. `solve` uses that: if the
-# bound at the end of its descent is too low, it minimises the surrogate *globally*, and descends on
-# $f$ from there. Since $F' + C \le f$ with equality at $x$, every such round that goes on lowers
-# $f$.
+# low. Rigour never depends on where the minorants touch; sharpness does. If the bound at the end of
+# descent is too low, `certify` and `solve` minimise the relaxation of the surrogate, over points of
+# higher rank. Its minimum is a bound, and where its rounding leads to a lower $f$, `solve` begins
+# again there. The next surrogate is expanded between the last expansion and that minimum: the best
+# bound by surrogates is the minimum of a convex function of the poses' Gram matrix, of which every
+# surrogate is a tangent, and the method of Frank and Wolfe (1956) finds it.
 #
 # ## What limits it
 #
@@ -320,8 +322,7 @@ for kind in (G2oCost, GtsamCost):
             print(f"{kind.name:6} {noise:5} {condition:10.0f}  {verdict:10} {gap}")
 
 # %% [markdown]
-# A bound that is missing is no statement about the estimate, which may well be optimal. `solve`,
-# which may minimise the surrogate as well, sometimes proves a bound where there is none here. With
+# A bound that is missing is no statement about the estimate, which may well be optimal. With
 # GTSAM's cost in space and anisotropic information there is another limit: touching has to be paid
 # for with rotational information, and where that does not suffice, the minorants stay below $f$
 # even at the estimate. The [note](../../docs/notes/certificates_for_any_cost.md) has the theorems,

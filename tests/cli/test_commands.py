@@ -109,7 +109,7 @@ def test_solve_writes_and_certifies(certpgo, square, tmp_path):
     assert done.code == 0
     assert done.json["verdict"] == "CERTIFIED"
     assert done.json["solution"]["written"] == str(out)
-    judged = certpgo("certify", square, out, "--json")
+    judged = certpgo("certify", square, out, "--cost", "chordal", "--json")
     assert judged.code == 0
     assert judged.json["cost"] == pytest.approx(done.json["cost"], rel=1e-9)
 
@@ -131,11 +131,11 @@ def test_documents_of_solve_and_certify_have_one_shape(certpgo, square, tmp_path
 
 
 def test_solve_certifies_and_says_where_it_started(certpgo, square):
-    done = certpgo("solve", square)
+    done = certpgo("solve", square, "--cost", "chordal")
     assert done.code == 0
     assert "CERTIFIED" in done.out
     assert "initialized by laplacian_gauss_newton" in done.out
-    report = certpgo("solve", square, "--json").json
+    report = certpgo("solve", square, "--cost", "chordal", "--json").json
     assert report["solution"]["start"] == "laplacian_gauss_newton"
     assert [level["rank"] for level in report["solution"]["levels"]] == [2]
     assert report["solution"]["counts"]["factorizations"] >= 1
@@ -149,8 +149,9 @@ def test_solve_shows_every_iteration_when_asked(certpgo, square):
     assert len(lines) >= 3
 
 
-def test_a_time_limit_ends_the_search_honestly(certpgo, square):
-    done = certpgo("solve", square, "--time-limit", "0")
+@pytest.mark.parametrize("cost", ["chordal", "g2o", "gtsam"])
+def test_a_time_limit_ends_the_search_honestly(certpgo, square, cost):
+    done = certpgo("solve", square, "--time-limit", "0", "--cost", cost)
     assert done.code == 5
     assert "time limit" in done.out
     assert "stopped before a useful bound was found" in done.out
@@ -589,14 +590,14 @@ def answers(certpgo, square, tmp_path):
 
 def test_certify_says_how_far_the_best_answer_is_and_where_the_cost_sits(certpgo, answers):
     _, rounded, square, _ = answers
-    done = certpgo("certify", square, rounded)
+    done = certpgo("certify", square, rounded, "--cost", "chordal")
     assert done.code == 3
     assert "the right basin" in done.out
     assert "the optimum is" in done.out
     assert "rounding to the file's 3 decimals raises even the best F by" in done.out
     assert done.out.count("% of F, residual") == 3
     assert "--best" in done.err
-    report = certpgo("certify", square, rounded, "--json").json
+    report = certpgo("certify", square, rounded, "--cost", "chordal", "--json").json
     assert report["objective"].startswith("F with weights from the file")
     assert report["best"]["is_optimal"]
     assert report["best"]["cost_upper"] == report["certificate"]["refined_cost"]
@@ -662,6 +663,6 @@ def test_what_an_output_has_no_room_for_is_said(certpgo, square, tmp_path):
 def test_how_poses_were_matched_is_said(certpgo, square, tmp_path):
     times = tmp_path / "a.tum"
     times.write_text("".join(f"{k}.5 {k} 0 0 0 0 0 1\n" for k in range(4)))
-    done = certpgo("certify", square, times)
+    done = certpgo("certify", square, times, "--cost", "chordal")
     assert done.code == 3
     assert "matched in ascending order" in done.err

@@ -55,7 +55,8 @@ def test_pages_of_another_cost(certpgo, square, tmp_path, cost):
     assert html.escape(done.json["objective"], quote=False) in html.unescape(page)
     assert f"{done.json['cost']:.10g}"[:9] in page
     assert "Gap to the proven lower bound" in page
-    assert f"certpgo certify {square} {solution} --cost {cost}\n" in page
+    chosen = " --cost gtsam\n" if cost == "gtsam" else " --proof"
+    assert f"certpgo certify {square} {solution}{chosen}" in page
     judged = certpgo("certify", square, square, "--cost", cost, "--html", out, "--json")
     given = out.read_text()
     assert "<strong>BOUNDED</strong>" in given
@@ -69,7 +70,7 @@ def test_a_method_that_keeps_no_trace(certpgo, square, tmp_path):
     assert done.code == 3
     page = out.read_text()
     assert "The method kept fewer than two iterations." in page
-    assert f"certpgo solve {square} --method eigen_ma -o best.g2o" in page
+    assert f"certpgo solve {square} --method eigen_ma --cost chordal -o best.g2o" in page
 
 
 def test_the_page_of_a_robust_method_is_of_what_it_kept(certpgo, square, tmp_path):

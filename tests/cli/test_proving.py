@@ -92,7 +92,7 @@ def test_proofs_about_g2os_cost_name_it(certpgo, square, tmp_path):
     checked = certpgo("check", square, out, "--json").json
     assert checked["lower_bound"] <= checked["cost_upper"]
     assert checked["cost_upper"] == pytest.approx(cost, rel=1e-12)
-    assert checked["relative_gap"] < 1e-10
+    assert checked["relative_gap"] < 1e-9
     assert checked["about"].startswith("g2o's chi2 of EdgeSE2 with full information")
     done = certpgo("certify", square, square, "--cost", "g2o", "--proof", out, "--json")
     assert done.code == 3
@@ -204,6 +204,6 @@ def test_a_weaker_proof_of_a_long_bridge_is_said_to_be(certpgo, tmp_path):
     lines.append(f"EDGE_SE2 0 6 1e7 0 0.5 {information}")
     graph = tmp_path / "rings.g2o"
     graph.write_text("\n".join(lines) + "\n")
-    done = certpgo("solve", graph, "--proof", tmp_path / "rings.cert")
+    done = certpgo("solve", graph, "--cost", "chordal", "--proof", tmp_path / "rings.cert")
     assert done.code == 0
     assert "weaker than the certificate's" in done.err

@@ -13,7 +13,13 @@ import certpgo
 from certpgo import Estimate, PoseGraph, RotationGraph, certify, read, solve, write
 from certpgo.certify.own_cost import OwnCostCase
 from certpgo.cli import main
-from certpgo.costs import InformationProblem, information_problem, problem_under, surrogate
+from certpgo.costs import (
+    InformationProblem,
+    information_problem,
+    own_cost,
+    problem_under,
+    surrogate,
+)
 from certpgo.costs.descent import descend
 from certpgo.costs.g2o import G2oCost
 from certpgo.errors import GraphError, InputError, NumericalError, SpecError
@@ -78,7 +84,7 @@ def test_wrong_optima_are_refuted(dataset):
     assert found.verdict.value == "REFUTED"
     assert found.better_cost == pytest.approx(41.16326884, rel=1e-8)
     assert found.lower_bound <= 41.16326884 * (1 + 1e-9)
-    chordal = solve(instance).estimate
+    chordal = solve(instance, cost="chordal").estimate
     assert problem.cost(chordal) > 50.0 * 41.0
     found = certify(problem, chordal)
     assert found.verdict.value == "BOUNDED"
@@ -367,9 +373,11 @@ def test_information_survives_npz_and_what_reading_leaves_out(keep, tmp_path):
 
 def test_problem_under_is_the_problem_that_solve_takes(square):
     instance = read(square, quiet=True)
-    assert problem_under(instance).graph is instance.graph
-    problem = problem_under(instance, "g2o")
-    one, other = solve(instance, cost="g2o"), solve(problem)
+    assert problem_under(instance, "chordal").graph is instance.graph
+    assert problem_under(instance.graph).graph is instance.graph
+    assert own_cost(instance) == "g2o"
+    problem = problem_under(instance)
+    one, other = solve(instance), solve(problem)
     assert one.cost == other.cost == pytest.approx(problem.cost(one.estimate), rel=1e-14)
     again = certify(problem, one.estimate)
     assert again.verdict.value == "CERTIFIED"

@@ -17,6 +17,7 @@ from strategies import dimensions, pose_graph, random_edges, rng_of, rotation_gr
 from certpgo import SolveSettings, certify, solve
 from certpgo.certify import Tier, Verdict
 from certpgo.certify.case import Case
+from certpgo.certify.curvature import resolution
 from certpgo.datasets.synthetic import corridor, grid3d, helix, winding_cycle
 from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
@@ -775,7 +776,7 @@ def test_only_an_eigenvalue_beyond_rounding_is_a_way_down(monkeypatch, over):
     problem = problem_of(winding_cycle(6, 0.3, 0)[0].graph)
     case = Case.of(problem, Tier.STANDARD, 0.0, 0.0)
     search = Staircase(case, SolveSettings(), Stop(silent, case.unit, math.inf), None)
-    eigenvalue = -over * staircase.RESOLUTION * float(case.problem.curvature.max())
+    eigenvalue = -over * resolution(case.problem)
     direction = np.ones((6, 3))
     monkeypatch.setattr(staircase, "negative_curvature", lambda *_: (eigenvalue, direction))
     point = search.best.estimate

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from certpgo.certify.case import PROOF_GAIN, Basin
-from certpgo.certify.certificate import Certificate, Tier
+from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound
 from certpgo.certify.own_cost import RANKS, OwnCostCase, is_provable
 from certpgo.costs.descent import descend
@@ -23,7 +23,7 @@ from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.progress import Stop, stoppable
 from certpgo.optimize.solution import Solution, Status
 from certpgo.solvers.certified.disagreement import Disagreement
-from certpgo.solvers.certified.pipeline import GIVEN, CertifiedSolution, search_and_certify
+from certpgo.solvers.certified.pipeline import GIVEN, STOPPED, CertifiedSolution, search_and_certify
 from certpgo.solvers.certified.settings import SolveSettings
 from certpgo.solvers.certified.staircase import Level
 
@@ -48,7 +48,7 @@ def search_own_cost(
         steering = replace(case, tier=Tier.STANDARD) if case.tier is Tier.PROOF else case
         chordal = None
         if initial is None:
-            first = settings if steering is case else replace(settings, tier=steering.tier)
+            first = settings if steering is case else replace(settings, tier=None)
             chordal = search_and_certify(problem.chordal, first, None, monitor, on_disagreement)
             initial = chordal.estimate
             _follow(stop, chordal)
@@ -58,6 +58,8 @@ def search_own_cost(
         search.go_on()
         certificate = _certificate(search, None if settings.tier is None else case.tier)
         ended = stop.ended_by or search.status
+    if stop.cut is not None and certificate.verdict is Verdict.UNDECIDED:
+        certificate = replace(certificate, reason=STOPPED)
     name = GIVEN if chordal is None else "the optimum of the chordal cost"
     solution = Solution(
         estimate=search.best.point,
@@ -147,7 +149,11 @@ class _Search:
         problem = self.case.problem
         found = descend(problem, start, monitor=self.stop, watch=self.stop.watch)
         with self.stop.watch.phase("certify"):
-            basin = self.case.basin(found.estimate, False)
+            if self.stop.cuts():
+                cost = self.case.cost_upper(found.estimate)
+                basin = Basin(found.estimate, cost, False, None)
+            else:
+                basin = self.case.basin(found.estimate, False)
         return replace(basin, settled=found.status is Status.CONVERGED), found.status
 
     def ends(self) -> bool:

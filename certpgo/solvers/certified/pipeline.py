@@ -22,6 +22,8 @@ from certpgo.solvers.certified.staircase import Level, Staircase
 GIVEN = "the given estimate"
 #: Ranks that the staircase may add to d.
 MORE_RANKS = 7
+#: The reason of a search that was stopped too early.
+STOPPED = "stopped before a useful bound was found"
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,8 +183,7 @@ def _reason(search: Staircase, certificate: Certificate) -> str:
             "of the data raise it"
         )
     if certificate.verdict is Verdict.UNDECIDED:
-        how = "stopped" if stopped else _end(search)
-        return f"{how} before a useful bound was found"
+        return STOPPED if stopped else f"{_end(search)} before a useful bound was found"
     if certificate.verdict is not Verdict.BOUNDED:
         return certificate.reason
     if minimal:

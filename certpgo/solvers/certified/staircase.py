@@ -18,7 +18,7 @@ import numpy as np
 
 from certpgo.certify import DualBound, cost_upper
 from certpgo.certify.case import Basin, Case
-from certpgo.certify.curvature import negative_curvature
+from certpgo.certify.curvature import negative_curvature, resolution
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.lift import Lift, Point, rounded
@@ -31,9 +31,6 @@ from certpgo.optimize.roundings import roundings
 from certpgo.optimize.solution import Solution, Status
 from certpgo.optimize.starts import Start, start_of
 from certpgo.solvers.certified.settings import SolveSettings
-
-#: Negative eigenvalues above minus this, over the largest weight of a node, may be rounding.
-RESOLUTION = 16.0 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,9 +154,8 @@ class Staircase:
         level = self.levels[-1]
         # No point of the relaxation is lower by more than this.
         fall = -eigenvalue * direction.size
-        rounding = RESOLUTION * float(self.problem.curvature.max())
         negligible = self.settings.negligible * self.case.tolerance(self.best.cost)
-        if -eigenvalue <= rounding or fall <= negligible:
+        if -eigenvalue <= resolution(self.problem) or fall <= negligible:
             self.floor = self.problem.cost(point)
             return None, direction
         self.levels[-1] = replace(level, eigenvalue=self.case.unit * eigenvalue)
