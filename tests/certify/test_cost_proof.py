@@ -4,6 +4,7 @@ import json
 import math
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import proofs
@@ -170,6 +171,19 @@ def assert_true(path, arrays, found):
 def test_the_bound_is_what_multipliers_and_constants_add_up_to(tmp_path_factory, seed, d):
     path, proof, _, _, said = proven(tmp_path_factory.mktemp("proof"), seed, d, n=4)
     assert_true(path, proofs.arrays_of(proof), said)
+
+
+@pytest.mark.parametrize(
+    ("name", "upper", "lower"),
+    [
+        ("plane", 0.4004706803702266, 0.4004706803690104),
+        ("space", 0.34805456638511073, 0.34805456638450405),
+    ],
+)
+def test_proofs_of_before_are_still_ones(name, upper, lower):
+    graph = Path(__file__).parents[1] / "data" / "proofs" / f"version2_{name}.g2o"
+    said = checker.check(graph, graph.with_suffix(".cert"))
+    assert (said.upper, said.lower) == (upper, lower)
 
 
 # --- Forged and malformed proofs
