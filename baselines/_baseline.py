@@ -6,8 +6,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+from certpgo.costs import InformationProblem
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
+from certpgo.graph.graph import require_isotropic
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize.iterative import Settings
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
@@ -32,15 +34,21 @@ class Baseline(Settings):
     """A method of GTSAM; subclasses implement `ready`."""
 
     rotations: ClassVar[bool] = False
+    own_costs: ClassVar[tuple[str, ...]] = ()
     compiled: ClassVar[bool] = True
 
     def ready(
-        self, problem: Problem, initial: Estimate | None, watch: Stopwatch
+        self, problem: Any, initial: Estimate | None, watch: Stopwatch
     ) -> tuple[Model, Callable[[], Outcome]]:
-        """Build GTSAM's objects; the returned function runs the method on them."""
+        """Build GTSAM's objects; the returned function runs the method on them.
+
+        The problem is a `Problem`, or one under a cost of ``own_costs``.
+        """
         raise NotImplementedError
 
-    def prepared(self, problem: Problem, initial: Estimate | None = None) -> Callable[[], Any]:
+    def prepared(
+        self, problem: Problem | InformationProblem, initial: Estimate | None = None
+    ) -> Callable[[], Any]:
         """A function that runs the method alone, for timing, and returns GTSAM's Values.
 
         Graph and initial values are built before; errors are as in `solve`.
@@ -56,7 +64,11 @@ class Baseline(Settings):
         return run
 
     def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+        self,
+        problem: Problem | InformationProblem,
+        *,
+        initial: Estimate | None = None,
+        monitor: Monitor = silent,
     ) -> Solution:
         """Run the method; GTSAM calls nothing back, so the monitor is not used.
 
@@ -84,7 +96,12 @@ class Baseline(Settings):
             note=outcome.note or model.note,
         )
 
-    def _check(self, problem: Problem) -> None:
+    def _check(self, problem: Problem | InformationProblem) -> None:
+        if isinstance(problem, InformationProblem):
+            if problem.edge_cost.name not in self.own_costs:
+                raise InputError(f"this method does not minimise {problem.edge_cost.title}")
+            return
+        require_isotropic(problem.graph)
         if not (self.poses if isinstance(problem, PoseProblem) else self.rotations):
             taken = ("pose graphs, not rotations alone", "rotations alone, not pose graphs")
             raise InputError(f"this method of GTSAM takes {taken[not self.poses]}")

@@ -11,6 +11,7 @@ import numpy as np
 from scipy import sparse
 
 from certpgo.graph import Estimate
+from certpgo.graph.graph import require_isotropic
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.linalg.blocks import scatter_sum
@@ -24,6 +25,7 @@ def block_size(problem: Problem) -> int:
 
 def edge_blocks(problem: Problem) -> tuple[IntArray, FloatArray]:
     """Edges (m, 2) and their blocks M_ij (m, b, b)."""
+    require_isotropic(problem.graph)
     graph = problem.rotation.graph
     d, b = problem.d, block_size(problem)
     blocks = np.zeros((graph.num_edges, b, b))

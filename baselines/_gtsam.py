@@ -15,6 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from certpgo.costs import InformationProblem
+from certpgo.costs.gtsam_graph import factors_of
 from certpgo.errors import CertPGOError, InputError, MissingDependency, NumericalError
 from certpgo.graph import Estimate
 from certpgo.linalg import so
@@ -27,6 +29,7 @@ PRIOR_PRECISION = 1e6
 CHORDAL = "GTSAM minimises F itself, by chordal factors"
 ISOTROPIC = "GTSAM with isotropic information from kappa and tau"
 FILE = "GTSAM with the file's full information"
+FULL = "GTSAM with full information"
 
 
 def library() -> Any:
@@ -121,11 +124,15 @@ def chordal_model(problem: Problem) -> Model:
     return Model(kind, graph, list(range(problem.n)), CHORDAL)
 
 
-def model_of(problem: Problem, source: str | None) -> Model:
-    """The file's own factors if GTSAM reads them all, isotropic ones otherwise.
+def model_of(problem: Problem | InformationProblem, source: str | None) -> Model:
+    """The problem's own factors under GTSAM's cost.
+
+    For F, the file's own factors if GTSAM reads them all, isotropic ones otherwise.
 
     Keys are the file's node ids; in ascending order they are the problem's nodes.
     """
+    if isinstance(problem, InformationProblem):
+        return Model(f"Pose{problem.d}", factors_of(problem), list(range(problem.n)), FULL)
     if source is None:
         return isotropic_model(problem)
     if not Path(source).is_file():

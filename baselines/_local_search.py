@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
+from certpgo.costs import InformationProblem
+from certpgo.costs.gtsam import GtsamCost
 from certpgo.errors import InputError, SpecError
 from certpgo.graph import Estimate
 from certpgo.objective.problem import Problem
@@ -20,6 +22,8 @@ from ._gtsam import Model, initialization, isotropic_model, library, model_of
 class LocalSearch(Baseline):
     """An optimizer of GTSAM with its default settings.
 
+    It gets isotropic information from the weights of F; under GTSAM's own cost, all of it.
+
     Attributes
     ----------
     source : path of the problem's file, whose full information is used if GTSAM can read it
@@ -29,6 +33,7 @@ class LocalSearch(Baseline):
     """
 
     optimizer: ClassVar[str]
+    own_costs: ClassVar[tuple[str, ...]] = (GtsamCost.name,)
 
     source: str | None = None
     start: Literal["chordal", "file"] = "chordal"
@@ -42,7 +47,10 @@ class LocalSearch(Baseline):
             raise SpecError(f"max_iterations must be at least 1, not {self.max_iterations}")
 
     def ready(
-        self, problem: Problem, initial: Estimate | None, watch: Stopwatch
+        self,
+        problem: Problem | InformationProblem,
+        initial: Estimate | None,
+        watch: Stopwatch,
     ) -> tuple[Model, Callable[[], Outcome]]:
         """Build graph and initial values; the function constructs the optimizer and runs it."""
         gtsam = library()
@@ -63,7 +71,9 @@ class LocalSearch(Baseline):
 
         return model, run
 
-    def _start(self, model: Model, problem: Problem, initial: Estimate | None) -> Any:
+    def _start(
+        self, model: Model, problem: Problem | InformationProblem, initial: Estimate | None
+    ) -> Any:
         if initial is not None:
             return model.values(initial)
         if self.start == "file":
@@ -73,7 +83,8 @@ class LocalSearch(Baseline):
         if problem.d == 3:
             return initialization(model)()
         # LAGO refuses correlated information, so it gets the isotropic factors.
-        simple = isotropic_model(problem)
+        chordal = problem.chordal if isinstance(problem, InformationProblem) else problem
+        simple = isotropic_model(chordal)
         return model.values(simple.estimate(initialization(simple)()))
 
     def _status(self, search: Any, allowed: float) -> Status:

@@ -158,11 +158,7 @@ def costly_edges(
     problem: Problem | InformationProblem, estimate: Estimate, ids: IntArray, count: int = EDGES
 ) -> tuple[CostlyEdge, ...]:
     """The edges with the largest terms of F; none where F is zero or not finite."""
-    terms = problem.edge_costs(estimate)
-    lengths: FloatArray | None = None
-    poses = problem.chordal if isinstance(problem, InformationProblem) else problem
-    if isinstance(poses, PoseProblem):
-        lengths = np.linalg.norm(poses.translation_residuals(estimate), axis=1)
+    terms, lengths = problem.edge_costs(estimate), residual_lengths(problem, estimate)
     total = float(terms.sum())
     if not 0.0 < total < math.inf:
         return ()
@@ -178,6 +174,16 @@ def costly_edges(
         )
         for e in np.argsort(-terms, kind="stable")[:count].tolist()
     )
+
+
+def residual_lengths(
+    problem: Problem | InformationProblem, estimate: Estimate
+) -> FloatArray | None:
+    """(m,) norms of t_j - t_i - R_i t_ij, metres; None without translations."""
+    poses = problem.chordal if isinstance(problem, InformationProblem) else problem
+    if not isinstance(poses, PoseProblem):
+        return None
+    return np.asarray(np.linalg.norm(poses.translation_residuals(estimate), axis=1))
 
 
 def rounding_cost(

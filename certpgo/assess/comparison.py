@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Literal
 
 from certpgo import registry
 from certpgo.assess.metrics import f_ml
-from certpgo.assess.wording import reading_sentence
 from certpgo.certify import Certificate, certify
-from certpgo.costs import CHORDAL, InformationProblem, information_problem
+from certpgo.certify.certificate import CHORDAL as OF_F
+from certpgo.costs import CHORDAL, COSTS, InformationProblem, information_problem, problem_under
 from certpgo.errors import CertPGOError, SpecError
 from certpgo.graph import Estimate, Graph, Instance
-from certpgo.io.plural import counted
-from certpgo.objective.problem import Problem, problem_of
+from certpgo.objective.problem import Problem
 from certpgo.optimize.solution import Solution, Solver, Status
 
 
@@ -55,12 +54,13 @@ class Competitor:
 
 
 #: The label of the method that reads the graph's file itself.
-_OF_THE_FILE = "gtsam_gauss_newton (file's information)"
+OF_THE_FILE = "gtsam_gauss_newton (file's information)"
+_CERTIFIED = Competitor("certified")
 _EIGEN_MA = Competitor("eigen_ma", takes="poses")
 _EIGEN_RA = Competitor("eigen_ra", takes="rotations")
 #: Methods compared by default.
 METHODS = (
-    Competitor("certified"),
+    _CERTIFIED,
     Competitor("spanning_tree"),
     _EIGEN_MA,
     Competitor("eigen_ma", "eigen_ma (unit weights)", {"weights": "unit"}, takes="poses"),
@@ -77,32 +77,13 @@ METHODS = (
     Competitor("gtsam_fastsync"),
     Competitor(
         "gtsam_gauss_newton",
-        _OF_THE_FILE,
+        OF_THE_FILE,
         takes="poses",
         reads_source=True,
     ),
 )
-TITLE = "Methods side by side, every estimate certified by the same procedure"
-#: Notes printed below the tables; see `notes`.
-NOTES = (
-    "F is the weighted squared error that is minimised, f_ML the thesis' log-likelihood with "
-    "unit weights. The gap is proven: no estimate of the graph costs less than this one by more "
-    "than the gap. If a method rejects measurements (see the share kept), verdict and gap refer "
-    "to the kept ones, F and f_ML to all. CERTIFIED: the gap is at most 1e-5 F. BOUNDED: it is "
-    "larger. REFUTED: a lower-cost estimate is known that local descent from this one does not "
-    "reach.",
-    "GTSAM gets the weights of F: its own error then differs from F by terms of fourth order in "
-    "the residuals.",
-    f"In the row {_OF_THE_FILE}, GTSAM reads the file itself and minimises its own error with the "
-    "file's full information matrices.",
-    "Seconds are those of one run, without reading and certifying.",
-)
-#: Methods without which a note is left out, by the beginnings of their labels.
-_ABOUT = {NOTES[1]: "gtsam", NOTES[2]: _OF_THE_FILE}
 #: Shape of the rows in files and JSON documents.
 SCHEMA = 2
-#: Column titles of `cells`.
-COLUMNS = ("method", "F", "f_ML", "gap", "gap / F", "verdict", "kept, %", "seconds (by phase)")
 
 
 @dataclass(frozen=True)
@@ -113,11 +94,14 @@ class MethodResult:
     ----------
     graph, d, nodes, edges, reading : the graph, and how it was read; None and empty if it could not
         be read, or is not connected
-    method, settings : the label, and the settings that differ from the default; empty for a graph
-        that could not be read
+    method, settings : the label, and the settings that differ from the default; empty, like the
+        next two, for a graph that could not be read or does not have the cost
+    objective : the cost that judges the estimate, as in `certpgo.Certificate`
+    minimised : the cost that the method was given, see `certpgo.costs`; a method that reads the
+        graph's file minimises its own
     error : why there is no estimate (the fields below are then empty), or empty
     status, iterations, seconds, note : as in `certpgo.Solution`
-    cost : F of all measurements
+    cost : the objective of all measurements
     f_ml : the thesis' log-likelihood with unit weights; larger is better
     kept : share of the measurements that a robust method kept, or None
     verdict, lower_bound, gap, relative_gap : as in `certpgo.Certificate`, for the kept measurements
@@ -130,6 +114,8 @@ class MethodResult:
     reading: Mapping[str, str] = field(default_factory=dict)
     method: str = ""
     settings: Mapping[str, Any] = field(default_factory=dict)
+    objective: str = ""
+    minimised: str = ""
     error: str = ""
     status: str = ""
     iterations: int = 0
@@ -144,10 +130,37 @@ class MethodResult:
     relative_gap: float | None = None
 
 
+def methods_under(cost: str, methods: Iterable[Competitor] = METHODS) -> tuple[Competitor, ...]:
+    """The methods with a cost to minimise where they can; the others minimise F.
+
+    The certified pipeline is also there for F, labelled so.
+    """
+    if cost == CHORDAL:
+        return tuple(methods)
+    chosen: list[Competitor] = []
+    for method in methods:
+        if method.reads_source or not _minimises(method, cost):
+            chosen.append(method)
+            continue
+        chosen.append(replace(method, cost=cost))
+        if method == _CERTIFIED:
+            chosen.append(replace(method, label="certified (F)"))
+    return tuple(chosen)
+
+
+def _minimises(method: Competitor, cost: str) -> bool:
+    try:
+        solver = registry.get_solver(method.solver)
+    except CertPGOError:  # its row will say so
+        return False
+    return cost in getattr(solver, "own_costs", ())
+
+
 def compare(
     instance: Instance,
-    methods: Iterable[Competitor] = METHODS,
+    methods: Iterable[Competitor] | None = None,
     *,
+    cost: str = CHORDAL,
     announce: Callable[[str], None] = lambda label: None,
 ) -> Iterator[MethodResult]:
     """Run methods on a connected graph in turn and certify their estimates.
@@ -156,15 +169,25 @@ def compare(
 
     Parameters
     ----------
+    methods : by default `METHODS`, as `methods_under` the cost
+    cost : the cost that judges all estimates, whichever each method minimises: ``"chordal"``, or
+        for an instance with information matrices ``"g2o"`` or ``"gtsam"``, see `certpgo.costs`
     announce : called with the label of each method before it runs
 
     Raises
     ------
+    InputError
+        The instance does not have this cost.
     KeyboardInterrupt
         Ctrl-C, also where a method returns an estimate after it.
     """
-    problem = problem_of(instance.graph)
-    for method in methods:
+    judge = problem_under(instance, cost)
+    problem, objective = (
+        (judge.chordal, judge.edge_cost.title)
+        if isinstance(judge, InformationProblem)
+        else (judge, OF_F)
+    )
+    for method in methods_under(cost) if methods is None else methods:
         announce(method.label)
         blank = MethodResult(
             instance.name,
@@ -174,9 +197,11 @@ def compare(
             dict(instance.options),
             method.label,
             dict(method.settings),
+            objective,
+            method.cost,
         )
         try:
-            yield _result(blank, method, problem, instance)
+            yield _result(blank, solution_of(method, problem, instance), judge)
         except CertPGOError as error:
             yield replace(blank, error=str(error))
         except MemoryError:
@@ -186,13 +211,13 @@ def compare(
 
 
 def _result(
-    blank: MethodResult, method: Competitor, problem: Problem, instance: Instance
+    blank: MethodResult, solution: Solution, problem: Problem | InformationProblem
 ) -> MethodResult:
-    solution = solution_of(method, problem, instance)
     if solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     certificate, _ = certified(solution, problem)
     kept = solution.kept
+    graph = problem.chordal.graph if isinstance(problem, InformationProblem) else problem.graph
     return replace(
         blank,
         status=solution.status.value,
@@ -200,7 +225,7 @@ def _result(
         seconds=dict(solution.seconds),
         note=solution.note,
         cost=problem.cost(solution.estimate),
-        f_ml=f_ml(problem.graph, solution.estimate),
+        f_ml=f_ml(graph, solution.estimate),
         kept=None if kept is None else kept / problem.graph.num_edges,
         verdict=certificate.verdict.value,
         lower_bound=certificate.lower_bound,
@@ -237,7 +262,8 @@ def solution_of(
     registry.refuse_unsuited(method.solver, solver, problem.graph)
     posed: Problem | InformationProblem = problem
     if method.cost != CHORDAL:
-        if instance is None or not getattr(solver, "own_costs", False):
+        minimised = getattr(solver, "own_costs", ())
+        if instance is None or (method.cost in COSTS and method.cost not in minimised):
             raise SpecError(f"{method.solver} does not minimise the cost {method.cost}")
         posed = information_problem(instance, method.cost)
     if method.start is None:
@@ -257,8 +283,7 @@ def certified(
 ) -> tuple[Certificate, float]:
     """The certificate for the measurements that the method kept, and its run time in seconds."""
     start = time.perf_counter()
-    judged = problem if isinstance(problem, InformationProblem) else solution.judged(problem)
-    certificate = certify(judged, solution.estimate)
+    certificate = certify(solution.judged(problem), solution.estimate)
     return certificate, time.perf_counter() - start
 
 
@@ -270,70 +295,6 @@ def as_data(result: MethodResult) -> dict[str, Any]:
 def in_one_line(error: Exception) -> str:
     """A foreign error in one line: its type and the first line of its message."""
     return f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
-
-
-def notes(labels: Iterable[str]) -> tuple[str, ...]:
-    """The notes about these methods."""
-    present = tuple(labels)
-    return tuple(
-        note for note in NOTES if any(label.startswith(_ABOUT.get(note, "")) for label in present)
-    )
-
-
-def title(result: MethodResult) -> str:
-    """Name and size of the graph."""
-    if result.nodes is None or result.edges is None or result.d is None:
-        return result.graph
-    return f"{result.graph} ({sizes(result.nodes, result.edges, result.d)})"
-
-
-def sizes(nodes: int, edges: int, d: int) -> str:
-    """The size of a graph in words."""
-    return f"{counted(nodes, 'node{s}')}, {counted(edges, 'edge{s}')}, {d}D"
-
-
-def captions(results: Sequence[MethodResult]) -> Iterator[str]:
-    """How the graph was read, and the methods' remarks."""
-    yield f"Read with {reading_sentence(results[0].reading)}."
-    yield from remarks((result.method, result.note) for result in results)
-
-
-def remarks(notes: Iterable[tuple[str, str]]) -> Iterator[str]:
-    """One sentence per distinct note, naming its methods."""
-    methods: dict[str, list[str]] = {}
-    for method, note in notes:
-        if note:
-            methods.setdefault(note, []).append(method)
-    for note, names in methods.items():
-        yield f"{', '.join(names)}: {note}."
-
-
-def cells(result: MethodResult) -> tuple[str, ...]:
-    """A method's row: one text per column of `COLUMNS`, then the error."""
-    kept = None if result.kept is None else 100.0 * result.kept
-    return (
-        result.method,
-        _number(result.cost, ".9g"),
-        _number(result.f_ml, ".7g"),
-        _number(result.gap, ".2e"),
-        _number(result.relative_gap, ".1e"),
-        result.verdict,
-        _number(kept, ".1f"),
-        seconds_by_phase(result.seconds),
-        result.error,
-    )
-
-
-def _number(value: float | None, form: str) -> str:
-    return "" if value is None else format(value, form)
-
-
-def seconds_by_phase(phases: Mapping[str, float]) -> str:
-    """Total seconds, and those of each phase if there are several."""
-    if not phases:
-        return ""
-    parts = ", ".join(f"{name} {value:.3f}" for name, value in phases.items())
-    return f"{sum(phases.values()):.3f}" + (f" ({parts})" if len(phases) > 1 else "")
 
 
 def _timed(

@@ -67,6 +67,12 @@ def objective(reading: Mapping[str, str], certificate: Certificate | None = None
     return f"F with {reading_sentence(reading)}"
 
 
+def stated_objective(reading: Mapping[str, str], certificate: Certificate) -> str:
+    """The cost that the verdict refers to, and that others minimise others."""
+    others = " (other tools minimise other errors)" if certificate.objective == CHORDAL else ""
+    return f"{objective(reading, certificate)}{others}"
+
+
 def reading_sentence(reading: Mapping[str, str]) -> str:
     """How a file was read, in words."""
     if not reading:

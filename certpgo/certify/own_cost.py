@@ -8,7 +8,7 @@ surrogate has a positive semidefinite certificate matrix there, that is f itself
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
@@ -57,8 +57,10 @@ class OwnCostCase(Case):
     """A `Case` whose cost is that of another program; ``problem`` is an `InformationProblem`."""
 
     problem: InformationProblem  # type: ignore[assignment]
-    #: Is called with the iterations of descents for bounds, and may stop them.
-    monitor: Monitor = silent
+    #: The monitor of descents for bounds on a surrogate with this constant, which it may stop.
+    monitor_of: Callable[[float], Monitor] = lambda constant: silent
+    #: Ranks above d that these reach.
+    ranks: int = RANKS
 
     @classmethod
     def of(  # type: ignore[override]
@@ -170,9 +172,9 @@ class OwnCostCase(Case):
             below = self.below(v, Q)
             if below is None:
                 return
-            highest = self.problem.d + (RANKS if refine else 0)
-            settled = below.problem.settled(point)
-            for point in climb(below.problem, settled, highest, self.monitor):
+            highest = self.problem.d + (self.ranks if refine else 0)
+            settled, monitor = below.problem.settled(point), self.monitor_of(below.constant)
+            for point in climb(below.problem, settled, highest, monitor):
                 enough = cost - self.tolerance(cost) - below.constant
                 bound = dual_bound(
                     below.problem,

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from certpgo.cli._show import notice
 from certpgo.errors import InputError
+
+if TYPE_CHECKING:
+    from certpgo.graph import Instance
 
 GraphName = Annotated[
     str,
@@ -45,16 +49,17 @@ class Cost(StrEnum):
 
 
 CostOption = Annotated[
-    Cost,
+    Cost | None,
     typer.Option(
         "--cost",
+        show_default="g2o for g2o files with information, chordal for others",
         help="The cost to minimise: F with isotropic weights (chordal), or that of g2o or GTSAM "
         "with the file's full information matrices.",
     ),
 ]
 
 
-def refuse_chordal_only(cost: Cost, **options: Any) -> None:
+def refuse_chordal_only(cost: Cost | None, **options: Any) -> None:
     """Refuse options that exist for the chordal cost only.
 
     Raises
@@ -63,11 +68,32 @@ def refuse_chordal_only(cost: Cost, **options: Any) -> None:
         One is given with another cost.
     """
     for name, value in options.items():
-        if cost is not Cost.CHORDAL and value:
-            raise InputError(f"--{name} is for --cost chordal, not for --cost {cost.value}")
+        if cost not in (None, Cost.CHORDAL) and value:
+            raise InputError(f"--{name} is for --cost chordal, not for --cost {cost}")
 
 
-def refuse_unprovable(cost: Cost, proof: Path | None) -> None:
+def chosen_cost(cost: Cost | None, instance: Instance, **options: Any) -> str:
+    """The cost that was asked for; else chordal with options that exist for it only, else the own.
+
+    If that of the file's program has no certificate, a notice says so.
+    """
+    from certpgo.costs import CHORDAL, own_cost
+
+    if cost is not None:
+        return cost.value
+    if any(options.values()):
+        return CHORDAL
+    own, information = own_cost(instance), instance.information
+    if own == CHORDAL and information is not None and information.residual is not None:
+        bad = int((~information.is_definite).sum())
+        notice(
+            f"{bad} of {len(information.index)} information matrices are not positive definite: "
+            "the cost is F, with isotropic weights (chordal)"
+        )
+    return own
+
+
+def refuse_unprovable(cost: Cost | None, proof: Path | None) -> None:
     """Refuse a proof file about a cost that the checker does not know.
 
     Raises

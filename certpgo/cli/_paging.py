@@ -14,6 +14,7 @@ from certpgo.cli._show import notice, working
 if TYPE_CHECKING:
     from certpgo.assess.assessment import Assessment
     from certpgo.cli._reading import Reading
+    from certpgo.costs import InformationProblem
     from certpgo.graph import Estimate, Instance
     from certpgo.objective.problem import Problem
     from certpgo.optimize.monitor import Iteration
@@ -68,7 +69,7 @@ def origin_of(
 def write_page(
     out: Path,
     instance: Instance,
-    problem: Problem,
+    problem: Problem | InformationProblem,
     estimate: Estimate,
     assessment: Assessment,
     origin: Origin,

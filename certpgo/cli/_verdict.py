@@ -51,10 +51,15 @@ def show(
     disagreement: Disagreement | None = None,
 ) -> None:
     """Print the verdict, its reason, the numbers behind it, and the objective."""
-    from certpgo.assess.wording import comparison, hint, meaning, numbers, objective, trusts
-    from certpgo.certify.certificate import CHORDAL
+    from certpgo.assess.wording import (
+        comparison,
+        hint,
+        meaning,
+        numbers,
+        stated_objective,
+        trusts,
+    )
 
-    others = " (other tools minimise other errors)" if certificate.objective == CHORDAL else ""
     facts(
         [
             (certificate.verdict.value, meaning(certificate)),
@@ -63,7 +68,7 @@ def show(
             *(() if disagreement is None else [("outliers?", hint(disagreement))]),
             *(() if assessment is None else comparison(assessment)),
             *trusts(certificate),
-            ("objective", f"{objective(reading, certificate)}{others}"),
+            ("objective", stated_objective(reading, certificate)),
         ]
     )
 

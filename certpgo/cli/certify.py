@@ -10,14 +10,13 @@ import typer
 
 from certpgo.cli import _verdict
 from certpgo.cli._options import (
-    Cost,
     CostOption,
     GraphName,
     HtmlOut,
     Json,
     ProofOut,
     Timestamps,
-    refuse_chordal_only,
+    chosen_cost,
     refuse_unprovable,
     tier_option,
 )
@@ -45,7 +44,7 @@ def command(
         list[str],
         typer.Argument(metavar="ESTIMATE", help="File or dataset with poses; several need --csv."),
     ],
-    cost: CostOption = Cost.CHORDAL,
+    cost: CostOption = None,
     tier: Annotated[str | None, tier_option("standard, or proof with --proof")] = None,
     rtol: Annotated[
         float, typer.Option("--rtol", help="Tolerance on the gap, relative to the cost F.")
@@ -77,7 +76,6 @@ def command(
     from certpgo.certify.judge import Judge
     from certpgo.costs import problem_under
     from certpgo.io.format import format_to_write
-    from certpgo.objective.problem import problem_of
 
     if len(estimates) > 1 and csv is None:
         raise InputError("several estimates need --csv OUT")
@@ -85,7 +83,6 @@ def command(
         raise InputError("--best, --proof and --html need a single estimate, without --csv")
     if best is not None:
         format_to_write(best, None)  # report a wrong suffix before any work
-    refuse_chordal_only(cost, html=html)
     refuse_unprovable(cost, proof)
     for out in (best, csv, proof, html):
         refuse_unwritable(out)
@@ -97,9 +94,10 @@ def command(
     tier = tier or ("standard" if proof is None else "proof")
     provable = None if proof is None else provable_source(source)
     instance = reading.open(source)
+    own = chosen_cost(cost, instance)
     parts = []
     for connected in reading.parts(instance):
-        problem = problem_under(connected, cost.value)
+        problem = problem_under(connected, own)
         judge = Judge(problem, tier=tier, rtol=rtol, atol=atol, refine=refine)
         parts.append(JudgedGraph(connected, problem, judge))
     if best is not None and len(parts) > 1:
@@ -117,7 +115,7 @@ def command(
         _write_best(best, parts[0], assessments[0])
     elif any(a.excess > a.certificate.tolerance for a in assessments):
         notice("--best OUT writes the lower-cost estimate")
-    if any(_may_gain(a.certificate, cost) for a in assessments):
+    if any(_may_gain(a.certificate, own) for a in assessments):
         notice("rounding may limit the bound: try --tier proof")
     code = _verdict.exit_code(a.certificate for a in assessments)
     proven = True
@@ -129,18 +127,17 @@ def command(
         written = proof if proven else None
         remarks = [f"{hint(found)}." for found in disagreements if found is not None]
         origin = origin_of(graph, reading, estimate=estimates[0], proof=written, remarks=remarks)
-        problem = problem_of(part.instance.graph)
-        write_page(html, part.instance, problem, given[0], assessments[0], origin)
+        write_page(html, part.instance, part.problem, given[0], assessments[0], origin)
     return code if proven else code or REFUSED
 
 
-def _may_gain(certificate: Certificate, cost: Cost) -> bool:
+def _may_gain(certificate: Certificate, cost: str) -> bool:
     """Whether the refined point is so close to the bound that the proof tier may close the gap."""
     from certpgo.certify.case import PROOF_GAIN
 
     gap = certificate.refined_cost - certificate.lower_bound
     near = certificate.tolerance < gap <= PROOF_GAIN * certificate.tolerance
-    provable = cost is not Cost.GTSAM and certificate.tier.value == "standard"
+    provable = cost != "gtsam" and certificate.tier.value == "standard"
     return provable and certificate.better is None and near
 
 

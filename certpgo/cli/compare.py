@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from certpgo.cli._options import Json
+from certpgo.cli._options import Cost, Json
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, notice, table, working
 from certpgo.cli._verdict import INTERRUPTED
@@ -49,6 +49,13 @@ def command(
     methods: Annotated[
         str | None, typer.Option("--methods", help="Method names or labels, separated by commas.")
     ] = None,
+    cost: Annotated[
+        Cost,
+        typer.Option(
+            "--cost",
+            help="The cost that judges every estimate, and that methods minimise if they can.",
+        ),
+    ] = Cost.CHORDAL,
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Folder for the results.")
     ] = Path("compare-results"),
@@ -58,30 +65,36 @@ def command(
     reading: Reading,
 ) -> int:
     """Compare methods on graphs: cost, proven gap, verdict and run time of each."""
-    from certpgo.assess.comparison import MethodResult, as_data, notes
+    from certpgo.assess.comparison import MethodResult, as_data
+    from certpgo.assess.comparison_table import notes
+    from certpgo.costs import problem_under
 
-    chosen = _default_methods() if methods is None else _methods(methods.split(","))
+    chosen = _default_methods(cost) if methods is None else _methods(methods.split(","), cost)
     named = [reading.resolve(name) for name in dict.fromkeys(graphs or ())]
     sources = named or _usual(reading, quick)
     for source in sources:
         source.path()  # report missing files and download datasets before any work
-    results = _Results(out)
-    unread: list[str] = []
+    results = _Results(out, cost)
+    left_out: list[str] = []
     interrupted = False
     try:
         for source in sources:
             try:
+                failed = "not read"
                 parts = reading.parts(reading.open(source, notices=False))
+                failed = "not compared"
+                for part in parts:
+                    problem_under(part, cost.value)  # report graphs without this cost
             except CertPGOError as error:
                 if len(sources) == 1:
                     raise
-                unread.append(str(error))
-                results.add(MethodResult(source.name, error=f"not read: {error}"))
+                left_out.append(f"{failed}: {error}")
+                results.add(MethodResult(source.name, error=left_out[-1]))
                 continue
             for part in parts:
                 # A method requested by name is run anyway, and reports why it is unsuited.
                 suited = [method for method in chosen if methods or method.suits(part.graph)]
-                _compare(part, suited, results, shown=not json)
+                _compare(part, suited, cost, results, shown=not json)
         results.complete()
     except BaseException as error:
         if results.rows:
@@ -92,15 +105,15 @@ def command(
     if json:
         document([as_data(result) for result in results.rows])
     else:
-        for sentence in notes(result.method for result in results.rows):
+        for sentence in notes((result.method for result in results.rows), cost.value):
             typer.echo(sentence)
     if interrupted:
         notice("interrupted")
     else:
         notice(f"results written to {results.path} and {results.path.with_suffix('.md')}")
-    for reason in unread:
-        notice(f"not read: {reason}")
-    return INTERRUPTED if interrupted else int(bool(unread))
+    for reason in left_out:
+        notice(reason)
+    return INTERRUPTED if interrupted else int(bool(left_out))
 
 
 class _Results:
@@ -108,11 +121,13 @@ class _Results:
 
     Attributes
     ----------
+    cost : what judges the estimates
     path, partial : the file of all results, and the one of those so far
     rows : the results so far
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, cost: Cost) -> None:
+        self.cost = cost
         self.path = folder / "compare.jsonl"
         self.partial = folder / "compare.jsonl.partial"
         self.rows: list[MethodResult] = []
@@ -138,16 +153,17 @@ class _Results:
         """Replace the results of an earlier run."""
         from certpgo.io.writing import write_whole
 
-        write_whole(self.path.with_suffix(".md"), _markdown(self.rows).encode())
+        write_whole(self.path.with_suffix(".md"), _markdown(self.rows, self.cost).encode())
         write_whole(self.path, self.partial.read_bytes())
         self.partial.unlink()
 
 
 def _compare(
-    part: Instance, methods: Sequence[Competitor], results: _Results, *, shown: bool
+    part: Instance, methods: Sequence[Competitor], cost: Cost, results: _Results, *, shown: bool
 ) -> None:
     """Add the results on a connected graph; on interruption, show those so far."""
-    from certpgo.assess.comparison import TITLE, compare
+    from certpgo.assess.comparison import compare
+    from certpgo.assess.comparison_table import TITLE
 
     before = len(results.rows)
     try:
@@ -156,7 +172,7 @@ def _compare(
             def announce(label: str) -> None:
                 status.update(f"{part.name}: {label}")
 
-            for result in compare(part, methods, announce=announce):
+            for result in compare(part, methods, cost=cost.value, announce=announce):
                 results.add(result)
     finally:
         if shown and len(results.rows) > before:
@@ -169,10 +185,10 @@ def _section(
     results: Sequence[MethodResult],
 ) -> tuple[str, Sequence[str], list[Sequence[str]], str]:
     """Title, header, rows and caption of the results on one graph."""
-    from certpgo.assess.comparison import COLUMNS, captions, cells, title
+    from certpgo.assess.comparison_table import captions, cells, columns, title
 
     rows: list[Sequence[str]] = [cells(result) for result in results]
-    header: Sequence[str] = (*COLUMNS, "not run or failed")
+    header: Sequence[str] = (*columns(results[0]), "not run or failed")
     # A column for a few methods is shown where it says something.
     shown = [
         k for k, name in enumerate(header) if name not in _SPARSE or any(row[k] for row in rows)
@@ -182,8 +198,8 @@ def _section(
     return title(results[0]), header, rows, " ".join(captions(results))
 
 
-def _markdown(results: Sequence[MethodResult]) -> str:
-    from certpgo.assess.comparison import TITLE, notes, title
+def _markdown(results: Sequence[MethodResult], cost: Cost) -> str:
+    from certpgo.assess.comparison_table import TITLE, notes, title
     from certpgo.view.markdown_tables import markdown_table
 
     lines = [f"# {TITLE}", ""]
@@ -194,20 +210,20 @@ def _markdown(results: Sequence[MethodResult]) -> str:
             continue
         heading, header, body, caption = _section(rows)
         lines += [f"## {heading}", "", caption, "", *markdown_table(header, body), ""]
-    for sentence in notes(result.method for result in results):
+    for sentence in notes((result.method for result in results), cost.value):
         lines += [sentence, ""]
     return "\n".join(lines)
 
 
-def _default_methods() -> tuple[Competitor, ...]:
+def _default_methods(cost: Cost) -> tuple[Competitor, ...]:
     """The default methods that are here; a notice names the others."""
-    from certpgo.assess.comparison import METHODS
+    from certpgo.assess.comparison import METHODS, methods_under
 
     here = _available()
     absent = dict.fromkeys(method.solver for method in METHODS if method not in here)
     if absent:
         notice(f"not compared, as these are in a checkout only: {', '.join(absent)}")
-    return here
+    return methods_under(cost.value, here)
 
 
 def _available() -> tuple[Competitor, ...]:
@@ -218,17 +234,19 @@ def _available() -> tuple[Competitor, ...]:
     return tuple(method for method in METHODS if method.solver in known)
 
 
-def _methods(names: Sequence[str]) -> tuple[Competitor, ...]:
+def _methods(names: Sequence[str], cost: Cost) -> tuple[Competitor, ...]:
     """Methods by label among the default ones, or by name in the registry."""
     from certpgo import registry
-    from certpgo.assess.comparison import Competitor
+    from certpgo.assess.comparison import Competitor, methods_under
 
-    labelled = {method.label: method for method in _available()}
+    labelled = {method.label: method for method in methods_under(cost.value, _available())}
     known = {*labelled, *registry.solver_names()}
     for name in names:
         if name not in known:
             raise SpecError.unknown("method", name, known)
-    return tuple(labelled.get(name) or Competitor(name) for name in dict.fromkeys(names))
+    others = [Competitor(name) for name in names if name not in labelled]
+    known_by = labelled | {method.label: method for method in methods_under(cost.value, others)}
+    return tuple(known_by[name] for name in dict.fromkeys(names))
 
 
 def _usual(reading: Reading, quick: bool) -> list[Source]:

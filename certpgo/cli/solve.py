@@ -14,12 +14,12 @@ import typer
 from certpgo.cli import _verdict
 from certpgo.cli._interrupting import ends_at_once
 from certpgo.cli._options import (
-    Cost,
     CostOption,
     GraphName,
     HtmlOut,
     Json,
     ProofOut,
+    chosen_cost,
     refuse_chordal_only,
     refuse_unprovable,
     tier_option,
@@ -58,7 +58,7 @@ def command(
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Setting of --method."),
     ] = None,
-    cost: CostOption = Cost.CHORDAL,
+    cost: CostOption = None,
     initial: Annotated[Path | None, typer.Option("--initial", help="Initial estimate.")] = None,
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="Write the estimate to this file.")
@@ -113,7 +113,7 @@ def command(
     from certpgo.registry import build, parse_settings, refuse_unsuited
 
     _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank)
-    refuse_chordal_only(cost, method=method, robust=robust, html=html)
+    refuse_chordal_only(cost, method=method, robust=robust)
     refuse_unprovable(cost, proof)
     if robust and proof is not None:
         raise InputError(_UNPROVABLE)
@@ -130,6 +130,7 @@ def command(
     provable = None if proof is None else provable_source(source)
     instance = reading.open(source)
     parts = reading.parts(instance)
+    own = chosen_cost(cost, instance, method=method, robust=robust)
     for name, output in (("--proof", proof), ("--html", html)):
         if output is not None and (len(parts) > 1 or not certify):
             raise InputError(f"{name} needs a connected graph and a certified estimate")
@@ -152,7 +153,7 @@ def command(
             monitor = TableMonitor() if trace else _StatusLine(status)
             if solver is None or method is None:
                 limits = SolveSettings(time_limit=time_limit, max_rank=max_rank, tier=tier)
-                result = _certified(part, begin, limits, robust, monitor, cost)
+                result = _certified(part, begin, limits, robust, monitor, own)
             else:
                 requested = (tier or "standard") if certify else None
                 result = _by_method(part, method, solver, begin, requested, monitor, status)
@@ -189,6 +190,7 @@ class _Result:
     solution: Solution
     certificate: Certificate | None
     found: CertifiedSolution | None = None  # by the certified pipeline
+    cost: str = "chordal"
 
     @property
     def interrupted(self) -> bool:
@@ -293,7 +295,7 @@ class _Result:
         """Write the page of the certificate."""
         from certpgo.assess.assessment import assess
         from certpgo.assess.wording import hint
-        from certpgo.objective.problem import problem_of
+        from certpgo.costs import problem_under
 
         solution, part = self.solution, self.part
         if self.certificate is None:
@@ -306,7 +308,7 @@ class _Result:
             )
         if self.disagreement is not None:
             remarks.append(f"{hint(self.disagreement)}.")
-        problem = solution.judged(problem_of(part.graph))
+        problem = solution.judged(problem_under(part, self.cost))
         assessment = assess(problem, solution.estimate, self.certificate, ids=part.ids)
         origin = origin_of(
             graph,
@@ -339,16 +341,16 @@ def _certified(
     settings: SolveSettings,
     robust: bool,
     monitor: Monitor,
-    cost: Cost,
+    cost: str,
 ) -> _Result:
     from certpgo import solve, solve_robustly
 
     search: Callable[..., CertifiedSolution] = solve_robustly
     if not robust:
-        search = partial(solve, cost=cost.value, on_disagreement=_hinting)
+        search = partial(solve, cost=cost, on_disagreement=_hinting)
     found = search(part.graph if robust else part, settings, initial=initial, monitor=monitor)
     method = "robust" if robust else "certified"
-    return _Result(part, method, found.solution, found.certificate, found)
+    return _Result(part, method, found.solution, found.certificate, found, cost)
 
 
 def _hinting(found: Disagreement) -> None:

@@ -22,26 +22,42 @@ __all__ = [
     "InformationProblem",
     "Surrogate",
     "information_problem",
+    "own_cost",
     "problem_under",
     "surrogate",
 ]
 
 
+def own_cost(instance: Instance) -> str:
+    """The cost that the program of an instance's file minimises, if it can be certified.
+
+    That is ``"g2o"`` for a g2o file whose information matrices are all positive definite, and
+    ``"chordal"`` otherwise.
+    """
+    information = instance.information
+    if information is None or information.residual is None:
+        return CHORDAL
+    return information.residual if information.is_definite.all() else CHORDAL
+
+
 def problem_under(
-    posed: Graph | Instance | InformationProblem, cost: str = CHORDAL
+    posed: Graph | Instance | InformationProblem, cost: str | None = None
 ) -> Problem | InformationProblem:
     """The problem under a cost: ``"chordal"``, or see `information_problem`.
 
     Parameters
     ----------
     posed : a graph or an instance; or a problem, which has its cost already and takes no other
+    cost : by default that of `own_cost` for an instance, and ``"chordal"`` for a graph
 
     Raises
     ------
     InputError
         A cost of another program, and no instance.
     """
-    if cost != CHORDAL:
+    if cost is None and isinstance(posed, Instance):
+        cost = own_cost(posed)
+    if cost not in (None, CHORDAL):
         if not isinstance(posed, Instance):
             said = f"cost={cost!r} needs the instance that was read, with its information"
             raise InputError(said)

@@ -106,26 +106,36 @@ def to_gtsam(problem: InformationProblem, estimate: Estimate) -> tuple[Any, Any]
     >>> abs(2 * graph.error(values) - best.cost) < 1e-9
     True
     """
-    try:
-        import gtsam
-    except ImportError:
-        raise MissingDependency("gtsam", "baselines") from None
-    measured, d = problem.graph, problem.d
+    graph, gtsam = factors_of(problem), _library()
+    t, values = estimate.translations, gtsam.Values()
+    for k, M in enumerate(
+        _matrices(estimate.rotations, np.zeros((problem.n, problem.d)) if t is None else t)
+    ):
+        values.insert(k, _pose(gtsam, M))
+    return graph, values
+
+
+def factors_of(problem: InformationProblem) -> Any:
+    """The factor graph of `to_gtsam`."""
+    gtsam, measured, d = _library(), problem.graph, problem.d
     order = _tangent_order(d)
     factor = getattr(gtsam, f"BetweenFactorPose{d}")
-    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    graph = gtsam.NonlinearFactorGraph()
     matrices = _matrices(measured.rotations, measured.translations)
     for (i, j), M, full in zip(
         measured.edges.tolist(), matrices, measured.information, strict=True
     ):
         noise = gtsam.noiseModel.Gaussian.Information(full[np.ix_(order, order)])
         graph.add(factor(i, j, _pose(gtsam, M), noise))
-    t = estimate.translations
-    for k, M in enumerate(
-        _matrices(estimate.rotations, np.zeros((problem.n, d)) if t is None else t)
-    ):
-        values.insert(k, _pose(gtsam, M))
-    return graph, values
+    return graph
+
+
+def _library() -> Any:
+    try:
+        import gtsam
+    except ImportError:
+        raise MissingDependency("gtsam", "baselines") from None
+    return gtsam
 
 
 def _problem(

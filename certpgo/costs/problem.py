@@ -78,6 +78,10 @@ class InformationProblem:
         """The same measurements with all weights times ``factor``."""
         return self.with_cost(replace(self.edge_cost, graph=self.graph.scaled(factor)))
 
+    def reweighted(self, factors: FloatArray) -> InformationProblem:
+        """The problem with weights times factors (m,); an edge with factor 0 is removed."""
+        return self.with_cost(replace(self.edge_cost, graph=self.graph.reweighted(factors)))
+
     def with_cost(self, edge_cost: EdgeCost) -> InformationProblem:
         """The problem of another cost on the same edges; pattern and order are shared."""
         other = InformationProblem(edge_cost, self.engine)

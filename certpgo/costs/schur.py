@@ -21,7 +21,7 @@ from certpgo.linalg.balls import Ball, eliminated
 
 #: Shares of the largest lam that leaves the rest of the information semidefinite.
 SHARES = (0.99, 0.9, 0.7, 0.5, 0.3, 0.1)
-#: The share where that information is isotropic, and cross terms zero; nothing is lost there.
+#: The share without cross terms, where that information is isotropic; nothing is lost there.
 WHOLE = 1.0 - 2.0**-30
 
 
@@ -58,16 +58,17 @@ def set_aside(
     """
     d = graph.d
     T, P, W = blocks(graph.information, d)
-    m, _, q = P.shape
+    m, q = len(W), W.shape[-1]
     x, slope = e[:, d:], 2.0 * (graph.information @ e[:, :, None])[:, :, 0]
     # For a smaller lam, S is positive definite.
     definite = graph.is_definite
     covariance = np.linalg.inv(np.where(definite[:, None, None], graph.information, np.eye(d + q)))
     largest = np.where(definite, 1.0 / np.linalg.eigvalsh(covariance[:, :d, :d])[:, -1], 0.0)
-    lam, schur, best = np.full(m, np.nan), np.full((m, q, q), np.nan), np.full(m, -np.inf)
     scalar = (T[:, :1, :1] * np.eye(d) == T).all(axis=(1, 2)) & ~P.any(axis=(1, 2))
-    for share in (WHOLE, *SHARES):
-        tried = np.flatnonzero((largest > 0.0) & (scalar == (share == WHOLE)))
+    lam = np.where(scalar & definite, WHOLE * largest, np.nan)
+    schur, best = np.where(scalar[:, None, None], W, np.nan), np.full(m, -np.inf)
+    tried = np.flatnonzero(definite & ~scalar)
+    for share in SHARES if len(tried) else ():
         weight = share * largest[tried]
         rest = T[tried] - weight[:, None, None] * np.eye(d)
         left = W[tried] - np.swapaxes(P[tried], 1, 2) @ np.linalg.solve(rest, P[tried])

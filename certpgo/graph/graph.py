@@ -12,7 +12,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from certpgo.errors import GraphError
+from certpgo.errors import GraphError, InputError
 from certpgo.graph.edges import (
     Keep,
     broadcast,
@@ -373,4 +373,13 @@ def require_connected(graph: Graph) -> None:
         raise GraphError(
             f"the graph has {len(sizes)} components of {shown} nodes; it must be connected",
             component_sizes=sizes,
+        )
+
+
+def require_isotropic(graph: Graph) -> None:
+    """Refuse a graph whose weights are not kappa and tau alone, by an InputError."""
+    if graph.is_general:
+        raise InputError(
+            "this method takes the weights kappa and tau alone, not edges with matrix weights, "
+            "couplings or arms"
         )

@@ -29,23 +29,42 @@ class Information:
     ----------
     distinct : (k, p, p) symmetric matrices, translation before rotation
     index : (m,) which of them belongs to each edge
+    residual : the cost whose residuals they weigh in the program that the file is of, as named in
+        `certpgo.costs`; None if that is not known
+
+    Raises
+    ------
+    GraphError
+        Matrices that are not square, finite and symmetric, or an index beyond them.
     """
 
     distinct: FloatArray
     index: IntArray
+    residual: str | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "distinct", frozen_floats(self.distinct))
         object.__setattr__(self, "index", frozen_indices(self.index))
+        shape = self.distinct.shape
+        if len(shape) != 3 or shape[1] != shape[2] or self.index.ndim != 1:
+            raise GraphError(f"information must be square matrices and an index, not {shape}")
+        _refuse_asymmetric(self.distinct)
+        if ((self.index < 0) | (self.index >= len(self.distinct))).any():
+            raise GraphError(f"information matrices are numbered 0 to {len(self.distinct) - 1}")
 
     @property
     def matrices(self) -> FloatArray:
         """(m, p, p) matrices of the edges."""
         return np.asarray(self.distinct[self.index])
 
+    @cached_property
+    def is_definite(self) -> BoolArray:
+        """(m,) which matrices are proven to be positive definite."""
+        return np.asarray(is_positive_definite(Ball.exact(self.distinct))[self.index])
+
     def subset(self, chosen: IntArray | BoolArray) -> Information:
         """The matrices of some edges, given by index or mask (m,)."""
-        return Information(self.distinct, self.index[chosen])
+        return Information(self.distinct, self.index[chosen], self.residual)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +106,7 @@ class InformationGraph:
             )
         if not (np.abs(self.information) < FAR).all():
             raise GraphError(f"information must be finite, with entries below {FAR:.2g}")
-        if (self.information != np.swapaxes(self.information, 1, 2)).any():
-            raise GraphError("information matrices must be symmetric")
+        _refuse_asymmetric(self.information)
 
     @property
     def rotation(self) -> RotationGraph:
@@ -138,6 +156,20 @@ class InformationGraph:
             other.__dict__["is_definite"] = self.is_definite
         return other
 
+    def reweighted(self, factors: FloatArray) -> InformationGraph:
+        """Information times factors (m,); an edge with factor 0 is removed."""
+        kept = factors != 0.0
+        information = factors[kept, None, None] * self.information[kept]
+        return InformationGraph(self.isotropic.reweighted(factors), information)
+
     def with_edges(self, chosen: IntArray | BoolArray) -> InformationGraph:
         """All nodes with only the ``chosen`` edges, given by index or mask (m,)."""
         return InformationGraph(self.isotropic.with_edges(chosen), self.information[chosen])
+
+
+def _refuse_asymmetric(information: FloatArray) -> None:
+    """Refuse matrices (m, p, p) that are not finite and symmetric."""
+    if not np.isfinite(information).all():
+        raise GraphError("information must be finite")
+    if (information != np.swapaxes(information, 1, 2)).any():
+        raise GraphError("information matrices must be symmetric")

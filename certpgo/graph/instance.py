@@ -10,7 +10,7 @@ import numpy as np
 
 from certpgo.errors import GraphError
 from certpgo.graph.estimate import Estimate
-from certpgo.graph.graph import Graph
+from certpgo.graph.graph import Graph, PoseGraph
 from certpgo.graph.information import Information
 from certpgo.linalg.arrays import BoolArray, IntArray, frozen_flags, frozen_indices
 
@@ -73,5 +73,14 @@ class Instance:
             object.__setattr__(self, "outliers", frozen_flags(self.outliers))
             if self.outliers.shape != (self.graph.num_edges,):
                 raise GraphError(f"outliers must be {self.graph.num_edges} flags, one per edge")
-        if self.information is not None and len(self.information.index) != self.graph.num_edges:
-            raise GraphError(f"information must be {self.graph.num_edges} matrices, one per edge")
+        if self.information is not None:
+            self._check_information(self.information)
+
+    def _check_information(self, information: Information) -> None:
+        if not isinstance(self.graph, PoseGraph):
+            raise GraphError("information matrices are of poses; this graph measures rotations")
+        p = self.graph.d * (self.graph.d + 1) // 2
+        expected = (self.graph.num_edges, p, p)
+        found = (len(information.index), *information.distinct.shape[1:])
+        if found != expected:
+            raise GraphError(f"information must be {expected}, a matrix per edge, not {found}")

@@ -75,18 +75,19 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
             **_uninformed(content.counts[UNINFORMED], len(pairs)),
         },
         notices=tuple(notices),
-        information=_information(content) if isinstance(graph, PoseGraph) else None,
+        information=_information(content, dialect) if isinstance(graph, PoseGraph) else None,
     )
 
 
-def _information(content: TaggedLines) -> Information | None:
+def _information(content: TaggedLines, dialect: Dialect) -> Information | None:
     """The information matrices of all edges; None unless each has one."""
     parts = [part for part in content.information if part is not None]
     if len(parts) < len(content.information):
         return None
     offsets = np.cumsum([0, *(len(part.distinct) for part in parts)])
     index = [part.index + offset for part, offset in zip(parts, offsets[:-1], strict=True)]
-    return Information(np.concatenate([part.distinct for part in parts]), np.concatenate(index))
+    distinct = np.concatenate([part.distinct for part in parts])
+    return Information(distinct, np.concatenate(index), dialect.residual)
 
 
 def _refuse_far(path: Path, pairs: IntArray, t: FloatArray) -> None:

@@ -64,6 +64,7 @@ class Dialect:
     poses : from d and the numbers (k, p) of a pose
     refused : tags that are refused, with what is expected instead
     rotation_information : what the format's rotational information refers to
+    residual : see `Information`
     """
 
     name: str
@@ -72,6 +73,7 @@ class Dialect:
     poses: Callable[[int, FloatArray], Poses]
     refused: Mapping[bytes, str] = field(default_factory=dict)
     rotation_information: RotationInformation = "tangent"
+    residual: str | None = None
 
 
 @dataclass

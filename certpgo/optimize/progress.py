@@ -122,14 +122,23 @@ class Stop:
 
     def __call__(self, iteration: Iteration) -> bool:
         """Forward an iteration; returns whether to stop."""
-        forwarded = replace(
-            iteration,
-            number=len(self.trace),
-            cost=self.unit * iteration.cost,
-            seconds=self.watch.total,
-        )
+        forwarded = self._in_units(iteration, iteration.cost)
         self.trace.append(forwarded)
-        self.interrupted = self.monitor(forwarded) or self.interrupted
+        return self._heeded(forwarded)
+
+    def of_minorant(self, constant: float) -> Monitor:
+        """A monitor of work on a cost that is, plus a constant, nowhere above the phases' cost.
+
+        Its iterations are forwarded with the constant, but they are not part of the trace.
+        """
+        return lambda iteration: self._heeded(self._in_units(iteration, iteration.cost + constant))
+
+    def _in_units(self, iteration: Iteration, cost: float) -> Iteration:
+        number, seconds = len(self.trace), self.watch.total
+        return replace(iteration, number=number, cost=self.unit * cost, seconds=seconds)
+
+    def _heeded(self, iteration: Iteration) -> bool:
+        self.interrupted = self.monitor(iteration) or self.interrupted
         return self.cuts()
 
 

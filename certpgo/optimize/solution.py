@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import ClassVar, Protocol
+from typing import ClassVar, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -13,6 +13,17 @@ from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.problem import Problem
 from certpgo.optimize.monitor import Iteration, Monitor, silent
+
+
+class Reweighted(Protocol):
+    """A problem whose measurements can be weighed again."""
+
+    def reweighted(self, factors: FloatArray) -> Self:
+        """The problem with weights times factors (m,); an edge with factor 0 is removed."""
+        ...
+
+
+AnyPosed = TypeVar("AnyPosed", bound=Reweighted)
 
 
 class Status(Enum):
@@ -119,11 +130,11 @@ class Solution:
         """(k,) measurements that a robust method rejected, ascending; empty for others."""
         return np.flatnonzero([] if self.weights is None else self.weights == 0.0)
 
-    def judged(self, problem: Problem) -> Problem:
+    def judged(self, problem: AnyPosed) -> AnyPosed:
         """The problem that the estimate solves, with the method's final weights.
 
         A certificate for it says that no estimate fits the kept measurements better, not that the
-        right ones were kept.
+        right ones were kept. The problem may have the cost of another program.
         """
         return problem if self.weights is None else problem.reweighted(self.weights)
 
@@ -135,6 +146,8 @@ class Solver(Protocol):
     ----------
     poses, rotations : which kinds of problem it accepts
     takes_initial : whether it uses an initial estimate; optional, True by default
+    own_costs : names of the costs of other programs that it minimises if the problem has one, see
+        `certpgo.costs`; optional, none by default
     compiled : whether it runs in compiled code, which Ctrl-C can only end together with the
         process; optional, False by default
     """

@@ -23,6 +23,7 @@ import numpy as np
 from certpgo.errors import GraphError
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.graph.cycles import walk
+from certpgo.graph.graph import require_isotropic
 from certpgo.graph.trees import compose
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
@@ -89,7 +90,10 @@ def stationary_point(graph: RotationGraph, winding: int = 0) -> Estimate:
     ------
     GraphError
         The graph is not a cycle, or has no stationary point of this winding.
+    InputError
+        Its edges have matrix weights.
     """
+    require_isotropic(graph)
     around = walk(graph)
     composed = compose(graph, around.parents).rotations
     last, edge = int(around.nodes[-1]), int(around.edges[-1])

@@ -6,18 +6,29 @@ import math
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from certpgo.assess.assessment import Assessment, CostlyEdge
-from certpgo.assess.ladder import rungs_of_eigenvalues
-from certpgo.assess.wording import digits, distances, meaning, numbers, objective, trusts
+from certpgo.assess.ladder import Rung, rungs_of_eigenvalues
+from certpgo.assess.wording import (
+    digits,
+    distances,
+    meaning,
+    numbers,
+    stated_objective,
+    trusts,
+)
 from certpgo.certify.certificate import Certificate
 from certpgo.certify.curvature import smallest_eigenvalues
-from certpgo.errors import NumericalError
+from certpgo.certify.own_cost import is_provable
+from certpgo.costs import CHORDAL, InformationProblem, own_cost, surrogate
+from certpgo.errors import CertPGOError, NumericalError
 from certpgo.graph import Estimate, Instance
 from certpgo.io.plural import counted
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.linalg.arrays import FloatArray
+from certpgo.objective.problem import Problem, RotationProblem
 from certpgo.optimize.monitor import Iteration
 from certpgo.view.page import page
 from certpgo.view.plots import Bars, Curve, Lines, bars, lines
@@ -57,7 +68,7 @@ class Origin:
 @np.errstate(over="ignore", invalid="ignore")  # infinite costs are shown without warnings
 def certificate_page(
     instance: Instance,
-    problem: Problem,
+    problem: Problem | InformationProblem,
     estimate: Estimate,
     assessment: Assessment,
     origin: Origin,
@@ -67,26 +78,29 @@ def certificate_page(
 
     Parameters
     ----------
-    instance, problem : the connected graph, and the problem that the certificate is about
+    instance, problem : the connected graph, and the problem that the certificate is about, under
+        its cost
     assessment : assessment of the estimate, with its certificate
     trace : iterations of the method that found it, if it kept them
     """
     certificate = assessment.certificate
-    rungs = rungs_of_eigenvalues(problem, estimate, certificate)
     spectrum, spectrum_note = _spectrum(problem, certificate)
-    recheck_note, recheck = _recheck(origin, certificate)
+    recheck_note, recheck = _recheck(instance, origin, problem, certificate)
     return page(
         "certificate.html",
         verdict=certificate.verdict.value,
         graph=instance.name,
         meaning=meaning(certificate),
         reason=certificate.reason[:1].upper() + certificate.reason[1:],
-        remarks=origin.remarks,
+        remarks=[*_cost(problem), *origin.remarks],
         numbers=[*_head(instance, origin), *_facts(instance, assessment)],
         scene=scene(problem, estimate, instance.ids),
-        edge_header=_EDGE_HEADER[: None if isinstance(problem, PoseProblem) else -1],
+        edge_header=_EDGE_HEADER[: -1 if isinstance(problem, RotationProblem) else None],
         edges=[_edge(edge) for edge in assessment.edges],
-        bounds=[(rung.title, rung.shown, rung.says, rung.needs) for rung in rungs],
+        bounds=[
+            (rung.title, rung.shown, rung.says, rung.needs)
+            for rung in _rungs(problem, estimate, certificate)
+        ],
         spectrum=spectrum,
         spectrum_note=spectrum_note,
         charts=_charts(trace, certificate),
@@ -99,6 +113,20 @@ def certificate_page(
 
 
 _EDGE_HEADER = ("edge", "nodes", "term of F", "share of F", "residual, degrees", "residual, m")
+
+
+def _cost(problem: Problem | InformationProblem) -> Iterable[str]:
+    if isinstance(problem, InformationProblem):
+        yield f"The cost F is {problem.edge_cost.title} on this page."
+
+
+def _rungs(
+    problem: Problem | InformationProblem, estimate: Estimate, certificate: Certificate
+) -> tuple[Rung, ...]:
+    """The bounds by eigenvalues and angles, which are about isotropic weights."""
+    if isinstance(problem, InformationProblem):
+        return ()
+    return rungs_of_eigenvalues(problem, estimate, certificate)
 
 
 def _head(instance: Instance, origin: Origin) -> Iterable[tuple[str, str]]:
@@ -117,7 +145,7 @@ def _facts(instance: Instance, assessment: Assessment) -> Iterable[tuple[str, st
     yield from distances(assessment)
     yield from digits(assessment)
     yield from trusts(certificate)
-    yield "objective", f"{objective(instance.options)} (other tools minimise other errors)"
+    yield "objective", stated_objective(instance.options, certificate)
 
 
 def _edge(edge: CostlyEdge) -> tuple[str, ...]:
@@ -131,22 +159,64 @@ def _edge(edge: CostlyEdge) -> tuple[str, ...]:
     return cells if edge.metres is None else (*cells, f"{edge.metres:.4g}")
 
 
-def _spectrum(problem: Problem, certificate: Certificate) -> tuple[Bars | None, str]:
+class _Multipliers(NamedTuple):
+    """The multipliers of a chordal problem, and what follows if its matrix is definite."""
+
+    problem: Problem
+    values: FloatArray
+    claim: str
+    source: str = ""
+    proof: str = ""
+
+
+def _multipliers(
+    problem: Problem | InformationProblem, certificate: Certificate
+) -> _Multipliers | None:
+    """Those of the certificate, under the cost of another program those of a surrogate."""
+    if not isinstance(problem, InformationProblem):
+        if certificate.multipliers is None:
+            return None
+        return _Multipliers(
+            problem,
+            certificate.multipliers,
+            "no estimate is better than the point at which they are computed",
+            proof="; the proof is a factorization with "
+            f"{certificate.shift:.3g} added to each, which the bound accounts for",
+        )
+    try:
+        below = surrogate(problem, certificate.refined)
+        point = below.problem.settled(certificate.refined)
+    except CertPGOError:
+        return None
+    value = below.problem.cost(point) + below.constant
+    where = "after local descent" if certificate.descended else "at this estimate"
+    return _Multipliers(
+        below.problem,
+        below.problem.multipliers(point),
+        "no estimate costs less than that",
+        source="The matrix is that of the surrogate, a pose graph whose cost plus a constant is "
+        f"nowhere above F, and {value:.10g} {where}. ",
+    )
+
+
+def _spectrum(
+    problem: Problem | InformationProblem, certificate: Certificate
+) -> tuple[Bars | None, str]:
     """A chart with its explanation, or the reason why there is none."""
-    if certificate.multipliers is None:
+    source = _multipliers(problem, certificate)
+    if source is None:
         return None, "There is no certificate matrix: no lower bound was found."
     d = problem.d
     try:
-        values = smallest_eigenvalues(problem, certificate.multipliers, d + EIGENVALUES)
+        values = smallest_eigenvalues(source.problem, source.values, d + EIGENVALUES)
     except (NumericalError, np.linalg.LinAlgError) as error:
         return None, f"The eigenvalues could not be computed: {error}."
     gauge = set(np.argsort(np.abs(values), kind="stable")[:d].tolist())
     names = [f"{k + 1}" + (" (gauge)" if k in gauge else "") for k in range(len(values))]
     note = (
-        "Translations are eliminated. If none is negative, no estimate is better than the point "
-        f"at which they are computed; the {d} nearest to zero belong to the gauge, a rotation of "
-        "the whole world. Computed eigenvalues only illustrate; the proof is a factorization with "
-        f"{certificate.shift:.3g} added to each, which the bound accounts for."
+        f"{source.source}Translations are eliminated. If none is negative, {source.claim}; "
+        f"the {d} nearest to zero belong to the gauge, a rotation of the whole world. Computed "
+        f"eigenvalues only illustrate{source.proof}."
     )
     return bars(values.tolist(), names), note
 
@@ -169,12 +239,19 @@ def _no_trace(origin: Origin) -> str:
     return "The estimate came from a file, without iterations."
 
 
-def _recheck(origin: Origin, certificate: Certificate) -> tuple[str, list[str]]:
+def _recheck(
+    instance: Instance,
+    origin: Origin,
+    problem: Problem | InformationProblem,
+    certificate: Certificate,
+) -> tuple[str, list[str]]:
     quoted = shlex.quote
     if origin.proof:
         note = "An independent program, which shares no code with certpgo, checks the proof file:"
         return note, [f"certpgo check {quoted(origin.graph)} {quoted(origin.proof)}"]
-    options = " ".join(quoted(option) for option in origin.reading)
+    cost = problem.edge_cost.name if isinstance(problem, InformationProblem) else CHORDAL
+    chosen = () if cost == own_cost(instance) else ("--cost", cost)
+    options = " ".join(quoted(option) for option in (*chosen, *origin.reading))
     estimate = origin.estimate or "best.g2o"
     named = f" --method {quoted(origin.method)}"
     by = {"": "", "certified": "", "robust": " --robust"}.get(origin.method, named)
@@ -184,6 +261,8 @@ def _recheck(origin: Origin, certificate: Certificate) -> tuple[str, list[str]]:
     lines_ = [] if origin.estimate else [f"{solving} -o {estimate}"]
     certify = f"certpgo certify {quoted(origin.graph)} {quoted(estimate)} {options}".rstrip()
     tier = "" if certificate.tier.value == "standard" else f" --tier {certificate.tier.value}"
+    if isinstance(problem, InformationProblem) and not is_provable(problem):
+        return "To certify the estimate again:", [*lines_, f"{certify}{tier}"]
     return "No proof file was written. To certify the estimate again and write a proof:", [
         *lines_,
         f"{certify}{tier} --proof estimate.cert",

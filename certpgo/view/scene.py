@@ -6,10 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from certpgo.assess.assessment import residual_lengths
+from certpgo.costs import InformationProblem
 from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.problem import Problem
 
 #: Edges drawn at most: the costliest, and the others sampled evenly.
 EDGES = 20_000
@@ -21,7 +23,13 @@ TOP = 0.98
 Data = dict[str, Any]
 
 
-def scene(problem: Problem, estimate: Estimate, ids: IntArray, *, limit: int = EDGES) -> Data:
+def scene(
+    problem: Problem | InformationProblem,
+    estimate: Estimate,
+    ids: IntArray,
+    *,
+    limit: int = EDGES,
+) -> Data:
     """Positions, edges and residuals for the view's script.
 
     A rotation graph has no positions: nodes are drawn at their rotation vectors in the frame of
@@ -41,8 +49,8 @@ def scene(problem: Problem, estimate: Estimate, ids: IntArray, *, limit: int = E
     """
     angles = np.degrees(problem.residual_angles(estimate))
     measures = [("degrees", angles)]
-    if isinstance(problem, PoseProblem):
-        lengths = np.linalg.norm(problem.translation_residuals(estimate), axis=1)
+    lengths = residual_lengths(problem, estimate)
+    if lengths is not None:
         measures.append(("metres", lengths))
     edges = problem.graph.edges
     drawn = _chosen(problem.edge_costs(estimate), limit)

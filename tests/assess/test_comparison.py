@@ -1,6 +1,37 @@
-"""The notes below a comparison are about the methods in it."""
+"""Comparisons under the costs of other programs, and the notes below their tables."""
 
-from certpgo.assess.comparison import METHODS, NOTES, notes
+import numpy as np
+import pytest
+
+from certpgo import read, solve
+from certpgo.assess.comparison import METHODS, Competitor, compare, methods_under
+from certpgo.assess.comparison_table import COLUMNS, NOTES, captions, columns, notes, title
+from certpgo.certify import certify
+from certpgo.costs import information_problem
+from certpgo.datasets.synthetic import winding_cycle
+from certpgo.errors import InputError
+from certpgo.objective.problem import problem_of
+
+NAMES = ("certified", "certified (F)", "spanning_tree")
+
+
+def square(folder, diagonal):
+    """A square that does not close, with a diagonal, and weights that differ by direction."""
+    line = "EDGE_SE2 {} {} {} {} {} 900 3 0 2 1 50"
+    turns = [(0, 1), (1, 2), (2, 3), (3, 0)]
+    lines = [line.format(*edge, 1.1, 0.2, 1.5) for edge in turns] + [line.format(0, 2, *diagonal)]
+    path = folder / "uneven.g2o"
+    path.write_text("\n".join(lines) + "\n")
+    return read(path, quiet=True)
+
+
+@pytest.fixture
+def uneven(tmp_path):
+    return square(tmp_path, (1, 1, 3.1))
+
+
+def named(*names, cost):
+    return [method for method in methods_under(cost) if method.label in names]
 
 
 def test_notes_about_gtsam_need_its_rows():
@@ -9,3 +40,67 @@ def test_notes_about_gtsam_need_its_rows():
     without_file = [label for label in labels if "file's" not in label]
     assert notes(without_file) == (*NOTES[:2], *NOTES[3:])
     assert notes(["certified", "newton"]) == (NOTES[0], NOTES[3])
+    first, *rest = notes(labels, "g2o")
+    assert first.startswith("The cost is that of each table's title")
+    assert tuple(rest) == NOTES[2:]
+
+
+@pytest.mark.parametrize("cost", ["g2o", "gtsam"])
+def test_estimates_are_judged_by_the_cost_whatever_they_minimise(uneven, cost):
+    own, of_f, tree = compare(uneven, named(*NAMES, cost=cost), cost=cost)
+    problem = information_problem(uneven, cost)
+    assert {row.objective for row in (own, of_f, tree)} == {problem.edge_cost.title}
+    assert [row.minimised for row in (own, of_f, tree)] == [cost, "chordal", "chordal"]
+    chordal = solve(uneven.graph).estimate
+    assert (own.verdict, own.cost) == ("CERTIFIED", solve(uneven, cost=cost).cost)
+    assert of_f.cost == problem.cost(chordal)
+    assert of_f.verdict == certify(problem, chordal).verdict.value == "BOUNDED"
+    assert own.cost < of_f.cost < tree.cost
+    assert own.cost >= of_f.lower_bound > 0.99 * own.cost
+    assert title(own) == f"uneven (4 nodes, 5 edges, 2D): {problem.edge_cost.title}"
+    assert columns(own)[1:5] == ("cost", "f_ML", "gap", "gap / cost")
+    assert "Methods that minimise the cost: certified." in list(captions([own, of_f, tree]))
+
+
+def test_the_chordal_cost_is_the_default(uneven):
+    assert methods_under("chordal") == METHODS
+    [row] = compare(uneven, named("certified", cost="chordal"))
+    problem = problem_of(uneven.graph)
+    assert (row.objective, row.minimised) == ("F", "chordal")
+    assert row.cost == problem.cost(solve(uneven.graph).estimate)
+    assert columns(row) == COLUMNS
+    assert title(row) == "uneven (4 nodes, 5 edges, 2D)"
+
+
+def test_the_verdict_on_a_robust_method_is_about_what_it_keeps(tmp_path):
+    wrong = square(tmp_path, (-9, 7, 1.0))
+    [row] = compare(wrong, [Competitor("graduated_non_convexity")], cost="g2o")
+    problem = information_problem(wrong, "g2o")
+    estimate = solve(wrong.graph).estimate
+    factors = np.array([1.0, 0.5, 1.0, 2.0, 0.0])
+    kept = problem.reweighted(factors)
+    assert kept.graph.num_edges == 4
+    assert kept.cost(estimate) == pytest.approx(factors @ problem.edge_costs(estimate), rel=1e-12)
+    assert row.kept == 0.8
+    assert row.cost - row.lower_bound > 100.0 * row.gap  # the cost is that of all measurements
+
+
+@pytest.mark.gtsam
+def test_gtsams_optimizers_minimise_its_cost(uneven):
+    pytest.importorskip("gtsam", reason="the gtsam wheel is not installed")
+    names = ("certified", "gtsam_gauss_newton", "gtsam_levenberg_marquardt", "gtsam_fastsync")
+    best, *searches, fast = compare(uneven, named(*names, cost="gtsam"), cost="gtsam")
+    for row in searches:
+        assert (row.minimised, row.note) == ("gtsam", "GTSAM with full information")
+        assert row.cost == pytest.approx(best.cost, rel=1e-4)
+    assert (fast.minimised, fast.verdict) == ("chordal", "BOUNDED")
+    isotropic = next(compare(uneven, named("gtsam_gauss_newton", cost="g2o"), cost="g2o"))
+    assert "isotropic" in isotropic.note
+
+
+def test_graphs_without_the_cost_are_refused(uneven):
+    cycle = winding_cycle(5, 0.1, 0)[0]
+    with pytest.raises(InputError, match="needs poses with information matrices"):
+        next(compare(cycle, cost="g2o"))
+    [row] = compare(uneven, [Competitor("newton", cost="g2o")], cost="g2o")
+    assert row.error == "newton does not minimise the cost g2o"

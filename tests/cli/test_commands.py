@@ -247,6 +247,8 @@ def test_convert_a_graph_there_and_back(certpgo, square, tmp_path):
     first, second = (package.read(path, quiet=True).graph for path in (square, back))
     np.testing.assert_array_equal(first.rotation.kappa, second.rotation.kappa)
     np.testing.assert_array_equal(first.translations, second.translations)
+    costs = [certpgo("solve", p, "--cost", "g2o", "--json").json["cost"] for p in (square, there)]
+    assert costs[0] == costs[1]
 
 
 def test_convert_the_poses_alone(certpgo, square, tmp_path):
@@ -338,6 +340,37 @@ def test_compare_shows_columns_and_notes_that_say_something(certpgo, square, tmp
     robust = "graduated_non_convexity"
     assert "kept, %" in certpgo("compare", square, "--methods", robust, "--out", out).out
     assert "kept, %" in (out / "compare.md").read_text()
+
+
+def test_compare_names_the_cost_it_judges_by(certpgo, square, tmp_path):
+    common = ("compare", square, "--methods", "certified,certified (F),newton", "--cost", "g2o")
+    done = certpgo(*common, "--out", tmp_path / "r")
+    assert done.code == 0
+    name = "g2o's chi2 of EdgeSE2 with full information"
+    assert f"square (4 nodes, 4 edges, 2D): {name}" in done.out
+    assert f"2D): {name}" in (tmp_path / "r" / "compare.md").read_text()
+    assert "gap / cost" in done.out
+    assert "1e-5 of the cost" in done.out
+    rows = results(tmp_path / "r")
+    assert [row["minimised"] for row in rows] == ["g2o", "chordal", "chordal"]
+    assert {row["objective"] for row in rows} == {name}
+
+
+def test_a_graph_without_the_cost_fails_the_comparison_or_is_a_row(certpgo, square, tmp_path):
+    from certpgo.datasets.synthetic import winding_cycle
+
+    path, out = tmp_path / "cycle.npz", tmp_path / "r"
+    package.write(path, winding_cycle(5, 0.1, 0)[0])
+    common = ("--methods", "certified", "--cost", "gtsam", "--out", out, "--json")
+    alone = certpgo("compare", path, *common)
+    assert (alone.code, alone.out, alone.err.count("\n")) == (1, "", 1)
+    assert "--cost gtsam needs poses with information matrices" in alone.err
+    assert not out.exists()
+    mixed = certpgo("compare", path, square, *common)
+    assert mixed.code == 1
+    left_out, fine = mixed.json
+    assert left_out["error"].startswith("not compared: ")
+    assert fine["verdict"] == "CERTIFIED"
 
 
 def test_compare_writes_through_a_link(certpgo, square, tmp_path):

@@ -1,5 +1,6 @@
 """solve --html and certify --html."""
 
+import html
 import json
 import re
 
@@ -43,6 +44,23 @@ def test_certify_writes_a_page_of_the_answer_as_given(certpgo, square, tmp_path)
     assert "The estimate came from a file" in page
     assert f"certpgo certify {square} {square} --unit-weights --proof estimate.cert" in page
     assert "all weights 1, ignoring those of the file" in page
+
+
+@pytest.mark.parametrize("cost", ["g2o", "gtsam"])
+def test_pages_of_another_cost(certpgo, square, tmp_path, cost):
+    out, solution = tmp_path / "page.html", tmp_path / "solution.g2o"
+    done = certpgo("solve", square, "--cost", cost, "--html", out, "-o", solution, "--json")
+    assert done.code == 0
+    page = out.read_text()
+    assert html.escape(done.json["objective"], quote=False) in html.unescape(page)
+    assert f"{done.json['cost']:.10g}"[:9] in page
+    assert "Gap to the proven lower bound" in page
+    assert f"certpgo certify {square} {solution} --cost {cost}\n" in page
+    judged = certpgo("certify", square, square, "--cost", cost, "--html", out, "--json")
+    given = out.read_text()
+    assert "<strong>BOUNDED</strong>" in given
+    assert f"{judged.json['certificate']['cost_upper']:.12g}" in given
+    assert "Bounds by eigenvalues" not in page + given
 
 
 def test_a_method_that_keeps_no_trace(certpgo, square, tmp_path):

@@ -316,8 +316,15 @@ def test_information_graphs_refuse_what_is_not_theirs():
     ):
         with pytest.raises(GraphError, match=words):
             InformationGraph(graph, wrong)
-    with pytest.raises(GraphError, match="one per edge"):
-        Instance("x", graph, np.arange(4), information=Information(eye, np.arange(m - 1)))
+    for index, posed, words in (
+        (np.arange(m - 1), graph, "a matrix per edge"),
+        (np.arange(m), graph.rotation, "this graph measures rotations"),
+    ):
+        with pytest.raises(GraphError, match=words):
+            Instance("x", posed, np.arange(4), information=Information(eye, index))
+    for distinct, index in ((eye, np.arange(1, m + 1)), (eye, -np.arange(m)), (eye[0], [0])):
+        with pytest.raises(GraphError, match=r"numbered|must be square"):
+            Information(distinct, index)
 
 
 # --- Reading
@@ -345,6 +352,17 @@ def test_information_is_that_of_the_file_and_follows_its_edges(tmp_path):
     np.testing.assert_array_equal(
         read(path, keep="last", quiet=True).information.matrices[-1], last
     )
+
+
+@pytest.mark.parametrize("keep", ["all", "last"])
+def test_information_survives_npz_and_what_reading_leaves_out(keep, tmp_path):
+    path, packed = tmp_path / "parallel.g2o", tmp_path / "parallel.npz"
+    path.write_text(SQUARE + "EDGE_SE2 1 0 -1 0 -1.57 7 0 -0.0 8 1e-300 9\n")
+    write(packed, read(path, quiet=True))
+    there, back = (read(p, keep=keep, quiet=True) for p in (path, packed))
+    assert back.information.matrices.tobytes() == there.information.matrices.tobytes()
+    assert solve(back, cost="g2o").cost == solve(there, cost="g2o").cost
+    assert read(packed, kappa=2.0, quiet=True).information is None
 
 
 def test_problem_under_is_the_problem_that_solve_takes(square):

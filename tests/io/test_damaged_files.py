@@ -186,6 +186,31 @@ def test_npz_arrays_of_another_kind(graph, name, value, said):
 
 
 @pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"information": np.ones((1, 3, 2))}, "'information' must be floating-point"),
+        ({"information": np.ones((1, 3, 3), dtype=int)}, "'information' must be floating-point"),
+        ({"information": np.ones((1, 6, 6))}, "information must be (3, 3, 3), a matrix per edge"),
+        ({"information": np.full((1, 3, 3), np.nan)}, "information must be finite"),
+        ({"information": np.triu(np.ones((1, 3, 3)))}, "information matrices must be symmetric"),
+        ({"information_index": np.zeros(2, dtype=int)}, "'information_index' must be integers"),
+        ({"information_index": np.array([0, 1, 0])}, "information matrices are numbered 0 to 0"),
+        ({"information_index": None}, "the array 'information_index' is missing"),
+        ({"translations": None, "tau": None}, "this graph measures rotations"),
+    ],
+)
+def test_npz_information_of_another_kind(tmp_path, changed, said):
+    source, path = tmp_path / "g.g2o", tmp_path / "g.npz"
+    edges = ((0, 1), (1, 2), (2, 0))
+    source.write_text("".join(f"EDGE_SE2 {i} {j} 1 0 2 3 1 0 3 0 3\n" for i, j in edges))
+    io.write(path, io.read(source))
+    with np.load(path) as archive:
+        arrays = dict(archive) | changed
+    np.savez(path, **{name: value for name, value in arrays.items() if value is not None})
+    refused(path, said)
+
+
+@pytest.mark.parametrize(
     ("name", "value"),
     [
         ("version", np.array([1, 1])),

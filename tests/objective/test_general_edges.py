@@ -14,9 +14,11 @@ from strategies import (
     seeds,
 )
 
-from certpgo import solve
+from certpgo import get_solver, solve
+from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import GraphError, InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph.graph import require_isotropic
 from certpgo.graph.lift import Lift
 from certpgo.linalg import so
 from certpgo.objective import operators
@@ -395,6 +397,33 @@ def test_arms_and_couplings_out_of_range_are_refused():
             RotationGraph(5, graph.edges, rotation.rotations, rotation.kappa, N)
     with pytest.raises(GraphError, match="couplings must be"):
         RotationGraph(5, graph.edges, rotation.rotations, rotation.kappa, np.ones((m, 3, 3)))
+
+
+ISOTROPIC = ("eig_se3", "irls_eig_se3", "expectation_maximization", "low_rank_sparse", "eigen_rao")
+GTSAM = ("gtsam_chordal", "gtsam_fastsync", "gtsam_gauss_newton", "gtsam_staircase")
+
+
+@pytest.mark.parametrize(
+    "name", [*ISOTROPIC, *(pytest.param(name, marks=pytest.mark.gtsam) for name in GTSAM)]
+)
+def test_methods_for_isotropic_weights_refuse_others(name):
+    poses, _, _ = pose_graph(rng_of(1), 5, 3)
+    general = poses.with_matrix_weights(definite(rng_of(2), poses.num_edges, 4))
+    method = get_solver(name)
+    posed = problem_of(general if method.poses else general.rotation)
+    with pytest.raises(InputError, match="takes the weights kappa and tau alone"):
+        method().solve(posed)
+
+
+def test_closed_forms_for_isotropic_weights_refuse_others():
+    cycle = winding_cycle(5, 0.3, 0)[0].graph
+    general = RotationProblem(cycle.with_matrix_weights(np.tile(np.diag([1.0, 2, 3]), (5, 1, 1))))
+    with pytest.raises(InputError, match="takes the weights kappa and tau alone"):
+        get_solver("cycle_closed_form")().solve(general)
+    graph, _, _ = general_graph(rng_of(0), 5, 3)
+    with pytest.raises(InputError, match="takes the weights kappa and tau alone"):
+        get_solver("eigen_ma")(translations="thesis").solve(PoseProblem(graph))
+    require_isotropic(cycle)
 
 
 def test_there_are_no_proofs_for_general_edges():

@@ -23,7 +23,7 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import factor, so
 from certpgo.objective.problem import RotationProblem, problem_of
 from certpgo.optimize import low_rank, progress
-from certpgo.optimize.monitor import silent
+from certpgo.optimize.monitor import Iteration, silent
 from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.optimize.progress import Stop
 from certpgo.optimize.solution import Status
@@ -522,6 +522,18 @@ def test_asking_whether_to_stop_changes_nothing(clock):
     assert (stop.asked, stop.request, stop.ended_by) == (True, Status.TIME_LIMIT, None)
     assert stop.cuts()
     assert stop.ended_by is Status.TIME_LIMIT
+
+
+def test_iterations_on_a_minorant_are_shown_and_not_kept():
+    seen = []
+    stop = Stop(lambda iteration: seen.append(iteration) or len(seen) == 3, 2.0, math.inf)
+    aside = stop.of_minorant(0.5)
+    assert not stop(Iteration(0, 7.0, 1.0, 0.0, 0.0))
+    assert not aside(Iteration(0, 6.0, 1.0, 0.0, 0.0))
+    assert aside(Iteration(1, 5.0, 1.0, 0.0, 0.0))
+    assert [iteration.cost for iteration in seen] == [14.0, 13.0, 11.0]
+    assert [iteration.cost for iteration in stop.trace] == [14.0]
+    assert stop.interrupted
 
 
 def test_the_maximal_rank_is_not_exceeded():

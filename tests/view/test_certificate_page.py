@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 from base64 import b64decode
+from dataclasses import replace
 from html.parser import HTMLParser
 from urllib.parse import unquote
 
@@ -16,8 +17,10 @@ import pytest
 from certpgo.assess.assessment import assess
 from certpgo.certify import certify
 from certpgo.certify.curvature import smallest_eigenvalues
+from certpgo.costs import information_problem, surrogate
 from certpgo.datasets import synthetic
 from certpgo.graph import Estimate, Instance, RotationGraph
+from certpgo.graph.information import Information
 from certpgo.objective.problem import problem_of
 from certpgo.solvers.certified.interface import solve
 from certpgo.view.certificate_page import Origin, certificate_page
@@ -209,6 +212,57 @@ def test_a_refuted_answer_shows_a_negative_eigenvalue_and_its_cycle_bounds():
     assert "half a turn over the number of nodes 15 deg none: the largest residual is" in text
     assert "The estimate came from a file" in text
     assert "residual, m" not in text
+
+
+@pytest.fixture(scope="module")
+def weighed():
+    """A noisy grid of poses with matrices that weigh directions and turns differently."""
+    instance = synthetic.grid3d(2, np.random.default_rng(0))
+    m = instance.graph.num_edges
+    matrix = np.diag([40.0, 90, 60, 40, 35, 30]) + np.ones((6, 6))
+    return replace(instance, information=Information(matrix[None], np.zeros(m, dtype=int)))
+
+
+@pytest.mark.parametrize("cost", ["g2o", "gtsam"])
+def test_the_page_of_another_cost_is_about_that_cost(weighed, cost):
+    problem = information_problem(weighed, cost)
+    found = solve(weighed, cost=cost)
+    assert found.verdict.value == "CERTIFIED"
+    assessment = assess(problem, found.estimate, found.certificate)
+    origin = Origin("g.g2o", "e.g2o", method="certified", reading=("--keep", "last"))
+    trace = found.solution.trace
+    page = certificate_page(weighed, problem, found.estimate, assessment, origin, trace)
+    text = read(page).text
+    assert f"The cost F is {problem.edge_cost.title} on this page." in text
+    assert f"objective {problem.edge_cost.title}" in text
+    assert "other tools" not in text
+    assert "Bounds by eigenvalues and angles" not in text
+    assert f"certpgo certify g.g2o e.g2o --cost {cost} --keep last" in text
+    assert "--proof" not in text
+    terms = problem.edge_costs(found.estimate)
+    assert f"{terms.max():.6g} {100.0 * terms.max() / terms.sum():.3g} %" in text
+    below = surrogate(problem, found.estimate)
+    spectrum = smallest_eigenvalues(
+        below.problem, below.problem.multipliers(below.problem.settled(found.estimate)), 8
+    )
+    assert spectrum[3] > 1.0
+    assert f"4 {spectrum[3]:.3g} 5 " in text
+    (shown,) = re.findall(r"nowhere above F, and ([\d.]+) at this estimate", text)
+    assert float(shown) == pytest.approx(found.cost, rel=1e-8)
+
+
+def test_the_matrix_of_another_cost_is_negative_where_it_should_be(weighed):
+    problem = information_problem(weighed, "g2o")
+    wrong = weighed.truth.rotations.copy()
+    wrong[0] = wrong[0] @ np.diag([-1.0, -1.0, 1.0])
+    estimate = Estimate(wrong, weighed.truth.translations)
+    certificate = certify(problem, estimate, refine=False)
+    assert certificate.verdict.value in ("BOUNDED", "UNDECIDED")
+    assessment = assess(problem, estimate, certificate)
+    page = certificate_page(weighed, problem, estimate, assessment, Origin("g", "e"))
+    text = read(page).text
+    assert "at this estimate" in text
+    assert re.search(r"certificate matrix .* 1 -\d", text)
 
 
 def test_columns_of_numbers():

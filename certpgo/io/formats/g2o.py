@@ -63,6 +63,7 @@ DIALECT = Dialect(
     },
     layouts={2: ROW_MAJOR_2D, 3: ROW_MAJOR_3D},
     poses=_poses,
+    residual="g2o",
 )
 
 

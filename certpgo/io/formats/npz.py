@@ -1,7 +1,11 @@
 """The package's own lossless format: NumPy arrays in a zip archive, no pickles.
 
-A graph: edges, rotations, kappa (translations, tau), ids, initial values, truth, fixed nodes,
-reading options. An estimate: rotations, translations, ids.
+A graph: edges, rotations, kappa (translations, tau, information matrices), ids, initial values,
+truth, fixed nodes, reading options. An estimate: rotations, translations, ids.
+
+Of the information matrices each distinct one is stored once (``information``), with the number of
+each edge's (``information_index``), and the cost whose residuals they weigh
+(``information_residual``).
 """
 
 from __future__ import annotations
@@ -19,6 +23,7 @@ from numpy.typing import NDArray
 
 from certpgo.errors import CertPGOError, FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph.information import Information
 from certpgo.io.expansion import refuse_bombs
 from certpgo.io.format import Format, LabelledPoses, ReadOptions
 from certpgo.linalg.arrays import FloatArray, IntArray
@@ -42,6 +47,9 @@ _GRAPH = {
 _GRAPH_OPTIONAL = {
     "translations": ("f", "md"),
     "tau": ("f", "m"),
+    "information": ("f", "cpp"),
+    "information_index": ("i", "m"),
+    "information_residual": ("U", ""),
     "names": ("U", "n"),
     "initial_rotations": ("f", "ndd"),
     "initial_translations": ("f", "nd"),
@@ -150,7 +158,19 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
         options=_texts(arrays, "options", dict),
         notices=tuple(_texts(arrays, "notices", list)),
         names=tuple(arrays["names"].tolist()) if "names" in arrays else (),
+        information=_information(arrays),
     )
+
+
+def _information(arrays: _Arrays) -> Information | None:
+    names = ("information", "information_index")
+    missing = [name for name in names if name not in arrays]
+    if len(missing) == 1:
+        raise InputError(f"the array {missing[0]!r} is missing")
+    if missing:
+        return None
+    residual = str(arrays.get("information_residual", "")) or None
+    return Information(arrays["information"], arrays["information_index"], residual)
 
 
 def _texts(arrays: _Arrays, name: str, container: type[Any]) -> Any:
@@ -202,6 +222,10 @@ def _write_graph(path: Path, instance: Instance) -> None:
         arrays |= {"translations": graph.translations, "tau": graph.tau}
     if instance.names:
         arrays["names"] = np.array(instance.names)
+    if instance.information is not None:
+        arrays["information"] = instance.information.distinct
+        arrays["information_index"] = instance.information.index
+        arrays["information_residual"] = instance.information.residual or ""
     arrays |= _named("initial_", instance.initial) | _named("truth_", instance.truth)
     _save(path, "graph", arrays)
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from certpgo.costs import CHORDAL, problem_under
+from certpgo.costs import CHORDAL, COSTS, problem_under
 from certpgo.costs.problem import InformationProblem
 from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
@@ -24,7 +24,7 @@ def solve(
     graph: Graph | Instance | InformationProblem,
     settings: SolveSettings | None = None,
     *,
-    cost: str = CHORDAL,
+    cost: str | None = None,
     initial: Estimate | None = None,
     monitor: Monitor = silent,
     on_disagreement: Callable[[Disagreement], object] = ignore,
@@ -39,7 +39,8 @@ def solve(
     ----------
     graph : the measurements of n poses or rotations, connected, or the instance that was read
     cost : ``"chordal"``, the F of this package; or for an instance with information matrices
-        ``"g2o"`` or ``"gtsam"``, the cost that these programs minimise, see `certpgo.costs`
+        ``"g2o"`` or ``"gtsam"``, the cost that these programs minimise, see `certpgo.costs`. By
+        default that of `certpgo.costs.own_cost` for an instance, and F for a graph
     settings : limits, tolerances and tuning, see `SolveSettings`
     initial : initial estimate; n poses, in metres; by default one is computed
     monitor : is called with each iteration, and may stop the search
@@ -79,7 +80,7 @@ def solve(
     """
     chosen = (settings or SolveSettings()).changed(options)
     known = (Instance, InformationProblem, PoseGraph, RotationGraph)
-    if cost == CHORDAL and not isinstance(graph, known):
+    if cost in (None, CHORDAL) and not isinstance(graph, known):
         raise InputError(f"solve takes a graph, such as instance.graph, not {kind_of(graph)}")
     return _searched(problem_under(graph, cost), chosen, initial, monitor, on_disagreement)
 
@@ -92,7 +93,7 @@ def _searched(
     on_disagreement: Callable[[Disagreement], object] | None = None,
 ) -> CertifiedSolution:
     if isinstance(problem, InformationProblem):
-        return search_own_cost(problem, settings, initial, monitor)
+        return search_own_cost(problem, settings, initial, monitor, on_disagreement)
     begin = None if initial is None else Start(initial, GIVEN)
     return search_and_certify(problem, settings, begin, monitor, on_disagreement)
 
@@ -114,8 +115,7 @@ class Certified(SolveSettings):
 
     poses: ClassVar[bool] = True
     rotations: ClassVar[bool] = True
-    #: It minimises the costs of other programs too.
-    own_costs: ClassVar[bool] = True
+    own_costs: ClassVar[tuple[str, ...]] = tuple(COSTS)
 
     def solve(
         self,

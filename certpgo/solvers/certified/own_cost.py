@@ -8,12 +8,13 @@ the current point.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from certpgo.certify.case import PROOF_GAIN, Basin
 from certpgo.certify.certificate import Certificate, Tier
 from certpgo.certify.dual import DualBound
-from certpgo.certify.own_cost import OwnCostCase, is_provable
+from certpgo.certify.own_cost import RANKS, OwnCostCase, is_provable
 from certpgo.costs.descent import descend
 from certpgo.costs.problem import InformationProblem
 from certpgo.graph import Estimate
@@ -21,6 +22,7 @@ from certpgo.graph.lift import Lift, rounded
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.progress import Stop, stoppable
 from certpgo.optimize.solution import Solution, Status
+from certpgo.solvers.certified.disagreement import Disagreement
 from certpgo.solvers.certified.pipeline import GIVEN, CertifiedSolution, search_and_certify
 from certpgo.solvers.certified.settings import SolveSettings
 from certpgo.solvers.certified.staircase import Level
@@ -34,8 +36,12 @@ def search_own_cost(
     settings: SolveSettings,
     initial: Estimate | None,
     monitor: Monitor,
+    on_disagreement: Callable[[Disagreement], object] | None = None,
 ) -> CertifiedSolution:
-    """The best estimate under the problem's cost, with its certificate."""
+    """The best estimate under the problem's cost, with its certificate.
+
+    Measurements that disagree with the rest are looked for in the chordal search.
+    """
     case = OwnCostCase.of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
     with stoppable(monitor, case.unit, settings.time_limit) as stop:
         # Cheaper bounds suffice to guide the search.
@@ -43,10 +49,12 @@ def search_own_cost(
         chordal = None
         if initial is None:
             first = settings if steering is case else replace(settings, tier=steering.tier)
-            chordal = search_and_certify(problem.chordal, first, None, monitor)
+            chordal = search_and_certify(problem.chordal, first, None, monitor, on_disagreement)
             initial = chordal.estimate
             _follow(stop, chordal)
-        search = _Search(replace(steering, monitor=stop), settings, stop, initial)
+        ranks = RANKS if settings.max_rank is None else max(settings.max_rank - problem.d, 0)
+        searched = replace(steering, monitor_of=stop.of_minorant, ranks=min(ranks, RANKS))
+        search = _Search(searched, settings, stop, initial)
         search.go_on()
         certificate = _certificate(search, None if settings.tier is None else case.tier)
         ended = stop.ended_by or search.status
@@ -62,7 +70,10 @@ def search_own_cost(
         note=f"initialized by {name}; {search.surrogates} surrogates minimised",
     )
     level = Level(problem.d, solution.cost, ended)
-    return CertifiedSolution(solution, certificate, name, (level,), settings, chordal=chordal)
+    disagreement = None if chordal is None else chordal.disagreement
+    return CertifiedSolution(
+        solution, certificate, name, (level,), settings, disagreement, chordal=chordal
+    )
 
 
 def _certificate(search: _Search, tier: Tier | None) -> Certificate:

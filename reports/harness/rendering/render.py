@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from certpgo.assess.comparison import remarks, seconds_by_phase, sizes
+from certpgo.assess.comparison_table import remarks, seconds_by_phase, sizes
 from certpgo.assess.wording import reading_sentence
 from certpgo.io.plural import counted
 from certpgo.view.markdown_tables import markdown_table

@@ -1,0 +1,121 @@
+"""The results of a comparison as tables: titles, columns, captions and notes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+from certpgo.assess.comparison import OF_THE_FILE, MethodResult
+from certpgo.assess.wording import reading_sentence
+from certpgo.certify.certificate import CHORDAL as OF_F
+from certpgo.costs import CHORDAL
+from certpgo.io.plural import counted
+
+TITLE = "Methods side by side, every estimate certified by the same procedure"
+_ON_COSTS = (
+    "{cost}, f_ML the thesis' log-likelihood with unit weights. The gap is proven: no estimate of "
+    "the graph costs less than this one by more than the gap. If a method rejects measurements "
+    "(see the share kept), verdict and gap refer to the kept ones, {name} and f_ML to all. "
+    "CERTIFIED: the gap is at most {tolerance}. BOUNDED: it is larger. REFUTED: a lower-cost "
+    "estimate is known that local descent from this one does not reach."
+)
+#: Notes printed below the tables; see `notes`.
+NOTES = (
+    _ON_COSTS.format(
+        cost="F is the weighted squared error that is minimised", name="F", tolerance="1e-5 F"
+    ),
+    "GTSAM gets the weights of F: its own error then differs from F by terms of fourth order in "
+    "the residuals.",
+    f"In the row {OF_THE_FILE}, GTSAM reads the file itself and minimises its own error with the "
+    "file's full information matrices.",
+    "Seconds are those of one run, without reading and certifying.",
+)
+#: Methods without which a note is left out, by the beginnings of their labels.
+_ABOUT = {NOTES[1]: "gtsam", NOTES[2]: OF_THE_FILE}
+#: The notes under the cost of another program; what GTSAM gets is said for each of its methods.
+_OWN_NOTES = (
+    _ON_COSTS.format(
+        cost="The cost is that of each table's title, whatever a method minimises",
+        name="the cost",
+        tolerance="the tolerance, 1e-5 of the cost and a little of the total information",
+    ),
+    *NOTES[2:],
+)
+#: Column titles of `cells`; see `columns`.
+COLUMNS = ("method", "F", "f_ML", "gap", "gap / F", "verdict", "kept, %", "seconds (by phase)")
+
+
+def notes(labels: Iterable[str], cost: str = CHORDAL) -> tuple[str, ...]:
+    """The notes about these methods, judged by a cost."""
+    present = tuple(labels)
+    known = NOTES if cost == CHORDAL else _OWN_NOTES
+    return tuple(
+        note for note in known if any(label.startswith(_ABOUT.get(note, "")) for label in present)
+    )
+
+
+def title(result: MethodResult) -> str:
+    """Name and size of the graph, and the cost if it is not F."""
+    if result.nodes is None or result.edges is None or result.d is None:
+        return result.graph
+    size = sizes(result.nodes, result.edges, result.d)
+    cost = "" if result.objective == OF_F else f": {result.objective}"
+    return f"{result.graph} ({size}){cost}"
+
+
+def columns(result: MethodResult) -> tuple[str, ...]:
+    """The column titles for the result's objective."""
+    if result.objective == OF_F:
+        return COLUMNS
+    return tuple({"F": "cost", "gap / F": "gap / cost"}.get(name, name) for name in COLUMNS)
+
+
+def sizes(nodes: int, edges: int, d: int) -> str:
+    """The size of a graph in words."""
+    return f"{counted(nodes, 'node{s}')}, {counted(edges, 'edge{s}')}, {d}D"
+
+
+def captions(results: Sequence[MethodResult]) -> Iterator[str]:
+    """How the graph was read, which methods minimise the cost, and their remarks."""
+    yield f"Read with {reading_sentence(results[0].reading)}."
+    minimising = [result.method for result in results if result.minimised != CHORDAL]
+    if results[0].objective != OF_F:
+        yield f"Methods that minimise the cost: {', '.join(minimising) or 'none'}."
+    yield from remarks((result.method, result.note) for result in results)
+
+
+def remarks(notes: Iterable[tuple[str, str]]) -> Iterator[str]:
+    """One sentence per distinct note, naming its methods."""
+    methods: dict[str, list[str]] = {}
+    for method, note in notes:
+        if note:
+            methods.setdefault(note, []).append(method)
+    for note, names in methods.items():
+        yield f"{', '.join(names)}: {note}."
+
+
+def cells(result: MethodResult) -> tuple[str, ...]:
+    """A method's row: one text per column of `COLUMNS`, then the error."""
+    kept = None if result.kept is None else 100.0 * result.kept
+    return (
+        result.method,
+        _number(result.cost, ".9g"),
+        _number(result.f_ml, ".7g"),
+        _number(result.gap, ".2e"),
+        _number(result.relative_gap, ".1e"),
+        result.verdict,
+        _number(kept, ".1f"),
+        seconds_by_phase(result.seconds),
+        result.error,
+    )
+
+
+def _number(value: float | None, form: str) -> str:
+    return "" if value is None else format(value, form)
+
+
+def seconds_by_phase(phases: Mapping[str, float]) -> str:
+    """Total seconds, and those of each phase if there are several."""
+    if not phases:
+        return ""
+    parts = ", ".join(f"{name} {value:.3f}" for name, value in phases.items())
+    return f"{sum(phases.values()):.3f}" + (f" ({parts})" if len(phases) > 1 else "")
