@@ -466,6 +466,97 @@ def test_slopes_are_steep_enough(k, q0, accepted):
     assert checker.minorants_hold(graph, given).tolist() == [accepted]
 
 
+# --- Rounding to units, where a unit is not small
+
+
+def largest(accepts, low, high):
+    """The largest integer that is accepted, None if the lowest is not."""
+    if not accepts(low):
+        return None
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if accepts(middle) else (low, middle)
+    return low
+
+
+@given(seeds)
+@settings(max_examples=40, deadline=None)
+def test_planar_minima_in_whole_units(seed):
+    rng = rng_of(seed)
+    s, u, v = (int(x) for x in rng.integers((1, -60, -60), (60, 60, 60)))
+    h, alpha = rng.uniform(-7.0, 7.0), rng.choice([0.0, rng.uniform(0.0, 3.0)])
+    angles = [int(x * 2**60) << (checker.FINE - 60) for x in (h, alpha)]
+    found = largest(
+        lambda wanted: checker._planar_holds(s, angles[0], u, v, angles[1], wanted), -(10**5), 10**5
+    )
+    assert found is not None
+    x = np.linspace(-16.0, 16.0, 20001)
+    lowest = min(
+        (a * (x + h) ** 2 + 2 * b * np.cos(x) + 2 * c * np.sin(x)).min()
+        for a in (s, s + 0.999)
+        for b in (u, u + 1.999)
+        for c in (v - 0.999, v + 0.999)
+    )
+    assert found <= lowest + 1e-3
+
+
+@given(seeds)
+@settings(max_examples=40, deadline=None)
+def test_spatial_minima_in_whole_units(seed):
+    rng = rng_of(seed)
+    S, N = rng.integers(0, 30, (3, 3)), rng.integers(-30, 30, (3, 3))
+    S, linear = S + S.T, rng.integers(-15, 15, 3)
+    q0 = turns(rng, 1, 3, True)[0] * rng.uniform(0.0, 0.99)
+    k = float(rng.integers(0, 200))
+    whole = [np.array(A, dtype=object)[None] for A in (S, linear, N)]
+    touching = np.array([[*q0, k]])
+    found = largest(
+        lambda wanted: checker._spatial_hold(
+            *whole, touching, np.array([wanted], dtype=object), 0
+        ).item(),
+        -(10**4),
+        10**4,
+    )
+    if found is None:
+        assert k < np.linalg.norm(k * q0[1:] + linear) + 1e-9
+        return
+    assert k >= np.linalg.norm(k * q0[1:] + linear) - 1e-9
+    lowest = math.inf
+    for _ in range(20):
+        more = np.triu(rng.random((3, 3)) < 0.5) * 0.999
+        S_, N_ = S + more + np.triu(more, 1).T, N + 0.999 * (rng.random((3, 3)) < 0.5)
+        l_ = linear + 0.999 * (rng.random(3) < 0.5)
+        for q in turns(rng, 200, 3, True):
+            x = q[1:]
+            value = x @ S_ @ x + l_ @ x + 2 * np.sum(N_ * quaternion_matrix(q))
+            lowest = min(lowest, value)
+    assert found <= lowest
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        {"h": 8 << checker.FINE},
+        {"h": -(8 << checker.FINE)},
+        {"alpha": 4 << checker.FINE},
+        {"alpha": -1},
+        {"s": 1 << 200},
+        {"u": 1 << 200},
+        {"v": -(1 << 200)},
+        {"alpha": int(math.pi * 2**52) << (checker.FINE - 52)},
+        {"alpha": (int(math.pi * 2**52) + 1) << (checker.FINE - 52)},
+        {"alpha": checker.OFF},
+    ],
+    ids=str,
+)
+def test_numbers_out_of_range_are_refused(numbers):
+    usual = {"s": 1 << 160, "h": 0, "u": 0, "v": 0, "alpha": 0}
+    lowest = -(1 << 300)
+    assert checker._planar_holds(**usual, wanted=lowest)
+    near_pi = numbers.get("alpha") == int(math.pi * 2**52) << (checker.FINE - 52)
+    assert checker._planar_holds(**usual | numbers, wanted=lowest) == near_pi
+
+
 # --- The certificate matrix of couplings
 
 

@@ -289,7 +289,7 @@ class Case:
             reason="",
             objective=self.objective,
             descended=own.descended,
-            origin=best.bound.origin if best.bound else None,
+            support=best.bound.support if best.bound else None,
         )
         scaled = in_units(self.unit, judged)
         return replace(scaled, reason=_reason(scaled))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from certpgo.certify.bounds import Bounds
-from certpgo.certify.dual import Origin
+from certpgo.certify.dual import Support
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import FloatArray
 
@@ -101,7 +101,7 @@ class Certificate:
     objective : the cost that the certificate is about: F, or that of another program, see
         `certpgo.costs`; then F stands for that cost everywhere here
     descended : whether ``refined`` is the end of local descent
-    origin : under the cost of another program, where the lower bound comes from; else None
+    support : under the cost of another program, what the lower bound rests on; else None
 
     Examples
     --------
@@ -139,7 +139,7 @@ class Certificate:
     reason: str
     objective: str = CHORDAL
     descended: bool = True
-    origin: Origin | None = None
+    support: Support | None = None
 
     @property
     def relative_gap(self) -> float:

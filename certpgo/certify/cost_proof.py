@@ -62,13 +62,13 @@ def cost_evidence(
     NumericalError
         There are none.
     """
-    if certificate.origin is None or certificate.multipliers is None:
+    if certificate.support is None or certificate.multipliers is None:
         raise NumericalError("there is no lower bound above zero to prove")
     case = OwnCostCase.of(problem, Tier.PROOF, certificate.rtol, certificate.atol)
     unit, fallback = case.unit, certificate.multipliers / case.unit
     graph = graph._replace(information=graph.information / unit)
-    below = surrogate_of(case.problem, certificate.origin.minorants)
-    given, point = claimed(graph, below), certificate.origin.point
+    below = surrogate_of(case.problem, certificate.support.minorants)
+    given, point = claimed(graph, below), certificate.support.point
     found = prove(below.problem, checker.surrogate(graph, given), point, fallback)
     if found is None:
         raise NumericalError("the lower bound cannot be proven without trusting a factorization")

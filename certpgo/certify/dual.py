@@ -47,8 +47,8 @@ AMPLE = 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class Origin:
-    """Where a bound on the cost of another program comes from.
+class Support:
+    """What a bound on the cost of another program rests on.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class DualBound:
     shift : the largest amount taken off a diagonal entry of Lam
     factorizations : number of numeric factorizations
     nonzeros : nonzeros of the factor that proves it; 0 if rounding was not bounded
-    origin : where a bound on the cost of another program comes from
+    support : what a bound on the cost of another program rests on; None for F
     """
 
     value: float
@@ -79,7 +79,7 @@ class DualBound:
     shift: float
     factorizations: int
     nonzeros: int
-    origin: Origin | None = None
+    support: Support | None = None
 
 
 def dual_bound(

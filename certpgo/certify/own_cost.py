@@ -19,7 +19,7 @@ from certpgo.certify.bounds import Bounds
 from certpgo.certify.case import Basin, Case
 from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.climb import climb
-from certpgo.certify.dual import DualBound, Origin, dual_bound
+from certpgo.certify.dual import DualBound, Support, dual_bound
 from certpgo.certify.proof import proven_surrogate
 from certpgo.costs.descent import descend
 from certpgo.costs.g2o import G2oCost
@@ -135,12 +135,12 @@ class OwnCostCase(Case):
 
     def reproven(self, found: DualBound) -> DualBound | None:
         """A bound of the standard tier at the proof tier; None if that fails."""
-        if found.origin is None:
+        if found.support is None:
             return None
-        minorants = found.origin.minorants
+        minorants = found.support.minorants
         below = surrogate_of(self.problem, minorants).problem
         constants = minorants.constant[minorants.exist]
-        return proven_surrogate(below, constants, found.origin.point, found)
+        return proven_surrogate(below, constants, found.support.point, found)
 
     def reached(
         self,
@@ -186,7 +186,7 @@ class OwnCostCase(Case):
                 )
                 if bound is not None:
                     value = math.nextafter(bound.value + below.constant, -math.inf)
-                    bound = replace(bound, value=value, origin=Origin(below.minorants, point))
+                    bound = replace(bound, value=value, support=Support(below.minorants, point))
                 yield Reached(point, bound, number)
             there = self.problem.relative(point)
             fall = expanded - (below.problem.cost(point) + below.constant)

@@ -17,6 +17,7 @@ import numpy as np
 from certpgo import checker
 from certpgo.certify.dual import DualBound
 from certpgo.certify.shifted import Shifted
+from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.lift import Point
 from certpgo.io.exact import quaternion
@@ -227,7 +228,15 @@ class _Found:
 
 
 def exact_graph(problem: Problem) -> checker.Graph:
-    """The problem's measurements, without arms at second poses, as the checker represents them."""
+    """The problem's measurements as the checker represents them.
+
+    Raises
+    ------
+    NumericalError
+        Some have arms at their second pose, which it cannot represent.
+    """
+    if isinstance(problem, PoseProblem) and problem.graph.arms is not None:
+        raise NumericalError("the checker knows no arms at second poses")
     graph = problem.rotation.graph
     (i, j), m = graph.edges.T.astype(np.intp), graph.num_edges
     t, tau = np.zeros((m, graph.d)), np.ones(m)

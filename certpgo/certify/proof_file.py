@@ -11,7 +11,7 @@ nodes are those of the edges, by ascending id:
     delta         (n b,) float32, subtracted from the equilibrated diagonal before factorizing
 
 That is version 1, about F. Version 2, about g2o's cost, also has the arrays of
-`certpgo.checker.EdgeBounds`, a row per edge.
+``EdgeBounds`` in `certpgo.checker`, a row per edge.
 """
 
 from __future__ import annotations

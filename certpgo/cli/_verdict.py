@@ -124,7 +124,7 @@ def edges_as_json(instance: Instance, edges: IntArray) -> list[dict[str, Any]]:
 def _details(certificate: Certificate) -> dict[str, Any]:
     """The fields of a certificate without arrays and those of the top level."""
     top = {"verdict", "reason", "tier", "lower_bound", "gap"}
-    arrays = {"multipliers", "refined", "better", "bounds", "origin"}
+    arrays = {"multipliers", "refined", "better", "bounds", "support"}
     names = [field.name for field in fields(certificate) if field.name not in top | arrays]
     return {name: getattr(certificate, name) for name in names}
 

@@ -34,7 +34,7 @@ class Minorants:
     N : (m, d, d) couplings of the rotations
     constant : (m,) rounded down; -inf where there is no minorant
     touching : (m, k) numbers from which the constants can be verified, see
-        `certpgo.checker.EdgeBounds`; None if the checker does not know the cost
+        ``EdgeBounds`` in `certpgo.checker`; None if the checker does not know the cost
     """
 
     tau: FloatArray

@@ -4,19 +4,20 @@ import json
 import math
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import proofs
 import pytest
 from hypothesis import given, settings
-from strategies import definite, dimensions, pose_graph, rng_of, seeds
+from strategies import definite, dimensions, general_graph, pose_graph, rng_of, seeds
 
 import certpgo
 from certpgo import checker
 from certpgo.certify import Tier, certify
 from certpgo.certify.cost_proof import NOTHING, claimed, cost_evidence, problem_of_certificate
 from certpgo.certify.own_cost import OwnCostCase
-from certpgo.certify.proof import quaternions
+from certpgo.certify.proof import exact_graph, quaternions
 from certpgo.certify.proof_file import write_proof
 from certpgo.costs import InformationProblem, information_problem, surrogate
 from certpgo.costs.descent import descend
@@ -26,6 +27,7 @@ from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.information import InformationGraph
 from certpgo.linalg import so
+from certpgo.objective.problem import PoseProblem
 
 few = settings(max_examples=10, deadline=None)
 
@@ -169,6 +171,19 @@ def assert_true(path, arrays, found):
 def test_the_bound_is_what_multipliers_and_constants_add_up_to(tmp_path_factory, seed, d):
     path, proof, _, _, said = proven(tmp_path_factory.mktemp("proof"), seed, d, n=4)
     assert_true(path, proofs.arrays_of(proof), said)
+
+
+@pytest.mark.parametrize(
+    ("name", "upper", "lower"),
+    [
+        ("plane", 0.4004706803702266, 0.4004706803690104),
+        ("space", 0.34805456638511073, 0.34805456638450405),
+    ],
+)
+def test_proofs_of_before_are_still_ones(name, upper, lower):
+    graph = Path(__file__).parents[1] / "data" / "proofs" / f"version2_{name}.g2o"
+    said = checker.check(graph, graph.with_suffix(".cert"))
+    assert (said.upper, said.lower) == (upper, lower)
 
 
 # --- Forged and malformed proofs
@@ -342,12 +357,12 @@ def test_only_the_costs_that_the_checker_knows_are_proven(small):
     graph = checker.read_graph(
         path.read_bytes(), {"d": instance.graph.d, "keep": "all", "cost": "g2o"} | NO_WEIGHTS, None
     )
-    for bare in ({"multipliers": None}, {"origin": None}):
+    for bare in ({"multipliers": None}, {"support": None}):
         with pytest.raises(NumericalError, match="no lower bound above zero"):
             cost_evidence(problem, graph, replace(answer.certificate, **bare))
     huge = answer.certificate.multipliers + 1e9 * np.eye(instance.graph.d)
-    there = replace(answer.certificate.origin, point=random_estimate(problem))
-    bad = replace(answer.certificate, multipliers=huge, origin=there)
+    there = replace(answer.certificate.support, point=random_estimate(problem))
+    bad = replace(answer.certificate, multipliers=huge, support=there)
     with pytest.raises(NumericalError, match="cannot be proven"):
         cost_evidence(problem, graph, bad)
 
@@ -431,15 +446,21 @@ def test_the_bound_of_the_proof_tier_is_what_it_says(small):
     problem = information_problem(instance, "g2o")
     case = OwnCostCase.of(problem, "proof", 1e-5, 1e-12)
     basin = case.basin(answer.estimate, False)
-    below = surrogate_of(case.problem, basin.bound.origin.minorants)
+    below = surrogate_of(case.problem, basin.bound.support.minorants)
     trace = np.einsum("naa->", basin.bound.multipliers)
     assert basin.bound.value == pytest.approx(trace + below.constant, rel=1e-9)
     S = below.problem.certificate_matrix(basin.bound.multipliers).toarray()
     values = np.linalg.eigvalsh(S)
     assert values[0] > -1e-12 * values[-1]
-    assert basin.bound.origin.point.rotations.shape == basin.point.rotations.shape
+    assert basin.bound.support.point.rotations.shape == basin.point.rotations.shape
     again = case.reproven(basin.bound)
     assert again.value == pytest.approx(basin.bound.value, rel=1e-9)
+
+
+def test_arms_at_second_poses_have_no_proof():
+    graph, _, _ = general_graph(rng_of(1), 5, 3)
+    with pytest.raises(NumericalError, match="no arms"):
+        exact_graph(PoseProblem(graph))
 
 
 def test_where_rounding_prevents_it_solve_takes_the_proof_tier(dataset):
@@ -450,4 +471,4 @@ def test_where_rounding_prevents_it_solve_takes_the_proof_tier(dataset):
     found = certpgo.solve(instance, **asked)
     assert (found.verdict.value, found.certificate.tier) == ("CERTIFIED", Tier.PROOF)
     assert found.certificate.relative_gap < 1e-6
-    assert found.certificate.origin is not None
+    assert found.certificate.support is not None

@@ -81,10 +81,10 @@ def search_own_cost(
 def _certificate(search: _Search, tier: Tier | None) -> Certificate:
     """The certificate at a tier; by default the proof tier's if only rounding is in the way."""
     best = search.best
-    origin = None if best.bound is None else best.bound.origin
+    support = None if best.bound is None else best.bound.support
     certificate = search.case.certificate(best.point, best)
     # A bound from a point of higher rank says that the relaxation is loose.
-    tight = origin is not None and not isinstance(origin.point, Lift)
+    tight = support is not None and not isinstance(support.point, Lift)
     near = tight and certificate.gap <= PROOF_GAIN * certificate.tolerance
     rounding = near and is_provable(search.case.problem) and not search.is_certified
     escalates = rounding and tier is None and not search.stop.cuts()

@@ -59,7 +59,8 @@ their users rather than a fault of their authors. GTSAM's two take rotations alo
 Under g2o's and GTSAM's costs, with full information, the costs of points are enclosed as well. Only
 closed forms say what the optimum is; elsewhere the best point in hand shows that others are wrong,
 and its own certificate is unconfirmed. Bounds rest on surrogates there, so that they are compared
-with costs in hand alone. The proof tier and the competitors' rules are about F and refuse.
+with costs in hand alone. The proof tier refuses GTSAM's cost; the competitors' rules are about F
+and refuse both.
 
 Where the relaxation is loose no certificate of this kind can exist, and an optimal point is missed
 by every certifier that is not false: "missed, loose". "Unconfirmed" is a certificate of a point
