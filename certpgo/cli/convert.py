@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -48,6 +49,10 @@ def command(
         ),
     ] = None,
     timestamps: Timestamps = "ids",
+    isotropic: Annotated[
+        bool,
+        typer.Option("--isotropic", help="Write the weights of F, not full information matrices."),
+    ] = False,
     *,
     reading: Reading,
 ) -> None:
@@ -69,8 +74,12 @@ def command(
                         f"{name} is about estimates, and {path} has measurements; --estimate "
                         "converts its poses"
                     )
+            if isotropic:
+                converted = replace(converted, information=None)
             write(target, converted, format=format)
             return
+    if isotropic:
+        raise InputError(f"--isotropic is about measurements, and {path} is converted as poses")
     instance = None if graph is None else reading.open(reading.resolve(graph))
     with noticing():
         write(

@@ -252,6 +252,23 @@ def test_convert_a_graph_there_and_back(certpgo, square, tmp_path):
     assert costs[0] == costs[1]
 
 
+def test_convert_to_the_weights_of_f(certpgo, square, tmp_path):
+    """The optimum of F stays, that of g2o's cost does not."""
+    full, isotropic = tmp_path / "full.g2o", tmp_path / "isotropic.g2o"
+    certpgo("convert", square, full)
+    certpgo("convert", square, isotropic, "--isotropic")
+    costs = {
+        (path, cost): certpgo("solve", path, "--cost", cost, "--json").json["cost"]
+        for path in (square, full, isotropic)
+        for cost in ("chordal", "g2o")
+    }
+    assert costs[full, "g2o"] == costs[square, "g2o"]
+    assert costs[isotropic, "chordal"] == pytest.approx(costs[square, "chordal"], rel=1e-9)
+    assert costs[isotropic, "g2o"] != pytest.approx(costs[square, "g2o"], rel=1e-3)
+    done = certpgo("convert", square, isotropic, "--estimate", "--isotropic")
+    assert (done.code, "--isotropic is about measurements" in done.err) == (1, True)
+
+
 def test_convert_the_poses_alone(certpgo, square, tmp_path):
     poses = tmp_path / "poses.npz"
     done = certpgo(
