@@ -8,9 +8,9 @@ leaves unexplained, in the frame of the measured pose.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -106,9 +106,13 @@ class EdgeCost(ABC):
     def minorants(self, v: FloatArray, Q: FloatArray) -> Minorants:
         """Minorants that touch the costs at (v, Q), up to rounding."""
 
-    def relaxed(self) -> EdgeCost | None:
+    def relaxed(self) -> Self | None:
         """A cost nowhere above this one that may have a bound where this one has none."""
         return None
+
+    def on(self, graph: InformationGraph | None) -> Self | None:
+        """The same cost on another graph, if there is one."""
+        return None if graph is None else replace(self, graph=graph)
 
     def costs(self, v: FloatArray, Q: FloatArray) -> FloatArray:
         """(m,) costs."""

@@ -6,7 +6,7 @@ The residual is y, then the angle of E in the plane, or the vector part b of its
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -14,16 +14,13 @@ import numpy as np
 from certpgo.costs.edge_cost import EdgeCost, Minorants
 from certpgo.costs.g2o_plane import minorants_in_the_plane
 from certpgo.costs.g2o_space import minorants_in_space, quaternions
-from certpgo.costs.schur import blocks, decoupled
-from certpgo.graph.information import InformationGraph
+from certpgo.costs.schur import blocks, lowered
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.linalg.balls import Ball, arctan2, crossed, is_positive_definite, sums
+from certpgo.linalg.balls import Ball, arctan2, crossed, sums
 
 #: Share of the sum of the two smaller eigenvalues of W to which a largest above another is clipped.
 CLIPPED, NEARLY = 0.999, 0.9995
-#: Share of the information that is taken at least, for rounding.
-SPARE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,23 +102,14 @@ class G2oCost(EdgeCost):
 
         Wherever it is expanded, each of its minorants has a semidefinite K, and it always has one.
         """
-        d, information = self.graph.d, self.graph.information
-        T, P, W = blocks(information, d)
-        clipped = W if d == 2 else _clipped(W)
-        spoiled = P.any(axis=(1, 2)) | (clipped < W).any(axis=(1, 2))
-        if not spoiled.any():
-            return None
-        T, W = decoupled(information[spoiled], d)
-        below = np.zeros_like(information[spoiled])
-        below[:, :d, :d], below[:, d:, d:] = T, W if d == 2 else _clipped(W)
-        below *= 1.0 - SPARE
-        with np.errstate(all="ignore"):
-            proven = is_positive_definite(Ball.exact(information[spoiled]) - below)
-        if not proven.all():
-            return None
-        less = information.copy()
-        less[spoiled] = below
-        return replace(self, graph=InformationGraph(self.graph.isotropic, less))
+        _, P, W = blocks(self.graph.information, self.graph.d)
+        flat = _unchanged if self.graph.d == 2 else _clipped
+        spoiled = P.any(axis=(1, 2)) | (flat(W) != W).any(axis=(1, 2))
+        return self.on(lowered(self.graph, spoiled, lambda T, W: (T, flat(W))))
+
+
+def _unchanged(W: FloatArray) -> FloatArray:
+    return W
 
 
 def _times(A: FloatArray, x: Ball) -> Ball:

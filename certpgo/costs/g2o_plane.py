@@ -17,8 +17,6 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.balls import Ball, arctan2
 
-#: Share of pi that the angle at which a minorant touches may be at most.
-MOST = 0.95
 #: Angles below this touch like zero.
 TINY = 2.0**-60
 
@@ -67,6 +65,7 @@ def minorants_in_the_plane(
 
 
 def _curvature(schur: FloatArray, theta: FloatArray, slope: FloatArray) -> FloatArray:
+    """s, less the nearer the angle at which the minorant touches is to pi, where there is none."""
     s = schur[:, 0, 0]
-    fits = (s > 0.0) & (np.abs(slope[:, 0]) < 2.0 * MOST * np.pi * s)
-    return np.where(fits, s, -np.inf)
+    share = np.abs(slope[:, 0]) / (2.0 * np.pi * s)
+    return np.where((s > 0.0) & (share < 1.0), s * (1.0 - share**2), -np.inf)

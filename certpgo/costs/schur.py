@@ -16,13 +16,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.graph.information import InformationGraph
-from certpgo.linalg.arrays import FloatArray
-from certpgo.linalg.balls import Ball, eliminated
+from certpgo.linalg.arrays import BoolArray, FloatArray
+from certpgo.linalg.balls import Ball, eliminated, is_positive_definite
 
 #: Shares of the largest lam that leaves the rest of the information semidefinite.
 SHARES = (0.99, 0.9, 0.7, 0.5, 0.3, 0.1)
 #: The share without cross terms, where that information is isotropic; nothing is lost there.
 WHOLE = 1.0 - 2.0**-30
+#: Share of the information that `lowered` takes at least, for rounding.
+SPARE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,12 +113,38 @@ def remainder(
     return left[:, :-1, :-1], linear, constant
 
 
-def decoupled(information: FloatArray, d: int) -> tuple[FloatArray, FloatArray]:
-    """Blocks T' and W' of information without cross terms that is nowhere above, up to rounding.
+def lowered(
+    graph: InformationGraph,
+    chosen: BoolArray,
+    lower: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]],
+) -> InformationGraph | None:
+    """The graph with less information on the chosen edges (m,), none of it in cross terms.
 
-    T' = (1 - r) T and W' = W - P^T T^-1 P / r: what is taken away, (r T, P; P^T, P^T T^-1 P / r),
-    is semidefinite. Both are definite for c^2 < r < 1 where c^2, the largest eigenvalue of W^-1 P^T
-    T^-1 P, is the square of the largest canonical correlation; r = c is best if there is only one.
+    None if none are chosen, or the difference is not proven to be positive definite.
+
+    Parameters
+    ----------
+    lower : blocks T (k, d, d) and W (k, q, q) to blocks nowhere above them, up to rounding
+    """
+    d, full = graph.d, graph.information[chosen]
+    below = np.zeros_like(full)
+    with np.errstate(all="ignore"):
+        below[:, :d, :d], below[:, d:, d:] = lower(*_decoupled(full, d))
+        below *= 1.0 - SPARE
+        proven = is_positive_definite(Ball.exact(full) - below)
+    if not (chosen.any() and proven.all()):
+        return None
+    information = graph.information.copy()
+    information[chosen] = below
+    return InformationGraph(graph.isotropic, information)
+
+
+def _decoupled(information: FloatArray, d: int) -> tuple[FloatArray, FloatArray]:
+    """Blocks (1 - r) T and W - P^T T^-1 P / r of information that is nowhere above.
+
+    What is taken away, (r T, P; P^T, P^T T^-1 P / r), is semidefinite. Both are definite for r from
+    c^2 to 1, where c^2, the largest eigenvalue of W^-1 P^T T^-1 P, is the square of the largest
+    canonical correlation; r = c is best if there is only one.
     """
     T, P, W = blocks(information, d)
     shared = np.swapaxes(P, 1, 2) @ np.linalg.solve(T, P)

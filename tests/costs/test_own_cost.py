@@ -447,3 +447,34 @@ def test_a_written_estimate_is_judged_as_read(square, tmp_path, capsys):
     assert json.loads(text)["cost"] == pytest.approx(
         information_problem(instance, "g2o").cost(best), rel=1e-9
     )
+
+
+def test_the_own_cost_is_g2os_where_that_can_be_certified(square, tmp_path, dataset):
+    instance = read(square, quiet=True)
+    assert own_cost(instance) == "g2o"
+    assert own_cost(connected_parts(instance, "each")[0]) == "g2o"
+    kept = tmp_path / "square.npz"
+    write(kept, instance)
+    assert own_cost(read(kept, quiet=True)) == "g2o"
+    text = square.read_text()
+    others = [
+        read(square, unit_weights=True, quiet=True),
+        written(tmp_path, text.replace("100 3 0 200 1 50", "100 3 0 200 150 50")),  # indefinite
+        replace(instance, information=replace(instance.information, residual=None)),
+    ]
+    for other in others:
+        assert own_cost(other) == "chordal"
+        assert solve(other).certificate.objective == "F"
+    assert solve(instance).certificate.objective.startswith("g2o's chi2 of EdgeSE2")
+    assert solve(instance.graph).certificate.objective == "F"
+    definite = others[1].information.is_definite
+    np.testing.assert_array_equal(definite, [False, True, True, True])
+
+
+def test_fallback_to_f_is_said(square, tmp_path, capsys):
+    path = tmp_path / "indefinite.g2o"
+    path.write_text(square.read_text().replace("100 3 0 200 1 50", "100 3 0 200 150 50"))
+    main(["solve", str(path)])
+    said = capsys.readouterr()
+    assert "1 of 4 information matrices are not positive definite: the cost is F" in said.err
+    assert "F with weights from the file" in said.out

@@ -1,0 +1,89 @@
+"""Points of higher rank, and the bounds that surrogates there give."""
+
+import numpy as np
+import pytest
+from strategies import pose_graph, rng_of
+
+from certpgo import RotationProblem, certify, solve
+from certpgo.certify.climb import climb
+from certpgo.certify.curvature import negative_curvature, resolution
+from certpgo.certify.own_cost import OwnCostCase
+from certpgo.costs import InformationProblem
+from certpgo.costs.descent import descend
+from certpgo.costs.g2o import G2oCost
+from certpgo.datasets.synthetic import grid3d, winding_cycle
+from certpgo.graph import PoseGraph
+from certpgo.graph.information import InformationGraph
+from certpgo.linalg import so
+from certpgo.optimize.newton import newton
+
+
+def uneven(condition, noise):
+    """A grid in space whose translational information has a condition, at random axes."""
+    rng = np.random.default_rng(0)
+    graph = grid3d(3, rng, rotation_noise=noise, translation_noise=1e-9).graph
+    m = graph.num_edges
+    sigmas = noise * condition ** np.array([-0.25, 0.0, 0.25])
+    axes = so.random(rng, m, 3)
+    moved = (axes @ (sigmas * rng.standard_normal((m, 3)))[:, :, None])[:, :, 0]
+    Omega = np.zeros((m, 6, 6))
+    T = (axes * sigmas**-2.0) @ np.swapaxes(axes, 1, 2)
+    Omega[:, :3, :3] = 0.5 * (T + np.swapaxes(T, 1, 2))
+    Omega[:, 3:, 3:] = np.eye(3) / noise**2
+    weights = np.full(m, 3.0 / np.sum(sigmas**2))
+    graph = PoseGraph(graph.rotation, graph.translations + moved, weights)
+    return InformationProblem(G2oCost(InformationGraph(graph, Omega)))
+
+
+def test_a_wound_cycle_unwinds_at_a_higher_rank():
+    instance, wound = winding_cycle(12, 0.0, 1)
+    problem = RotationProblem(instance.graph)
+    points = list(climb(problem, wound, 5))
+    assert points[0] is wound
+    assert [p.rotations.shape[1] for p in points][:2] == [3, 4]
+    costs = [problem.cost(point) for point in points]
+    assert costs == sorted(costs, reverse=True)
+    assert costs[-1] < 1e-9 < 1.0 < costs[0]
+    assert list(climb(problem, wound, 3)) == [wound]
+    assert list(climb(problem, wound, 5, lambda step: True)) == [wound]
+
+
+def test_a_missed_negative_eigenvalue_is_computed_again():
+    """Where the spectrum is crowded, 5 % are not enough (a surrogate that is far from tight)."""
+    problem = uneven(100.0, 0.1)
+    case = OwnCostCase.of(problem, "standard", 1e-5, 1e-12)
+    x = descend(problem, newton(problem.chordal, solve(problem.chordal.graph).estimate).estimate)
+    below = case.below(*problem.relative(x.estimate)).problem
+    value, direction = negative_curvature(below, below.settled(x.estimate))
+    assert value < -1e3 * resolution(below)
+    assert direction.shape == (problem.n, 3)
+
+
+def test_later_surrogates_have_better_bounds_that_hold():
+    problem = uneven(100.0, 0.1)
+    case = OwnCostCase.of(problem, "standard", 1e-5, 1e-12)
+    x = descend(case.problem, solve(problem.chordal.graph).estimate).estimate
+    f = case.problem.cost(x)
+    found = list(case.reached(x, f))
+    assert [r.number for r in found] == sorted(r.number for r in found)
+    bounds = {
+        k: max((r.bound.value for r in found if r.number == k and r.bound), default=-np.inf)
+        for k in {r.number for r in found}
+    }
+    assert max(bounds.values()) > max(bounds[0], 0.5 * f)
+    assert max(bounds.values()) <= f * (1.0 + 1e-12)
+    alone = list(case.reached(x, f, refine=False))
+    assert [r.number for r in alone] == [0]
+    certificate = certify(problem, x)
+    assert certificate.verdict.value == "BOUNDED"
+    assert certificate.lower_bound == pytest.approx(case.unit * max(bounds.values()), rel=1e-6)
+
+
+def test_information_is_isotropic_where_surrogates_do_not_bend():
+    rng = rng_of(3)
+    graph, _, _ = pose_graph(rng, 6, 2, noise=0.3)
+    Omega = np.tile(np.diag([4.0, 4.0, 2.0]), (graph.num_edges, 1, 1))
+    problem = InformationProblem(G2oCost(InformationGraph(graph, Omega)))
+    v = rng.standard_normal((graph.num_edges, 2))
+    assert problem.bend(v, np.full(graph.num_edges, 4.0)) == pytest.approx(0.0, abs=1e-12)
+    assert problem.bend(v, np.full(graph.num_edges, 3.0)) == pytest.approx((v * v).sum())
