@@ -84,12 +84,13 @@ def information_problem(instance: Instance, cost: str) -> InformationProblem:
     """
     if cost not in COSTS:
         raise SpecError.unknown("cost", cost, [CHORDAL, *COSTS])
+    source = instance.source or instance.name
     if not isinstance(instance.graph, PoseGraph) or instance.information is None:
         raise InputError(
-            f"{instance.source or instance.name}: --cost {cost} needs poses with information "
+            f"{source}: --cost {cost} needs poses with information "
             "matrices on every edge, and no other weights"
         )
     graph = InformationGraph(instance.graph, instance.information.matrices)
     problem = InformationProblem(COSTS[cost](graph))
-    problem.refuse_indefinite()
+    problem.refuse_indefinite(source)
     return problem

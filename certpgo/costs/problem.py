@@ -166,8 +166,12 @@ class InformationProblem:
             size = np.abs(gradient) / (curvature * unit)
         return float(np.nan_to_num(size, nan=0.0).max())
 
-    def refuse_indefinite(self) -> None:
+    def refuse_indefinite(self, source: str = "") -> None:
         """Refuse information matrices that have no lower bound.
+
+        Parameters
+        ----------
+        source : where they are from, for the message
 
         Raises
         ------
@@ -176,9 +180,11 @@ class InformationProblem:
         """
         bad = int((~self.graph.is_definite).sum())
         if bad:
+            where = f"{source}: " if source else ""
+            of_all = f"{bad} of {self.graph.num_edges} information matrices"
             raise InputError(
-                f"{bad} of {self.graph.num_edges} information matrices are not positive definite: "
-                f"{self.edge_cost.title} has no proven lower bound there (--cost chordal has)"
+                f"{where}{of_all} are not positive definite: {self.edge_cost.title} has no proven "
+                "lower bound there (--cost chordal has)"
             )
 
 

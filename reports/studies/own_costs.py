@@ -132,19 +132,26 @@ def estimates(
         yield "random", problem.chordal.complete(so.random(rng, n, d))
 
 
-def outcomes(seed: int, first: int = 0, descents: int = DESCENTS) -> Counter[str]:
-    """The verdicts on estimates of one instance, and what of them is false."""
+def outcomes(
+    seed: int, first: int = 0, descents: int = DESCENTS, *, brief: bool = False
+) -> Counter[str]:
+    """The verdicts on estimates of one instance, and what of them is false.
+
+    If ``brief``, only those of `solve`, near the best and of one start, which may be wound up.
+    """
     found: Counter[str] = Counter()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         try:
-            _judge(case_of(seed, first), seed, first, descents, found)
+            _judge(case_of(seed, first), seed, first, descents, brief, found)
         except Exception as error:
             found[f"FALSE: seed {seed}: {error!r}"] += 1
     return found
 
 
-def _judge(case: Case, seed: int, first: int, descents: int, found: Counter[str]) -> None:
+def _judge(
+    case: Case, seed: int, first: int, descents: int, brief: bool, found: Counter[str]
+) -> None:
     problem = case.problem
     rng = np.random.default_rng(np.random.SeedSequence((17, first, seed)))
     starts = list(estimates(case, rng, descents))
@@ -159,16 +166,13 @@ def _judge(case: Case, seed: int, first: int, descents: int, found: Counter[str]
         ("solve", solved.estimate, solved.certificate)
     ]
     worst = max(others, key=problem.cost)
-    given = {
-        "the best": best,
-        "near the best": Estimate(near, best.translations),
-        "the worst end": worst,
-        starts[2][0]: starts[2][1],
-    }
+    given = {"near the best": Estimate(near, best.translations), starts[2][0]: starts[2][1]}
+    if not brief:
+        given |= {"the best": best, "the worst end": worst}
+        for name, x in (("the best", best), ("the worst end", worst)):
+            judged.append((f"{name}, unrefined", x, certify(problem, x, refine=False)))
     for name, x in given.items():
         judged.append((name, x, certify(problem, x)))
-    judged.append(("the best, unrefined", best, certify(problem, best, refine=False)))
-    judged.append(("the worst end, unrefined", worst, certify(problem, worst, refine=False)))
     for *_, c in judged:
         for found_on_the_way in (c.refined, c.better):
             if found_on_the_way is not None:

@@ -5,13 +5,15 @@ from collections import Counter
 import pytest
 
 
-@pytest.mark.parametrize("first", range(0, 30, 10))
+@pytest.mark.parametrize("first", range(0, 500, 25))
 def test_no_certificate_in_g2os_cost_is_false(first):
     from reports.studies.own_costs import outcomes
 
-    found = sum((outcomes(seed, descents=1) for seed in range(first, first + 10)), Counter())
+    seeds = range(first, first + 25)
+    found = sum((outcomes(seed, descents=1, brief=seed % 25 > 0) for seed in seeds), Counter())
     assert [outcome for outcome in found if "FALSE" in outcome] == []
-    assert found["optimal estimates: CERTIFIED"] >= found["optimal estimates: UNDECIDED"]
+    optimal = {k: n for k, n in found.items() if k.startswith("optimal estimates")}
+    assert optimal.get("optimal estimates: UNDECIDED", 0) <= 0.1 * sum(optimal.values())
 
 
 def test_a_bound_above_the_cost_would_be_seen(monkeypatch):
