@@ -147,10 +147,9 @@ def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> G
         kept = {int(word) for word in component.split()}
         edges = [edge for edge in edges if edge[0] in kept and edge[1] in kept]
     if claim["keep"] != "all":
-        chosen: dict[frozenset[int], Edge] = {}
-        for edge in edges if claim["keep"] == "last" else reversed(edges):
-            chosen[frozenset(edge[:2])] = edge
-        edges = list(chosen.values())
+        places = range(len(edges)) if claim["keep"] == "last" else reversed(range(len(edges)))
+        chosen = {frozenset(edges[k][:2]): k for k in places}
+        edges = [edges[k] for k in sorted(chosen.values())]
     if not edges:
         raise Unreadable("no measurements")
     first, second, q, t, kappa, tau, upper = zip(*edges, strict=True)

@@ -64,6 +64,9 @@ def cost_evidence(
     """
     if certificate.support is None or certificate.multipliers is None:
         raise NumericalError("there is no lower bound above zero to prove")
+    if certificate.support.lowered:
+        said = "the bound is that of a lower cost, without cross terms or large eigenvalues"
+        raise NumericalError(f"{said}; proof files hold minorants of the cost itself")
     case = OwnCostCase.of(problem, Tier.PROOF, certificate.rtol, certificate.atol)
     unit, fallback = case.unit, certificate.multipliers / case.unit
     graph = graph._replace(information=graph.information / unit)

@@ -54,10 +54,12 @@ class Support:
     ----------
     minorants : of all measurements, some of which may not exist, for weights of order one
     point : a point of their surrogate's relaxation, whose multipliers gave the bound
+    lowered : whether they are of a cost that is nowhere above it, but not the cost itself
     """
 
     minorants: Minorants
     point: Point
+    lowered: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -24,7 +23,7 @@ from certpgo.certify.proof import proven_surrogate
 from certpgo.costs.descent import descend
 from certpgo.costs.g2o import G2oCost
 from certpgo.costs.problem import InformationProblem, Surrogate, surrogate_at, surrogate_of
-from certpgo.errors import InputError, NumericalError
+from certpgo.errors import GraphError, InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.lift import Point
 from certpgo.io.plural import counted
@@ -114,8 +113,7 @@ class OwnCostCase(Case):
     ) -> DualBound | None:
         """The best bound by surrogates, see `reached`; None without one.
 
-        With ``refine``, not only by that at the point; and if none is above zero, by those of a
-        relaxed cost, at the end of descent on that.
+        With ``refine``, not only by that at the point; and if none is above zero, `lowered_bound`.
         """
         if not isinstance(point, Estimate):
             return None
@@ -123,15 +121,33 @@ class OwnCostCase(Case):
             standard = replace(self, tier=Tier.STANDARD)
             bound = standard.bound(point, cost, sharp=sharp, tight=tight, refine=refine)
             return None if bound is None else self.reproven(bound)
+        enough = cost - self.tolerance(cost)
         best = None
         for found in self.reached(point, cost, sharp=sharp, tight=tight, refine=refine):
             if found.bound is not None and (best is None or found.bound.value > best.value):
                 best = found.bound
-            if best is not None and best.value >= cost - self.tolerance(cost):
-                break
-        if (best is not None and best.value > 0.0) or self.relaxed is None:
+            if best is not None and best.value >= enough:
+                return best
+        if not refine or (best is not None and best.value > 0.0):
             return best
-        return self.relaxed.basin(point, True).bound or best
+        return self.lowered_bound(point) or best
+
+    def lowered_bound(self, point: Estimate) -> DualBound | None:
+        """The best bound on a cost that is nowhere above this one, at the end of descent on it.
+
+        None if there is no such cost, or no bound.
+        """
+        cost = self.problem.edge_cost.relaxed()
+        if cost is None or not cost.graph.is_definite.all():
+            return None
+        case = replace(self, problem=self.problem.with_cost(cost))
+        end = descend(case.problem, point, monitor=self.monitor_of(0.0)).estimate
+        reached = case.reached(end, case.cost_upper(end))
+        bounds = [found.bound for found in reached if found.bound is not None]
+        best = max(bounds, key=lambda bound: bound.value, default=None)
+        if best is None or best.support is None:
+            return best
+        return replace(best, support=replace(best.support, lowered=True))
 
     def reproven(self, found: DualBound) -> DualBound | None:
         """A bound of the standard tier at the proof tier; None if that fails."""
@@ -198,14 +214,6 @@ class OwnCostCase(Case):
             expanded -= step * (fall - step * bend)
             v, Q = v + step * (there[0] - v), Q + step * (there[1] - Q)
 
-    @cached_property
-    def relaxed(self) -> OwnCostCase | None:
-        """The case of a cost that is nowhere above this one; None if there is none."""
-        cost = self.problem.edge_cost.relaxed()
-        if cost is None or not cost.graph.is_definite.all():
-            return None
-        return replace(self, problem=self.problem.with_cost(cost))
-
     def certificate(
         self,
         estimate: Estimate,
@@ -217,8 +225,11 @@ class OwnCostCase(Case):
         found = super().certificate(estimate, own, other, bounds)
         if found.verdict not in (Verdict.BOUNDED, Verdict.UNDECIDED):
             return found
-        exist = self.problem.edge_cost.minorants(*self.problem.relative(own.point)).exist
-        missing = np.flatnonzero(~exist)
+        try:
+            minorants = self.problem.edge_cost.minorants(*self.problem.relative(own.point))
+        except np.linalg.LinAlgError:
+            return found
+        missing = np.flatnonzero(~minorants.exist)
         if not len(missing):
             return found
         i, j = self.problem.graph.edges[missing[0]]
@@ -230,7 +241,7 @@ class OwnCostCase(Case):
         """The surrogate expanded there; None if too many measurements have no minorant."""
         try:
             return surrogate_at(self.problem, v, Q)
-        except NumericalError:
+        except (NumericalError, GraphError):  # GraphError: weights beyond their range
             return None
 
     def cost_upper(self, estimate: Estimate) -> float:

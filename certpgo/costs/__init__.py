@@ -35,7 +35,7 @@ def own_cost(instance: Instance) -> str:
     ``"chordal"`` otherwise.
     """
     information = instance.information
-    if information is None or information.residual is None:
+    if information is None or information.residual not in COSTS:
         return CHORDAL
     return information.residual if information.is_definite.all() else CHORDAL
 

@@ -19,8 +19,10 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.balls import Ball, arctan2, crossed, sums
 
-#: Share of the sum of the two smaller eigenvalues of W to which a largest above another is clipped.
-CLIPPED, NEARLY = 0.999, 0.9995
+#: Share of the sum of the two smaller eigenvalues of W to which the largest is clipped.
+CLIPPED = 0.999
+#: The largest may exceed what it is clipped to by this share, for rounding.
+NEARLY = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +121,9 @@ def _times(A: FloatArray, x: Ball) -> Ball:
 def _clipped(W: FloatArray) -> FloatArray:
     """Matrices (m, 3, 3) nowhere above W, their largest eigenvalue below the sum of the others."""
     values, vectors = np.linalg.eigh(W)
-    others = values[:, 0] + values[:, 1]
-    excess = np.where(values[:, 2] > NEARLY * others, values[:, 2] - CLIPPED * others, 0.0)
+    # Below the second, that would be the largest.
+    most = np.maximum(CLIPPED * (values[:, 0] + values[:, 1]), values[:, 1])
+    excess = np.where(values[:, 2] > (1.0 + NEARLY) * most, values[:, 2] - most, 0.0)
     steepest = np.sqrt(excess)[:, None] * vectors[:, :, 2]
     return np.asarray(W - steepest[:, :, None] * steepest[:, None, :])
 

@@ -45,7 +45,7 @@ def minorants_in_space(
     quadratic, linear, constant = remainder(graph, measured, lam, b)
     q0 = q * (1.0 - SHORT)
     k = _slope(q0, linear)
-    fits &= np.isfinite(k)
+    fits &= np.isfinite(k) & (sums(Ball.exact(q0).squared()).upper <= 1.0)
     k, carried = np.where(fits, k, 0.0), np.where(fits[:, None], linear.mid, 0.0)
     # The form to be matched, and the couplings N' of -2 <N', E> that match it.
     form = _form(Ball.exact(schur), Ball.exact(carried), k, q0).mid

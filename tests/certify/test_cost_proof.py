@@ -319,12 +319,13 @@ def test_information_is_read_entry_by_entry():
         for line in ("0 1 9 9 0 9 0 0 9 0 9", "5 3 1 -2 0 1 2 3 4 5 6", "0 1 1 0 0 8 0 0 8 0 8")
     )
     graph = checker.read_graph(text.encode(), claim, None)
+    # In the order of the file, in which rows of a proof are.
     assert graph.information.tolist() == [
-        [[8, 0, 0], [0, 8, 0], [0, 0, 8]],
         [[1, 2, 3], [2, 4, 5], [3, 5, 6]],
+        [[8, 0, 0], [0, 8, 0], [0, 0, 8]],
     ]
-    assert (graph.i.tolist(), graph.j.tolist()) == ([0, 3], [1, 2])
-    assert graph.t.tolist() == [[1, 0], [1, -2]]
+    assert (graph.i.tolist(), graph.j.tolist()) == ([3, 0], [2, 1])
+    assert graph.t.tolist() == [[1, -2], [1, 0]]
     assert graph.q.tolist() == [[1.0, 0.0]] * 2
     entries = range(1, 22)
     text = "EDGE_SE3:QUAT 0 1 1 2 3 0 0 0.6 0.8 " + " ".join(map(str, entries))
@@ -335,6 +336,29 @@ def test_information_is_read_entry_by_entry():
 
 
 # --- Writing
+
+
+@pytest.mark.parametrize("keep", ["all", "first", "last"])
+def test_proofs_of_files_with_parallel_edges(tmp_path, keep):
+    path = tmp_path / "parallel.g2o"
+    lines = [
+        f"EDGE_SE2 {i} {j} 1 0.{k} 1.5{k} {10 + k} 1 0 {20 + k} 2 {30 + k}"
+        for k, (i, j) in enumerate([(0, 1), (1, 2), (2, 3), (1, 0), (3, 0), (0, 1), (2, 1)])
+    ]
+    path.write_text("\n".join(lines))
+    instance = certpgo.read(path, keep=keep, quiet=True)
+    answer = certpgo.solve(instance)
+    proven = write_proof(tmp_path / "p.cert", path, instance, answer.estimate, answer.certificate)
+    assert proven.lower == pytest.approx(answer.certificate.lower_bound, rel=1e-6)
+    assert proven.lower <= proven.upper
+
+
+def test_bounds_of_lower_costs_are_refused_with_the_reason(small):
+    path, _, _, instance, answer = small
+    support = replace(answer.certificate.support, lowered=True)
+    lowered = replace(answer.certificate, support=support)
+    with pytest.raises(NumericalError, match="that of a lower cost, without cross terms"):
+        write_proof(path.with_name("x.cert"), path, instance, answer.estimate, lowered)
 
 
 def test_a_proof_of_an_estimate_that_is_not_optimal(small):

@@ -194,10 +194,13 @@ def around(n, closing=0.0):
 def test_edges_without_minorants_leave_a_verdict_undecided(monkeypatch):
     """Three edges of a triangle that miss their turns by 120 degrees: no minorant, no error."""
     problem, wound = around(3)
-    relaxed = certify(problem, wound, refine=False)
-    assert relaxed.verdict.value == "BOUNDED"
+    relaxed = certify(problem, wound)
+    assert relaxed.verdict.value in ("BOUNDED", "REFUTED")
     assert 0.0 < relaxed.lower_bound <= solve(problem).cost < relaxed.cost_upper
+    case = OwnCostCase.of(problem, "standard", 1e-5, 1e-12)
+    assert case.lowered_bound(wound).support.lowered
     monkeypatch.setattr(G2oCost, "relaxed", lambda self: None)
+    assert case.lowered_bound(wound) is None
     with pytest.raises(NumericalError, match="do not connect the graph"):
         surrogate(problem, wound)
     alone = certify(problem, wound, refine=False)
@@ -206,6 +209,32 @@ def test_edges_without_minorants_leave_a_verdict_undecided(monkeypatch):
     assert solve(problem, initial=wound).verdict.value != "REFUTED"
     case = OwnCostCase.of(problem, "standard", 1e-5, 1e-12)
     assert case.below(*problem.relative(wound)) is None
+
+
+def test_exact_loops_with_one_inaccurate_angle_are_certified():
+    """The bound is zero, and suffices; yaw is known a hundred times less than roll and pitch."""
+    rng = rng_of(0)
+    R, t = so.random(rng, 4, 3), rng.standard_normal((4, 3))
+    edges = np.array([(0, 1), (1, 2), (2, 3), (3, 0)])
+    i, j = edges.T
+    back = np.swapaxes(R[i], 1, 2)
+    steps = (back @ (t[j] - t[i])[:, :, None])[:, :, 0]
+    graph = PoseGraph(
+        RotationGraph(4, edges, so.project(back @ R[j]), np.ones(4)), steps, np.ones(4)
+    )
+    Omega = np.tile(np.diag([100.0, 100.0, 100.0, 4e4, 4e4, 4.0]), (4, 1, 1))
+    problem = InformationProblem(G2oCost(InformationGraph(graph, Omega)))
+    assert solve(problem, time_limit=10.0).verdict.value == "CERTIFIED"
+    assert certify(problem, Estimate(R, t)).verdict.value == "CERTIFIED"
+
+
+def test_weights_beyond_their_range_leave_a_verdict():
+    problem, x = problem_of_random(rng_of(1), 5, 3, cross=False)
+    Omega = np.tile(
+        np.diag([1.0, 1.0, 1.0, 1e-118, 1e-118, 1e-118]), (problem.graph.num_edges, 1, 1)
+    )
+    tiny = InformationProblem(G2oCost(InformationGraph(problem.graph.isotropic, Omega)))
+    assert certify(tiny, x).verdict.value in ("BOUNDED", "UNDECIDED")
 
 
 def test_random_estimates_get_a_verdict_without_warnings(recwarn):
@@ -461,6 +490,7 @@ def test_the_own_cost_is_g2os_where_that_can_be_certified(square, tmp_path, data
         read(square, unit_weights=True, quiet=True),
         written(tmp_path, text.replace("100 3 0 200 1 50", "100 3 0 200 150 50")),  # indefinite
         replace(instance, information=replace(instance.information, residual=None)),
+        replace(instance, information=replace(instance.information, residual="unknown")),
     ]
     for other in others:
         assert own_cost(other) == "chordal"

@@ -134,6 +134,17 @@ def test_relaxed_costs_are_nowhere_above_and_have_minorants_everywhere(name, see
             np.testing.assert_allclose(value, relaxed.costs(v, Q), rtol=1e-6)
 
 
+@pytest.mark.parametrize("W", [(1e-8, 1.0, 1.0), (1e-6, 1.0, 10.0), (1e-3, 1.0, 1.0)])
+def test_relaxing_ends_where_one_eigenvalue_is_tiny(W):
+    graph = weighed(rng_of(2), 3)
+    Omega = np.tile(np.diag([2.0, 3.0, 4.0, *W]), (graph.num_edges, 1, 1))
+    relaxed = G2oCost(InformationGraph(graph.isotropic, Omega)).relaxed()
+    if relaxed is not None:
+        values = np.diag(relaxed.graph.information[0])[3:]
+        assert values[2] == pytest.approx(max(values[1], 0.999 * (values[0] + values[1])), rel=1e-6)
+        assert relaxed.relaxed() is None
+
+
 def test_nothing_is_relaxed_where_nothing_is_in_the_way():
     graph = weighed(rng_of(2), 3)
     plain = np.tile(np.diag([2.0, 2.0, 2.0, 1.0, 1.5, 2.0]), (graph.num_edges, 1, 1))

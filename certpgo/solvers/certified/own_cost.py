@@ -130,6 +130,8 @@ class _Search:
             self.surrogates += tried
             if self.best.cost == start.cost or self.surrogates >= SURROGATES:
                 break
+        if self.best.value <= 0.0 and not self.ends():
+            self.keep(self.case.lowered_bound(self.best.point))
 
     def keep(self, bound: DualBound | None) -> None:
         """Keep a bound if it is the best so far."""
