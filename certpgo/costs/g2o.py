@@ -14,7 +14,7 @@ import numpy as np
 from certpgo.costs.edge_cost import EdgeCost, Minorants
 from certpgo.costs.g2o_plane import minorants_in_the_plane
 from certpgo.costs.g2o_space import minorants_in_space, quaternions
-from certpgo.costs.schur import blocks, lowered
+from certpgo.costs.schur import blocks, isotropic, lowered
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.balls import Ball, arctan2, crossed, sums
@@ -102,12 +102,16 @@ class G2oCost(EdgeCost):
     def relaxed(self) -> G2oCost | None:
         """Without cross terms, and in space with the largest eigenvalue of W below the others' sum.
 
-        Wherever it is expanded, each of its minorants has a semidefinite K, and it always has one.
+        It has minorants everywhere, each with a semidefinite K. If this is such a cost, with
+        isotropic translations, whose minorants are the same everywhere.
         """
-        _, P, W = blocks(self.graph.information, self.graph.d)
+        T, P, W = blocks(self.graph.information, self.graph.d)
         flat = _unchanged if self.graph.d == 2 else _clipped
         spoiled = P.any(axis=(1, 2)) | (flat(W) != W).any(axis=(1, 2))
-        return self.on(lowered(self.graph, spoiled, lambda T, W: (T, flat(W))))
+        if spoiled.any():
+            return self.on(lowered(self.graph, spoiled, lambda T, W: (T, flat(W))))
+        uneven = (isotropic(T) != T).any(axis=(1, 2))
+        return self.on(lowered(self.graph, uneven, lambda T, W: (isotropic(T), W)))
 
 
 def _unchanged(W: FloatArray) -> FloatArray:

@@ -20,7 +20,7 @@ from certpgo.costs.angle_functions import exponential, half_cotangent, half_cota
 from certpgo.costs.edge_cost import EdgeCost, Minorants
 from certpgo.costs.gtsam_plane import minorants_in_the_plane
 from certpgo.costs.gtsam_space import minorants_in_space
-from certpgo.costs.schur import blocks, lowered
+from certpgo.costs.schur import blocks, isotropic, lowered
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.linalg.balls import Ball, crossed, joined, near_rotations
@@ -120,8 +120,8 @@ class GtsamCost(EdgeCost):
         if self.graph.d == 2:
             return None
         T, P, _ = blocks(self.graph.information, 3)
-        uneven = (_least(T) != T).any(axis=(1, 2)) | P.any(axis=(1, 2))
-        return self.on(lowered(self.graph, uneven, lambda T, W: (_least(T), W)))
+        uneven = (isotropic(T) != T).any(axis=(1, 2)) | P.any(axis=(1, 2))
+        return self.on(lowered(self.graph, uneven, lambda T, W: (isotropic(T), W)))
 
     def _costs(self, y: Ball, omega: Ball, edges: IntArray) -> Ball:
         hat = crossed(omega)
@@ -129,14 +129,6 @@ class GtsamCost(EdgeCost):
         c, _ = half_cotangent(omega.dot(omega))
         e = joined(y - 0.5 * turned + c[:, None] * hat.apply(turned), omega)
         return e.dot(Ball.exact(self.graph.information[edges]).apply(e))
-
-
-def _least(T: FloatArray) -> FloatArray:
-    """The largest multiples of the identity that are nowhere above T (m, d, d), up to rounding."""
-    d = T.shape[-1]
-    scalar = (T[:, :1, :1] * np.eye(d) == T).all(axis=(1, 2))
-    least = np.where(scalar, T[:, 0, 0], np.linalg.eigvalsh(T)[:, 0])
-    return np.asarray(least[:, None, None] * np.eye(d))
 
 
 def _inverse_jacobians(omega: FloatArray, hat: FloatArray) -> FloatArray:

@@ -155,6 +155,14 @@ def _decoupled(information: FloatArray, d: int) -> tuple[FloatArray, FloatArray]
     return (1.0 - r) * T, 0.5 * (left + np.swapaxes(left, 1, 2))
 
 
+def isotropic(T: FloatArray) -> FloatArray:
+    """The largest multiples of the identity that are nowhere above T (m, d, d), up to rounding."""
+    d = T.shape[-1]
+    scalar = (T[:, :1, :1] * np.eye(d) == T).all(axis=(1, 2))
+    least = np.where(scalar, T[:, 0, 0], np.linalg.eigvalsh(T)[:, 0])
+    return np.asarray(least[:, None, None] * np.eye(d))
+
+
 def blocks(information: FloatArray, d: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Blocks T (m, d, d), P (m, d, q) and W (m, q, q) of information matrices."""
     return information[:, :d, :d], information[:, :d, d:], information[:, d:, d:]

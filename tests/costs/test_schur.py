@@ -120,7 +120,9 @@ def test_relaxed_costs_are_nowhere_above_and_have_minorants_everywhere(name, see
     if relaxed is None:
         assert (name, d) == ("gtsam", 2)
         return
-    assert relaxed.relaxed() is None
+    again = relaxed.relaxed()
+    assert (again is None) is (name == "gtsam")
+    assert again is None or again.relaxed() is None
     for _ in range(3):
         v, Q = anywhere(rng, graph)
         assert np.all(relaxed.costs(v, Q) <= cost.costs(v, Q))
@@ -142,7 +144,8 @@ def test_relaxing_ends_where_one_eigenvalue_is_tiny(W):
     if relaxed is not None:
         values = np.diag(relaxed.graph.information[0])[3:]
         assert values[2] == pytest.approx(max(values[1], 0.999 * (values[0] + values[1])), rel=1e-6)
-        assert relaxed.relaxed() is None
+        again = relaxed.relaxed()
+        assert again is None or again.relaxed() is None
 
 
 def test_nothing_is_relaxed_where_nothing_is_in_the_way():
