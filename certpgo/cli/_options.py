@@ -53,8 +53,8 @@ CostOption = Annotated[
     typer.Option(
         "--cost",
         show_default="g2o for g2o files with information, chordal for others",
-        help="The cost to minimise: F with isotropic weights (chordal), or that of g2o or GTSAM "
-        "with the file's full information matrices.",
+        help="The cost to minimise or judge by: F with isotropic weights (chordal), or that of g2o "
+        "or GTSAM with the file's full information matrices.",
     ),
 ]
 
@@ -81,9 +81,12 @@ def chosen_cost(cost: Cost | None, instance: Instance, **options: Any) -> str:
 
     if cost is not None:
         return cost.value
-    if any(options.values()):
-        return CHORDAL
     own, information = own_cost(instance), instance.information
+    for name, value in options.items():
+        if value:
+            if own != CHORDAL:
+                notice(f"--{name} is for F, the chordal cost: not {own}'s, the default without it")
+            return CHORDAL
     if own == CHORDAL and information is not None and information.residual is not None:
         bad = int((~information.is_definite).sum())
         notice(

@@ -26,7 +26,7 @@ def command(
     estimate: Annotated[
         str | None,
         typer.Argument(
-            metavar="ESTIMATE", help="Estimate to compare with; by default certpgo solve's."
+            metavar="ESTIMATE", help="Estimate to compare with; by default the best found for F."
         ),
     ] = None,
     sdp: Annotated[
@@ -90,7 +90,7 @@ def _head(part: Instance, found: Ladder) -> Iterable[tuple[str, str]]:
     from certpgo.assess.wording import objective
 
     yield "graph", part.name
-    source = "of the given estimate" if found.given else "of certpgo solve's estimate"
+    source = "of the given estimate" if found.given else "of the best estimate found"
     yield "cost F", f"{found.cost:.12g}  ({source}: {found.certificate.verdict.value})"
     yield "largest residual", f"{math.degrees(found.largest):.4g} degrees"
     if found.settled is not None:

@@ -130,7 +130,6 @@ def command(
     provable = None if proof is None else provable_source(source)
     instance = reading.open(source)
     parts = reading.parts(instance)
-    own = chosen_cost(cost, instance, method=method, robust=robust)
     for name, output in (("--proof", proof), ("--html", html)):
         if output is not None and (len(parts) > 1 or not certify):
             raise InputError(f"{name} needs a connected graph and a certified estimate")
@@ -145,6 +144,7 @@ def command(
             refuse_unsuited(method, solver, part.graph)
         if initial is not None and not getattr(solver, "takes_initial", True):
             raise InputError(f"{method} takes no initial estimate: not with --initial")
+    own = chosen_cost(cost, instance, method=method, robust=robust)
     results: list[_Result] = []
     proven = True
     for part, target in zip(parts, targets, strict=True):

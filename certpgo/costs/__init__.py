@@ -57,6 +57,8 @@ def problem_under(
     """
     if cost is None and isinstance(posed, Instance):
         cost = own_cost(posed)
+    if cost not in (None, CHORDAL, *COSTS):
+        raise SpecError.unknown("cost", str(cost), [CHORDAL, *COSTS])
     if cost not in (None, CHORDAL):
         if not isinstance(posed, Instance):
             said = f"cost={cost!r} needs the instance that was read, with its information"
@@ -83,14 +85,24 @@ def information_problem(instance: Instance, cost: str) -> InformationProblem:
         There are no poses or no information matrices, or some are not positive definite.
     """
     if cost not in COSTS:
-        raise SpecError.unknown("cost", cost, [CHORDAL, *COSTS])
+        raise SpecError.unknown("cost", cost, list(COSTS))
     source = instance.source or instance.name
     if not isinstance(instance.graph, PoseGraph) or instance.information is None:
-        raise InputError(
-            f"{source}: --cost {cost} needs poses with information "
-            "matrices on every edge, and no other weights"
-        )
+        needed = f"--cost {cost} needs poses with information matrices on every edge"
+        raise InputError(f"{source}: {needed}; {_lack(instance)}")
     graph = InformationGraph(instance.graph, instance.information.matrices)
     problem = InformationProblem(COSTS[cost](graph))
     problem.refuse_indefinite(source)
     return problem
+
+
+def _lack(instance: Instance) -> str:
+    """Why an instance has no information matrices."""
+    options = instance.options
+    if not isinstance(instance.graph, PoseGraph):
+        return "these are rotations alone"
+    if options.get("weights", "file") != "file":
+        return "other weights were chosen"
+    if options.get("rotation_information") == "rpy":
+        return "those of this format are about roll, pitch and yaw"
+    return "not all edges have one"

@@ -12,7 +12,7 @@ import numpy as np
 
 from certpgo.costs.gtsam import GtsamCost
 from certpgo.costs.problem import InformationProblem
-from certpgo.errors import InputError, MissingDependency
+from certpgo.errors import InputError, MissingDependency, kind_of
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.information import InformationGraph
 from certpgo.linalg.arrays import FloatArray, IntArray
@@ -55,6 +55,9 @@ def from_gtsam(graph: Any, values: Any) -> tuple[InformationProblem, Estimate]:
     >>> certpgo.solve(problem).verdict.value
     'CERTIFIED'
     """
+    for given, name in ((graph, "NonlinearFactorGraph"), (values, "Values")):
+        if type(given).__name__ != name:
+            raise InputError(f"from_gtsam takes a factor graph and Values, not {kind_of(given)}")
     factors = [graph.at(k) for k in range(graph.size()) if graph.at(k) is not None]
     kinds = [type(factor).__name__ for factor in factors]
     other = sorted(set(kinds) - {*_BETWEEN, *_PRIORS})
@@ -82,6 +85,12 @@ def from_gtsam(graph: Any, values: Any) -> tuple[InformationProblem, Estimate]:
     return problem, Estimate(found[:, :d, :d], found[:, :d, d])
 
 
+def _require_problem(problem: object) -> None:
+    """Refuse anything but a problem of other costs by an InputError."""
+    if not isinstance(problem, InformationProblem):
+        raise InputError(f"to_gtsam takes a problem of certpgo.costs, not {kind_of(problem)}")
+
+
 def to_gtsam(problem: InformationProblem, estimate: Estimate) -> tuple[Any, Any]:
     r"""The factor graph and values of a problem and an estimate, with keys 0 ... n-1.
 
@@ -106,6 +115,7 @@ def to_gtsam(problem: InformationProblem, estimate: Estimate) -> tuple[Any, Any]
     >>> abs(2 * graph.error(values) - best.cost) < 1e-9
     True
     """
+    _require_problem(problem)
     graph, gtsam = factors_of(problem), _library()
     t, values = estimate.translations, gtsam.Values()
     for k, M in enumerate(

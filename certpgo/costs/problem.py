@@ -106,7 +106,14 @@ class InformationProblem:
         return float(np.einsum("ma,mab,mb->", y, T, y) - weights @ (v * v).sum(axis=1))
 
     def edge_costs(self, estimate: Estimate) -> FloatArray:
-        """(m,) terms of f, one per edge."""
+        """(m,) terms of f, one per edge.
+
+        Raises
+        ------
+        InputError
+            An estimate of another graph.
+        """
+        self.check(estimate)
         return self.edge_cost.costs(*self.relative(estimate))
 
     def cost(self, estimate: Estimate) -> float:

@@ -27,7 +27,7 @@ def wound(tmp_path):
 def test_bounds_in_words(certpgo, wound):
     done = certpgo("bounds", wound[0])
     assert done.code == 0
-    assert "of certpgo solve's estimate: CERTIFIED" in done.out
+    assert "of the best estimate found: CERTIFIED" in done.out
     for words in (
         "half a turn over the number of nodes",
         "15 deg",

@@ -181,7 +181,10 @@ def test_an_answer_that_is_not_certified_says_what_to_try(certpgo, square):
     assert "without --method" in done.err
     assert "objective" in done.out
     assert "weights from the file" in done.out
-    assert "note" not in certpgo("solve", square, "--method", "newton").err
+    chordal = certpgo("solve", square, "--method", "newton", "--cost", "chordal")
+    assert "note" not in chordal.err
+    default = certpgo("solve", square, "--method", "newton")
+    assert "--method is for F, the chordal cost: not g2o's" in default.err
 
 
 def test_list_shows_settings_as_they_are_given(certpgo):

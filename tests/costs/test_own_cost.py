@@ -508,3 +508,19 @@ def test_fallback_to_f_is_said(square, tmp_path, capsys):
     said = capsys.readouterr()
     assert "1 of 4 information matrices are not positive definite: the cost is F" in said.err
     assert "F with weights from the file" in said.out
+
+
+def test_misuse_of_other_costs_is_one_line(square):
+    instance = read(square, quiet=True)
+    with pytest.raises(SpecError, match="unknown cost 'chordal'.*known: g2o, gtsam$"):
+        information_problem(instance, "chordal")
+    with pytest.raises(SpecError, match="known: chordal, g2o, gtsam$"):
+        solve(instance.graph, cost="ceres")
+    problem = information_problem(instance, "g2o")
+    other = Estimate(np.tile(np.eye(2), (3, 1, 1)), np.zeros((3, 2)))
+    with pytest.raises(InputError, match="3 nodes"):
+        problem.cost(other)
+    with pytest.raises(InputError, match=r"takes a problem of certpgo\.costs, not an Instance"):
+        certpgo.to_gtsam(instance, other)
+    with pytest.raises(InputError, match="a factor graph and Values, not an Instance"):
+        certpgo.from_gtsam(instance, other)

@@ -19,6 +19,7 @@ from certpgo.costs.descent import descend
 from certpgo.costs.problem import InformationProblem
 from certpgo.graph import Estimate
 from certpgo.graph.lift import Lift, rounded
+from certpgo.io.plural import counted
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.progress import Stop, stoppable
 from certpgo.optimize.solution import Solution, Status
@@ -49,6 +50,8 @@ def search_own_cost(
         chordal = None
         if initial is None:
             first = settings if steering is case else replace(settings, tier=None)
+            if settings.time_limit is not None:  # the rest is for the cost itself
+                first = replace(first, time_limit=0.5 * settings.time_limit)
             chordal = search_and_certify(problem.chordal, first, None, monitor, on_disagreement)
             initial = chordal.estimate
             _follow(stop, chordal)
@@ -60,7 +63,10 @@ def search_own_cost(
         ended = stop.ended_by or search.status
     if stop.cut is not None and certificate.verdict is Verdict.UNDECIDED:
         certificate = replace(certificate, reason=STOPPED)
-    name = GIVEN if chordal is None else "the optimum of the chordal cost"
+    name = GIVEN
+    if chordal is not None:
+        certified = chordal.verdict is Verdict.CERTIFIED
+        name = f"the {'optimum' if certified else 'best estimate found'} under the chordal cost"
     solution = Solution(
         estimate=search.best.point,
         cost=problem.cost(search.best.point),
@@ -69,7 +75,7 @@ def search_own_cost(
         lower_bound=certificate.lower_bound,
         seconds=stop.watch.seconds,
         trace=tuple(stop.trace),
-        note=f"initialized by {name}; {search.surrogates} surrogates minimised",
+        note=f"initialized by {name}; {counted(search.surrogates, 'surrogate{s}')} minimised",
     )
     level = Level(problem.d, solution.cost, ended)
     disagreement = None if chordal is None else chordal.disagreement
