@@ -92,7 +92,7 @@ def information_problem(instance: Instance, cost: str) -> InformationProblem:
         raise InputError(f"{source}: {needed}; {_lack(instance)}")
     graph = InformationGraph(instance.graph, instance.information.matrices)
     problem = InformationProblem(COSTS[cost](graph))
-    problem.refuse_indefinite(source)
+    problem.refuse_indefinite(instance.name)  # no path, as tables keep it
     return problem
 
 

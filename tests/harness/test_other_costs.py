@@ -58,7 +58,7 @@ def test_a_cost_that_has_no_bound_is_refused_in_a_sentence(tmp_path):
     file.write_text(square("9 2 30 4 -1 30"), encoding="utf-8")
     [record] = run_table(table((Row(str(file), cost="g2o"),), (OF_F,)))
     assert record.absence == "failed"
-    assert record.error.startswith("4 of 4 information matrices are not positive definite")
+    assert record.error.startswith("flat: 4 of 4 information matrices are not positive definite")
 
 
 def test_only_methods_that_can_minimise_another_cost(path):
