@@ -512,9 +512,9 @@ def test_fallback_to_f_is_said(square, tmp_path, capsys):
 
 def test_misuse_of_other_costs_is_one_line(square):
     instance = read(square, quiet=True)
-    with pytest.raises(SpecError, match="unknown cost 'chordal'.*known: g2o, gtsam$"):
+    with pytest.raises(SpecError, match=r"unknown cost .chordal.*known: g2o, gtsam$"):
         information_problem(instance, "chordal")
-    with pytest.raises(SpecError, match="known: chordal, g2o, gtsam$"):
+    with pytest.raises(SpecError, match=r"known: chordal, g2o, gtsam$"):
         solve(instance.graph, cost="ceres")
     problem = information_problem(instance, "g2o")
     other = Estimate(np.tile(np.eye(2), (3, 1, 1)), np.zeros((3, 2)))
