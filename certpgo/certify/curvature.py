@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from certpgo.graph.lift import Point
@@ -44,7 +42,6 @@ def negative_curvature(problem: Problem, point: Point) -> tuple[float, FloatArra
     S, mean = _reduced(problem, problem.multipliers(point))
     # One vector more than the gauge's null vectors, which come next, so that it is not missed.
     start = np.random.default_rng(0).standard_normal((S.shape[0], problem.d + 1))
-    value, v = math.inf, start
     for accuracy in (ACCURACY, PICTURED):
         v = krylov_schur(S, S.solve, 1, shift=S.shift, tol=accuracy, start=start).vectors
         # Components of large eigenvalues hardly matter in the inverse, but spoil the quotient.

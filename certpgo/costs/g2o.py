@@ -14,7 +14,7 @@ import numpy as np
 from certpgo.costs.edge_cost import EdgeCost, Minorants
 from certpgo.costs.g2o_plane import minorants_in_the_plane
 from certpgo.costs.g2o_space import minorants_in_space, quaternions
-from certpgo.costs.schur import blocks, isotropic, lowered
+from certpgo.costs.schur import blocks, is_isotropic, isotropic, lowered
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.balls import Ball, arctan2, crossed, sums
@@ -110,8 +110,7 @@ class G2oCost(EdgeCost):
         spoiled = P.any(axis=(1, 2)) | (flat(W) != W).any(axis=(1, 2))
         if spoiled.any():
             return self.on(lowered(self.graph, spoiled, lambda T, W: (T, flat(W))))
-        uneven = (isotropic(T) != T).any(axis=(1, 2))
-        return self.on(lowered(self.graph, uneven, lambda T, W: (isotropic(T), W)))
+        return self.on(lowered(self.graph, ~is_isotropic(T), lambda T, W: (isotropic(T), W)))
 
 
 def _unchanged(W: FloatArray) -> FloatArray:

@@ -20,7 +20,7 @@ from certpgo.costs.angle_functions import exponential, half_cotangent, half_cota
 from certpgo.costs.edge_cost import EdgeCost, Minorants
 from certpgo.costs.gtsam_plane import minorants_in_the_plane
 from certpgo.costs.gtsam_space import minorants_in_space
-from certpgo.costs.schur import blocks, isotropic, lowered
+from certpgo.costs.schur import blocks, is_isotropic, isotropic, lowered
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.linalg.balls import Ball, crossed, joined, near_rotations
@@ -120,7 +120,7 @@ class GtsamCost(EdgeCost):
         if self.graph.d == 2:
             return None
         T, P, _ = blocks(self.graph.information, 3)
-        uneven = (isotropic(T) != T).any(axis=(1, 2)) | P.any(axis=(1, 2))
+        uneven = ~is_isotropic(T) | P.any(axis=(1, 2))
         return self.on(lowered(self.graph, uneven, lambda T, W: (isotropic(T), W)))
 
     def _costs(self, y: Ball, omega: Ball, edges: IntArray) -> Ball:

@@ -80,6 +80,7 @@ from certpgo.costs.angle_functions import (
     half_cotangents,
 )
 from certpgo.costs.edge_cost import Minorants
+from certpgo.costs.schur import blocks, is_isotropic
 from certpgo.graph.information import InformationGraph
 from certpgo.linalg import so
 from certpgo.linalg.arrays import BoolArray, FloatArray
@@ -158,7 +159,7 @@ def minorants_in_space(graph: InformationGraph, y: FloatArray, E: FloatArray) ->
 
 def _taken_apart(graph: InformationGraph, y: FloatArray, omega: FloatArray) -> _Terms:
     """The largest share of T' touched for which enough rotational information remains."""
-    T, P, W = _blocks(graph.information)
+    T, P, W = blocks(graph.information, 3)
     t, scalar, r, left = _split(T, P, W)
     rest = np.where(scalar[:, None, None], 0.0, T - t[:, None, None] * np.eye(3))
     at = AngleFunctions.of(np.linalg.norm(omega, axis=1))
@@ -218,7 +219,7 @@ def _edges(
 
 def _constants(graph: InformationGraph, found: Minorants, of: _Terms) -> FloatArray:
     """Lower bounds (m,) on f less the minorants with constant zero."""
-    T, P, W = (Ball.exact(block).widened for block in _blocks(graph.information))
+    T, P, W = (Ball.exact(block).widened for block in blocks(graph.information, 3))
     t, tau, mu, rho = (Ball.exact(x).widened for x in (of.t, found.tau, of.mu, of.rho))
     a, omega, x, e = (Ball.exact(x).widened for x in (found.a, of.omega, of.x, of.e))
     share, part = np.where(of.share > 0.0, of.share, 1.0), Ball.exact(of.part)
@@ -281,7 +282,7 @@ def _split(
     """
     m, least = len(T), _smallest(T)
     crossless = np.asarray(~P.any(axis=(1, 2)))
-    scalar = (T[:, :1, :1] * np.eye(3) == T).all(axis=(1, 2)) & crossless
+    scalar = is_isotropic(T) & crossless
     t = np.where(scalar, T[:, 0, 0], np.where(crossless, WHOLE * least, np.nan))
     # W' is positive definite exactly for t below the inverse of the largest translational variance.
     both = ~crossless & (_smallest(W) > 0.0)
@@ -338,10 +339,6 @@ def _scaled(weights: Ball, matrices: Ball | None = None) -> Ball:
 
 def _trace(A: Ball) -> Ball:
     return A[:, 0, 0] + A[:, 1, 1] + A[:, 2, 2]
-
-
-def _blocks(information: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    return information[:, :3, :3], information[:, :3, 3:], information[:, 3:, 3:]
 
 
 def _smallest(A: FloatArray) -> FloatArray:

@@ -66,7 +66,7 @@ def set_aside(
     definite = graph.is_definite
     covariance = np.linalg.inv(np.where(definite[:, None, None], graph.information, np.eye(d + q)))
     largest = np.where(definite, 1.0 / np.linalg.eigvalsh(covariance[:, :d, :d])[:, -1], 0.0)
-    scalar = (T[:, :1, :1] * np.eye(d) == T).all(axis=(1, 2)) & ~P.any(axis=(1, 2))
+    scalar = is_isotropic(T) & ~P.any(axis=(1, 2))
     lam = np.where(scalar & definite, WHOLE * largest, np.nan)
     schur, best = np.where(scalar[:, None, None], W, np.nan), np.full(m, -np.inf)
     tried = np.flatnonzero(definite & ~scalar)
@@ -155,11 +155,15 @@ def _decoupled(information: FloatArray, d: int) -> tuple[FloatArray, FloatArray]
     return (1.0 - r) * T, 0.5 * (left + np.swapaxes(left, 1, 2))
 
 
+def is_isotropic(T: FloatArray) -> BoolArray:
+    """(m,) which matrices (m, d, d) are multiples of the identity."""
+    return np.asarray((T[:, :1, :1] * np.eye(T.shape[-1]) == T).all(axis=(1, 2)))
+
+
 def isotropic(T: FloatArray) -> FloatArray:
     """The largest multiples of the identity that are nowhere above T (m, d, d), up to rounding."""
     d = T.shape[-1]
-    scalar = (T[:, :1, :1] * np.eye(d) == T).all(axis=(1, 2))
-    least = np.where(scalar, T[:, 0, 0], np.linalg.eigvalsh(T)[:, 0])
+    least = np.where(is_isotropic(T), T[:, 0, 0], np.linalg.eigvalsh(T)[:, 0])
     return np.asarray(least[:, None, None] * np.eye(d))
 
 
