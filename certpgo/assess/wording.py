@@ -83,6 +83,8 @@ def reading_sentence(reading: Mapping[str, str]) -> str:
         sentence = "weights 1: the file has no information"
     elif weights == "unit":
         sentence = "all weights 1, ignoring those of the file"
+    elif weights == "mahalanobis":
+        sentence = "Mahalanobis weights from the file's information matrices"
     elif of_file:
         rest = ", 1 where it has none" if information == "some" else ""
         sentence = f"weights from the file's information matrices{rest}"

@@ -217,6 +217,8 @@ def _sha256(path: Path) -> str:
 
 def _overridden(weights: str) -> tuple[float | None, float | None]:
     """Kappa and tau of the reading option ``weights``; None for the file's."""
+    if weights == "mahalanobis":
+        raise InputError("proof files are about kappa and tau, not about Mahalanobis weights")
     if weights in ("file", "unit"):
         return (None, None) if weights == "file" else (1.0, 1.0)
     said = dict(part.split("=") for part in weights.split(","))

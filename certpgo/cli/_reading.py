@@ -80,6 +80,14 @@ class Reading:
     unit_weights: Annotated[
         bool, _option("--unit-weights", help="Set all weights to 1, ignoring the file's.")
     ] = False
+    mahalanobis: Annotated[
+        bool,
+        _option(
+            "--mahalanobis",
+            help="Weigh rotations by all of the file's rotational information: half of it in 2D, "
+            "a matrix per edge in 3D.",
+        ),
+    ] = False
     components: Annotated[
         Components,
         _option("--components", help="Components of a disconnected graph to use."),
@@ -110,6 +118,7 @@ class Reading:
             "kappa": self.kappa,
             "tau": self.tau,
             "unit_weights": self.unit_weights,
+            "mahalanobis": self.mahalanobis,
         }
 
     def open(self, source: Source, *, notices: bool = True) -> Instance:

@@ -12,6 +12,7 @@ import numpy as np
 from certpgo.errors import CertPGOError, FormatError, InputError, InputNotice
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph
 from certpgo.graph.edges import Keep, simple_edges
+from certpgo.graph.information import mahalanobis as mahalanobis_weights
 from certpgo.io.assemble import estimate_for, truth_for
 from certpgo.io.dead_reckoning import integrated
 from certpgo.io.format import (
@@ -22,9 +23,15 @@ from certpgo.io.format import (
     format_of,
 )
 from certpgo.io.names import named_ids
+from certpgo.io.plural import counted
 from certpgo.io.timestamps import with_node_ids
 from certpgo.linalg.arrays import IntArray
 
+#: Notice about lowered Mahalanobis weights, with the number of edges.
+CLIPPED = (
+    "edge{s} whose rotational information exceeds what a semidefinite weight can express: it is "
+    "lowered there, and F is at most the cost with all of it"
+)
 _MEANINGS = ("tangent", "quaternion", "rpy")
 
 
@@ -36,6 +43,7 @@ def read(
     kappa: float | None = None,
     tau: float | None = None,
     unit_weights: bool = False,
+    mahalanobis: bool = False,
     truth: str | Path | None = None,
     format: str | None = None,
     progress: Progress | None = None,
@@ -58,6 +66,8 @@ def read(
         ``"rpy"`` (default of iSAM; for small angles the same as tangent)
     kappa, tau : a concentration that replaces the file's on every edge; tau in 1/m^2
     unit_weights : kappa = tau = 1 on every edge
+    mahalanobis : weigh rotations by all of the file's rotational information, so that their terms
+        are its Mahalanobis distances to second order: half of Omega_theta in 2D, a matrix in 3D
     truth : a file with ground truth for every node, see `read_truth`
     format : name of the format, if content and suffix do not determine it
     progress : called with bytes read and bytes in total, after each chunk
@@ -89,7 +99,7 @@ def read(
     form = format_of(path, format)
     if form.read_graph is None:
         raise FormatError(path, None, f"a {form.name} file holds {form.holds}, no measurements")
-    weights = _Weights(kappa, tau, unit_weights)
+    weights = _Weights(kappa, tau, unit_weights, mahalanobis)
     _check_choice("keep", keep, ("all", "first", "last"))
     if rotation_information is not None:
         _check_choice("rotation_information", rotation_information, _MEANINGS)
@@ -202,12 +212,15 @@ class _Weights:
     kappa: float | None
     tau: float | None
     unit: bool
+    mahalanobis: bool
 
     def __post_init__(self) -> None:
         if self.unit and (self.kappa is not None or self.tau is not None):
             raise InputError(
                 "unit weights (--unit-weights) exclude a kappa or tau (--kappa, --tau)"
             )
+        if self.mahalanobis and str(replace(self, mahalanobis=False)) != "file":
+            raise InputError("Mahalanobis weights exclude --kappa, --tau and --unit-weights")
         for name, value in (("kappa", self.kappa), ("tau", self.tau)):
             if value is not None and not 0.0 < value < np.inf:
                 raise InputError(f"{name} must be positive and finite, not {value}")
@@ -216,7 +229,15 @@ class _Weights:
     def override_all(self) -> bool:
         return self.unit or (self.kappa is not None and self.tau is not None)
 
-    def apply(self, graph: Graph) -> Graph:
+    def apply(self, instance: Instance) -> Instance:
+        """The instance with these weights in place of the file's."""
+        if str(self) == "file":
+            return instance
+        if self.mahalanobis:
+            return _with_mahalanobis(instance)
+        return replace(instance, graph=self._overridden(instance.graph), information=None)
+
+    def _overridden(self, graph: Graph) -> Graph:
         kappa, tau = (1.0, 1.0) if self.unit else (self.kappa, self.tau)
         if isinstance(graph, PoseGraph):
             return graph.with_weights(kappa, tau)
@@ -225,6 +246,8 @@ class _Weights:
     def __str__(self) -> str:
         if self.unit:
             return "unit"
+        if self.mahalanobis:
+            return "mahalanobis"
         if self.kappa is None and self.tau is None:
             return "file"
         return ",".join(
@@ -262,9 +285,8 @@ def _labelled(
 
 
 def _with_choices(instance: Instance, keep: Keep, weights: _Weights) -> Instance:
+    instance = weights.apply(instance)
     graph, information = instance.graph, instance.information
-    if str(weights) != "file":
-        graph, information = weights.apply(graph), None
     if keep != "all":
         kept = simple_edges(graph.num_nodes, graph.edges, keep)
         graph = graph.with_edges(kept)
@@ -277,6 +299,21 @@ def _with_choices(instance: Instance, keep: Keep, weights: _Weights) -> Instance
     if str(weights) != "file":
         options["weights"] = str(weights)
     return replace(instance, graph=graph, options=options, information=information)
+
+
+def _with_mahalanobis(instance: Instance) -> Instance:
+    graph, information = instance.graph, instance.information
+    if not isinstance(graph, PoseGraph) or information is None:
+        raise InputError(
+            f"{instance.source or instance.name}: Mahalanobis weights (--mahalanobis) need poses "
+            "with rotational information, about a tangent vector or a quaternion, on every edge"
+        )
+    scale = 0.25 if instance.options.get("rotation_information") == "quaternion" else 1.0
+    graph, clipped = mahalanobis_weights(graph, information, scale)
+    notices = instance.notices
+    if clipped:
+        notices += (counted(clipped, CLIPPED),)
+    return replace(instance, graph=graph, information=None, notices=notices)
 
 
 def _with_truth(instance: Instance, path: Path) -> Instance:
