@@ -3,8 +3,8 @@
 For S = M - blkdiag(0, Lam') positive semidefinite, F* >= tr(Lam'). Lam' is the point's Lam less a
 shift, and the factor itself shows how much shift rounding demands: a Cholesky factorization of A~
 that ran to completion satisfies |A~ - L L^T| <= gamma |L| |L|^T entry by entry (Rump and Jeannerod
-2014), hence A~ + diag(delta) >= 0 with delta = gamma (|L| |L|^T w) / w for any w > 0. Engines that
-are not Cholesky add their `Factor.excess`. The bound relies only on these weighted row sums, not on
+2014), hence A~ + diag(delta) >= 0 with delta = gamma (|L| |L|^T w) / w for any w > 0: see
+`certpgo.linalg.factor.Rounding`. The bound relies only on these weighted row sums, not on
 single entries, where blocked triangular solves may exceed it. If they are too large to be useful,
 the residual is measured instead (`measured_residual`).
 """
@@ -12,7 +12,6 @@ the residual is measured instead (`measured_residual`).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +23,7 @@ from certpgo.graph.lift import Point
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray
 from certpgo.linalg.balls import U
 from certpgo.linalg.blocks import add_to_diagonal, pinned, scatter_sum
-from certpgo.linalg.factor import Factor
+from certpgo.linalg.factor import OTHERS, Rounding
 from certpgo.linalg.so import rotation_defect
 from certpgo.objective.problem import PoseProblem, Problem
 
@@ -34,8 +33,8 @@ FIRST_SHIFT, GROWTH = 16.0, 8.0
 LARGEST_ROUNDING = 1e5
 #: Bisection steps (on the logarithm) that sharpen a shift not due to rounding.
 BISECTIONS = 6
-#: Nonzeros of a factor that are processed at once.
-SLAB = 20_000_000
+#: Nonzeros of a factor up to which its residual is measured.
+MEASURABLE = 20_000_000
 #: Largest factor by which a measured residual improves on its bound.
 MEASURING_GAIN = 1000.0
 #: Factorizations at one shift: the translations' rounding is predicted, then confirmed.
@@ -130,20 +129,13 @@ class _Attempts:
             self.guess[self.pin] = 0.0
 
     def foretold(self, problem: PoseProblem) -> FloatArray:
-        """(N,) predicted `rounding_of`, from a factor with one scalar per node.
+        """(N,) predicted `rounding_of`, from the lengths of L's rows.
 
-        It assumes rows of L as long as that factor's times the block size, and |L| |L|^T a few
-        times |A|.
+        It assumes |L| |L|^T a few times |A|.
         """
-        factor = problem.grounded_factor(problem.translation_laplacian)
-        if factor is None:
-            return np.zeros(len(self.weights))
-        L, order = factor.lower()
-        lengths = np.empty(problem.n)
-        lengths[order] = np.bincount(L.indices, minlength=problem.n)
         M = problem.matrix
         sizes = CSC((np.abs(M.data), M.indices, M.indptr), shape=M.shape) @ self.weights
-        terms = self.b * np.repeat(lengths, self.b) + 8.0
+        terms = self.symbolic.lengths + OTHERS
         return np.asarray(AMPLE * U * terms * sizes / self.weights)
 
     def best(self, tight: bool) -> DualBound | None:
@@ -173,15 +165,12 @@ class _Attempts:
         demand, best, generosity, measure = self.guess, None, MARGIN, False
         for _ in range(CONFIRMATIONS):
             reduced = self.shifted.less(shift, generosity * demand)
-            factor = self.factor(reduced, demand)
-            if factor is None:
+            rounding = self.rounding_of(reduced, demand, measure)
+            if rounding is None:
                 if demand is self.guess:
                     return best
                 generosity *= 1.5
                 continue
-            rounding = demand
-            if self.rounding:
-                rounding = self.rounding_of(factor, reduced, demand if measure else None)
             if np.all(rounding[~self.is_rotation] <= demand[~self.is_rotation]):
                 bound = self.bound(reduced, np.where(self.is_rotation, rounding, 0.0))
                 best = bound if best is None or bound.value > best.value else best
@@ -191,7 +180,9 @@ class _Attempts:
                     if sufficient or measure or not self.is_worth_measuring(best, shift):
                         return best
                     measure = True
-                    rounding = self.rounding_of(factor, reduced, demand)
+                    rounding = self.rounding_of(reduced, demand, measure)
+                    if rounding is None:
+                        return best
                     demand = np.zeros_like(demand)
             wanted = np.where(self.is_rotation, 0.0, MARGIN * rounding)
             # Measured values vary randomly between factors.
@@ -202,17 +193,7 @@ class _Attempts:
         """Whether the bound is insufficient due to rounding that measuring may reduce enough."""
         missing, allowed = self.cost - bound.value, self.cost - self.enough
         explained = self.rounding and shift <= LARGEST_ROUNDING * self.unit
-        return explained and missing <= MEASURING_GAIN * allowed and bound.nonzeros <= SLAB
-
-    def factor(self, multipliers: FloatArray, demand: FloatArray) -> Factor | None:
-        """The factor of the certificate matrix, with ``demand`` off the translations' diagonal."""
-        self.factorizations += 1
-        A = self.matrix(multipliers, demand)
-        factor, diagonal = self.symbolic.factor(A), A.diagonal()
-        del A  # free memory for the larger L
-        if factor is None or not self.rounding or _is_cholesky(factor, diagonal):
-            return factor
-        return None
+        return explained and missing <= MEASURING_GAIN * allowed and bound.nonzeros <= MEASURABLE
 
     def matrix(self, multipliers: FloatArray, demand: FloatArray) -> CSC:
         """The certificate matrix with a pinned translation, and ``demand`` off the diagonal."""
@@ -222,31 +203,35 @@ class _Attempts:
         return add_to_diagonal(A, -demand) if demand.any() else A
 
     def rounding_of(
-        self, factor: Factor, multipliers: FloatArray, demand: FloatArray | None = None
-    ) -> FloatArray:
+        self, multipliers: FloatArray, demand: FloatArray, measure: bool
+    ) -> FloatArray | None:
         """(N,) delta such that the exact certificate matrix plus diag(delta) is >= 0.
 
-        An entry (i, j) of L L^T sums at most min(k_i, k_j) products, with k the row counts of L:
-        at most k_i, and at most the geometric mean. Given the ``demand`` of the factorized matrix,
-        the residual is also measured.
+        Of a factorization with ``demand`` off the translations' diagonal, whose residual is either
+        bounded or measured. None if the matrix is not positive definite.
         """
-        L, order = factor.lower()
-        self.nonzeros = int(L.nnz)
-        w = self.weights
-        terms = sum(np.bincount(part.indices, minlength=len(w)) for part in _slabs(L)) + 8.0
-        root = np.sqrt(terms)
-        both = np.stack([w[order], root * w[order]], axis=1)
-        by_row, by_mean = sum(part @ (part.T @ both) for part in _slabs(L)).T
-        delta = np.empty_like(w)
-        delta[order] = U * np.minimum(terms * by_row, root * by_mean) + factor.excess(w[order])
-        if demand is not None:
-            left = measured_residual(self.matrix(multipliers, demand), L, order, w)
-            delta = delta if left is None else np.minimum(delta, left)
-        radii = _assembly_radii(self.problem, multipliers, w, self.is_rotation)
-        delta = 1.001 * (delta + radii) / w  # rounding of the products
+        self.factorizations += 1
+        A = self.matrix(multipliers, demand)
+        if not self.rounding:
+            return None if self.symbolic.factor(A) is None else demand
+        found = self.measured(A) if measure else self.symbolic.rounding(A, self.weights)
+        if found is None:
+            return None
+        self.nonzeros = found.nonzeros
+        radii = _assembly_radii(self.problem, multipliers, self.weights, self.is_rotation)
+        delta = 1.001 * (found.sums + radii) / self.weights  # rounding of the products
         if self.pin is not None:
             delta[self.pin] = 0.0  # pinned: its diagonal entry can be arbitrarily large
-        return delta
+        return np.asarray(delta)
+
+    def measured(self, A: CSC) -> Rounding | None:
+        """The rounding of a factorization, from its residual."""
+        factor = self.symbolic.factor(A)
+        if factor is None:
+            return None
+        L, order = factor.lower()
+        sums = measured_residual(A, L, order, self.weights)
+        return None if sums is None else Rounding(sums, int(L.nnz))
 
     def bound(self, multipliers: FloatArray, reduction: FloatArray) -> DualBound:
         d = self.problem.d
@@ -258,30 +243,6 @@ class _Attempts:
         value = math.nextafter(math.fsum(diagonal.ravel()), -math.inf)
         taken = self.shifted.multipliers[:, rows, rows] - diagonal
         return DualBound(value, proven, float(taken.max()), self.factorizations, self.nonzeros)
-
-
-def _is_cholesky(factor: Factor, diagonal: FloatArray) -> bool:
-    """Whether the squared row norms of L match A's diagonal, as for Cholesky factors only."""
-    L, order = factor.lower()
-    n = len(diagonal)
-    squares = sum(np.bincount(part.indices, part.data**2, minlength=n) for part in _slabs(L))
-    wanted = diagonal[order]
-    return bool(np.all(np.abs(squares - wanted) <= 1e-6 * wanted))
-
-
-def _slabs(L: CSC) -> Iterator[CSC]:
-    """|L| by groups of columns, to avoid a full copy."""
-    ends = np.searchsorted(L.indptr, np.arange(SLAB, L.nnz + SLAB, SLAB))
-    first = 0
-    for last in np.append(ends, L.shape[1]):
-        last = min(int(last), L.shape[1])
-        if last > first:
-            part = slice(int(L.indptr[first]), int(L.indptr[last]))
-            pointers = L.indptr[first : last + 1] - L.indptr[first]
-            yield CSC(
-                (np.abs(L.data[part]), L.indices[part], pointers), shape=(L.shape[0], last - first)
-            )
-        first = last
 
 
 def _assembly_radii(

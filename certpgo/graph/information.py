@@ -86,10 +86,10 @@ def mahalanobis(graph: PoseGraph, information: Information, scale: float = 1.0) 
     information : of its edges
     scale : of the rotational part, to make it refer to the tangent space
     """
-    O, d = information.distinct[:, graph.d :, graph.d :], graph.d
+    omega, d = information.distinct[:, graph.d :, graph.d :], graph.d
     if d == 2:
-        return Mahalanobis(graph.with_weights(0.5 * scale * O[information.index, 0, 0]), 0)
-    values, axes = np.linalg.eigh(O)
+        return Mahalanobis(graph.with_weights(0.5 * scale * omega[information.index, 0, 0]), 0)
+    values, axes = np.linalg.eigh(omega)
     # The smallest eigenvalue of K is then the margin.
     most = values[:, 0] + values[:, 1] - 2.0 * np.minimum(_MARGIN * values[:, 1], values[:, 0] / 4)
     clipped = values[:, 2] > most

@@ -1,31 +1,37 @@
-"""Sparse symmetric factorization behind one interface, with two engines.
+"""Sparse Cholesky factorization behind one interface, with two engines.
 
-SuperLU (always available in SciPy) in symmetric mode without pivoting, and CHOLMOD if the cvxopt
-wheel is installed. Only a factorization that ran to completion counts as positive definite.
+`multifrontal` is compiled where certpgo is installed with a C compiler; SuperLU, which comes with
+SciPy, serves everywhere. Matrices have square blocks, a row and column of blocks for each node of a
+graph, which is analysed once for all block sizes. Only a factorization that ran to completion
+counts as positive definite.
 """
 
 from __future__ import annotations
 
 import importlib.util
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from certpgo.errors import MissingDependency, SpecError
+from certpgo.linalg import multifrontal
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
+from certpgo.linalg.balls import U
 
 #: Number of nodes from which nested dissection is faster.
 NESTED_FROM = 7500
 #: Two-sided refinement of METIS: a few per cent less fill in large graphs.
 TWO_SIDED = 2
-#: Entries up to which CHOLMOD's memory is kept for the next factor.
-KEPT = 1_000_000
+#: Relative agreement of a Cholesky factor's squared row norms with the diagonal.
+AGREEMENT = 1e-6
+#: How to install the compiled engine.
+COMPILED = "--force-reinstall certpgo, where a C compiler is"
+#: Operations on an entry of L besides its products: divisions, roots, their rounding.
+OTHERS = 8.0
 
 
 class Factor(Protocol):
@@ -36,80 +42,113 @@ class Factor(Protocol):
         ...
 
     def lower(self) -> tuple[CSC, IntArray]:
-        """L with positive diagonal, and the permutation p; afterwards `solve` cannot be called."""
+        """L with positive diagonal, and the permutation p."""
         ...
 
-    def excess(self, w: FloatArray) -> FloatArray:
-        """Rounding error of the engine beyond that of a Cholesky factorization.
 
-        (N,) row sums, weighted by ``w`` (N,) and both in the order p, that bound how far
-        |A[p][:, p] - L L^T| may exceed (k + 8) u |L| |L|^T, k the row counts of L.
-        """
-        ...
+class Rounding(NamedTuple):
+    """How far a Cholesky factorization is from exact.
+
+    Attributes
+    ----------
+    sums : (N,) upper bounds on the row sums of |A - L L^T| with the weights of the columns
+    nonzeros : of L
+    """
+
+    sums: FloatArray
+    nonzeros: int
 
 
 class Symbolic(Protocol):
-    """The analysis of a sparsity pattern, for all matrices with that pattern."""
+    """The analysis of all matrices of a graph with blocks of certain sizes."""
 
     engine: str
 
-    def factor(self, A: CSC) -> Factor | None:
-        """Factorize A, which has this pattern; None if it is not positive definite."""
+    @property
+    def lengths(self) -> FloatArray:
+        """(N,) upper bounds on the nonzeros of L's rows, in the order of A."""
+        ...
+
+    def factor(self, A: CSC, *, single: bool = False) -> Factor | None:
+        """Factorize A, which has this pattern; None if it is not positive definite.
+
+        A factor in ``single`` precision may be less accurate, and fail where another does not.
+        """
+        ...
+
+    def rounding(self, A: CSC, w: FloatArray) -> Rounding | None:
+        """Factorize A, and bound the rounding with weights ``w`` (N,); L is not kept."""
+        ...
+
+
+class Analysis(Protocol):
+    """The analysis of a graph."""
+
+    engine: str
+
+    def blocks(self, sizes: IntArray) -> Symbolic:
+        """That of matrices whose nodes have ``sizes`` (n,) rows."""
         ...
 
 
 def engines() -> tuple[str, ...]:
-    """Names of the installed engines, the preferred one first."""
-    return ("cholmod", "superlu") if importlib.util.find_spec("cvxopt") else ("superlu",)
+    """Names of the engines that are here, the preferred one first."""
+    return ("multifrontal", "superlu") if multifrontal.AVAILABLE else ("superlu",)
 
 
 def default_engine() -> str:
-    """The engine in use: ``CERTPGO_ENGINE`` if set, else the first installed."""
+    """The engine in use: ``CERTPGO_ENGINE`` if set, else the first available."""
     return os.environ.get("CERTPGO_ENGINE") or engines()[0]
 
 
-def analyze(A: CSC, *, order: IntArray | None = None, engine: str | None = None) -> Symbolic:
-    """Analyse the pattern of a symmetric matrix (both triangles stored, sorted indices).
+def analyze(
+    indptr: IntArray,
+    indices: IntArray,
+    *,
+    order: IntArray | None = None,
+    engine: str | None = None,
+) -> Analysis:
+    """Analyse a symmetric pattern in compressed form: sorted indices, diagonal included.
 
     Parameters
     ----------
-    A : (N, N) matrix; only its pattern is used
-    order : (N,) fill-reducing permutation; by default one is computed
-    engine : ``"superlu"``, ``"cholmod"`` or None for `default_engine`
+    order : (n,) fill-reducing permutation; by default one is computed
+    engine : ``"multifrontal"``, ``"superlu"`` or None for `default_engine`
 
     Raises
     ------
     MissingDependency
-        The engine is not installed.
+        The engine was not compiled.
     """
-    p = fill_reducing_order(A.indptr, A.indices, engine=engine) if order is None else order
-    return _engine(engine)(A, p)
+    if order is None:
+        order = fill_reducing_order(indptr, indices)
+    name = engine or default_engine()
+    if name == "superlu":
+        return _SuperLUAnalysis(indptr, indices, order)
+    if name != "multifrontal":
+        raise SpecError.unknown("engine", name, ("multifrontal", "superlu"))
+    if name not in engines():
+        raise MissingDependency("the compiled engine", package=COMPILED)
+    return _FrontsAnalysis(indptr, indices, order)
 
 
 def factorize(A: CSC, *, engine: str | None = None) -> Factor | None:
     """Analyse and factorize; None if A is not positive definite."""
-    return analyze(A, engine=engine).factor(A)
+    symbolic = analyze(A.indptr, A.indices, engine=engine).blocks(np.ones(A.shape[0], dtype=int))
+    return symbolic.factor(A)
 
 
-def fill_reducing_order(
-    indptr: IntArray, indices: IntArray, *, engine: str | None = None
-) -> IntArray:
-    """A fill-reducing permutation for the symmetric pattern in compressed form, (N,).
+def fill_reducing_order(indptr: IntArray, indices: IntArray) -> IntArray:
+    """A fill-reducing permutation for the symmetric pattern in compressed form, (n,).
 
     Minimum degree; for large graphs nested dissection if METIS (pymetis) is installed.
     """
     n = len(indptr) - 1
     if n >= NESTED_FROM and importlib.util.find_spec("pymetis"):
         return _nested_dissection(indptr, indices)
-    if (engine or default_engine()) == "cholmod":
-        from cvxopt import amd
-
-        order: IntArray = _array_of(amd.order(_cvxopt_lower(n, indptr, indices)[0]), np.intp)
-        return order
-    degree = np.diff(indptr)
-    column = np.repeat(np.arange(n), degree)
-    values = np.where(indices == column, degree[column].astype(float), -0.5)
-    lu = _splu_without_pivoting(CSC((values, indices, indptr), shape=(n, n)), "MMD_AT_PLUS_A")
+    if multifrontal.AVAILABLE:
+        return multifrontal.minimum_degree(indptr, indices)
+    lu = _splu_without_pivoting(_dominant(indptr, indices), "MMD_AT_PLUS_A")
     return np.asarray(np.argsort(lu.perm_c))
 
 
@@ -125,15 +164,71 @@ def _nested_dissection(indptr: IntArray, indices: IntArray) -> IntArray:
     return np.asarray(order, dtype=np.intp)
 
 
-def _engine(name: str | None) -> Callable[[CSC, IntArray], Symbolic]:
-    name = name or default_engine()
-    if name == "superlu":
-        return SuperLU
-    if name != "cholmod":
-        raise SpecError.unknown("engine", name, ("superlu", "cholmod"))
-    if "cholmod" not in engines():
-        raise MissingDependency("CHOLMOD (the cvxopt package)", "cholmod")
-    return Cholmod
+class _FrontsAnalysis:
+    engine = "multifrontal"
+
+    def __init__(self, indptr: IntArray, indices: IntArray, order: IntArray) -> None:
+        self._tree = multifrontal.Tree.of(indptr, indices, order)
+
+    def blocks(self, sizes: IntArray) -> Symbolic:
+        return _Multifrontal(multifrontal.Fronts(self._tree, sizes))
+
+
+class _Multifrontal:
+    """The compiled engine."""
+
+    engine = "multifrontal"
+
+    def __init__(self, fronts: multifrontal.Fronts) -> None:
+        self._fronts = fronts
+
+    @cached_property
+    def lengths(self) -> FloatArray:
+        return self._fronts.lengths
+
+    def factor(self, A: CSC, *, single: bool = False) -> Factor | None:
+        return self._fronts.factor(A.data, single=single)
+
+    def rounding(self, A: CSC, w: FloatArray) -> Rounding | None:
+        terms = self.lengths + OTHERS
+        both = _both(w, terms)
+        found = self._fronts.row_sums(A.data, both)
+        if found is None:
+            return None
+        absolute, squares = found
+        if not _is_cholesky(squares, A):
+            return None
+        return Rounding(_least(absolute, terms), int(self.lengths.sum()))
+
+
+def _both(w: FloatArray, terms: FloatArray) -> FloatArray:
+    """(N, 2) weights of the two bounds that `_least` compares."""
+    return np.stack([w, np.sqrt(terms) * w], axis=1)
+
+
+def _least(absolute: FloatArray, terms: FloatArray) -> FloatArray:
+    """(N,) bounds on the rounding, from |L| |L|^T times the weights of `_both`.
+
+    An entry (i, j) of L L^T sums at most min(k_i, k_j) products, with k the row lengths of L: at
+    most k_i, and at most the geometric mean.
+    """
+    by_row, by_mean = absolute.T
+    return np.asarray(U * np.minimum(terms * by_row, np.sqrt(terms) * by_mean))
+
+
+def _is_cholesky(squares: FloatArray, A: CSC) -> bool:
+    """Whether the squared row norms of L match A's diagonal, as for Cholesky factors only."""
+    diagonal = A.diagonal()
+    return bool(np.all(np.abs(squares - diagonal) <= AGREEMENT * diagonal))
+
+
+def _dominant(indptr: IntArray, indices: IntArray) -> CSC:
+    """A definite matrix of that pattern."""
+    n = len(indptr) - 1
+    degree = np.diff(indptr)
+    column = np.repeat(np.arange(n), degree)
+    values = np.where(indices == column, degree[column].astype(float), -0.5)
+    return CSC((values, indices, indptr), shape=(n, n))
 
 
 def _splu_without_pivoting(A: CSC, ordering: str) -> Any:
@@ -148,30 +243,79 @@ def _splu_without_pivoting(A: CSC, ordering: str) -> Any:
         return None
 
 
-class SuperLU:
+class _SuperLUAnalysis:
+    engine = "superlu"
+
+    def __init__(self, indptr: IntArray, indices: IntArray, order: IntArray) -> None:
+        self._pattern, self._order = (indptr, indices), order
+
+    def blocks(self, sizes: IntArray) -> Symbolic:
+        permutation = np.argsort(np.repeat(np.argsort(self._order), sizes), kind="stable")
+        return _SuperLU(permutation, self._lengths(sizes))
+
+    def _lengths(self, sizes: IntArray) -> FloatArray:
+        n, order = len(sizes), self._order
+        A = _dominant(*self._pattern)
+        L = _splu_without_pivoting(A[order][:, order].tocsc(), "NATURAL").L.tocsc()
+        lengths = np.empty(n)
+        column = np.repeat(np.arange(n), np.diff(L.indptr))
+        lengths[order] = np.bincount(L.indices, sizes[order][column], n)
+        return np.repeat(lengths, sizes)
+
+
+class _SuperLU:
     """SciPy's SuperLU in symmetric mode on the diagonal: L D L^T with D from U's diagonal."""
 
     engine = "superlu"
 
-    def __init__(self, A: CSC, order: IntArray) -> None:
-        n = A.shape[0]
-        self._order = order
-        # Permute once and store where each entry went: refactoring is then a gather.
-        labels = CSC((np.arange(1, A.nnz + 1, dtype=np.int64), A.indices, A.indptr), shape=(n, n))
-        permuted = labels[order][:, order].tocsc()
-        permuted.sort_indices()
-        self._gather = permuted.data - 1
-        self._indices, self._indptr = permuted.indices, permuted.indptr
+    def __init__(self, order: IntArray, lengths: FloatArray) -> None:
+        self._order, self._lengths = order, lengths
+        self._permuted: tuple[IntArray, IntArray, IntArray] | None = None
 
-    def factor(self, A: CSC) -> Factor | None:
+    @property
+    def lengths(self) -> FloatArray:
+        return self._lengths
+
+    def factor(self, A: CSC, *, single: bool = False) -> Factor | None:
         """Factorize A; None if a pivot is not positive, not finite, or off the diagonal."""
-        permuted = CSC((A.data[self._gather], self._indices, self._indptr), shape=A.shape)
+        return self._factor(A)
+
+    def _factor(self, A: CSC) -> _SuperLUFactor | None:
+        gather, indices, indptr = self._places(A)
+        permuted = CSC((A.data[gather], indices, indptr), shape=A.shape)
         lu = _splu_without_pivoting(permuted, "NATURAL")
         if lu is None or not np.array_equal(lu.perm_r, lu.perm_c):
             return None
         pivots = lu.U.diagonal()
         definite = np.all((pivots > 0.0) & (pivots < np.inf))
         return _SuperLUFactor(lu, pivots, self._order) if definite else None
+
+    def _places(self, A: CSC) -> tuple[IntArray, IntArray, IntArray]:
+        """Where each entry of the permuted matrix comes from, and its pattern."""
+        if self._permuted is None:
+            n, order = A.shape[0], self._order
+            labels = CSC((np.arange(1, A.nnz + 1, dtype=np.int64), A.indices, A.indptr), (n, n))
+            permuted = labels[order][:, order].tocsc()
+            permuted.sort_indices()
+            self._permuted = permuted.data - 1, permuted.indices, permuted.indptr
+        return self._permuted
+
+    def rounding(self, A: CSC, w: FloatArray) -> Rounding | None:
+        factor = self._factor(A)
+        if factor is None:
+            return None
+        L, p = factor.lower()
+        terms, squares = np.empty(len(w)), np.empty(len(w))
+        terms[p] = np.bincount(L.indices, minlength=len(w)) + OTHERS
+        squares[p] = np.bincount(L.indices, L.data**2, minlength=len(w))
+        if not _is_cholesky(squares, A):
+            return None
+        size, both = abs(L), _both(w, terms)
+        absolute = np.empty_like(both)
+        absolute[p] = size @ (size.T @ both[p])
+        sums = _least(absolute, terms)
+        sums[p] += factor.excess(w[p])
+        return Rounding(sums, int(L.nnz))
 
 
 class _SuperLUFactor:
@@ -184,7 +328,10 @@ class _SuperLUFactor:
         return X
 
     def excess(self, w: FloatArray) -> FloatArray:
-        # |A - L U| <= k u |L| |U|, but rounding breaks the symmetry: U is not exactly D L^T.
+        """(N,) row sums that bound the rounding beyond that of a Cholesky factorization.
+
+        |A - L U| <= k u |L| |U|, but rounding breaks the symmetry: U is not exactly D L^T.
+        """
         L, U = self._lu.L.tocsc(), self._lu.U.tocsc()
         scaled = sparse.diags_array(self._pivots) @ L.T
         eps = float(np.finfo(float).eps)
@@ -201,117 +348,3 @@ class _SuperLUFactor:
         L.data *= np.repeat(np.sqrt(self._pivots), np.diff(L.indptr))
         L.sort_indices()
         return CSC(L), self._order[np.argsort(self._lu.perm_c)]
-
-
-class Cholmod:
-    """CHOLMOD's supernodal Cholesky factorization, from the cvxopt wheel."""
-
-    engine = "cholmod"
-
-    def __init__(self, A: CSC, order: IntArray) -> None:
-        from cvxopt import matrix
-
-        self._matrix, self._lower = _cvxopt_lower(A.shape[0], A.indptr, A.indices)
-        self._symbolic = (self._matrix, matrix(np.asarray(order, dtype=np.int64), tc="i"))
-        self.size = A.shape[0]
-        # A factor overwrites its analysis; analyses of deleted factors are reused.
-        self._free: list[Any] = [self._analyze()]
-
-    def factor(self, A: CSC) -> Factor | None:
-        """Factorize A; None if CHOLMOD finds a pivot that is not positive."""
-        values = A.data[self._lower]
-        if not np.isfinite(values).all():
-            return None
-        factor = self._free.pop() if self._free else self._analyze()
-        if self._numeric(factor, values):
-            return _CholmodFactor(self, factor)
-        self.give_back(factor)
-        return None
-
-    def give_back(self, factor: Any) -> None:
-        """Keep the memory of an unused factor for the next one, unless it is large."""
-        if factor is not None and len(self._lower) <= KEPT and not self._free:
-            self._free.append(factor)
-
-    def _analyze(self) -> Any:
-        from cvxopt import cholmod
-
-        with _own_options():
-            return cholmod.symbolic(*self._symbolic)
-
-    def _numeric(self, analysis: Any, values: FloatArray) -> bool:
-        from cvxopt import cholmod, matrix
-
-        self._matrix.V = matrix(values)
-        try:
-            with _own_options():
-                cholmod.numeric(self._matrix, analysis)
-        except ArithmeticError:
-            return False
-        return True
-
-
-@contextmanager
-def _own_options() -> Iterator[None]:
-    """Set CHOLMOD's process-wide options to supernodal L L^T, and restore them afterwards."""
-    from cvxopt import cholmod
-
-    others = dict(cholmod.options)
-    cholmod.options.clear()
-    cholmod.options.update(supernodal=2, nmethods=1)  # use only our ordering
-    try:
-        yield
-    finally:
-        cholmod.options.clear()
-        cholmod.options.update(others)
-
-
-class _CholmodFactor:
-    def __init__(self, symbolic: Cholmod, factor: Any) -> None:
-        self._symbolic, self._factor = symbolic, factor
-        self._lower: tuple[CSC, IntArray] | None = None
-
-    def __del__(self) -> None:
-        self._symbolic.give_back(self._factor)
-
-    def excess(self, w: FloatArray) -> FloatArray:
-        return np.zeros_like(w)
-
-    def solve(self, B: FloatArray) -> FloatArray:
-        return self._solve(np.asarray(B, dtype=np.float64), 0)
-
-    def _solve(self, B: FloatArray, system: int) -> FloatArray:
-        from cvxopt import cholmod, matrix
-
-        X = matrix(np.asfortranarray(B))
-        cholmod.solve(self._factor, X, sys=system)
-        return np.array(X).reshape(B.shape)
-
-    def lower(self) -> tuple[CSC, IntArray]:
-        if self._lower is None:
-            from cvxopt import cholmod
-
-            # The analysis may postorder the given order: read the permutation from the factor.
-            n = self._symbolic.size
-            order = self._solve(np.arange(n, dtype=np.float64), 7).astype(np.intp)
-            L = cholmod.getfactor(self._factor)
-            self._factor = None  # getfactor leaves only the pattern in it
-            pointers, rows, values = L.CCS
-            del L
-            arrays = np.asarray(values).ravel(), _array_of(rows, np.int32)
-            self._lower = CSC((*arrays, _array_of(pointers, np.int32)), shape=(n, n)), order
-        return self._lower
-
-
-def _cvxopt_lower(n: int, indptr: IntArray, indices: IntArray) -> tuple[Any, IntArray]:
-    """The lower triangle of a pattern as a cvxopt matrix, and the indices of its entries."""
-    from cvxopt import matrix, spmatrix
-
-    columns = np.repeat(np.arange(n, dtype=np.int64), np.diff(indptr))
-    lower = np.flatnonzero(indices >= columns).astype(indptr.dtype)
-    rows = matrix(np.asarray(indices[lower], dtype=np.int64), tc="i")
-    return spmatrix(1.0, rows, matrix(columns[lower], tc="i"), (n, n)), lower
-
-
-def _array_of(values: Any, dtype: Any) -> Any:
-    return np.array(values, dtype=dtype).ravel()

@@ -14,8 +14,8 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.lift import Point
 from certpgo.linalg import factor
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
-from certpgo.linalg.blocks import BlockPattern, expand, pinned
-from certpgo.linalg.factor import Factor, Symbolic
+from certpgo.linalg.blocks import BlockPattern, pinned
+from certpgo.linalg.factor import Analysis, Factor, Symbolic
 from certpgo.objective import operators
 
 AnyPoint = TypeVar("AnyPoint", bound=Point)
@@ -98,20 +98,23 @@ class Objective(ABC):
     @cached_property
     def order(self) -> IntArray:
         """(n,) fill-reducing order of the nodes."""
-        return factor.fill_reducing_order(
-            self.pattern.indptr, self.pattern.indices, engine=self.engine
-        )
+        return factor.fill_reducing_order(self.pattern.indptr, self.pattern.indices)
 
     @cached_property
-    def _analyses(self) -> dict[int, Symbolic]:
+    def _analysis(self) -> Analysis:
+        pattern = self.pattern.indptr, self.pattern.indices
+        return factor.analyze(*pattern, order=self.order, engine=self.engine)
+
+    @cached_property
+    def _by_size(self) -> dict[int, Symbolic]:
         return {}
 
     def symbolic(self, A: CSC) -> Symbolic:
         """The symbolic analysis of a block matrix of this graph; computed once per block size."""
-        cache, b = self._analyses, A.shape[0] // self.n
-        if b not in cache:
-            cache[b] = factor.analyze(A, order=expand(self.order, b), engine=self.engine)
-        return cache[b]
+        known, b = self._by_size, A.shape[0] // self.n
+        if b not in known:
+            known[b] = self._analysis.blocks(np.full(self.n, b))
+        return known[b]
 
     def certificate_matrix(self, multipliers: FloatArray) -> CSC:
         """S = M - blkdiag(0, Lam), or L - blkdiag(Lam) for rotations, with the pattern of M."""
@@ -130,7 +133,8 @@ class Objective(ABC):
         """Another problem, which shares pattern, order and analyses if it has the same edges."""
         if other.graph.num_edges < self.graph.num_edges:
             return other
-        other.__dict__.update(pattern=self.pattern, order=self.order, _analyses=self._analyses)
+        shared = ("pattern", "order", "_analysis", "_by_size")
+        other.__dict__.update((name, getattr(self, name)) for name in shared)
         return other
 
     def check(self, estimate: Estimate) -> None:

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.strategies import rng_of
 
 from certpgo import io, solve
 from certpgo.datasets.synthetic import helix
@@ -13,6 +12,7 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.information import Information, mahalanobis
 from certpgo.linalg import so
 from certpgo.objective.problem import problem_of
+from tests.strategies import rng_of
 
 SQUARE = "EDGE_SE2 0 1 1 0 0.1 1 0 0 1 0 {0}\nEDGE_SE2 0 1 1 0 0 1 0 0 1 0 {0}\n"
 
@@ -34,13 +34,13 @@ def test_the_files_rotational_information(name, options, cost, dataset):
     assert answer.certificate.cost_upper == pytest.approx(cost, rel=5e-7)
 
 
-def one_edge(O, R):
-    """A graph of one edge whose information has the rotational part O, and a point on it."""
+def one_edge(omega, R):
+    """A graph of one edge whose information has the rotational part omega, and a point on it."""
     d = len(R)
     rotation = RotationGraph(2, np.array([[0, 1]]), np.eye(d)[None], np.ones(1))
     graph = PoseGraph(rotation, np.zeros((1, d)), np.ones(1))
-    whole = np.eye(d + len(O))
-    whole[d:, d:] = O
+    whole = np.eye(d + len(omega))
+    whole[d:, d:] = omega
     point = Estimate(np.stack([np.eye(d), R]), np.zeros((2, d)))
     return mahalanobis(graph, Information(whole[None], np.zeros(1, dtype=int))), point
 
@@ -50,13 +50,13 @@ def test_terms_are_mahalanobis_distances_or_below(seed, decades):
     rng = rng_of(seed)
     U = so.exp(rng.normal(size=(1, 3)))[0]
     values = 10.0 ** rng.uniform(-decades, 0.0, 3)
-    O = U @ np.diag(values) @ U.T
-    O = 0.5 * (O + O.T)
+    omega = U @ np.diag(values) @ U.T
+    omega = 0.5 * (omega + omega.T)
     axis = rng.normal(size=3)
     axis /= np.linalg.norm(axis)
     angle = rng.uniform(0.0, np.pi)
-    weighted, point = one_edge(O, so.exp(angle * axis[None])[0])
-    exact = 4.0 * np.sin(angle / 2.0) ** 2 * (axis @ O @ axis)
+    weighted, point = one_edge(omega, so.exp(angle * axis[None])[0])
+    exact = 4.0 * np.sin(angle / 2.0) ** 2 * (axis @ omega @ axis)
     cost = problem_of(weighted.graph).cost(point)
     assert cost <= exact + 1e-14 * values.max()
     values.sort()
@@ -67,10 +67,10 @@ def test_terms_are_mahalanobis_distances_or_below(seed, decades):
 
 
 def test_lowered_weights_keep_the_other_axes():
-    O = np.diag([1.0, 2.0, 5.0])
+    omega = np.diag([1.0, 2.0, 5.0])
     for k, kept in ((0, 1.0), (1, 2.0), (2, 3.0)):
         axis = np.eye(3)[k]
-        weighted, point = one_edge(O, so.exp(0.3 * axis[None])[0])
+        weighted, point = one_edge(omega, so.exp(0.3 * axis[None])[0])
         assert weighted.clipped == 1
         expected = 4.0 * np.sin(0.15) ** 2 * kept
         assert problem_of(weighted.graph).cost(point) == pytest.approx(expected, rel=1e-5)

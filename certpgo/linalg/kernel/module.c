@@ -1,0 +1,410 @@
+/* Multifrontal Cholesky factorization of sparse symmetric block matrices.
+ *
+ * Duff and Reid, "The multifrontal solution of indefinite sparse symmetric linear equations" (1983),
+ * for definite matrices; Liu, "The multifrontal method for sparse matrix solution" (1992). The
+ * analysis is of the graph of nodes, and serves every size of the nodes' blocks. Dense work is done
+ * by SciPy's BLAS and LAPACK, whose functions are found at import.
+ *
+ * All arrays belong to NumPy. Integers have 64 bits; nodes are numbered in elimination order unless
+ * said otherwise. `certpgo.linalg.multifrontal` has the calls and their documentation.
+ */
+
+#define PY_SSIZE_T_CLEAN
+#ifndef Py_LIMITED_API
+#define Py_LIMITED_API 0x030B0000
+#endif
+#include <Python.h>
+#include <math.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef int64_t Int;
+
+/* Multiplications between two looks for Ctrl-C: about a second. */
+#define PATIENCE 2e9
+
+/* ---------------------------------------------------------------- buffers */
+
+enum { MAX_BUFFERS = 24 };
+
+typedef struct {
+    Py_buffer views[MAX_BUFFERS];
+    int count;
+} Buffers;
+
+/* The memory of a contiguous array of `size`-byte items; NULL and an exception if it is not. */
+static void *borrow(Buffers *held, PyObject *object, int writable, Py_ssize_t size, Py_ssize_t *length)
+{
+    Py_buffer *view = &held->views[held->count];
+    if (held->count == MAX_BUFFERS) {
+        PyErr_SetString(PyExc_SystemError, "too many arrays");
+        return NULL;
+    }
+    if (PyObject_GetBuffer(object, view, writable ? PyBUF_CONTIG : PyBUF_CONTIG_RO) < 0) return NULL;
+    held->count++;
+    if (view->itemsize != size) {
+        PyErr_Format(PyExc_TypeError, "items of %zd bytes expected, not %zd", size, view->itemsize);
+        return NULL;
+    }
+    if (length) *length = view->len / size;
+    /* An empty array may have no memory. */
+    return view->buf ? view->buf : (void *)held;
+}
+
+static void give_back(Buffers *held)
+{
+    while (held->count) PyBuffer_Release(&held->views[--held->count]);
+}
+
+static PyObject *bytes_of(const Int *values, Int count)
+{
+    return PyBytes_FromStringAndSize((const char *)values, (Py_ssize_t)(count * (Int)sizeof(Int)));
+}
+
+/* --------------------------------------------------------------- analysis */
+
+#include "analysis.h"
+#include "ordering.h"
+
+static PyObject *analyze(PyObject *self, PyObject *args)
+{
+    PyObject *objects[4], *result = NULL;
+    Buffers held = {.count = 0};
+    Py_ssize_t length, count_of_sizes, pointers;
+    if (!PyArg_ParseTuple(args, "OOOO", &objects[0], &objects[1], &objects[2], &objects[3]))
+        return NULL;
+    const Int *indptr = borrow(&held, objects[0], 0, sizeof(Int), &pointers);
+    const Int *indices = indptr ? borrow(&held, objects[1], 0, sizeof(Int), NULL) : NULL;
+    const Int *given = indices ? borrow(&held, objects[2], 0, sizeof(Int), &length) : NULL;
+    const Int *sizes = given ? borrow(&held, objects[3], 0, sizeof(Int), &count_of_sizes) : NULL;
+    if (!sizes) goto done;
+    Int n = length;
+    if (pointers != n + 1 || count_of_sizes != n) {
+        PyErr_SetString(PyExc_ValueError, "pattern, order and sizes differ in length");
+        goto done;
+    }
+    Int *work = malloc((size_t)(16 * n + 16) * sizeof(Int)), *rows = NULL;
+    if (!work) {
+        PyErr_NoMemory();
+        goto done;
+    }
+    Int *order = work, *place = work + n, *parent = work + 2 * n, *columns = work + 3 * n;
+    Int *counts = work + 4 * n, *start = work + 5 * n, *of = work + 6 * n + 2;
+    Int *above = work + 7 * n + 2, *begin = work + 8 * n + 2, *scratch = work + 9 * n + 4;
+    Int many = 0;
+    Py_BEGIN_ALLOW_THREADS
+    memcpy(order, given, (size_t)n * sizeof(Int));
+    for (Int k = 0; k < n; k++) place[order[k]] = k;
+    elimination_tree(n, indptr, indices, order, place, parent, scratch);
+    postorder(n, order, place, parent, scratch, scratch + n, scratch + 2 * n);
+    count(n, indptr, indices, order, place, parent, sizes, columns, counts, scratch);
+    many = supernodes(n, parent, columns, start, of, scratch);
+    rows = structure(n, indptr, indices, order, place, many, start, of, above, begin, scratch);
+    Py_END_ALLOW_THREADS
+    if (rows)
+        result = Py_BuildValue("NNNNNN", bytes_of(order, n), bytes_of(counts, n),
+                               bytes_of(start, many + 1), bytes_of(above, many),
+                               bytes_of(begin, many + 1), bytes_of(rows, begin[many]));
+    else
+        PyErr_NoMemory();
+    free(rows);
+    free(work);
+done:
+    give_back(&held);
+    return result;
+}
+
+/* order(indptr, indices) -> bytes of a fill-reducing order */
+static PyObject *order(PyObject *self, PyObject *args)
+{
+    PyObject *objects[2], *result = NULL;
+    Buffers held = {.count = 0};
+    Py_ssize_t pointers, entries;
+    if (!PyArg_ParseTuple(args, "OO", &objects[0], &objects[1])) return NULL;
+    const Int *indptr = borrow(&held, objects[0], 0, sizeof(Int), &pointers);
+    const Int *indices = indptr ? borrow(&held, objects[1], 0, sizeof(Int), &entries) : NULL;
+    if (!indices) goto done;
+    Int n = pointers - 1, outcome = -1;
+    if (indptr[n] != entries) {
+        PyErr_SetString(PyExc_ValueError, "pointers and indices differ");
+        goto done;
+    }
+    Int *found_order = malloc((size_t)(n + 1) * sizeof(Int));
+    Py_BEGIN_ALLOW_THREADS
+    if (found_order) outcome = minimum_degree(n, indptr, indices, found_order);
+    Py_END_ALLOW_THREADS
+    result = outcome < 0 ? PyErr_NoMemory() : bytes_of(found_order, n);
+    free(found_order);
+done:
+    give_back(&held);
+    return result;
+}
+
+/* ----------------------------------------------------------------- fronts */
+
+/* The tree of fronts of a matrix: see `certpgo.linalg.multifrontal.Fronts`. */
+typedef struct {
+    Int n, many;            /* nodes, supernodes */
+    const Int *indptr;      /* (n + 1,) the pattern in A's own numbering of nodes */
+    const Int *indices;     /* neighbours of each node, itself included, ascending */
+    const Int *entry;       /* (n + 1,) where each node's columns begin in A's data */
+    const Int *order;       /* (n,) A's number of each node */
+    const Int *place;       /* (n,) inverse */
+    const Int *sizes;       /* (n,) rows of each node of A */
+    const Int *offset;      /* (n + 1,) first row of each node of L */
+    const Int *start;       /* (many + 1,) first node of each supernode */
+    const Int *above;       /* (many,) parent of each supernode, or -1 */
+    const Int *begin;       /* (many + 1,) where the rows of each supernode begin */
+    const Int *rows;        /* nodes below each supernode */
+    const Int *panel;       /* (many + 1,) where each supernode's columns of L begin */
+    Int stack, widest, tallest; /* entries of the stack of updates, of a panel; rows of a front */
+} Fronts;
+
+static Int below(const Fronts *f, Int s)
+{
+    Int m = 0;
+    for (Int e = f->begin[s]; e < f->begin[s + 1]; e++)
+        m += f->offset[f->rows[e] + 1] - f->offset[f->rows[e]];
+    return m;
+}
+
+static Int width_of(const Fronts *f, Int s)
+{
+    return f->offset[f->start[s + 1]] - f->offset[f->start[s]];
+}
+
+/* Places of panels in L, and the memory that the updates need. */
+static PyObject *measure(PyObject *self, PyObject *args)
+{
+    PyObject *objects[6], *result = NULL;
+    Buffers held = {.count = 0};
+    Py_ssize_t many;
+    void *arrays[6];
+    if (!PyArg_ParseTuple(args, "OOOOOO", &objects[0], &objects[1], &objects[2], &objects[3],
+                          &objects[4], &objects[5]))
+        return NULL;
+    for (int k = 0; k < 6; k++)
+        if (!(arrays[k] = borrow(&held, objects[k], k == 5, sizeof(Int), k == 2 ? &many : NULL)))
+            goto done;
+    Fronts f = {.offset = arrays[0], .start = arrays[1], .above = arrays[2], .begin = arrays[3],
+                .rows = arrays[4]};
+    Int *panel = arrays[5], *freed = calloc((size_t)many + 1, sizeof(Int));
+    Int stack = 0, top = 0, widest = 0, tallest = 0;
+    if (!freed) {
+        PyErr_NoMemory();
+        goto done;
+    }
+    panel[0] = 0;
+    for (Int s = 0; s < many; s++) {
+        Int m = below(&f, s), nc = width_of(&f, s);
+        panel[s + 1] = panel[s] + nc * (nc + m);
+        if (nc * (nc + m) > widest) widest = nc * (nc + m);
+        if (nc + m > tallest) tallest = nc + m;
+        if (top + m * m > stack) stack = top + m * m;
+        top += m * m - freed[s];
+        if (f.above[s] >= 0) freed[f.above[s]] += m * m;
+    }
+    free(freed);
+    result = Py_BuildValue("LLL", (long long)stack, (long long)widest, (long long)tallest);
+done:
+    give_back(&held);
+    return result;
+}
+
+/* What a factorization computes besides L; each may be NULL. */
+typedef struct {
+    Int columns;          /* number of weight vectors */
+    const double *weight; /* (columns, N) weights, in the order of L's rows */
+    double *sums;         /* (columns, N) |L| |L|^T weight */
+    double *squares;      /* (N,) squared norms of L's rows */
+} Sums;
+
+static int interrupted(double *patience, double work)
+{
+    if ((*patience -= work) > 0.0) return 0;
+    *patience = PATIENCE;
+    PyGILState_STATE state = PyGILState_Ensure();
+    int stop = PyErr_CheckSignals() < 0;
+    PyGILState_Release(state);
+    return stop;
+}
+
+static void *found(const char *module, const char *name)
+{
+    PyObject *library = PyImport_ImportModule(module);
+    PyObject *functions = library ? PyObject_GetAttrString(library, "__pyx_capi__") : NULL;
+    PyObject *capsule = functions ? PyMapping_GetItemString(functions, name) : NULL;
+    void *pointer = capsule ? PyCapsule_GetPointer(capsule, PyCapsule_GetName(capsule)) : NULL;
+    Py_XDECREF(capsule);
+    Py_XDECREF(functions);
+    Py_XDECREF(library);
+    return pointer;
+}
+
+#define REAL double
+#define IN(name) name##_double
+#define LETTER "d"
+#include "fronts.h"
+#undef REAL
+#undef IN
+#undef LETTER
+
+#define REAL float
+#define IN(name) name##_float
+#define LETTER "s"
+#include "fronts.h"
+
+static int fronts_of(Buffers *held, PyObject *tuple, Fronts *f)
+{
+    const Int **fields[] = {&f->indptr, &f->indices, &f->entry, &f->order, &f->place, &f->sizes,
+                            &f->offset, &f->start, &f->above, &f->begin, &f->rows, &f->panel};
+    Py_ssize_t lengths[12];
+    for (int k = 0; k < 12; k++) {
+        PyObject *item = PyTuple_GetItem(tuple, k);
+        if (!item || !(*fields[k] = borrow(held, item, 0, sizeof(Int), &lengths[k]))) return -1;
+    }
+    f->n = lengths[3], f->many = lengths[8];
+    long long room[3];
+    for (int k = 0; k < 3; k++) {
+        PyObject *item = PyTuple_GetItem(tuple, 12 + k);
+        if (!item) return -1;
+        room[k] = PyLong_AsLongLong(item);
+        if (room[k] == -1 && PyErr_Occurred()) return -1;
+    }
+    f->stack = room[0], f->widest = room[1], f->tallest = room[2];
+    return 0;
+}
+
+/* factor(fronts, data, L | None, weights | None, sums | None, squares | None) -> bool */
+static PyObject *factor(PyObject *self, PyObject *args)
+{
+    PyObject *tuple, *data, *into, *weight, *sums, *squares, *result = NULL;
+    Buffers held = {.count = 0};
+    Fronts f;
+    Sums wanted = {0, NULL, NULL, NULL};
+    int single = 0;
+    void *L = NULL;
+    Py_ssize_t length, entries;
+    if (!PyArg_ParseTuple(args, "OOOOOOp", &tuple, &data, &into, &weight, &sums, &squares, &single))
+        return NULL;
+    if (fronts_of(&held, tuple, &f) < 0) goto done;
+    const double *values = borrow(&held, data, 0, sizeof(double), &entries);
+    if (!values) goto done;
+    Int size = single ? sizeof(float) : sizeof(double);
+    if (into != Py_None && !(L = borrow(&held, into, 1, size, &length))) goto done;
+    if (entries != f.entry[f.n] || (L && length != f.panel[f.many])) {
+        PyErr_SetString(PyExc_ValueError, "a matrix of another pattern");
+        goto done;
+    }
+    if (squares != Py_None) {
+        Py_ssize_t N = f.offset[f.n], many, also, rows;
+        wanted.weight = borrow(&held, weight, 0, sizeof(double), &many);
+        wanted.sums = wanted.weight ? borrow(&held, sums, 1, sizeof(double), &also) : NULL;
+        wanted.squares = wanted.sums ? borrow(&held, squares, 1, sizeof(double), &rows) : NULL;
+        if (!wanted.squares) goto done;
+        if (rows != N || many != also || many % N) {
+            PyErr_SetString(PyExc_ValueError, "weights and sums differ in size");
+            goto done;
+        }
+        wanted.columns = many / N;
+    }
+    int outcome;
+    Py_BEGIN_ALLOW_THREADS
+    outcome = single ? factor_float(&f, values, L, &wanted) : factor_double(&f, values, L, &wanted);
+    Py_END_ALLOW_THREADS
+    if (outcome == -1) PyErr_NoMemory();
+    if (outcome >= 0) result = PyBool_FromLong(outcome);
+done:
+    give_back(&held);
+    return result;
+}
+
+/* solve(fronts, L, X, single): X (k, N), in the order of L's rows, is overwritten */
+static PyObject *solve(PyObject *self, PyObject *args)
+{
+    PyObject *tuple, *factor_object, *right, *result = NULL;
+    Buffers held = {.count = 0};
+    Fronts f;
+    int single;
+    Py_ssize_t length, entries;
+    if (!PyArg_ParseTuple(args, "OOOp", &tuple, &factor_object, &right, &single)) return NULL;
+    if (fronts_of(&held, tuple, &f) < 0) goto done;
+    Int size = single ? sizeof(float) : sizeof(double);
+    const void *L = borrow(&held, factor_object, 0, size, &length);
+    void *X = L ? borrow(&held, right, 1, size, &entries) : NULL;
+    if (!X) goto done;
+    Int N = f.offset[f.n];
+    if (length != f.panel[f.many] || entries % N) {
+        PyErr_SetString(PyExc_ValueError, "a factor or right-hand side of another matrix");
+        goto done;
+    }
+    int outcome;
+    Py_BEGIN_ALLOW_THREADS
+    outcome = single ? solve_float(&f, L, X, entries / N) : solve_double(&f, L, X, entries / N);
+    Py_END_ALLOW_THREADS
+    if (outcome < 0)
+        PyErr_NoMemory();
+    else
+        result = Py_NewRef(Py_None);
+done:
+    give_back(&held);
+    return result;
+}
+
+/* lower(fronts, L, heights, rows, values) -> number of entries of L's lower triangle by columns */
+static PyObject *lower(PyObject *self, PyObject *args)
+{
+    PyObject *tuple, *objects[4], *result = NULL;
+    Buffers held = {.count = 0};
+    Fronts f;
+    Py_ssize_t length, columns, room, also;
+    if (!PyArg_ParseTuple(args, "OOOOO", &tuple, &objects[0], &objects[1], &objects[2], &objects[3]))
+        return NULL;
+    if (fronts_of(&held, tuple, &f) < 0) goto done;
+    const double *L = borrow(&held, objects[0], 0, sizeof(double), &length);
+    Int *heights = L ? borrow(&held, objects[1], 1, sizeof(Int), &columns) : NULL;
+    Int *rows = heights ? borrow(&held, objects[2], 1, sizeof(Int), &room) : NULL;
+    double *values = rows ? borrow(&held, objects[3], 1, sizeof(double), &also) : NULL;
+    if (!values) goto done;
+    if (length != f.panel[f.many] || columns != f.offset[f.n] || room < length || also < length) {
+        PyErr_SetString(PyExc_ValueError, "a factor of another matrix");
+        goto done;
+    }
+    Int used = 0;
+    for (Int s = 0; s < f.many; s++) {
+        Int nc = width_of(&f, s), ld = nc + below(&f, s), first = f.offset[f.start[s]];
+        for (Int c = 0; c < nc; c++) {
+            const double *column = L + f.panel[s] + c * ld;
+            heights[first + c] = ld - c;
+            memcpy(values + used, column + c, (size_t)(ld - c) * sizeof(double));
+            for (Int r = c; r < nc; r++) rows[used++] = first + r;
+            for (Int e = f.begin[s]; e < f.begin[s + 1]; e++)
+                for (Int r = f.offset[f.rows[e]]; r < f.offset[f.rows[e] + 1]; r++)
+                    rows[used++] = r;
+        }
+    }
+    result = PyLong_FromLongLong(used);
+done:
+    give_back(&held);
+    return result;
+}
+
+static PyMethodDef methods[] = {
+    {"lower", lower, METH_VARARGS, "L by columns."},
+    {"order", order, METH_VARARGS, "A fill-reducing order of a pattern."},
+    {"analyze", analyze, METH_VARARGS, "Order, counts and supernodes of a pattern."},
+    {"measure", measure, METH_VARARGS, "Places of panels, and memory needed."},
+    {"factor", factor, METH_VARARGS, "Factorize; False if the matrix is not positive definite."},
+    {"solve", solve, METH_VARARGS, "Solve in place."},
+    {NULL, NULL, 0, NULL},
+};
+
+static struct PyModuleDef definition = {PyModuleDef_HEAD_INIT, "_kernel", NULL, -1, methods,
+                                        NULL, NULL, NULL, NULL};
+
+PyMODINIT_FUNC PyInit__kernel(void)
+{
+    if (connect_double() < 0 || connect_float() < 0) return NULL;
+    return PyModule_Create(&definition);
+}

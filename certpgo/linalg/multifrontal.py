@@ -1,0 +1,165 @@
+"""Cholesky factorization by fronts, in compiled code, for blocks of any sizes.
+
+The elimination tree is that of the graph of nodes; it is analysed once and serves blocks of every
+size. A front is a dense matrix of a supernode's columns and of the rows below them: the columns are
+factorized, and what they change in the rows is added to the parent's front (Duff and Reid 1983).
+Dense work is done by SciPy's BLAS.
+
+Row sums of |L| |L|^T, on which bounds of rounding rest, are added up front by front, so that L need
+not be stored. docs/multifrontal.md has the analysis of rounding.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from certpgo.linalg.arrays import CSC, FloatArray, IntArray
+
+try:
+    from certpgo.linalg import _kernel
+except ImportError:  # installed without a C compiler
+    AVAILABLE = False
+else:
+    AVAILABLE = True
+
+
+@dataclass(frozen=True, eq=False)
+class Tree:
+    """The analysis of a graph of nodes.
+
+    Attributes
+    ----------
+    indptr, indices : the pattern in compressed form, sorted, diagonal included
+    order : (n,) elimination order of the nodes, a postorder of the one that was given
+    lengths : (n,) entries in the rows of L, for nodes of one row
+    start : (k + 1,) first node of each supernode, in that order
+    above : (k,) parent of each supernode, -1 for roots
+    begin, rows : the nodes below each supernode, in compressed form
+    """
+
+    indptr: IntArray
+    indices: IntArray
+    order: IntArray
+    lengths: IntArray
+    start: IntArray
+    above: IntArray
+    begin: IntArray
+    rows: IntArray
+
+    @staticmethod
+    def of(
+        indptr: IntArray, indices: IntArray, order: IntArray, sizes: IntArray | None = None
+    ) -> Tree:
+        """Analyse a pattern in a fill-reducing ``order`` (n,); ``sizes`` (n,) weigh the lengths."""
+        pattern = _integers(indptr), _integers(indices)
+        if sizes is None:
+            sizes = np.ones(len(order), dtype=np.int64)
+        found = _kernel.analyze(*pattern, _integers(order), _integers(sizes))
+        return Tree(*pattern, *(np.frombuffer(part, dtype=np.int64) for part in found))
+
+
+class Fronts:
+    """The fronts of matrices whose nodes have ``sizes`` (n,) rows."""
+
+    def __init__(self, tree: Tree, sizes: IntArray) -> None:
+        sizes = _integers(sizes)
+        n, order = len(sizes), tree.order
+        place = np.empty(n, dtype=np.int64)
+        place[order] = np.arange(n)
+        owner = np.repeat(np.arange(n), np.diff(tree.indptr))
+        heights = np.bincount(owner, sizes[tree.indices], n).astype(np.int64)
+        offset, panel = _running(sizes[order]), np.empty(len(tree.start), dtype=np.int64)
+        room = _kernel.measure(offset, tree.start, tree.above, tree.begin, tree.rows, panel)
+        entry = _running(heights * sizes)
+        pattern = tree.indptr, tree.indices, entry, order, place, sizes, offset
+        self._fronts: Any = *pattern, tree.start, tree.above, tree.begin, tree.rows, panel, *room
+        self.entries, self.size, self._tree = int(panel[-1]), int(offset[-1]), tree
+        self._sizes, self._offset = sizes, offset
+
+    @cached_property
+    def order(self) -> IntArray:
+        """(N,) row of A of each row of L."""
+        starts = _running(self._sizes)[self._tree.order]
+        sizes = self._sizes[self._tree.order]
+        return np.asarray(np.repeat(starts - self._offset[:-1], sizes) + np.arange(self.size))
+
+    @cached_property
+    def lengths(self) -> FloatArray:
+        """(N,) upper bounds on the nonzeros of L's rows, in the order of A."""
+        tree, sizes, lengths = self._tree, self._sizes, np.empty(len(self._sizes))
+        if (sizes != sizes[0]).any():
+            tree, scale = Tree.of(tree.indptr, tree.indices, tree.order, sizes), 1
+        else:
+            scale = int(sizes[0])
+        lengths[tree.order] = scale * tree.lengths
+        return np.repeat(lengths, sizes)
+
+    def factor(self, data: FloatArray, *, single: bool = False) -> Panels | None:
+        """The factor of the matrix with these entries; None if it is not positive definite."""
+        panels: FloatArray = np.empty(self.entries, dtype=np.float32 if single else np.float64)
+        done = _kernel.factor(self._fronts, data, panels, None, None, None, single)
+        return Panels(self, panels) if done else None
+
+    def row_sums(
+        self, data: FloatArray, weights: FloatArray
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """|L| |L|^T w for weights w (N, k), and squared norms of rows (N,), in the order of A.
+
+        None if the matrix is not positive definite.
+        """
+        w = np.ascontiguousarray(weights[self.order].T)
+        sums, squares = np.zeros_like(w), np.zeros(self.size)
+        if not _kernel.factor(self._fronts, data, None, w, sums, squares, False):
+            return None
+        absolute, norms = np.empty_like(weights), np.empty(self.size)
+        absolute[self.order], norms[self.order] = sums.T, squares
+        return absolute, norms
+
+    def solve(self, panels: FloatArray, B: FloatArray) -> FloatArray:
+        """A^-1 B for B (N,) or (N, k)."""
+        X = np.ascontiguousarray(B[self.order].T, dtype=panels.dtype)
+        _kernel.solve(self._fronts, panels, X, panels.dtype == np.float32)
+        solution = np.empty(B.shape)
+        solution[self.order] = X.T
+        return solution
+
+    def lower(self, panels: FloatArray) -> CSC:
+        """L, with the zeros that the merging of supernodes stores."""
+        heights, rows = np.empty(self.size, dtype=np.int64), np.empty(self.entries, dtype=np.int64)
+        values = np.empty(self.entries)
+        used = _kernel.lower(self._fronts, panels, heights, rows, values)
+        return CSC((values[:used], rows[:used], _running(heights)), shape=(self.size,) * 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Panels:
+    """A factor: the columns of each supernode."""
+
+    fronts: Fronts
+    panels: FloatArray
+
+    def solve(self, B: FloatArray) -> FloatArray:
+        """A^-1 B for B (N,) or (N, k)."""
+        return self.fronts.solve(self.panels, B)
+
+    def lower(self) -> tuple[CSC, IntArray]:
+        """L and the rows p of A with A[p][:, p] = L L^T."""
+        return self.fronts.lower(self.panels), self.fronts.order
+
+
+def minimum_degree(indptr: IntArray, indices: IntArray) -> IntArray:
+    """A fill-reducing order (n,) of a symmetric pattern (Amestoy, Davis, Duff 1996)."""
+    found = _kernel.order(_integers(indptr), _integers(indices))
+    return np.frombuffer(found, dtype=np.int64)
+
+
+def _integers(values: IntArray) -> IntArray:
+    return np.ascontiguousarray(values, dtype=np.int64)
+
+
+def _running(values: IntArray) -> IntArray:
+    return np.concatenate([[0], np.cumsum(values)])
