@@ -13,7 +13,7 @@ from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.graph import require_connected
 from certpgo.graph.information import InformationGraph
-from certpgo.graph.lift import Point
+from certpgo.graph.lift import Point, translations_of
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.balls import Ball
@@ -21,7 +21,7 @@ from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.factor import default_engine
 from certpgo.linalg.so import rotation_defect
 from certpgo.objective.operators import lever
-from certpgo.objective.problem import PoseProblem, translations_of
+from certpgo.objective.problem import PoseProblem
 
 
 @dataclass(frozen=True, eq=False)

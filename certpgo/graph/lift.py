@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from certpgo.errors import GraphError
 from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray, IntArray
@@ -51,6 +52,13 @@ class Lift:
 
 #: An estimate, or a point of the relaxation: both have a cost.
 Point = Estimate | Lift
+
+
+def translations_of(point: Point) -> FloatArray:
+    """The translations of a point, which has some; else a GraphError."""
+    if point.translations is None:
+        raise GraphError("the estimate has no translations")
+    return point.translations
 
 
 def lifted(point: Point, rank: int) -> Lift:

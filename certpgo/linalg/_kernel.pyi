@@ -36,3 +36,23 @@ def lower(
     values: FloatArray,
     /,
 ) -> int: ...
+def gradient(
+    edges: tuple[Any, ...],
+    d: int,
+    r: int,
+    R: FloatArray,
+    t: FloatArray | None,
+    G: FloatArray | None,
+    terms: FloatArray,
+    /,
+) -> None: ...
+def coupling(edges: tuple[Any, ...], d: int, R: FloatArray, upper: FloatArray, /) -> None: ...
+def assemble(
+    places: tuple[IntArray, ...],
+    diagonal: FloatArray,
+    upper: FloatArray,
+    data: FloatArray,
+    /,
+) -> None: ...
+def scatter_sum(index: IntArray, values: FloatArray, sums: FloatArray, columns: int, /) -> None: ...
+def worst_defect(R: FloatArray, d: int, /) -> tuple[int, float]: ...

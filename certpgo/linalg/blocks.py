@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from certpgo.linalg import compiled
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 
 
@@ -98,6 +99,24 @@ class BlockPattern:
         (n b, n b) matrix in CSC form with sorted indices, shared by matrices of one size
         """
         layout = self.layout(diagonal.shape[1])
+        if compiled.AVAILABLE:
+            data = np.zeros(len(layout.indices))
+            diagonal, upper = np.ascontiguousarray(diagonal), np.ascontiguousarray(upper)
+            compiled.kernel.assemble(self._places, diagonal, upper, data)
+        else:
+            data = self._assembled(layout, diagonal, upper)
+        N = len(layout.indptr) - 1
+        return CSC((data, layout.indices, layout.indptr), shape=(N, N))
+
+    @cached_property
+    def _places(self) -> tuple[IntArray, ...]:
+        """Pointers, slots of diagonal blocks and of edges' blocks, and edges, for the kernel."""
+        indptr, _, own, slots = self._slots
+        return tuple(
+            np.ascontiguousarray(part, dtype=np.int64) for part in (indptr, own, slots, self.edges)
+        )
+
+    def _assembled(self, layout: Layout, diagonal: FloatArray, upper: FloatArray) -> FloatArray:
         data = np.empty(len(layout.indices))
         data[layout.diagonal] = diagonal
         if self._summation is None:
@@ -106,8 +125,7 @@ class BlockPattern:
             order, starts, _ = self._summation
             pairs = np.concatenate([upper, np.swapaxes(upper, 1, 2)])
             data[layout.pairs] = np.add.reduceat(pairs[order], starts, axis=0)
-        N = len(layout.indptr) - 1
-        return CSC((data, layout.indices, layout.indptr), shape=(N, N))
+        return data
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +156,11 @@ def adjacency(n: int, i: IntArray, j: IntArray, values: FloatArray) -> sparse.cs
 def scatter_sum(index: IntArray, values: FloatArray, n: int) -> FloatArray:
     """Sum ``values`` (m, ...) into (n, ...) by ``index`` (m,)."""
     flat = values.reshape(len(index), -1)
+    if compiled.AVAILABLE:
+        sums, rows = np.zeros((n, flat.shape[1])), np.ascontiguousarray(index, dtype=np.int64)
+        flat = np.ascontiguousarray(flat, dtype=np.float64)
+        compiled.kernel.scatter_sum(rows, flat, sums, flat.shape[1])
+        return sums.reshape(n, *values.shape[1:])
     out = np.empty((n, flat.shape[1]))
     for k in range(flat.shape[1]):
         out[:, k] = np.bincount(index, weights=flat[:, k], minlength=n)

@@ -18,13 +18,9 @@ from typing import Any
 import numpy as np
 
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
+from certpgo.linalg.compiled import AVAILABLE, kernel
 
-try:
-    from certpgo.linalg import _kernel
-except ImportError:  # installed without a C compiler
-    AVAILABLE = False
-else:
-    AVAILABLE = True
+__all__ = ["AVAILABLE", "Fronts", "Panels", "Tree", "minimum_degree"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +54,7 @@ class Tree:
         pattern = _integers(indptr), _integers(indices)
         if sizes is None:
             sizes = np.ones(len(order), dtype=np.int64)
-        found = _kernel.analyze(*pattern, _integers(order), _integers(sizes))
+        found = kernel.analyze(*pattern, _integers(order), _integers(sizes))
         return Tree(*pattern, *(np.frombuffer(part, dtype=np.int64) for part in found))
 
 
@@ -73,7 +69,7 @@ class Fronts:
         owner = np.repeat(np.arange(n), np.diff(tree.indptr))
         heights = np.bincount(owner, sizes[tree.indices], n).astype(np.int64)
         offset, panel = _running(sizes[order]), np.empty(len(tree.start), dtype=np.int64)
-        room = _kernel.measure(offset, tree.start, tree.above, tree.begin, tree.rows, panel)
+        room = kernel.measure(offset, tree.start, tree.above, tree.begin, tree.rows, panel)
         entry = _running(heights * sizes)
         pattern = tree.indptr, tree.indices, entry, order, place, sizes, offset
         self._fronts: Any = *pattern, tree.start, tree.above, tree.begin, tree.rows, panel, *room
@@ -101,7 +97,7 @@ class Fronts:
     def factor(self, data: FloatArray, *, single: bool = False) -> Panels | None:
         """The factor of the matrix with these entries; None if it is not positive definite."""
         panels: FloatArray = np.empty(self.entries, dtype=np.float32 if single else np.float64)
-        done = _kernel.factor(self._fronts, data, panels, None, None, None, single)
+        done = kernel.factor(self._fronts, data, panels, None, None, None, single)
         return Panels(self, panels) if done else None
 
     def row_sums(
@@ -113,7 +109,7 @@ class Fronts:
         """
         w = np.ascontiguousarray(weights[self.order].T)
         sums, squares = np.zeros_like(w), np.zeros(self.size)
-        if not _kernel.factor(self._fronts, data, None, w, sums, squares, False):
+        if not kernel.factor(self._fronts, data, None, w, sums, squares, False):
             return None
         absolute, norms = np.empty_like(weights), np.empty(self.size)
         absolute[self.order], norms[self.order] = sums.T, squares
@@ -122,7 +118,7 @@ class Fronts:
     def solve(self, panels: FloatArray, B: FloatArray) -> FloatArray:
         """A^-1 B for B (N,) or (N, k)."""
         X = np.ascontiguousarray(B[self.order].T, dtype=panels.dtype)
-        _kernel.solve(self._fronts, panels, X, panels.dtype == np.float32)
+        kernel.solve(self._fronts, panels, X, panels.dtype == np.float32)
         solution = np.empty(B.shape)
         solution[self.order] = X.T
         return solution
@@ -131,7 +127,7 @@ class Fronts:
         """L, with the zeros that the merging of supernodes stores."""
         heights, rows = np.empty(self.size, dtype=np.int64), np.empty(self.entries, dtype=np.int64)
         values = np.empty(self.entries)
-        used = _kernel.lower(self._fronts, panels, heights, rows, values)
+        used = kernel.lower(self._fronts, panels, heights, rows, values)
         return CSC((values[:used], rows[:used], _running(heights)), shape=(self.size,) * 2)
 
 
@@ -153,7 +149,7 @@ class Panels:
 
 def minimum_degree(indptr: IntArray, indices: IntArray) -> IntArray:
     """A fill-reducing order (n,) of a symmetric pattern (Amestoy, Davis, Duff 1996)."""
-    found = _kernel.order(_integers(indptr), _integers(indices))
+    found = kernel.order(_integers(indptr), _integers(indices))
     return np.frombuffer(found, dtype=np.int64)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from certpgo.errors import InputError
+from certpgo.linalg import compiled
 from certpgo.linalg.arrays import FloatArray
 
 #: Largest entry of R^T R - I of a rotation matrix: six decimals are enough.
@@ -208,6 +209,8 @@ def worst_defect(R: FloatArray) -> tuple[int, float]:
     """
     if len(R) == 0:
         return 0, 0.0
+    if compiled.AVAILABLE:
+        return compiled.kernel.worst_defect(np.ascontiguousarray(R, dtype=np.float64), R.shape[-1])
     with np.errstate(invalid="ignore", over="ignore"):
         defect, determinant = _defects(R), determinants(R)
     defect = np.where(np.isfinite(defect) & (determinant > 0.0), defect, np.inf)

@@ -17,6 +17,7 @@ from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.blocks import BlockPattern, pinned
 from certpgo.linalg.factor import Analysis, Factor, Symbolic
 from certpgo.objective import operators
+from certpgo.objective.edge_sums import EdgeSums
 
 AnyPoint = TypeVar("AnyPoint", bound=Point)
 AnyProblem = TypeVar("AnyProblem", bound="Objective")
@@ -64,9 +65,26 @@ class Objective(ABC):
     def matrix(self) -> CSC:
         """M with F = tr(X M X^T)."""
 
-    @abstractmethod
+    @cached_property
+    def _sums(self) -> EdgeSums:
+        return EdgeSums(self.graph)
+
+    @cached_property
+    def _node_sums(self) -> operators.NodeSums:
+        return operators.NodeSums.of(self.graph)
+
     def gradient(self, point: Point) -> FloatArray:
-        """Half the Euclidean gradient of F."""
+        """Half the Euclidean gradient of F, (n, r, d); in the papers' notation X M by blocks.
+
+        Of poses (n, r, d + 1): translation column, then rotation.
+        """
+        return self._sums.gradient(point)[0]
+
+    def hessian(self, estimate: Estimate, multipliers: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Blocks of the exact Riemannian Hessian of F/2; see `operators.hessian_diagonal`."""
+        R = estimate.rotations
+        diagonal = operators.hessian_diagonal(self._node_sums, R, multipliers)
+        return diagonal, self._sums.couplings(R)
 
     def multipliers(self, point: Point) -> FloatArray:
         """(n, d, d) Lagrange multipliers; see `FirstOrder`."""

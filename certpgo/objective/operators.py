@@ -7,9 +7,12 @@ of SE-Sync's [t | R], and one ordering of the graph suits every factorization.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph.lift import Point, translations_of
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.blocks import BlockPattern, scatter_sum
@@ -109,13 +112,63 @@ def tangent_gradient(gradient: FloatArray, R: FloatArray) -> FloatArray:
     return 2.0 * so.vee(np.swapaxes(R, 1, 2) @ gradient)
 
 
-def rotation_hessian(
-    graph: RotationGraph, R: FloatArray, multipliers: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Blocks of the exact Riemannian Hessian of F/2 over body-frame tangents.
+def gradient(graph: RotationGraph | PoseGraph, point: Point) -> tuple[FloatArray, FloatArray]:
+    """Half the Euclidean gradient of F, and its terms (m,), one per edge.
 
-    For tangents R_i hat(w_i) it is the restriction of S = L - blkdiag(Lam), so a step solves
-    H w = -gradient/2.
+    The gradient is (n, r, d) for rotations; of poses (n, r, d + 1), the translation's column first.
+    It is computed from residuals, which lose no digits.
+    """
+    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    n, (i, j), R = graph.num_nodes, graph.edges.T, point.rotations
+    measured, K, _ = rotation.polar
+    E = R[j] - R[i] @ measured
+    forces = E @ K
+    terms = np.einsum("mab,mab->m", forces, E)
+    turned = scatter_sum(j, forces, n) - scatter_sum(i, forces @ np.swapaxes(measured, 1, 2), n)
+    if not isinstance(graph, PoseGraph):
+        return turned, terms
+    t = translations_of(point)
+    r = t[j] - t[i] - (R[i] @ graph.translations[:, :, None])[:, :, 0]
+    if graph.arms is not None:
+        r = r + (R[j] @ graph.arms[:, :, None])[:, :, 0]
+    force = graph.tau[:, None] * r
+    terms = terms + np.einsum("ma,ma->m", force, r)
+    moved = scatter_sum(j, force, n) - scatter_sum(i, force, n)
+    turned -= scatter_sum(i, force[:, :, None] * graph.translations[:, None, :], n)
+    if graph.arms is not None:
+        turned += scatter_sum(j, force[:, :, None] * graph.arms[:, None, :], n)
+    return np.concatenate([moved[:, :, None], turned], axis=2), terms
+
+
+@dataclass(frozen=True, eq=False)
+class NodeSums:
+    """What the diagonal of a Hessian consists of at any point.
+
+    Attributes
+    ----------
+    spread : (n, d, d) weights of the rotations, with the second moments of the arms
+    first, degree : (n, d) first moments and (n,) sums of tau, or None for rotations alone
+    """
+
+    spread: FloatArray
+    first: FloatArray | None = None
+    degree: FloatArray | None = None
+
+    @staticmethod
+    def of(graph: RotationGraph | PoseGraph) -> NodeSums:
+        """The sums of a graph."""
+        if not isinstance(graph, PoseGraph):
+            return NodeSums(spread(graph))
+        first, second = moments(graph)
+        degree = degrees(graph.edges, graph.tau, graph.num_nodes)
+        return NodeSums(spread(graph.rotation) + second, first, degree)
+
+
+def hessian_diagonal(sums: NodeSums, R: FloatArray, multipliers: FloatArray) -> FloatArray:
+    """Diagonal blocks of the exact Riemannian Hessian of F/2 over body-frame tangents.
+
+    For tangents R_i hat(w_i) it is the restriction of L - blkdiag(Lam), so a step solves
+    H w = -gradient/2; of poses that of M - blkdiag(0, Lam), over (t_i, w_i).
 
     Parameters
     ----------
@@ -124,48 +177,42 @@ def rotation_hessian(
 
     Returns
     -------
-    (n, p, p) diagonal blocks and (m, p, p) blocks of edges (i, j), p = d (d - 1) / 2
+    (n, b, b) blocks, b = d (d - 1) / 2 for rotations, and d more for poses, translations first
     """
-    i, j = graph.edges.T
-    between = np.swapaxes(R[j], 1, 2) @ R[i]
-    if graph.couplings is None:
-        upper = -graph.kappa[:, None, None] * _tangent_coupling(graph.rotations, between)
-    else:
-        upper = -_general_coupling(graph.couplings, between)
-    return tangent_restriction(spread(graph) - multipliers), upper
-
-
-def pose_hessian(
-    graph: PoseGraph, R: FloatArray, multipliers: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Blocks of the exact Riemannian Hessian of F/2 over (t_i, w_i), translations first.
-
-    The tangent restriction of M - blkdiag(0, Lam); see `rotation_hessian`. Blocks are
-    (d + p, d + p).
-    """
-    d, n = graph.d, graph.num_nodes
-    p = so.tangent_dim(d)
-    i, j = graph.edges.T
-    tau, t = graph.tau, graph.translations
-    rotation_diagonal, rotation_upper = rotation_hessian(graph.rotation, R, multipliers)
-    # The residual moves by dt_j - dt_i + R_i lever(t_ij) w_i - R_j lever(a) w_j.
-    first, second = moments(graph)
+    turned = tangent_restriction(sums.spread - multipliers)
+    if sums.first is None or sums.degree is None:
+        return turned
+    (n, d, _), p = R.shape, turned.shape[1]
     diagonal = np.zeros((n, d + p, d + p))
-    diagonal[:, :d, :d] = degrees(graph.edges, tau, n)[:, None, None] * np.eye(d)
-    diagonal[:, :d, d:] = -R @ lever(first)
+    diagonal[:, :d, :d] = sums.degree[:, None, None] * np.eye(d)
+    diagonal[:, :d, d:] = -R @ lever(sums.first)
     diagonal[:, d:, :d] = np.swapaxes(diagonal[:, :d, d:], 1, 2)
-    diagonal[:, d:, d:] = rotation_diagonal + tangent_restriction(second)
+    diagonal[:, d:, d:] = turned
+    return diagonal
 
+
+def couplings(graph: RotationGraph | PoseGraph, R: FloatArray) -> FloatArray:
+    """(m, b, b) blocks of edges (i, j) of the same Hessian, for rotations (n, d, d)."""
+    rotation, (i, j) = graph.rotation if isinstance(graph, PoseGraph) else graph, graph.edges.T
+    between = np.swapaxes(R[j], 1, 2) @ R[i]
+    if rotation.couplings is None:
+        turned = -rotation.kappa[:, None, None] * _tangent_coupling(rotation.rotations, between)
+    else:
+        turned = -_general_coupling(rotation.couplings, between)
+    if not isinstance(graph, PoseGraph):
+        return np.asarray(turned)
+    # The residual moves by dt_j - dt_i + R_i lever(t_ij) w_i - R_j lever(a) w_j.
+    d, p, tau = graph.d, so.tangent_dim(graph.d), graph.tau
     upper = np.zeros((graph.num_edges, d + p, d + p))
     upper[:, np.arange(d), np.arange(d)] = -tau[:, None]
-    at_i = R[i] @ lever(tau[:, None] * t)
+    at_i = R[i] @ lever(tau[:, None] * graph.translations)
     upper[:, d:, :d] = np.swapaxes(at_i, 1, 2)
-    upper[:, d:, d:] = rotation_upper
+    upper[:, d:, d:] = turned
     if graph.arms is not None:
         at_j = R[j] @ lever(graph.arms)
         upper[:, :d, d:] = tau[:, None, None] * at_j
         upper[:, d:, d:] -= np.swapaxes(at_i, 1, 2) @ at_j
-    return diagonal, upper
+    return upper
 
 
 def lifted_hessian(
@@ -174,7 +221,8 @@ def lifted_hessian(
     """Blocks of the exact Hessian of F/2 at a point of rank r, over tangents sum_k w_k B_ik.
 
     The restriction of M - blkdiag(0, Lam) in each of the r dimensions; with zero multipliers, the
-    Gauss-Newton matrix. At rank d and with B_ik = R_i hat(e_k) it is `pose_hessian`.
+    Gauss-Newton matrix. At rank d and with B_ik = R_i hat(e_k) it is `hessian_diagonal`
+    and `couplings`.
 
     Parameters
     ----------

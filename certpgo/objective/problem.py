@@ -11,10 +11,10 @@ from functools import cached_property
 
 import numpy as np
 
-from certpgo.errors import GraphError, NumericalError
+from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.graph import require_connected
-from certpgo.graph.lift import Point
+from certpgo.graph.lift import Point, translations_of
 from certpgo.linalg import network
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import scatter_sum
@@ -146,34 +146,11 @@ class PoseProblem(Objective):
 
     def cost(self, point: Point) -> float:
         """F of the point."""
-        E, r = self.rotation.residuals(point.rotations), self.translation_residuals(point)
-        return self._cost_of(E, r)
-
-    def _cost_of(self, E: FloatArray, r: FloatArray) -> float:
-        return self.rotation.cost_of(E) + float(self.graph.tau @ np.einsum("ma,ma->m", r, r))
+        return float(self.edge_costs(point).sum())
 
     def edge_costs(self, point: Point) -> FloatArray:
         """(m,) terms of F, one per edge."""
-        r = self.translation_residuals(point)
-        moved = self.graph.tau * np.einsum("ma,ma->m", r, r)
-        return np.asarray(self.rotation.edge_costs(point) + moved)
-
-    def gradient(self, point: Point) -> FloatArray:
-        """Half the Euclidean gradient of F, (n, r, d + 1): translation column, then rotation."""
-        E, r = self.rotation.residuals(point.rotations), self.translation_residuals(point)
-        return self._gradient_of(E, r)
-
-    def _gradient_of(self, E: FloatArray, r: FloatArray) -> FloatArray:
-        force = (self.graph.tau[:, None] * r)[:, :, None]
-        moment = force * self.graph.translations[:, None, :]
-        G = np.empty((self.n, r.shape[1], self.d + 1))
-        G[:, :, 0] = self._forces(r)
-        G[:, :, 1:] = self.rotation.gradient_of(E)
-        G[:, :, 1:] -= scatter_sum(self.graph.edges[:, 0], moment, self.n)
-        if self.graph.arms is not None:
-            moment = force * self.graph.arms[:, None, :]
-            G[:, :, 1:] += scatter_sum(self.graph.edges[:, 1], moment, self.n)
-        return G
+        return self._sums.terms(point)
 
     def _forces(self, residuals: FloatArray) -> FloatArray:
         """Half the gradient of F in the translations, (n, d), from the residuals."""
@@ -185,10 +162,6 @@ class PoseProblem(Objective):
         """(m,) angles between R_i R_ij and R_j, radians."""
         return self.rotation.residual_angles(estimate)
 
-    def hessian(self, estimate: Estimate, multipliers: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Blocks of the Riemannian Hessian of F/2; see `operators.pose_hessian`."""
-        return operators.pose_hessian(self.graph, estimate.rotations, multipliers)
-
     @cached_property
     def curvature(self) -> FloatArray:
         """(n,) sums of kappa and of tau |t_ij|^2 at each node."""
@@ -197,8 +170,7 @@ class PoseProblem(Objective):
     def first_order(self, estimate: Estimate) -> FirstOrder:
         """Cost, gradient, multipliers and stationarity at an estimate."""
         R = estimate.rotations
-        E, r = self.rotation.residuals(R), self.translation_residuals(estimate)
-        G = self._gradient_of(E, r)
+        G, terms = self._sums.gradient(estimate)
         move, turn = G[:, :, 0], operators.tangent_gradient(G[:, :, 1:], R)
         largest = float((np.linalg.norm(turn, axis=1) / self.curvature).max())
         length = np.sqrt(self.lever_weights.sum() / self.graph.tau.sum())
@@ -207,7 +179,7 @@ class PoseProblem(Objective):
             largest = max(largest, float(size.max()))
         tangent = np.concatenate([move, turn], axis=1)
         multipliers = operators.multipliers(G[:, :, 1:], R)
-        return FirstOrder(self._cost_of(E, r), tangent, multipliers, largest)
+        return FirstOrder(float(terms.sum()), tangent, multipliers, largest)
 
     @cached_property
     def translation_weights(self) -> FloatArray:
@@ -251,10 +223,3 @@ def problem_of(graph: RotationGraph | PoseGraph, engine: str | None = None) -> P
     if isinstance(graph, PoseGraph):
         return PoseProblem(graph, engine)
     return RotationProblem(graph, engine)
-
-
-def translations_of(point: Point) -> FloatArray:
-    """The translations of a point, which has some; else a GraphError."""
-    if point.translations is None:
-        raise GraphError("the estimate has no translations")
-    return point.translations

@@ -12,7 +12,6 @@ from certpgo.graph.graph import require_connected
 from certpgo.graph.lift import Point
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
-from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.factor import default_engine
 from certpgo.objective import operators
 from certpgo.objective.base import AnyPoint, FirstOrder, Objective, require_graph
@@ -90,48 +89,17 @@ class RotationProblem(Objective):
 
     def cost(self, point: Point) -> float:
         """F of the point's rotations."""
-        return self.cost_of(self.residuals(point.rotations))
-
-    def cost_of(self, residuals: FloatArray) -> float:
-        """F, from the residuals (m, r, d)."""
-        if self.graph.is_general:
-            return float(self._terms(residuals).sum())
-        return float(self.graph.kappa @ np.einsum("mab,mab->m", residuals, residuals))
+        return float(self.edge_costs(point).sum())
 
     def edge_costs(self, point: Point) -> FloatArray:
         """(m,) terms of F, one per edge."""
-        return self._terms(self.residuals(point.rotations))
-
-    def _terms(self, E: FloatArray) -> FloatArray:
-        if self.graph.is_general:
-            return np.asarray(np.einsum("mab,mab->m", E @ self.graph.polar[1], E))
-        return np.asarray(self.graph.kappa * np.einsum("mab,mab->m", E, E))
-
-    def gradient(self, point: Point) -> FloatArray:
-        """Half the Euclidean gradient of F, (n, r, d); in the papers' notation X M by blocks."""
-        return self.gradient_of(self.residuals(point.rotations))
-
-    def gradient_of(self, residuals: FloatArray) -> FloatArray:
-        """Half the Euclidean gradient of F, (n, r, d), from the residuals."""
-        i, j = self.graph.edges.T
-        measured = self.graph.rotations
-        if self.graph.is_general:
-            measured, K, _ = self.graph.polar
-            E = residuals @ K
-        else:
-            E = self.graph.kappa[:, None, None] * residuals
-        back = E @ np.swapaxes(measured, 1, 2)
-        return scatter_sum(j, E, self.n) - scatter_sum(i, back, self.n)
+        return self._sums.terms(point)
 
     def residual_angles(self, estimate: Estimate) -> FloatArray:
         """(m,) angles between R_i R_ij and R_j, radians."""
         i, j = self.graph.edges.T
         R = estimate.rotations
         return so.angle(np.swapaxes(R[j], 1, 2) @ R[i] @ self.graph.rotations)
-
-    def hessian(self, estimate: Estimate, multipliers: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Blocks of the Riemannian Hessian of F/2; see `operators.rotation_hessian`."""
-        return operators.rotation_hessian(self.graph, estimate.rotations, multipliers)
 
     def settled(self, point: AnyPoint) -> AnyPoint:
         """The point's rotations; there are no translations to optimize."""
@@ -154,11 +122,10 @@ class RotationProblem(Objective):
     def first_order(self, estimate: Estimate) -> FirstOrder:
         """Cost, gradient, multipliers and stationarity at an estimate."""
         R = estimate.rotations
-        E = self.residuals(R)
-        G = self.gradient_of(E)
+        G, terms = self._sums.gradient(estimate)
         turn = operators.tangent_gradient(G, R)
         largest = float((np.linalg.norm(turn, axis=1) / self.curvature).max())
-        return FirstOrder(self.cost_of(E), turn, operators.multipliers(G, R), largest)
+        return FirstOrder(float(terms.sum()), turn, operators.multipliers(G, R), largest)
 
     def scaled(self, factor: float) -> RotationProblem:
         """The same measurements with all weights times ``factor``; pattern and order are shared."""

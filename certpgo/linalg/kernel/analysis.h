@@ -5,8 +5,8 @@
 
 /* Supernodes of up to these many nodes are merged with their parent if at most this share of the
  * result is zeros; the last applies to all. */
-static const Int MERGED[] = {2, 6, 16};
-static const double ZEROS[] = {1.0, 0.6, 0.2, 0.04};
+static const Int MERGED[] = {2, 4, 8};
+static const double ZEROS[] = {1.0, 0.3, 0.08, 0.02};
 
 static int compare(const void *a, const void *b)
 {

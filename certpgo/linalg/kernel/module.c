@@ -390,7 +390,190 @@ done:
     return result;
 }
 
+/* ------------------------------------------------------------------ edges */
+
+#include "edges.h"
+
+/* The graph of a tuple (pairs, P, K | None, kappa, tau | None, moved | None, arms | None). */
+static int edges_of(Buffers *held, PyObject *tuple, Int d, Edges *g)
+{
+    const double **fields[] = {&g->P, &g->K, &g->kappa, &g->tau, &g->moved, &g->arms};
+    Int lengths[] = {d * d, d * d, 1, 1, d, d};
+    Py_ssize_t length;
+    PyObject *item = PyTuple_GetItem(tuple, 0);
+    if (!item || !(g->pairs = borrow(held, item, 0, sizeof(Int), &length))) return -1;
+    g->m = length / 2, g->d = d;
+    for (int k = 0; k < 6; k++) {
+        if (!(item = PyTuple_GetItem(tuple, k + 1))) return -1;
+        *fields[k] = NULL;
+        if (item == Py_None) continue;
+        if (!(*fields[k] = borrow(held, item, 0, sizeof(double), &length))) return -1;
+        if (length != g->m * lengths[k]) {
+            PyErr_SetString(PyExc_ValueError, "arrays of edges differ in length");
+            return -1;
+        }
+    }
+    return 0;
+}
+
+/* worst_defect(R, d) -> index and size: see `certpgo.linalg.so.worst_defect` */
+static PyObject *worst_defect(PyObject *self, PyObject *args)
+{
+    PyObject *object, *result = NULL;
+    Buffers held = {.count = 0};
+    Py_ssize_t size;
+    int d;
+    if (!PyArg_ParseTuple(args, "Oi", &object, &d)) return NULL;
+    const double *R = borrow(&held, object, 0, sizeof(double), &size);
+    if (!R) goto done;
+    if (d < 2 || d > 3 || size % (d * d)) {
+        PyErr_SetString(PyExc_ValueError, "matrices of 2 or 3 rows expected");
+        goto done;
+    }
+    double largest;
+    Int worst = d == 3 ? farthest(size / 9, 3, R, &largest) : farthest(size / 4, 2, R, &largest);
+    result = Py_BuildValue("Ld", (long long)worst, largest);
+done:
+    give_back(&held);
+    return result;
+}
+
+/* gradient(edges, d, r, R, t | None, G | None, terms): G is added to */
+static PyObject *gradient(PyObject *self, PyObject *args)
+{
+    PyObject *tuple, *objects[4], *result = NULL;
+    Buffers held = {.count = 0};
+    Edges g;
+    int d, r;
+    Py_ssize_t many, size, positions = 0, terms_size;
+    if (!PyArg_ParseTuple(args, "OiiOOOO", &tuple, &d, &r, &objects[0], &objects[1], &objects[2],
+                          &objects[3]))
+        return NULL;
+    if (edges_of(&held, tuple, d, &g) < 0) goto done;
+    const double *t = NULL, *R = borrow(&held, objects[0], 0, sizeof(double), &many);
+    if (!R) goto done;
+    if (g.tau && !(t = borrow(&held, objects[1], 0, sizeof(double), &positions))) goto done;
+    double *G = NULL, *terms = borrow(&held, objects[3], 1, sizeof(double), &terms_size);
+    if (!terms) goto done;
+    if (objects[2] != Py_None && !(G = borrow(&held, objects[2], 1, sizeof(double), &size)))
+        goto done;
+    Int n = many / (r * d);
+    if (r > 32 || terms_size != g.m || (G && size != n * r * (d + (g.tau != NULL))) ||
+        (g.tau && positions != n * r)) {
+        PyErr_SetString(PyExc_ValueError, "points of another graph, or of a rank above 32");
+        goto done;
+    }
+    Py_BEGIN_ALLOW_THREADS
+    if (d == 3 && r == 3)
+        differentiate(&g, 3, 3, R, t, G, terms);
+    else if (d == 2 && r == 2)
+        differentiate(&g, 2, 2, R, t, G, terms);
+    else
+        differentiate(&g, d, r, R, t, G, terms);
+    Py_END_ALLOW_THREADS
+    result = Py_NewRef(Py_None);
+done:
+    give_back(&held);
+    return result;
+}
+
+/* coupling(edges, d, R, upper): blocks of the Hessian */
+static PyObject *coupling(PyObject *self, PyObject *args)
+{
+    PyObject *tuple, *objects[2], *result = NULL;
+    Buffers held = {.count = 0};
+    Edges g;
+    int d;
+    Py_ssize_t size;
+    if (!PyArg_ParseTuple(args, "OiOO", &tuple, &d, &objects[0], &objects[1])) return NULL;
+    if (edges_of(&held, tuple, d, &g) < 0) goto done;
+    const double *R = borrow(&held, objects[0], 0, sizeof(double), NULL);
+    double *upper = R ? borrow(&held, objects[1], 1, sizeof(double), &size) : NULL;
+    if (!upper) goto done;
+    Int b = (d == 2 ? 1 : 3) + (g.tau ? d : 0);
+    if (size != g.m * b * b) {
+        PyErr_SetString(PyExc_ValueError, "blocks of another graph");
+        goto done;
+    }
+    Py_BEGIN_ALLOW_THREADS
+    if (d == 3)
+        couple(&g, 3, R, upper);
+    else
+        couple(&g, 2, R, upper);
+    Py_END_ALLOW_THREADS
+    result = Py_NewRef(Py_None);
+done:
+    give_back(&held);
+    return result;
+}
+
+/* assemble((indptr, own, slots, pairs), diagonal, upper, data): data, zero before, is written */
+static PyObject *assemble(PyObject *self, PyObject *args)
+{
+    PyObject *objects[7], *result = NULL;
+    Buffers held = {.count = 0};
+    Py_ssize_t lengths[7];
+    void *arrays[7];
+    if (!PyArg_ParseTuple(args, "(OOOO)OOO", &objects[0], &objects[1], &objects[2], &objects[3],
+                          &objects[4], &objects[5], &objects[6]))
+        return NULL;
+    for (int k = 0; k < 7; k++)
+        if (!(arrays[k] = borrow(&held, objects[k], k == 6, 8, &lengths[k]))) goto done;
+    Int n = lengths[1], m = lengths[3] / 2, b = 1;
+    while (b * b * n < lengths[4]) b++;
+    const Int *indptr = arrays[0];
+    if (lengths[0] != n + 1 || lengths[2] != 2 * m || lengths[4] != n * b * b ||
+        lengths[5] != m * b * b || lengths[6] != indptr[n] * b * b) {
+        PyErr_SetString(PyExc_ValueError, "blocks of another pattern");
+        goto done;
+    }
+    Py_BEGIN_ALLOW_THREADS
+    place_blocks(n, m, b, indptr, arrays[1], arrays[2], arrays[3], arrays[4], arrays[5], arrays[6]);
+    Py_END_ALLOW_THREADS
+    result = Py_NewRef(Py_None);
+done:
+    give_back(&held);
+    return result;
+}
+
+/* scatter_sum(index, values, sums): rows of values are added to rows of sums */
+static PyObject *scatter_sum(PyObject *self, PyObject *args)
+{
+    PyObject *objects[3], *result = NULL;
+    Buffers held = {.count = 0};
+    Py_ssize_t m, entries, size;
+    int columns;
+    if (!PyArg_ParseTuple(args, "OOOi", &objects[0], &objects[1], &objects[2], &columns)) return NULL;
+    const Int *index = borrow(&held, objects[0], 0, sizeof(Int), &m);
+    const double *values = index ? borrow(&held, objects[1], 0, sizeof(double), &entries) : NULL;
+    double *sums = values ? borrow(&held, objects[2], 1, sizeof(double), &size) : NULL;
+    if (!sums) goto done;
+    if (entries != m * columns) {
+        PyErr_SetString(PyExc_ValueError, "as many rows as indices expected");
+        goto done;
+    }
+    Int rows = columns ? size / columns : 0;
+    for (Int e = 0; e < m; e++)
+        if (index[e] < 0 || index[e] >= rows) {
+            PyErr_SetString(PyExc_IndexError, "a row out of range");
+            goto done;
+        }
+    Py_BEGIN_ALLOW_THREADS
+    for (Int e = 0; e < m; e++)
+        for (Int k = 0; k < columns; k++) sums[index[e] * columns + k] += values[e * columns + k];
+    Py_END_ALLOW_THREADS
+    result = Py_NewRef(Py_None);
+done:
+    give_back(&held);
+    return result;
+}
+
 static PyMethodDef methods[] = {
+    {"worst_defect", worst_defect, METH_VARARGS, "The matrix farthest from being a rotation."},
+    {"gradient", gradient, METH_VARARGS, "Half the gradient, and the edges' terms."},
+    {"coupling", coupling, METH_VARARGS, "The edges' blocks of the Hessian."},
+    {"assemble", assemble, METH_VARARGS, "A block matrix in compressed columns."},
+    {"scatter_sum", scatter_sum, METH_VARARGS, "Rows summed by an index."},
     {"lower", lower, METH_VARARGS, "L by columns."},
     {"order", order, METH_VARARGS, "A fill-reducing order of a pattern."},
     {"analyze", analyze, METH_VARARGS, "Order, counts and supernodes of a pattern."},

@@ -1,0 +1,10 @@
+"""The compiled kernel, where certpgo was installed with a C compiler."""
+
+try:
+    from certpgo.linalg import _kernel as kernel
+except ImportError:
+    AVAILABLE = False
+else:
+    AVAILABLE = True
+
+__all__ = ["AVAILABLE", "kernel"]

@@ -1,0 +1,179 @@
+/* Sums over the edges of a graph: gradients, Hessians and block matrices.
+ *
+ * `certpgo.objective` has the same in NumPy; there are the formulas. Matrices are stored by rows.
+ */
+
+/* A graph of m edges (i, j) with measured rotations P and, unless `tau` is NULL, translations. */
+typedef struct {
+    Int m, d;
+    const Int *pairs;     /* (m, 2) */
+    const double *P;      /* (m, d, d) */
+    const double *K;      /* (m, d, d) weights on the right, or NULL for kappa I */
+    const double *kappa;  /* (m,) */
+    const double *tau;    /* (m,) or NULL */
+    const double *moved;  /* (m, d) measured translations */
+    const double *arms;   /* (m, d) or NULL */
+} Edges;
+
+/* The edges' terms, and unless G is NULL half the gradient (n, r, d + 1); without translations
+ * (n, r, d). */
+static inline void differentiate(const Edges *g, Int d, Int r, const double *R, const double *t,
+                                 double *G, double *terms)
+{
+    Int move = g->tau != NULL, width = d + move;
+    double E[3 * 32], F[3 * 32];
+    for (Int e = 0; e < g->m; e++) {
+        Int i = g->pairs[2 * e], j = g->pairs[2 * e + 1];
+        const double *Ri = R + i * r * d, *Rj = R + j * r * d, *P = g->P + e * d * d;
+        double *Gi = NULL, *Gj = NULL, term = 0.0;
+        if (G) Gi = G + i * r * width, Gj = G + j * r * width;
+        for (Int a = 0; a < r; a++)
+            for (Int c = 0; c < d; c++) {
+                double sum = Rj[a * d + c];
+                for (Int b = 0; b < d; b++) sum -= Ri[a * d + b] * P[b * d + c];
+                E[a * d + c] = sum;
+            }
+        for (Int a = 0; a < r; a++)
+            for (Int c = 0; c < d; c++) {
+                double sum = 0.0;
+                if (g->K)
+                    for (Int b = 0; b < d; b++) sum += E[a * d + b] * g->K[(e * d + b) * d + c];
+                else
+                    sum = g->kappa[e] * E[a * d + c];
+                F[a * d + c] = sum;
+                term += sum * E[a * d + c];
+            }
+        for (Int a = 0; a < r && G; a++) {
+            double *gi = Gi + a * width + move, *gj = Gj + a * width + move;
+            for (Int c = 0; c < d; c++) {
+                double sum = 0.0;
+                for (Int b = 0; b < d; b++) sum += F[a * d + b] * P[c * d + b];
+                gi[c] -= sum;
+                gj[c] += F[a * d + c];
+            }
+        }
+        for (Int a = 0; a < r && move; a++) {
+            double rest = t[j * r + a] - t[i * r + a], force;
+            for (Int c = 0; c < d; c++) rest -= Ri[a * d + c] * g->moved[e * d + c];
+            if (g->arms)
+                for (Int c = 0; c < d; c++) rest += Rj[a * d + c] * g->arms[e * d + c];
+            force = g->tau[e] * rest;
+            term += force * rest;
+            if (!G) continue;
+            Gi[a * width] -= force;
+            Gj[a * width] += force;
+            for (Int c = 0; c < d; c++) Gi[a * width + 1 + c] -= force * g->moved[e * d + c];
+            if (g->arms)
+                for (Int c = 0; c < d; c++) Gj[a * width + 1 + c] += force * g->arms[e * d + c];
+        }
+        terms[e] = term;
+    }
+}
+
+/* lever(x) w = -hat(w) x, times the rotation R: (d, p). */
+static inline void turned_lever(Int d, const double *R, const double *x, double *out)
+{
+    if (d == 2) {
+        for (Int a = 0; a < 2; a++) out[a] = R[2 * a] * x[1] - R[2 * a + 1] * x[0];
+        return;
+    }
+    for (Int a = 0; a < 3; a++)
+        for (Int k = 0; k < 3; k++) {
+            Int k1 = (k + 1) % 3, k2 = (k + 2) % 3;
+            out[3 * a + k] = R[3 * a + k1] * x[k2] - R[3 * a + k2] * x[k1];
+        }
+}
+
+/* The edges' blocks (m, b, b) of the Riemannian Hessian of F/2. */
+static inline void couple(const Edges *g, Int d, const double *R, double *upper)
+{
+    Int move = g->tau != NULL, p = d == 2 ? 1 : 3, b = p + (move ? d : 0), o = move ? d : 0;
+    for (Int e = 0; e < g->m; e++) {
+        const double *Ri = R + g->pairs[2 * e] * d * d, *Rj = R + g->pairs[2 * e + 1] * d * d;
+        const double *P = g->P + e * d * d;
+        double *out = upper + e * b * b, N[9], B[9], at_i[9], at_j[9];
+        for (Int a = 0; a < d; a++)
+            for (Int c = 0; c < d; c++) {
+                double sum = 0.0, product = 0.0;
+                for (Int k = 0; k < d; k++) sum += Rj[k * d + a] * Ri[k * d + c];
+                B[a * d + c] = sum;
+                if (g->K)
+                    for (Int k = 0; k < d; k++) product += P[a * d + k] * g->K[(e * d + k) * d + c];
+                else
+                    product = g->kappa[e] * P[a * d + c];
+                N[a * d + c] = product;
+            }
+        for (Int k = 0; k < b * b; k++) out[k] = 0.0;
+        /* -tr(hat(v) N hat(w)^T B) */
+        if (d == 2)
+            out[o * b + o] = -(N[3] * B[0] + N[0] * B[3] - N[2] * B[2] - N[1] * B[1]);
+        else
+            for (Int k = 0; k < 3; k++)
+                for (Int l = 0; l < 3; l++) {
+                    Int k1 = (k + 1) % 3, k2 = (k + 2) % 3, l1 = (l + 1) % 3, l2 = (l + 2) % 3;
+                    out[(o + k) * b + o + l] =
+                        -(N[3 * k1 + l1] * B[3 * l2 + k2] - N[3 * k1 + l2] * B[3 * l1 + k2] -
+                          N[3 * k2 + l1] * B[3 * l2 + k1] + N[3 * k2 + l2] * B[3 * l1 + k1]);
+                }
+        if (!move) continue;
+        double tau = g->tau[e];
+        for (Int a = 0; a < d; a++) out[a * b + a] = -tau;
+        turned_lever(d, Ri, g->moved + e * d, at_i);
+        for (Int a = 0; a < d; a++)
+            for (Int k = 0; k < p; k++) out[(d + k) * b + a] = tau * at_i[a * p + k];
+        if (!g->arms) continue;
+        turned_lever(d, Rj, g->arms + e * d, at_j);
+        for (Int a = 0; a < d; a++)
+            for (Int k = 0; k < p; k++) {
+                out[a * b + d + k] = tau * at_j[a * p + k];
+                for (Int l = 0; l < p; l++)
+                    out[(d + l) * b + d + k] -= tau * at_i[a * p + l] * at_j[a * p + k];
+            }
+    }
+}
+
+/* Blocks into a matrix in compressed columns; those of parallel edges are added. */
+static void place_blocks(Int n, Int m, Int b, const Int *indptr, const Int *own, const Int *slots,
+                         const Int *pairs, const double *diagonal, const double *upper, double *data)
+{
+    for (Int i = 0; i < n; i++) {
+        Int height = b * (indptr[i + 1] - indptr[i]);
+        double *to = data + b * b * indptr[i] + b * (own[i] - indptr[i]);
+        for (Int c = 0; c < b; c++) memcpy(to + c * height, diagonal + (i * b + c) * b, (size_t)b * sizeof(double));
+    }
+    for (Int e = 0; e < m; e++) {
+        const double *block = upper + e * b * b;
+        for (int back = 0; back < 2; back++) {
+            Int i = pairs[2 * e + back], height = b * (indptr[i + 1] - indptr[i]);
+            double *to = data + b * b * indptr[i] + b * (slots[back * m + e] - indptr[i]);
+            for (Int c = 0; c < b; c++)
+                for (Int r = 0; r < b; r++)
+                    to[c * height + r] += back ? block[r * b + c] : block[c * b + r];
+        }
+    }
+}
+
+/* The matrix (n, d, d) farthest from being a rotation, and the largest entry of |R^T R - I|. */
+static inline Int farthest(Int n, Int d, const double *R, double *largest)
+{
+    Int worst = 0;
+    *largest = 0.0;
+    for (Int k = 0; k < n; k++, R += d * d) {
+        double off = 0.0, determinant;
+        for (Int a = 0; a < d; a++)
+            for (Int c = a; c < d; c++) {
+                double sum = a == c ? -1.0 : 0.0, product = 0.0;
+                for (Int b = 0; b < d; b++) product += R[b * d + a] * R[b * d + c];
+                sum = fabs(product + sum);
+                if (!(sum <= off)) off = sum;
+            }
+        if (d == 2)
+            determinant = R[0] * R[3] - R[1] * R[2];
+        else
+            determinant = R[0] * (R[4] * R[8] - R[5] * R[7]) + R[1] * (R[5] * R[6] - R[3] * R[8]) +
+                          R[2] * (R[3] * R[7] - R[4] * R[6]);
+        if (!(determinant > 0.0) || !(off < INFINITY)) off = INFINITY;
+        if (off > *largest) *largest = off, worst = k;
+    }
+    return worst;
+}
