@@ -6,7 +6,7 @@ that ran to completion satisfies |A~ - L L^T| <= gamma |L| |L|^T entry by entry 
 2014), hence A~ + diag(delta) >= 0 with delta = gamma (|L| |L|^T w) / w for any w > 0: see
 `certpgo.linalg.factor.Rounding`. The bound relies only on these weighted row sums, not on
 single entries, where blocked triangular solves may exceed it. If they are too large to be useful,
-the residual is measured instead (`measured_residual`).
+the residual is measured instead (`Symbolic.residual`).
 """
 
 from __future__ import annotations
@@ -16,14 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from certpgo.certify.residual import measured_residual
 from certpgo.certify.shifted import Shifted
 from certpgo.costs.edge_cost import Minorants
 from certpgo.graph.lift import Point
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray
 from certpgo.linalg.balls import U
 from certpgo.linalg.blocks import add_to_diagonal, pinned, scatter_sum
-from certpgo.linalg.factor import OTHERS, Rounding
+from certpgo.linalg.factor import OTHERS
 from certpgo.linalg.so import rotation_defect
 from certpgo.objective.problem import PoseProblem, Problem
 
@@ -99,7 +98,7 @@ def dual_bound(
     point : near-stationary, with translations optimal for its rotations; of any rank
     rounding : bound the factorization's rounding (standard tier) or ignore it (screening)
     enough : a sufficient value; if the a priori bound of the rounding misses it, the residual of a
-        factor may be measured, see `measured_residual`
+        factor may be measured, see `certpgo.linalg.factor`
     sharp : sharpen a bound by another factorization even if it is sufficient
     tight : give up if rounding does not explain the shift, that is, if the certificate matrix has
         a negative eigenvalue
@@ -214,7 +213,8 @@ class _Attempts:
         A = self.matrix(multipliers, demand)
         if not self.rounding:
             return None if self.symbolic.factor(A) is None else demand
-        found = self.measured(A) if measure else self.symbolic.rounding(A, self.weights)
+        of = self.symbolic.residual if measure else self.symbolic.rounding
+        found = of(A, self.weights)
         if found is None:
             return None
         self.nonzeros = found.nonzeros
@@ -223,15 +223,6 @@ class _Attempts:
         if self.pin is not None:
             delta[self.pin] = 0.0  # pinned: its diagonal entry can be arbitrarily large
         return np.asarray(delta)
-
-    def measured(self, A: CSC) -> Rounding | None:
-        """The rounding of a factorization, from its residual."""
-        factor = self.symbolic.factor(A)
-        if factor is None:
-            return None
-        L, order = factor.lower()
-        sums = measured_residual(A, L, order, self.weights)
-        return None if sums is None else Rounding(sums, int(L.nnz))
 
     def bound(self, multipliers: FloatArray, reduction: FloatArray) -> DualBound:
         d = self.problem.d

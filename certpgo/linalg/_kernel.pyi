@@ -21,9 +21,8 @@ def factor(
     fronts: tuple[Any, ...],
     data: FloatArray,
     panels: FloatArray | None,
-    weights: FloatArray | None,
-    sums: FloatArray | None,
-    squares: FloatArray | None,
+    sums: tuple[FloatArray, FloatArray, FloatArray] | None,
+    residual: tuple[FloatArray, FloatArray, FloatArray] | None,
     single: bool,
     /,
 ) -> bool: ...

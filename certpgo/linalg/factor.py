@@ -21,9 +21,10 @@ from certpgo.errors import MissingDependency, SpecError
 from certpgo.linalg import multifrontal
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.balls import U
+from certpgo.linalg.residual import measured_residual
 
 #: Number of nodes from which nested dissection is faster.
-NESTED_FROM = 7500
+NESTED_FROM = 20_000
 #: Two-sided refinement of METIS: a few per cent less fill in large graphs.
 TWO_SIDED = 2
 #: Relative agreement of a Cholesky factor's squared row norms with the diagonal.
@@ -78,6 +79,10 @@ class Symbolic(Protocol):
 
     def rounding(self, A: CSC, w: FloatArray) -> Rounding | None:
         """Factorize A, and bound the rounding with weights ``w`` (N,); L is not kept."""
+        ...
+
+    def residual(self, A: CSC, w: FloatArray) -> Rounding | None:
+        """The same, measured instead of bounded a priori: sharper, and four times the work."""
         ...
 
 
@@ -198,7 +203,20 @@ class _Multifrontal:
         absolute, squares = found
         if not _is_cholesky(squares, A):
             return None
-        return Rounding(_least(absolute, terms), int(self.lengths.sum()))
+        return Rounding(_least(absolute, terms), self._nonzeros)
+
+    def residual(self, A: CSC, w: FloatArray) -> Rounding | None:
+        diagonal = A.diagonal()
+        if not (diagonal > 0.0).all():
+            return None
+        found = self._fronts.residual(A.data, diagonal, w)
+        if found is None or not _is_cholesky(found[1], A):
+            return None
+        return Rounding(found[0], self._nonzeros)
+
+    @property
+    def _nonzeros(self) -> int:
+        return int(self.lengths.sum())
 
 
 def _both(w: FloatArray, terms: FloatArray) -> FloatArray:
@@ -316,6 +334,14 @@ class _SuperLU:
         sums = _least(absolute, terms)
         sums[p] += factor.excess(w[p])
         return Rounding(sums, int(L.nnz))
+
+    def residual(self, A: CSC, w: FloatArray) -> Rounding | None:
+        factor = self._factor(A)
+        if factor is None:
+            return None
+        L, p = factor.lower()
+        sums = measured_residual(A, L, p, w)
+        return None if sums is None else Rounding(sums, int(L.nnz))
 
 
 class _SuperLUFactor:

@@ -23,6 +23,10 @@ from certpgo.linalg.compiled import AVAILABLE, kernel
 __all__ = ["AVAILABLE", "Fronts", "Panels", "Tree", "minimum_degree"]
 
 
+#: Compensates the rounding of sums of nonnegative numbers.
+ROUNDED_UP = 1.001
+
+
 @dataclass(frozen=True, eq=False)
 class Tree:
     """The analysis of a graph of nodes.
@@ -97,7 +101,7 @@ class Fronts:
     def factor(self, data: FloatArray, *, single: bool = False) -> Panels | None:
         """The factor of the matrix with these entries; None if it is not positive definite."""
         panels: FloatArray = np.empty(self.entries, dtype=np.float32 if single else np.float64)
-        done = kernel.factor(self._fronts, data, panels, None, None, None, single)
+        done = kernel.factor(self._fronts, data, panels, None, None, single)
         return Panels(self, panels) if done else None
 
     def row_sums(
@@ -109,11 +113,28 @@ class Fronts:
         """
         w = np.ascontiguousarray(weights[self.order].T)
         sums, squares = np.zeros_like(w), np.zeros(self.size)
-        if not kernel.factor(self._fronts, data, None, w, sums, squares, False):
+        if not kernel.factor(self._fronts, data, None, (w, sums, squares), None, False):
             return None
         absolute, norms = np.empty_like(weights), np.empty(self.size)
         absolute[self.order], norms[self.order] = sums.T, squares
         return absolute, norms
+
+    def residual(
+        self, data: FloatArray, diagonal: FloatArray, weights: FloatArray
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """Upper bounds on |A - L L^T| w (N,), and squared norms of L's rows (N,), in A's order.
+
+        The residual is measured front by front; the bounds hold if the squared norms are near the
+        ``diagonal`` (N,) of A. None if the matrix is not positive definite.
+        """
+        scale = np.ldexp(1.0, -np.round(0.5 * np.log2(diagonal)).astype(int))[self.order]
+        v, rows, squares = weights[self.order] / scale, np.zeros(self.size), np.zeros(self.size)
+        sums = np.empty((0, self.size)), np.empty((0, self.size)), squares
+        if not kernel.factor(self._fronts, data, None, sums, (scale, v, rows), False):
+            return None
+        bound, norms = np.empty(self.size), np.empty(self.size)
+        bound[self.order], norms[self.order] = ROUNDED_UP * rows / scale, squares
+        return bound, norms
 
     def solve(self, panels: FloatArray, B: FloatArray) -> FloatArray:
         """A^-1 B for B (N,) or (N, k)."""

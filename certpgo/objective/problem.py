@@ -115,7 +115,7 @@ class PoseProblem(Objective):
         """
         if self._translation_factor is None:  # the weights are too uneven
             return point.with_translations(self._eliminated(point))  # type: ignore[return-value]
-        forces = self._forces(self.translation_residuals(point))
+        forces = np.ascontiguousarray(self.gradient(point)[:, :, 0])
         t = translations_of(point) - self.solve_translations(forces)
         return point.with_translations(t)  # type: ignore[return-value]
 
@@ -151,12 +151,6 @@ class PoseProblem(Objective):
     def edge_costs(self, point: Point) -> FloatArray:
         """(m,) terms of F, one per edge."""
         return self._sums.terms(point)
-
-    def _forces(self, residuals: FloatArray) -> FloatArray:
-        """Half the gradient of F in the translations, (n, d), from the residuals."""
-        i, j = self.graph.edges.T
-        force = self.graph.tau[:, None] * residuals
-        return scatter_sum(j, force, self.n) - scatter_sum(i, force, self.n)
 
     def residual_angles(self, estimate: Estimate) -> FloatArray:
         """(m,) angles between R_i R_ij and R_j, radians."""

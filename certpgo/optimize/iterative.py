@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
 from numbers import Integral, Real
 from typing import Any, ClassVar, Literal, get_args, get_origin, get_type_hints
 
@@ -25,7 +26,7 @@ class Settings:
 
     def __post_init__(self) -> None:
         refuse_mistyped(self)
-        for name, hint in get_type_hints(type(self)).items():
+        for name, hint in _types(self).items():
             if get_origin(hint) is Literal and getattr(self, name) not in get_args(hint):
                 raise SpecError.unknown(name, getattr(self, name), get_args(hint))
         tol, seed = getattr(self, "tol", None), getattr(self, "seed", None)
@@ -64,13 +65,23 @@ def refuse_mistyped(settings: Any) -> None:
     SpecError
         One is not.
     """
-    hints = get_type_hints(type(settings))
+    hints = _types(settings)
     for name in (field.name for field in fields(settings)):
         value, hint = getattr(settings, name), hints[name]
         kinds = get_args(hint) if type(None) in get_args(hint) else (hint,)
         if not any(_is_of(kind, value) for kind in kinds):
             wanted = " or ".join("None" if kind is type(None) else _words(kind) for kind in kinds)
             raise SpecError(f"{name} must be {wanted}, not {value!r}")
+
+
+def _types(settings: Any) -> dict[str, Any]:
+    kind: Any = type(settings)
+    return _types_of(kind)
+
+
+@cache
+def _types_of(kind: Any) -> dict[str, Any]:
+    return get_type_hints(kind)
 
 
 def _is_of(kind: Any, value: Any) -> bool:

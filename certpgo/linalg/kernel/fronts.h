@@ -110,15 +110,37 @@ static int IN(eliminate)(REAL *panel, Int nc, Int ld, REAL *update)
     return 1;
 }
 
+/* The runs of consecutive rows of child c in its parent's front, of which none crosses row nc. */
+static Int IN(find_runs)(const Fronts *f, Int c, const Int *at, Int nc, Int *run, Int *size)
+{
+    Int runs = 0;
+    *size = 0;
+    for (Int e = f->begin[c]; e < f->begin[c + 1]; e++) {
+        Int k = f->rows[e], b = f->offset[k + 1] - f->offset[k];
+        if (runs && run[3 * runs - 2] + run[3 * runs - 1] == at[k] && at[k] != nc) {
+            run[3 * runs - 1] += b;
+        } else {
+            run[3 * runs] = *size, run[3 * runs + 1] = at[k], run[3 * runs + 2] = b;
+            runs++;
+        }
+        *size += b;
+    }
+    return runs;
+}
+
 /* 1 if A = L L^T was factorized, 0 if it is not positive definite, -1 without memory, -2 if
- * interrupted. Without L, panels are dropped as soon as they are summed. */
-static int IN(factor)(const Fronts *f, const double *data, REAL *L, const Sums *sums)
+ * interrupted. Without L, panels are dropped as soon as they are summed. A residual is measured in
+ * double precision only, where the casts below are none. */
+static int IN(factor)(const Fronts *f, const double *data, REAL *L, const Sums *sums,
+                      const Residual *residual)
 {
     REAL *stack = malloc((size_t)f->stack * sizeof(REAL) + 1);
     REAL *own = L ? NULL : malloc((size_t)f->widest * sizeof(REAL) + 1);
     double *gathered = malloc((size_t)(2 * f->tallest + 1) * sizeof(double));
     Int *at = malloc((size_t)(f->n + 3 * f->tallest + 2 * f->many + 4) * sizeof(Int));
     int outcome = -1;
+    Copies copies = {0};
+    if (residual && make_copies(f, &copies) < 0) goto done;
     if (!stack || !(L || own) || !gathered || !at) goto done;
     Int *run = at + f->n, *first = run + 3 * f->tallest + 1, *next = first + f->many;
     Int top = 0;
@@ -134,25 +156,28 @@ static int IN(factor)(const Fronts *f, const double *data, REAL *L, const Sums *
         memset(panel, 0, (size_t)(nc * ld) * sizeof(REAL));
         memset(update, 0, (size_t)(m * m) * sizeof(REAL));
         IN(assemble)(f, s, data, at, panel, ld);
+        if (residual) begin_residual(f, s, residual, &copies);
         /* Children are listed last first: the top of the stack is the last one's. */
         for (Int c = first[s]; c >= 0; c = next[c]) {
-            Int size = 0, runs = 0;
-            for (Int e = f->begin[c]; e < f->begin[c + 1]; e++) {
-                Int k = f->rows[e], b = f->offset[k + 1] - f->offset[k];
-                if (runs && run[3 * runs - 2] + run[3 * runs - 1] == at[k] && (at[k] != nc)) {
-                    run[3 * runs - 1] += b;
-                } else {
-                    run[3 * runs] = size, run[3 * runs + 1] = at[k], run[3 * runs + 2] = b;
-                    runs++;
-                }
-                size += b;
-            }
+            Int size, runs = IN(find_runs)(f, c, at, nc, run, &size);
             freed -= size * size;
-            IN(extend)(freed, size, run, runs, panel, nc, ld, update);
+            if (residual)
+                extend_measured((double *)freed, size, run, runs, (double *)panel, nc, ld,
+                                (double *)update, &copies);
+            else
+                IN(extend)(freed, size, run, runs, panel, nc, ld, update);
+        }
+        if (residual) {
+            memcpy(copies.panel, panel, (size_t)(nc * ld) * sizeof(REAL));
+            memcpy(copies.update, update, (size_t)(m * m) * sizeof(REAL));
         }
         if (!IN(eliminate)(panel, nc, ld, update)) {
             outcome = 0;
             goto done;
+        }
+        if (residual) {
+            measure_front((double *)panel, (double *)update, nc, ld, &copies);
+            scatter(f, s, copies.out, residual->sums);
         }
         if (freed != update) memmove(freed, update, (size_t)(m * m) * sizeof(REAL));
         top = (freed - stack) + m * m;
@@ -165,6 +190,7 @@ static int IN(factor)(const Fronts *f, const double *data, REAL *L, const Sums *
     }
     outcome = 1;
 done:
+    free_copies(&copies);
     free(stack);
     free(own);
     free(gathered);

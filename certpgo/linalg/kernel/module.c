@@ -242,6 +242,8 @@ static void *found(const char *module, const char *name)
     return pointer;
 }
 
+#include "residual.h"
+
 #define REAL double
 #define IN(name) name##_double
 #define LETTER "d"
@@ -254,6 +256,18 @@ static void *found(const char *module, const char *name)
 #define IN(name) name##_float
 #define LETTER "s"
 #include "fronts.h"
+
+/* Three arrays of doubles, of which those from `writable` on are written. */
+static int borrow_three(Buffers *held, PyObject *tuple, int writable, void **arrays,
+                        Py_ssize_t *lengths)
+{
+    for (int k = 0; k < 3; k++) {
+        PyObject *item = PyTuple_GetItem(tuple, k);
+        if (!item) return -1;
+        if (!(arrays[k] = borrow(held, item, k >= writable, sizeof(double), &lengths[k]))) return -1;
+    }
+    return 0;
+}
 
 static int fronts_of(Buffers *held, PyObject *tuple, Fronts *f)
 {
@@ -276,17 +290,19 @@ static int fronts_of(Buffers *held, PyObject *tuple, Fronts *f)
     return 0;
 }
 
-/* factor(fronts, data, L | None, weights | None, sums | None, squares | None) -> bool */
+/* factor(fronts, data, L | None, (weights, sums, squares) | None, (scale, v, rows) | None, single)
+ * -> bool */
 static PyObject *factor(PyObject *self, PyObject *args)
 {
-    PyObject *tuple, *data, *into, *weight, *sums, *squares, *result = NULL;
+    PyObject *tuple, *data, *into, *sums, *measured, *result = NULL;
     Buffers held = {.count = 0};
     Fronts f;
     Sums wanted = {0, NULL, NULL, NULL};
+    Residual residual;
     int single = 0;
     void *L = NULL;
     Py_ssize_t length, entries;
-    if (!PyArg_ParseTuple(args, "OOOOOOp", &tuple, &data, &into, &weight, &sums, &squares, &single))
+    if (!PyArg_ParseTuple(args, "OOOOOp", &tuple, &data, &into, &sums, &measured, &single))
         return NULL;
     if (fronts_of(&held, tuple, &f) < 0) goto done;
     const double *values = borrow(&held, data, 0, sizeof(double), &entries);
@@ -297,21 +313,30 @@ static PyObject *factor(PyObject *self, PyObject *args)
         PyErr_SetString(PyExc_ValueError, "a matrix of another pattern");
         goto done;
     }
-    if (squares != Py_None) {
-        Py_ssize_t N = f.offset[f.n], many, also, rows;
-        wanted.weight = borrow(&held, weight, 0, sizeof(double), &many);
-        wanted.sums = wanted.weight ? borrow(&held, sums, 1, sizeof(double), &also) : NULL;
-        wanted.squares = wanted.sums ? borrow(&held, squares, 1, sizeof(double), &rows) : NULL;
-        if (!wanted.squares) goto done;
-        if (rows != N || many != also || many % N) {
+    Py_ssize_t N = f.offset[f.n], lengths[3];
+    void *arrays[3];
+    if (sums != Py_None) {
+        if (borrow_three(&held, sums, 1, arrays, lengths) < 0) goto done;
+        if (lengths[2] != N || lengths[0] != lengths[1] || lengths[0] % N) {
             PyErr_SetString(PyExc_ValueError, "weights and sums differ in size");
             goto done;
         }
-        wanted.columns = many / N;
+        wanted.columns = lengths[0] / N;
+        wanted.weight = arrays[0], wanted.sums = arrays[1], wanted.squares = arrays[2];
     }
+    if (measured != Py_None) {
+        if (borrow_three(&held, measured, 2, arrays, lengths) < 0) goto done;
+        if (lengths[0] != N || lengths[1] != N || lengths[2] != N || single) {
+            PyErr_SetString(PyExc_ValueError, "a residual of N rows in double precision expected");
+            goto done;
+        }
+        residual.scale = arrays[0], residual.v = arrays[1], residual.sums = arrays[2];
+    }
+    const Residual *wish = measured == Py_None ? NULL : &residual;
     int outcome;
     Py_BEGIN_ALLOW_THREADS
-    outcome = single ? factor_float(&f, values, L, &wanted) : factor_double(&f, values, L, &wanted);
+    outcome = single ? factor_float(&f, values, L, &wanted, NULL)
+                     : factor_double(&f, values, L, &wanted, wish);
     Py_END_ALLOW_THREADS
     if (outcome == -1) PyErr_NoMemory();
     if (outcome >= 0) result = PyBool_FromLong(outcome);
@@ -589,5 +614,7 @@ static struct PyModuleDef definition = {PyModuleDef_HEAD_INIT, "_kernel", NULL, 
 PyMODINIT_FUNC PyInit__kernel(void)
 {
     if (connect_double() < 0 || connect_float() < 0) return NULL;
+    *(void **)&gemm = found("scipy.linalg.cython_blas", "dgemm");
+    if (!gemm) return NULL;
     return PyModule_Create(&definition);
 }
