@@ -32,10 +32,10 @@ FIRST_SHIFT, GROWTH = 16.0, 8.0
 LARGEST_ROUNDING = 1e5
 #: Bisection steps (on the logarithm) that sharpen a shift not due to rounding.
 BISECTIONS = 6
-#: Nonzeros of a factor up to which its residual is measured.
-MEASURABLE = 20_000_000
 #: Largest factor by which a measured residual improves on its bound.
 MEASURING_GAIN = 1000.0
+#: By which a measured residual is below its prediction at least.
+SHARPER = 16.0
 #: Factorizations at one shift: the translations' rounding is predicted, then confirmed.
 CONFIRMATIONS = 8
 #: Safety factor of the prediction over the measured value.
@@ -121,21 +121,18 @@ class _Attempts:
         self.cost = problem.cost(point)
         self.factorizations = self.nonzeros = 0
         self.unit = self.shifted.unit
+        self.foreseen = self.foretold() if rounding else np.zeros(len(self.weights))
         # Subtracted from the translations' diagonal before the first factorization.
-        self.guess = np.zeros(len(self.weights))
-        if isinstance(problem, PoseProblem) and self.pin is not None and rounding:
-            self.guess = np.where(self.is_rotation, 0.0, self.foretold(problem))
-            self.guess[self.pin] = 0.0
+        self.guess = np.where(self.is_rotation, 0.0, AMPLE * self.foreseen)
 
-    def foretold(self, problem: PoseProblem) -> FloatArray:
-        """(N,) predicted `rounding_of`, from the lengths of L's rows.
-
-        It assumes |L| |L|^T a few times |A|.
-        """
-        M = problem.matrix
+    def foretold(self) -> FloatArray:
+        """(N,) predicted `rounding_of`, from the lengths of L's rows, for |L| |L|^T about |A|."""
+        M = self.problem.matrix
         sizes = CSC((np.abs(M.data), M.indices, M.indptr), shape=M.shape) @ self.weights
-        terms = self.symbolic.lengths + OTHERS
-        return np.asarray(AMPLE * U * terms * sizes / self.weights)
+        foreseen = U * (self.symbolic.lengths + OTHERS) * sizes / self.weights
+        if self.pin is not None:
+            foreseen[self.pin] = 0.0
+        return np.asarray(foreseen)
 
     def best(self, tight: bool) -> DualBound | None:
         """The bound by approximately the smallest shift that works."""
@@ -161,12 +158,14 @@ class _Attempts:
 
     def attempt(self, shift: float) -> DualBound | None:
         """The bound with ``shift`` on the rotations, plus the shift due to rounding."""
-        demand, best, generosity, measure = self.guess, None, MARGIN, False
+        measure = self.is_hopeless(shift)
+        first = demand = self.guess / SHARPER if measure else self.guess
+        best, generosity = None, MARGIN
         for _ in range(CONFIRMATIONS):
             reduced = self.shifted.less(shift, generosity * demand)
             rounding = self.rounding_of(reduced, demand, measure)
             if rounding is None:
-                if demand is self.guess:
+                if demand is first:
                     return best
                 generosity *= 1.5
                 continue
@@ -174,7 +173,7 @@ class _Attempts:
                 bound = self.bound(reduced, np.where(self.is_rotation, rounding, 0.0))
                 best = bound if best is None or bound.value > best.value else best
                 sufficient = best.value >= self.enough
-                guessed = demand is self.guess and demand.any()
+                guessed = demand is first and demand.any()
                 if not guessed or (sufficient and not self.sharp):
                     if sufficient or measure or not self.is_worth_measuring(best, shift):
                         return best
@@ -188,11 +187,19 @@ class _Attempts:
             demand = np.maximum(demand, MARGIN * wanted) if measure else wanted
         return best
 
+    def is_hopeless(self, shift: float) -> bool:
+        """Whether only a measured residual can be expected to suffice."""
+        if not self.rounding:
+            return False
+        reduced = self.shifted.less(shift, MARGIN * self.foreseen)
+        bound = self.bound(reduced, np.where(self.is_rotation, self.foreseen, 0.0))
+        return bound.value < self.enough and self.is_worth_measuring(bound, shift)
+
     def is_worth_measuring(self, bound: DualBound, shift: float) -> bool:
         """Whether the bound is insufficient due to rounding that measuring may reduce enough."""
         missing, allowed = self.cost - bound.value, self.cost - self.enough
         explained = self.rounding and shift <= LARGEST_ROUNDING * self.unit
-        return explained and missing <= MEASURING_GAIN * allowed and bound.nonzeros <= MEASURABLE
+        return explained and missing <= MEASURING_GAIN * allowed and self.symbolic.measurable
 
     def matrix(self, multipliers: FloatArray, demand: FloatArray) -> CSC:
         """The certificate matrix with a pinned translation, and ``demand`` off the diagonal."""

@@ -51,6 +51,21 @@ class BlockPattern:
         """Column of each occupied block, ascending within its row."""
         return self._slots[1]
 
+    @property
+    def own(self) -> IntArray:
+        """(n,) which occupied block is each node's diagonal block."""
+        return self._slots[2]
+
+    @property
+    def slots(self) -> IntArray:
+        """(2m,) which are those of the edges (i, j), then of (j, i)."""
+        return self._slots[3]
+
+    @property
+    def merged(self) -> IntArray | None:
+        """Occupied blocks off the diagonal if there are parallel edges, else None."""
+        return None if self._summation is None else self._summation[2]
+
     @cached_property
     def _summation(self) -> tuple[IntArray, IntArray, IntArray] | None:
         """Order and starts to sum blocks of parallel edges; None for a simple graph."""
@@ -60,31 +75,14 @@ class BlockPattern:
         return None if len(target) == len(slot) else (order, starts, target)
 
     def layout(self, b: int) -> Layout:
-        """Positions of the blocks' entries in a matrix of block size b; computed once for each."""
+        """Positions of the blocks' entries in a matrix of block size b."""
         if b not in self._layouts:
-            self._layouts[b] = self._layout(b)
+            self._layouts[b] = Layout(self, b)
         return self._layouts[b]
 
     @cached_property
     def _layouts(self) -> dict[int, Layout]:
         return {}
-
-    def _layout(self, b: int) -> Layout:
-        indptr, indices, own, slots = self._slots
-        counts = np.diff(indptr)
-        small: type[np.integer[Any]] = np.int32 if b * b * len(indices) < 2**31 else np.int64
-        starts = np.concatenate([[0], np.cumsum(np.repeat(b * counts, b))]).astype(small)
-        row = np.repeat(np.arange(len(counts)), counts)
-        within = np.arange(len(indices)) - indptr[row]
-        lines = (starts[:-1].reshape(-1, b)[row] + (b * within)[:, None]).astype(small)
-        places = lines[:, :, None] + np.arange(b, dtype=small)
-        columns = np.empty(b * b * len(indices), dtype=small)
-        columns[places] = (b * indices.astype(small))[:, None, None] + np.arange(b, dtype=small)
-        if self._summation is not None:
-            return Layout(starts, columns, places[own], places[self._summation[2]])
-        forward, backward = np.split(slots, 2)
-        there, back = places[forward], np.swapaxes(places[backward], 1, 2)
-        return Layout(starts, columns, places[own], np.ascontiguousarray(np.stack([there, back])))
 
     def assemble(self, diagonal: FloatArray, upper: FloatArray) -> CSC:
         """The symmetric matrix of diagonal blocks and blocks ``upper[e]`` at edges e = (i, j).
@@ -128,22 +126,64 @@ class BlockPattern:
         return data
 
 
-@dataclass(frozen=True, eq=False)
 class Layout:
-    """A block pattern for one block size.
+    """A block pattern for blocks of b rows."""
 
-    Attributes
-    ----------
-    indptr, indices : of the matrix in compressed form
-    diagonal : (n, b, b) positions in ``data`` of the entries of diagonal blocks
-    pairs : (2, m, b, b) the same for the blocks of edges and their transposes; for a graph with
-        parallel edges (k, b, b), for the k occupied blocks off the diagonal
-    """
+    def __init__(self, pattern: BlockPattern, b: int) -> None:
+        self._pattern, self._b = pattern, b
+        size = b * b * len(pattern.indices)
+        # 32 bits if possible, like SciPy.
+        self._integers: type[np.integer[Any]] = np.int32 if size < 2**31 else np.int64
 
-    indptr: IntArray
-    indices: IntArray
-    diagonal: IntArray
-    pairs: IntArray
+    @cached_property
+    def indptr(self) -> IntArray:
+        """Column pointers of the matrix."""
+        heights = np.repeat(self._b * np.diff(self._pattern.indptr), self._b)
+        return np.concatenate([[0], np.cumsum(heights)]).astype(self._integers)
+
+    @cached_property
+    def indices(self) -> IntArray:
+        """Rows of the entries, ascending in each column."""
+        b, indices = self._b, self._pattern.indices
+        columns = np.empty(b * b * len(indices), dtype=self._integers)
+        if compiled.AVAILABLE and columns.dtype == np.int32:
+            indptr = self._pattern.indptr.astype(np.int64)
+            compiled.kernel.expand(indptr, indices.astype(np.int64), b, columns)
+        else:
+            rows = (b * indices.astype(self._integers))[:, None, None]
+            columns[self._places()] = rows + np.arange(b, dtype=self._integers)
+        return columns
+
+    @cached_property
+    def diagonal(self) -> IntArray:
+        """(n, b, b) positions in ``data`` of the entries of diagonal blocks."""
+        b, indptr, own = self._b, self._pattern.indptr, self._pattern.own
+        counts = np.diff(indptr)[:, None, None]
+        first = b * (b * indptr[:-1] + own - indptr[:-1])
+        within = b * counts * np.arange(b)[:, None] + np.arange(b)
+        return np.asarray((first[:, None, None] + within).astype(self._integers))
+
+    @cached_property
+    def pairs(self) -> IntArray:
+        """(2, m, b, b) the same for the blocks of edges and their transposes.
+
+        For a graph with parallel edges (k, b, b), for the k occupied blocks off the diagonal.
+        """
+        places, slots = self._places(), self._pattern.slots
+        if self._pattern.merged is not None:
+            return np.asarray(places[self._pattern.merged])
+        forward, backward = np.split(slots, 2)
+        return np.stack([places[forward], np.swapaxes(places[backward], 1, 2)])
+
+    def _places(self) -> IntArray:
+        """(k, b, b) positions of the entries of all blocks."""
+        b, indptr, indices = self._b, self._pattern.indptr, self._pattern.indices
+        counts = np.diff(indptr)
+        row = np.repeat(np.arange(len(counts)), counts)
+        within = np.arange(len(indices)) - indptr[row]
+        starts = self.indptr[:-1].reshape(-1, b)
+        lines = (starts[row] + (b * within)[:, None]).astype(self._integers)
+        return np.asarray(lines[:, :, None] + np.arange(b, dtype=self._integers))
 
 
 def adjacency(n: int, i: IntArray, j: IntArray, values: FloatArray) -> sparse.csr_array:
@@ -169,6 +209,10 @@ def scatter_sum(index: IntArray, values: FloatArray, n: int) -> FloatArray:
 
 def diagonal_places(A: CSC) -> IntArray:
     """(N,) positions of the diagonal entries in ``A.data``; all must be stored."""
+    if compiled.AVAILABLE and A.indices.dtype == A.indptr.dtype == np.int32:
+        places = np.empty(A.shape[0], dtype=np.int64)
+        compiled.kernel.diagonal_places(A.indptr, A.indices, places)
+        return places
     column = np.repeat(np.arange(A.shape[0]), np.diff(A.indptr))
     return np.flatnonzero(A.indices == column)
 
@@ -185,11 +229,24 @@ def pinned(A: CSC, rows: IntArray) -> CSC:
 
     The rest is the principal submatrix; the pattern stays the same.
     """
-    cut = np.zeros(A.shape[0], dtype=bool)
+    data, cut = A.data.copy(), np.zeros(A.shape[0], dtype=bool)
     cut[rows] = True
-    off = cut[A.indices] | np.repeat(cut, np.diff(A.indptr))
-    off[diagonal_places(A)] = False
-    return CSC((np.where(off, 0.0, A.data), A.indices, A.indptr), shape=A.shape)
+    diagonal = diagonal_places(A)[rows]
+    kept = data[diagonal]
+    own = _entries(A, rows)
+    data[own] = 0.0
+    # By symmetry the rows' entries are in the columns of the columns' rows.
+    others = _entries(A, np.unique(A.indices[own]))
+    data[others[cut[A.indices[others]]]] = 0.0
+    data[diagonal] = kept
+    return CSC((data, A.indices, A.indptr), shape=A.shape)
+
+
+def _entries(A: CSC, columns: IntArray) -> IntArray:
+    """Positions in ``A.data`` of all entries of some columns."""
+    counts = np.diff(A.indptr)[columns]
+    before = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    return np.asarray(np.repeat(A.indptr[columns] - before, counts) + np.arange(counts.sum()))
 
 
 def expand(perm: IntArray, b: int) -> IntArray:

@@ -29,6 +29,8 @@ NESTED_FROM = 20_000
 TWO_SIDED = 2
 #: Relative agreement of a Cholesky factor's squared row norms with the diagonal.
 AGREEMENT = 1e-6
+#: Nonzeros of a factor of SuperLU up to which its residual is measured.
+MEASURABLE = 20e6
 #: How to install the compiled engine.
 COMPILED = "--force-reinstall certpgo, where a C compiler is"
 #: Operations on an entry of L besides its products: divisions, roots, their rounding.
@@ -68,6 +70,11 @@ class Symbolic(Protocol):
     @property
     def lengths(self) -> FloatArray:
         """(N,) upper bounds on the nonzeros of L's rows, in the order of A."""
+        ...
+
+    @property
+    def measurable(self) -> bool:
+        """Whether a `residual` is worth its time and memory."""
         ...
 
     def factor(self, A: CSC, *, single: bool = False) -> Factor | None:
@@ -183,6 +190,7 @@ class _Multifrontal:
     """The compiled engine."""
 
     engine = "multifrontal"
+    measurable = True
 
     def __init__(self, fronts: multifrontal.Fronts) -> None:
         self._fronts = fronts
@@ -293,6 +301,10 @@ class _SuperLU:
     @property
     def lengths(self) -> FloatArray:
         return self._lengths
+
+    @property
+    def measurable(self) -> bool:
+        return float(self._lengths.sum()) <= MEASURABLE
 
     def factor(self, A: CSC, *, single: bool = False) -> Factor | None:
         """Factorize A; None if a pivot is not positive, not finite, or off the diagonal."""

@@ -561,6 +561,68 @@ done:
     return result;
 }
 
+/* expand(indptr, indices, b, rows): the rows (32 bits) of a matrix of b x b blocks */
+static PyObject *expand(PyObject *self, PyObject *args)
+{
+    PyObject *objects[3], *result = NULL;
+    Buffers held = {.count = 0};
+    Py_ssize_t pointers, blocks, size;
+    int b;
+    if (!PyArg_ParseTuple(args, "OOiO", &objects[0], &objects[1], &b, &objects[2])) return NULL;
+    const Int *indptr = borrow(&held, objects[0], 0, sizeof(Int), &pointers);
+    const Int *indices = indptr ? borrow(&held, objects[1], 0, sizeof(Int), &blocks) : NULL;
+    int32_t *rows = indices ? borrow(&held, objects[2], 1, sizeof(int32_t), &size) : NULL;
+    if (!rows) goto done;
+    if (indptr[pointers - 1] != blocks || size != blocks * b * b) {
+        PyErr_SetString(PyExc_ValueError, "rows of another pattern");
+        goto done;
+    }
+    for (Int i = 0; i + 1 < pointers; i++)
+        for (Int c = 0; c < b; c++)
+            for (Int e = indptr[i]; e < indptr[i + 1]; e++)
+                for (Int r = 0; r < b; r++) *rows++ = (int32_t)(indices[e] * b + r);
+    result = Py_NewRef(Py_None);
+done:
+    give_back(&held);
+    return result;
+}
+
+/* diagonal_places(indptr, indices, places): where the diagonal is, in sorted columns of 32 bits */
+static PyObject *diagonal_places(PyObject *self, PyObject *args)
+{
+    PyObject *objects[3], *result = NULL;
+    Buffers held = {.count = 0};
+    Py_ssize_t pointers, entries, size;
+    if (!PyArg_ParseTuple(args, "OOO", &objects[0], &objects[1], &objects[2])) return NULL;
+    const int32_t *indptr = borrow(&held, objects[0], 0, sizeof(int32_t), &pointers);
+    const int32_t *rows = indptr ? borrow(&held, objects[1], 0, sizeof(int32_t), &entries) : NULL;
+    Int *places = rows ? borrow(&held, objects[2], 1, sizeof(Int), &size) : NULL;
+    if (!places) goto done;
+    if (pointers != size + 1 || indptr[size] != entries) {
+        PyErr_SetString(PyExc_ValueError, "pointers of another matrix");
+        goto done;
+    }
+    for (Int column = 0; column < size; column++) {
+        int32_t low = indptr[column], high = indptr[column + 1];
+        while (low < high) {
+            int32_t middle = low + (high - low) / 2;
+            if (rows[middle] < column)
+                low = middle + 1;
+            else
+                high = middle;
+        }
+        if (low == indptr[column + 1] || rows[low] != column) {
+            PyErr_SetString(PyExc_ValueError, "a diagonal entry is not stored");
+            goto done;
+        }
+        places[column] = low;
+    }
+    result = Py_NewRef(Py_None);
+done:
+    give_back(&held);
+    return result;
+}
+
 /* scatter_sum(index, values, sums): rows of values are added to rows of sums */
 static PyObject *scatter_sum(PyObject *self, PyObject *args)
 {
@@ -598,6 +660,8 @@ static PyMethodDef methods[] = {
     {"gradient", gradient, METH_VARARGS, "Half the gradient, and the edges' terms."},
     {"coupling", coupling, METH_VARARGS, "The edges' blocks of the Hessian."},
     {"assemble", assemble, METH_VARARGS, "A block matrix in compressed columns."},
+    {"expand", expand, METH_VARARGS, "The rows of a matrix of blocks."},
+    {"diagonal_places", diagonal_places, METH_VARARGS, "Where the diagonal of a matrix is."},
     {"scatter_sum", scatter_sum, METH_VARARGS, "Rows summed by an index."},
     {"lower", lower, METH_VARARGS, "L by columns."},
     {"order", order, METH_VARARGS, "A fill-reducing order of a pattern."},
