@@ -29,6 +29,8 @@ NESTED_FROM = 20_000
 TWO_SIDED = 2
 #: Relative agreement of a Cholesky factor's squared row norms with the diagonal.
 AGREEMENT = 1e-6
+#: Multiplications of a factorization in the time in which a product and a solve read an entry of L.
+FLOPS_PER_ENTRY = 35.0
 #: Nonzeros of a factor of SuperLU up to which its residual is measured.
 MEASURABLE = 20e6
 #: How to install the compiled engine.
@@ -75,6 +77,15 @@ class Symbolic(Protocol):
     @property
     def measurable(self) -> bool:
         """Whether a `residual` is worth its time and memory."""
+        ...
+
+    @property
+    def products(self) -> float:
+        """Products with A and solves that take about as long as a factorization."""
+        ...
+
+    def multiply(self, A: CSC, x: FloatArray) -> FloatArray:
+        """A x for x (N,)."""
         ...
 
     def factor(self, A: CSC, *, single: bool = False) -> Factor | None:
@@ -192,6 +203,14 @@ class _Multifrontal:
     engine = "multifrontal"
     measurable = True
 
+    @cached_property
+    def products(self) -> float:
+        # Products are bound by memory. Estimated, not timed, so that results can be reproduced.
+        return 1.0 + self._fronts.flops / (FLOPS_PER_ENTRY * self._fronts.entries)
+
+    def multiply(self, A: CSC, x: FloatArray) -> FloatArray:
+        return self._fronts.multiply(A.data, x)
+
     def __init__(self, fronts: multifrontal.Fronts) -> None:
         self._fronts = fronts
 
@@ -293,6 +312,7 @@ class _SuperLU:
     """SciPy's SuperLU in symmetric mode on the diagonal: L D L^T with D from U's diagonal."""
 
     engine = "superlu"
+    products = 8.0
 
     def __init__(self, order: IntArray, lengths: FloatArray) -> None:
         self._order, self._lengths = order, lengths
@@ -309,6 +329,9 @@ class _SuperLU:
     def factor(self, A: CSC, *, single: bool = False) -> Factor | None:
         """Factorize A; None if a pivot is not positive, not finite, or off the diagonal."""
         return self._factor(A)
+
+    def multiply(self, A: CSC, x: FloatArray) -> FloatArray:
+        return np.asarray(A @ x)
 
     def _factor(self, A: CSC) -> _SuperLUFactor | None:
         gather, indices, indptr = self._places(A)

@@ -78,7 +78,7 @@ class Fronts:
         pattern = tree.indptr, tree.indices, entry, order, place, sizes, offset
         self._fronts: Any = *pattern, tree.start, tree.above, tree.begin, tree.rows, panel, *room
         self.entries, self.size, self._tree = int(panel[-1]), int(offset[-1]), tree
-        self._sizes, self._offset = sizes, offset
+        self._sizes, self._offset, self._panel = sizes, offset, panel
 
     @cached_property
     def order(self) -> IntArray:
@@ -135,6 +135,18 @@ class Fronts:
         bound, norms = np.empty(self.size), np.empty(self.size)
         bound[self.order], norms[self.order] = ROUNDED_UP * rows / scale, squares
         return bound, norms
+
+    def multiply(self, data: FloatArray, x: FloatArray) -> FloatArray:
+        """A x for x (N,)."""
+        y = np.zeros(self.size)
+        kernel.multiply(self._fronts, data, np.ascontiguousarray(x), y)
+        return y
+
+    @property
+    def flops(self) -> float:
+        """Multiplications of a factorization."""
+        entries, widths = np.diff(self._panel), np.diff(self._offset[self._tree.start])
+        return float((entries * (entries / widths)).sum())
 
     def solve(self, panels: FloatArray, B: FloatArray) -> FloatArray:
         """A^-1 B for B (N,) or (N, k)."""

@@ -15,7 +15,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -24,8 +24,8 @@ from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal
-from certpgo.linalg.cg import End, conjugate_gradients
-from certpgo.linalg.factor import Factor
+from certpgo.linalg.cg import End, Truncated, conjugate_gradients
+from certpgo.linalg.factor import Factor, Symbolic
 from certpgo.objective.base import FirstOrder
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize.iterative import Iterative
@@ -55,8 +55,8 @@ class NewtonSettings(Iterative):
         of the metric
     smallest_damping, largest_damping : less is set to zero; with more the method stops
     loosest, tightest : relative residuals of conjugate gradients preconditioned by an old factor
-    max_products : products that cost less than a new factor; twice as many for large graphs
-    large : nodes from which a graph is large, and any old factor is tried first
+    max_products : products at most before a new factor; fewer where that costs less
+    large : nodes from which any old factor is tried first
 
     Examples
     --------
@@ -78,7 +78,7 @@ class NewtonSettings(Iterative):
     largest_damping: float = 1e9
     loosest: float = 0.1
     tightest: float = 1e-6
-    max_products: int = 8
+    max_products: int = 30
     large: int = 20_000
 
     def __post_init__(self) -> None:
@@ -170,6 +170,7 @@ class _Work:
     metric: FloatArray  # (n, b) diagonal in which damping is measured
     factor: Factor | None = None
     single: bool = True  # whether factors are tried in single precision
+    most: int = 0  # products that cost less than a new factor
     pace: float = np.inf  # -log(residual) per product of conjugate gradients with the factor
     counts: Counter[str] = field(default_factory=Counter)
 
@@ -247,17 +248,12 @@ def _proposals(problem: Problem, state: _State, work: _Work) -> Iterator[_Propos
     tol = forcing_term(state.progress, settings.loosest, settings.tightest)
     expected = -math.log(tol) / work.pace
     large = problem.n >= settings.large
-    most = settings.max_products * (2 if large else 1)
     reusable = (state.exact or large) and state.damping == 0.0
-    if work.factor is not None and reusable and expected <= most:
+    if work.factor is not None and reusable and expected <= work.most:
         H = model.hessian if exact else model.gauss_newton
-        solved = conjugate_gradients(
-            H.__matmul__, -g, work.factor.solve, tol=tol, max_iterations=most
-        )
-        work.counts["products"] += solved.products
+        solved = _iterated(problem.symbolic(H), H, g, work.factor, tol, work)
         if solved.end is End.CONVERGED:
             predicted = float(solved.x @ (solved.residual - g))
-            work.pace = -math.log(tol) / solved.products
             yield _Proposal(solved.x, predicted, exact, 0.0)
         elif solved.end is End.NEGATIVE_CURVATURE:
             exact = exact and state.progress < settings.stagnation
@@ -285,17 +281,14 @@ def _solved(
     """
     A = add_to_diagonal(H, damped) if damped.any() else H
     symbolic = problem.symbolic(A)
+    work.most = int(min(work.settings.max_products, symbolic.products))
     if work.single:
         factor = symbolic.factor(A, single=True)
         work.counts["factorizations"] += 1
         if factor is not None:
-            most = work.settings.max_products
-            solved = conjugate_gradients(
-                A.__matmul__, -g, factor.solve, tol=tol, max_iterations=most
-            )
-            work.counts["products"] += solved.products
+            solved = _iterated(symbolic, A, g, factor, tol, work)
             if solved.end is End.CONVERGED:
-                work.factor, work.pace = factor, -math.log(tol) / solved.products
+                work.factor = factor
                 return solved.x, float(solved.x @ (damped * solved.x + solved.residual - g))
         del factor
     factor = symbolic.factor(A)
@@ -305,6 +298,18 @@ def _solved(
     work.single, work.factor = False, factor
     step = -factor.solve(g)
     return step, float(step @ (damped * step - g))
+
+
+def _iterated(
+    symbolic: Symbolic, A: CSC, g: FloatArray, factor: Factor, tol: float, work: _Work
+) -> Truncated:
+    """Conjugate gradients for A x = -g, as long as they cost less than a new factor."""
+    multiply = partial(symbolic.multiply, A)
+    solved = conjugate_gradients(multiply, -g, factor.solve, tol=tol, max_iterations=work.most)
+    work.counts["products"] += solved.products
+    if solved.end is End.CONVERGED:
+        work.pace = -math.log(tol) / solved.products
+    return solved
 
 
 def _metric(problem: Problem) -> FloatArray:

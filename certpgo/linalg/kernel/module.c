@@ -377,6 +377,57 @@ done:
     return result;
 }
 
+/* multiply(fronts, A, x, y): y, zero before, becomes A x; only half of A is read */
+static PyObject *multiply(PyObject *self, PyObject *args)
+{
+    PyObject *tuple, *objects[3], *result = NULL;
+    Buffers held = {.count = 0};
+    Fronts f;
+    Py_ssize_t entries, columns, rows;
+    if (!PyArg_ParseTuple(args, "OOOO", &tuple, &objects[0], &objects[1], &objects[2])) return NULL;
+    if (fronts_of(&held, tuple, &f) < 0) goto done;
+    const double *data = borrow(&held, objects[0], 0, sizeof(double), &entries);
+    const double *x = data ? borrow(&held, objects[1], 0, sizeof(double), &columns) : NULL;
+    double *y = x ? borrow(&held, objects[2], 1, sizeof(double), &rows) : NULL;
+    if (!y) goto done;
+    if (entries != f.entry[f.n] || columns != f.offset[f.n] || rows != columns) {
+        PyErr_SetString(PyExc_ValueError, "a matrix or vector of another size");
+        goto done;
+    }
+    Int *first = malloc((size_t)(f.n + 1) * sizeof(Int));
+    if (!first) {
+        PyErr_NoMemory();
+        goto done;
+    }
+    Py_BEGIN_ALLOW_THREADS
+    first[0] = 0;
+    for (Int i = 0; i < f.n; i++) first[i + 1] = first[i] + f.sizes[i];
+    for (Int i = 0; i < f.n; i++) {
+        Int b = f.sizes[i], height = (f.entry[i + 1] - f.entry[i]) / b;
+        const double *block = data + f.entry[i], *xi = x + first[i];
+        for (Int e = f.indptr[i]; e < f.indptr[i + 1]; block += f.sizes[f.indices[e++]]) {
+            Int j = f.indices[e], rows_of_j = f.sizes[j];
+            if (j < i) continue;
+            const double *xj = x + first[j];
+            for (Int c = 0; c < b; c++) {
+                const double *column = block + c * height;
+                double sum = 0.0;
+                for (Int r = 0; r < rows_of_j; r++) {
+                    y[first[j] + r] += column[r] * xi[c];
+                    sum += column[r] * xj[r];
+                }
+                if (j > i) y[first[i] + c] += sum;
+            }
+        }
+    }
+    Py_END_ALLOW_THREADS
+    free(first);
+    result = Py_NewRef(Py_None);
+done:
+    give_back(&held);
+    return result;
+}
+
 /* lower(fronts, L, heights, rows, values) -> number of entries of L's lower triangle by columns */
 static PyObject *lower(PyObject *self, PyObject *args)
 {
@@ -663,6 +714,7 @@ static PyMethodDef methods[] = {
     {"expand", expand, METH_VARARGS, "The rows of a matrix of blocks."},
     {"diagonal_places", diagonal_places, METH_VARARGS, "Where the diagonal of a matrix is."},
     {"scatter_sum", scatter_sum, METH_VARARGS, "Rows summed by an index."},
+    {"multiply", multiply, METH_VARARGS, "A x."},
     {"lower", lower, METH_VARARGS, "L by columns."},
     {"order", order, METH_VARARGS, "A fill-reducing order of a pattern."},
     {"analyze", analyze, METH_VARARGS, "Order, counts and supernodes of a pattern."},
