@@ -21,6 +21,7 @@ from certpgo.errors import MissingDependency, SpecError
 from certpgo.linalg import multifrontal
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.balls import U
+from certpgo.linalg.multifrontal import Precision
 from certpgo.linalg.residual import measured_residual
 
 #: Number of nodes from which nested dissection is faster.
@@ -30,7 +31,9 @@ TWO_SIDED = 2
 #: Relative agreement of a Cholesky factor's squared row norms with the diagonal.
 AGREEMENT = 1e-6
 #: Multiplications of a factorization in the time in which a product and a solve read an entry of L.
-FLOPS_PER_ENTRY = 35.0
+FLOPS_PER_ENTRY = 60.0
+#: Bytes from which a factor is heavy.
+HEAVY = 4e9
 #: Nonzeros of a factor of SuperLU up to which its residual is measured.
 MEASURABLE = 20e6
 #: How to install the compiled engine.
@@ -88,10 +91,15 @@ class Symbolic(Protocol):
         """A x for x (N,)."""
         ...
 
-    def factor(self, A: CSC, *, single: bool = False) -> Factor | None:
+    @property
+    def is_heavy(self) -> bool:
+        """Whether a factor in double precision takes gigabytes."""
+        ...
+
+    def factor(self, A: CSC, precision: Precision = "double") -> Factor | None:
         """Factorize A, which has this pattern; None if it is not positive definite.
 
-        A factor in ``single`` precision may be less accurate, and fail where another does not.
+        In single precision that is less accurate, and may fail where another does not.
         """
         ...
 
@@ -218,8 +226,12 @@ class _Multifrontal:
     def lengths(self) -> FloatArray:
         return self._fronts.lengths
 
-    def factor(self, A: CSC, *, single: bool = False) -> Factor | None:
-        return self._fronts.factor(A.data, single=single)
+    @property
+    def is_heavy(self) -> bool:
+        return 8 * self._fronts.entries > HEAVY
+
+    def factor(self, A: CSC, precision: Precision = "double") -> Factor | None:
+        return self._fronts.factor(A.data, precision)
 
     def rounding(self, A: CSC, w: FloatArray) -> Rounding | None:
         terms = self.lengths + OTHERS
@@ -313,6 +325,7 @@ class _SuperLU:
 
     engine = "superlu"
     products = 8.0
+    is_heavy = False  # it has no other precision
 
     def __init__(self, order: IntArray, lengths: FloatArray) -> None:
         self._order, self._lengths = order, lengths
@@ -326,7 +339,7 @@ class _SuperLU:
     def measurable(self) -> bool:
         return float(self._lengths.sum()) <= MEASURABLE
 
-    def factor(self, A: CSC, *, single: bool = False) -> Factor | None:
+    def factor(self, A: CSC, precision: Precision = "double") -> Factor | None:
         """Factorize A; None if a pivot is not positive, not finite, or off the diagonal."""
         return self._factor(A)
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -25,6 +25,10 @@ __all__ = ["AVAILABLE", "Fronts", "Panels", "Tree", "minimum_degree"]
 
 #: Compensates the rounding of sums of nonnegative numbers.
 ROUNDED_UP = 1.001
+
+
+#: Of a factorization: "mixed" computes in double precision and keeps L in single.
+Precision = Literal["double", "single", "mixed"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,10 +102,11 @@ class Fronts:
         lengths[tree.order] = scale * tree.lengths
         return np.repeat(lengths, sizes)
 
-    def factor(self, data: FloatArray, *, single: bool = False) -> Panels | None:
+    def factor(self, data: FloatArray, precision: Precision = "double") -> Panels | None:
         """The factor of the matrix with these entries; None if it is not positive definite."""
-        panels: FloatArray = np.empty(self.entries, dtype=np.float32 if single else np.float64)
-        done = kernel.factor(self._fronts, data, panels, None, None, single)
+        kept: type[np.floating[Any]] = np.float64 if precision == "double" else np.float32
+        panels: FloatArray = np.empty(self.entries, dtype=kept)
+        done = kernel.factor(self._fronts, data, panels, None, None, precision == "single")
         return Panels(self, panels) if done else None
 
     def row_sums(

@@ -26,6 +26,7 @@ from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal
 from certpgo.linalg.cg import End, Truncated, conjugate_gradients
 from certpgo.linalg.factor import Factor, Symbolic
+from certpgo.linalg.multifrontal import Precision
 from certpgo.objective.base import FirstOrder
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize.iterative import Iterative
@@ -277,27 +278,27 @@ def _solved(
     """The step (N,) of a new factor and its predicted decrease; None if H is not definite.
 
     A factor in single precision takes half the time, and a few products make up for its rounding,
-    unless H is too ill-conditioned for it.
+    unless H is too ill-conditioned for it. Then double precision follows, where memory allows it.
     """
     A = add_to_diagonal(H, damped) if damped.any() else H
     symbolic = problem.symbolic(A)
     work.most = int(min(work.settings.max_products, symbolic.products))
-    if work.single:
-        factor = symbolic.factor(A, single=True)
+    last: Precision = "mixed" if symbolic.is_heavy else "double"
+    for precision in ("single", last) if work.single else (last,):
+        factor = symbolic.factor(A, precision)
         work.counts["factorizations"] += 1
-        if factor is not None:
-            solved = _iterated(symbolic, A, g, factor, tol, work)
-            if solved.end is End.CONVERGED:
-                work.factor = factor
-                return solved.x, float(solved.x @ (damped * solved.x + solved.residual - g))
+        if factor is None:
+            continue
+        if precision == "double":
+            work.factor, step = factor, -factor.solve(g)
+            return step, float(step @ (damped * step - g))
+        solved = _iterated(symbolic, A, g, factor, tol, work)
+        enough = (End.CONVERGED, End.LIMIT) if precision == "mixed" else (End.CONVERGED,)
+        if solved.end in enough:
+            work.factor, work.single = factor, precision == "single"
+            return solved.x, float(solved.x @ (damped * solved.x + solved.residual - g))
         del factor
-    factor = symbolic.factor(A)
-    work.counts["factorizations"] += 1
-    if factor is None:
-        return None
-    work.single, work.factor = False, factor
-    step = -factor.solve(g)
-    return step, float(step @ (damped * step - g))
+    return None
 
 
 def _iterated(

@@ -129,10 +129,10 @@ static Int IN(find_runs)(const Fronts *f, Int c, const Int *at, Int nc, Int *run
 }
 
 /* 1 if A = L L^T was factorized, 0 if it is not positive definite, -1 without memory, -2 if
- * interrupted. Without L, panels are dropped as soon as they are summed. A residual is measured in
- * double precision only, where the casts below are none. */
+ * interrupted. Without L, panels are dropped as soon as they are summed, or kept in single precision
+ * in `rounded`. A residual is measured in double precision only, where the casts below are none. */
 static int IN(factor)(const Fronts *f, const double *data, REAL *L, const Sums *sums,
-                      const Residual *residual)
+                      const Residual *residual, float *rounded)
 {
     REAL *stack = malloc((size_t)f->stack * sizeof(REAL) + 1);
     REAL *own = L ? NULL : malloc((size_t)f->widest * sizeof(REAL) + 1);
@@ -179,6 +179,8 @@ static int IN(factor)(const Fronts *f, const double *data, REAL *L, const Sums *
             measure_front((double *)panel, (double *)update, nc, ld, &copies);
             scatter(f, s, copies.out, residual->sums);
         }
+        if (rounded)
+            for (Int k = 0; k < nc * ld; k++) rounded[f->panel[s] + k] = (float)panel[k];
         if (freed != update) memmove(freed, update, (size_t)(m * m) * sizeof(REAL));
         top = (freed - stack) + m * m;
         if (f->above[s] >= 0) next[s] = first[f->above[s]], first[f->above[s]] = s;

@@ -33,7 +33,8 @@ typedef struct {
     int count;
 } Buffers;
 
-/* The memory of a contiguous array of `size`-byte items; NULL and an exception if it is not. */
+/* The memory of a contiguous array of `size`-byte items (0: of any; the length is in bytes then);
+ * NULL and an exception if it is not. */
 static void *borrow(Buffers *held, PyObject *object, int writable, Py_ssize_t size, Py_ssize_t *length)
 {
     Py_buffer *view = &held->views[held->count];
@@ -43,11 +44,11 @@ static void *borrow(Buffers *held, PyObject *object, int writable, Py_ssize_t si
     }
     if (PyObject_GetBuffer(object, view, writable ? PyBUF_CONTIG : PyBUF_CONTIG_RO) < 0) return NULL;
     held->count++;
-    if (view->itemsize != size) {
+    if (size && view->itemsize != size) {
         PyErr_Format(PyExc_TypeError, "items of %zd bytes expected, not %zd", size, view->itemsize);
         return NULL;
     }
-    if (length) *length = view->len / size;
+    if (length) *length = size ? view->len / size : view->len;
     /* An empty array may have no memory. */
     return view->buf ? view->buf : (void *)held;
 }
@@ -291,7 +292,7 @@ static int fronts_of(Buffers *held, PyObject *tuple, Fronts *f)
 }
 
 /* factor(fronts, data, L | None, (weights, sums, squares) | None, (scale, v, rows) | None, single)
- * -> bool */
+ * -> bool; L may have single precision even if the arithmetic has not */
 static PyObject *factor(PyObject *self, PyObject *args)
 {
     PyObject *tuple, *data, *into, *sums, *measured, *result = NULL;
@@ -307,9 +308,18 @@ static PyObject *factor(PyObject *self, PyObject *args)
     if (fronts_of(&held, tuple, &f) < 0) goto done;
     const double *values = borrow(&held, data, 0, sizeof(double), &entries);
     if (!values) goto done;
-    Int size = single ? sizeof(float) : sizeof(double);
-    if (into != Py_None && !(L = borrow(&held, into, 1, size, &length))) goto done;
-    if (entries != f.entry[f.n] || (L && length != f.panel[f.many])) {
+    float *rounded = NULL;
+    if (into != Py_None && !(L = borrow(&held, into, 1, 0, &length))) goto done;
+    if (L) {
+        Py_ssize_t size = held.views[held.count - 1].itemsize;
+        length /= size;
+        if (size != sizeof(float) && (single || size != sizeof(double))) {
+            PyErr_SetString(PyExc_TypeError, "a factor of floats or doubles expected");
+            goto done;
+        }
+        if (!single && size == sizeof(float)) rounded = L, L = NULL;
+    }
+    if (entries != f.entry[f.n] || ((L || rounded) && length != f.panel[f.many])) {
         PyErr_SetString(PyExc_ValueError, "a matrix of another pattern");
         goto done;
     }
@@ -335,8 +345,8 @@ static PyObject *factor(PyObject *self, PyObject *args)
     const Residual *wish = measured == Py_None ? NULL : &residual;
     int outcome;
     Py_BEGIN_ALLOW_THREADS
-    outcome = single ? factor_float(&f, values, L, &wanted, NULL)
-                     : factor_double(&f, values, L, &wanted, wish);
+    outcome = single ? factor_float(&f, values, L, &wanted, NULL, NULL)
+                     : factor_double(&f, values, L, &wanted, wish, rounded);
     Py_END_ALLOW_THREADS
     if (outcome == -1) PyErr_NoMemory();
     if (outcome >= 0) result = PyBool_FromLong(outcome);
