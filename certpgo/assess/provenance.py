@@ -12,7 +12,7 @@ from importlib import metadata
 from pathlib import Path
 
 #: Distributions whose versions are recorded.
-DISTRIBUTIONS = ("certpgo", "numpy", "scipy", "gtsam", "cvxopt")
+DISTRIBUTIONS = ("certpgo", "numpy", "scipy", "gtsam")
 
 
 def provenance(engine: str, root: Path | None) -> dict[str, str]:

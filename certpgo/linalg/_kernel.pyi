@@ -3,6 +3,7 @@
 from typing import Any
 
 from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.multifrontal import Kept
 
 def order(indptr: IntArray, indices: IntArray, /) -> bytes: ...
 def analyze(
@@ -20,16 +21,17 @@ def measure(
 def factor(
     fronts: tuple[Any, ...],
     data: FloatArray,
-    panels: FloatArray | None,
+    scale: FloatArray | None,
+    panels: Kept | None,
     sums: tuple[FloatArray, FloatArray, FloatArray] | None,
     residual: tuple[FloatArray, FloatArray, FloatArray] | None,
     single: bool,
     /,
 ) -> bool: ...
-def solve(fronts: tuple[Any, ...], panels: FloatArray, X: FloatArray, single: bool, /) -> None: ...
+def solve(fronts: tuple[Any, ...], panels: Kept, X: Kept, single: bool, /) -> None: ...
 def lower(
     fronts: tuple[Any, ...],
-    panels: FloatArray,
+    panels: Kept,
     heights: IntArray,
     rows: IntArray,
     values: FloatArray,

@@ -247,8 +247,3 @@ def _entries(A: CSC, columns: IntArray) -> IntArray:
     counts = np.diff(A.indptr)[columns]
     before = np.concatenate([[0], np.cumsum(counts)[:-1]])
     return np.asarray(np.repeat(A.indptr[columns] - before, counts) + np.arange(counts.sum()))
-
-
-def expand(perm: IntArray, b: int) -> IntArray:
-    """The permutation of scalars that moves whole blocks of size b as ``perm`` moves nodes."""
-    return np.asarray((perm[:, None] * b + np.arange(b)).ravel())

@@ -11,7 +11,7 @@ from __future__ import annotations
 import importlib.util
 import os
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from scipy import sparse
@@ -21,7 +21,6 @@ from certpgo.errors import MissingDependency, SpecError
 from certpgo.linalg import multifrontal
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.balls import U
-from certpgo.linalg.multifrontal import Precision
 from certpgo.linalg.residual import measured_residual
 
 #: Number of nodes from which nested dissection is faster.
@@ -40,6 +39,10 @@ MEASURABLE = 20e6
 COMPILED = "--force-reinstall certpgo, where a C compiler is"
 #: Operations on an entry of L besides its products: divisions, roots, their rounding.
 OTHERS = 8.0
+
+
+#: Of a factorization: "mixed" computes in double precision and keeps L in single.
+Precision = Literal["double", "single", "mixed"]
 
 
 class Factor(Protocol):
@@ -231,7 +234,10 @@ class _Multifrontal:
         return 8 * self._fronts.entries > HEAVY
 
     def factor(self, A: CSC, precision: Precision = "double") -> Factor | None:
-        return self._fronts.factor(A.data, precision)
+        if precision == "double":
+            return self._fronts.factor(A.data)
+        mixed = precision == "mixed"
+        return self._fronts.factor_kept_single(A.data, A.diagonal(), mixed=mixed)
 
     def rounding(self, A: CSC, w: FloatArray) -> Rounding | None:
         terms = self.lengths + OTHERS

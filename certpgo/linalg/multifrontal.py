@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -27,8 +27,8 @@ __all__ = ["AVAILABLE", "Fronts", "Panels", "Tree", "minimum_degree"]
 ROUNDED_UP = 1.001
 
 
-#: Of a factorization: "mixed" computes in double precision and keeps L in single.
-Precision = Literal["double", "single", "mixed"]
+#: L, in double or single precision.
+Kept = FloatArray | np.ndarray[Any, np.dtype[np.float32]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,12 +102,31 @@ class Fronts:
         lengths[tree.order] = scale * tree.lengths
         return np.repeat(lengths, sizes)
 
-    def factor(self, data: FloatArray, precision: Precision = "double") -> Panels | None:
+    def factor(self, data: FloatArray) -> Panels | None:
         """The factor of the matrix with these entries; None if it is not positive definite."""
-        kept: type[np.floating[Any]] = np.float64 if precision == "double" else np.float32
-        panels: FloatArray = np.empty(self.entries, dtype=kept)
-        done = kernel.factor(self._fronts, data, panels, None, None, precision == "single")
+        panels = np.empty(self.entries)
+        done = kernel.factor(self._fronts, data, None, panels, None, None, False)
         return Panels(self, panels) if done else None
+
+    def factor_kept_single(
+        self, data: FloatArray, diagonal: FloatArray, *, mixed: bool = False
+    ) -> Panels | None:
+        """A factor in single precision, or with ``mixed`` of double arithmetic.
+
+        Rows and columns are scaled by powers of two, so that the ``diagonal`` (N,) of the matrix is
+        about one and no unit is out of range. None if the matrix is not positive definite, or not
+        by as much as single precision demands.
+        """
+        if not ((diagonal > 0.0) & (diagonal < np.inf)).all():
+            return None
+        scale, panels = self._scale(diagonal), np.empty(self.entries, dtype=np.float32)
+        done = kernel.factor(self._fronts, data, scale, panels, None, None, not mixed)
+        return Panels(self, panels, scale) if done else None
+
+    def _scale(self, diagonal: FloatArray) -> FloatArray:
+        """(N,) powers of two that make the diagonal about one, in the order of L."""
+        exponents = -np.round(0.5 * np.log2(diagonal)).astype(int)
+        return np.asarray(np.ldexp(1.0, exponents)[self.order])
 
     def row_sums(
         self, data: FloatArray, weights: FloatArray
@@ -118,7 +137,7 @@ class Fronts:
         """
         w = np.ascontiguousarray(weights[self.order].T)
         sums, squares = np.zeros_like(w), np.zeros(self.size)
-        if not kernel.factor(self._fronts, data, None, (w, sums, squares), None, False):
+        if not kernel.factor(self._fronts, data, None, None, (w, sums, squares), None, False):
             return None
         absolute, norms = np.empty_like(weights), np.empty(self.size)
         absolute[self.order], norms[self.order] = sums.T, squares
@@ -132,10 +151,10 @@ class Fronts:
         The residual is measured front by front; the bounds hold if the squared norms are near the
         ``diagonal`` (N,) of A. None if the matrix is not positive definite.
         """
-        scale = np.ldexp(1.0, -np.round(0.5 * np.log2(diagonal)).astype(int))[self.order]
+        scale = self._scale(diagonal)
         v, rows, squares = weights[self.order] / scale, np.zeros(self.size), np.zeros(self.size)
         sums = np.empty((0, self.size)), np.empty((0, self.size)), squares
-        if not kernel.factor(self._fronts, data, None, sums, (scale, v, rows), False):
+        if not kernel.factor(self._fronts, data, None, None, sums, (scale, v, rows), False):
             return None
         bound, norms = np.empty(self.size), np.empty(self.size)
         bound[self.order], norms[self.order] = ROUNDED_UP * rows / scale, squares
@@ -153,15 +172,17 @@ class Fronts:
         entries, widths = np.diff(self._panel), np.diff(self._offset[self._tree.start])
         return float((entries * (entries / widths)).sum())
 
-    def solve(self, panels: FloatArray, B: FloatArray) -> FloatArray:
+    def solve(self, panels: Kept, scale: FloatArray | None, B: FloatArray) -> FloatArray:
         """A^-1 B for B (N,) or (N, k)."""
-        X = np.ascontiguousarray(B[self.order].T, dtype=panels.dtype)
+        right = B[self.order].T
+        kept: Any = panels.dtype
+        X = np.array(right if scale is None else right * scale, dtype=kept, order="C")
         kernel.solve(self._fronts, panels, X, panels.dtype == np.float32)
         solution = np.empty(B.shape)
-        solution[self.order] = X.T
+        solution[self.order] = (X if scale is None else X * scale).T
         return solution
 
-    def lower(self, panels: FloatArray) -> CSC:
+    def lower(self, panels: Kept) -> CSC:
         """L, with the zeros that the merging of supernodes stores."""
         heights, rows = np.empty(self.size, dtype=np.int64), np.empty(self.entries, dtype=np.int64)
         values = np.empty(self.entries)
@@ -171,17 +192,18 @@ class Fronts:
 
 @dataclass(frozen=True, eq=False)
 class Panels:
-    """A factor: the columns of each supernode."""
+    """A factor: the columns of each supernode, perhaps of a matrix scaled by powers of two."""
 
     fronts: Fronts
-    panels: FloatArray
+    panels: Kept
+    scale: FloatArray | None = None
 
     def solve(self, B: FloatArray) -> FloatArray:
         """A^-1 B for B (N,) or (N, k)."""
-        return self.fronts.solve(self.panels, B)
+        return self.fronts.solve(self.panels, self.scale, B)
 
     def lower(self) -> tuple[CSC, IntArray]:
-        """L and the rows p of A with A[p][:, p] = L L^T."""
+        """L and the rows p of A with A[p][:, p] = L L^T, in double precision only."""
         return self.fronts.lower(self.panels), self.fronts.order
 
 

@@ -25,8 +25,7 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal
 from certpgo.linalg.cg import End, Truncated, conjugate_gradients
-from certpgo.linalg.factor import Factor, Symbolic
-from certpgo.linalg.multifrontal import Precision
+from certpgo.linalg.factor import Factor, Precision, Symbolic
 from certpgo.objective.base import FirstOrder
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize.iterative import Iterative
@@ -290,7 +289,7 @@ def _solved(
         if factor is None:
             continue
         if precision == "double":
-            work.factor, step = factor, -factor.solve(g)
+            work.factor, work.single, step = factor, False, -factor.solve(g)
             return step, float(step @ (damped * step - g))
         solved = _iterated(symbolic, A, g, factor, tol, work)
         enough = (End.CONVERGED, End.LIMIT) if precision == "mixed" else (End.CONVERGED,)

@@ -20,7 +20,7 @@ TABLE = Table(
     optional=True,
     methods=(
         Method("eigen_ma", "eigen_ma (SuperLU)", engine="superlu"),
-        Method("eigen_ma", "eigen_ma (CHOLMOD)", engine="cholmod"),
+        Method("eigen_ma", "eigen_ma (multifrontal)", engine="multifrontal"),
     ),
     reference=Method("gtsam_chordal"),
     columns=(

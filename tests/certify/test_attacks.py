@@ -55,53 +55,22 @@ def test_verdicts_know_no_scale(power):
     assert certificate.lower_bound == 2.0**power * reference.lower_bound
 
 
-@pytest.mark.skipif("cholmod" not in factor.engines(), reason="the cvxopt wheel is not installed")
-@pytest.mark.parametrize("kappa", [1.0, 1e-3, 1e-6])
-def test_foreign_cholmod_options_change_nothing(kappa):
-    """supernodal = 0 makes CHOLMOD an L D L^T, which takes indefinite matrices without a word."""
-    from cvxopt import cholmod
-
-    instance, wound = winding_cycle(20, 0.5, 1)
-    problem = RotationProblem(instance.graph.with_weights(kappa))
-    before = dict(cholmod.options)
-    try:
-        assert certify(problem, wound, refine=False).verdict is Verdict.UNDECIDED
-        cholmod.options["supernodal"] = 0
-        assert certify(problem, wound).verdict is Verdict.REFUTED
-        assert cholmod.options == {**before, "supernodal": 0}
-    finally:
-        cholmod.options.clear()
-        cholmod.options.update(before)
-
-
 class _Rigged:
     """A factorization that always completes: of the matrix made definite by force."""
 
     engine = "rigged"
+    measurable = False
 
     def __init__(self, A):
-        self._A = A
+        self.lengths = np.full(A.shape[0], float(A.shape[0]))
 
-    def factor(self, A):
-        dense = A.toarray()
-        values, vectors = np.linalg.eigh(dense)
+    def rounding(self, A, w):
+        values, vectors = np.linalg.eigh(A.toarray())
         forced = (vectors * np.maximum(values, 1e-3)) @ vectors.T
-        return _RiggedFactor(np.linalg.cholesky(forced))
-
-
-class _RiggedFactor:
-    def __init__(self, L):
-        self._L = L
-        self.nnz = L.size
-
-    def solve(self, B):
-        return np.linalg.solve(self._L @ self._L.T, B)
-
-    def lower(self):
-        return CSC(sparse.csc_array(self._L)), np.arange(len(self._L))
-
-    def excess(self, w):
-        return np.zeros_like(w)
+        L = np.linalg.cholesky(forced)
+        if not factor._is_cholesky((L**2).sum(axis=1), A):
+            return None
+        return factor.Rounding(2.0**-53 * len(L) * (abs(L) @ abs(L).T @ w), L.size)
 
 
 def test_a_rigged_factorization_is_noticed(monkeypatch):
@@ -120,14 +89,12 @@ def test_the_factor_residual_stays_within_its_bound_on_a_graded_matrix(engine):
     G = np.exp(-(np.subtract.outer(x, x) ** 2)) * np.sqrt(np.outer(x, x)) + np.diag(x) * 1e-9
     A = CSC(sparse.csc_array(G))
     A.sort_indices()
-    F = factor.analyze(A, engine=engine).factor(A)
-    L, p = F.lower()
+    analysis = factor.analyze(A.indptr, A.indices, engine=engine).blocks(np.ones(200, dtype=int))
+    L, p = analysis.factor(A).lower()
     dense = L.toarray().astype(np.longdouble)
-    residual = np.abs(G[np.ix_(p, p)].astype(np.longdouble) - dense @ dense.T).sum(axis=1)
-    counts = np.bincount(L.indices, minlength=200)
-    product = (np.abs(dense) @ np.abs(dense).T).sum(axis=1)
-    bound = (counts + 8) * 2.0**-53 * product + F.excess(np.ones(200))
-    assert np.all(residual <= bound)
+    residual = np.empty(200)
+    residual[p] = np.abs(G[np.ix_(p, p)].astype(np.longdouble) - dense @ dense.T).sum(axis=1)
+    assert np.all(residual <= analysis.rounding(A, np.ones(200)).sums)
 
 
 @pytest.mark.parametrize("offset", [1.0, 100.0, 1e5])

@@ -40,7 +40,7 @@ COMMITTED = Record(
     status="converged",
     iterations=10,
     counts={"factorizations": 4, "products": 100, "starts": 1},
-    provenance={"engine": "cholmod"},
+    provenance={"engine": "multifrontal"},
 )
 KEY = regression.Key("full", "t", "row", "", "method", None)
 
@@ -283,7 +283,7 @@ ZOO = ZooRecord(
         "certpgo standard": {"certified": 30, "not certified": 24, "missed": 2},
         "gtsam_shonan": {"certified": 40, "false": 40},
     },
-    provenance={"engine": "cholmod"},
+    provenance={"engine": "multifrontal"},
 )
 
 

@@ -10,7 +10,6 @@ from certpgo.linalg.blocks import (
     add_to_diagonal,
     adjacency,
     diagonal_places,
-    expand,
     pinned,
     scatter_sum,
 )
@@ -70,13 +69,12 @@ def test_diagonal_and_pinning_keep_the_pattern():
     np.testing.assert_array_equal(pinned(A, np.array([3])).indices, A.indices)
 
 
-def test_scatter_sum_and_expand():
+def test_scatter_sum():
     index = np.array([2, 0, 2])
     values = np.arange(12.0).reshape(3, 2, 2)
     out = scatter_sum(index, values, 4)
     np.testing.assert_array_equal(out[2], values[0] + values[2])
     np.testing.assert_array_equal(out[1], 0.0)
-    np.testing.assert_array_equal(expand(np.array([1, 0]), 3), [3, 4, 5, 0, 1, 2])
 
 
 def test_adjacency_sums_repeated_pairs_in_32_bits():

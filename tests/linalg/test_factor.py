@@ -1,25 +1,35 @@
 """Factorization engines: each against dense algebra, and against each other."""
 
 import importlib.util
-import sys
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import sparse
 from strategies import random_edges, rng_of, seeds
 
 from certpgo.errors import MissingDependency, SpecError
-from certpgo.linalg import factor
-from certpgo.linalg.blocks import BlockPattern, add_to_diagonal, expand
+from certpgo.linalg import factor, multifrontal
+from certpgo.linalg.blocks import BlockPattern, add_to_diagonal
 
 
-@pytest.fixture(params=["superlu", "cholmod"])
+@pytest.fixture(params=["superlu", "multifrontal"])
 def engine(request):
     if request.param not in factor.engines():
-        pytest.skip("the cvxopt wheel is not installed")
+        pytest.skip("not compiled")
     return request.param
+
+
+def analysis(A, engine, b=1, order=None):
+    """That of a matrix of blocks of b rows, of which those of ``order`` are eliminated first."""
+    nodes = A.shape[0] // b
+    row, column = A.nonzero()
+    blocks = sparse.csc_array((np.ones(len(row)), (row // b, column // b)), shape=(nodes, nodes))
+    blocks.sort_indices()
+    found = factor.analyze(blocks.indptr, blocks.indices, order=order, engine=engine)
+    return found.blocks(np.full(nodes, b))
 
 
 def definite(seed, n=12, b=3):
@@ -34,8 +44,7 @@ def definite(seed, n=12, b=3):
 @pytest.mark.parametrize("seed", range(5))
 def test_solve_lower_and_permutation(engine, seed):
     P, A = definite(seed)
-    order = expand(factor.fill_reducing_order(P.indptr, P.indices, engine=engine), 3)
-    F = factor.analyze(A, order=order, engine=engine).factor(A)
+    F = factor.analyze(P.indptr, P.indices, engine=engine).blocks(np.full(12, 3)).factor(A)
     B = rng_of(seed).standard_normal((A.shape[0], 4))
     np.testing.assert_allclose(A @ F.solve(B), B, rtol=0, atol=1e-11)
     np.testing.assert_allclose(A @ F.solve(B[:, 0]), B[:, 0], rtol=0, atol=1e-11)
@@ -55,7 +64,7 @@ def test_the_order_that_is_given_is_used(engine):
     order = rng.permutation(n)
     P = BlockPattern(n, np.c_[np.arange(n - 1), np.arange(1, n)])
     A = add_to_diagonal(P.assemble(np.zeros((n, 1, 1)), -np.ones((n - 1, 1, 1))), 3.0)
-    F = factor.analyze(A, order=order, engine=engine).factor(A)
+    F = analysis(A, engine, order=order).factor(A)
     b = np.arange(n)  # of integers
     np.testing.assert_allclose(A @ F.solve(b), b, rtol=0, atol=1e-11)
     neighbours, entries = {k: {k - 1, k + 1} & set(range(n)) for k in range(n)}, n
@@ -70,7 +79,7 @@ def test_the_order_that_is_given_is_used(engine):
 
 def test_refactoring_with_the_same_pattern(engine):
     _, A = definite(0)
-    symbolic = factor.analyze(A, engine=engine)
+    symbolic = analysis(A, engine, 3)
     first = symbolic.factor(A)
     second = symbolic.factor(add_to_diagonal(A, 5.0))
     b = np.ones(A.shape[0])
@@ -84,7 +93,7 @@ def test_definite_or_not_as_the_eigenvalues_say(seed):
     _, A = definite(seed, n=6, b=2)
     smallest = np.linalg.eigvalsh(A.toarray())[0]
     for engine in factor.engines():
-        symbolic = factor.analyze(A, engine=engine)
+        symbolic = analysis(A, engine, 2)
         assert symbolic.factor(add_to_diagonal(A, -0.99 * smallest)) is not None
         assert symbolic.factor(add_to_diagonal(A, -1.01 * smallest)) is None
         assert symbolic.factor(A) is not None  # a failure leaves the analysis usable
@@ -92,7 +101,7 @@ def test_definite_or_not_as_the_eigenvalues_say(seed):
 
 def test_zero_pivot_is_not_definite(engine):
     A = BlockPattern(2, np.array([[0, 1]])).assemble(np.zeros((2, 1, 1)), np.ones((1, 1, 1)))
-    assert factor.analyze(A, engine=engine).factor(A) is None
+    assert factor.factorize(A, engine=engine) is None
 
 
 def test_what_is_not_finite_is_not_definite(engine):
@@ -103,32 +112,6 @@ def test_what_is_not_finite_is_not_definite(engine):
         assert factor.factorize(broken, engine=engine) is None
 
 
-def test_superlu_needs_nothing_of_cvxopt(monkeypatch):
-    _, A = definite(0)
-    monkeypatch.setitem(sys.modules, "cvxopt", None)
-    monkeypatch.setenv("CERTPGO_ENGINE", "cholmod")
-    solves(A, factor.factorize(A, engine="superlu"))
-
-
-@pytest.mark.skipif("cholmod" not in factor.engines(), reason="the cvxopt wheel is not installed")
-def test_cholmods_options_are_ours_while_it_runs_and_others_afterwards(monkeypatch):
-    from cvxopt import cholmod
-
-    seen = []
-
-    def spied(original):
-        return lambda *args: (seen.append(dict(cholmod.options)), original(*args))[1]
-
-    for name in ("symbolic", "numeric"):
-        monkeypatch.setattr(cholmod, name, spied(getattr(cholmod, name)))
-    theirs = {"supernodal": 0, "dbound": 100.0}
-    monkeypatch.setattr(cholmod, "options", dict(theirs))
-    _, A = definite(0)
-    factor.factorize(A, engine="cholmod")
-    assert seen == [{"supernodal": 2, "nmethods": 1}] * 2
-    assert cholmod.options == theirs
-
-
 def test_factorize_orders_by_itself(engine):
     _, A = definite(3)
     b = np.ones(A.shape[0])
@@ -137,10 +120,10 @@ def test_factorize_orders_by_itself(engine):
     )
 
 
-@pytest.mark.parametrize("installed", [True, False])
-def test_cholmod_is_an_engine_where_cvxopt_is_installed(installed, monkeypatch):
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: object() if installed else None)
-    assert factor.engines() == (("cholmod", "superlu") if installed else ("superlu",))
+@pytest.mark.parametrize("compiled", [True, False])
+def test_the_compiled_engine_is_preferred_where_it_is(compiled, monkeypatch):
+    monkeypatch.setattr(multifrontal, "AVAILABLE", compiled)
+    assert factor.engines() == (("multifrontal", "superlu") if compiled else ("superlu",))
 
 
 def test_engine_choice(monkeypatch):
@@ -149,12 +132,12 @@ def test_engine_choice(monkeypatch):
     assert factor.default_engine() == factor.engines()[0]
     monkeypatch.setenv("CERTPGO_ENGINE", "superlu")
     assert factor.default_engine() == "superlu"
-    assert factor.analyze(A).engine == "superlu"
+    assert factor.analyze(A.indptr, A.indices).engine == "superlu"
     with pytest.raises(SpecError, match="did you mean superlu"):
-        factor.analyze(A, engine="superl")
-    monkeypatch.setattr(factor, "engines", lambda: ("superlu",))
-    with pytest.raises(MissingDependency, match="pip install"):
-        factor.analyze(A, order=np.arange(A.shape[0]), engine="cholmod")
+        factor.analyze(A.indptr, A.indices, engine="superl")
+    monkeypatch.setattr(multifrontal, "AVAILABLE", False)
+    with pytest.raises(MissingDependency, match="pip install --force-reinstall certpgo"):
+        factor.analyze(A.indptr, A.indices, order=np.arange(A.shape[0]), engine="multifrontal")
 
 
 def solves(A, F):
@@ -171,7 +154,7 @@ def is_the_factor(lower, A):
 def test_factors_of_one_analysis_live_side_by_side(engine):
     _, A = definite(0)
     B, C = add_to_diagonal(A, 5.0), add_to_diagonal(A, 50.0)
-    symbolic = factor.analyze(A, engine=engine)
+    symbolic = analysis(A, engine, 3)
     first, second, third = (symbolic.factor(M) for M in (A, B, C))
     for M, F in ((A, first), (B, second), (C, third)):
         solves(M, F)
@@ -185,59 +168,6 @@ def test_factors_of_one_analysis_live_side_by_side(engine):
         is_the_factor(F.lower(), M)
     is_the_factor(lower, A)
     is_the_factor(first.lower(), A)
-
-
-@pytest.fixture
-def analyses(monkeypatch):
-    """Which analyses CHOLMOD was asked for, one entry each."""
-    if "cholmod" not in factor.engines():
-        pytest.skip("the cvxopt wheel is not installed")
-    from cvxopt import cholmod
-
-    made, symbolic = [], cholmod.symbolic
-
-    def counted(*args, **kwargs):
-        made.append(args)
-        return symbolic(*args, **kwargs)
-
-    monkeypatch.setattr(cholmod, "symbolic", counted)
-    return made
-
-
-def test_memory_that_nobody_needs_serves_the_next_factor(analyses):
-    _, A = definite(0)
-    symbolic = factor.analyze(A, engine="cholmod")
-    for shift in range(4):
-        F = symbolic.factor(add_to_diagonal(A, float(shift)))
-        solves(add_to_diagonal(A, float(shift)), F)
-        del F
-        assert symbolic.factor(add_to_diagonal(A, -1e3)) is None  # gives back as well
-    assert len(analyses) == 1
-    first, second = symbolic.factor(A), symbolic.factor(A)
-    assert len(analyses) == 2  # two at a time need two
-    del first
-    third = symbolic.factor(add_to_diagonal(A, 1.0))
-    assert len(analyses) == 2
-    solves(A, second)
-    solves(add_to_diagonal(A, 1.0), third)
-    third.lower()
-    del third  # what it had is used up
-    solves(A, symbolic.factor(A))
-    assert len(analyses) == 3
-    del second
-    for made in (3, 4, 5):
-        both = symbolic.factor(A), symbolic.factor(A)
-        assert len(analyses) == made + 1  # of two that go, one is kept
-        del both
-
-
-def test_much_memory_is_not_kept(analyses, monkeypatch):
-    _, A = definite(0)
-    monkeypatch.setattr(factor, "KEPT", 10)
-    symbolic = factor.analyze(A, engine="cholmod")
-    for number in range(1, 4):
-        solves(A, symbolic.factor(A))
-        assert len(analyses) == number
 
 
 def grid(side):
@@ -257,31 +187,31 @@ def grid_laplacian(side):
 
 def test_large_graphs_are_ordered_by_nested_dissection(engine, monkeypatch):
     pytest.importorskip("pymetis")
-    P, A = grid_laplacian(90)
+    P, A = grid_laplacian(145)
     assert P.num_nodes >= factor.NESTED_FROM
-    order = factor.fill_reducing_order(P.indptr, P.indices, engine=engine)
+    order = factor.fill_reducing_order(P.indptr, P.indices)
     np.testing.assert_array_equal(np.sort(order), np.arange(P.num_nodes))
     np.testing.assert_array_equal(order, factor._nested_dissection(P.indptr, P.indices))
-    nested = factor.analyze(A, order=order, engine=engine).factor(A)
+    nested = analysis(A, engine, order=order).factor(A)
     solves(A, nested)
     monkeypatch.setattr(factor, "NESTED_FROM", P.num_nodes + 1)
-    degree = factor.fill_reducing_order(P.indptr, P.indices, engine=engine)
+    degree = factor.fill_reducing_order(P.indptr, P.indices)
     assert not np.array_equal(order, degree)
-    plain = factor.analyze(A, order=degree, engine=engine).factor(A)
+    plain = analysis(A, engine, order=degree).factor(A)
     assert nested.lower()[0].nnz < 1.2 * plain.lower()[0].nnz
 
 
 def test_without_metis_minimum_degree_orders_them_all(engine, monkeypatch):
     P, A = grid_laplacian(12)
-    expected = factor.fill_reducing_order(P.indptr, P.indices, engine=engine)
+    expected = factor.fill_reducing_order(P.indptr, P.indices)
     find = importlib.util.find_spec
     monkeypatch.setattr(factor, "NESTED_FROM", 1)
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda name: None if name == "pymetis" else find(name)
     )
-    order = factor.fill_reducing_order(P.indptr, P.indices, engine=engine)
+    order = factor.fill_reducing_order(P.indptr, P.indices)
     np.testing.assert_array_equal(order, expected)
-    solves(A, factor.analyze(A, order=order, engine=engine).factor(A))
+    solves(A, analysis(A, engine, order=order).factor(A))
 
 
 def test_metis_is_given_the_neighbours_of_every_node(monkeypatch):

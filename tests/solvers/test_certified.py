@@ -839,13 +839,13 @@ def test_a_laplacian_that_cannot_be_factorized_is_no_end():
 @pytest.mark.parametrize(
     ("name", "factorizations", "products"),
     [
-        ("parking-garage", 5, 16),
+        ("parking-garage", 6, 16),
         ("sphere2500", 5, 10),
         ("torus3D", 5, 8),
-        ("sphere_bignoise_vertex3", 5, 16),
+        ("sphere_bignoise_vertex3", 5, 20),
         ("cubicle", 5, 14),
         ("city10000", 5, 14),
-        ("manhattan", 5, 12),
+        ("manhattan", 6, 12),
         ("ais2klinik", 10, 32),
     ],
 )

@@ -13,9 +13,10 @@ static int IN(connect)(void)
     return IN(potrf) && IN(trsm) && IN(syrk) ? 0 : -1;
 }
 
-/* Copy A's columns of supernode s into its panel (ld x nc); `at` is each node's row in the front. */
-static void IN(assemble)(const Fronts *f, Int s, const double *data, const Int *at, REAL *panel,
-                         Int ld)
+/* Copy A's columns of supernode s into its panel (ld x nc); `at` is each node's row in the front.
+ * Rows and columns are multiplied by `scale`, in the order of L, unless it is NULL. */
+static void IN(assemble)(const Fronts *f, Int s, const double *data, const double *scale,
+                         const Int *at, REAL *panel, Int ld)
 {
     for (Int k = f->start[s]; k < f->start[s + 1]; k++) {
         Int node = f->order[k], b = f->sizes[node], column = at[k];
@@ -27,8 +28,15 @@ static void IN(assemble)(const Fronts *f, Int s, const double *data, const Int *
             if (row < k) continue;
             for (Int c = 0; c < b; c++) {
                 REAL *to = panel + (column + c) * ld + at[row];
-                for (Int r = row == k ? c : 0; r < f->sizes[*i]; r++)
-                    to[r] = (REAL)from[c * height + r];
+                if (scale) {
+                    double own = scale[f->offset[k] + c];
+                    const double *other = scale + f->offset[row];
+                    for (Int r = row == k ? c : 0; r < f->sizes[*i]; r++)
+                        to[r] = (REAL)(from[c * height + r] * own * other[r]);
+                } else {
+                    for (Int r = row == k ? c : 0; r < f->sizes[*i]; r++)
+                        to[r] = (REAL)from[c * height + r];
+                }
             }
         }
     }
@@ -131,8 +139,8 @@ static Int IN(find_runs)(const Fronts *f, Int c, const Int *at, Int nc, Int *run
 /* 1 if A = L L^T was factorized, 0 if it is not positive definite, -1 without memory, -2 if
  * interrupted. Without L, panels are dropped as soon as they are summed, or kept in single precision
  * in `rounded`. A residual is measured in double precision only, where the casts below are none. */
-static int IN(factor)(const Fronts *f, const double *data, REAL *L, const Sums *sums,
-                      const Residual *residual, float *rounded)
+static int IN(factor)(const Fronts *f, const double *data, const double *scale, REAL *L,
+                      const Sums *sums, const Residual *residual, float *rounded)
 {
     REAL *stack = malloc((size_t)f->stack * sizeof(REAL) + 1);
     REAL *own = L ? NULL : malloc((size_t)f->widest * sizeof(REAL) + 1);
@@ -155,7 +163,7 @@ static int IN(factor)(const Fronts *f, const double *data, REAL *L, const Sums *
             at[f->rows[e]] = row, row += f->offset[f->rows[e] + 1] - f->offset[f->rows[e]];
         memset(panel, 0, (size_t)(nc * ld) * sizeof(REAL));
         memset(update, 0, (size_t)(m * m) * sizeof(REAL));
-        IN(assemble)(f, s, data, at, panel, ld);
+        IN(assemble)(f, s, data, scale, at, panel, ld);
         if (residual) begin_residual(f, s, residual, &copies);
         /* Children are listed last first: the top of the stack is the last one's. */
         for (Int c = first[s]; c >= 0; c = next[c]) {

@@ -291,11 +291,12 @@ static int fronts_of(Buffers *held, PyObject *tuple, Fronts *f)
     return 0;
 }
 
-/* factor(fronts, data, L | None, (weights, sums, squares) | None, (scale, v, rows) | None, single)
- * -> bool; L may have single precision even if the arithmetic has not */
+/* factor(fronts, data, scale | None, L | None, (weights, sums, squares) | None,
+ *        (scale, v, rows) | None, single) -> bool
+ * L may have single precision even if the arithmetic has not. */
 static PyObject *factor(PyObject *self, PyObject *args)
 {
-    PyObject *tuple, *data, *into, *sums, *measured, *result = NULL;
+    PyObject *tuple, *data, *scaling, *into, *sums, *measured, *result = NULL;
     Buffers held = {.count = 0};
     Fronts f;
     Sums wanted = {0, NULL, NULL, NULL};
@@ -303,7 +304,7 @@ static PyObject *factor(PyObject *self, PyObject *args)
     int single = 0;
     void *L = NULL;
     Py_ssize_t length, entries;
-    if (!PyArg_ParseTuple(args, "OOOOOp", &tuple, &data, &into, &sums, &measured, &single))
+    if (!PyArg_ParseTuple(args, "OOOOOOp", &tuple, &data, &scaling, &into, &sums, &measured, &single))
         return NULL;
     if (fronts_of(&held, tuple, &f) < 0) goto done;
     const double *values = borrow(&held, data, 0, sizeof(double), &entries);
@@ -325,6 +326,14 @@ static PyObject *factor(PyObject *self, PyObject *args)
     }
     Py_ssize_t N = f.offset[f.n], lengths[3];
     void *arrays[3];
+    const double *scale = NULL;
+    if (scaling != Py_None) {
+        if (!(scale = borrow(&held, scaling, 0, sizeof(double), lengths))) goto done;
+        if (lengths[0] != N) {
+            PyErr_SetString(PyExc_ValueError, "a scale of N rows expected");
+            goto done;
+        }
+    }
     if (sums != Py_None) {
         if (borrow_three(&held, sums, 1, arrays, lengths) < 0) goto done;
         if (lengths[2] != N || lengths[0] != lengths[1] || lengths[0] % N) {
@@ -345,8 +354,8 @@ static PyObject *factor(PyObject *self, PyObject *args)
     const Residual *wish = measured == Py_None ? NULL : &residual;
     int outcome;
     Py_BEGIN_ALLOW_THREADS
-    outcome = single ? factor_float(&f, values, L, &wanted, NULL, NULL)
-                     : factor_double(&f, values, L, &wanted, wish, rounded);
+    outcome = single ? factor_float(&f, values, scale, L, &wanted, NULL, NULL)
+                     : factor_double(&f, values, scale, L, &wanted, wish, rounded);
     Py_END_ALLOW_THREADS
     if (outcome == -1) PyErr_NoMemory();
     if (outcome >= 0) result = PyBool_FromLong(outcome);

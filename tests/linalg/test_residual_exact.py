@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from strategies import rng_of
 
-from certpgo.certify.residual import measured_residual
 from certpgo.linalg.arrays import CSC
+from certpgo.linalg.residual import measured_residual
 
 
 def exact_rows(A, L, w):

@@ -1,0 +1,160 @@
+"""The compiled sums over edges against their NumPy forms."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from strategies import dimensions, general_graph, pose_graph, rng_of, rotation_graph, seeds
+
+from certpgo.errors import GraphError
+from certpgo.graph import Estimate
+from certpgo.graph.lift import Lift, lifted
+from certpgo.linalg import compiled, so
+from certpgo.linalg.blocks import BlockPattern, diagonal_places, pinned, scatter_sum
+from certpgo.objective import operators
+from certpgo.objective.edge_sums import LARGEST_RANK, EdgeSums
+
+pytestmark = pytest.mark.skipif(not compiled.AVAILABLE, reason="not compiled")
+
+
+@pytest.fixture
+def in_numpy(monkeypatch):
+    """Calls a function without the compiled kernel."""
+
+    def called(function, *args):
+        with monkeypatch.context() as patch:
+            patch.setattr(compiled, "AVAILABLE", False)
+            return function(*args)
+
+    return called
+
+
+def graphs(seed, d):
+    """A graph of rotations, of poses, and of general edges, each with a point of it."""
+    rng = rng_of(seed)
+    poses, R, t = pose_graph(rng, 7, d)
+    yield poses.rotation, Estimate(R)
+    yield poses, Estimate(R, t)
+    general, R, t = general_graph(rng, 7, d)
+    yield general, Estimate(R, t)
+    yield general.rotation, Estimate(R)
+
+
+@settings(max_examples=40)
+@given(seeds, dimensions, st.integers(0, 3))
+def test_gradients_and_terms(seed, d, more):
+    for graph, point in graphs(seed, d):
+        lift = lifted(point, d + more)
+        U = np.linalg.qr(rng_of(seed).standard_normal((d + more, d + more)))[0]
+        t = lift.translations
+        lift = Lift(U @ lift.rotations, None if t is None else t @ U.T)
+        expected = operators.gradient(graph, lift)
+        sums = EdgeSums(graph)
+        found = sums.gradient(lift)
+        for one, other in zip(found, expected, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-11, atol=1e-11)
+        np.testing.assert_array_equal(sums.terms(lift), found[1])
+
+
+@settings(max_examples=40)
+@given(seeds, dimensions)
+def test_blocks_of_hessians(seed, d):
+    for graph, point in graphs(seed, d):
+        expected = operators.couplings(graph, point.rotations)
+        found = EdgeSums(graph).couplings(point.rotations)
+        np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-11)
+
+
+def test_large_ranks_are_left_to_numpy():
+    graph, R = rotation_graph(rng_of(0), 5, 3)
+    lift = lifted(Estimate(R), LARGEST_RANK + 1)
+    low, high = EdgeSums(graph).gradient(Estimate(R)), EdgeSums(graph).gradient(lift)
+    np.testing.assert_allclose(high[0][:, :3], low[0], rtol=1e-12, atol=1e-12)
+    with pytest.raises(ValueError, match="rank above 32"):
+        compiled.kernel.gradient(
+            EdgeSums(graph)._edges, 3, 40, np.zeros((5, 40, 3)), None, None, np.zeros(15)
+        )
+
+
+def test_poses_need_translations():
+    graph, R, _ = pose_graph(rng_of(0), 5, 3)
+    with pytest.raises(GraphError, match="no translations"):
+        EdgeSums(graph).gradient(Estimate(R))
+
+
+@settings(max_examples=40)
+@given(seeds, st.integers(1, 6), st.booleans())
+def test_block_matrices(seed, b, parallel):
+    rng = rng_of(seed)
+    edges = np.array([(k // 2, k) for k in range(1, 9)] + [(0, 5), (7, 3)])
+    if parallel:
+        edges = np.concatenate([edges, edges[3:6, ::-1], edges[:2]])
+    P, m = BlockPattern(9, edges), len(edges)
+    diagonal, upper = rng.standard_normal((9, b, b)), rng.standard_normal((m, b, b))
+    diagonal += np.swapaxes(diagonal, 1, 2)
+    dense = np.zeros((9 * b, 9 * b))
+    for i in range(9):
+        dense[i * b : i * b + b, i * b : i * b + b] = diagonal[i]
+    for (i, j), block in zip(edges, upper, strict=True):
+        dense[i * b : i * b + b, j * b : j * b + b] += block
+        dense[j * b : j * b + b, i * b : i * b + b] += block.T
+    with pytest.MonkeyPatch.context() as patch:
+        for here in (True, False):
+            patch.setattr(compiled, "AVAILABLE", here)
+            A = BlockPattern(9, edges).assemble(diagonal, upper)
+            np.testing.assert_allclose(A.toarray(), dense, rtol=1e-14, atol=1e-14)
+            assert A.has_sorted_indices
+            np.testing.assert_array_equal(A.data[diagonal_places(A)], A.diagonal())
+            cut = pinned(A, np.array([0, 4])).toarray()
+            expected = dense.copy()
+            for k in (0, 4):
+                expected[k, :] = expected[:, k] = 0.0
+                expected[k, k] = dense[k, k]
+            np.testing.assert_allclose(cut, expected, rtol=1e-14, atol=1e-14)
+    assert P.layout(b) is P.layout(b)
+
+
+def test_a_matrix_without_a_diagonal_entry():
+    A = BlockPattern(3, np.array([[0, 1], [1, 2]])).assemble(np.ones((3, 1, 1)), np.ones((2, 1, 1)))
+    A.indices[0] = 1
+    with pytest.raises(ValueError, match="not stored"):
+        diagonal_places(A)
+
+
+@given(seeds, st.integers(1, 3))
+def test_sums_by_index(seed, columns):
+    rng = rng_of(seed)
+    index, values = rng.integers(0, 6, 20), rng.standard_normal((20, columns))
+    expected = np.zeros((6, columns))
+    np.add.at(expected, index, values)
+    np.testing.assert_array_equal(scatter_sum(index, values, 6), expected)
+
+
+def test_sums_stay_in_range():
+    for wrong in (-1, 6):
+        with pytest.raises(IndexError, match="out of range"):
+            scatter_sum(np.array([0, wrong]), np.ones((2, 3)), 6)
+
+
+@given(seeds, dimensions, st.integers(-18, 1))
+def test_the_matrix_farthest_from_a_rotation(seed, d, power):
+    rng = rng_of(seed)
+    R = so.random(rng, 9, d)
+    R[4] += 10.0**power * rng.standard_normal((d, d))
+    with pytest.MonkeyPatch.context() as patch:
+        found = so.worst_defect(R)
+        patch.setattr(compiled, "AVAILABLE", False)
+        expected = so.worst_defect(R)
+    assert found[1] == pytest.approx(expected[1], rel=1e-9, abs=2e-15)
+    assert found[0] == expected[0] or expected[1] < 1e-14
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e200])
+def test_what_is_no_matrix_is_infinitely_far(wrong, in_numpy):
+    R = np.tile(np.eye(3), (4, 1, 1))
+    R[2, 0, 1] = wrong
+    assert so.worst_defect(R) == in_numpy(so.worst_defect, R) == (2, np.inf)
+    R = np.tile(np.eye(2), (4, 1, 1))
+    R[3, 0, 0] = -1.0
+    assert so.worst_defect(R) == in_numpy(so.worst_defect, R) == (3, np.inf)
+    assert so.worst_defect(R[:0]) == (0, 0.0)
