@@ -35,7 +35,7 @@ BISECTIONS = 6
 #: Largest factor by which a measured residual improves on its bound.
 MEASURING_GAIN = 1000.0
 #: By which a measured residual is below its prediction at least.
-SHARPER = 16.0
+SHARPER = 4.0
 #: Factorizations at one shift: the translations' rounding is predicted, then confirmed.
 CONFIRMATIONS = 8
 #: Safety factor of the prediction over the measured value.
@@ -184,7 +184,9 @@ class _Attempts:
                     demand = np.zeros_like(demand)
             wanted = np.where(self.is_rotation, 0.0, MARGIN * rounding)
             # Measured values vary randomly between factors.
-            demand = np.maximum(demand, MARGIN * wanted) if measure else wanted
+            if measure:
+                wanted = MARGIN * wanted if demand is first else np.maximum(demand, MARGIN * wanted)
+            demand = wanted
         return best
 
     def is_hopeless(self, shift: float) -> bool:

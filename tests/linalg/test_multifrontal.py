@@ -1,0 +1,186 @@
+"""The compiled factorization: fronts of any sizes, against dense algebra."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import sparse
+from strategies import random_edges, rng_of, seeds
+
+import certpgo
+from certpgo.datasets.synthetic import grid3d
+from certpgo.linalg import compiled, factor, multifrontal
+from certpgo.linalg.arrays import CSC
+from certpgo.linalg.blocks import BlockPattern, add_to_diagonal
+from certpgo.linalg.multifrontal import Fronts, Tree, minimum_degree
+from certpgo.objective.problem import problem_of
+
+pytestmark = pytest.mark.skipif(not compiled.AVAILABLE, reason="not compiled")
+
+
+def definite(rng, P, sizes):
+    """A definite matrix of that pattern whose nodes have these sizes; all blocks are stored."""
+    starts = np.concatenate([[0], np.cumsum(sizes)])
+    N = int(starts[-1])
+    A, stored = np.zeros((N, N)), np.zeros((N, N), dtype=bool)
+    for i in range(P.num_nodes):
+        stored[starts[i] : starts[i + 1], starts[i] : starts[i + 1]] = True
+    for i, j in P.edges:
+        rows, columns = slice(starts[i], starts[i + 1]), slice(starts[j], starts[j + 1])
+        A[rows, columns] = rng.standard_normal((sizes[i], sizes[j]))
+        A[columns, rows] = A[rows, columns].T
+        stored[rows, columns] = stored[columns, rows] = True
+    A += np.diag(abs(A).sum(axis=1) + rng.uniform(0.1, 1.0, N))
+    column, row = np.nonzero(stored)
+    return CSC(sparse.csc_array((A[row, column], row, np.r_[0, np.cumsum(stored.sum(axis=0))])))
+
+
+def fronts(P, sizes, order=None):
+    order = minimum_degree(P.indptr, P.indices) if order is None else order
+    return Fronts(Tree.of(P.indptr, P.indices, order), sizes)
+
+
+@settings(max_examples=60)
+@given(seeds, st.integers(2, 14), st.integers(0, 20), st.booleans())
+def test_blocks_of_any_sizes(seed, n, extra, mixed):
+    rng = rng_of(seed)
+    P = BlockPattern(n, random_edges(rng, n, extra))
+    sizes = rng.integers(1, 7, n) if mixed else np.full(n, rng.integers(1, 7))
+    A = definite(rng, P, sizes)
+    F = fronts(P, sizes, rng.permutation(n) if seed % 2 else None)
+    panels = F.factor(A.data)
+    L, p = panels.lower()
+    lower, dense = L.toarray(), A.toarray()
+    np.testing.assert_array_equal(np.sort(p), np.arange(F.size))
+    np.testing.assert_allclose(lower @ lower.T, dense[np.ix_(p, p)], rtol=0, atol=1e-11)
+    np.testing.assert_array_equal(lower, np.tril(lower))
+    assert (L.diagonal() > 0.0).all()
+    # Analysed for the graph, not for these numbers: but nothing is longer than foreseen.
+    assert np.all(np.count_nonzero(lower, axis=1) <= F.lengths[p])
+    B = rng.standard_normal((F.size, 3))
+    for right in (B, B[:, 0]):
+        np.testing.assert_allclose(dense @ panels.solve(right), right, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(F.multiply(A.data, B[:, 0]), dense @ B[:, 0], rtol=0, atol=1e-11)
+    w = rng.uniform(0.1, 10.0, (F.size, 2))
+    sums, squares = F.row_sums(A.data, w)
+    expected = np.empty_like(sums)
+    expected[p] = abs(lower) @ (abs(lower).T @ w[p])
+    np.testing.assert_allclose(sums, expected, rtol=1e-12)
+    np.testing.assert_allclose(squares, A.diagonal(), rtol=1e-12)
+
+
+@settings(max_examples=20)
+@given(seeds, st.sampled_from([-100, 0, 100]), st.booleans())
+def test_factors_kept_in_single_precision(seed, power, mixed):
+    rng = rng_of(seed)
+    P, sizes = BlockPattern(12, random_edges(rng, 12, 12)), rng.integers(1, 5, 12)
+    A, F = definite(rng, P, sizes), fronts(P, sizes)
+    unit = np.ldexp(1.0, power)
+    panels = F.factor_kept_single(unit * A.data, unit * A.diagonal(), mixed=mixed)
+    assert panels.panels.dtype == np.float32
+    b = rng.standard_normal(F.size)
+    np.testing.assert_allclose(A @ panels.solve(b) * unit, b, rtol=0, atol=1e-3 * abs(b).max())
+    # No unit is out of range, and none matters.
+    again = F.factor_kept_single(A.data, A.diagonal(), mixed=mixed)
+    np.testing.assert_array_equal(again.panels, panels.panels)
+
+
+def test_mixed_precision_takes_what_single_does_not():
+    n = 30
+    P = BlockPattern(n, np.c_[np.arange(n - 1), np.arange(1, n)])
+    A = P.assemble(np.full((n, 1, 1), 2.0), -np.ones((n - 1, 1, 1)))
+    A = add_to_diagonal(A, np.r_[-1.0 + 1e-9, np.zeros(n - 2), -1.0])
+    F = fronts(P, np.ones(n, dtype=int), np.arange(n))
+    assert F.factor_kept_single(A.data, A.diagonal()) is None
+    assert F.factor_kept_single(A.data, A.diagonal(), mixed=True) is not None
+
+
+@pytest.mark.parametrize("edges", ["star", "chain", "complete", "none"])
+def test_graphs_whose_factors_are_known(edges):
+    n = 9
+    pairs = {
+        "star": [(0, k) for k in range(1, n)],
+        "chain": [(k, k + 1) for k in range(n - 1)],
+        "complete": [(i, j) for j in range(n) for i in range(j)],
+        "none": [],
+    }[edges]
+    P = BlockPattern(n, np.array(pairs, dtype=int).reshape(-1, 2))
+    order = minimum_degree(P.indptr, P.indices)
+    np.testing.assert_array_equal(np.sort(order), np.arange(n))
+    lengths = Tree.of(P.indptr, P.indices, order).lengths
+    # Without fill: of star, chain and nothing; the complete graph's triangle is full.
+    assert lengths.sum() == n + len(pairs)
+
+
+@settings(max_examples=40)
+@given(seeds, st.integers(2, 60), st.integers(0, 80))
+def test_minimum_degree_permutes_any_graph(seed, n, extra):
+    P = BlockPattern(n, random_edges(rng_of(seed), n, extra))
+    order = minimum_degree(P.indptr, P.indices)
+    np.testing.assert_array_equal(np.sort(order), np.arange(n))
+
+
+@pytest.mark.parametrize("name", ["MIT", "sphere2500", "torus3D", "manhattan"])
+def test_minimum_degree_fills_as_little_as_scipys(name, dataset, monkeypatch):
+    P = problem_of(dataset(name).graph).pattern
+    ours = Tree.of(P.indptr, P.indices, minimum_degree(P.indptr, P.indices)).lengths.sum()
+    monkeypatch.setattr(multifrontal, "AVAILABLE", False)
+    other = factor.fill_reducing_order(P.indptr, P.indices)
+    theirs = Tree.of(P.indptr, P.indices, other).lengths.sum()
+    assert ours <= 1.2 * theirs
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, -1e300])
+def test_what_is_not_definite_is_refused(value):
+    rng = rng_of(0)
+    P, sizes = BlockPattern(8, random_edges(rng, 8, 8)), np.full(8, 2)
+    A, F = definite(rng, P, sizes), fronts(P, sizes)
+    for place in range(0, A.nnz, 5):
+        data = A.data.copy()
+        data[place] = value
+        data[CSC((np.arange(A.nnz), A.indices, A.indptr), A.shape).T.tocsc().data[place]] = value
+        assert F.factor(data) is None
+        assert F.row_sums(data, np.ones((16, 1))) is None
+        assert F.factor_kept_single(data, A.diagonal()) is None
+
+
+def test_arrays_of_other_sizes_are_refused():
+    rng = rng_of(0)
+    P, sizes = BlockPattern(8, random_edges(rng, 8, 8)), np.full(8, 2)
+    A, F = definite(rng, P, sizes), fronts(P, sizes)
+    with pytest.raises(ValueError, match="another pattern"):
+        F.factor(A.data[:-1])
+    with pytest.raises(ValueError, match="another size"):
+        F.multiply(A.data, np.ones(15))
+    with pytest.raises(ValueError, match="differ in size"):
+        compiled.kernel.factor(
+            F._fronts, A.data, None, None, (np.ones(16), np.ones(15), np.ones(16)), None, False
+        )
+    with pytest.raises(TypeError, match="items of 8 bytes"):
+        F.factor(A.data.astype(np.float32))
+    with pytest.raises(ValueError, match="not C-contiguous"):
+        F.factor(np.repeat(A.data, 2)[::2])
+    with pytest.raises(ValueError, match="another matrix"):
+        compiled.kernel.solve(F._fronts, np.ones(3), np.ones(16), False)
+    with pytest.raises(ValueError, match="differ in length"):
+        compiled.kernel.analyze(
+            *(np.asarray(x, dtype=np.int64) for x in (P.indptr, P.indices, sizes[:-1], sizes))
+        )
+
+
+def test_engines_agree_and_serve_alone(monkeypatch):
+    graph = grid3d(4, np.random.default_rng(0)).graph
+    found = certpgo.solve(graph)
+    monkeypatch.setenv("CERTPGO_ENGINE", "superlu")
+    other = certpgo.solve(graph)
+    for module in (compiled, multifrontal):
+        monkeypatch.setattr(module, "AVAILABLE", False)
+    monkeypatch.delenv("CERTPGO_ENGINE")
+    alone = certpgo.solve(graph)
+    assert found.certificate.engine == "multifrontal"
+    assert other.certificate.engine == alone.certificate.engine == "superlu"
+    for answer in (other, alone):
+        assert answer.verdict is found.verdict
+        assert answer.cost == pytest.approx(found.cost, rel=1e-9)
+        bound = answer.certificate.lower_bound
+        assert bound == pytest.approx(found.certificate.lower_bound, rel=1e-7)
