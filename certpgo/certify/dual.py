@@ -4,7 +4,7 @@ For S = M - blkdiag(0, Lam') positive semidefinite, F* >= tr(Lam'). Lam' is the 
 shift, and the factor itself shows how much shift rounding demands: a Cholesky factorization of A~
 that ran to completion satisfies |A~ - L L^T| <= gamma |L| |L|^T entry by entry (Rump and Jeannerod
 2014), hence A~ + diag(delta) >= 0 with delta = gamma (|L| |L|^T w) / w for any w > 0: see
-`certpgo.linalg.factor.Rounding`. The bound relies only on these weighted row sums, not on
+`certpgo.linalg.rounding_bound`. The bound relies only on these weighted row sums, not on
 single entries, where blocked triangular solves may exceed it. If they are too large to be useful,
 the residual is measured instead (`Symbolic.residual`).
 """
@@ -22,7 +22,7 @@ from certpgo.graph.lift import Point
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray
 from certpgo.linalg.balls import U
 from certpgo.linalg.blocks import add_to_diagonal, pinned, scatter_sum
-from certpgo.linalg.factor import OTHERS
+from certpgo.linalg.rounding_bound import OTHERS
 from certpgo.linalg.so import rotation_defect
 from certpgo.objective.problem import PoseProblem, Problem
 

@@ -62,7 +62,7 @@ class BlockPattern:
         return self._slots[3]
 
     @property
-    def merged(self) -> IntArray | None:
+    def _merged(self) -> IntArray | None:
         """Occupied blocks off the diagonal if there are parallel edges, else None."""
         return None if self._summation is None else self._summation[2]
 
@@ -170,8 +170,8 @@ class Layout:
         For a graph with parallel edges (k, b, b), for the k occupied blocks off the diagonal.
         """
         places, slots = self._places(), self._pattern.slots
-        if self._pattern.merged is not None:
-            return np.asarray(places[self._pattern.merged])
+        if self._pattern._merged is not None:
+            return np.asarray(places[self._pattern._merged])
         forward, backward = np.split(slots, 2)
         return np.stack([places[forward], np.swapaxes(places[backward], 1, 2)])
 

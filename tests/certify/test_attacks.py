@@ -12,6 +12,7 @@ from certpgo.errors import InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import factor, so
 from certpgo.linalg.arrays import CSC
+from certpgo.linalg.rounding_bound import RoundingBound, is_cholesky
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.optimize.solution import Status
@@ -68,9 +69,9 @@ class _Rigged:
         values, vectors = np.linalg.eigh(A.toarray())
         forced = (vectors * np.maximum(values, 1e-3)) @ vectors.T
         L = np.linalg.cholesky(forced)
-        if not factor._is_cholesky((L**2).sum(axis=1), A):
+        if not is_cholesky((L**2).sum(axis=1), A):
             return None
-        return factor.Rounding(2.0**-53 * len(L) * (abs(L) @ abs(L).T @ w), L.size)
+        return RoundingBound(2.0**-53 * len(L) * (abs(L) @ abs(L).T @ w), L.size)
 
 
 def test_a_rigged_factorization_is_noticed(monkeypatch):

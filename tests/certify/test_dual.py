@@ -14,7 +14,7 @@ from certpgo.certify import cost_upper, dual, dual_bound
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.lift import Lift, lifted
-from certpgo.linalg import factor, so
+from certpgo.linalg import factor, so, superlu
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.solvers.low_rank import LowRank, descend
@@ -216,7 +216,7 @@ def test_every_source_of_rounding_is_taken_off(source, poses, monkeypatch):
     problem, point = optimum(6, 3, poses)
     before = dual_bound(problem, point)
     if source == "excess":
-        monkeypatch.setattr(factor._SuperLUFactor, source, lambda self, w: 1e-3 * w)
+        monkeypatch.setattr(superlu.SuperLUFactor, source, lambda self, w: 1e-3 * w)
     else:
         monkeypatch.setattr(dual, source, lambda problem, multipliers, w, turns: 1e-3 * w)
     after = dual_bound(problem, point)

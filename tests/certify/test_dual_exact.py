@@ -12,7 +12,7 @@ from strategies import dimensions, pose_graph, rng_of, seeds
 from certpgo.certify import dual
 from certpgo.certify.shifted import Shifted, _exponent
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
-from certpgo.linalg import factor
+from certpgo.linalg import factor, rounding_bound, superlu
 from certpgo.linalg.arrays import CSC
 from certpgo.linalg.so import rotation_defect
 from certpgo.objective.problem import PoseProblem, problem_of
@@ -138,12 +138,12 @@ def test_only_factors_whose_rows_have_the_right_norms_are_cholesky_factors(engin
     L, order = factor.factorize(A, engine=engine).lower()
     squares = np.empty(8)
     squares[order] = (L.toarray() ** 2).sum(axis=1)
-    assert factor._is_cholesky(squares, A)
+    assert rounding_bound.is_cholesky(squares, A)
     for k in range(8):
         for factor_, passes in ((1.0 + 1e-8, True), (1.0 + 1e-4, False), (1.0 - 1e-4, False)):
             other = squares.copy()
             other[k] *= factor_
-            assert factor._is_cholesky(other, A) == passes
+            assert rounding_bound.is_cholesky(other, A) == passes
 
 
 @pytest.mark.parametrize("engine", factor.engines())
@@ -154,7 +154,8 @@ def test_a_factor_that_is_no_cholesky_factor_bounds_nothing(engine, monkeypatch)
     multipliers, none = tries.shifted.less(1e-9, tries.guess), np.zeros(len(tries.weights))
     for measure in (False, True):
         assert tries.rounding_of(multipliers, none, measure) is not None
-    monkeypatch.setattr(factor, "_is_cholesky", lambda squares, A: False)
+    for engine_of in (factor, superlu):
+        monkeypatch.setattr(engine_of, "is_cholesky", lambda squares, A: False)
     assert tries.rounding_of(multipliers, none, measure=False) is None
     if engine == "multifrontal":
         assert tries.rounding_of(multipliers, none, measure=True) is None

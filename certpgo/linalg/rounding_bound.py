@@ -1,0 +1,54 @@
+"""A priori bounds on the rounding of a sparse Cholesky factorization.
+
+|A - L L^T| <= (k + 8) u |L| |L|^T entry by entry, k the nonzeros of a row of L (Rump and Jeannerod
+2014, in any order of summation). docs/multifrontal.md has the argument.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.balls import U
+
+#: Relative agreement of a Cholesky factor's squared row norms with the diagonal.
+AGREEMENT = 1e-6
+#: Operations on an entry of L besides its products: divisions, roots, their rounding.
+OTHERS = 8.0
+
+
+@dataclass(frozen=True, eq=False)
+class RoundingBound:
+    """How far a Cholesky factorization is from exact, at most.
+
+    Attributes
+    ----------
+    sums : (N,) upper bounds on the row sums of |A - L L^T| with the weights of the columns
+    nonzeros : of L
+    """
+
+    sums: FloatArray
+    nonzeros: int
+
+
+def weights_of_both(w: FloatArray, terms: FloatArray) -> FloatArray:
+    """(N, 2) weights of the two bounds that `_least` compares."""
+    return np.stack([w, np.sqrt(terms) * w], axis=1)
+
+
+def least_of_both(absolute: FloatArray, terms: FloatArray) -> FloatArray:
+    """(N,) bounds on the rounding, from |L| |L|^T times the weights of `weights_of_both`.
+
+    An entry (i, j) of L L^T sums at most min(k_i, k_j) products, with k the row lengths of L: at
+    most k_i, and at most the geometric mean.
+    """
+    by_row, by_mean = absolute.T
+    return np.asarray(U * np.minimum(terms * by_row, np.sqrt(terms) * by_mean))
+
+
+def is_cholesky(squares: FloatArray, A: CSC) -> bool:
+    """Whether the squared row norms of L match A's diagonal, as for Cholesky factors only."""
+    diagonal = A.diagonal()
+    return bool(np.all(np.abs(squares - diagonal) <= AGREEMENT * diagonal))
