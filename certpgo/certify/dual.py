@@ -193,8 +193,10 @@ class _Attempts:
         """Whether only a measured residual can be expected to suffice."""
         if not self.rounding:
             return False
-        reduced = self.shifted.less(shift, MARGIN * self.foreseen)
-        bound = self.bound(reduced, np.where(self.is_rotation, self.foreseen, 0.0))
+        # A bound that is to be sharpened comes closer to the rounding than the first.
+        expected = self.foreseen if self.sharp else AMPLE * self.foreseen
+        reduced = self.shifted.less(shift, MARGIN * expected)
+        bound = self.bound(reduced, np.where(self.is_rotation, expected, 0.0))
         return bound.value < self.enough and self.is_worth_measuring(bound, shift)
 
     def is_worth_measuring(self, bound: DualBound, shift: float) -> bool:

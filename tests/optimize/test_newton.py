@@ -12,7 +12,7 @@ from strategies import dimensions, pose_graph, rng_of, seeds
 
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate
-from certpgo.linalg import so
+from certpgo.linalg import compiled, factor, multifrontal, so
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.optimize import spectral
 from certpgo.optimize.monitor import Iteration, Stopwatch, TableMonitor, silent
@@ -155,3 +155,47 @@ def test_stopwatch_counts_nested_phases_once():
     assert set(watch.seconds) == {"outer", "inner"}
     assert watch.seconds["outer"] < watch.seconds["inner"]
     assert watch.total == pytest.approx(sum(watch.seconds.values()))
+
+
+@pytest.mark.skipif(not compiled.AVAILABLE, reason="not compiled")
+@pytest.mark.parametrize("heavy", [False, True])
+@pytest.mark.parametrize("stiff", [1.0, 1e9])
+def test_steps_from_factors_in_single_precision(heavy, stiff, monkeypatch):
+    """Where single precision does not suffice, double follows; heavy factors are kept in single."""
+    graph, R, t = pose_graph(rng_of(0), 40, 3, extra=20)
+    kappa = graph.rotation.kappa * np.where(np.arange(graph.num_edges) % 2, stiff, 1.0)
+    problem = PoseProblem(graph.with_weights(kappa=kappa))
+    used, original = [], multifrontal.Fronts.factor_kept_single
+    direct = multifrontal.Fronts.factor
+
+    def kept_single(self, *args, mixed=False):
+        found = original(self, *args, mixed=mixed)
+        used.append(("mixed" if mixed else "single", found is not None))
+        return found
+
+    def double(self, data):
+        used.append(("double", self.size == 6 * problem.n))
+        return direct(self, data)
+
+    monkeypatch.setattr(multifrontal.Fronts, "factor_kept_single", kept_single)
+    monkeypatch.setattr(multifrontal.Fronts, "factor", double)
+    monkeypatch.setattr(factor, "HEAVY", 0.0 if heavy else np.inf)
+    found = newton(problem, Estimate(R, t))
+    assert found.status is Status.CONVERGED
+    assert ("single", True) in used
+    if heavy:
+        assert ("double", True) not in used
+    if stiff == 1.0:
+        assert "mixed" not in dict(used)
+    monkeypatch.setenv("CERTPGO_ENGINE", "superlu")
+    other = newton(PoseProblem(problem.graph), Estimate(R, t))
+    assert found.cost == pytest.approx(other.cost, rel=1e-9)
+
+
+@pytest.mark.skipif(not compiled.AVAILABLE, reason="not compiled")
+def test_products_are_worth_more_the_more_a_factor_costs():
+    worth = []
+    for n, extra in ((30, 0), (30, 100), (200, 2000)):
+        problem = PoseProblem(pose_graph(rng_of(0), n, 3, extra=extra)[0])
+        worth.append(problem.symbolic(problem.matrix).products)
+    assert 1.0 < worth[0] < worth[1] < worth[2] < 100.0

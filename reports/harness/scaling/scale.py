@@ -53,7 +53,7 @@ def _uneven_helix(turns: int, rng: np.random.Generator) -> Instance:
 
 
 FAMILIES = {
-    "helix": Family(synthetic.helix, False, (50, 100, 200, 316), (10, 20)),
+    "helix": Family(synthetic.helix, False, (50, 100, 200, 316, 1000), (10, 20)),
     "uneven_helix": Family(_uneven_helix, False, (50, 100, 200), (10, 20)),
     "grid": Family(synthetic.grid3d, False, (10, 15, 20, 30), (4, 6)),
     "helix_rotations": Family(synthetic.helix, True, (50, 100, 200, 500, 1000), (10, 20)),
