@@ -258,12 +258,19 @@ static void *found(const char *module, const char *name)
 #define LETTER "s"
 #include "fronts.h"
 
+static PyObject *item_of(PyObject *tuple, Py_ssize_t k)
+{
+    if (PyTuple_Check(tuple)) return PyTuple_GetItem(tuple, k);
+    PyErr_SetString(PyExc_TypeError, "a tuple of arrays expected");
+    return NULL;
+}
+
 /* Three arrays of doubles, of which those from `writable` on are written. */
 static int borrow_three(Buffers *held, PyObject *tuple, int writable, void **arrays,
                         Py_ssize_t *lengths)
 {
     for (int k = 0; k < 3; k++) {
-        PyObject *item = PyTuple_GetItem(tuple, k);
+        PyObject *item = item_of(tuple, k);
         if (!item) return -1;
         if (!(arrays[k] = borrow(held, item, k >= writable, sizeof(double), &lengths[k]))) return -1;
     }
@@ -276,13 +283,13 @@ static int fronts_of(Buffers *held, PyObject *tuple, Fronts *f)
                             &f->offset, &f->start, &f->above, &f->begin, &f->rows, &f->panel};
     Py_ssize_t lengths[12];
     for (int k = 0; k < 12; k++) {
-        PyObject *item = PyTuple_GetItem(tuple, k);
+        PyObject *item = item_of(tuple, k);
         if (!item || !(*fields[k] = borrow(held, item, 0, sizeof(Int), &lengths[k]))) return -1;
     }
     f->n = lengths[3], f->many = lengths[8];
     long long room[3];
     for (int k = 0; k < 3; k++) {
-        PyObject *item = PyTuple_GetItem(tuple, 12 + k);
+        PyObject *item = item_of(tuple, 12 + k);
         if (!item) return -1;
         room[k] = PyLong_AsLongLong(item);
         if (room[k] == -1 && PyErr_Occurred()) return -1;
@@ -495,11 +502,11 @@ static int edges_of(Buffers *held, PyObject *tuple, Int d, Edges *g)
     const double **fields[] = {&g->P, &g->K, &g->kappa, &g->tau, &g->moved, &g->arms};
     Int lengths[] = {d * d, d * d, 1, 1, d, d};
     Py_ssize_t length;
-    PyObject *item = PyTuple_GetItem(tuple, 0);
+    PyObject *item = item_of(tuple, 0);
     if (!item || !(g->pairs = borrow(held, item, 0, sizeof(Int), &length))) return -1;
     g->m = length / 2, g->d = d;
     for (int k = 0; k < 6; k++) {
-        if (!(item = PyTuple_GetItem(tuple, k + 1))) return -1;
+        if (!(item = item_of(tuple, k + 1))) return -1;
         *fields[k] = NULL;
         if (item == Py_None) continue;
         if (!(*fields[k] = borrow(held, item, 0, sizeof(double), &length))) return -1;
