@@ -12,7 +12,7 @@ not be stored. docs/multifrontal.md has the analysis of rounding.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,8 @@ __all__ = ["AVAILABLE", "Fronts", "Panels", "Tree", "minimum_degree"]
 ROUNDED_UP = 1.001
 
 
+#: Multiplications from which a factorization uses all threads of BLAS: some ten seconds of one.
+PARALLEL = 3e11
 #: L, in double or single precision.
 Kept = FloatArray | np.ndarray[Any, np.dtype[np.float32]]
 
@@ -105,8 +107,7 @@ class Fronts:
     def factor(self, data: FloatArray) -> Panels | None:
         """The factor of the matrix with these entries; None if it is not positive definite."""
         panels = np.empty(self.entries)
-        done = kernel.factor(self._fronts, data, None, panels, None, None, False)
-        return Panels(self, panels) if done else None
+        return Panels(self, panels) if self._run(data, None, panels, None, None, False) else None
 
     def factor_kept_single(
         self, data: FloatArray, diagonal: FloatArray, *, mixed: bool = False
@@ -120,8 +121,15 @@ class Fronts:
         if not ((diagonal > 0.0) & (diagonal < np.inf)).all():
             return None
         scale, panels = self._scale(diagonal), np.empty(self.entries, dtype=np.float32)
-        done = kernel.factor(self._fronts, data, scale, panels, None, None, not mixed)
+        done = self._run(data, scale, panels, None, None, not mixed)
         return Panels(self, panels, scale) if done else None
+
+    def _run(self, data: FloatArray, *options: Any) -> bool:
+        """A factorization; threads of BLAS only wait for each other in small fronts."""
+        if self.flops >= PARALLEL:
+            return kernel.factor(self._fronts, data, *options)
+        with _blas().limit(limits=1, user_api="blas"):
+            return kernel.factor(self._fronts, data, *options)
 
     def _scale(self, diagonal: FloatArray) -> FloatArray:
         """(N,) powers of two that make the diagonal about one, in the order of L."""
@@ -137,7 +145,7 @@ class Fronts:
         """
         w = np.ascontiguousarray(weights[self.order].T)
         sums, squares = np.zeros_like(w), np.zeros(self.size)
-        if not kernel.factor(self._fronts, data, None, None, (w, sums, squares), None, False):
+        if not self._run(data, None, None, (w, sums, squares), None, False):
             return None
         absolute, norms = np.empty_like(weights), np.empty(self.size)
         absolute[self.order], norms[self.order] = sums.T, squares
@@ -154,7 +162,7 @@ class Fronts:
         scale = self._scale(diagonal)
         v, rows, squares = weights[self.order] / scale, np.zeros(self.size), np.zeros(self.size)
         sums = np.empty((0, self.size)), np.empty((0, self.size)), squares
-        if not kernel.factor(self._fronts, data, None, None, sums, (scale, v, rows), False):
+        if not self._run(data, None, None, sums, (scale, v, rows), False):
             return None
         bound, norms = np.empty(self.size), np.empty(self.size)
         bound[self.order], norms[self.order] = ROUNDED_UP * rows / scale, squares
@@ -166,7 +174,7 @@ class Fronts:
         kernel.multiply(self._fronts, data, np.ascontiguousarray(x), y)
         return y
 
-    @property
+    @cached_property
     def flops(self) -> float:
         """Multiplications of a factorization."""
         entries, widths = np.diff(self._panel), np.diff(self._offset[self._tree.start])
@@ -211,6 +219,14 @@ def minimum_degree(indptr: IntArray, indices: IntArray) -> IntArray:
     """A fill-reducing order (n,) of a symmetric pattern (Amestoy, Davis, Duff 1996)."""
     found = kernel.order(_integers(indptr), _integers(indices))
     return np.frombuffer(found, dtype=np.int64)
+
+
+@cache
+def _blas() -> Any:
+    """The libraries of BLAS in this process."""
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
 
 
 def _integers(values: IntArray) -> IntArray:
