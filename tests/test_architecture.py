@@ -48,12 +48,12 @@ HARNESS_RANKS = {
 #: Third-party packages with one home each.
 HOMES = {
     "cvxpy": ("certpgo/solvers/sdp_",),
-    "cvxopt": ("certpgo/linalg/factor.py",),
     "pymetis": ("certpgo/linalg/factor.py",),
     "pooch": ("certpgo/datasets/lookup.py",),
     "typer": ("certpgo/cli/", "reports/harness/commands/"),
     "rich": ("certpgo/cli/", "reports/harness/commands/"),
     "threadpoolctl": (
+        "certpgo/linalg/multifrontal.py",
         "certpgo/certify/proof.py",
         "certpgo/assess/comparison.py",
         "reports/harness/experiments/timing.py",
