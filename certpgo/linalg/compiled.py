@@ -1,4 +1,4 @@
-"""The compiled kernel, where certpgo was installed with a C compiler."""
+"""The compiled kernel, where certpgo was installed with a C compiler; else there is no `kernel`."""
 
 try:
     from certpgo.linalg import _kernel as kernel

@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from certpgo.linalg import compiled
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
-from certpgo.linalg.compiled import AVAILABLE, kernel
+from certpgo.linalg.compiled import AVAILABLE
 
 __all__ = ["AVAILABLE", "Fronts", "Panels", "Tree", "minimum_degree"]
 
@@ -64,7 +65,7 @@ class Tree:
         pattern = _integers(indptr), _integers(indices)
         if sizes is None:
             sizes = np.ones(len(order), dtype=np.int64)
-        found = kernel.analyze(*pattern, _integers(order), _integers(sizes))
+        found = compiled.kernel.analyze(*pattern, _integers(order), _integers(sizes))
         return Tree(*pattern, *(np.frombuffer(part, dtype=np.int64) for part in found))
 
 
@@ -79,7 +80,7 @@ class Fronts:
         owner = np.repeat(np.arange(n), np.diff(tree.indptr))
         heights = np.bincount(owner, sizes[tree.indices], n).astype(np.int64)
         offset, panel = _running(sizes[order]), np.empty(len(tree.start), dtype=np.int64)
-        room = kernel.measure(offset, tree.start, tree.above, tree.begin, tree.rows, panel)
+        room = compiled.kernel.measure(offset, tree.start, tree.above, tree.begin, tree.rows, panel)
         entry = _running(heights * sizes)
         pattern = tree.indptr, tree.indices, entry, order, place, sizes, offset
         self._fronts: Any = *pattern, tree.start, tree.above, tree.begin, tree.rows, panel, *room
@@ -127,9 +128,9 @@ class Fronts:
     def _run(self, data: FloatArray, *options: Any) -> bool:
         """A factorization; threads of BLAS only wait for each other in small fronts."""
         if self.flops >= PARALLEL:
-            return kernel.factor(self._fronts, data, *options)
+            return compiled.kernel.factor(self._fronts, data, *options)
         with _blas().limit(limits=1, user_api="blas"):
-            return kernel.factor(self._fronts, data, *options)
+            return compiled.kernel.factor(self._fronts, data, *options)
 
     def _scale(self, diagonal: FloatArray) -> FloatArray:
         """(N,) powers of two that make the diagonal about one, in the order of L."""
@@ -171,7 +172,7 @@ class Fronts:
     def multiply(self, data: FloatArray, x: FloatArray) -> FloatArray:
         """A x for x (N,)."""
         y = np.zeros(self.size)
-        kernel.multiply(self._fronts, data, np.ascontiguousarray(x), y)
+        compiled.kernel.multiply(self._fronts, data, np.ascontiguousarray(x), y)
         return y
 
     @cached_property
@@ -185,7 +186,7 @@ class Fronts:
         right = B[self.order].T
         kept: Any = panels.dtype
         X = np.array(right if scale is None else right * scale, dtype=kept, order="C")
-        kernel.solve(self._fronts, panels, X, panels.dtype == np.float32)
+        compiled.kernel.solve(self._fronts, panels, X, panels.dtype == np.float32)
         solution = np.empty(B.shape)
         solution[self.order] = (X if scale is None else X * scale).T
         return solution
@@ -194,7 +195,7 @@ class Fronts:
         """L, with the zeros that the merging of supernodes stores."""
         heights, rows = np.empty(self.size, dtype=np.int64), np.empty(self.entries, dtype=np.int64)
         values = np.empty(self.entries)
-        used = kernel.lower(self._fronts, panels, heights, rows, values)
+        used = compiled.kernel.lower(self._fronts, panels, heights, rows, values)
         return CSC((values[:used], rows[:used], _running(heights)), shape=(self.size,) * 2)
 
 
@@ -217,7 +218,7 @@ class Panels:
 
 def minimum_degree(indptr: IntArray, indices: IntArray) -> IntArray:
     """A fill-reducing order (n,) of a symmetric pattern (Amestoy, Davis, Duff 1996)."""
-    found = kernel.order(_integers(indptr), _integers(indices))
+    found = compiled.kernel.order(_integers(indptr), _integers(indices))
     return np.frombuffer(found, dtype=np.int64)
 
 

@@ -1,5 +1,9 @@
 """The compiled factorization: fronts of any sizes, against dense algebra."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -184,3 +188,24 @@ def test_engines_agree_and_serve_alone(monkeypatch):
         assert answer.cost == pytest.approx(found.cost, rel=1e-9)
         bound = answer.certificate.lower_bound
         assert bound == pytest.approx(found.certificate.lower_bound, rel=1e-7)
+
+
+def test_the_package_works_where_the_kernel_was_not_compiled():
+    program = """
+import sys
+sys.modules["certpgo.linalg._kernel"] = None
+import os
+import subprocess
+import sys
+
+import numpy as np
+import certpgo
+from certpgo.datasets.synthetic import grid3d
+answer = certpgo.solve(grid3d(3, np.random.default_rng(0)).graph)
+print(answer.verdict.value, answer.certificate.engine)
+"""
+    environment = {k: v for k, v in os.environ.items() if k != "CERTPGO_ENGINE"}
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, env=environment, check=True
+    )
+    assert done.stdout == "CERTIFIED superlu\n"
