@@ -3,7 +3,7 @@
 from typing import Any
 
 from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.linalg.multifrontal import Kept
+from certpgo.linalg.multifrontal import Kept, Triple
 
 def order(indptr: IntArray, indices: IntArray, /) -> bytes: ...
 def analyze(
@@ -23,12 +23,13 @@ def factor(
     data: FloatArray,
     scale: FloatArray | None,
     panels: Kept | None,
-    sums: tuple[FloatArray, FloatArray, FloatArray] | None,
-    residual: tuple[FloatArray, FloatArray, FloatArray] | None,
+    update: Kept | None,
+    sums: Triple | None,
+    residual: Triple | None,
     single: bool,
     /,
 ) -> bool: ...
-def solve(fronts: tuple[Any, ...], panels: Kept, X: Kept, single: bool, /) -> None: ...
+def solve(fronts: tuple[Any, ...], panels: Kept, X: Kept, single: bool, way: int, /) -> None: ...
 def lower(
     fronts: tuple[Any, ...],
     panels: Kept,

@@ -2,7 +2,7 @@
 
 try:
     from certpgo.linalg import _kernel as kernel
-except ImportError:
+except (ImportError, AttributeError, KeyError):  # no kernel, or another SciPy than it knows
     AVAILABLE = False
 else:
     AVAILABLE = True

@@ -203,7 +203,7 @@ class _Multifrontal:
         return 1.0 + self._fronts.flops / (FLOPS_PER_ENTRY * self._fronts.entries)
 
     def multiply(self, A: CSC, x: FloatArray) -> FloatArray:
-        return self._fronts.multiply(A.data, x)
+        return self._fronts.multiply(_entries(A), x)
 
     def __init__(self, fronts: multifrontal.Fronts) -> None:
         self._fronts = fronts
@@ -218,30 +218,31 @@ class _Multifrontal:
 
     def factor(self, A: CSC, precision: Precision = "double") -> Factor | None:
         if precision == "double":
-            return self._fronts.factor(A.data)
+            return self._fronts.factor(_entries(A))
         mixed = precision == "mixed"
-        return self._fronts.factor_kept_single(A.data, A.diagonal(), mixed=mixed)
+        return self._fronts.factor_kept_single(_entries(A), A.diagonal(), mixed=mixed)
 
     def rounding(self, A: CSC, w: FloatArray) -> RoundingBound | None:
         terms = self.lengths + OTHERS
         both = weights_of_both(w, terms)
-        found = self._fronts.row_sums(A.data, both)
+        found = self._fronts.row_sums(_entries(A), both)
         if found is None:
             return None
         absolute, squares = found
-        if not is_cholesky(squares, A):
-            return None
-        return RoundingBound(least_of_both(absolute, terms), self._nonzeros)
+        return self._bound(least_of_both(absolute, terms), squares, A)
 
     def residual(self, A: CSC, w: FloatArray) -> RoundingBound | None:
         diagonal = A.diagonal()
         if not (diagonal > 0.0).all():
             return None
-        found = self._fronts.residual(A.data, diagonal, w)
-        if found is None or not is_cholesky(found[1], A):
-            return None
-        return RoundingBound(found[0], self._nonzeros)
+        found = self._fronts.residual(_entries(A), diagonal, w)
+        return None if found is None else self._bound(*found, A)
 
-    @property
-    def _nonzeros(self) -> int:
-        return int(self.lengths.sum())
+    def _bound(self, sums: FloatArray, squares: FloatArray, A: CSC) -> RoundingBound | None:
+        if not is_cholesky(squares, A) or not np.isfinite(sums).all():
+            return None
+        return RoundingBound(sums, int(self.lengths.sum()))
+
+
+def _entries(A: CSC) -> FloatArray:
+    return np.ascontiguousarray(A.data, dtype=np.float64)

@@ -11,8 +11,10 @@ not be stored. docs/multifrontal.md has the analysis of rounding.
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -30,6 +32,8 @@ ROUNDED_UP = 1.001
 
 #: Multiplications from which a factorization uses all threads of BLAS: some ten seconds of one.
 PARALLEL = 3e11
+#: Arrays of a factorization: weights, sums and squares, or scale, weights and sums.
+Triple = tuple[FloatArray, FloatArray, FloatArray]
 #: L, in double or single precision.
 Kept = FloatArray | np.ndarray[Any, np.dtype[np.float32]]
 
@@ -108,7 +112,7 @@ class Fronts:
     def factor(self, data: FloatArray) -> Panels | None:
         """The factor of the matrix with these entries; None if it is not positive definite."""
         panels = np.empty(self.entries)
-        return Panels(self, panels) if self._run(data, None, panels, None, None, False) else None
+        return Panels(self, panels) if self._run(data, panels=panels) else None
 
     def factor_kept_single(
         self, data: FloatArray, diagonal: FloatArray, *, mixed: bool = False
@@ -122,15 +126,23 @@ class Fronts:
         if not ((diagonal > 0.0) & (diagonal < np.inf)).all():
             return None
         scale, panels = self._scale(diagonal), np.empty(self.entries, dtype=np.float32)
-        done = self._run(data, scale, panels, None, None, not mixed)
+        done = self._run(data, scale=scale, panels=panels, single=not mixed)
         return Panels(self, panels, scale) if done else None
 
-    def _run(self, data: FloatArray, *options: Any) -> bool:
+    def _run(
+        self,
+        data: FloatArray,
+        *,
+        scale: FloatArray | None = None,
+        panels: Kept | None = None,
+        sums: Triple | None = None,
+        residual: Triple | None = None,
+        single: bool = False,
+    ) -> bool:
         """A factorization; threads of BLAS only wait for each other in small fronts."""
-        if self.flops >= PARALLEL:
-            return compiled.kernel.factor(self._fronts, data, *options)
-        with _blas().limit(limits=1, user_api="blas"):
-            return compiled.kernel.factor(self._fronts, data, *options)
+        arguments = data, scale, panels, None, sums, residual, single
+        with nullcontext() if self.flops >= PARALLEL else _one_thread:
+            return compiled.kernel.factor(self._fronts, *arguments)
 
     def _scale(self, diagonal: FloatArray) -> FloatArray:
         """(N,) powers of two that make the diagonal about one, in the order of L."""
@@ -146,7 +158,7 @@ class Fronts:
         """
         w = np.ascontiguousarray(weights[self.order].T)
         sums, squares = np.zeros_like(w), np.zeros(self.size)
-        if not self._run(data, None, None, (w, sums, squares), None, False):
+        if not self._run(data, sums=(w, sums, squares)):
             return None
         absolute, norms = np.empty_like(weights), np.empty(self.size)
         absolute[self.order], norms[self.order] = sums.T, squares
@@ -163,7 +175,7 @@ class Fronts:
         scale = self._scale(diagonal)
         v, rows, squares = weights[self.order] / scale, np.zeros(self.size), np.zeros(self.size)
         sums = np.empty((0, self.size)), np.empty((0, self.size)), squares
-        if not self._run(data, None, None, sums, (scale, v, rows), False):
+        if not self._run(data, sums=sums, residual=(scale, v, rows)):
             return None
         bound, norms = np.empty(self.size), np.empty(self.size)
         bound[self.order], norms[self.order] = ROUNDED_UP * rows / scale, squares
@@ -183,12 +195,16 @@ class Fronts:
 
     def solve(self, panels: Kept, scale: FloatArray | None, B: FloatArray) -> FloatArray:
         """A^-1 B for B (N,) or (N, k)."""
-        right = B[self.order].T
-        kept: Any = panels.dtype
-        X = np.array(right if scale is None else right * scale, dtype=kept, order="C")
-        compiled.kernel.solve(self._fronts, panels, X, panels.dtype == np.float32)
+        right, kept = np.atleast_2d(B[self.order].T), panels.dtype
+        if scale is not None:
+            right = right * scale
+        # Within the range of any precision.
+        unit = np.ldexp(1.0, np.frexp(np.abs(right).max(axis=1, initial=0.0))[1])[:, None]
+        X: Any = np.array(right / unit, dtype=kept, order="C")
+        compiled.kernel.solve(self._fronts, panels, X, kept == np.float32, 0)
+        X = X * unit if scale is None else X * (unit * scale)
         solution = np.empty(B.shape)
-        solution[self.order] = (X if scale is None else X * scale).T
+        solution[self.order] = X[0] if B.ndim == 1 else X.T
         return solution
 
     def lower(self, panels: Kept) -> CSC:
@@ -222,12 +238,33 @@ def minimum_degree(indptr: IntArray, indices: IntArray) -> IntArray:
     return np.frombuffer(found, dtype=np.int64)
 
 
-@cache
-def _blas() -> Any:
-    """The libraries of BLAS in this process."""
-    from threadpoolctl import ThreadpoolController
+class _OneThread:
+    """Limits BLAS to one thread while any thread of Python is within; the last one restores."""
 
-    return ThreadpoolController()
+    def __init__(self) -> None:
+        self._lock, self._within = Lock(), 0
+        self._limiter: Any = None
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if not self._within:
+                self._limiter = self._blas.limit(limits=1, user_api="blas")
+            self._within += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._within -= 1
+            if not self._within:
+                self._limiter.restore_original_limits()
+
+    @cached_property
+    def _blas(self) -> Any:
+        from threadpoolctl import ThreadpoolController
+
+        return ThreadpoolController()
+
+
+_one_thread = _OneThread()
 
 
 def _integers(values: IntArray) -> IntArray:

@@ -15,6 +15,8 @@ from certpgo.linalg.balls import U
 
 #: Relative agreement of a Cholesky factor's squared row norms with the diagonal.
 AGREEMENT = 1e-6
+#: Diagonal entries below which underflow could exceed the rounding that is bounded.
+SMALLEST = 1e-250
 #: Operations on an entry of L besides its products: divisions, roots, their rounding.
 OTHERS = 8.0
 
@@ -49,6 +51,10 @@ def least_of_both(absolute: FloatArray, terms: FloatArray) -> FloatArray:
 
 
 def is_cholesky(squares: FloatArray, A: CSC) -> bool:
-    """Whether the squared row norms of L match A's diagonal, as for Cholesky factors only."""
+    """Whether the squared row norms of L match A's diagonal, as for Cholesky factors only.
+
+    And whether no product of entries underflows by more than the rounding that is bounded.
+    """
     diagonal = A.diagonal()
-    return bool(np.all(np.abs(squares - diagonal) <= AGREEMENT * diagonal))
+    near = np.abs(squares - diagonal) <= AGREEMENT * diagonal
+    return bool(np.all(near & (diagonal >= SMALLEST) & (diagonal < np.inf)))

@@ -5,8 +5,8 @@ again (variable projection), so that a long chain of poses can rotate as one bod
 Hessian is replaced by the Gauss-Newton matrix as long as such steps make progress; and a
 factorization preconditions later steps as long as few products suffice.
 
-Local: it finds a stationary point near its initial estimate. Its factorization shows that the point
-is a local minimum, not that it is the global one.
+Local: it finds a stationary point near its initial estimate, at which the Hessian was factorized,
+to rounding: a local minimum in all likelihood, and not necessarily the global one.
 """
 
 from __future__ import annotations
@@ -206,6 +206,7 @@ class _Proposal:
     predicted: float
     exact: bool
     damping: float
+    reused: bool = False  # whether with the factor of an earlier step
 
 
 def _advance(problem: Problem, state: _State, work: _Work) -> _State | None:
@@ -232,8 +233,10 @@ def _advance(problem: Problem, state: _State, work: _Work) -> _State | None:
             progress=(state.cost - cost) / state.cost if state.cost > 0.0 else 0.0,
             damping=damping if damping >= settings.smallest_damping and not invisible else 0.0,
         )
-        risen = cost > (1.0 + 2.0 * ROUNDING) * state.cost
-        if invisible and (risen or following.stationarity >= state.stationarity):
+        risen = not cost <= (1.0 + 2.0 * ROUNDING) * state.cost
+        if invisible and (risen or not following.stationarity < state.stationarity):
+            if proposal.reused:
+                continue
             return None
         return following
     return None
@@ -254,7 +257,7 @@ def _proposals(problem: Problem, state: _State, work: _Work) -> Iterator[_Propos
         solved = _iterated(problem.symbolic(H), H, g, work.factor, tol, work)
         if solved.end is End.CONVERGED:
             predicted = float(solved.x @ (solved.residual - g))
-            yield _Proposal(solved.x, predicted, exact, 0.0)
+            yield _Proposal(solved.x, predicted, exact, 0.0, reused=True)
         elif solved.end is End.NEGATIVE_CURVATURE:
             exact = exact and state.progress < settings.stagnation
     damping = state.damping
@@ -281,7 +284,7 @@ def _solved(
     """
     A = add_to_diagonal(H, damped) if damped.any() else H
     symbolic = problem.symbolic(A)
-    work.most = int(min(work.settings.max_products, symbolic.products))
+    work.most = max(1, int(min(work.settings.max_products, symbolic.products)))
     last: Precision = "mixed" if symbolic.is_heavy else "double"
     for precision in ("single", last) if work.single else (last,):
         factor = symbolic.factor(A, precision)
@@ -293,9 +296,10 @@ def _solved(
             return step, float(step @ (damped * step - g))
         solved = _iterated(symbolic, A, g, factor, tol, work)
         enough = (End.CONVERGED, End.LIMIT) if precision == "mixed" else (End.CONVERGED,)
-        if solved.end in enough:
+        predicted = float(solved.x @ (damped * solved.x + solved.residual - g))
+        if solved.end in enough and predicted > 0.0:
             work.factor, work.single = factor, precision == "single"
-            return solved.x, float(solved.x @ (damped * solved.x + solved.residual - g))
+            return solved.x, predicted
         del factor
     return None
 

@@ -3,9 +3,11 @@
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+import threadpoolctl
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import sparse
@@ -148,28 +150,116 @@ def test_what_is_not_definite_is_refused(value):
         assert F.factor_kept_single(data, A.diagonal()) is None
 
 
-def test_arrays_of_other_sizes_are_refused():
+def test_arrays_that_do_not_belong_together_are_refused():
     rng = rng_of(0)
     P, sizes = BlockPattern(8, random_edges(rng, 8, 8)), np.full(8, 2)
     A, F = definite(rng, P, sizes), fronts(P, sizes)
+    kernel, rest = compiled.kernel, (None, None, None, None, False)
     with pytest.raises(ValueError, match="another pattern"):
         F.factor(A.data[:-1])
     with pytest.raises(ValueError, match="another size"):
         F.multiply(A.data, np.ones(15))
+    sums = np.ones(16), np.ones(15), np.ones(16)
     with pytest.raises(ValueError, match="differ in size"):
-        compiled.kernel.factor(
-            F._fronts, A.data, None, None, (np.ones(16), np.ones(15), np.ones(16)), None, False
-        )
-    with pytest.raises(TypeError, match="items of 8 bytes"):
-        F.factor(A.data.astype(np.float32))
+        kernel.factor(F._fronts, A.data, None, None, None, sums, None, False)
+    for other in (np.float32, np.int64, np.complex128):
+        with pytest.raises(TypeError, match="array of float64 expected"):
+            kernel.factor(F._fronts, A.data.astype(other), None, *rest)
     with pytest.raises(ValueError, match="not C-contiguous"):
-        F.factor(np.repeat(A.data, 2)[::2])
+        kernel.factor(F._fronts, np.repeat(A.data, 2)[::2], None, *rest)
+    with pytest.raises(ValueError, match="update of another size"):
+        kernel.factor(F._fronts, A.data, None, None, np.ones(1), None, None, False)
     with pytest.raises(ValueError, match="another matrix"):
-        compiled.kernel.solve(F._fronts, np.ones(3), np.ones(16), False)
-    with pytest.raises(ValueError, match="differ in length"):
-        compiled.kernel.analyze(
-            *(np.asarray(x, dtype=np.int64) for x in (P.indptr, P.indices, sizes[:-1], sizes))
-        )
+        kernel.solve(F._fronts, np.ones(3), np.ones(16), False, 0)
+    for place in range(12):
+        parts = list(F._fronts)
+        parts[place] = parts[place][:-1]
+        with pytest.raises(ValueError, match="fronts"):
+            kernel.multiply(tuple(parts), A.data, np.ones(16), np.zeros(16))
+
+
+def test_patterns_that_are_none_are_refused():
+    P = BlockPattern(4, np.array([[0, 1], [1, 2], [2, 3]]))
+    indptr, indices = (np.asarray(x, dtype=np.int64) for x in (P.indptr, P.indices))
+    order, ones = np.arange(4), np.ones(4, dtype=np.int64)
+    for pattern in (
+        (indptr, indices, order[:-1], ones),
+        (indptr, indices + 1, order, ones),
+        (indptr[::-1].copy(), indices, order, ones),
+        (indptr, indices, order + 1, ones),
+    ):
+        with pytest.raises(ValueError, match="not a pattern"):
+            compiled.kernel.analyze(*pattern)
+    with pytest.raises(ValueError, match="each node once"):
+        compiled.kernel.analyze(indptr, indices, np.zeros(4, dtype=np.int64), ones)
+    with pytest.raises(ValueError, match="not a pattern"):
+        compiled.kernel.order(indptr[:0], indices[:0])
+
+
+def test_sums_over_edges_that_name_other_nodes_are_refused():
+    graph = grid3d(2, np.random.default_rng(0)).graph
+    n, m = graph.num_nodes, graph.num_edges
+    P, kappa, edges = np.tile(np.eye(3), (m, 1, 1)), np.ones(m), graph.rotation.edges
+    R, terms, kernel = np.tile(np.eye(3), (n, 1, 1)), np.empty(m), compiled.kernel
+    for why, wrong in (
+        ("another graph", (edges + n, P, None, kappa, None, None, None)),
+        ("expected", (edges, None, None, kappa, None, None, None)),
+        ("expected", (edges, P, None, None, None, None, None)),
+        ("expected", (edges, P, None, kappa, kappa, None, None)),
+        ("length", (edges[:-1], P, None, kappa, None, None, None)),
+    ):
+        with pytest.raises(ValueError, match=why):
+            kernel.gradient(wrong, 3, 3, R, np.zeros((n, 3)), None, terms)
+        with pytest.raises(ValueError, match=why):
+            kernel.coupling(wrong, 3, R, np.empty((m, 3, 3)))
+    with pytest.raises(ValueError, match="2 or 3 dimensions"):
+        kernel.gradient((edges, P, None, kappa, None, None, None), 4, 4, R, None, None, terms)
+    with pytest.raises(IndexError, match="out of range"):
+        kernel.scatter_sum(np.array([2]), np.ones((1, 2)), np.zeros((2, 2)), 2)
+    with pytest.raises(ValueError, match="as many rows"):
+        kernel.scatter_sum(np.array([0]), np.ones((1, 2)), np.zeros(5), 2)
+
+
+@pytest.mark.parametrize("exponent", [-900, -390, 390, 900])
+def test_single_precision_serves_every_unit(exponent):
+    rng = rng_of(1)
+    P, sizes = BlockPattern(8, random_edges(rng, 8, 8)), np.full(8, 2)
+    A, F, b = definite(rng, P, sizes), fronts(P, sizes), rng.standard_normal((16, 2))
+    panels = F.factor_kept_single(np.ldexp(A.data, exponent), np.ldexp(A.diagonal(), exponent))
+    x = np.linalg.solve(A.toarray(), b)
+    np.testing.assert_allclose(panels.solve(np.ldexp(b, exponent)), x, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(panels.solve(np.ldexp(b[:, 0], exponent)), x[:, 0], atol=1e-5)
+
+
+def test_no_bound_where_products_underflow():
+    rng = rng_of(2)
+    P, sizes = BlockPattern(8, random_edges(rng, 8, 8)), np.full(8, 2)
+    A = definite(rng, P, sizes)
+    symbolic = factor.analyze(P.indptr, P.indices, engine="multifrontal").blocks(sizes)
+    for exponent, bounded in ((0, True), (-700, True), (-900, False)):
+        scaled = CSC((np.ldexp(A.data, exponent), A.indices, A.indptr), A.shape)
+        assert (symbolic.rounding(scaled, np.ones(16)) is not None) == bounded
+        assert (symbolic.residual(scaled, np.ones(16)) is not None) == bounded
+
+
+def test_threads_of_python_leave_those_of_blas_as_they_were():
+    rng = rng_of(3)
+    P, sizes = BlockPattern(60, random_edges(rng, 60, 90)), np.full(60, 6)
+    A, F = definite(rng, P, sizes), fronts(P, sizes)
+
+    def threads():
+        return [library["num_threads"] for library in threadpoolctl.threadpool_info()]
+
+    before = threads()
+    with ThreadPoolExecutor(4) as pool:
+        for done in [pool.submit(F.factor, A.data) for _ in range(40)]:
+            done.result()
+    with multifrontal._one_thread:
+        with multifrontal._one_thread:
+            pass
+        inside = threads()
+    assert threads() == before
+    assert all(count == 1 for count in inside)
 
 
 def test_engines_agree_and_serve_alone(monkeypatch):

@@ -132,6 +132,21 @@ static inline void couple(const Edges *g, Int d, const double *R, double *upper)
     }
 }
 
+/* Whether each block's place is in its node's column. */
+static int are_places(Int n, Int m, const Int *indptr, const Int *own, const Int *slots,
+                      const Int *pairs)
+{
+    if (!all_below(pairs, 2 * m, n)) return 0;
+    for (Int i = 0; i < n; i++)
+        if (own[i] < indptr[i] || own[i] >= indptr[i + 1]) return 0;
+    for (Int e = 0; e < m; e++)
+        for (int back = 0; back < 2; back++) {
+            Int i = pairs[2 * e + back], at = slots[back * m + e];
+            if (at < indptr[i] || at >= indptr[i + 1]) return 0;
+        }
+    return 1;
+}
+
 /* Blocks into a matrix in compressed columns; those of parallel edges are added. */
 static void place_blocks(Int n, Int m, Int b, const Int *indptr, const Int *own, const Int *slots,
                          const Int *pairs, const double *diagonal, const double *upper, double *data)

@@ -1,4 +1,4 @@
-/* The arithmetic of multifrontal.c in one precision: REAL, IN(name) and LETTER are defined there. */
+/* The arithmetic of module.c in one precision: REAL, IN(name) and LETTER are defined there. */
 
 static void (*IN(potrf))(char *, int *, REAL *, int *, int *);
 static void (*IN(trsm))(char *, char *, char *, char *, int *, int *, REAL *, REAL *, int *, REAL *,
@@ -138,8 +138,8 @@ static Int IN(find_runs)(const Fronts *f, Int c, const Int *at, Int nc, Int *run
 
 /* 1 if A = L L^T was factorized, 0 if it is not positive definite, -1 without memory, -2 if
  * interrupted. Without L, panels are dropped as soon as they are summed, or kept in single precision
- * in `rounded`. A residual is measured in double precision only, where the casts below are none. */
-static int IN(factor)(const Fronts *f, const double *data, const double *scale, REAL *L,
+ * in `rounded`. The update of the last supernode is copied to `rest`. A residual is measured in double precision only, where the casts below are none. */
+static int IN(factor)(const Fronts *f, const double *data, const double *scale, REAL *L, REAL *rest,
                       const Sums *sums, const Residual *residual, float *rounded)
 {
     REAL *stack = malloc((size_t)f->stack * sizeof(REAL) + 1);
@@ -198,6 +198,10 @@ static int IN(factor)(const Fronts *f, const double *data, const double *scale, 
             goto done;
         }
     }
+    if (rest) {
+        Int m = below(f, f->many - 1);
+        memcpy(rest, stack + top - m * m, (size_t)(m * m) * sizeof(REAL));
+    }
     outcome = 1;
 done:
     free_copies(&copies);
@@ -208,15 +212,15 @@ done:
     return outcome;
 }
 
-/* X (k, N) := (L L^T)^-1 X. */
-static int IN(solve)(const Fronts *f, const REAL *L, REAL *X, Int k)
+/* X (k, N) := (L L^T)^-1 X, if way > 0 L^-1 X, if way < 0 L^-T X. */
+static int IN(solve)(const Fronts *f, const REAL *L, REAL *X, Int k, int way)
 {
     Int N = f->offset[f->n];
     REAL *y = malloc((size_t)(f->tallest + 1) * sizeof(REAL));
     if (!y) return -1;
     for (Int q = 0; q < k; q++) {
         REAL *x = X + q * N;
-        for (Int s = 0; s < f->many; s++) {
+        for (Int s = 0; way >= 0 && s < f->many; s++) {
             Int nc = width_of(f, s), ld = (f->panel[s + 1] - f->panel[s]) / nc, m = ld - nc, r = 0;
             const REAL *panel = L + f->panel[s];
             REAL *own = x + f->offset[f->start[s]];
@@ -231,7 +235,7 @@ static int IN(solve)(const Fronts *f, const REAL *L, REAL *X, Int k)
             for (Int e = f->begin[s]; e < f->begin[s + 1]; e++)
                 for (Int i = f->offset[f->rows[e]]; i < f->offset[f->rows[e] + 1]; i++) x[i] -= y[r++];
         }
-        for (Int s = f->many - 1; s >= 0; s--) {
+        for (Int s = f->many - 1; way <= 0 && s >= 0; s--) {
             Int nc = width_of(f, s), ld = (f->panel[s + 1] - f->panel[s]) / nc, r = nc;
             const REAL *panel = L + f->panel[s];
             REAL *own = x + f->offset[f->start[s]];

@@ -33,22 +33,36 @@ typedef struct {
     int count;
 } Buffers;
 
-/* The memory of a contiguous array of `size`-byte items (0: of any; the length is in bytes then);
- * NULL and an exception if it is not. */
-static void *borrow(Buffers *held, PyObject *object, int writable, Py_ssize_t size, Py_ssize_t *length)
+/* What arrays consist of. */
+typedef enum { INTS, SHORT_INTS, DOUBLES, FLOATS, REALS } Kind;
+
+static int is_of(const Py_buffer *view, Kind kind)
 {
+    static const char *const letters[] = {"lq", "il", "d", "f"};
+    static const Py_ssize_t sizes[] = {8, 4, 8, 4};
+    if (kind == REALS) return is_of(view, DOUBLES) || is_of(view, FLOATS);
+    const char *format = view->format ? view->format : "B";
+    return view->itemsize == sizes[kind] && format[0] && !format[1] &&
+           strchr(letters[kind], format[0]) != NULL;
+}
+
+/* The memory of a contiguous array; NULL and an exception if it is not of this kind. */
+static void *borrow(Buffers *held, PyObject *object, int writable, Kind kind, Py_ssize_t *length)
+{
+    static const char *const names[] = {"int64", "int32", "float64", "float32", "floats"};
     Py_buffer *view = &held->views[held->count];
     if (held->count == MAX_BUFFERS) {
         PyErr_SetString(PyExc_SystemError, "too many arrays");
         return NULL;
     }
-    if (PyObject_GetBuffer(object, view, writable ? PyBUF_CONTIG : PyBUF_CONTIG_RO) < 0) return NULL;
+    if (PyObject_GetBuffer(object, view, PyBUF_FORMAT | (writable ? PyBUF_CONTIG : PyBUF_CONTIG_RO)) < 0)
+        return NULL;
     held->count++;
-    if (size && view->itemsize != size) {
-        PyErr_Format(PyExc_TypeError, "items of %zd bytes expected, not %zd", size, view->itemsize);
+    if (!is_of(view, kind)) {
+        PyErr_Format(PyExc_TypeError, "an array of %s expected", names[kind]);
         return NULL;
     }
-    if (length) *length = size ? view->len / size : view->len;
+    if (length) *length = view->len / view->itemsize;
     /* An empty array may have no memory. */
     return view->buf ? view->buf : (void *)held;
 }
@@ -56,6 +70,28 @@ static void *borrow(Buffers *held, PyObject *object, int writable, Py_ssize_t si
 static void give_back(Buffers *held)
 {
     while (held->count) PyBuffer_Release(&held->views[--held->count]);
+}
+
+static int refuse(const char *why)
+{
+    PyErr_SetString(PyExc_ValueError, why);
+    return -1;
+}
+
+static int all_below(const Int *values, Py_ssize_t count, Int limit)
+{
+    for (Py_ssize_t k = 0; k < count; k++)
+        if (values[k] < 0 || values[k] >= limit) return 0;
+    return 1;
+}
+
+/* Whether pointers rise from 0 to the number of entries. */
+static int are_pointers(const Int *indptr, Py_ssize_t length, Py_ssize_t entries)
+{
+    if (length < 1 || indptr[0] != 0 || indptr[length - 1] != entries) return 0;
+    for (Py_ssize_t k = 1; k < length; k++)
+        if (indptr[k] < indptr[k - 1]) return 0;
+    return 1;
 }
 
 static PyObject *bytes_of(const Int *values, Int count)
@@ -72,17 +108,18 @@ static PyObject *analyze(PyObject *self, PyObject *args)
 {
     PyObject *objects[4], *result = NULL;
     Buffers held = {.count = 0};
-    Py_ssize_t length, count_of_sizes, pointers;
+    Py_ssize_t length, count_of_sizes, pointers, entries;
     if (!PyArg_ParseTuple(args, "OOOO", &objects[0], &objects[1], &objects[2], &objects[3]))
         return NULL;
-    const Int *indptr = borrow(&held, objects[0], 0, sizeof(Int), &pointers);
-    const Int *indices = indptr ? borrow(&held, objects[1], 0, sizeof(Int), NULL) : NULL;
-    const Int *given = indices ? borrow(&held, objects[2], 0, sizeof(Int), &length) : NULL;
-    const Int *sizes = given ? borrow(&held, objects[3], 0, sizeof(Int), &count_of_sizes) : NULL;
+    const Int *indptr = borrow(&held, objects[0], 0, INTS, &pointers);
+    const Int *indices = indptr ? borrow(&held, objects[1], 0, INTS, &entries) : NULL;
+    const Int *given = indices ? borrow(&held, objects[2], 0, INTS, &length) : NULL;
+    const Int *sizes = given ? borrow(&held, objects[3], 0, INTS, &count_of_sizes) : NULL;
     if (!sizes) goto done;
     Int n = length;
-    if (pointers != n + 1 || count_of_sizes != n) {
-        PyErr_SetString(PyExc_ValueError, "pattern, order and sizes differ in length");
+    if (pointers != n + 1 || count_of_sizes != n || !are_pointers(indptr, pointers, entries) ||
+        !all_below(indices, entries, n) || !all_below(given, n, n)) {
+        refuse("not a pattern of as many nodes as order and sizes have");
         goto done;
     }
     Int *work = malloc((size_t)(16 * n + 16) * sizeof(Int)), *rows = NULL;
@@ -94,9 +131,16 @@ static PyObject *analyze(PyObject *self, PyObject *args)
     Int *counts = work + 4 * n, *start = work + 5 * n, *of = work + 6 * n + 2;
     Int *above = work + 7 * n + 2, *begin = work + 8 * n + 2, *scratch = work + 9 * n + 4;
     Int many = 0;
+    for (Int k = 0; k < n; k++) place[k] = -1;
+    for (Int k = 0; k < n; k++) place[given[k]] = k;
+    for (Int k = 0; k < n; k++)
+        if (place[k] < 0) {
+            refuse("an order contains each node once");
+            free(work);
+            goto done;
+        }
     Py_BEGIN_ALLOW_THREADS
     memcpy(order, given, (size_t)n * sizeof(Int));
-    for (Int k = 0; k < n; k++) place[order[k]] = k;
     elimination_tree(n, indptr, indices, order, place, parent, scratch);
     postorder(n, order, place, parent, scratch, scratch + n, scratch + 2 * n);
     count(n, indptr, indices, order, place, parent, sizes, columns, counts, scratch);
@@ -123,12 +167,12 @@ static PyObject *order(PyObject *self, PyObject *args)
     Buffers held = {.count = 0};
     Py_ssize_t pointers, entries;
     if (!PyArg_ParseTuple(args, "OO", &objects[0], &objects[1])) return NULL;
-    const Int *indptr = borrow(&held, objects[0], 0, sizeof(Int), &pointers);
-    const Int *indices = indptr ? borrow(&held, objects[1], 0, sizeof(Int), &entries) : NULL;
+    const Int *indptr = borrow(&held, objects[0], 0, INTS, &pointers);
+    const Int *indices = indptr ? borrow(&held, objects[1], 0, INTS, &entries) : NULL;
     if (!indices) goto done;
     Int n = pointers - 1, outcome = -1;
-    if (indptr[n] != entries) {
-        PyErr_SetString(PyExc_ValueError, "pointers and indices differ");
+    if (!are_pointers(indptr, pointers, entries) || !all_below(indices, entries, n)) {
+        refuse("not a pattern");
         goto done;
     }
     Int *found_order = malloc((size_t)(n + 1) * sizeof(Int));
@@ -180,16 +224,22 @@ static PyObject *measure(PyObject *self, PyObject *args)
 {
     PyObject *objects[6], *result = NULL;
     Buffers held = {.count = 0};
-    Py_ssize_t many;
+    Py_ssize_t lengths[6];
     void *arrays[6];
     if (!PyArg_ParseTuple(args, "OOOOOO", &objects[0], &objects[1], &objects[2], &objects[3],
                           &objects[4], &objects[5]))
         return NULL;
     for (int k = 0; k < 6; k++)
-        if (!(arrays[k] = borrow(&held, objects[k], k == 5, sizeof(Int), k == 2 ? &many : NULL)))
-            goto done;
+        if (!(arrays[k] = borrow(&held, objects[k], k == 5, INTS, &lengths[k]))) goto done;
     Fronts f = {.offset = arrays[0], .start = arrays[1], .above = arrays[2], .begin = arrays[3],
                 .rows = arrays[4]};
+    Int n = lengths[0] - 1, many = lengths[2];
+    if (n < 0 || lengths[1] != many + 1 || lengths[3] != many + 1 || lengths[5] != many + 1 ||
+        f.start[many] > n || !are_pointers(f.begin, many + 1, lengths[4]) ||
+        !all_below(f.rows, lengths[4], n)) {
+        refuse("not a tree of fronts");
+        goto done;
+    }
     Int *panel = arrays[5], *freed = calloc((size_t)many + 1, sizeof(Int));
     Int stack = 0, top = 0, widest = 0, tallest = 0;
     if (!freed) {
@@ -231,12 +281,18 @@ static int interrupted(double *patience, double work)
     return stop;
 }
 
+/* A function of SciPy whose arguments are as declared here: its integers may have 64 bits. */
 static void *found(const char *module, const char *name)
 {
     PyObject *library = PyImport_ImportModule(module);
     PyObject *functions = library ? PyObject_GetAttrString(library, "__pyx_capi__") : NULL;
     PyObject *capsule = functions ? PyMapping_GetItemString(functions, name) : NULL;
-    void *pointer = capsule ? PyCapsule_GetPointer(capsule, PyCapsule_GetName(capsule)) : NULL;
+    const char *signature = capsule ? PyCapsule_GetName(capsule) : NULL;
+    void *pointer = NULL;
+    if (signature && !strstr(signature, ", int *"))
+        PyErr_Format(PyExc_ImportError, "%s of %s takes %s", name, module, signature);
+    else if (signature)
+        pointer = PyCapsule_GetPointer(capsule, signature);
     Py_XDECREF(capsule);
     Py_XDECREF(functions);
     Py_XDECREF(library);
@@ -272,7 +328,7 @@ static int borrow_three(Buffers *held, PyObject *tuple, int writable, void **arr
     for (int k = 0; k < 3; k++) {
         PyObject *item = item_of(tuple, k);
         if (!item) return -1;
-        if (!(arrays[k] = borrow(held, item, k >= writable, sizeof(double), &lengths[k]))) return -1;
+        if (!(arrays[k] = borrow(held, item, k >= writable, DOUBLES, &lengths[k]))) return -1;
     }
     return 0;
 }
@@ -284,9 +340,16 @@ static int fronts_of(Buffers *held, PyObject *tuple, Fronts *f)
     Py_ssize_t lengths[12];
     for (int k = 0; k < 12; k++) {
         PyObject *item = item_of(tuple, k);
-        if (!item || !(*fields[k] = borrow(held, item, 0, sizeof(Int), &lengths[k]))) return -1;
+        if (!item || !(*fields[k] = borrow(held, item, 0, INTS, &lengths[k]))) return -1;
     }
-    f->n = lengths[3], f->many = lengths[8];
+    Py_ssize_t n = lengths[3], many = lengths[8];
+    if (!lengths[0] || !lengths[9]) return refuse("pointers are never empty");
+    const Py_ssize_t expected[] = {n + 1, f->indptr[lengths[0] - 1], n + 1, n, n, n, n + 1,
+                                   many + 1, many, many + 1, f->begin[lengths[9] - 1], many + 1};
+    for (int k = 0; k < 12; k++)
+        if (lengths[k] != expected[k]) return refuse("not the fronts of a pattern");
+    if (f->start[many] > n) return refuse("more nodes in fronts than in the pattern");
+    f->n = n, f->many = many;
     long long room[3];
     for (int k = 0; k < 3; k++) {
         PyObject *item = item_of(tuple, 12 + k);
@@ -298,53 +361,57 @@ static int fronts_of(Buffers *held, PyObject *tuple, Fronts *f)
     return 0;
 }
 
-/* factor(fronts, data, scale | None, L | None, (weights, sums, squares) | None,
+/* factor(fronts, data, scale | None, L | None, update | None, (weights, sums, squares) | None,
  *        (scale, v, rows) | None, single) -> bool
- * L may have single precision even if the arithmetic has not. */
+ * L may have single precision even if the arithmetic has not. The update is that of the last
+ * supernode, in the precision of the arithmetic. */
 static PyObject *factor(PyObject *self, PyObject *args)
 {
-    PyObject *tuple, *data, *scaling, *into, *sums, *measured, *result = NULL;
+    PyObject *tuple, *data, *scaling, *into, *rest, *sums, *measured, *result = NULL;
     Buffers held = {.count = 0};
     Fronts f;
     Sums wanted = {0, NULL, NULL, NULL};
     Residual residual;
     int single = 0;
-    void *L = NULL;
+    void *L = NULL, *update = NULL;
+    float *rounded = NULL;
     Py_ssize_t length, entries;
-    if (!PyArg_ParseTuple(args, "OOOOOOp", &tuple, &data, &scaling, &into, &sums, &measured, &single))
+    if (!PyArg_ParseTuple(args, "OOOOOOOp", &tuple, &data, &scaling, &into, &rest, &sums, &measured,
+                          &single))
         return NULL;
     if (fronts_of(&held, tuple, &f) < 0) goto done;
-    const double *values = borrow(&held, data, 0, sizeof(double), &entries);
+    const double *values = borrow(&held, data, 0, DOUBLES, &entries);
     if (!values) goto done;
-    float *rounded = NULL;
-    if (into != Py_None && !(L = borrow(&held, into, 1, 0, &length))) goto done;
-    if (L) {
-        Py_ssize_t size = held.views[held.count - 1].itemsize;
-        length /= size;
-        if (size != sizeof(float) && (single || size != sizeof(double))) {
-            PyErr_SetString(PyExc_TypeError, "a factor of floats or doubles expected");
-            goto done;
-        }
-        if (!single && size == sizeof(float)) rounded = L, L = NULL;
+    if (into != Py_None) {
+        if (!(L = borrow(&held, into, 1, single ? FLOATS : REALS, &length))) goto done;
+        if (!single && held.views[held.count - 1].itemsize == sizeof(float)) rounded = L, L = NULL;
     }
     if (entries != f.entry[f.n] || ((L || rounded) && length != f.panel[f.many])) {
-        PyErr_SetString(PyExc_ValueError, "a matrix of another pattern");
+        refuse("a matrix of another pattern");
         goto done;
+    }
+    if (rest != Py_None) {
+        Py_ssize_t room;
+        if (!(update = borrow(&held, rest, 1, single ? FLOATS : DOUBLES, &room))) goto done;
+        if (!f.many || room != below(&f, f.many - 1) * below(&f, f.many - 1)) {
+            refuse("an update of another size");
+            goto done;
+        }
     }
     Py_ssize_t N = f.offset[f.n], lengths[3];
     void *arrays[3];
     const double *scale = NULL;
     if (scaling != Py_None) {
-        if (!(scale = borrow(&held, scaling, 0, sizeof(double), lengths))) goto done;
+        if (!(scale = borrow(&held, scaling, 0, DOUBLES, lengths))) goto done;
         if (lengths[0] != N) {
-            PyErr_SetString(PyExc_ValueError, "a scale of N rows expected");
+            refuse("a scale of N rows expected");
             goto done;
         }
     }
     if (sums != Py_None) {
         if (borrow_three(&held, sums, 1, arrays, lengths) < 0) goto done;
-        if (lengths[2] != N || lengths[0] != lengths[1] || lengths[0] % N) {
-            PyErr_SetString(PyExc_ValueError, "weights and sums differ in size");
+        if (!N || lengths[2] != N || lengths[0] != lengths[1] || lengths[0] % N) {
+            refuse("weights and sums differ in size");
             goto done;
         }
         wanted.columns = lengths[0] / N;
@@ -353,7 +420,7 @@ static PyObject *factor(PyObject *self, PyObject *args)
     if (measured != Py_None) {
         if (borrow_three(&held, measured, 2, arrays, lengths) < 0) goto done;
         if (lengths[0] != N || lengths[1] != N || lengths[2] != N || single) {
-            PyErr_SetString(PyExc_ValueError, "a residual of N rows in double precision expected");
+            refuse("a residual of N rows in double precision expected");
             goto done;
         }
         residual.scale = arrays[0], residual.v = arrays[1], residual.sums = arrays[2];
@@ -361,8 +428,8 @@ static PyObject *factor(PyObject *self, PyObject *args)
     const Residual *wish = measured == Py_None ? NULL : &residual;
     int outcome;
     Py_BEGIN_ALLOW_THREADS
-    outcome = single ? factor_float(&f, values, scale, L, &wanted, NULL, NULL)
-                     : factor_double(&f, values, scale, L, &wanted, wish, rounded);
+    outcome = single ? factor_float(&f, values, scale, L, update, &wanted, NULL, NULL)
+                     : factor_double(&f, values, scale, L, update, &wanted, wish, rounded);
     Py_END_ALLOW_THREADS
     if (outcome == -1) PyErr_NoMemory();
     if (outcome >= 0) result = PyBool_FromLong(outcome);
@@ -371,28 +438,30 @@ done:
     return result;
 }
 
-/* solve(fronts, L, X, single): X (k, N), in the order of L's rows, is overwritten */
+/* solve(fronts, L, X, single, way): X (k, N), in the order of L's rows, is overwritten by the
+ * solution of L L^T, if way > 0 of L, if way < 0 of L^T */
 static PyObject *solve(PyObject *self, PyObject *args)
 {
     PyObject *tuple, *factor_object, *right, *result = NULL;
     Buffers held = {.count = 0};
     Fronts f;
-    int single;
+    int single, way;
     Py_ssize_t length, entries;
-    if (!PyArg_ParseTuple(args, "OOOp", &tuple, &factor_object, &right, &single)) return NULL;
+    if (!PyArg_ParseTuple(args, "OOOpi", &tuple, &factor_object, &right, &single, &way)) return NULL;
     if (fronts_of(&held, tuple, &f) < 0) goto done;
-    Int size = single ? sizeof(float) : sizeof(double);
-    const void *L = borrow(&held, factor_object, 0, size, &length);
-    void *X = L ? borrow(&held, right, 1, size, &entries) : NULL;
+    Kind kind = single ? FLOATS : DOUBLES;
+    const void *L = borrow(&held, factor_object, 0, kind, &length);
+    void *X = L ? borrow(&held, right, 1, kind, &entries) : NULL;
     if (!X) goto done;
     Int N = f.offset[f.n];
-    if (length != f.panel[f.many] || entries % N) {
-        PyErr_SetString(PyExc_ValueError, "a factor or right-hand side of another matrix");
+    if (!N || length != f.panel[f.many] || entries % N) {
+        refuse("a factor or right-hand side of another matrix");
         goto done;
     }
     int outcome;
     Py_BEGIN_ALLOW_THREADS
-    outcome = single ? solve_float(&f, L, X, entries / N) : solve_double(&f, L, X, entries / N);
+    outcome = single ? solve_float(&f, L, X, entries / N, way)
+                     : solve_double(&f, L, X, entries / N, way);
     Py_END_ALLOW_THREADS
     if (outcome < 0)
         PyErr_NoMemory();
@@ -412,12 +481,12 @@ static PyObject *multiply(PyObject *self, PyObject *args)
     Py_ssize_t entries, columns, rows;
     if (!PyArg_ParseTuple(args, "OOOO", &tuple, &objects[0], &objects[1], &objects[2])) return NULL;
     if (fronts_of(&held, tuple, &f) < 0) goto done;
-    const double *data = borrow(&held, objects[0], 0, sizeof(double), &entries);
-    const double *x = data ? borrow(&held, objects[1], 0, sizeof(double), &columns) : NULL;
-    double *y = x ? borrow(&held, objects[2], 1, sizeof(double), &rows) : NULL;
+    const double *data = borrow(&held, objects[0], 0, DOUBLES, &entries);
+    const double *x = data ? borrow(&held, objects[1], 0, DOUBLES, &columns) : NULL;
+    double *y = x ? borrow(&held, objects[2], 1, DOUBLES, &rows) : NULL;
     if (!y) goto done;
     if (entries != f.entry[f.n] || columns != f.offset[f.n] || rows != columns) {
-        PyErr_SetString(PyExc_ValueError, "a matrix or vector of another size");
+        refuse("a matrix or vector of another size");
         goto done;
     }
     Int *first = malloc((size_t)(f.n + 1) * sizeof(Int));
@@ -464,13 +533,13 @@ static PyObject *lower(PyObject *self, PyObject *args)
     if (!PyArg_ParseTuple(args, "OOOOO", &tuple, &objects[0], &objects[1], &objects[2], &objects[3]))
         return NULL;
     if (fronts_of(&held, tuple, &f) < 0) goto done;
-    const double *L = borrow(&held, objects[0], 0, sizeof(double), &length);
-    Int *heights = L ? borrow(&held, objects[1], 1, sizeof(Int), &columns) : NULL;
-    Int *rows = heights ? borrow(&held, objects[2], 1, sizeof(Int), &room) : NULL;
-    double *values = rows ? borrow(&held, objects[3], 1, sizeof(double), &also) : NULL;
+    const double *L = borrow(&held, objects[0], 0, DOUBLES, &length);
+    Int *heights = L ? borrow(&held, objects[1], 1, INTS, &columns) : NULL;
+    Int *rows = heights ? borrow(&held, objects[2], 1, INTS, &room) : NULL;
+    double *values = rows ? borrow(&held, objects[3], 1, DOUBLES, &also) : NULL;
     if (!values) goto done;
     if (length != f.panel[f.many] || columns != f.offset[f.n] || room < length || also < length) {
-        PyErr_SetString(PyExc_ValueError, "a factor of another matrix");
+        refuse("a factor of another matrix");
         goto done;
     }
     Int used = 0;
@@ -499,22 +568,22 @@ done:
 /* The graph of a tuple (pairs, P, K | None, kappa, tau | None, moved | None, arms | None). */
 static int edges_of(Buffers *held, PyObject *tuple, Int d, Edges *g)
 {
+    if (d != 2 && d != 3) return refuse("graphs are in 2 or 3 dimensions");
     const double **fields[] = {&g->P, &g->K, &g->kappa, &g->tau, &g->moved, &g->arms};
     Int lengths[] = {d * d, d * d, 1, 1, d, d};
     Py_ssize_t length;
     PyObject *item = item_of(tuple, 0);
-    if (!item || !(g->pairs = borrow(held, item, 0, sizeof(Int), &length))) return -1;
+    if (!item || !(g->pairs = borrow(held, item, 0, INTS, &length))) return -1;
     g->m = length / 2, g->d = d;
     for (int k = 0; k < 6; k++) {
         if (!(item = item_of(tuple, k + 1))) return -1;
         *fields[k] = NULL;
         if (item == Py_None) continue;
-        if (!(*fields[k] = borrow(held, item, 0, sizeof(double), &length))) return -1;
-        if (length != g->m * lengths[k]) {
-            PyErr_SetString(PyExc_ValueError, "arrays of edges differ in length");
-            return -1;
-        }
+        if (!(*fields[k] = borrow(held, item, 0, DOUBLES, &length))) return -1;
+        if (length != g->m * lengths[k]) return refuse("arrays of edges differ in length");
     }
+    if (!g->P || !(g->K || g->kappa) || (g->tau && !g->moved))
+        return refuse("measured rotations, their weights, and with tau translations expected");
     return 0;
 }
 
@@ -526,10 +595,10 @@ static PyObject *worst_defect(PyObject *self, PyObject *args)
     Py_ssize_t size;
     int d;
     if (!PyArg_ParseTuple(args, "Oi", &object, &d)) return NULL;
-    const double *R = borrow(&held, object, 0, sizeof(double), &size);
+    const double *R = borrow(&held, object, 0, DOUBLES, &size);
     if (!R) goto done;
     if (d < 2 || d > 3 || size % (d * d)) {
-        PyErr_SetString(PyExc_ValueError, "matrices of 2 or 3 rows expected");
+        refuse("matrices of 2 or 3 rows expected");
         goto done;
     }
     double largest;
@@ -552,17 +621,17 @@ static PyObject *gradient(PyObject *self, PyObject *args)
                           &objects[3]))
         return NULL;
     if (edges_of(&held, tuple, d, &g) < 0) goto done;
-    const double *t = NULL, *R = borrow(&held, objects[0], 0, sizeof(double), &many);
+    const double *t = NULL, *R = borrow(&held, objects[0], 0, DOUBLES, &many);
     if (!R) goto done;
-    if (g.tau && !(t = borrow(&held, objects[1], 0, sizeof(double), &positions))) goto done;
-    double *G = NULL, *terms = borrow(&held, objects[3], 1, sizeof(double), &terms_size);
+    if (g.tau && !(t = borrow(&held, objects[1], 0, DOUBLES, &positions))) goto done;
+    double *G = NULL, *terms = borrow(&held, objects[3], 1, DOUBLES, &terms_size);
     if (!terms) goto done;
-    if (objects[2] != Py_None && !(G = borrow(&held, objects[2], 1, sizeof(double), &size)))
+    if (objects[2] != Py_None && !(G = borrow(&held, objects[2], 1, DOUBLES, &size)))
         goto done;
-    Int n = many / (r * d);
-    if (r > 32 || terms_size != g.m || (G && size != n * r * (d + (g.tau != NULL))) ||
+    Int n = r > 0 ? many / (r * d) : 0;
+    if (r < 1 || r > 32 || n * r * d != many || !all_below(g.pairs, 2 * g.m, n) || terms_size != g.m || (G && size != n * r * (d + (g.tau != NULL))) ||
         (g.tau && positions != n * r)) {
-        PyErr_SetString(PyExc_ValueError, "points of another graph, or of a rank above 32");
+        refuse("points of another graph, or of a rank above 32");
         goto done;
     }
     Py_BEGIN_ALLOW_THREADS
@@ -586,15 +655,15 @@ static PyObject *coupling(PyObject *self, PyObject *args)
     Buffers held = {.count = 0};
     Edges g;
     int d;
-    Py_ssize_t size;
+    Py_ssize_t many, size;
     if (!PyArg_ParseTuple(args, "OiOO", &tuple, &d, &objects[0], &objects[1])) return NULL;
     if (edges_of(&held, tuple, d, &g) < 0) goto done;
-    const double *R = borrow(&held, objects[0], 0, sizeof(double), NULL);
-    double *upper = R ? borrow(&held, objects[1], 1, sizeof(double), &size) : NULL;
+    const double *R = borrow(&held, objects[0], 0, DOUBLES, &many);
+    double *upper = R ? borrow(&held, objects[1], 1, DOUBLES, &size) : NULL;
     if (!upper) goto done;
     Int b = (d == 2 ? 1 : 3) + (g.tau ? d : 0);
-    if (size != g.m * b * b) {
-        PyErr_SetString(PyExc_ValueError, "blocks of another graph");
+    if (size != g.m * b * b || !all_below(g.pairs, 2 * g.m, many / (d * d))) {
+        refuse("blocks of another graph");
         goto done;
     }
     Py_BEGIN_ALLOW_THREADS
@@ -620,13 +689,15 @@ static PyObject *assemble(PyObject *self, PyObject *args)
                           &objects[4], &objects[5], &objects[6]))
         return NULL;
     for (int k = 0; k < 7; k++)
-        if (!(arrays[k] = borrow(&held, objects[k], k == 6, 8, &lengths[k]))) goto done;
+        if (!(arrays[k] = borrow(&held, objects[k], k == 6, k < 4 ? INTS : DOUBLES, &lengths[k])))
+            goto done;
     Int n = lengths[1], m = lengths[3] / 2, b = 1;
-    while (b * b * n < lengths[4]) b++;
+    while (n && b * b * n < lengths[4]) b++;
     const Int *indptr = arrays[0];
     if (lengths[0] != n + 1 || lengths[2] != 2 * m || lengths[4] != n * b * b ||
-        lengths[5] != m * b * b || lengths[6] != indptr[n] * b * b) {
-        PyErr_SetString(PyExc_ValueError, "blocks of another pattern");
+        lengths[5] != m * b * b || lengths[6] != indptr[n] * b * b ||
+        !are_places(n, m, indptr, arrays[1], arrays[2], arrays[3])) {
+        refuse("blocks of another pattern");
         goto done;
     }
     Py_BEGIN_ALLOW_THREADS
@@ -646,12 +717,12 @@ static PyObject *expand(PyObject *self, PyObject *args)
     Py_ssize_t pointers, blocks, size;
     int b;
     if (!PyArg_ParseTuple(args, "OOiO", &objects[0], &objects[1], &b, &objects[2])) return NULL;
-    const Int *indptr = borrow(&held, objects[0], 0, sizeof(Int), &pointers);
-    const Int *indices = indptr ? borrow(&held, objects[1], 0, sizeof(Int), &blocks) : NULL;
-    int32_t *rows = indices ? borrow(&held, objects[2], 1, sizeof(int32_t), &size) : NULL;
+    const Int *indptr = borrow(&held, objects[0], 0, INTS, &pointers);
+    const Int *indices = indptr ? borrow(&held, objects[1], 0, INTS, &blocks) : NULL;
+    int32_t *rows = indices ? borrow(&held, objects[2], 1, SHORT_INTS, &size) : NULL;
     if (!rows) goto done;
-    if (indptr[pointers - 1] != blocks || size != blocks * b * b) {
-        PyErr_SetString(PyExc_ValueError, "rows of another pattern");
+    if (!are_pointers(indptr, pointers, blocks) || size != blocks * b * b) {
+        refuse("rows of another pattern");
         goto done;
     }
     for (Int i = 0; i + 1 < pointers; i++)
@@ -671,12 +742,12 @@ static PyObject *diagonal_places(PyObject *self, PyObject *args)
     Buffers held = {.count = 0};
     Py_ssize_t pointers, entries, size;
     if (!PyArg_ParseTuple(args, "OOO", &objects[0], &objects[1], &objects[2])) return NULL;
-    const int32_t *indptr = borrow(&held, objects[0], 0, sizeof(int32_t), &pointers);
-    const int32_t *rows = indptr ? borrow(&held, objects[1], 0, sizeof(int32_t), &entries) : NULL;
-    Int *places = rows ? borrow(&held, objects[2], 1, sizeof(Int), &size) : NULL;
+    const int32_t *indptr = borrow(&held, objects[0], 0, SHORT_INTS, &pointers);
+    const int32_t *rows = indptr ? borrow(&held, objects[1], 0, SHORT_INTS, &entries) : NULL;
+    Int *places = rows ? borrow(&held, objects[2], 1, INTS, &size) : NULL;
     if (!places) goto done;
     if (pointers != size + 1 || indptr[size] != entries) {
-        PyErr_SetString(PyExc_ValueError, "pointers of another matrix");
+        refuse("pointers of another matrix");
         goto done;
     }
     for (Int column = 0; column < size; column++) {
@@ -689,7 +760,7 @@ static PyObject *diagonal_places(PyObject *self, PyObject *args)
                 high = middle;
         }
         if (low == indptr[column + 1] || rows[low] != column) {
-            PyErr_SetString(PyExc_ValueError, "a diagonal entry is not stored");
+            refuse("a diagonal entry is not stored");
             goto done;
         }
         places[column] = low;
@@ -708,20 +779,18 @@ static PyObject *scatter_sum(PyObject *self, PyObject *args)
     Py_ssize_t m, entries, size;
     int columns;
     if (!PyArg_ParseTuple(args, "OOOi", &objects[0], &objects[1], &objects[2], &columns)) return NULL;
-    const Int *index = borrow(&held, objects[0], 0, sizeof(Int), &m);
-    const double *values = index ? borrow(&held, objects[1], 0, sizeof(double), &entries) : NULL;
-    double *sums = values ? borrow(&held, objects[2], 1, sizeof(double), &size) : NULL;
+    const Int *index = borrow(&held, objects[0], 0, INTS, &m);
+    const double *values = index ? borrow(&held, objects[1], 0, DOUBLES, &entries) : NULL;
+    double *sums = values ? borrow(&held, objects[2], 1, DOUBLES, &size) : NULL;
     if (!sums) goto done;
-    if (entries != m * columns) {
-        PyErr_SetString(PyExc_ValueError, "as many rows as indices expected");
+    if (columns < 1 || entries != m * columns || size % columns) {
+        refuse("as many rows as indices expected");
         goto done;
     }
-    Int rows = columns ? size / columns : 0;
-    for (Int e = 0; e < m; e++)
-        if (index[e] < 0 || index[e] >= rows) {
-            PyErr_SetString(PyExc_IndexError, "a row out of range");
-            goto done;
-        }
+    if (!all_below(index, m, size / columns)) {
+        PyErr_SetString(PyExc_IndexError, "a row out of range");
+        goto done;
+    }
     Py_BEGIN_ALLOW_THREADS
     for (Int e = 0; e < m; e++)
         for (Int k = 0; k < columns; k++) sums[index[e] * columns + k] += values[e * columns + k];
