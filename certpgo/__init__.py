@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from certpgo.certify.proof_file import check, write_proof
     from certpgo.costs.gtsam_graph import from_gtsam, to_gtsam
     from certpgo.io import read, read_estimate, write
+    from certpgo.linalg.distributed.schedulers import scheduler
     from certpgo.registry import get_solver
 
 #: Imported on first use, to keep `import certpgo` fast.
@@ -48,6 +49,7 @@ _LATER = {
     "write": "io",
     "write_proof": "certify.proof_file",
     "get_solver": "registry",
+    "scheduler": "linalg.distributed.schedulers",
 }
 
 __version__ = "0.1.0"
@@ -86,6 +88,7 @@ __all__ = [
     "get_solver",
     "read",
     "read_estimate",
+    "scheduler",
     "solve",
     "solve_robustly",
     "write",

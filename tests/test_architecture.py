@@ -62,7 +62,8 @@ HOMES = {
     "flint": ("reports/harness/certifiers/oracle.py",),
     "matplotlib": ("reports/harness/experiments/figure.py",),
     "joblib": ("reports/harness/experiments/execute.py",),
-    "distributed": ("reports/harness/experiments/execute.py",),
+    "dask": ("certpgo/linalg/distributed/",),
+    "distributed": ("certpgo/linalg/distributed/schedulers.py",),
     "ray": ("reports/harness/experiments/execute.py",),
     "gtsam": ("certpgo/costs/gtsam_graph.py",),
 }

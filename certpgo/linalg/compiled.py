@@ -7,4 +7,7 @@ except (ImportError, AttributeError, KeyError):  # no kernel, or another SciPy t
 else:
     AVAILABLE = True
 
-__all__ = ["AVAILABLE", "kernel"]
+#: How to install it.
+COMPILED = "--force-reinstall certpgo, where a C compiler is"
+
+__all__ = ["AVAILABLE", "COMPILED", "kernel"]

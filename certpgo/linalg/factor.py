@@ -11,13 +11,17 @@ from __future__ import annotations
 import importlib.util
 import os
 from functools import cached_property
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from certpgo.errors import MissingDependency, SpecError
 from certpgo.linalg import multifrontal, superlu
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
+from certpgo.linalg.compiled import COMPILED
+from certpgo.linalg.distributed import schedulers
+from certpgo.linalg.distributed.fronts import DistributedFronts
+from certpgo.linalg.multifrontal import Precision
 from certpgo.linalg.rounding_bound import (
     OTHERS,
     RoundingBound,
@@ -34,12 +38,8 @@ TWO_SIDED = 2
 FLOPS_PER_ENTRY = 60.0
 #: Bytes from which a factor is heavy.
 HEAVY = 4e9
-#: How to install the compiled engine.
-COMPILED = "--force-reinstall certpgo, where a C compiler is"
-
-
-#: Of a factorization: "mixed" computes in double precision and keeps L in single.
-Precision = Literal["double", "single", "mixed"]
+#: Multiplications from which a factorization is distributed, where there is a scheduler: seconds.
+DISTRIBUTED_FROM = 5e9
 
 
 class Factor(Protocol):
@@ -188,7 +188,10 @@ class _FrontsAnalysis:
         self._tree = multifrontal.Tree.of(indptr, indices, order)
 
     def blocks(self, sizes: IntArray) -> Symbolic:
-        return _Multifrontal(multifrontal.Fronts(self._tree, sizes))
+        fronts, scheduler = multifrontal.Fronts(self._tree, sizes), schedulers.current()
+        if scheduler is not None and fronts.flops >= DISTRIBUTED_FROM:
+            fronts = DistributedFronts(self._tree, sizes, scheduler)
+        return _Multifrontal(fronts)
 
 
 class _Multifrontal:

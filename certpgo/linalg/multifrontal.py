@@ -15,7 +15,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property
 from threading import Lock
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -34,6 +34,8 @@ ROUNDED_UP = 1.001
 PARALLEL = 3e11
 #: Arrays of a factorization: weights, sums and squares, or scale, weights and sums.
 Triple = tuple[FloatArray, FloatArray, FloatArray]
+#: Of a factorization: "mixed" computes in double precision and keeps L in single.
+Precision = Literal["double", "single", "mixed"]
 #: L, in double or single precision.
 Kept = FloatArray | np.ndarray[Any, np.dtype[np.float32]]
 
@@ -73,8 +75,39 @@ class Tree:
         return Tree(*pattern, *(np.frombuffer(part, dtype=np.int64) for part in found))
 
 
+@dataclass(frozen=True, eq=False)
+class Elimination:
+    """What a factorization gives; all rows are in the order of L.
+
+    Attributes
+    ----------
+    panels : L, if it is kept
+    update : what is left of the rows below the roots, lower triangles one after another
+    sums : (k, N) |L| |L|^T w
+    squares : (N,) squared norms of L's rows, unless L is kept
+    residual : (N,) bounds on the row sums of |A - L L^T|, scaled, if it is measured
+    """
+
+    panels: Any
+    update: Kept
+    sums: FloatArray
+    squares: FloatArray
+    residual: FloatArray
+
+
 class Fronts:
-    """The fronts of matrices whose nodes have ``sizes`` (n,) rows."""
+    """The fronts of matrices whose nodes have ``sizes`` (n,) rows.
+
+    Attributes
+    ----------
+    tree : the elimination tree
+    sizes : (n,)
+    place : (n,) of each node in the elimination order
+    offset : (n + 1,) where rows of L begin, in that order
+    entry : (n + 1,) where the columns of each node begin among the entries of a matrix
+    size : rows of the matrix
+    entries : of L
+    """
 
     def __init__(self, tree: Tree, sizes: IntArray) -> None:
         sizes = _integers(sizes)
@@ -88,20 +121,31 @@ class Fronts:
         entry = _running(heights * sizes)
         pattern = tree.indptr, tree.indices, entry, order, place, sizes, offset
         self._fronts: Any = *pattern, tree.start, tree.above, tree.begin, tree.rows, panel, *room
-        self.entries, self.size, self._tree = int(panel[-1]), int(offset[-1]), tree
-        self._sizes, self._offset, self._panel = sizes, offset, panel
+        self.entries, self.size, self.tree = int(panel[-1]), int(offset[-1]), tree
+        self.sizes, self.offset, self.entry, self.place = sizes, offset, entry, place
+        self._panel = panel
+        below = np.diff(panel) // np.maximum(np.diff(offset[tree.start]), 1)
+        below -= np.diff(offset[tree.start])
+        self._room = int((below[tree.above < 0] ** 2).sum())
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # Arrays out of a message may lie at odd addresses.
+        state["_fronts"] = tuple(
+            _aligned(part) if isinstance(part, np.ndarray) else part for part in state["_fronts"]
+        )
+        self.__dict__.update(state)
 
     @cached_property
     def order(self) -> IntArray:
         """(N,) row of A of each row of L."""
-        starts = _running(self._sizes)[self._tree.order]
-        sizes = self._sizes[self._tree.order]
-        return np.asarray(np.repeat(starts - self._offset[:-1], sizes) + np.arange(self.size))
+        starts = _running(self.sizes)[self.tree.order]
+        sizes = self.sizes[self.tree.order]
+        return np.asarray(np.repeat(starts - self.offset[:-1], sizes) + np.arange(self.size))
 
     @cached_property
     def lengths(self) -> FloatArray:
         """(N,) upper bounds on the nonzeros of L's rows, in the order of A."""
-        tree, sizes, lengths = self._tree, self._sizes, np.empty(len(self._sizes))
+        tree, sizes, lengths = self.tree, self.sizes, np.empty(len(self.sizes))
         if (sizes != sizes[0]).any():
             tree, scale = Tree.of(tree.indptr, tree.indices, tree.order, sizes), 1
         else:
@@ -111,8 +155,8 @@ class Fronts:
 
     def factor(self, data: FloatArray) -> Panels | None:
         """The factor of the matrix with these entries; None if it is not positive definite."""
-        panels = np.empty(self.entries)
-        return Panels(self, panels) if self._run(data, panels=panels) else None
+        done = self.eliminate(data, keep="double")
+        return None if done is None else Panels(self, done.panels)
 
     def factor_kept_single(
         self, data: FloatArray, diagonal: FloatArray, *, mixed: bool = False
@@ -125,29 +169,9 @@ class Fronts:
         """
         if not ((diagonal > 0.0) & (diagonal < np.inf)).all():
             return None
-        scale, panels = self._scale(diagonal), np.empty(self.entries, dtype=np.float32)
-        done = self._run(data, scale=scale, panels=panels, single=not mixed)
-        return Panels(self, panels, scale) if done else None
-
-    def _run(
-        self,
-        data: FloatArray,
-        *,
-        scale: FloatArray | None = None,
-        panels: Kept | None = None,
-        sums: Triple | None = None,
-        residual: Triple | None = None,
-        single: bool = False,
-    ) -> bool:
-        """A factorization; threads of BLAS only wait for each other in small fronts."""
-        arguments = data, scale, panels, None, sums, residual, single
-        with nullcontext() if self.flops >= PARALLEL else _one_thread:
-            return compiled.kernel.factor(self._fronts, *arguments)
-
-    def _scale(self, diagonal: FloatArray) -> FloatArray:
-        """(N,) powers of two that make the diagonal about one, in the order of L."""
-        exponents = -np.round(0.5 * np.log2(diagonal)).astype(int)
-        return np.asarray(np.ldexp(1.0, exponents)[self.order])
+        scale = self._scale(diagonal)
+        done = self.eliminate(data, scale=scale, keep="mixed" if mixed else "single")
+        return None if done is None else Panels(self, done.panels, scale)
 
     def row_sums(
         self, data: FloatArray, weights: FloatArray
@@ -156,12 +180,11 @@ class Fronts:
 
         None if the matrix is not positive definite.
         """
-        w = np.ascontiguousarray(weights[self.order].T)
-        sums, squares = np.zeros_like(w), np.zeros(self.size)
-        if not self._run(data, sums=(w, sums, squares)):
+        done = self.eliminate(data, weights=np.ascontiguousarray(weights[self.order].T))
+        if done is None:
             return None
         absolute, norms = np.empty_like(weights), np.empty(self.size)
-        absolute[self.order], norms[self.order] = sums.T, squares
+        absolute[self.order], norms[self.order] = done.sums.T, done.squares
         return absolute, norms
 
     def residual(
@@ -173,13 +196,57 @@ class Fronts:
         ``diagonal`` (N,) of A. None if the matrix is not positive definite.
         """
         scale = self._scale(diagonal)
-        v, rows, squares = weights[self.order] / scale, np.zeros(self.size), np.zeros(self.size)
-        sums = np.empty((0, self.size)), np.empty((0, self.size)), squares
-        if not self._run(data, sums=sums, residual=(scale, v, rows)):
+        done = self.eliminate(data, measured=(scale, weights[self.order] / scale))
+        if done is None:
             return None
         bound, norms = np.empty(self.size), np.empty(self.size)
-        bound[self.order], norms[self.order] = ROUNDED_UP * rows / scale, squares
+        bound[self.order] = ROUNDED_UP * done.residual / scale
+        norms[self.order] = done.squares
         return bound, norms
+
+    def eliminate(
+        self,
+        data: FloatArray,
+        *,
+        scale: FloatArray | None = None,
+        keep: Precision | None = None,
+        weights: FloatArray | None = None,
+        measured: tuple[FloatArray, FloatArray] | None = None,
+    ) -> Elimination | None:
+        """Factorize the matrix with these entries; None if it is not positive definite.
+
+        Parameters
+        ----------
+        data : entries of the matrix
+        scale : (N,) multiplies rows and columns
+        keep : of what precision the factor is, if it is kept
+        weights : (k, N), to sum |L| |L|^T w
+        measured : (N,) powers of two that make the diagonal about one and weights over these, to
+            measure the residual; only in double precision
+
+        All rows are in the order of L.
+        """
+        panels: Any = None
+        if keep is not None:
+            panels = np.empty(self.entries, dtype=np.float64 if keep == "double" else np.float32)
+        update: Any = np.empty(self._room, dtype=np.float32 if keep == "single" else np.float64)
+        if weights is None:
+            weights = np.empty((0, self.size))
+        sums, squares, residual = np.zeros_like(weights), np.zeros(self.size), np.zeros(self.size)
+        summed = None if keep else (_aligned(weights), sums, squares)
+        wish = None if measured is None else (*map(_aligned, measured), residual)
+        scale = None if scale is None else _aligned(scale)
+        options: Any = scale, panels, update, summed, wish, keep == "single"
+        data = _aligned(data)
+        # Threads of BLAS only wait for each other in small fronts.
+        with nullcontext() if self.flops >= PARALLEL else _one_thread:
+            done = compiled.kernel.factor(self._fronts, data, *options)
+        return Elimination(panels, update, sums, squares, residual) if done else None
+
+    def _scale(self, diagonal: FloatArray) -> FloatArray:
+        """(N,) powers of two that make the diagonal about one, in the order of L."""
+        exponents = -np.round(0.5 * np.log2(diagonal)).astype(int)
+        return np.asarray(np.ldexp(1.0, exponents)[self.order])
 
     def multiply(self, data: FloatArray, x: FloatArray) -> FloatArray:
         """A x for x (N,)."""
@@ -188,24 +255,35 @@ class Fronts:
         return y
 
     @cached_property
+    def work(self) -> FloatArray:
+        """Multiplications of each supernode."""
+        entries, widths = np.diff(self._panel), np.diff(self.offset[self.tree.start])
+        return np.asarray(entries * (entries / widths))
+
+    @property
     def flops(self) -> float:
         """Multiplications of a factorization."""
-        entries, widths = np.diff(self._panel), np.diff(self._offset[self._tree.start])
-        return float((entries * (entries / widths)).sum())
+        return float(self.work.sum())
 
     def solve(self, panels: Kept, scale: FloatArray | None, B: FloatArray) -> FloatArray:
         """A^-1 B for B (N,) or (N, k)."""
-        right, kept = np.atleast_2d(B[self.order].T), panels.dtype
+        right = np.atleast_2d(B[self.order].T)
         if scale is not None:
             right = right * scale
         # Within the range of any precision.
         unit = np.ldexp(1.0, np.frexp(np.abs(right).max(axis=1, initial=0.0))[1])[:, None]
-        X: Any = np.array(right / unit, dtype=kept, order="C")
-        compiled.kernel.solve(self._fronts, panels, X, kept == np.float32, 0)
+        X = self.substitute(panels, right / unit)
         X = X * unit if scale is None else X * (unit * scale)
         solution = np.empty(B.shape)
         solution[self.order] = X[0] if B.ndim == 1 else X.T
         return solution
+
+    def substitute(self, panels: Kept, right: FloatArray, way: int = 0) -> FloatArray:
+        """L^-T L^-1 X for X (k, N) in the order of L; only L^-1 if way > 0, L^-T if way < 0."""
+        kept: Any = panels.dtype
+        X = np.array(right, dtype=kept, order="C")
+        compiled.kernel.solve(self._fronts, _aligned(panels), X, kept == np.float32, way)
+        return np.asarray(X, dtype=np.float64)
 
     def lower(self, panels: Kept) -> CSC:
         """L, with the zeros that the merging of supernodes stores."""
@@ -269,6 +347,11 @@ _one_thread = _OneThread()
 
 def _integers(values: IntArray) -> IntArray:
     return np.ascontiguousarray(values, dtype=np.int64)
+
+
+def _aligned(values: Any) -> Any:
+    """The array, copied if compiled code cannot read it: contiguous, at an even address."""
+    return np.require(values, requirements=["C", "A"])
 
 
 def _running(values: IntArray) -> IntArray:

@@ -25,7 +25,8 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal
 from certpgo.linalg.cg import End, Truncated, conjugate_gradients
-from certpgo.linalg.factor import Factor, Precision, Symbolic
+from certpgo.linalg.factor import Factor, Symbolic
+from certpgo.linalg.multifrontal import Precision
 from certpgo.objective.base import FirstOrder
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize.iterative import Iterative

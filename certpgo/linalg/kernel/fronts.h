@@ -138,7 +138,7 @@ static Int IN(find_runs)(const Fronts *f, Int c, const Int *at, Int nc, Int *run
 
 /* 1 if A = L L^T was factorized, 0 if it is not positive definite, -1 without memory, -2 if
  * interrupted. Without L, panels are dropped as soon as they are summed, or kept in single precision
- * in `rounded`. The update of the last supernode is copied to `rest`. A residual is measured in double precision only, where the casts below are none. */
+ * in `rounded`. The updates of the roots are copied to `rest`. A residual is measured in double precision only, where the casts below are none. */
 static int IN(factor)(const Fronts *f, const double *data, const double *scale, REAL *L, REAL *rest,
                       const Sums *sums, const Residual *residual, float *rounded)
 {
@@ -198,10 +198,7 @@ static int IN(factor)(const Fronts *f, const double *data, const double *scale, 
             goto done;
         }
     }
-    if (rest) {
-        Int m = below(f, f->many - 1);
-        memcpy(rest, stack + top - m * m, (size_t)(m * m) * sizeof(REAL));
-    }
+    if (rest) memcpy(rest, stack, (size_t)top * sizeof(REAL));
     outcome = 1;
 done:
     free_copies(&copies);

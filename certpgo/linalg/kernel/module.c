@@ -363,8 +363,8 @@ static int fronts_of(Buffers *held, PyObject *tuple, Fronts *f)
 
 /* factor(fronts, data, scale | None, L | None, update | None, (weights, sums, squares) | None,
  *        (scale, v, rows) | None, single) -> bool
- * L may have single precision even if the arithmetic has not. The update is that of the last
- * supernode, in the precision of the arithmetic. */
+ * L may have single precision even if the arithmetic has not. Updates are those of
+ * the roots, one after another, in the precision of the arithmetic. */
 static PyObject *factor(PyObject *self, PyObject *args)
 {
     PyObject *tuple, *data, *scaling, *into, *rest, *sums, *measured, *result = NULL;
@@ -393,7 +393,9 @@ static PyObject *factor(PyObject *self, PyObject *args)
     if (rest != Py_None) {
         Py_ssize_t room;
         if (!(update = borrow(&held, rest, 1, single ? FLOATS : DOUBLES, &room))) goto done;
-        if (!f.many || room != below(&f, f.many - 1) * below(&f, f.many - 1)) {
+        for (Int s = 0; s < f.many; s++)
+            if (f.above[s] < 0) room -= below(&f, s) * below(&f, s);
+        if (room) {
             refuse("an update of another size");
             goto done;
         }

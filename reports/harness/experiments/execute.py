@@ -18,6 +18,7 @@ from typing import Any
 
 from certpgo import registry
 from certpgo.errors import InputError, MissingDependency
+from certpgo.linalg.distributed.schedulers import dask_client
 from reports.harness.experiments.absence import DIED, Missing
 from reports.harness.experiments.figure import Data
 from reports.harness.experiments.plan import FigureTask, TableTask, Task, run_task
@@ -217,7 +218,7 @@ def _connection(pool: Pool, stack: ExitStack) -> tuple[Callable[[], Any], int]:
     if pool.scheduler.startswith(RAY):
         cores = _connect_ray(pool.scheduler, stack)
         return lambda: parallel_config("ray"), cores
-    client = stack.enter_context(_dask_client(pool.scheduler))
+    client = stack.enter_context(dask_client(pool.scheduler))
     backend = _backend_reporting_deaths()
     waiting = {"wait_for_workers_timeout": PATIENCE}
     return lambda: parallel_config(backend(client=client, **waiting)), pool.jobs
@@ -242,18 +243,6 @@ def _backend_reporting_deaths() -> Any:
             )
 
     return Reporting
-
-
-def _dask_client(address: str) -> Any:
-    try:
-        from distributed import Client
-    except ImportError:
-        raise MissingDependency("Dask", "cluster") from None
-    try:
-        connect: Any = Client
-        return connect(address, timeout="10s", set_as_default=False)
-    except OSError:
-        raise InputError(f"{address}: no Dask scheduler responds there") from None
 
 
 def _connect_ray(address: str, stack: ExitStack) -> int:

@@ -1,0 +1,169 @@
+"""The result of certpgo solve for one connected graph: printed, as JSON, as a proof, as a page."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from certpgo.cli import _verdict
+from certpgo.cli._paging import origin_of, write_page
+from certpgo.cli._proving import prove
+from certpgo.cli._reading import Reading
+from certpgo.cli._show import facts, notice
+
+if TYPE_CHECKING:
+    from certpgo.certify import Certificate
+    from certpgo.graph import Instance
+    from certpgo.optimize.solution import Solution
+    from certpgo.solvers.certified import CertifiedSolution
+    from certpgo.solvers.certified.disagreement import Disagreement
+
+UNPROVABLE = (
+    "a proof is about all measurements of a file, not about those that a robust method keeps; "
+    "write a graph of these (see Reject outliers) and prove its estimate"
+)
+
+
+@dataclass(frozen=True)
+class Solved:
+    """The result for a connected graph."""
+
+    part: Instance
+    method: str
+    solution: Solution
+    certificate: Certificate | None
+    found: CertifiedSolution | None = None  # by the certified pipeline
+    cost: str = "chordal"
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether Ctrl-C ended the search."""
+        return self.solution.status.value == "interrupted"
+
+    @property
+    def disagreement(self) -> Disagreement | None:
+        """Measurements that disagree with the rest."""
+        return None if self.found is None else self.found.disagreement
+
+    @property
+    def certified_cost(self) -> float:
+        """F of the certified measurements, those that a robust method kept."""
+        from certpgo.objective.problem import problem_of
+
+        if self.solution.weights is None:
+            return self.solution.cost
+        return self.solution.judged(problem_of(self.part.graph)).cost(self.solution.estimate)
+
+    def report(self, written: Path | None) -> dict[str, Any]:
+        """The result for --json."""
+        solution, found = self.solution, self.found
+        levels = () if found is None else found.levels
+        certificate, disagreement = self.certificate, self.disagreement
+        return {
+            **_verdict.as_json(
+                self.part, certificate, self.certified_cost, disagreement=disagreement
+            ),
+            "solution": {
+                "method": self.method,
+                "start": None if found is None else found.start,
+                "levels": [{**asdict(level), "status": level.status.value} for level in levels],
+                "status": solution.status.value,
+                "cost": solution.cost,
+                "iterations": solution.iterations,
+                "counts": dict(solution.counts),
+                "seconds": dict(solution.seconds),
+                "note": solution.note,
+                "kept": solution.kept,
+                "rejected": _verdict.edges_as_json(self.part, solution.rejected),
+                "own_bound": solution.lower_bound,
+                "settings": None if found is None else asdict(found.settings),
+                "written": None if written is None else str(written),
+            },
+        }
+
+    def _own_bound(self) -> str:
+        """The method's own bound, in words."""
+        bound = self.solution.lower_bound
+        if bound is None:
+            return "the gap to the optimum is not known"
+        return f"the method's own lower bound, which ignores rounding, is {bound:.12g}"
+
+    def show(self, written: Path | None) -> None:
+        """Print the result."""
+        from certpgo.assess.wording import few_edges
+
+        solution, part = self.solution, self.part
+        seconds = ", ".join(f"{phase} {value:.3f}" for phase, value in solution.seconds.items())
+        lines = [("graph", part.name), ("method", self.method), ("ended", solution.status.value)]
+        if solution.iterations:
+            lines.append(("iterations", str(solution.iterations)))
+        of_all = " (of all measurements)" if solution.kept is not None else ""
+        lines += [("cost F", f"{solution.cost:.12g}{of_all}"), ("seconds", seconds)]
+        if solution.note:
+            lines.append(("note", solution.note))
+        if solution.kept is not None:
+            lines.append(("kept", f"{solution.kept} of {part.graph.num_edges} measurements"))
+        if len(solution.rejected):
+            lines.append(("rejected", few_edges(part, solution.rejected)))
+        if written is not None:
+            lines.append(("written", str(written)))
+        if self.found is not None and (chordal := self.found.chordal) is not None:
+            verdict = f"{chordal.verdict.value}, F = {chordal.cost:.12g} at another estimate"
+            lines.append(("chordal cost", verdict))
+        facts(lines)
+        if self.certificate is None:
+            notice(f"{self._own_bound()}; --certify certifies the estimate")
+            return
+        typer.echo()
+        if solution.kept is not None:
+            typer.echo("The certificate is about the kept measurements, with their final weights:")
+        _verdict.show(self.certificate, part.options, disagreement=self.disagreement)
+        uncertified = self.certificate.verdict.value != "CERTIFIED"
+        if self.found is None and solution.kept is None and uncertified:
+            notice("without --method, certpgo searches for the best estimate")
+
+    def prove(self, out: Path, source: Path, *, json: bool) -> bool:
+        """Write the proof; returns False if there is none."""
+        if len(self.solution.rejected):
+            notice(f"no proof is written: {UNPROVABLE}")
+            return False
+        if self.certificate is None:
+            return True
+        estimate = self.solution.estimate
+        return prove(out, source, self.part, estimate, self.certificate, json=json)
+
+    def write_page(
+        self, out: Path, graph: str, written: Path | None, proof: Path | None, reading: Reading
+    ) -> None:
+        """Write the page of the certificate."""
+        from certpgo.assess.assessment import assess
+        from certpgo.assess.wording import hint
+        from certpgo.costs import problem_under
+
+        solution, part = self.solution, self.part
+        if self.certificate is None:
+            return
+        remarks = [f"Status: {solution.status.value}; {solution.note}."] if solution.note else []
+        if solution.kept is not None:
+            remarks.append(
+                f"The verdict is about the {solution.kept} of {part.graph.num_edges} measurements "
+                "that the method kept, with their final weights; the view shows these."
+            )
+        if self.disagreement is not None:
+            remarks.append(f"{hint(self.disagreement)}.")
+        problem = solution.judged(problem_under(part, self.cost))
+        assessment = assess(problem, solution.estimate, self.certificate, ids=part.ids)
+        origin = origin_of(
+            graph,
+            reading,
+            estimate=written,
+            proof=proof,
+            method=self.method,
+            remarks=remarks,
+            partial=len(solution.rejected) > 0,
+            settings=None if self.found is None else self.found.settings,
+        )
+        write_page(out, part, problem, solution.estimate, assessment, origin, solution.trace)

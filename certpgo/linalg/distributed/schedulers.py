@@ -1,0 +1,172 @@
+"""Where tasks run: on threads of this machine, or on a cluster of Dask."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any, Protocol
+
+from certpgo.errors import InputError, MissingDependency
+from certpgo.linalg import compiled
+from certpgo.linalg.compiled import COMPILED
+
+#: The name of the scheduler that runs tasks on threads.
+THREADS = "threads"
+#: How long a scheduler may take to respond.
+PATIENCE = "10s"
+
+
+class Scheduler(Protocol):
+    """Runs tasks, which are Delayed objects of Dask."""
+
+    def compute(self, tasks: Sequence[Any]) -> list[Any]:
+        """The results."""
+        ...
+
+    def keep(self, tasks: Sequence[Any]) -> list[Any]:
+        """Tasks whose results stay where they were computed."""
+        ...
+
+
+class Threads:
+    """The threads of this process."""
+
+    def __init__(self, workers: int | None = None) -> None:
+        self._options = {"scheduler": "threads", "num_workers": workers or os.cpu_count()}
+
+    def compute(self, tasks: Sequence[Any]) -> list[Any]:
+        """The results."""
+        from dask import base
+
+        dask: Any = base
+        return list(dask.compute(*tasks, **self._options))
+
+    def keep(self, tasks: Sequence[Any]) -> list[Any]:
+        """Tasks that hold their results."""
+        from dask import base
+
+        dask: Any = base
+        return list(dask.persist(*tasks, **self._options))
+
+
+class Cluster:
+    """Workers of a cluster. What a lost worker had is computed again by the others."""
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+
+    def compute(self, tasks: Sequence[Any]) -> list[Any]:
+        """The results."""
+        with _large_graphs():
+            futures = self._client.compute(list(tasks))
+        return list(self._client.gather(futures))
+
+    def keep(self, tasks: Sequence[Any]) -> list[Any]:
+        """Tasks whose results stay with the workers."""
+        import distributed
+
+        cluster: Any = distributed
+        with _large_graphs():
+            kept = list(self._client.persist(list(tasks)))
+        futures = cluster.futures_of(kept)
+        with self._client.as_current():
+            cluster.wait(futures)
+        for future in futures:
+            if future.status == "error":
+                future.result()
+        return kept
+
+
+@contextmanager
+def _large_graphs() -> Iterator[None]:
+    """The entries of a matrix travel with the tasks, so that nothing is lost with a worker."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Sending large graph")
+        yield
+
+
+_current: ContextVar[Scheduler | None] = ContextVar("scheduler", default=None)
+
+
+def current() -> Scheduler | None:
+    """The scheduler in use, if any."""
+    return _current.get()
+
+
+@contextmanager
+def scheduler(where: str | Scheduler) -> Iterator[Scheduler]:
+    """Run large factorizations as tasks.
+
+    Parameters
+    ----------
+    where : the address of a Dask scheduler, such as ``tcp://host:8786``, or ``threads`` for those
+        of this machine
+
+    Raises
+    ------
+    InputError
+        No scheduler answers at that address.
+    MissingDependency
+        Dask is not installed, or certpgo was installed without a C compiler.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import certpgo
+    >>> from certpgo.datasets.synthetic import helix
+    >>> with certpgo.scheduler("threads"):
+    ...     answer = certpgo.solve(helix(3, np.random.default_rng(0)).graph)
+    >>> print(answer.verdict.value)
+    CERTIFIED
+    """
+    with _opened(where) as found:
+        token = _current.set(found)
+        try:
+            yield found
+        finally:
+            _current.reset(token)
+
+
+@contextmanager
+def _opened(where: str | Scheduler) -> Iterator[Scheduler]:
+    if not isinstance(where, str):
+        yield where
+        return
+    if where == THREADS:
+        _require_dask()
+        yield Threads()
+        return
+    with dask_client(where) as client:
+        yield Cluster(client)
+
+
+def dask_client(address: str) -> Any:
+    """A client of the scheduler at an address such as ``tcp://host:8786``.
+
+    Raises
+    ------
+    InputError
+        None responds there.
+    MissingDependency
+        Dask is not installed.
+    """
+    _require_dask()
+    import distributed
+
+    connect: Any = distributed.Client
+    try:
+        return connect(address, timeout=PATIENCE, set_as_default=False)
+    except (OSError, ValueError):
+        raise InputError(f"{address}: no Dask scheduler responds there") from None
+
+
+def _require_dask() -> None:
+    if not compiled.AVAILABLE:
+        raise MissingDependency("the compiled engine", package=COMPILED)
+    try:
+        import distributed  # noqa: F401
+    except ImportError:
+        raise MissingDependency("Dask", "cluster") from None
