@@ -239,7 +239,7 @@ class Fronts:
         options: Any = scale, panels, update, summed, wish, keep == "single"
         data = _aligned(data)
         # Threads of BLAS only wait for each other in small fronts.
-        with nullcontext() if self.flops >= PARALLEL else _one_thread:
+        with nullcontext() if self.flops >= PARALLEL else one_thread:
             done = compiled.kernel.factor(self._fronts, data, *options)
         return Elimination(panels, update, sums, squares, residual) if done else None
 
@@ -342,7 +342,8 @@ class _OneThread:
         return ThreadpoolController()
 
 
-_one_thread = _OneThread()
+#: Of BLAS.
+one_thread = _OneThread()
 
 
 def _integers(values: IntArray) -> IntArray:

@@ -254,8 +254,8 @@ def test_threads_of_python_leave_those_of_blas_as_they_were():
     with ThreadPoolExecutor(4) as pool:
         for done in [pool.submit(F.factor, A.data) for _ in range(40)]:
             done.result()
-    with multifrontal._one_thread:
-        with multifrontal._one_thread:
+    with multifrontal.one_thread:
+        with multifrontal.one_thread:
             pass
         inside = threads()
     assert threads() == before

@@ -13,13 +13,14 @@ from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.linalg.distributed import tiles
 from certpgo.linalg.distributed.branches import SHARE, TILE, Branch, Piece, Tiles, branches_of
 from certpgo.linalg.distributed.schedulers import Scheduler
+from certpgo.linalg.distributed.tasks import Key, TaskGraph
 from certpgo.linalg.distributed.tiles import NotDefinite, RowScaling, Tile
 from certpgo.linalg.multifrontal import Elimination, Fronts, Precision, Tree
 
 #: Bytes of a factor that returns to this process.
 GATHERED = 2e9
-#: Updates that arrive at tiles of a branch: the task, and rows and columns of the tile.
-Incoming = dict[tuple[int, int], list[tuple[Any, IntArray, IntArray]]]
+#: Updates that arrive at tiles of a branch: the call, and rows and columns of the tile.
+Incoming = dict[tuple[int, int], list[list[Any]]]
 
 
 class DistributedFronts(Fronts):
@@ -45,7 +46,9 @@ class DistributedFronts(Fronts):
     @cached_property
     def kept_fronts(self) -> list[Any]:
         """The fronts of each branch, which the workers keep."""
-        return self._scheduler.keep([_task(_itself)(branch.fronts) for branch in self.branches])
+        graph = TaskGraph()
+        keys = [graph.add(_itself, branch.fronts) for branch in self.branches]
+        return self._scheduler.keep(graph, keys)
 
     def eliminate(
         self,
@@ -62,8 +65,10 @@ class DistributedFronts(Fronts):
         job = _Job(self, data, scale, keep, weights, measured)
         try:
             if keep is not None:
-                return Elimination(self._kept(job.panels, keep), *(np.empty(0),) * 4)
-            found = self._scheduler.compute([task for task, _ in job.sums])
+                is_small = (8 if keep == "double" else 4) * self.entries <= GATHERED
+                collect = self._scheduler.compute if is_small else self._scheduler.keep
+                return Elimination(collect(job.graph, job.panels), *(np.empty(0),) * 4)
+            found = self._scheduler.compute(job.graph, [key for key, _ in job.sums])
         except NotDefinite:
             return None
         total = _Totals(len(weights), self.size)
@@ -71,36 +76,35 @@ class DistributedFronts(Fronts):
             add(total, result)
         return Elimination(None, np.empty(0), total.sums, total.squares, total.residual)
 
-    def _kept(self, panels: list[Any], keep: Precision) -> Any:
-        """The factor, here if it is small: the many solutions with it would wait for messages."""
-        if (8 if keep == "double" else 4) * self.entries <= GATHERED:
-            return np.concatenate(self._scheduler.compute(panels))
-        return self._scheduler.keep(panels)
-
     def substitute(self, panels: Any, right: FloatArray, way: int = 0) -> FloatArray:
         """As `Fronts.substitute`; both ways only, where the factor stays with the workers."""
-        if isinstance(panels, np.ndarray):
-            return super().substitute(panels, right, way)
         if way:
             raise NotImplementedError
         branches, X = self.branches, np.empty_like(right)
+        if isinstance(panels[0], np.ndarray):
+            fronts, call = [branch.fronts for branch in branches], _at_once
+        else:
+            graph = TaskGraph()
+            fronts, call = self.kept_fronts, graph.add
         forwarded: list[Any] = []
         incoming: list[list[Any]] = [[] for _ in branches]
         places = [_places(branch, branches) for branch in branches]
         for number, branch in enumerate(branches):
             own = np.ascontiguousarray(right[:, branch.rows[: branch.own]])
-            factor = self.kept_fronts[number], panels[number]
-            forwarded.append(_task(tiles.forward)(*factor, own, incoming[number]))
+            factor = fronts[number], panels[number]
+            forwarded.append(call(tiles.forward, *factor, own, incoming[number]))
             if branch.above >= 0:
-                incoming[branch.above].append((forwarded[-1], branch.own, places[number]))
+                incoming[branch.above].append([forwarded[-1], branch.own, places[number]])
         solved: dict[int, Any] = {}
         for number in reversed(range(len(branches))):
             branch = branches[number]
-            factor = self.kept_fronts[number], panels[number]
+            factor = fronts[number], panels[number]
             above = solved.get(branch.above), branch.own, places[number]
-            solved[number] = _task(tiles.backward)(*factor, forwarded[number], *above)
-        wanted = [_task(tiles.own_rows)(solved[k], branch.own) for k, branch in enumerate(branches)]
-        for branch, found in zip(branches, self._scheduler.compute(wanted), strict=True):
+            solved[number] = call(tiles.backward, *factor, forwarded[number], *above)
+        wanted = [call(tiles.own_rows, solved[k], branch.own) for k, branch in enumerate(branches)]
+        if call is not _at_once:
+            wanted = self._scheduler.compute(graph, wanted)
+        for branch, found in zip(branches, wanted, strict=True):
             X[:, branch.rows[: branch.own]] = found
         return X
 
@@ -131,8 +135,9 @@ class _Job:
 
     Attributes
     ----------
-    panels : the columns of L of each branch, if L is kept
-    sums : else sums over rows, and what adds them to `_Totals`
+    graph : the calls
+    panels : keys of the columns of L of each branch, if L is kept
+    sums : else keys of sums over rows, and what adds them to `_Totals`
     """
 
     def __init__(
@@ -147,8 +152,9 @@ class _Job:
         self._data, self._scale, self._keep = data, scale, keep
         self._weights, self._measured = weights, measured
         self._arithmetic: Any = np.float32 if keep == "single" else np.float64
-        self.panels: list[Any] = []
-        self.sums: list[tuple[Any, Callable[[_Totals, Any], None]]] = []
+        self.graph = TaskGraph()
+        self.panels: list[Key] = []
+        self.sums: list[tuple[Key, Callable[[_Totals, Any], None]]] = []
         incoming: list[Incoming] = [defaultdict(list) for _ in whole.branches]
         for branch, fronts, updates in zip(
             whole.branches, whole.kept_fronts, incoming, strict=True
@@ -157,7 +163,7 @@ class _Job:
             if branch.tiles is None:
                 self._subtree(branch, fronts, receiver)
             else:
-                self._separator(branch, branch.tiles, fronts, updates, receiver)
+                self._separator(branch, branch.tiles, updates, receiver)
 
     def _subtree(self, branch: Branch, fronts: Any, receiver: Incoming) -> None:
         options: dict[str, Any] = {"keep": self._keep}
@@ -167,19 +173,21 @@ class _Job:
             options["weights"] = np.ascontiguousarray(self._weights[:, branch.rows])
         if self._measured is not None:
             options["measured"] = tuple(x[branch.rows] for x in self._measured)
-        done = _task(tiles.subtree)(fronts, self._data[branch.entries], **options)
+        done = self.graph.add(tiles.subtree, fronts, self._data[branch.entries], **options)
         if self._keep:
-            self.panels.append(_task(tiles.panels_of)(done))
+            self.panels.append(self.graph.add(tiles.panels_of, done))
         else:
             add = partial(_Totals.add_subtree, rows=branch.rows)
-            self.sums.append((_task(tiles.sums_of)(done), add))
+            self.sums.append((self.graph.add(tiles.sums_of, done), add))
         for update in branch.updates:
             for high, low in _lower(update.pieces):
-                block = _task(tiles.update_of)(done, update.begin, update.size, high.rows, low.rows)
-                receiver[high.tile, low.tile].append((block, high.places, low.places))
+                block = self.graph.add(
+                    tiles.update_of, done, update.begin, update.size, high.rows, low.rows
+                )
+                receiver[high.tile, low.tile].append([block, high.places, low.places])
 
     def _separator(
-        self, branch: Branch, layout: Tiles, fronts: Any, updates: Incoming, receiver: Incoming
+        self, branch: Branch, layout: Tiles, updates: Incoming, receiver: Incoming
     ) -> None:
         slices = layout.slices()
         rows = [branch.rows[own] for own in slices]
@@ -187,11 +195,12 @@ class _Job:
         L: dict[tuple[int, int], Any] = {}
         for j in range(len(slices)):
             for i in range(j, len(slices)):
-                tile = L[i, j] = _task(tiles.eliminate)(
+                tile = L[i, j] = self.graph.add(
+                    tiles.eliminate,
                     (len(rows[i]), len(rows[j])),
                     self._entries(layout.entries.get((i, j)), rows[i], rows[j]),
                     updates.pop((i, j), []),
-                    [(L[i, k], L[j, k]) for k in range(min(j, layout.own))],
+                    [[L[i, k], L[j, k]] for k in range(min(j, layout.own))],
                     L[j, j] if i > j and j < layout.own else None,
                     kind=(i == j, j < layout.own),
                     real=self._arithmetic,
@@ -200,21 +209,21 @@ class _Job:
                 if self._measured is not None:
                     across = rows[j] if i > j else rows[j][:0]
                     add = partial(_Totals.add_tile, rows=rows[i], columns=across)
-                    self.sums.append((_task(tiles.without_values)(tile), add))
+                    self.sums.append((self.graph.add(tiles.without_values, tile), add))
         columns = [[L[i, j] for i in range(j, len(slices))] for j in range(layout.own)]
         if self._keep:
             kept: Any = np.float64 if self._keep == "double" else np.float32
-            self.panels.append(_task(tiles.panel)(columns, len(branch.rows), kept))
+            self.panels.append(self.graph.add(tiles.panel, columns, len(branch.rows), kept))
         elif self._measured is None:
             for own, column in zip(slices, columns, strict=False):
                 below = branch.rows[own.start :]
-                found = _task(tiles.row_sums)(column, self._weights[:, below])
+                found = self.graph.add(tiles.row_sums, column, self._weights[:, below])
                 self.sums.append((found, partial(_Totals.add_column, rows=below)))
         for high, low in _lower(branch.updates[0].pieces):
             i, rows_of_tile = layout.holding(high.rows, branch.own)
             j, columns_of_tile = layout.holding(low.rows, branch.own)
-            block = _task(tiles.block_of)(L[i, j], rows_of_tile, columns_of_tile)
-            receiver[high.tile, low.tile].append((block, high.places, low.places))
+            block = self.graph.add(tiles.block_of, L[i, j], rows_of_tile, columns_of_tile)
+            receiver[high.tile, low.tile].append([block, high.places, low.places])
 
     def _scaled(self, rows: IntArray) -> RowScaling | None:
         return None if self._measured is None else RowScaling(*(x[rows] for x in self._measured))
@@ -240,12 +249,8 @@ def _lower(pieces: tuple[Piece, ...]) -> Iterator[tuple[Piece, Piece]]:
             yield piece, other
 
 
-def _task(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function whose calls are tasks."""
-    from dask.delayed import delayed
-
-    made: Callable[..., Any] = delayed(function, pure=False)
-    return made
+def _at_once(function: Callable[..., Any], *arguments: Any) -> Any:
+    return function(*arguments)
 
 
 def _itself(value: Any) -> Any:

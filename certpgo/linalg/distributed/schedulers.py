@@ -12,6 +12,8 @@ from typing import Any, Protocol
 from certpgo.errors import InputError, MissingDependency
 from certpgo.linalg import compiled
 from certpgo.linalg.compiled import COMPILED
+from certpgo.linalg.distributed.tasks import Key, TaskGraph
+from certpgo.linalg.multifrontal import one_thread
 
 #: The name of the scheduler that runs tasks on threads.
 THREADS = "threads"
@@ -20,14 +22,14 @@ PATIENCE = "10s"
 
 
 class Scheduler(Protocol):
-    """Runs tasks, which are Delayed objects of Dask."""
+    """Runs tasks."""
 
-    def compute(self, tasks: Sequence[Any]) -> list[Any]:
-        """The results."""
+    def compute(self, graph: TaskGraph, keys: Sequence[Key]) -> list[Any]:
+        """The results of these calls."""
         ...
 
-    def keep(self, tasks: Sequence[Any]) -> list[Any]:
-        """Tasks whose results stay where they were computed."""
+    def keep(self, graph: TaskGraph, keys: Sequence[Key]) -> list[Any]:
+        """What stands for the results in other graphs; they stay where they were computed."""
         ...
 
 
@@ -35,21 +37,17 @@ class Threads:
     """The threads of this process."""
 
     def __init__(self, workers: int | None = None) -> None:
-        self._options = {"scheduler": "threads", "num_workers": workers or os.cpu_count()}
+        self._workers = workers or os.cpu_count()
 
-    def compute(self, tasks: Sequence[Any]) -> list[Any]:
-        """The results."""
-        from dask import base
+    def compute(self, graph: TaskGraph, keys: Sequence[Key]) -> list[Any]:
+        """The results of these calls."""
+        from dask import threaded
 
-        dask: Any = base
-        return list(dask.compute(*tasks, **self._options))
+        run: Any = threaded.get
+        with one_thread:  # of BLAS, for each of Python
+            return list(run(graph.calls, list(keys), num_workers=self._workers))
 
-    def keep(self, tasks: Sequence[Any]) -> list[Any]:
-        """Tasks that hold their results."""
-        from dask import base
-
-        dask: Any = base
-        return list(dask.persist(*tasks, **self._options))
+    keep = compute
 
 
 class Cluster:
@@ -58,26 +56,24 @@ class Cluster:
     def __init__(self, client: Any) -> None:
         self._client = client
 
-    def compute(self, tasks: Sequence[Any]) -> list[Any]:
-        """The results."""
+    def compute(self, graph: TaskGraph, keys: Sequence[Key]) -> list[Any]:
+        """The results of these calls."""
         with _large_graphs():
-            futures = self._client.compute(list(tasks))
-        return list(self._client.gather(futures))
+            return list(self._client.get(graph.calls, list(keys)))
 
-    def keep(self, tasks: Sequence[Any]) -> list[Any]:
-        """Tasks whose results stay with the workers."""
+    def keep(self, graph: TaskGraph, keys: Sequence[Key]) -> list[Any]:
+        """Futures of the results, which stay with the workers."""
         import distributed
 
-        cluster: Any = distributed
+        wait: Any = distributed.wait
         with _large_graphs():
-            kept = list(self._client.persist(list(tasks)))
-        futures = cluster.futures_of(kept)
+            futures = list(self._client.get(graph.calls, list(keys), sync=False))
         with self._client.as_current():
-            cluster.wait(futures)
+            wait(futures)
         for future in futures:
             if future.status == "error":
                 future.result()
-        return kept
+        return futures
 
 
 @contextmanager
