@@ -773,14 +773,15 @@ def _equilibrated(
 
 def _parts(entries: Any, shifts: Ints) -> tuple[Array, Array]:
     """N 2^shift, entry by entry, as the nearest multiple of 2^(-2 BITS) and the remainder."""
-    fraction = 62
-    shifts = shifts + 2 * BITS + fraction
-    if (shifts > 0).any():
-        entries = entries << _big(np.maximum(shifts, 0))
-    moved = (entries >> _big(np.maximum(-shifts, 0))) + (1 << (fraction - 1))
-    low = (moved & ((1 << fraction) - 1)).astype(np.int64) - (1 << (fraction - 1))
-    high = (moved >> fraction).astype(np.float64)
-    return high * 4.0**-BITS, np.ldexp(low.astype(np.float64), -fraction - 2 * BITS)
+    high, low = (np.empty(entries.shape) for _ in range(2))
+    for k in range(0, len(entries), 1 << 16):  # integers take much more memory than doubles
+        some, shift = entries[k : k + (1 << 16)], shifts[k : k + (1 << 16)] + 2 * BITS + 62
+        moved = (some << _big(np.maximum(shift, 0))) >> _big(np.maximum(-shift, 0))
+        moved += 1 << 61
+        rest = (moved & ((1 << 62) - 1)).astype(np.int64) - (1 << 61)
+        high[k : k + (1 << 16)] = (moved >> 62).astype(np.float64) * 4.0**-BITS
+        low[k : k + (1 << 16)] = np.ldexp(rest.astype(np.float64), -62 - 2 * BITS)
+    return high, low
 
 
 # --- The order of elimination ---------------------------------------------------------------------
