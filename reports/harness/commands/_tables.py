@@ -31,7 +31,7 @@ def run_report(
     lines : where stderr is no terminal, print one line per finished row
     """
     report = _report(spec, order)
-    interrupted = _run({spec.name: report}, pool, lines=lines)
+    interrupted = run_tasks({spec.name: report}, pool, lines=lines)
     path = report.close(interrupted=interrupted)
     unread = report.unread
     if not report.is_any:
@@ -67,7 +67,7 @@ def run_all(names: Iterable[str], order: Order, pool: Pool, *, json: bool) -> in
             reports[name] = _report(scan.get_experiment(name), order)
         except (InputError, UnusableFile) as error:
             skipped[name] = str(error)
-    interrupted = _run(reports, pool, lines=True)
+    interrupted = run_tasks(reports, pool, lines=True)
     for report in reports.values():
         report.close(interrupted=interrupted and bool(report.tasks))
     if json:
@@ -92,7 +92,7 @@ def _report(spec: Table | Figure, order: Order) -> Report:
     return FigureReport(spec, order) if isinstance(spec, Figure) else TableReport(spec, order)
 
 
-def _run(reports: Mapping[str, Report], pool: Pool, *, lines: bool) -> bool:
+def run_tasks(reports: Mapping[str, Report], pool: Pool, *, lines: bool) -> bool:
     """Keep the result of each task when it is there; returns whether that was interrupted."""
     from reports.harness.experiments.execute import execute
 

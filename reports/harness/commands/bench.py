@@ -20,7 +20,11 @@ if TYPE_CHECKING:
 
 def command(
     what: Annotated[
-        str, typer.Argument(metavar="scale|zoo", help="scale: time and memory. zoo: certifiers.")
+        str,
+        typer.Argument(
+            metavar="scale|speed|zoo",
+            help="scale: time and memory. speed: against others. zoo: certifiers.",
+        ),
     ],
     family: Annotated[
         list[str] | None,
@@ -47,19 +51,23 @@ def command(
     """Measure how time and memory grow with the graph, or count certifiers' errors.
 
     scale solves synthetic graphs of growing size, each in a process of its own: time, memory,
-    slope, verdict. zoo puts points of known truth, most of them adversarial, before our certifier
-    and the competitors', and counts what is false. Existing results in the folder are
+    slope, verdict. speed times public graphs in turn with GTSAM, next to SE-Sync's published times,
+    and adds how each phase grows. zoo puts points of known truth, most of them adversarial, before
+    our certifier and the competitors', and counts what is false. Existing results in the folder are
     reused, so that an interrupted run resumes.
     """
     records: Sequence[JournalEntry]
     if what == "scale":
         records = measured = _scale(family, sizes, quick, seed, out, not json)
         code = int(any(record.absence for record in measured))
+    elif what == "speed":
+        records = measured = _speed(family, sizes, quick, seed, out, not json)
+        code = int(any(record.absence for record in measured))
     elif what == "zoo":
         records = certified = _zoo(campaign, quick, processes, out, not json)
         code = int(any(record.faults for record in certified))
     else:
-        raise InputError(f"unknown benchmark {what!r}; known: scale, zoo")
+        raise InputError(f"unknown benchmark {what!r}; known: scale, speed, zoo")
     if json:
         from reports.harness.experiments.journal import as_data
 
@@ -85,6 +93,46 @@ def _zoo(campaign: int, quick: bool, processes: int, out: Path, shown: bool) -> 
     return records
 
 
+def _speed(
+    family: list[str] | None,
+    sizes: list[int] | None,
+    quick: bool,
+    seed: int,
+    out: Path,
+    shown: bool,
+) -> list[Record]:
+    from reports.harness.commands import _speed as speed
+    from reports.harness.commands._reports import Order, TableReport
+    from reports.harness.commands._tables import run_tasks
+    from reports.harness.experiments import scan
+    from reports.harness.experiments.execute import Pool
+    from reports.harness.experiments.spec import Table
+
+    spec = scan.get_experiment(speed.TABLE)
+    if not isinstance(spec, Table):
+        raise InputError(f"{speed.TABLE} is no table")
+    report = TableReport(spec, Order(out, quick=quick))
+    interrupted = run_tasks({spec.name: report}, Pool(), lines=True)
+    report.close(interrupted=interrupted)
+    if interrupted:
+        raise KeyboardInterrupt
+    timed = report.records
+    if shown:
+        table("certified solutions", speed.HEADER, speed.rows(timed), speed.CAPTION)
+    families = {
+        name: _scale([name], sizes, quick, seed, out, shown=False) for name in family or _families()
+    }
+    if shown:
+        table("growth", speed.GROWTH, speed.growth(families), speed.GROWTH_CAPTION)
+    return [*timed, *(record for records in families.values() for record in records)]
+
+
+def _families() -> list[str]:
+    from reports.harness.scaling import scale
+
+    return list(scale.FAMILIES)
+
+
 def _scale(
     family: list[str] | None,
     sizes: list[int] | None,
@@ -97,7 +145,7 @@ def _scale(
     from reports.harness.experiments.records import Record
     from reports.harness.scaling import scale
 
-    names = family or list(scale.FAMILIES)
+    names = family or _families()
     chosen = {name: scale.family(name) for name in names}
     everything: list[Record] = []
     for name, known in chosen.items():

@@ -27,6 +27,8 @@ from reports.harness.experiments.absence import DIED, missing
 from reports.harness.experiments.keys import content_key
 from reports.harness.experiments.records import Record, of_certificate, of_solution
 
+#: Of a solution.
+PHASES = ("start", "newton", "certify")
 #: Kibibytes in a gigabyte.
 KIB = 1024 / 1e9
 
@@ -135,8 +137,18 @@ def measured(name: str, size: int, seed: int) -> Record:
 
 def slope(records: Iterable[Record], metric: str = "median_seconds") -> float:
     """Exponent p of metric ~ n^p, fitted to the records that have it; NaN for fewer than two."""
-    points = [(r.n, r.metrics[metric]) for r in records if r.n and metric in r.metrics]
-    if len({n for n, _ in points}) < 2:
+    return _exponent([(r.n, r.metrics[metric]) for r in records if r.n and metric in r.metrics])
+
+
+def phase_slopes(records: Iterable[Record]) -> dict[str, float]:
+    """The same of the seconds of each phase that all records have."""
+    measured = [record for record in records if record.n and record.seconds]
+    shared = [name for name in PHASES if measured and all(name in r.seconds for r in measured)]
+    return {name: _exponent([(r.n or 0, r.seconds[name]) for r in measured]) for name in shared}
+
+
+def _exponent(points: list[tuple[int, float]]) -> float:
+    if len({n for n, _ in points}) < 2 or not all(value > 0.0 for _, value in points):
         return math.nan
     n, value = np.log(np.array(points)).T
     return float(np.polyfit(n, value, 1)[0])
