@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import os
 import platform
 import subprocess
+import sys
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from functools import cache
 from importlib import metadata
 from pathlib import Path
 
+#: Kibibytes in a gigabyte.
+KIB = 1024 / 1e9
 #: Distributions whose versions are recorded.
 DISTRIBUTIONS = ("certpgo", "numpy", "scipy", "gtsam")
 
@@ -32,6 +36,16 @@ def provenance(engine: str, root: Path | None) -> dict[str, str]:
         "commit": _commit(root),
         "date": datetime.now(UTC).strftime("%Y-%m-%dT%H:%MZ"),
     }
+
+
+def peak_memory() -> float:
+    """Gigabytes that this process has held at most; NaN where the system does not report it."""
+    try:
+        import resource
+    except ImportError:
+        return math.nan
+    unit = 1e-9 if sys.platform == "darwin" else KIB
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
 
 
 def _versions() -> Iterator[str]:

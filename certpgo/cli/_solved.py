@@ -26,6 +26,9 @@ UNPROVABLE = (
     "write a graph of these (see Reject outliers) and prove its estimate"
 )
 
+#: Gigabytes from which it is said how many were needed.
+MUCH_MEMORY = 1.0
+
 
 @dataclass(frozen=True)
 class Solved:
@@ -93,6 +96,7 @@ class Solved:
 
     def show(self, written: Path | None) -> None:
         """Print the result."""
+        from certpgo.assess.provenance import peak_memory
         from certpgo.assess.wording import few_edges
 
         solution, part = self.solution, self.part
@@ -102,6 +106,8 @@ class Solved:
             lines.append(("iterations", str(solution.iterations)))
         of_all = " (of all measurements)" if solution.kept is not None else ""
         lines += [("cost F", f"{solution.cost:.12g}{of_all}"), ("seconds", seconds)]
+        if (memory := peak_memory()) >= MUCH_MEMORY:
+            lines.append(("memory", f"{memory:.1f} GB at most"))
         if solution.note:
             lines.append(("note", solution.note))
         if solution.kept is not None:

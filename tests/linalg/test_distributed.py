@@ -140,8 +140,8 @@ def test_a_cluster_gives_the_same_answer_wherever_the_factor_is(large, cluster, 
 def test_a_cluster_that_loses_a_worker_loses_nothing(cluster):
     P, A = uneven_matrix(2, 150, 4, 0.0)
     w = np.ones((600, 2))
-    with certpgo.scheduler(cluster.scheduler_address) as scheduler:
-        whole, parts = both(P, np.full(150, 4), scheduler, share=0.05, tile=60)
+    with certpgo.scheduler(cluster.scheduler_address):
+        whole, parts = both(P, np.full(150, 4), schedulers.current(), share=0.05, tile=60)
         expected = whole.row_sums(A.data, w)
         pids = [worker.pid for worker in cluster.workers.values()]
         done = threading.Event()

@@ -93,12 +93,12 @@ def current() -> Scheduler | None:
 
 
 @contextmanager
-def scheduler(where: str | Scheduler) -> Iterator[Scheduler]:
+def scheduler(address: str) -> Iterator[None]:
     """Run large factorizations as tasks.
 
     Parameters
     ----------
-    where : the address of a Dask scheduler, such as ``tcp://host:8786``, or ``threads`` for those
+    address : of a Dask scheduler, such as ``tcp://host:8786``, or ``threads`` for those
         of this machine
 
     Raises
@@ -118,24 +118,21 @@ def scheduler(where: str | Scheduler) -> Iterator[Scheduler]:
     >>> print(answer.verdict.value)
     CERTIFIED
     """
-    with _opened(where) as found:
+    with _opened(address) as found:
         token = _current.set(found)
         try:
-            yield found
+            yield
         finally:
             _current.reset(token)
 
 
 @contextmanager
-def _opened(where: str | Scheduler) -> Iterator[Scheduler]:
-    if not isinstance(where, str):
-        yield where
-        return
-    if where == THREADS:
+def _opened(address: str) -> Iterator[Scheduler]:
+    if address == THREADS:
         _require_dask()
         yield Threads()
         return
-    with dask_client(where) as client:
+    with dask_client(address) as client:
         yield Cluster(client)
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import multiprocessing
-import sys
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
@@ -16,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from certpgo.assess.provenance import provenance
+from certpgo.assess.provenance import peak_memory, provenance
 from certpgo.datasets import synthetic
 from certpgo.errors import CertPGOError, SpecError
 from certpgo.graph import Instance
@@ -29,8 +28,6 @@ from reports.harness.experiments.records import Record, of_certificate, of_solut
 
 #: Of a solution.
 PHASES = ("start", "newton", "certify")
-#: Kibibytes in a gigabyte.
-KIB = 1024 / 1e9
 
 
 @dataclass(frozen=True)
@@ -121,7 +118,7 @@ def measured(name: str, size: int, seed: int) -> Record:
         "cost": found.cost,
         "relative_gap": found.certificate.relative_gap,
         "median_seconds": elapsed,
-        "memory_gb": _peak_memory(),
+        "memory_gb": peak_memory(),
     }
     return replace(
         record,
@@ -163,13 +160,3 @@ def _blank(name: str, size: int, seed: int) -> Record:
         seed=seed,
         key=graph_key(name, size, seed),
     )
-
-
-def _peak_memory() -> float:
-    """Gigabytes that this process has held at most; NaN where the system does not report it."""
-    try:
-        import resource
-    except ImportError:
-        return math.nan
-    unit = 1e-9 if sys.platform == "darwin" else KIB
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
