@@ -23,7 +23,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -943,13 +943,17 @@ def _assembled(count: int, diagonal: Array, between: Array, p: Ints, q: Ints) ->
 def _factor(F: Array, delta: Array) -> tuple[Array, Array] | None:
     """Columns (f, k) of a Cholesky factor, and the inverse of their pivot rows."""
     k = len(delta)
-    np.einsum("aa->a", F[:k])[:] -= delta
-    try:
-        C = np.linalg.cholesky(F[:k])
-        inverse = np.linalg.inv(C)
-    except np.linalg.LinAlgError:
-        return None
-    return np.concatenate([C, F[k:] @ inverse.T]), inverse
+    pivots = np.einsum("aa->a", F[:k])
+    # Rounding can make a tiny pivot negative: then a larger diagonal, which `_refined` corrects.
+    for less in delta, -16.0 * U * len(F) * np.abs(pivots).max():
+        pivots -= less
+        try:
+            C = np.linalg.cholesky(F[:k])
+            inverse = np.linalg.inv(C)
+        except np.linalg.LinAlgError:
+            continue
+        return np.concatenate([C, F[k:] @ inverse.T]), inverse
+    return None
 
 
 def _refined(H: Array, G: Array, delta: Array, L: Array, L1: Array, inverse: Array) -> Array:
@@ -962,21 +966,24 @@ def _refined(H: Array, G: Array, delta: Array, L: Array, L1: Array, inverse: Arr
     left = H + ((G - L1 @ L2[:k].T) - L2 @ L[:k].T)
     np.einsum("aa->a", left[:k])[:] -= delta
     left = left @ inverse.T
-    W, half = inverse @ left[:k], _half(k)
+    W, one = inverse @ left[:k], np.eye(k)
+    half = np.tri(k) - 0.5 * one
     step = half * W
-    size = np.linalg.norm(step)
-    if 0.0 < size < 0.25:  # otherwise this might not converge
-        for _ in range(int(24 / -math.log2(size))):
-            step = half * (W - step @ step.T)
-        L2[:k] += L[:k] @ step
-        L2[k:] += left[k:] - L[k:] @ step.T
+    if np.linalg.norm(step) < 2.0**-26:
+        left[k:] -= L[k:] @ step.T
+    else:
+        try:
+            step = np.linalg.cholesky(one + W) - one
+            for _ in range(2):  # Newton steps
+                back = np.linalg.inv(one + step)
+                missed = back @ (W - step - step.T - step @ step.T) @ back.T
+                step = step + (one + step) @ (half * missed)
+            left[k:] = (left[k:] - L[k:] @ step.T) @ np.linalg.inv(one + step).T
+        except np.linalg.LinAlgError:
+            return L2
+    L2[:k] += L[:k] @ step
+    L2[k:] += left[k:]
     return L2
-
-
-@lru_cache(16)
-def _half(k: int) -> Array:
-    """A mask that halves the diagonal and keeps the lower triangle."""
-    return np.tri(k) - 0.5 * np.eye(k)
 
 
 def is_positive_semidefinite(blocks: Blocks, order: Ints, delta: Array) -> bool:

@@ -1,7 +1,9 @@
 """The checker's bounds on what a factor leaves, in exact arithmetic, whatever the factor is."""
 
+import math
 from fractions import Fraction
 from functools import partial
+from itertools import combinations
 
 import numpy as np
 import proofs
@@ -228,12 +230,41 @@ def test_factors_of_nearly_singular_matrices_are_refined(smallest):
     assert min(margins(by_hand(1, k, [], high[None], low[None]), order, found, L)) >= 0
 
 
-def test_steps_that_might_not_converge_are_not_taken():
+@pytest.mark.parametrize("slack", [2.0**-54, 2.0**-58, 2.0**-62])
+@pytest.mark.parametrize("seed", range(8))
+def test_slacks_below_the_rounding_of_a_factor_are_enough(slack, seed):
+    """However a machine rounds the pivots: singular matrices, exactly, and a little more."""
+    rng, n, b = rng_of(seed), 6, 3
+    B = rng.integers(-8, 9, (n * b, n * b - 3)) / 64.0
+    A = (B @ B.T).reshape(n, b, n, b).transpose(0, 2, 1, 3)
+    own, pairs = [(p, p) for p in range(n)], list(combinations(range(n), 2))
+    more = np.tile(slack * np.eye(b), (n, 1, 1))
+    diagonal, between = (np.array([A[p, q] for p, q in which]) for which in (own, pairs))
+    blocks, order = by_hand(n, b, pairs, diagonal, more, between), np.arange(n)
+    assert checker.is_positive_semidefinite(blocks, order, np.full(n * b, 0.5 * slack))
+    blocks = by_hand(n, b, pairs, diagonal, -more, between)
+    assert not checker.is_positive_semidefinite(blocks, order, np.zeros(n * b))
+
+
+@pytest.mark.parametrize("size", [1e-9, 1e-3, 0.2, 0.3, 3.0, 1e3])
+def test_a_step_of_any_size_ends_at_the_factor(size):
+    rng, k = rng_of(9), 5
+    target = rng.standard_normal((2 * k, k))
+    target[:k] = np.tril(target[:k], -1) + 2.0 * np.eye(k)
+    L = target.copy()
+    L[:, -1] /= math.sqrt(1.0 + size)  # the last pivot is far off
+    left = target @ target[:k].T - L @ L[:k].T
+    L2 = checker._refined(left, np.zeros_like(left), np.zeros(k), L, L, np.linalg.inv(L[:k]))
+    missed = target @ target[:k].T - (L + L2) @ (L + L2)[:k].T
+    assert np.abs(missed).max() < 1e-13 * (1.0 + size)
+
+
+def test_no_step_where_there_is_no_factor():
     L, zeros = np.eye(3), np.zeros((3, 3))
-    for left in (np.ones((3, 3)), 1e200 * np.eye(3), np.full((3, 3), np.nan)):
+    for left in (-np.ones((3, 3)), -1e200 * np.eye(3), np.full((3, 3), np.nan)):
         with np.errstate(all="ignore"):
             L2 = checker._refined(left, zeros, np.zeros(3), L, L, L)
-        assert not L2.any()
+        assert not np.nan_to_num(L2).any()
 
 
 @pytest.mark.parametrize("entry", ["diagonal", "between"])

@@ -44,4 +44,4 @@ def test_something_false_of_ours_is_an_exit_code(certpgo, tmp_path, small, monke
 def test_an_unknown_benchmark_is_named(certpgo, tmp_path):
     done = certpgo("bench", "zoos", "--out", tmp_path)
     assert done.code == 1
-    assert "known: scale, zoo" in done.err
+    assert "known: scale, speed, zoo" in done.err

@@ -840,7 +840,7 @@ def test_a_laplacian_that_cannot_be_factorized_is_no_end():
     ("name", "factorizations", "products"),
     [
         ("parking-garage", 6, 16),
-        ("sphere2500", 5, 10),
+        ("sphere2500", 5, 12),
         ("torus3D", 5, 8),
         ("sphere_bignoise_vertex3", 5, 20),
         ("cubicle", 5, 14),
