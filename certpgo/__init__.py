@@ -21,6 +21,7 @@ from certpgo.errors import (
 )
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.optimize.marginals import Marginals
 from certpgo.optimize.monitor import Iteration, Monitor
 from certpgo.optimize.newton import NewtonSettings
 from certpgo.optimize.solution import Solution, Status
@@ -66,6 +67,7 @@ __all__ = [
     "InputNotice",
     "Instance",
     "Iteration",
+    "Marginals",
     "MissingDependency",
     "Monitor",
     "NewtonSettings",

@@ -16,7 +16,9 @@ from certpgo.cli._show import facts, notice
 
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
+    from certpgo.costs.problem import InformationProblem
     from certpgo.graph import Instance
+    from certpgo.objective.problem import Problem
     from certpgo.optimize.solution import Solution
     from certpgo.solvers.certified import CertifiedSolution
     from certpgo.solvers.certified.disagreement import Disagreement
@@ -141,13 +143,31 @@ class Solved:
         estimate = self.solution.estimate
         return prove(out, source, self.part, estimate, self.certificate, json=json)
 
+    def write_covariances(self, out: Path, *, quiet: bool) -> None:
+        """Write the covariances of all nodes."""
+        from certpgo.io.covariances import write_covariances
+        from certpgo.optimize.marginals import Marginals
+
+        marginals = Marginals(self._problem, self.solution.estimate)
+        rotations = self.solution.estimate.translations is None
+        write_covariances(out, marginals.covariances, self.part.ids, rotations=rotations)
+        if not quiet:
+            fixed = self.part.ids[marginals.anchor]
+            typer.echo(f"covariances: {out}, in each node's frame, with node {fixed} fixed")
+
+    @property
+    def _problem(self) -> Problem | InformationProblem:
+        """The problem that the estimate solves."""
+        from certpgo.costs import problem_under
+
+        return self.solution.judged(problem_under(self.part, self.cost))
+
     def write_page(
         self, out: Path, graph: str, written: Path | None, proof: Path | None, reading: Reading
     ) -> None:
         """Write the page of the certificate."""
         from certpgo.assess.assessment import assess
         from certpgo.assess.wording import hint
-        from certpgo.costs import problem_under
 
         solution, part = self.solution, self.part
         if self.certificate is None:
@@ -160,7 +180,7 @@ class Solved:
             )
         if self.disagreement is not None:
             remarks.append(f"{hint(self.disagreement)}.")
-        problem = solution.judged(problem_under(part, self.cost))
+        problem = self._problem
         assessment = assess(problem, solution.estimate, self.certificate, ids=part.ids)
         origin = origin_of(
             graph,

@@ -61,6 +61,10 @@ def command(
     ] = None,
     proof: ProofOut = None,
     html: HtmlOut = None,
+    covariances: Annotated[
+        Path | None,
+        typer.Option("--covariances", help="Write the covariance of each node to this CSV file."),
+    ] = None,
     certify: Annotated[
         bool, typer.Option("--certify/--no-certify", help="Certify the estimate of --method.")
     ] = True,
@@ -125,17 +129,19 @@ def command(
         tier = tier or "proof"
     if out is not None:
         format_to_write(out, format)  # report a wrong suffix before any work
-    for written in (out, proof, html):
+    for written in (out, proof, html, covariances):
         refuse_unwritable(written)
     require_pages(html)
     source = reading.resolve(graph)
-    refuse_overwriting([out, proof, html], [source, initial])
+    refuse_overwriting([out, proof, html, covariances], [source, initial])
     provable = None if proof is None else provable_source(source)
     instance = reading.open(source)
     parts = reading.parts(instance)
     for name, output in (("--proof", proof), ("--html", html)):
         if output is not None and (len(parts) > 1 or not certify):
             raise InputError(f"{name} needs a connected graph and a certified estimate")
+    if covariances is not None and len(parts) > 1:
+        raise InputError("--covariances needs a connected graph")
     targets = targets_of(out, parts)
     refuse_overwriting(targets, [source, initial])
     with noticing():
@@ -173,6 +179,8 @@ def command(
                 result.show(target)
             if proof and provable and not result.interrupted:
                 proven = result.prove(proof, provable, json=json)
+            if covariances is not None:
+                result.write_covariances(covariances, quiet=json)
             if html is not None:
                 checked = proof if proven and not result.interrupted else None
                 result.write_page(html, graph, target, checked, reading)

@@ -18,7 +18,7 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.balls import Ball
 from certpgo.linalg.blocks import scatter_sum
-from certpgo.linalg.factor import default_engine
+from certpgo.linalg.factor import Symbolic, default_engine
 from certpgo.linalg.so import rotation_defect
 from certpgo.objective.operators import lever
 from certpgo.objective.problem import PoseProblem
@@ -157,6 +157,14 @@ class InformationProblem:
         upper = np.swapaxes(at_i, 1, 2) @ heavy_j
         cost = float((e[:, None, :] @ weighted).sum())
         return cost, gradient, self.chordal.pattern.assemble(diagonal, upper)
+
+    def gauss_newton(self, estimate: Estimate) -> CSC:
+        """The Gauss-Newton matrix of half the cost, as in `normal_equations`."""
+        return self.normal_equations(estimate)[2]
+
+    def symbolic(self, A: CSC) -> Symbolic:
+        """The symbolic analysis of a block matrix of this graph."""
+        return self.chordal.symbolic(A)
 
     def stationarity(self, estimate: Estimate) -> float:
         """Largest gradient of a pose over its curvature, radians and relative translations."""

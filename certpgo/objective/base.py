@@ -86,6 +86,17 @@ class Objective(ABC):
         diagonal = operators.hessian_diagonal(self._node_sums, R, multipliers)
         return diagonal, self._sums.couplings(R)
 
+    def gauss_newton(self, estimate: Estimate) -> CSC:
+        """The Gauss-Newton matrix of F/2, for residuals in the frames of the edges' first nodes.
+
+        It is the Hessian at an estimate that explains all measurements: motions of the world, which
+        change no residual, are in its kernel.
+        """
+        explained, R = operators.explained(self.graph, estimate), estimate.rotations
+        sums, none = operators.NodeSums.of(explained), np.zeros((self.n, self.d, self.d))
+        diagonal = operators.hessian_diagonal(sums, R, none)
+        return self.pattern.assemble(diagonal, operators.couplings(explained, R))
+
     def multipliers(self, point: Point) -> FloatArray:
         """(n, d, d) Lagrange multipliers; see `FirstOrder`."""
         return operators.multipliers(self.gradient(point)[:, :, -self.d :], point.rotations)

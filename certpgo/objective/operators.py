@@ -7,11 +7,11 @@ of SE-Sync's [t | R], and one ordering of the graph suits every factorization.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.lift import Point, translations_of
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
@@ -138,6 +138,22 @@ def gradient(graph: RotationGraph | PoseGraph, point: Point) -> tuple[FloatArray
     if graph.arms is not None:
         turned += scatter_sum(j, force[:, :, None] * graph.arms[:, None, :], n)
     return np.concatenate([moved[:, :, None], turned], axis=2), terms
+
+
+def explained(graph: RotationGraph | PoseGraph, estimate: Estimate) -> RotationGraph | PoseGraph:
+    """The graph with the same weights that measures exactly the relative poses of an estimate."""
+    rotation, (i, j) = graph.rotation if isinstance(graph, PoseGraph) else graph, graph.edges.T
+    back = np.swapaxes(estimate.rotations[i], 1, 2)
+    Q = back @ estimate.rotations[j]
+    N = Q @ rotation.polar[1] if rotation.is_general else None
+    rotation = replace(rotation, rotations=Q, couplings=N)
+    if not isinstance(graph, PoseGraph):
+        return rotation
+    t = translations_of(estimate)
+    v = (back @ (t[j] - t[i])[:, :, None])[:, :, 0]
+    if graph.arms is not None:
+        v += (Q @ graph.arms[:, :, None])[:, :, 0]
+    return replace(graph, rotation=rotation, translations=v)
 
 
 @dataclass(frozen=True, eq=False)

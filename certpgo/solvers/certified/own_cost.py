@@ -80,7 +80,7 @@ def search_own_cost(
     level = Level(problem.d, solution.cost, ended)
     disagreement = None if chordal is None else chordal.disagreement
     return CertifiedSolution(
-        solution, certificate, name, (level,), settings, disagreement, chordal=chordal
+        solution, certificate, name, (level,), settings, problem, disagreement, chordal
     )
 
 

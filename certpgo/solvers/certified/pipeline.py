@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.case import PROOF_GAIN, Basin, Case
+from certpgo.costs.problem import InformationProblem
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
+from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import Problem
+from certpgo.optimize.marginals import Marginals
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.progress import stoppable
 from certpgo.optimize.solution import Solution
@@ -37,6 +41,7 @@ class CertifiedSolution:
     start : the initialization: a method, or "the given estimate"
     levels : the steps of the staircase; only one if it did not climb
     settings : settings of the search
+    problem : what the certificate is about: the measurements, those kept if some were rejected
     disagreement : measurements that disagree with the rest, if there are any;
         `certpgo.solve_robustly` rejects them
     chordal : under the cost of another program, the result for the chordal cost F from which the
@@ -58,6 +63,7 @@ class CertifiedSolution:
     start: str
     levels: tuple[Level, ...]
     settings: SolveSettings
+    problem: Problem | InformationProblem = field(repr=False)
     disagreement: Disagreement | None = None
     chordal: CertifiedSolution | None = None
 
@@ -75,6 +81,15 @@ class CertifiedSolution:
     def verdict(self) -> Verdict:
         """The certificate's verdict."""
         return self.certificate.verdict
+
+    @cached_property
+    def marginals(self) -> Marginals:
+        """Covariances of the nodes relative to the first one."""
+        return Marginals(self.problem, self.estimate)
+
+    def covariance(self, node: int) -> FloatArray:
+        """(b, b) covariance of a node relative to the first one, see `certpgo.Marginals`."""
+        return self.marginals.covariance(node)
 
 
 def search_and_certify(
@@ -155,7 +170,7 @@ def _result(problem: Problem, search: Staircase, certificate: Certificate) -> Ce
         note=f"initialized by {search.origin}; {_end(search)}",
     )
     levels = tuple(replace(level, cost=unit * level.cost) for level in search.levels)
-    return CertifiedSolution(solution, certificate, search.start, levels, search.settings)
+    return CertifiedSolution(solution, certificate, search.start, levels, search.settings, problem)
 
 
 def _end(search: Staircase) -> str:

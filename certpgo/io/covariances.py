@@ -1,0 +1,49 @@
+"""Covariances as CSV."""
+
+from __future__ import annotations
+
+import csv
+from itertools import combinations_with_replacement
+from pathlib import Path
+
+from certpgo.io.writing import atomically
+from certpgo.linalg.arrays import FloatArray, IntArray
+
+#: Rows and columns of the covariance of a node, by their number.
+AXES = {
+    1: ("theta",),
+    3: ("x", "y", "theta"),
+    6: ("x", "y", "z", "rx", "ry", "rz"),
+}
+ROTATION_AXES = ("rx", "ry", "rz")
+
+
+def write_covariances(
+    path: str | Path, covariances: FloatArray, ids: IntArray, *, rotations: bool = False
+) -> None:
+    """Write the upper triangles of nodes' covariances, a line each, with their ids.
+
+    The first line names rows and columns: x_x, x_y, ... in metres and radians.
+
+    Parameters
+    ----------
+    covariances : (n, b, b), see `certpgo.Marginals`
+    ids : (n,) of the nodes
+    rotations : whether b = 3 are rotations in space, not poses in the plane
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+    """
+    axes = ROTATION_AXES if rotations and covariances.shape[1] == 3 else AXES[covariances.shape[1]]
+    pairs = list(combinations_with_replacement(range(len(axes)), 2))
+
+    def lines(temporary: Path) -> None:
+        with temporary.open("w", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(["id", *(f"{axes[a]}_{axes[c]}" for a, c in pairs)])
+            for node, C in zip(ids.tolist(), covariances, strict=True):
+                writer.writerow([node, *(float(C[a, c]) for a, c in pairs)])
+
+    atomically(Path(path), lines)

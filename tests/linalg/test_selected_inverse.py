@@ -1,0 +1,44 @@
+"""Entries of inverses, against dense ones."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from strategies import dimensions, pose_graph, rng_of, seeds
+
+from certpgo.linalg.arrays import CSC
+from certpgo.linalg.blocks import add_to_diagonal
+from certpgo.linalg.factor import analyze, engines
+from certpgo.linalg.selected_inverse import selected_inverse
+from certpgo.objective.problem import PoseProblem
+
+
+@given(seeds, dimensions)
+@settings(max_examples=15)
+def test_entries_are_those_of_the_inverse(seed, d):
+    rng = rng_of(seed)
+    problem = PoseProblem(pose_graph(rng, int(rng.integers(2, 30)), d)[0])
+    A = add_to_diagonal(problem.matrix, np.full(problem.n * (d + 1), 0.1))
+    pattern = problem.pattern
+    for engine in engines():
+        analysis = analyze(pattern.indptr, pattern.indices, order=problem.order, engine=engine)
+        L, p = analysis.blocks(np.full(problem.n, d + 1)).factor(A).lower()
+        found, Z = selected_inverse(L), np.linalg.inv(A.toarray())[np.ix_(p, p)]
+        kept = L.toarray() != 0.0
+        assert (found.toarray()[np.triu(np.ones_like(kept), 1) > 0] == 0.0).all()
+        np.testing.assert_allclose(found.toarray()[kept], Z[kept], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("cut", [(2, 0), (3, 1)])
+def test_entries_that_cancelled_are_filled_in(cut):
+    """A pattern that is not closed: L has a zero where fill would be."""
+    L = np.tril(rng_of(0).uniform(0.5, 1.0, (5, 5))) + 2.0 * np.eye(5)
+    L[cut] = 0.0
+    found = selected_inverse(CSC(L)).toarray()
+    Z = np.linalg.inv(L @ L.T)
+    kept = L != 0.0
+    np.testing.assert_allclose(found[kept], Z[kept], rtol=1e-12)
+
+
+def test_a_diagonal():
+    L = CSC(np.diag([1.0, 2.0, 4.0]))
+    assert selected_inverse(L).diagonal().tolist() == [1.0, 0.25, 0.0625]
