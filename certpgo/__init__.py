@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from certpgo.assess.assessment import certify_values
     from certpgo.certify.proof_file import check, write_proof
     from certpgo.costs.gtsam_graph import from_gtsam, to_gtsam
+    from certpgo.graph.priors import with_priors
     from certpgo.io import read, read_estimate, write
     from certpgo.linalg.distributed.schedulers import scheduler
     from certpgo.registry import get_solver
@@ -51,6 +52,7 @@ _LATER = {
     "write_proof": "certify.proof_file",
     "get_solver": "registry",
     "scheduler": "linalg.distributed.schedulers",
+    "with_priors": "graph.priors",
 }
 
 __version__ = "0.1.0"
@@ -93,6 +95,7 @@ __all__ = [
     "scheduler",
     "solve",
     "solve_robustly",
+    "with_priors",
     "write",
     "write_proof",
 ]

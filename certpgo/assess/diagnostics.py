@@ -91,6 +91,8 @@ def structure(instance: Instance) -> Structure:
 def spectra(graph: Graph) -> Mapping[str, Spectrum]:
     """Eigenvalues with unit weights and with the graph's own.
 
+    None if some edges measure no rotation.
+
     Raises
     ------
     GraphError
@@ -99,6 +101,8 @@ def spectra(graph: Graph) -> Mapping[str, Spectrum]:
         An eigenvalue computation failed.
     """
     rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    if not rotation.kappa.all():
+        return {}
     weighted = RotationProblem(rotation)
     return {"unit": _spectrum(weighted.with_unit_weights()), "weighted": _spectrum(weighted)}
 

@@ -288,7 +288,11 @@ def _angles(problem: Problem, stationary: Estimate | None) -> Iterator[Rung]:
     needs = "one eigenvalue of the normalized Laplacian"
     yield _local("normalized", title, bound, largest, needs, seconds, why or residual)
     rows, seconds = _timed(
-        lambda: math.inf if stationary is None else float(row_bound(rotation, stationary).max())
+        lambda: (
+            math.inf
+            if stationary is None or nu is None
+            else float(row_bound(rotation, stationary).max())
+        )
     )
     title, needs = "each node's own residuals", "that eigenvalue and all residuals"
     why = why or f"a node's residuals reach {rows:.4g} of its weight"

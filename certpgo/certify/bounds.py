@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.graph.cycles import is_cycle, walk
 from certpgo.linalg import so
@@ -92,14 +93,27 @@ def alpha_max(connectivity: float) -> float:
 
 
 def fiedler_value(problem: RotationProblem) -> float:
-    """lambda_2 of the graph Laplacian weighted by kappa."""
+    """lambda_2 of the graph Laplacian weighted by kappa.
+
+    Raises
+    ------
+    NumericalError
+        Some edges measure no rotation, or the eigenvalue was not found.
+    """
+    _require_rotations(problem)
     return float(
         spectral.deflated_eigenvalues(problem, problem.laplacian, np.ones(problem.n), 1)[0]
     )
 
 
+def _require_rotations(problem: RotationProblem) -> None:
+    if not problem.graph.kappa.all():
+        raise NumericalError("some edges measure no rotation")
+
+
 def normalized_fiedler_value(problem: RotationProblem) -> float:
     """nu_2, the second eigenvalue of D^-1/2 L_G D^-1/2; at most 2."""
+    _require_rotations(problem)
     L = problem.laplacian
     root = np.sqrt(problem.node_weights)
     column = np.repeat(np.arange(problem.n), np.diff(L.indptr))

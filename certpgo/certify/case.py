@@ -110,7 +110,8 @@ class Case:
         """
         if problem.graph.is_general:
             raise InputError(
-                "the proof tier is for isotropic weights, not for edges with matrix weights"
+                "the proof tier is for isotropic weights, not for edges with matrix weights or "
+                "edges that measure only a rotation or a translation"
             )
 
     @property

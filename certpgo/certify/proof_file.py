@@ -86,6 +86,8 @@ def write_proof(
     True
     """
     source = provable(source)
+    if instance.world is not None:
+        raise InputError("the checker does not know priors yet")
     if certificate.objective == CHORDAL:
         claim, graph = _claim(source, instance)
         multipliers, witness = _evidence(instance, graph, certificate)

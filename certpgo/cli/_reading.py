@@ -88,6 +88,10 @@ class Reading:
             "a matrix per edge in 3D.",
         ),
     ] = False
+    priors: Annotated[
+        bool,
+        _option("--priors/--no-priors", help="Read priors, such as GPS, or skip them."),
+    ] = True
     components: Annotated[
         Components,
         _option("--components", help="Components of a disconnected graph to use."),
@@ -119,6 +123,7 @@ class Reading:
             "tau": self.tau,
             "unit_weights": self.unit_weights,
             "mahalanobis": self.mahalanobis,
+            "priors": self.priors,
         }
 
     def open(self, source: Source, *, notices: bool = True) -> Instance:

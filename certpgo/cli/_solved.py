@@ -148,12 +148,14 @@ class Solved:
         from certpgo.io.covariances import write_covariances
         from certpgo.optimize.marginals import Marginals
 
-        marginals = Marginals(self._problem, self.solution.estimate)
+        world, ids = self.part.world, self.part.ids
+        marginals = Marginals(self._problem, self.solution.estimate, world or 0)
         rotations = self.solution.estimate.translations is None
-        write_covariances(out, marginals.covariances, self.part.ids, rotations=rotations)
+        written = slice(world)  # without the world, the last node
+        write_covariances(out, marginals.covariances[written], ids[written], rotations=rotations)
         if not quiet:
-            fixed = self.part.ids[marginals.anchor]
-            typer.echo(f"covariances: {out}, in each node's frame, with node {fixed} fixed")
+            fixed = "the world" if world else f"node {ids[marginals.anchor]}"
+            typer.echo(f"covariances: {out}, in each node's frame, with {fixed} fixed")
 
     @property
     def _problem(self) -> Problem | InformationProblem:

@@ -21,7 +21,7 @@ from certpgo.cli._options import (
     tier_option,
 )
 from certpgo.cli._paging import origin_of, require_pages, write_page
-from certpgo.cli._proving import REFUSED, provable_source, prove
+from certpgo.cli._proving import REFUSED, provable_source, prove, refuse_priors
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, notice, noticing, working
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
@@ -94,6 +94,8 @@ def command(
     tier = tier or ("standard" if proof is None else "proof")
     provable = None if proof is None else provable_source(source)
     instance = reading.open(source)
+    if proof is not None:
+        refuse_priors(instance)
     own = chosen_cost(cost, instance)
     parts = []
     for connected in reading.parts(instance):

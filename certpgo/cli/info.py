@@ -43,7 +43,9 @@ def command(
         for weights, spectrum in by_weights.items():
             typer.echo(f"\n{name}, {_WEIGHTS[weights]}")
             facts(_spectrum_lines(spectrum))
-    if not spectra:
+    if not all(spectra.values()):
+        typer.echo("\neigenvalues need edges that all measure rotations: --no-priors skips priors")
+    elif not spectra:
         typer.echo("\neigenvalues need a connected graph: use --components largest or each")
 
 
@@ -70,6 +72,7 @@ def _as_json(
         "notices": list(instance.notices),
         "initial": instance.initial is not None,
         "truth": instance.truth is not None,
+        "world_id": None if instance.world is None else int(instance.ids[instance.world]),
         "fixed_ids": [int(instance.ids[node]) for node in instance.fixed],
         "spectra": {
             name: {weights: asdict(spectrum) for weights, spectrum in by_weights.items()}
@@ -96,6 +99,8 @@ def _lines(instance: Instance, found: Structure, engine: str) -> Iterable[tuple[
     if found.tau is not None:
         yield "tau", f"{found.tau[0]:.6g} to {found.tau[1]:.6g} per m^2 (translational weights)"
     yield "read as", reading_sentence(instance.options)
+    if instance.world is not None:
+        yield "world", f"node {instance.ids[instance.world]}, which priors are measured from"
     yield "initial values", "in the file" if instance.initial is not None else "none"
     yield "ground truth", "available" if instance.truth is not None else "none"
     for sentence in instance.notices:

@@ -24,7 +24,7 @@ from certpgo.cli._options import (
     tier_option,
 )
 from certpgo.cli._paging import require_pages
-from certpgo.cli._proving import REFUSED, provable_source
+from certpgo.cli._proving import REFUSED, provable_source, refuse_priors
 from certpgo.cli._reading import Reading, restricted_to, takes_reading
 from certpgo.cli._show import document, notice, noticing, working
 from certpgo.cli._solved import UNPROVABLE, Solved
@@ -136,6 +136,8 @@ def command(
     refuse_overwriting([out, proof, html, covariances], [source, initial])
     provable = None if proof is None else provable_source(source)
     instance = reading.open(source)
+    if proof is not None:
+        refuse_priors(instance)
     parts = reading.parts(instance)
     for name, output in (("--proof", proof), ("--html", html)):
         if output is not None and (len(parts) > 1 or not certify):

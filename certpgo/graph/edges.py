@@ -32,10 +32,10 @@ def check_edges(edges: IntArray, n: int) -> None:
 
 
 def check_weights(name: str, weights: FloatArray, edges: IntArray) -> None:
-    """Refuse weights of another shape or out of range by a GraphError."""
+    """Refuse weights of another shape or out of range by a GraphError; 0 measures nothing."""
     if weights.shape != (len(edges),):
         raise GraphError(f"{name} must have {len(edges)} entries, not {weights.shape}")
-    bad = ~in_range(weights)
+    bad = ~in_range(weights) & (weights != 0.0)
     if bad.any():
         value = weights[np.argmax(bad)]
         expected = "positive" if value <= 0.0 else f"between {1.0 / FAR:.2g} and {FAR:.2g}"

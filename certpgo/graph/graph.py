@@ -41,7 +41,8 @@ class RotationGraph:
     edges : (m, 2) node pairs (i, j); parallel edges are allowed, their terms add
     rotations : (m, d, d) measured R_ij ~ R_i^T R_j, d = 2 or 3; a matrix of few digits is replaced
         by the nearest rotation
-    kappa : (m,) rotational concentrations, between 2^-400 and 2^400
+    kappa : (m,) rotational concentrations, between 2^-400 and 2^400; or 0 for an edge of a pose
+        graph that measures the translation alone
     couplings : (m, d, d) matrices N of general edges, whose terms are tr(K) + tr(K') - 2 <N, Q>,
         Q = R_i^T R_j, with K and K' the symmetric polar factors of N; None for N = kappa R_ij,
         where that is kappa ||R_j - R_i R_ij||_F^2. See `with_matrix_weights`
@@ -216,14 +217,16 @@ class PoseGraph:
     kind : ``"poses"``, what is measured
     rotation : the graph of relative rotations
     translations : (m, d) measured t_ij ~ R_i^T (t_j - t_i), metres
-    tau : (m,) translational concentrations, 1/m^2, between 2^-400 and 2^400
+    tau : (m,) translational concentrations, 1/m^2, between 2^-400 and 2^400; or 0 for an edge that
+        measures the rotation alone
     arms : (m, d) points a of general edges, in the frame of pose j, whose terms are
         tau |t_j + R_j a - t_i - R_i t_ij|^2; metres. None for zeros
 
     Raises
     ------
     GraphError
-        As `RotationGraph`; or translations that are not (m, d) and finite.
+        As `RotationGraph`; or translations that are not (m, d) and finite, or an edge that measures
+        nothing.
 
     Examples
     --------
@@ -256,6 +259,9 @@ class PoseGraph:
         if bad.any():
             raise GraphError(f"{edge_name(self.edges, bad)}: translation is not finite")
         check_weights("tau", self.tau, self.edges)
+        nothing = (self.tau == 0.0) & (self.rotation.kappa == 0.0)
+        if nothing.any():
+            raise GraphError(f"{edge_name(self.edges, nothing)}: kappa and tau are 0")
         if self.arms is not None:
             object.__setattr__(self, "arms", frozen_floats(self.arms))
             check_matrices("arms", self.arms, expected, self.edges)
@@ -358,8 +364,13 @@ class PoseGraph:
 
     @property
     def is_general(self) -> bool:
-        """Whether edges have arms or couplings."""
-        return self.arms is not None or self.rotation.is_general
+        """Whether edges have arms or couplings, or measure only a rotation or a translation."""
+        return self.arms is not None or self.rotation.is_general or self.is_partial
+
+    @cached_property
+    def is_partial(self) -> bool:
+        """Whether some edges measure only a rotation or only a translation."""
+        return bool((self.rotation.kappa == 0.0).any() or (self.tau == 0.0).any())
 
 
 Graph = RotationGraph | PoseGraph
@@ -378,6 +389,8 @@ def require_connected(graph: Graph) -> None:
 
 def require_isotropic(graph: Graph) -> None:
     """Refuse a graph whose weights are not kappa and tau alone, by an InputError."""
+    if isinstance(graph, PoseGraph) and graph.is_partial:
+        raise InputError("this method takes edges that measure both rotation and translation")
     if graph.is_general:
         raise InputError(
             "this method takes the weights kappa and tau alone, not edges with matrix weights, "

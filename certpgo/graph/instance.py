@@ -33,6 +33,7 @@ class Instance:
     notices : what the reader assumed, skipped or found unusual, one sentence each
     names : (n,) the source's own names of the nodes, e.g. of images; may be empty
     outliers : (m,) whether each measurement is a known outlier, or None if unknown
+    world : the node that is the world, the last one, from which priors are measured; or None
     information : the source's information matrices as they are, translation before rotation; None
         where it has none, or other weights were chosen
 
@@ -56,6 +57,7 @@ class Instance:
     names: tuple[str, ...] = ()
     outliers: BoolArray | None = None
     information: Information | None = None
+    world: int | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ids", frozen_indices(self.ids))
@@ -73,6 +75,8 @@ class Instance:
             object.__setattr__(self, "outliers", frozen_flags(self.outliers))
             if self.outliers.shape != (self.graph.num_edges,):
                 raise GraphError(f"outliers must be {self.graph.num_edges} flags, one per edge")
+        if self.world not in (None, n - 1):
+            raise GraphError(f"the world must be the last node, {n - 1}, not {self.world}")
         if self.information is not None:
             self._check_information(self.information)
 

@@ -13,6 +13,7 @@ from certpgo.io.chunks import text_lines
 from certpgo.io.format import LabelledPoses, ReadOptions
 from certpgo.io.lines import UNINFORMED, Dialect, TaggedLines, read_lines
 from certpgo.io.plural import counted
+from certpgo.io.priors import anchored_graph, in_world, joined_information, numbered_priors
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 #: Largest translation, metres.
@@ -49,7 +50,8 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
     ids = distinct(np.concatenate([vertices, pairs.ravel()]))
     notices = [counted(count, what) for what, count in content.counts.items() if count]
     rotation = RotationGraph(len(ids), numbered(ids, pairs), R, kappa)
-    graph: Graph = PoseGraph(rotation, t, tau) if t.any() else rotation
+    priors = numbered_priors(path, content, ids)
+    graph: Graph = PoseGraph(rotation, t, tau) if t.any() or priors else rotation
     if graph is rotation:
         notices.append("all translations are zero: read as a rotation graph")
     fixed = numbered(ids, np.array(content.fixed, dtype=np.intp))
@@ -63,6 +65,15 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
             notices.append(counted(missing, "node{s} without a vertex line: no initial values"))
         else:
             initial = estimate_for(ids, values, isinstance(graph, PoseGraph))
+    information = _information(content, dialect) if isinstance(graph, PoseGraph) else None
+    world = None
+    if isinstance(graph, PoseGraph) and priors is not None:
+        graph, notice = anchored_graph(graph, priors)
+        notices.append(notice)
+        world, ids = len(ids), np.append(ids, ids[-1] + 1)
+        initial = None if initial is None else in_world(initial)
+        parts = [part for part in (information, priors.information) if part is not None]
+        information = joined_information(parts) if len(parts) == 2 else None
     return Instance(
         name=path.stem,
         graph=graph,
@@ -75,7 +86,8 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
             **_uninformed(content.counts[UNINFORMED], len(pairs)),
         },
         notices=tuple(notices),
-        information=_information(content, dialect) if isinstance(graph, PoseGraph) else None,
+        information=information,
+        world=world,
     )
 
 
@@ -84,10 +96,8 @@ def _information(content: TaggedLines, dialect: Dialect) -> Information | None:
     parts = [part for part in content.information if part is not None]
     if len(parts) < len(content.information):
         return None
-    offsets = np.cumsum([0, *(len(part.distinct) for part in parts)])
-    index = [part.index + offset for part, offset in zip(parts, offsets[:-1], strict=True)]
-    distinct = np.concatenate([part.distinct for part in parts])
-    return Information(distinct, np.concatenate(index), dialect.residual)
+    whole = joined_information(parts)
+    return Information(whole.distinct, whole.index, dialect.residual)
 
 
 def _refuse_far(path: Path, pairs: IntArray, t: FloatArray) -> None:

@@ -34,11 +34,13 @@ class ReadOptions:
     ----------
     rotation_information : what the rotational information refers to; None for the format's default
     ignore_information : whether all weights are overridden, so that the file's are not read
+    skip_priors : whether measurements of single poses are skipped
     progress : called with bytes read and bytes in total, or None
     """
 
     rotation_information: RotationInformation | None = None
     ignore_information: bool = False
+    skip_priors: bool = False
     progress: Progress | None = None
 
 

@@ -35,21 +35,49 @@ class Tag:
 
     Attributes
     ----------
-    kind : measurement, initial value, fixed nodes, or something to skip and count
+    kind : measurement, of a pair or (prior) of one pose or position, initial value, fixed nodes, a
+        sensor's pose on its body, or something to skip and count
     d : dimension of space
-    numbers : number of pose parameters after the ids
+    numbers : number of parameters after the ids; d for a prior that is a position
     what : for the notice on skipped lines
     """
 
-    kind: Literal["edge", "vertex", "fix", "skip"]
+    kind: Literal["edge", "prior", "vertex", "fix", "sensor", "skip"]
     d: int = 0
     numbers: int = 0
     what: str = ""
 
     @property
     def ids(self) -> int:
-        """Number of ids after the tag."""
-        return 2 if self.kind == "edge" else 1
+        """Number of ids after the tag; in space priors name a sensor too."""
+        return 2 if self.kind == "edge" or (self.kind == "prior" and self.d == 3) else 1
+
+    @property
+    def is_position(self) -> bool:
+        """Whether it is a prior of a position alone."""
+        return self.kind == "prior" and self.numbers == self.d
+
+
+@dataclass(frozen=True)
+class Priors:
+    """Measurements of single poses.
+
+    Attributes
+    ----------
+    nodes : (k,) ids
+    rotations, translations : (k, d, d) and (k, d) in the world
+    kappa, tau : (k,) weights; kappa is 0 for positions
+    information : matrices; None for positions, or where they lack any
+    sensors : (k,) ids of the sensors whose poses are measured; -1 for the body's own
+    """
+
+    nodes: IntArray
+    rotations: FloatArray
+    translations: FloatArray
+    kappa: FloatArray
+    tau: FloatArray
+    information: Information | None
+    sensors: IntArray
 
 
 @dataclass(frozen=True)
@@ -85,6 +113,8 @@ class TaggedLines:
     measured: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
     weights: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
     information: list[Information | None] = field(default_factory=list)
+    priors: list[Priors] = field(default_factory=list)
+    sensors: dict[int, bool] = field(default_factory=dict)  # whether they are at the body's origin
     vertices: list[IntArray] = field(default_factory=list)
     values: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
     fixed: list[int] = field(default_factory=list)
@@ -93,8 +123,9 @@ class TaggedLines:
     def extend(self, other: TaggedLines) -> None:
         """Append the next chunk."""
         self.counts.update(other.counts)
+        self.sensors.update(other.sensors)
         lists = ("edges", "measured", "weights", "information", "vertices", "values", "fixed")
-        for name in lists:
+        for name in (*lists, "priors"):
             getattr(self, name).extend(getattr(other, name))
 
 
@@ -134,7 +165,7 @@ class _Parser:
         content = TaggedLines(self._d)
         for name, bodies in self._by_tag(lines).items():
             tag = self._tag(name)
-            if tag.kind == "skip":
+            if tag.kind == "skip" or (tag.kind == "prior" and self._options.skip_priors):
                 content.counts[f"{name.decode()} line{{s}} skipped: {tag.what}"] += len(bodies)
             elif tag.kind == "fix":
                 content.fixed.extend(_integers([x for body in bodies for x in body.split()]))
@@ -168,11 +199,28 @@ class _Parser:
 
     def _poses(self, name: str, tag: Tag, bodies: list[bytes], content: TaggedLines) -> None:
         ids, numbers, texts = _fields(name, tag, bodies, self._information_size(tag))
+        if tag.is_position:
+            content.priors.append(self._positions(tag.d, ids, numbers, texts))
+            return
         rotations, translations, off_norm = self._dialect.poses(tag.d, numbers)
         content.counts["quaternion{s} off norm 1 by more than 1e-3, normalized"] += off_norm
         if tag.kind == "vertex":
             content.vertices.append(ids[:, 0])
             content.values.append((rotations, translations))
+            return
+        if tag.kind == "sensor":
+            own = (rotations == np.eye(tag.d)).all(axis=(1, 2)) & ~translations.any(axis=1)
+            content.sensors.update(zip(ids[:, 0].tolist(), own.tolist(), strict=True))
+            return
+        if tag.kind == "prior":
+            weighed = TaggedLines(tag.d)
+            self._weigh(tag.d, texts, weighed)
+            content.counts.update(weighed.counts)
+            (weights,), (information,) = weighed.weights, weighed.information
+            sensors = ids[:, 1] if tag.ids == 2 else np.full(len(ids), -1)
+            content.priors.append(
+                Priors(ids[:, 0], rotations, translations, *weights, information, sensors)
+            )
             return
         refuse_loops(ids)
         content.edges.append(ids)
@@ -180,7 +228,22 @@ class _Parser:
         self._weigh(tag.d, texts, content)
 
     def _information_size(self, tag: Tag) -> int:
-        return self._dialect.layouts[tag.d].size if tag.kind == "edge" else 0
+        if tag.is_position:
+            return tag.d * (tag.d + 1) // 2
+        return self._dialect.layouts[tag.d].size if tag.kind in ("edge", "prior") else 0
+
+    def _positions(
+        self, d: int, ids: IntArray, positions: FloatArray, texts: list[bytes]
+    ) -> Priors:
+        """Positions alone; tau = d / tr(Omega^-1)."""
+        k = len(ids)
+        tau = np.ones(k)
+        if not self._options.ignore_information:
+            for row, text in enumerate(texts):
+                tau[row] = _position_weight(d, text) if text else 1.0
+        sensors = ids[:, 1] if d == 3 else np.full(k, -1)
+        identity = np.tile(np.eye(d), (k, 1, 1))
+        return Priors(ids[:, 0], identity, positions, np.zeros(k), tau, None, sensors)
 
     def _weigh(self, d: int, texts: list[bytes], content: TaggedLines) -> None:
         kappa, tau = np.ones(len(texts)), np.ones(len(texts))
@@ -202,6 +265,16 @@ class _Parser:
         # Only small roll, pitch and yaw are tangent vectors.
         whole = stated.all() and not (d == 3 and self._dialect.rotation_information == "rpy")
         content.information.append(Information(matrices, weighed.which) if whole else None)
+
+
+def _position_weight(d: int, text: bytes) -> float:
+    omega, upper = np.zeros((d, d)), np.triu_indices(d)
+    omega[upper] = _floats(text.split())
+    omega.T[upper] = omega[upper]
+    values = np.linalg.eigvalsh(omega)
+    if not values[0] > 0.0:
+        raise InputError("the information of a position is not positive definite")
+    return float(d / np.sum(1.0 / values))
 
 
 def _fields(

@@ -24,6 +24,7 @@ from certpgo.io.format import (
 )
 from certpgo.io.names import named_ids
 from certpgo.io.plural import counted
+from certpgo.io.priors import in_world
 from certpgo.io.timestamps import with_node_ids
 from certpgo.linalg.arrays import IntArray
 
@@ -44,6 +45,7 @@ def read(
     tau: float | None = None,
     unit_weights: bool = False,
     mahalanobis: bool = False,
+    priors: bool = True,
     truth: str | Path | None = None,
     format: str | None = None,
     progress: Progress | None = None,
@@ -68,6 +70,8 @@ def read(
     unit_weights : kappa = tau = 1 on every edge
     mahalanobis : weigh rotations by all of the file's rotational information, so that their terms
         are its Mahalanobis distances to second order: half of Omega_theta in 2D, a matrix in 3D
+    priors : whether measurements of single poses and positions are read, as edges from one more
+        node, the world (``Instance.world``); else they are skipped
     truth : a file with ground truth for every node, see `read_truth`
     format : name of the format, if content and suffix do not determine it
     progress : called with bytes read and bytes in total, after each chunk
@@ -103,7 +107,7 @@ def read(
     _check_choice("keep", keep, ("all", "first", "last"))
     if rotation_information is not None:
         _check_choice("rotation_information", rotation_information, _MEANINGS)
-    options = ReadOptions(rotation_information, weights.override_all, progress)
+    options = ReadOptions(rotation_information, weights.override_all, not priors, progress)
     instance = form.read_graph(path, options)
     if rotation_information == "quaternion" and instance.graph.d == 2:
         raise InputError("rotational information on a quaternion is for 3D; in 2D use the angle")
@@ -159,7 +163,7 @@ def read_estimate(
         else:
             poses = _in_dimension(poses, instance.graph.d)
             with_translations = isinstance(instance.graph, PoseGraph)
-            estimate = estimate_for(instance.ids, poses, with_translations)
+            estimate = _of_nodes(instance, poses, with_translations)
     except FormatError:
         raise
     except InputError as error:
@@ -240,6 +244,9 @@ class _Weights:
     def _overridden(self, graph: Graph) -> Graph:
         kappa, tau = (1.0, 1.0) if self.unit else (self.kappa, self.tau)
         if isinstance(graph, PoseGraph):
+            known = graph.rotation.kappa > 0.0
+            if kappa is not None and not known.all():  # positions have no rotational weight
+                return graph.with_weights(np.where(known, kappa, 0.0), tau)
             return graph.with_weights(kappa, tau)
         return graph if kappa is None else graph.with_weights(kappa)
 
@@ -319,9 +326,20 @@ def _with_mahalanobis(instance: Instance) -> Instance:
 def _with_truth(instance: Instance, path: Path) -> Instance:
     nodes, estimate = read_truth(path, instance)
     n = instance.graph.num_nodes
+    if instance.world is not None and np.array_equal(nodes, np.arange(n - 1)):
+        nodes, estimate = np.arange(n), in_world(estimate)
     if len(nodes) < n:
         raise InputError(f"{path}: truth for {len(nodes)} of {n} nodes only; use read_truth")
     return replace(instance, truth=estimate)
+
+
+def _of_nodes(instance: Instance, poses: LabelledPoses, with_translations: bool) -> Estimate:
+    """The poses of an instance's nodes; the world's need not be among them."""
+    n = instance.graph.num_nodes
+    given = poses.ids is not None and instance.ids[-1] in poses.ids
+    if instance.world is None or given or (poses.ids is None and len(poses.rotations) == n):
+        return estimate_for(instance.ids, poses, with_translations)
+    return in_world(estimate_for(instance.ids[:-1], poses, with_translations))
 
 
 def _in_own_order(poses: LabelledPoses) -> Estimate:

@@ -50,8 +50,9 @@ def write(
     instance : for an estimate, the instance it solves: its ids, initial values and fixed nodes
     ids : (n,) distinct node ids; the instance's by default, else 0 ... n-1
     format : name of the format, if the suffix does not determine it
-    anchor : frame of an estimate: ``"file"``, the default with an instance, puts the smallest id at
-        its initial value in the instance, or the identity if it has none; ``"identity"`` puts it at
+    anchor : frame of an estimate: ``"file"``, the default with an instance, is the world where
+        there are priors, and otherwise puts the smallest id at its initial value in the instance,
+        or the identity if it has none; ``"identity"`` puts it at
         the identity; ``"prior"`` puts the instance's first fixed node at its initial value;
         ``"none"``, the default without an instance, does not move the estimate
     timestamps : of a TUM file: node ``"ids"``, ``"index"``, or a file with one per node, seconds
@@ -83,6 +84,8 @@ def write(
             raise InputError(f"estimate of another graph: {what.d}D, not {instance.graph.d}D")
         labels = _ids(ids, what.num_nodes, instance)
         anchored = _anchored(what, labels, instance, anchor)
+        if instance is not None and instance.world is not None:
+            anchored, labels = anchored.subset(np.arange(instance.world)), labels[:-1]
         if what.translations is not None and not form.holds_translations:
             lost = f"a {form.name} file holds rotations only: translations are not written"
             warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
@@ -96,9 +99,25 @@ def write(
         raise InputError(f"{path}: {form.name} cannot be written for a graph")
     graph_writer = form.write_graph
     whole = _as_instance(path, what, ids)
-    if whole.graph.is_general:
-        raise InputError(f"{path}: no format holds matrix weights, couplings or arms")
+    if whole.world is not None and form.name != "g2o":
+        raise InputError(f"{path}: priors can be written to g2o files only")
+    if _is_unwritable(whole):
+        raise InputError(
+            f"{path}: no format holds matrix weights, couplings, arms, or edges that measure only "
+            "a rotation or a translation"
+        )
     atomically(path, lambda temporary: graph_writer(temporary, whole))
+
+
+def _is_unwritable(whole: Instance) -> bool:
+    """Whether edges have weights that are no numbers, or measure a part and are not priors."""
+    graph = whole.graph
+    if not isinstance(graph, PoseGraph):
+        return graph.is_general
+    partial = (graph.rotation.kappa == 0.0) | (graph.tau == 0.0)
+    if whole.world is not None:
+        partial &= graph.edges[:, 0] != whole.world
+    return graph.arms is not None or graph.rotation.is_general or bool(partial.any())
 
 
 def _as_instance(path: Path, what: Graph | Instance, ids: ArrayLike | None) -> Instance:
@@ -129,6 +148,8 @@ def _anchored(
     node = int(np.argmin(ids))
     if anchor == "none":
         return estimate
+    if anchor == "file" and instance is not None and instance.world is not None:
+        return estimate.anchored(instance.world)
     if anchor == "identity":
         return estimate.anchored(node)
     if anchor == "prior":

@@ -15,13 +15,14 @@ from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.graph import require_connected
 from certpgo.graph.lift import Point, translations_of
+from certpgo.graph.priors import require_determined
 from certpgo.linalg import network
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.factor import Factor, default_engine
 from certpgo.objective import operators
 from certpgo.objective.base import AnyPoint, FirstOrder, Objective, require_graph
-from certpgo.objective.rotation_problem import RotationProblem
+from certpgo.objective.rotation_problem import RotationProblem, RotationsOfPoses
 
 __all__ = ["PoseProblem", "Problem", "RotationProblem", "problem_of"]
 
@@ -42,7 +43,8 @@ class PoseProblem(Objective):
     Raises
     ------
     GraphError
-        The graph is disconnected.
+        The graph is disconnected, or a node is left free by edges that measure only a rotation or
+        a translation.
     InputError
         It is not a PoseGraph.
 
@@ -64,11 +66,13 @@ class PoseProblem(Objective):
     def __post_init__(self) -> None:
         require_graph(self, PoseGraph, "a RotationGraph has no translations: RotationProblem(g)")
         require_connected(self.graph)
+        if self.graph.is_partial:
+            require_determined(self.graph)
 
     @cached_property
     def rotation(self) -> RotationProblem:
         """The problem of the rotations alone; shares pattern and ordering."""
-        return self._shared(RotationProblem(self.graph.rotation, self.engine))
+        return self._shared(RotationsOfPoses(self.graph.rotation, self.engine))
 
     @cached_property
     def scale(self) -> float:

@@ -7,7 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
+from certpgo.errors import GraphError
 from certpgo.graph import Estimate, RotationGraph
+from certpgo.graph.edges import edge_name
 from certpgo.graph.graph import require_connected
 from certpgo.graph.lift import Point
 from certpgo.linalg import so
@@ -29,7 +31,7 @@ class RotationProblem(Objective):
     Raises
     ------
     GraphError
-        The graph is disconnected.
+        The graph is disconnected, or a measurement has weight 0.
     InputError
         It is not a RotationGraph.
 
@@ -55,6 +57,14 @@ class RotationProblem(Objective):
     def __post_init__(self) -> None:
         require_graph(self, RotationGraph, "of a PoseGraph g take RotationProblem(g.rotation)")
         require_connected(self.graph)
+        self._require_weights()
+
+    def _require_weights(self) -> None:
+        if not self.graph.kappa.all():
+            raise GraphError(
+                f"{edge_name(self.graph.edges, self.graph.kappa == 0.0)}: kappa is 0; only edges "
+                "of a pose graph can do without"
+            )
 
     @property
     def rotation(self) -> RotationProblem:
@@ -96,10 +106,11 @@ class RotationProblem(Objective):
         return self._sums.terms(point)
 
     def residual_angles(self, estimate: Estimate) -> FloatArray:
-        """(m,) angles between R_i R_ij and R_j, radians."""
+        """(m,) angles between R_i R_ij and R_j, radians; 0 where no rotation is measured."""
         i, j = self.graph.edges.T
         R = estimate.rotations
-        return so.angle(np.swapaxes(R[j], 1, 2) @ R[i] @ self.graph.rotations)
+        angles = so.angle(np.swapaxes(R[j], 1, 2) @ R[i] @ self.graph.rotations)
+        return np.where(self.graph.kappa > 0.0, angles, 0.0)
 
     def settled(self, point: AnyPoint) -> AnyPoint:
         """The point's rotations; there are no translations to optimize."""
@@ -138,3 +149,15 @@ class RotationProblem(Objective):
     def with_unit_weights(self) -> RotationProblem:
         """The same measurements with kappa = 1, as the thesis weighs them."""
         return RotationProblem(self.graph.with_weights(1.0), self.engine)
+
+
+class RotationsOfPoses(RotationProblem):
+    """The rotations of a pose graph, of which some measurements may have weight 0."""
+
+    def _require_weights(self) -> None:
+        pass
+
+    @property
+    def curvature(self) -> FloatArray:
+        """(n,) sums of kappa at each node; 1 where no rotation is measured."""
+        return np.where(self.node_weights > 0.0, self.node_weights, 1.0)

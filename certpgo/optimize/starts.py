@@ -48,8 +48,11 @@ def start_of(problem: Problem) -> Start:
     (`laplacian_gauss_newton`). If large noise keeps that from converging fast, eigenvectors are
     used: in 3D those of the data matrix, which includes the translations (`eigen_q`), in 2D and for
     rotations alone those of the connection Laplacian (`eigen_ma`, `eigen_ra`). If these fail,
-    because weights range over many decades, the averaged rotations are kept.
+    because weights range over many decades, the averaged rotations are kept. Where some
+    measurements are of translations alone, eigenvectors of the data matrix are used at once.
     """
+    if isinstance(problem, PoseProblem) and problem.graph.is_partial:
+        return _of_partial_edges(problem)
     averaged, converged = _averaged(problem, tree_initialization(problem.rotation.graph))
     if converged:
         return Start(problem.complete(averaged.rotations), "laplacian_gauss_newton")
@@ -66,6 +69,15 @@ def _of_eigenvectors(problem: Problem, averaged: Estimate) -> Start:
         return Start(problem.complete(rotations), "eigen_q", near=True)
     name = "eigen_ma" if isinstance(problem, PoseProblem) else "eigen_ra"
     return Start(spectral.spectral_start(problem, tol=L_TOL, start=averaged), name)
+
+
+def _of_partial_edges(problem: PoseProblem) -> Start:
+    tree = tree_initialization(problem.graph.rotation)
+    try:
+        pairs = spectral.eliminated_eigenpairs(problem, tol=Q_TOL, start=tree)
+    except (NumericalError, np.linalg.LinAlgError):
+        return Start(problem.complete(tree.rotations), "tree")
+    return Start(problem.complete(spectral.round_to_rotations(pairs.vectors, problem.d)), "eigen_q")
 
 
 def _averaged(problem: Problem, tree: Estimate) -> tuple[Estimate, bool]:

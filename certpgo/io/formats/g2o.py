@@ -5,6 +5,11 @@
     VERTEX_SE2 id x y theta
     EDGE_SE2 i j x y theta [6 numbers]
     FIX id ...
+    EDGE_PRIOR_SE2 id x y theta [6 numbers]
+    EDGE_PRIOR_SE2_XY id x y [3 numbers]
+    EDGE_SE3_PRIOR id sensor x y z qx qy qz qw [21 numbers]
+    EDGE_SE3_XYZPRIOR id sensor x y z [6 numbers]
+    PARAMS_SE3OFFSET sensor x y z qx qy qz qw
 
 The information is its upper triangle, row by row, translation before rotation. In g2o's own code
 the rotational part of 3D edges refers to the quaternion's vector part
@@ -18,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
+from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.graph.information import Information
 from certpgo.io.assemble import instance_from_lines, poses_from_lines
@@ -38,8 +44,10 @@ _LANDMARKS = (
     "LANDMARK2",
     "LANDMARK3",
 )
-_PRIORS = ("EDGE_PRIOR_SE2", "EDGE_PRIOR_SE2_XY", "EDGE_SE2_PRIOR", "EDGE_SE3_PRIOR")
-_PARAMETERS = ("PARAMS_SE2OFFSET", "PARAMS_SE3OFFSET", "PARAMS_CAMERACALIB")
+#: Of poses and of positions, in the plane and in space. Those that are written come first.
+_PRIORS = {2: ("EDGE_PRIOR_SE2", "EDGE_SE2_PRIOR"), 3: ("EDGE_SE3_PRIOR",)}
+_POSITIONS = {2: ("EDGE_PRIOR_SE2_XY", "EDGE_SE2_GPS"), 3: ("EDGE_SE3_XYZPRIOR",)}
+_PARAMETERS = ("PARAMS_SE2OFFSET", "PARAMS_CAMERACALIB")
 
 
 def _poses(d: int, numbers: FloatArray) -> Poses:
@@ -58,7 +66,13 @@ DIALECT = Dialect(
         b"EDGE_SE2": Tag("edge", 2, 3),
         b"FIX": Tag("fix"),
         **{name.encode(): Tag("skip", what="landmarks") for name in _LANDMARKS},
-        **{name.encode(): Tag("skip", what="priors") for name in _PRIORS},
+        **{
+            name.encode(): Tag("prior", d, 4 * d - 5, "priors")
+            for d in (2, 3)
+            for name in _PRIORS[d]
+        },
+        **{name.encode(): Tag("prior", d, d, "priors") for d in (2, 3) for name in _POSITIONS[d]},
+        b"PARAMS_SE3OFFSET": Tag("sensor", 3, 7),
         **{name.encode(): Tag("skip", what="sensor parameters") for name in _PARAMETERS},
     },
     layouts={2: ROW_MAJOR_2D, 3: ROW_MAJOR_3D},
@@ -102,6 +116,19 @@ def _isotropic(d: int, kappa: float, tau: float) -> str:
     return f"{a} 0 0 0 0 0 {a} 0 0 0 0 {a} 0 0 0 {b} 0 0 {b} 0 {b}"
 
 
+def _prior(graph: PoseGraph, k: int, ids: IntArray, pose: str, weight: str) -> str:
+    """The line of an edge from the world."""
+    d, node = graph.d, ids[graph.edges[k, 1]]
+    sensor = " 0" if d == 3 else ""
+    if graph.rotation.kappa[k] > 0.0 and graph.tau[k] > 0.0:
+        return f"{_PRIORS[d][0]} {node}{sensor} {pose} {weight}\n"
+    if graph.rotation.kappa[k] > 0.0:
+        raise InputError("g2o has no measurements of an attitude alone")
+    tau, position = repr(float(graph.tau[k])), " ".join(map(repr, graph.translations[k].tolist()))
+    upper = {2: f"{tau} 0 {tau}", 3: f"{tau} 0 0 {tau} 0 {tau}"}[d]
+    return f"{_POSITIONS[d][0]} {node}{sensor} {position} {upper}\n"
+
+
 def _write_poses(path: Path, estimate: Estimate, ids: IntArray, times: FloatArray) -> None:
     with path.open("w", encoding="ascii") as file:
         file.writelines(_vertex_lines(ids, estimate))
@@ -124,14 +151,20 @@ def _write_graph(path: Path, instance: Instance) -> None:
             _isotropic(graph.d, *pair)
             for pair in zip(rotation.kappa.tolist(), tau.tolist(), strict=True)
         ]
+    lines = [
+        f"{tag} {i} {j} {pose} {weight}\n"
+        for (i, j), pose, weight in zip(pairs, numbers, weights, strict=True)
+    ]
+    poses = len(ids) if instance.world is None else instance.world
+    if isinstance(graph, PoseGraph) and instance.world is not None:
+        for k in np.flatnonzero((graph.edges == instance.world).any(axis=1)).tolist():
+            lines[k] = _prior(graph, k, ids, numbers[k], weights[k])
     with path.open("w", encoding="ascii") as file:
         if instance.initial is not None:
-            file.writelines(_vertex_lines(ids, instance.initial))
+            values = instance.initial.subset(np.arange(poses))
+            file.writelines(_vertex_lines(ids[:poses], values))
         file.writelines(f"FIX {ids[k]}\n" for k in instance.fixed)
-        file.writelines(
-            f"{tag} {i} {j} {pose} {weight}\n"
-            for (i, j), pose, weight in zip(pairs, numbers, weights, strict=True)
-        )
+        file.writelines(lines)
 
 
 FORMAT = Format(

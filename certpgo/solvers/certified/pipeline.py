@@ -10,7 +10,8 @@ from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.case import PROOF_GAIN, Basin, Case
 from certpgo.costs.problem import InformationProblem
 from certpgo.errors import InputError
-from certpgo.graph import Estimate
+from certpgo.graph import Estimate, PoseGraph
+from certpgo.graph.priors import handedness_is_open
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import Problem
 from certpgo.optimize.marginals import Marginals
@@ -26,6 +27,11 @@ from certpgo.solvers.certified.staircase import Level, Staircase
 GIVEN = "the given estimate"
 #: Ranks that the staircase may add to d.
 MORE_RANKS = 7
+#: Why the relaxation is loose where a mirror image fits.
+MIRRORED = (
+    "the relaxation does not know left from right, and positions in a plane fit a mirror image as "
+    "well: attitudes, or positions out of the plane, would tell"
+)
 #: The reason of a search that was stopped too early.
 STOPPED = "stopped before a useful bound was found"
 
@@ -84,7 +90,7 @@ class CertifiedSolution:
 
     @cached_property
     def marginals(self) -> Marginals:
-        """Covariances of the nodes relative to the first one."""
+        """Covariances of the nodes relative to the first one; see `certpgo.Marginals`."""
         return Marginals(self.problem, self.estimate)
 
     def covariance(self, node: int) -> FloatArray:
@@ -201,6 +207,9 @@ def _reason(search: Staircase, certificate: Certificate) -> str:
         return STOPPED if stopped else f"{_end(search)} before a useful bound was found"
     if certificate.verdict is not Verdict.BOUNDED:
         return certificate.reason
+    graph = search.problem.graph
+    if isinstance(graph, PoseGraph) and handedness_is_open(graph):
+        return f"{certificate.reason}; {MIRRORED}"
     if minimal:
         limit = "the relaxation has no lower point beyond rounding, which limits the proof"
         return f"{certificate.reason}; {limit}"

@@ -1,0 +1,84 @@
+"""Priors of a file: edges from the world, a node that is added to the graph."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from certpgo.errors import FormatError
+from certpgo.graph import Estimate, PoseGraph
+from certpgo.graph.information import Information
+from certpgo.graph.priors import with_priors
+from certpgo.io.lines import Priors, TaggedLines
+from certpgo.io.plural import counted
+from certpgo.linalg.arrays import IntArray
+
+
+def numbered_priors(path: Path, content: TaggedLines, ids: IntArray) -> Priors | None:
+    """All priors of a file, about nodes 0 ... n-1 with these ids; None if there are none.
+
+    Raises
+    ------
+    FormatError
+        One is about a node without measurements or initial value, or about a sensor that is
+        unknown or not at its body's origin.
+    """
+    if not content.priors:
+        return None
+    columns = zip(
+        *(
+            (p.nodes, p.rotations, p.translations, p.kappa, p.tau, p.sensors)
+            for p in content.priors
+        ),
+        strict=True,
+    )
+    nodes, R, t, kappa, tau, sensors = (np.concatenate(column) for column in columns)
+    for sensor in np.unique(sensors[sensors >= 0]).tolist():
+        # Without a line of parameters, 0 is the body itself.
+        if not content.sensors.get(sensor, sensor == 0):
+            known = "not at its body's origin" if sensor in content.sensors else "unknown"
+            raise FormatError(path, None, f"a prior is about sensor {sensor}, which is {known}")
+    place = np.minimum(np.searchsorted(ids, nodes), len(ids) - 1)
+    foreign = nodes[ids[place] != nodes]
+    if len(foreign):
+        raise FormatError(path, None, f"prior of node {foreign[0]}: no such node")
+    information = None
+    parts = [p.information for p in content.priors if p.information is not None]
+    if len(parts) == len(content.priors):
+        information = joined_information(parts)
+    return Priors(place, R, t, kappa, tau, information, sensors)
+
+
+def joined_information(parts: list[Information]) -> Information:
+    """The information matrices of several parts, one after another."""
+    offsets = np.cumsum([0, *(len(part.distinct) for part in parts)])
+    index = [part.index + offset for part, offset in zip(parts, offsets[:-1], strict=True)]
+    distinct = np.concatenate([part.distinct for part in parts])
+    return Information(distinct, np.concatenate(index), parts[0].residual)
+
+
+def anchored_graph(graph: PoseGraph, priors: Priors) -> tuple[PoseGraph, str]:
+    """The graph with the world as its last node, and a notice about it."""
+    joined = with_priors(
+        graph,
+        priors.nodes,
+        priors.rotations,
+        priors.translations,
+        kappa=priors.kappa,
+        tau=priors.tau,
+    )
+    positions = int(np.count_nonzero(priors.kappa == 0.0))
+    said = counted(len(priors.nodes), "prior{s}, from a node for the world")
+    if not positions:
+        return joined, said
+    return joined, f"{said}; {positions} of positions alone, for which there is only the cost F"
+
+
+def in_world(estimate: Estimate) -> Estimate:
+    """An estimate of the other nodes, in the world's frame, with the world as the last node."""
+    d = estimate.d
+    t = None
+    if estimate.translations is not None:
+        t = np.concatenate([estimate.translations, np.zeros((1, d))])
+    return Estimate(np.concatenate([estimate.rotations, np.eye(d)[None]]), t)
