@@ -139,11 +139,9 @@ def command(
     if proof is not None:
         refuse_priors(instance)
     parts = reading.parts(instance)
-    for name, output in (("--proof", proof), ("--html", html)):
+    for name, output in (("--proof", proof), ("--html", html), ("--covariances", covariances)):
         if output is not None and (len(parts) > 1 or not certify):
             raise InputError(f"{name} needs a connected graph and a certified estimate")
-    if covariances is not None and len(parts) > 1:
-        raise InputError("--covariances needs a connected graph")
     targets = targets_of(out, parts)
     refuse_overwriting(targets, [source, initial])
     with noticing():

@@ -31,11 +31,18 @@ def check_edges(edges: IntArray, n: int) -> None:
         raise GraphError(f"{edge_name(edges, loop)}: a node cannot be measured from itself")
 
 
-def check_weights(name: str, weights: FloatArray, edges: IntArray) -> None:
-    """Refuse weights of another shape or out of range by a GraphError; 0 measures nothing."""
+def check_weights(
+    name: str, weights: FloatArray, edges: IntArray, *, or_none: bool = False
+) -> None:
+    """Refuse weights of another shape or out of range by a GraphError.
+
+    With ``or_none`` they may be 0, which measures nothing.
+    """
     if weights.shape != (len(edges),):
         raise GraphError(f"{name} must have {len(edges)} entries, not {weights.shape}")
-    bad = ~in_range(weights) & (weights != 0.0)
+    bad = ~in_range(weights)
+    if or_none:
+        bad &= weights != 0.0
     if bad.any():
         value = weights[np.argmax(bad)]
         expected = "positive" if value <= 0.0 else f"between {1.0 / FAR:.2g} and {FAR:.2g}"

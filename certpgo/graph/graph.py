@@ -87,7 +87,7 @@ class RotationGraph:
                 f"rotations must be ({m}, d, d) with d = 2 or 3, not {self.rotations.shape}"
             )
         check_edges(self.edges, self.num_nodes)
-        check_weights("kappa", self.kappa, self.edges)
+        check_weights("kappa", self.kappa, self.edges, or_none=True)
         worst, defect = so.worst_defect(self.rotations)
         if not defect <= so.DEFECT_TOLERANCE:
             i, j = self.edges[worst]
@@ -258,7 +258,7 @@ class PoseGraph:
         bad = np.asarray(~np.isfinite(self.translations).all(axis=1))
         if bad.any():
             raise GraphError(f"{edge_name(self.edges, bad)}: translation is not finite")
-        check_weights("tau", self.tau, self.edges)
+        check_weights("tau", self.tau, self.edges, or_none=True)
         nothing = (self.tau == 0.0) & (self.rotation.kappa == 0.0)
         if nothing.any():
             raise GraphError(f"{edge_name(self.edges, nothing)}: kappa and tau are 0")

@@ -58,7 +58,7 @@ def test_rotation_graph_refuses(change, message):
     [
         (np.zeros((3, 2)), np.ones(3), r"translations must be \(3, 3\)"),
         (np.full((3, 3), np.inf), np.ones(3), r"edge \(0, 1\): translation is not finite"),
-        (np.zeros((3, 3)), np.zeros(3), "tau is 0.0"),
+        (np.zeros((3, 3)), np.full(3, -1.0), "tau is -1.0"),
     ],
 )
 def test_pose_graph_refuses(translations, tau, message):

@@ -86,7 +86,7 @@ def test_zero_translations_make_a_rotation_graph(file):
             "EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\nVERTEX_XY 9 1 2\nEDGE_SE2_XY 0 9 1 2 1 0 1\n",
             "landmarks",
         ),
-        ("EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\nEDGE_PRIOR_SE2 0 0 0 0 1 0 0 1 0 1\n", "priors"),
+        ("EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\nEDGE_PRIOR_SE2 0 0 0 0 1 0 0 1 0 1\n", "1 prior,"),
     ],
 )
 def test_notices_are_collected_and_warned(file, text, notice):

@@ -1,0 +1,80 @@
+"""Measurements from the world, of a part of a pose, and what they leave free."""
+
+import numpy as np
+import pytest
+from strategies import pose_graph, rng_of
+
+from certpgo import GraphError, InputError, PoseGraph, RotationGraph, RotationProblem, with_priors
+from certpgo.graph.priors import handedness_is_open, require_determined
+from certpgo.objective.problem import problem_of
+
+
+def chain(d, kappa, tau, t=None):
+    """A chain of poses a metre apart."""
+    m = len(kappa)
+    edges = np.stack([np.arange(m), np.arange(1, m + 1)], axis=1)
+    rotation = RotationGraph(m + 1, edges, np.tile(np.eye(d), (m, 1, 1)), np.asarray(kappa))
+    t = np.tile(np.eye(d)[0], (m, 1)) if t is None else t
+    return PoseGraph(rotation, t, np.asarray(tau))
+
+
+def test_the_world_is_the_last_node():
+    graph, R, t = pose_graph(rng_of(0), 5, 3)
+    joined = with_priors(graph, [1, 3, 3], R[[1, 3, 3]], t[[1, 3, 3]], kappa=[1.0, 2.0, 0.0], tau=4)
+    assert joined.num_nodes == 6
+    assert joined.edges[-3:].tolist() == [[5, 1], [5, 3], [5, 3]]
+    assert joined.rotation.kappa[-3:].tolist() == [1.0, 2.0, 0.0]
+    assert joined.tau[-3:].tolist() == [4.0] * 3
+    np.testing.assert_allclose(joined.translations[-3:], t[[1, 3, 3]])
+    assert joined.is_partial
+    assert joined.is_general
+    assert not graph.is_partial
+    for whole in (with_priors(graph, [0], R[:1], t[:1], kappa=1.0, tau=1.0), graph):
+        assert not whole.is_general
+
+
+def test_edges_that_measure_nothing_are_refused():
+    with pytest.raises(GraphError, match=r"edge \(1, 2\): kappa and tau are 0"):
+        chain(2, [1.0, 0.0], [1.0, 0.0])
+    with pytest.raises(GraphError, match=r"kappa is -1\.0; it must be positive"):
+        chain(2, [1.0, -1.0], [1.0, 1.0])
+    with pytest.raises(GraphError, match="kappa is 0; only edges of a pose graph"):
+        RotationProblem(chain(2, [1.0, 0.0], [1.0, 1.0]).rotation)
+    graph = chain(2, [1.0, 0.0], [1.0, 1.0])
+    with pytest.raises(InputError, match="measure both rotation and translation"):
+        with_priors(graph, [0], translations=np.zeros((1, 2)), tau=1.0)
+
+
+def test_free_nodes_are_named():
+    require_determined(chain(3, [1.0, 0.0, 1.0], [1.0, 1.0, 1.0]))
+    with pytest.raises(GraphError, match=r"2 parts of the graph.* the position of node 3 is free"):
+        problem_of(chain(3, [1.0, 1.0, 1.0], [1.0, 1.0, 0.0]))
+    with pytest.raises(GraphError, match="no measurement determines the rotation of node 3"):
+        problem_of(chain(3, [1.0, 1.0, 0.0], [1.0, 1.0, 1.0]))
+    graph = chain(2, [1.0, 1.0], [1.0, 1.0])
+    with pytest.raises(GraphError, match="the position of node 3 is free"):
+        problem_of(with_priors(graph, [0], np.eye(2)[None], kappa=1.0))
+    with pytest.raises(GraphError, match="the rotation of node 3"):
+        problem_of(with_priors(graph, [0], translations=np.zeros((1, 2)), tau=1.0))
+
+
+@pytest.mark.parametrize(
+    ("positions", "expected"),
+    [
+        ([[0, 0, 0], [9, 0, 0], [0, 9, 0], [9, 9, 0.1]], True),
+        ([[0, 0, 0], [9, 0, 0], [0, 9, 0], [9, 9, 9]], False),
+        ([[0, 0, 0], [9, 0, 0]], True),
+    ],
+)
+def test_positions_in_a_plane_leave_handedness_open(positions, expected):
+    graph, R, _ = pose_graph(rng_of(1), 6, 3)
+    nodes, p = np.arange(len(positions)), np.array(positions, dtype=float)
+    assert handedness_is_open(with_priors(graph, nodes, translations=p, tau=1.0)) is expected
+    joined = with_priors(
+        graph, np.r_[nodes, 5], np.r_[R[nodes], R[5:]], np.r_[p, p[:1]],
+        tau=1.0, kappa=np.r_[np.zeros(len(nodes)), 1.0],
+    )  # fmt: skip
+    assert not handedness_is_open(joined)
+    assert not handedness_is_open(graph)
+    flat = with_priors(pose_graph(rng_of(1), 6, 2)[0], nodes, translations=p[:, :2], tau=1.0)
+    assert not handedness_is_open(flat)

@@ -1,0 +1,130 @@
+"""Priors in g2o files."""
+
+import numpy as np
+import pytest
+
+import certpgo
+from certpgo import FormatError, InputError, io
+from certpgo.linalg import so
+
+SQUARE = """\
+VERTEX_SE2 0 0 0 0
+VERTEX_SE2 1 1 0 1.5
+EDGE_SE2 0 1 1 0 1.5 100 0 0 100 0 400
+"""
+SPACE = """\
+EDGE_SE3:QUAT 0 1 1 0 0 0 0 0 1 4 0 0 0 0 0 4 0 0 0 0 4 0 0 0 1 0 0 1 0 1
+EDGE_SE3:QUAT 1 2 0 1 0 0 0 0 1 4 0 0 0 0 0 4 0 0 0 0 4 0 0 0 1 0 0 1 0 1
+"""
+TAIL = " 4 0 0 0 0 0 4 0 0 0 0 4 0 0 0 2 0 0 2 0 2\n"
+XYZ = " 9 0 0 9 0 9\n"
+
+
+@pytest.mark.parametrize("tag", ["EDGE_PRIOR_SE2", "EDGE_SE2_PRIOR"])
+def test_poses_in_the_plane(file, tag):
+    instance = io.read(file(SQUARE + f"{tag} 1 5 6 0.5 25 0 0 25 0 16\n"), quiet=True)
+    assert instance.world == 2
+    assert instance.ids.tolist() == [0, 1, 2]
+    graph = instance.graph
+    assert graph.edges.tolist() == [[0, 1], [2, 1]]
+    assert (graph.rotation.kappa[1], graph.tau[1]) == (16.0, 25.0)
+    np.testing.assert_allclose(graph.translations[1], [5.0, 6.0])
+    np.testing.assert_allclose(so.log(graph.rotation.rotations[1:]), [[0.5]])
+    assert instance.information.matrices.shape == (2, 3, 3)
+    assert instance.information.residual == "g2o"
+    np.testing.assert_array_equal(instance.initial.rotations[2], np.eye(2))
+    assert "1 prior, from a node for the world" in instance.notices
+
+
+@pytest.mark.parametrize("tag", ["EDGE_PRIOR_SE2_XY", "EDGE_SE2_GPS"])
+def test_positions_in_the_plane(file, tag):
+    text = f"{tag} 0 5 6 4 0 4\n{tag} 1 7 8 2 1 2\n{tag} 1 7 8\n"
+    graph = io.read(path := file(SQUARE + text), quiet=True).graph
+    assert graph.rotation.kappa[1:].tolist() == [0.0, 0.0, 0.0]
+    np.testing.assert_allclose(graph.tau[1:], [4.0, 1.5, 1.0], rtol=1e-15)  # 2 / tr(inverse)
+    assert io.read(path, quiet=True).information is None
+    assert io.read(path, quiet=True, kappa=7.0).graph.rotation.kappa.tolist() == [7.0, 0, 0, 0]
+    unit = io.read(path, quiet=True, unit_weights=True).graph
+    assert unit.rotation.kappa.tolist() == [1.0, 0.0, 0.0, 0.0]
+    assert unit.tau.tolist() == [1.0] * 4
+
+
+def test_space(file):
+    lines = f"EDGE_SE3_PRIOR 0 0 1 2 3 0 0 0 1{TAIL}EDGE_SE3_XYZPRIOR 2 0 4 5 6{XYZ}"
+    instance = io.read(file(SPACE + "PARAMS_SE3OFFSET 0 0 0 0 0 0 0 1\n" + lines), quiet=True)
+    graph = instance.graph
+    assert graph.edges[2:].tolist() == [[3, 0], [3, 2]]
+    assert graph.rotation.kappa[2:].tolist() == [1.0, 0.0]
+    assert graph.tau[2:].tolist() == [4.0, 9.0]
+    assert "2 priors, from a node for the world; 1 of positions alone" in instance.notices[-1]
+
+
+def test_they_can_be_skipped(file):
+    path = file(SQUARE + "EDGE_PRIOR_SE2_XY 0 5 6 4 0 4\n")
+    instance = io.read(path, quiet=True, priors=False)
+    assert instance.world is None
+    assert instance.graph.num_edges == 1
+    assert "1 EDGE_PRIOR_SE2_XY line skipped: priors" in instance.notices
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (SQUARE + "EDGE_PRIOR_SE2_XY 7 5 6 4 0 4\n", "prior of node 7: no such node"),
+        (SQUARE + "EDGE_PRIOR_SE2_XY 1 5 6 4 0\n", "takes 1 id and 2 numbers, then 3"),
+        (SQUARE + "EDGE_PRIOR_SE2_XY 1 5\n", "takes 1 id and 2 numbers"),
+        (SQUARE + "EDGE_PRIOR_SE2_XY 1 5 6 4 9 4\n", "information of a position is not positive"),
+        (SQUARE + "EDGE_PRIOR_SE2_XY 1 5 6 4 x 4\n", "numbers expected"),
+        (SQUARE + "EDGE_PRIOR_SE2 1 5 6 0 1 0 0 1 0 -1\n", "not positive definite"),
+        (SPACE + f"EDGE_SE3_PRIOR 0 5 1 2 3 0 0 0 1{TAIL}", "sensor 5, which is unknown"),
+        (
+            SPACE + "PARAMS_SE3OFFSET 5 1 0 0 0 0 0 1\n" + f"EDGE_SE3_XYZPRIOR 0 5 1 2 3{XYZ}",
+            "sensor 5, which is not at its body's origin",
+        ),
+        (SQUARE + f"EDGE_SE3_XYZPRIOR 0 0 1 2 3{XYZ}", "in a file of 2D poses"),
+    ],
+)
+def test_wrong_lines(file, text, message):
+    with pytest.raises((FormatError, InputError), match=message):
+        io.read(file(text), quiet=True)
+
+
+def test_written_and_read_again(file, tmp_path):
+    text = SQUARE + "EDGE_PRIOR_SE2_XY 0 5 6 4 0 4\nEDGE_PRIOR_SE2 1 7 8 0.5 25 0 0 25 0 16\n"
+    instance = io.read(file(text), quiet=True)
+    io.write(tmp_path / "again.g2o", instance)
+    again = io.read(tmp_path / "again.g2o", quiet=True)
+    for name in ("edges", "translations", "tau"):
+        np.testing.assert_array_equal(getattr(again.graph, name), getattr(instance.graph, name))
+    np.testing.assert_array_equal(again.graph.rotation.kappa, instance.graph.rotation.kappa)
+    assert again.world == instance.world
+    with pytest.raises(InputError, match="priors can be written to g2o files only"):
+        io.write(tmp_path / "graph.npz", instance)
+    lines = SPACE + f"EDGE_SE3_PRIOR 0 0 1 2 3 0 0 0 1{TAIL}EDGE_SE3_XYZPRIOR 2 0 4 5 6{XYZ}"
+    space = io.read(file(lines), quiet=True)
+    io.write(tmp_path / "space.g2o", space)
+    found = io.read(tmp_path / "space.g2o", quiet=True).graph
+    np.testing.assert_array_equal(found.tau, space.graph.tau)
+    attitude = certpgo.with_priors(
+        space.graph.with_edges(np.arange(2)), [0], np.eye(3)[None], kappa=1.0
+    )
+    with pytest.raises(InputError, match="measure only"):
+        io.write(tmp_path / "attitude.g2o", attitude)
+
+
+def test_estimates_are_in_the_world(file, tmp_path):
+    text = SQUARE + "EDGE_PRIOR_SE2 0 5 6 0.5 25 0 0 25 0 16\n"
+    instance = io.read(file(text), quiet=True)
+    answer = certpgo.solve(instance)
+    io.write(tmp_path / "out.g2o", answer.estimate, instance=instance)
+    again = io.read_estimate(tmp_path / "out.g2o", instance)
+    assert again.num_nodes == 3
+    np.testing.assert_array_equal(again.translations[2], 0.0)
+    np.testing.assert_allclose(again.translations[0], [5.0, 6.0], atol=1e-9)
+    assert len(io.read_estimate(tmp_path / "out.g2o").rotations) == 2
+    io.write(tmp_path / "out.tum", answer.estimate, instance=instance)
+    assert len((tmp_path / "out.tum").read_text().splitlines()) == 2
+    judged = certpgo.certify(certpgo.PoseProblem(instance.graph), again)
+    assert judged.verdict.value == "CERTIFIED"
+    read = io.read(file(text), quiet=True, truth=tmp_path / "out.g2o")
+    np.testing.assert_array_equal(read.truth.translations[2], 0.0)

@@ -1,0 +1,131 @@
+"""Graphs with priors and partial edges: solved, certified, and honest about what is open."""
+
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from strategies import dense_cost, dimensions, pose_graph, rng_of, seeds
+
+import certpgo
+from certpgo import Estimate, PoseGraph, RotationGraph, Verdict, certify, solve, with_priors
+from certpgo.linalg import so
+from certpgo.objective.problem import PoseProblem
+from certpgo.optimize.newton import newton
+
+few = settings(max_examples=15)
+
+
+def fixes(rng, graph, estimate, count, sigma, d, flat=None):
+    """Noisy positions of some poses."""
+    nodes = np.sort(rng.choice(graph.num_nodes, count, replace=False))
+    p = estimate.translations[nodes] + sigma * rng.standard_normal((count, d))
+    if flat is not None:
+        p[:, 2] = flat
+    return with_priors(graph, nodes, translations=p, tau=sigma**-2)
+
+
+@given(seeds, dimensions)
+@few
+def test_bounds_are_below_what_descents_find(seed, d):
+    rng = rng_of(seed)
+    n = int(rng.integers(4, 9))
+    graph, R, t = pose_graph(rng, n, d, noise=0.3)
+    kappa, tau = graph.rotation.kappa.copy(), graph.tau.copy()
+    extra = np.flatnonzero(np.arange(graph.num_edges) >= n - 1)  # beyond the tree
+    kappa[extra[::3]] = 0.0
+    tau[extra[1::3]] = 0.0
+    rotation = RotationGraph(n, graph.edges, graph.rotation.rotations, kappa)
+    partial = PoseGraph(rotation, graph.translations, tau)
+    partial = with_priors(PoseGraph(graph.rotation, graph.translations, graph.tau), [0, 1, 2],
+                          translations=t[:3], tau=[1.0, 2.0, 3.0]) if seed % 2 else partial  # fmt: skip
+    problem = PoseProblem(partial)
+    answer = solve(partial)
+    assert answer.cost == pytest.approx(dense_cost(partial, *_of(answer.estimate)), rel=1e-12)
+    assert answer.certificate.lower_bound <= answer.cost * (1.0 + 1e-12)
+    for _ in range(5):
+        start = problem.complete(so.random(rng, problem.n, d))
+        found = newton(problem, start).estimate
+        assert answer.certificate.lower_bound <= problem.cost(found) * (1.0 + 1e-9)
+        judged = certify(problem, found)
+        assert judged.lower_bound <= answer.cost * (1.0 + 1e-9)
+
+
+def _of(estimate):
+    return estimate.rotations, estimate.translations
+
+
+@pytest.mark.parametrize("name", ["sphere2500", "torus3D", "intel", "MIT"])
+@pytest.mark.parametrize("share", [0.02, 0.5])
+def test_gps_around_a_certified_optimum(name, share, dataset):
+    graph = dataset(name).graph
+    best = solve(graph).estimate
+    joined = fixes(rng_of(0), graph, best, int(share * graph.num_nodes), 0.5, graph.d)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        answer = solve(joined)
+    assert answer.verdict is Verdict.CERTIFIED
+    assert answer.certificate.relative_gap < 1e-6
+    world = graph.num_nodes
+    there = answer.estimate.anchored(world).translations[:world]
+    rms = np.sqrt(((there - best.translations) ** 2).sum(axis=1).mean())
+    assert rms < 1.0  # metres: the estimate is in the frame of the positions
+
+
+@given(seeds, dimensions)
+@few
+def test_moving_the_world_moves_the_answer(seed, d):
+    rng = rng_of(seed)
+    graph, R, t = pose_graph(rng, 8, d, noise=0.05)
+    S, s = so.random(rng, 1, d)[0], rng.standard_normal(d)
+    nodes = np.arange(8)
+    first = solve(with_priors(graph, nodes, R, t, kappa=1.0, tau=1.0))
+    second = solve(with_priors(graph, nodes, S @ R, t @ S.T + s, kappa=1.0, tau=1.0))
+    assert second.cost == pytest.approx(first.cost, rel=1e-7)
+    expected = first.estimate.anchored(8).moved(S, s).translations[:8]
+    np.testing.assert_allclose(
+        second.estimate.anchored(8).translations[:8], expected, atol=1e-5 * np.abs(expected).max()
+    )
+
+
+def test_a_graph_of_priors_alone_is_their_mean():
+    """Two poses, each measured twice by position: the mean, in closed form."""
+    rotation = RotationGraph(2, np.array([[0, 1]]), np.eye(2)[None], np.array([10.0]))
+    graph = PoseGraph(rotation, np.array([[2.0, 0.0]]), np.array([1e8]))
+    p = np.array([[0.0, 0.0], [0.0, 0.4], [2.0, 0.0], [2.0, 0.4]])
+    answer = solve(with_priors(graph, [0, 0, 1, 1], translations=p, tau=1.0))
+    there = answer.estimate.anchored(2).translations[:2]
+    np.testing.assert_allclose(there, [[0.0, 0.2], [2.0, 0.2]], atol=1e-6)
+    assert answer.cost == pytest.approx(4 * 0.2**2, rel=1e-6)
+    assert answer.verdict is Verdict.CERTIFIED
+
+
+def test_positions_in_a_plane_are_said_to_leave_handedness_open(dataset):
+    graph = dataset("sphere2500").graph
+    sample = graph.subgraph(np.arange(300))
+    best = solve(sample).estimate
+    answer = solve(fixes(rng_of(0), sample, best, 40, 0.5, 3, flat=0.3), time_limit=20.0)
+    assert answer.verdict is Verdict.BOUNDED
+    assert "positions in a plane fit a mirror image as well" in answer.certificate.reason
+
+
+def test_other_methods_refuse_partial_edges_or_solve_them():
+    rng = rng_of(3)
+    graph, R, t = pose_graph(rng, 8, 3, noise=0.05)
+    problem = PoseProblem(fixes(rng, graph, Estimate(R, t), 6, 0.1, 3))
+    best = solve(problem.graph)
+    assert best.verdict is Verdict.CERTIFIED
+    for name in ("newton", "eigen_q", "spanning_tree", "low_rank"):
+        found = certpgo.get_solver(name)().solve(problem)
+        assert best.certificate.lower_bound <= problem.cost(found.estimate) * (1.0 + 1e-9)
+    with pytest.raises(certpgo.InputError, match="isotropic weights, not for edges"):
+        certify(problem, best.estimate, tier="proof")
+
+
+def test_covariances_in_the_world(dataset):
+    """A position prior of one pose alone is its covariance, where attitudes are certain."""
+    graph, R, t = pose_graph(rng_of(5), 6, 3, noise=0.0)
+    joined = with_priors(graph, [2], R[2:3], t[2:3], kappa=1e9, tau=4.0)
+    answer = solve(joined)
+    C = certpgo.Marginals(answer.problem, answer.estimate, anchor=6).covariance(2)
+    np.testing.assert_allclose(C[:3, :3], 0.25 * np.eye(3), atol=1e-6)
