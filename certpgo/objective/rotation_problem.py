@@ -126,6 +126,12 @@ class RotationProblem(Objective):
         return operators.degrees(self.graph.edges, self.graph.kappa, self.n)
 
     @property
+    def median_kappa(self) -> float:
+        """The median concentration of the edges that measure a rotation."""
+        kappa = self.graph.kappa
+        return float(np.median(kappa[kappa > 0.0]))
+
+    @property
     def curvature(self) -> FloatArray:
         """(n,) sums of kappa at each node."""
         return self.node_weights

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo.graph import Estimate
+from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.trees import minimum_spanning_tree
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.objective.problem import Problem
@@ -22,14 +22,20 @@ def connected(problem: Problem, weights: FloatArray, costs: FloatArray) -> Float
     """The weights (m,) with as few zeros set to one as keep the graph connected.
 
     If all measurements between a part of the graph and the rest are rejected, the one of lowest
-    ``costs`` (m,) is kept. Its residual is then zero at the optimum, whatever its weight.
+    ``costs`` (m,) is kept. Its residual is then zero at the optimum, whatever its weight. Where
+    some edges measure only a rotation or a translation, both kinds stay connected as they were.
     """
+    graph, lengths = problem.graph, np.ones(len(weights))
     rejected = np.flatnonzero(weights <= 0.0)
-    lengths = np.ones(len(weights))
     lengths[rejected[np.argsort(costs[rejected], kind="stable")]] += 1.0 + np.arange(len(rejected))
-    tree = minimum_spanning_tree(problem.graph, lengths)
-    restored = (weights <= 0.0) & np.isin(lengths, tree.data)
-    return np.where(restored, 1.0, weights)
+    kinds = [lengths > 0.0]
+    if isinstance(graph, PoseGraph) and graph.is_partial:
+        kinds = [graph.tau > 0.0, graph.rotation.kappa > 0.0]
+    for kind in kinds:
+        tree = minimum_spanning_tree(graph.with_edges(kind), lengths[kind])
+        restored = (weights <= 0.0) & kind & np.isin(lengths, tree.data)
+        weights = np.where(restored, 1.0, weights)
+    return weights
 
 
 def fitted(

@@ -102,7 +102,7 @@ class GraduatedNonConvexity(Iterative):
 
 def largest_angle(problem: Problem, c: float) -> float:
     """The angle whose residual is c at the median weight, at most pi, radians."""
-    sine = c / float(np.sqrt(8.0 * np.median(problem.rotation.graph.kappa)))
+    sine = c / float(np.sqrt(8.0 * problem.rotation.median_kappa))
     return 2.0 * float(np.arcsin(min(sine, 1.0)))
 
 

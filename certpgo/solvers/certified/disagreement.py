@@ -182,7 +182,7 @@ def noise_scale(problem: Problem, costs: FloatArray) -> float:
     k = len(costs)
     redundant = max(k - problem.n + 1, 1) / k
     measured = math.sqrt(float(np.median(costs)) / (quantile(problem, 0.5) * redundant))
-    exact = EXACT * math.sqrt(2.0 * float(np.median(problem.rotation.graph.kappa)))
+    exact = EXACT * math.sqrt(2.0 * problem.rotation.median_kappa)
     return max(measured, exact)
 
 

@@ -27,10 +27,14 @@ from certpgo.solvers.certified.staircase import Level, Staircase
 GIVEN = "the given estimate"
 #: Ranks that the staircase may add to d.
 MORE_RANKS = 7
-#: Why the relaxation is loose where a mirror image fits.
+#: Why the relaxation may be loose where positions alone join parts: for those in a plane, and else.
 MIRRORED = (
     "the relaxation does not know left from right, and positions in a plane fit a mirror image as "
     "well: attitudes, or positions out of the plane, would tell"
+)
+PERHAPS_MIRRORED = (
+    "the relaxation does not know left from right, and may mirror what only positions and odometry "
+    "hold: attitudes or loop closures would tell"
 )
 #: The reason of a search that was stopped too early.
 STOPPED = "stopped before a useful bound was found"
@@ -210,6 +214,8 @@ def _reason(search: Staircase, certificate: Certificate) -> str:
     graph = search.problem.graph
     if isinstance(graph, PoseGraph) and handedness_is_open(graph):
         return f"{certificate.reason}; {MIRRORED}"
+    if isinstance(graph, PoseGraph) and graph.is_partial and graph.d == 3:
+        return f"{certificate.reason}; {PERHAPS_MIRRORED}"
     if minimal:
         limit = "the relaxation has no lower point beyond rounding, which limits the proof"
         return f"{certificate.reason}; {limit}"
