@@ -1,0 +1,95 @@
+"""Commands on a file with positions of poses."""
+
+import json
+
+import numpy as np
+import pytest
+
+SQUARE = """\
+EDGE_SE2 0 1 1.01 0 1.57 100 0 0 100 0 100
+EDGE_SE2 1 2 0.99 0 1.58 100 0 0 100 0 100
+EDGE_SE2 2 3 1 0.01 1.56 100 0 0 100 0 100
+EDGE_SE2 3 0 1 0 1.57 100 0 0 100 0 100
+EDGE_PRIOR_SE2_XY 0 10 20 4 0 4
+EDGE_PRIOR_SE2_XY 2 11.1 21.2 4 0 4
+EDGE_SE2_GPS 3 10 21.2 4 0 4
+"""
+
+
+@pytest.fixture
+def field(tmp_path):
+    path = tmp_path / "field.g2o"
+    path.write_text(SQUARE)
+    return path
+
+
+def test_solving_and_certifying_in_the_world(certpgo, field, tmp_path):
+    out, table = tmp_path / "out.g2o", tmp_path / "c.csv"
+    done = certpgo("solve", field, "-o", out, "--covariances", table)
+    assert done.code == 0
+    assert "CERTIFIED" in done.out
+    assert "3 priors, from a node for the world; 3 of positions alone" in done.err
+    assert f"covariances: {table}, in each node's frame, with the world fixed" in done.out
+    lines = [line.split() for line in out.read_text().splitlines()]
+    assert [int(line[1]) for line in lines] == [0, 1, 2, 3]
+    there = np.array([line[2:4] for line in lines], dtype=float)
+    np.testing.assert_allclose(there[[0, 2, 3]], [[10, 20], [11.1, 21.2], [10, 21.2]], atol=0.2)
+    assert len(table.read_text().splitlines()) == 5
+    assert certpgo("certify", field, out).code == 0
+    moved = tmp_path / "moved.tum"
+    moved.write_text("".join(f"{k} 0 0 0 0 0 0 1\n" for k in range(4)))
+    assert certpgo("certify", field, moved).code != 0
+
+
+def test_describing_and_bounding(certpgo, field):
+    done = certpgo("info", field)
+    assert "world           node 4, which priors are measured from" in done.out
+    assert "eigenvalues need edges that all measure rotations" in done.out
+    assert certpgo("info", field, "--json").json["world_id"] == 4
+    done = certpgo("bounds", field)
+    assert done.code == 0
+    assert "some edges measure no" in done.out
+    done = certpgo("info", field, "--no-priors", "--json")
+    assert done.json["world_id"] is None
+    assert done.json["edges"] == 4
+
+
+def test_converting(certpgo, field, tmp_path):
+    again = tmp_path / "again.g2o"
+    assert certpgo("convert", field, again).code == 0
+    assert again.read_text().count("EDGE_PRIOR_SE2_XY") == 3
+    done = certpgo("convert", field, tmp_path / "again.npz")
+    assert done.code == 1
+    assert "priors can be written to g2o files only" in done.err
+
+
+@pytest.mark.parametrize("command", ["solve", "certify"])
+def test_no_proof_with_priors(certpgo, field, tmp_path, command):
+    proof, estimate = tmp_path / "p.cert", tmp_path / "e.g2o"
+    certpgo("solve", field, "-o", estimate)
+    given = [estimate] if command == "certify" else []
+    done = certpgo(command, field, *given, "--proof", proof)
+    assert done.code == 1
+    assert "the checker does not know priors yet; with --no-priors" in done.err
+    assert not proof.exists()
+    assert certpgo("solve", field, "--no-priors", "--proof", proof).code == 0
+    assert certpgo("check", field, proof).code == 0
+
+
+def test_methods_that_need_whole_edges_say_so(certpgo, field, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = certpgo("solve", field, "--method", "eig_se3")
+    assert done.code == 1
+    assert "edges that measure both rotation and translation" in done.err
+    assert certpgo("solve", field, "--method", "newton", "--json").json["solution"]
+
+
+def test_robust_and_pages(certpgo, field, tmp_path):
+    wrong = tmp_path / "wrong.g2o"
+    wrong.write_text(SQUARE + "EDGE_PRIOR_SE2_XY 1 90 90 4 0 4\n")
+    done = certpgo("solve", wrong, "--robust", "--json")
+    found = json.loads(done.out)
+    assert found["solution"]["kept"] == 7
+    page = tmp_path / "page.html"
+    certpgo("solve", field, "--html", page)
+    assert page.stat().st_size > 10_000
