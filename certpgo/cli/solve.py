@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack, nullcontext
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -114,7 +114,6 @@ def command(
     are kept.
     """
     from certpgo import SolveSettings
-    from certpgo import scheduler as distributed
     from certpgo.io import read_estimate, write
     from certpgo.io.format import format_to_write
     from certpgo.registry import build, parse_settings, refuse_unsuited
@@ -158,7 +157,7 @@ def command(
     proven = True
     with ExitStack() as stack:
         if scheduler is not None:
-            stack.enter_context(distributed(scheduler))
+            stack.enter_context(_distributed(scheduler))
         for part, target in zip(parts, targets, strict=True):
             begin = restricted_to(part, start, instance)
             with working(f"solving {part.name}") as status:
@@ -193,6 +192,23 @@ def command(
         return _verdict.INTERRUPTED
     code = _verdict.exit_code(r.certificate for r in results if r.certificate is not None)
     return code if proven else code or REFUSED
+
+
+@contextmanager
+def _distributed(address: str) -> Iterator[None]:
+    """The scheduler; at the end, what it was used for is said."""
+    from certpgo import scheduler
+    from certpgo.io.plural import counted
+    from certpgo.linalg.distributed import schedulers
+
+    with scheduler(address):
+        yield
+        used = schedulers.current()
+        count = 0 if used is None else used.factorizations
+    if count:
+        notice(f"{counted(count, 'factorization{s}')} ran on {address}")
+    else:
+        notice(f"no factorization was large enough for {address}")
 
 
 class _StatusLine:

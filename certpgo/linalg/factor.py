@@ -39,7 +39,7 @@ FLOPS_PER_ENTRY = 60.0
 #: Bytes from which a factor is heavy.
 HEAVY = 4e9
 #: Multiplications from which a factorization is distributed, where there is a scheduler: seconds.
-DISTRIBUTED_FROM = 5e9
+DISTRIBUTED_FROM = 3e10
 
 
 class Factor(Protocol):
@@ -188,10 +188,7 @@ class _FrontsAnalysis:
         self._tree = multifrontal.Tree.of(indptr, indices, order)
 
     def blocks(self, sizes: IntArray) -> Symbolic:
-        fronts, scheduler = multifrontal.Fronts(self._tree, sizes), schedulers.current()
-        if scheduler is not None and fronts.flops >= DISTRIBUTED_FROM:
-            fronts = DistributedFronts(self._tree, sizes, scheduler)
-        return _Multifrontal(fronts)
+        return _Multifrontal(multifrontal.Fronts(self._tree, sizes))
 
 
 class _Multifrontal:
@@ -209,7 +206,19 @@ class _Multifrontal:
         return self._fronts.multiply(_entries(A), x)
 
     def __init__(self, fronts: multifrontal.Fronts) -> None:
-        self._fronts = fronts
+        self._local = fronts
+        self._distributed: DistributedFronts | None = None
+
+    @property
+    def _fronts(self) -> multifrontal.Fronts:
+        """The fronts, by the scheduler that is in use now if they are large."""
+        scheduler, local = schedulers.current(), self._local
+        if scheduler is None or local.flops < DISTRIBUTED_FROM:
+            return local
+        known = self._distributed
+        if known is None or known.scheduler is not scheduler:
+            known = self._distributed = DistributedFronts(local.tree, local.sizes, scheduler)
+        return known
 
     @cached_property
     def lengths(self) -> FloatArray:

@@ -111,6 +111,8 @@ class Fronts:
 
     def __init__(self, tree: Tree, sizes: IntArray) -> None:
         sizes = _integers(sizes)
+        if (sizes < 1).any():
+            raise ValueError("a node has at least one row")
         n, order = len(sizes), tree.order
         place = np.empty(n, dtype=np.int64)
         place[order] = np.arange(n)

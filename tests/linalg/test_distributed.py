@@ -1,10 +1,13 @@
 """Factorizations as tasks: those of one machine, on threads and on a cluster."""
 
+import contextlib
 import os
 import signal
+import socket
 import sys
 import threading
 import time
+import types
 
 import numpy as np
 import pytest
@@ -14,12 +17,15 @@ from matrices import exact_residual, uneven_matrix
 from strategies import rng_of, seeds
 
 import certpgo
+from certpgo import Marginals
 from certpgo.datasets.synthetic import grid3d
-from certpgo.errors import InputError, MissingDependency
+from certpgo.errors import CertPGOError, InputError, MissingDependency
 from certpgo.linalg import compiled, factor
 from certpgo.linalg.distributed import fronts, schedulers
 from certpgo.linalg.distributed.fronts import DistributedFronts
+from certpgo.linalg.distributed.tasks import TaskGraph
 from certpgo.linalg.multifrontal import Fronts, Tree, minimum_degree
+from certpgo.objective.problem import problem_of
 
 pytestmark = pytest.mark.skipif(not compiled.AVAILABLE, reason="not compiled")
 distributed = pytest.importorskip("distributed", reason="needs certpgo[cluster]")
@@ -28,6 +34,8 @@ dask = pytest.importorskip("dask", reason="needs certpgo[cluster]")
 
 class AtOnce:
     """Runs tasks one after another."""
+
+    factorizations = 0
 
     def compute(self, graph, keys):
         return list(dask.get(graph.calls, keys))
@@ -164,13 +172,85 @@ def test_a_cluster_that_loses_a_worker_loses_nothing(cluster):
             np.testing.assert_allclose(found, sums, rtol=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore")
+def test_a_problem_is_solved_where_the_scheduler_is_now(large, cluster):
+    graph, expected = large
+    problem = problem_of(graph)
+    for address in (cluster.scheduler_address, "threads"):
+        with certpgo.scheduler(address):
+            is_same(certpgo.solve(graph), expected)
+            first = certpgo.certify(problem, expected.estimate)
+            distributed_covariances = Marginals(problem, expected.estimate).covariances
+        again = certpgo.certify(problem, expected.estimate)
+        assert again.lower_bound == pytest.approx(first.lower_bound, rel=1e-9)
+        np.testing.assert_allclose(
+            Marginals(problem, expected.estimate).covariances,
+            distributed_covariances,
+            rtol=1e-9,
+            atol=1e-15,
+        )
+
+
 def test_what_is_no_scheduler_is_refused(monkeypatch):
-    monkeypatch.setattr(schedulers, "PATIENCE", "0.2s")
-    for address in ("tcp://127.0.0.1:1", "nonsense"):
-        refused = pytest.raises(InputError, match=f"{address}: no Dask scheduler responds there")
+    monkeypatch.setattr(schedulers, "PATIENCE", 0.2)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        mute = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        for address in ("tcp://127.0.0.1:1", mute):
+            refused = pytest.raises(InputError, match=f"{address}: no Dask scheduler responds")
+            with refused, certpgo.scheduler(address):
+                pass
+    for address in ("nonsense", "", "Threads", "tls://host:1", "tcp://host"):
+        refused = pytest.raises(InputError, match="address is expected, tcp://host:port")
         with refused, certpgo.scheduler(address):
             pass
+    monkeypatch.setenv("CERTPGO_ENGINE", "superlu")
+    with pytest.raises(InputError, match="cannot be tasks"), certpgo.scheduler("threads"):
+        pass
+    monkeypatch.delenv("CERTPGO_ENGINE")
     monkeypatch.setitem(sys.modules, "distributed", None)
     missing = pytest.raises(MissingDependency, match=r"certpgo\[cluster\]")
     with missing, certpgo.scheduler("threads"):
         pass
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_clusters_that_cannot_be_used_are_refused(monkeypatch, cluster):
+    monkeypatch.setattr(schedulers, "PATIENCE", 0.5)
+    options = {"host": "127.0.0.1", "dashboard_address": None}
+    with distributed.LocalCluster(n_workers=0, **options) as empty:
+        refused = pytest.raises(InputError, match="has no workers")
+        with refused, certpgo.scheduler(empty.scheduler_address):
+            pass
+    monkeypatch.setattr(schedulers, "PATIENCE", 10.0)
+    own = {**schedulers.versions(), "numpy": "0.1"}
+    monkeypatch.setattr(schedulers, "versions", lambda: own)
+    refused = pytest.raises(InputError, match=r"numpy .*, this process")
+    client = types.SimpleNamespace(
+        wait_for_workers=lambda *_, **__: None,
+        run=lambda _: {"tcp://a:1": {**own, "numpy": "2.4"}},
+    )
+    with refused:
+        schedulers._require_workers(client, "tcp://b:1")
+
+
+def test_failures_of_a_cluster_are_one_line(monkeypatch):
+    monkeypatch.setattr(schedulers, "PATIENCE", 0.02)
+    monkeypatch.setattr(schedulers, "POLL", 0.01)
+    future = types.SimpleNamespace(status="error", result=lambda: 1 / 0)
+
+    def too_long(*_, **__):
+        raise TimeoutError
+
+    client = types.SimpleNamespace(
+        get=lambda *_, **__: [future],
+        gather=list,
+        as_current=contextlib.nullcontext,
+        scheduler_info=lambda **_: {"workers": {}},
+    )
+    monkeypatch.setattr(distributed, "wait", too_long)
+    with pytest.raises(CertPGOError, match="has lost all its workers"):
+        schedulers.Cluster(client).compute(TaskGraph(), ["a"])
+    monkeypatch.setattr(schedulers, "PATIENCE", 1.0)
+    monkeypatch.setattr(distributed, "wait", lambda *_, **__: None)
+    with pytest.raises(CertPGOError, match=r"the cluster failed \(ZeroDivisionError: .*logs"):
+        schedulers.Cluster(client).compute(TaskGraph(), ["a"])

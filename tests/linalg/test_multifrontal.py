@@ -299,3 +299,44 @@ print(answer.verdict.value, answer.certificate.engine)
         [sys.executable, "-c", program], capture_output=True, text=True, env=environment, check=True
     )
     assert done.stdout == "CERTIFIED superlu\n"
+
+
+def test_patterns_and_trees_that_are_none_are_refused():
+    """Unsymmetric or unsorted patterns, wrong pointers, parents and sizes: no crash."""
+
+    def whole(*values):
+        return np.array(values, dtype=np.int64)
+
+    refused = pytest.raises(ValueError, match=r"pattern|tree of fronts|matrix|one row")
+    for indptr, indices in (
+        (whole(0, 2, 3), whole(0, 1, 1)),
+        (whole(0, 2, 4), whole(1, 0, 0, 1)),
+        (whole(0, 3, 5), whole(0, 1, 1, 0, 1)),
+    ):
+        with refused:
+            compiled.kernel.order(indptr, indices)
+        with refused:
+            compiled.kernel.analyze(indptr, indices, whole(0, 1), whole(1, 1))
+    room = np.zeros(3, dtype=np.int64)
+    for above in (whole(500000000, -1), whole(0, -1), whole(-2, -1)):
+        with refused:
+            compiled.kernel.measure(
+                whole(0, 1, 2), whole(0, 1, 2), above, whole(0, 1, 1), whole(1), room
+            )
+    with refused:
+        compiled.kernel.measure(
+            whole(0, 1, 2), whole(-5, 1, 2), whole(1, -1), whole(0, 1, 1), whole(1), room
+        )
+    short = np.array([0, 2000000000, 2], dtype=np.int32)
+    with refused:
+        compiled.kernel.diagonal_places(short, short[:2], np.zeros(2, dtype=np.int64))
+    with refused:
+        compiled.kernel.assemble(
+            (whole(-90000000, 1), whole(-90000000), whole(), whole()),
+            np.ones(1),
+            np.zeros(0),
+            np.zeros(1),
+        )
+    tree = Tree.of(whole(0, 1, 2), whole(0, 1), whole(0, 1))
+    with refused:
+        Fronts(tree, whole(1, 0)).factor(np.ones(1))

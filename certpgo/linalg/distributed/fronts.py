@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.distributed import tiles
 from certpgo.linalg.distributed.branches import SHARE, TILE, Branch, Piece, Tiles, branches_of
 from certpgo.linalg.distributed.schedulers import Scheduler
@@ -36,7 +36,7 @@ class DistributedFronts(Fronts):
         tile: int = TILE,
     ) -> None:
         super().__init__(tree, sizes)
-        self._scheduler, self._share, self._tile = scheduler, share, tile
+        self.scheduler, self._share, self._tile = scheduler, share, tile
 
     @cached_property
     def branches(self) -> list[Branch]:
@@ -48,7 +48,7 @@ class DistributedFronts(Fronts):
         """The fronts of each branch, which the workers keep."""
         graph = TaskGraph()
         keys = [graph.add(_itself, branch.fronts) for branch in self.branches]
-        return self._scheduler.keep(graph, keys)
+        return self.scheduler.keep(graph, keys)
 
     def eliminate(
         self,
@@ -63,12 +63,13 @@ class DistributedFronts(Fronts):
         if weights is None:
             weights = np.empty((0, self.size))
         job = _Job(self, data, scale, keep, weights, measured)
+        self.scheduler.factorizations += 1
         try:
             if keep is not None:
                 is_small = (8 if keep == "double" else 4) * self.entries <= GATHERED
-                collect = self._scheduler.compute if is_small else self._scheduler.keep
+                collect = self.scheduler.compute if is_small else self.scheduler.keep
                 return Elimination(collect(job.graph, job.panels), *(np.empty(0),) * 4)
-            found = self._scheduler.compute(job.graph, [key for key, _ in job.sums])
+            found = self.scheduler.compute(job.graph, [key for key, _ in job.sums])
         except NotDefinite:
             return None
         total = _Totals(len(weights), self.size)
@@ -103,10 +104,17 @@ class DistributedFronts(Fronts):
             solved[number] = call(tiles.backward, *factor, forwarded[number], *above)
         wanted = [call(tiles.own_rows, solved[k], branch.own) for k, branch in enumerate(branches)]
         if call is not _at_once:
-            wanted = self._scheduler.compute(graph, wanted)
+            wanted = self.scheduler.compute(graph, wanted)
         for branch, found in zip(branches, wanted, strict=True):
             X[:, branch.rows[: branch.own]] = found
         return X
+
+    def lower(self, panels: Any) -> CSC:
+        """As `Fronts.lower`."""
+        if not isinstance(panels[0], np.ndarray):
+            graph = TaskGraph()
+            panels = self.scheduler.compute(graph, [graph.add(_itself, part) for part in panels])
+        return super().lower(np.concatenate(panels))
 
 
 class _Totals:

@@ -115,6 +115,8 @@ def eliminate(
     rest = F.copy()
     for row, column in left:
         rest -= row.values @ column.values.T
+    if on_diagonal:  # what goes up is the lower triangle, and the residual is measured for both
+        rest = np.tril(rest) + np.tril(rest, -1).T
     L: Any
     if not is_own:
         L = rest

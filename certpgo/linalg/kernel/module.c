@@ -104,6 +104,26 @@ static PyObject *bytes_of(const Int *values, Int count)
 #include "analysis.h"
 #include "ordering.h"
 
+/* Refuse a pattern whose nodes' neighbours do not ascend, or are not mutual. */
+static int refuse_asymmetric(Int n, const Int *indptr, const Int *indices)
+{
+    Int *next = malloc((size_t)(n + 1) * sizeof(Int));
+    int found = 1;
+    if (!next) {
+        PyErr_NoMemory();
+        return -1;
+    }
+    memcpy(next, indptr, (size_t)n * sizeof(Int));
+    for (Int i = 0; i < n && found; i++)
+        for (Int e = indptr[i]; e < indptr[i + 1] && found; e++) {
+            Int j = indices[e];
+            found = next[j] < indptr[j + 1] && indices[next[j]] == i;
+            next[j]++;
+        }
+    free(next);
+    return found ? 0 : refuse("a pattern is symmetric, with ascending neighbours");
+}
+
 static PyObject *analyze(PyObject *self, PyObject *args)
 {
     PyObject *objects[4], *result = NULL;
@@ -122,6 +142,7 @@ static PyObject *analyze(PyObject *self, PyObject *args)
         refuse("not a pattern of as many nodes as order and sizes have");
         goto done;
     }
+    if (refuse_asymmetric(n, indptr, indices)) goto done;
     Int *work = malloc((size_t)(16 * n + 16) * sizeof(Int)), *rows = NULL;
     if (!work) {
         PyErr_NoMemory();
@@ -175,6 +196,7 @@ static PyObject *order(PyObject *self, PyObject *args)
         refuse("not a pattern");
         goto done;
     }
+    if (refuse_asymmetric(n, indptr, indices)) goto done;
     Int *found_order = malloc((size_t)(n + 1) * sizeof(Int));
     Py_BEGIN_ALLOW_THREADS
     if (found_order) outcome = minimum_degree(n, indptr, indices, found_order);
@@ -219,6 +241,14 @@ static Int width_of(const Fronts *f, Int s)
     return f->offset[f->start[s + 1]] - f->offset[f->start[s]];
 }
 
+/* Whether each supernode's parent comes after it, or is -1. */
+static int are_parents(Int many, const Int *above)
+{
+    for (Int s = 0; s < many; s++)
+        if (above[s] != -1 && (above[s] <= s || above[s] >= many)) return 0;
+    return 1;
+}
+
 /* Places of panels in L, and the memory that the updates need. */
 static PyObject *measure(PyObject *self, PyObject *args)
 {
@@ -235,8 +265,10 @@ static PyObject *measure(PyObject *self, PyObject *args)
                 .rows = arrays[4]};
     Int n = lengths[0] - 1, many = lengths[2];
     if (n < 0 || lengths[1] != many + 1 || lengths[3] != many + 1 || lengths[5] != many + 1 ||
-        f.start[many] > n || !are_pointers(f.begin, many + 1, lengths[4]) ||
-        !all_below(f.rows, lengths[4], n)) {
+        !are_pointers(f.offset, n + 1, f.offset[n]) || f.start[many] > n ||
+        !are_pointers(f.start, many + 1, f.start[many]) ||
+        !are_pointers(f.begin, many + 1, lengths[4]) || !all_below(f.rows, lengths[4], n) ||
+        !are_parents(many, f.above)) {
         refuse("not a tree of fronts");
         goto done;
     }
@@ -349,6 +381,12 @@ static int fronts_of(Buffers *held, PyObject *tuple, Fronts *f)
     for (int k = 0; k < 12; k++)
         if (lengths[k] != expected[k]) return refuse("not the fronts of a pattern");
     if (f->start[many] > n) return refuse("more nodes in fronts than in the pattern");
+    for (Int k = 0; k < n; k++)
+        if (f->sizes[k] < 1) return refuse("a node has at least one row");
+    if (!are_pointers(f->offset, n + 1, f->offset[n]) || !are_parents(many, f->above) ||
+        !are_pointers(f->start, many + 1, f->start[many]) ||
+        !are_pointers(f->panel, many + 1, f->panel[many]))
+        return refuse("not the fronts of a pattern");
     f->n = n, f->many = many;
     long long room[3];
     for (int k = 0; k < 3; k++) {
@@ -696,7 +734,8 @@ static PyObject *assemble(PyObject *self, PyObject *args)
     Int n = lengths[1], m = lengths[3] / 2, b = 1;
     while (n && b * b * n < lengths[4]) b++;
     const Int *indptr = arrays[0];
-    if (lengths[0] != n + 1 || lengths[2] != 2 * m || lengths[4] != n * b * b ||
+    if (lengths[0] != n + 1 || !are_pointers(indptr, n + 1, indptr[n]) || lengths[2] != 2 * m ||
+        lengths[4] != n * b * b ||
         lengths[5] != m * b * b || lengths[6] != indptr[n] * b * b ||
         !are_places(n, m, indptr, arrays[1], arrays[2], arrays[3])) {
         refuse("blocks of another pattern");
@@ -754,6 +793,10 @@ static PyObject *diagonal_places(PyObject *self, PyObject *args)
     }
     for (Int column = 0; column < size; column++) {
         int32_t low = indptr[column], high = indptr[column + 1];
+        if (low < 0 || low > high || high > entries) {
+            refuse("pointers of another matrix");
+            goto done;
+        }
         while (low < high) {
             int32_t middle = low + (high - low) / 2;
             if (rows[middle] < column)
