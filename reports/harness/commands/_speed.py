@@ -19,15 +19,18 @@ HEADER = (
     "GTSAM, seconds",
     "ratio",
     "SE-Sync 2019, seconds",
-    "times as fast",
+    "theirs over ours",
 )
 CAPTION = (
     "GTSAM: chordal initialization (in 2D LAGO) and Gauss-Newton, which certify nothing, timed in "
     "turn on one core; the ratio is the median of the rounds' ratios. SE-Sync: the printed times, "
-    "of another machine (a 2.8 GHz laptop), hence no ratio of programs"
+    "of another machine (a 2.8 GHz laptop), empty where the paper has none"
 )
 GROWTH = ("family", "poses", "seconds", "GB", "exponent", *scale.PHASES)
-GROWTH_CAPTION = "exponents p of seconds ~ poses^p, in all and of each phase; of the largest graph"
+GROWTH_CAPTION = (
+    "Poses, seconds and GB are those of the largest graph; the exponents p of seconds ~ poses^p, of "
+    "the whole solution and of each phase, say little where all graphs take less than a second"
+)
 
 
 def rows(records: Iterable[Record]) -> list[tuple[str, ...]]:

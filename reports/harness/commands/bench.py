@@ -107,7 +107,10 @@ def _speed(
     from reports.harness.experiments import scan
     from reports.harness.experiments.execute import Pool
     from reports.harness.experiments.spec import Table
+    from reports.harness.scaling import scale
 
+    for name in family or ():
+        scale.family(name)  # report a wrong name before any work
     spec = scan.get_experiment(speed.TABLE)
     if not isinstance(spec, Table):
         raise InputError(f"{speed.TABLE} is no table")
