@@ -28,8 +28,8 @@ CAPTION = (
 )
 GROWTH = ("family", "poses", "seconds", "GB", "exponent", *scale.PHASES)
 GROWTH_CAPTION = (
-    "Poses, seconds and GB are those of the largest graph; the exponents p of seconds ~ poses^p, of "
-    "the whole solution and of each phase, say little where all graphs take less than a second"
+    "Poses, seconds and GB are those of the largest graph. The exponents p of seconds ~ poses^p, "
+    "for the whole solution and each phase, say little where all graphs take less than a second"
 )
 
 
