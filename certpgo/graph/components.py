@@ -65,6 +65,7 @@ def restricted(instance: Instance, nodes: IntArray, name: str) -> Instance:
         truth=None if instance.truth is None else instance.truth.subset(nodes),
         initial=None if instance.initial is None else instance.initial.subset(nodes),
         world=None if instance.world is None else place.get(instance.world),
+        origin=instance.origin,
         fixed=tuple(place[node] for node in instance.fixed if node in place),
         names=tuple(instance.names[node] for node in nodes) if instance.names else (),
         outliers=None if instance.outliers is None else instance.outliers[inside],

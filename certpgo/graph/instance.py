@@ -12,7 +12,14 @@ from certpgo.errors import GraphError
 from certpgo.graph.estimate import Estimate
 from certpgo.graph.graph import Graph, PoseGraph
 from certpgo.graph.information import Information
-from certpgo.linalg.arrays import BoolArray, IntArray, frozen_flags, frozen_indices
+from certpgo.linalg.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    frozen_flags,
+    frozen_floats,
+    frozen_indices,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +41,8 @@ class Instance:
     names : (n,) the source's own names of the nodes, e.g. of images; may be empty
     outliers : (m,) whether each measurement is a known outlier, or None if unknown
     world : the node that is the world, the last one, from which priors are measured; or None
+    origin : (d,) where the graph's world has its origin in the source's frame, metres: near priors
+        that are far from the source's; None for zero
     information : the source's information matrices as they are, translation before rotation; None
         where it has none, or other weights were chosen
 
@@ -58,6 +67,7 @@ class Instance:
     outliers: BoolArray | None = None
     information: Information | None = None
     world: int | None = None
+    origin: FloatArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ids", frozen_indices(self.ids))
@@ -77,6 +87,10 @@ class Instance:
                 raise GraphError(f"outliers must be {self.graph.num_edges} flags, one per edge")
         if self.world not in (None, n - 1):
             raise GraphError(f"the world must be the last node, {n - 1}, not {self.world}")
+        if self.world is not None and (self.graph.edges[:, 1] == self.world).any():
+            raise GraphError("edges leave the world, and none leads to it")
+        if self.origin is not None:
+            object.__setattr__(self, "origin", frozen_floats(self.origin))
         if self.information is not None:
             self._check_information(self.information)
 
@@ -88,3 +102,22 @@ class Instance:
         found = (len(information.index), *information.distinct.shape[1:])
         if found != expected:
             raise GraphError(f"information must be {expected}, a matrix per edge, not {found}")
+
+    def in_world(self, estimate: Estimate) -> Estimate:
+        """An estimate's poses in the world's frame, without the world; as it is without priors."""
+        if self.world is None:
+            return estimate
+        there = estimate.anchored(self.world).subset(np.arange(self.world))
+        if self.origin is None or there.translations is None:
+            return there
+        return there.with_translations(there.translations + self.origin)
+
+    def with_world(self, estimate: Estimate) -> Estimate:
+        """An estimate of the poses in the world's frame, with the world; reverses `in_world`."""
+        if self.world is None:
+            return estimate
+        d, t = estimate.d, estimate.translations
+        if t is not None:
+            t = t if self.origin is None else t - self.origin
+            t = np.concatenate([t, np.zeros((1, d))])
+        return Estimate(np.concatenate([estimate.rotations, np.eye(d)[None]]), t)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from certpgo.errors import GraphError
+from certpgo.errors import GraphError, InputError
 from certpgo.graph.edges import broadcast, components_of
-from certpgo.graph.graph import PoseGraph, RotationGraph, require_isotropic
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.graph.graph import PoseGraph, RotationGraph
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 #: Positions this near to a plane, over their extent, determine no handedness.
 FLAT = 0.02
+#: Extents from the origin at which positions are far away.
+FARAWAY = 8.0
 
 
 def with_priors(
@@ -41,7 +45,9 @@ def with_priors(
     GraphError
         As `PoseGraph`.
     InputError
-        The graph has matrix weights, couplings or arms, or parts measured alone.
+        A weight without a measurement or the reverse; matrix weights, couplings or arms; or
+        positions that are far from the origin and near to one another, whose bounds would be lost
+        in rounding: subtract their mean first.
 
     Examples
     --------
@@ -60,11 +66,22 @@ def with_priors(
     >>> print(answer.verdict.value, bool(error.max() < 0.1))
     CERTIFIED True
     """
-    require_isotropic(graph)
-    nodes = np.asarray(nodes, dtype=np.intp)
+    if graph.arms is not None or graph.rotation.is_general:
+        raise InputError("priors are added before matrix weights, couplings or arms")
+    nodes = np.asarray(nodes)
+    if nodes.dtype.kind not in "iu":
+        raise InputError("nodes are given by their numbers")
+    for name, weights, values in (("kappa", kappa, rotations), ("tau", tau, translations)):
+        if np.any(weights) != (values is not None):
+            what = "rotations" if name == "kappa" else "translations"
+            raise InputError(f"{name} and {what} are given together, or neither")
     k, d, rotation = len(nodes), graph.d, graph.rotation
     R = np.tile(np.eye(d), (k, 1, 1)) if rotations is None else np.asarray(rotations)
-    t = np.zeros((k, d)) if translations is None else np.asarray(translations)
+    t = np.zeros((k, d)) if translations is None else np.asarray(translations, dtype=np.float64)
+    if translations is not None and (origin := origin_of(t[np.broadcast_to(tau, k) > 0.0])).any():
+        raise InputError(
+            f"the positions lie around {origin.tolist()}, far from the origin: subtract that first"
+        )
     world = np.full(k, graph.num_nodes)
     joined = RotationGraph(
         graph.num_nodes + 1,
@@ -76,23 +93,46 @@ def with_priors(
     return PoseGraph(joined, np.concatenate([graph.translations, t]), weights)
 
 
+def origin_of(positions: FloatArray) -> FloatArray:
+    """A point (d,) near positions that are far from the origin, else zeros.
+
+    The objective's scale, and rounding, grow with the squares of positions. Subtracting the point
+    is exact: it is a multiple of a power of two near the positions' extent.
+    """
+    d = positions.shape[1]
+    if not len(positions):
+        return np.zeros(d)
+    middle = positions.mean(axis=0)
+    extent = float(np.abs(positions - middle).max())
+    unit = 2.0 ** math.ceil(math.log2(max(extent, 1.0)))
+    if not np.abs(middle).max() > FARAWAY * unit:
+        return np.zeros(d)
+    return np.where(np.abs(middle) > FARAWAY * unit, np.rint(middle / unit) * unit, 0.0)
+
+
 def require_determined(graph: PoseGraph) -> None:
     """Refuse a graph whose measurements leave a node free, by a GraphError that names it."""
     joined = components_of(graph.num_nodes, graph.edges[graph.tau > 0.0])
     if joined.max(initial=0) > 0:
         sizes = np.bincount(joined)
-        free = int(np.argmax(joined != np.argmax(sizes)))
+        node = int(np.argmax(joined != np.argmax(sizes)))
         raise GraphError(
             f"translations are measured within {len(sizes)} parts of the graph, but not between "
-            f"them: the position of node {free} is free"
+            f"them: the position of node {node} is free"
         )
-    i, j = graph.edges.T
-    held = np.zeros(graph.num_nodes, dtype=bool)
+    free = np.ones(graph.num_nodes, dtype=bool)
+    for end, holds in zip(graph.edges.T, levers(graph), strict=True):
+        free[end[holds]] = False
+    if free.any():
+        raise GraphError(f"no measurement determines the rotation of node {int(np.argmax(free))}")
+
+
+def levers(graph: PoseGraph) -> tuple[BoolArray, BoolArray]:
+    """(m,) which edges hold the rotation of their first node, and of their second."""
     turned = graph.rotation.kappa > 0.0
-    held[i[turned | graph.translations.any(axis=1)]] = True
-    held[j[turned if graph.arms is None else turned | graph.arms.any(axis=1)]] = True
-    if not held.all():
-        raise GraphError(f"no measurement determines the rotation of node {int(np.argmin(held))}")
+    moved = graph.tau > 0.0
+    first = turned | (moved & graph.translations.any(axis=1))
+    return first, turned if graph.arms is None else turned | (moved & graph.arms.any(axis=1))
 
 
 def handedness_is_open(graph: PoseGraph) -> bool:

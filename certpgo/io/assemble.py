@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from certpgo.io.chunks import text_lines
 from certpgo.io.format import LabelledPoses, ReadOptions
 from certpgo.io.lines import UNINFORMED, Dialect, TaggedLines, read_lines
 from certpgo.io.plural import counted
-from certpgo.io.priors import anchored_graph, in_world, joined_information, numbered_priors
+from certpgo.io.priors import anchored_graph, joined_information, numbered_priors
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 #: Largest translation, metres.
@@ -66,19 +67,20 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
         else:
             initial = estimate_for(ids, values, isinstance(graph, PoseGraph))
     information = _information(content, dialect) if isinstance(graph, PoseGraph) else None
-    world = None
+    world, origin = None, None
     if isinstance(graph, PoseGraph) and priors is not None:
-        graph, notice = anchored_graph(graph, priors)
+        _refuse_far(path, np.stack([ids[priors.nodes]] * 2, axis=1), priors.translations)
+        if ids[-1] == np.iinfo(ids.dtype).max:
+            raise FormatError(path, None, f"node {ids[-1]} leaves no id for the world")
+        graph, origin, notice = anchored_graph(graph, priors)
         notices.append(notice)
         world, ids = len(ids), np.append(ids, ids[-1] + 1)
-        initial = None if initial is None else in_world(initial)
         parts = [part for part in (information, priors.information) if part is not None]
         information = joined_information(parts) if len(parts) == 2 else None
-    return Instance(
+    instance = Instance(
         name=path.stem,
         graph=graph,
         ids=ids,
-        initial=initial,
         fixed=tuple(fixed.tolist()),
         source=str(path),
         options={
@@ -88,7 +90,9 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
         notices=tuple(notices),
         information=information,
         world=world,
+        origin=origin,
     )
+    return replace(instance, initial=None if initial is None else instance.with_world(initial))
 
 
 def _information(content: TaggedLines, dialect: Dialect) -> Information | None:
@@ -199,7 +203,7 @@ def truth_for(instance: Instance, poses: LabelledPoses) -> tuple[IntArray, Estim
     with_translations = isinstance(instance.graph, PoseGraph) and poses.translations is not None
     if poses.ids is None:
         return np.arange(n), estimate_for(instance.ids, poses, with_translations)
-    place = numbered(instance.ids, poses.ids)
+    place = numbered(instance.ids[: instance.world], poses.ids)
     known = np.flatnonzero(place >= 0)
     if not len(known):
         raise InputError("truth of another graph: no id is in the graph")

@@ -14,7 +14,9 @@ from typing import Literal
 
 import numpy as np
 
+from certpgo.checker import FAR
 from certpgo.errors import InputError
+from certpgo.graph.edges import in_range
 from certpgo.graph.information import Information
 from certpgo.io.chunks import parsed, refuse_loops, without_comments
 from certpgo.io.exact import quaternion
@@ -25,6 +27,8 @@ from certpgo.linalg.arrays import FloatArray, IntArray
 
 #: Notice about edges without information, with their number.
 UNINFORMED = "edge{s} without information: kappa = tau = 1"
+#: No sensor's id.
+BODY = -(2**63)
 #: Rotations (k, d, d), translations (k, d), and how many quaternions are off norm 1.
 Poses = tuple[FloatArray, FloatArray, int]
 
@@ -68,7 +72,7 @@ class Priors:
     rotations, translations : (k, d, d) and (k, d) in the world
     kappa, tau : (k,) weights; kappa is 0 for positions
     information : matrices; None for positions, or where they lack any
-    sensors : (k,) ids of the sensors whose poses are measured; -1 for the body's own
+    sensors : (k,) ids of the sensors whose poses are measured; `BODY` for the body's own
     """
 
     nodes: IntArray
@@ -123,7 +127,8 @@ class TaggedLines:
     def extend(self, other: TaggedLines) -> None:
         """Append the next chunk."""
         self.counts.update(other.counts)
-        self.sensors.update(other.sensors)
+        for sensor, own in other.sensors.items():
+            self.sensors[sensor] = own and self.sensors.get(sensor, True)
         lists = ("edges", "measured", "weights", "information", "vertices", "values", "fixed")
         for name in (*lists, "priors"):
             getattr(self, name).extend(getattr(other, name))
@@ -165,7 +170,8 @@ class _Parser:
         content = TaggedLines(self._d)
         for name, bodies in self._by_tag(lines).items():
             tag = self._tag(name)
-            if tag.kind == "skip" or (tag.kind == "prior" and self._options.skip_priors):
+            unused = tag.kind in ("prior", "sensor") and self._options.skip_priors
+            if tag.kind == "skip" or unused or (tag.kind == "sensor" and content.d == 2):
                 content.counts[f"{name.decode()} line{{s}} skipped: {tag.what}"] += len(bodies)
             elif tag.kind == "fix":
                 content.fixed.extend(_integers([x for body in bodies for x in body.split()]))
@@ -210,14 +216,15 @@ class _Parser:
             return
         if tag.kind == "sensor":
             own = (rotations == np.eye(tag.d)).all(axis=(1, 2)) & ~translations.any(axis=1)
-            content.sensors.update(zip(ids[:, 0].tolist(), own.tolist(), strict=True))
+            for sensor, is_own in zip(ids[:, 0].tolist(), own.tolist(), strict=True):
+                content.sensors[sensor] = is_own and content.sensors.get(sensor, True)
             return
         if tag.kind == "prior":
             weighed = TaggedLines(tag.d)
             self._weigh(tag.d, texts, weighed)
             content.counts.update(weighed.counts)
             (weights,), (information,) = weighed.weights, weighed.information
-            sensors = ids[:, 1] if tag.ids == 2 else np.full(len(ids), -1)
+            sensors = ids[:, 1] if tag.ids == 2 else np.full(len(ids), BODY)
             content.priors.append(
                 Priors(ids[:, 0], rotations, translations, *weights, information, sensors)
             )
@@ -241,7 +248,7 @@ class _Parser:
         if not self._options.ignore_information:
             for row, text in enumerate(texts):
                 tau[row] = _position_weight(d, text) if text else 1.0
-        sensors = ids[:, 1] if d == 3 else np.full(k, -1)
+        sensors = ids[:, 1] if d == 3 else np.full(k, BODY)
         identity = np.tile(np.eye(d), (k, 1, 1))
         return Priors(ids[:, 0], identity, positions, np.zeros(k), tau, None, sensors)
 
@@ -274,7 +281,11 @@ def _position_weight(d: int, text: bytes) -> float:
     values = np.linalg.eigvalsh(omega)
     if not values[0] > 0.0:
         raise InputError("the information of a position is not positive definite")
-    return float(d / np.sum(1.0 / values))
+    with np.errstate(over="ignore"):
+        tau = d / np.sum(1.0 / values)
+    if not in_range(tau):
+        raise InputError(f"information must give weights between {1.0 / FAR:.2g} and {FAR:.2g}")
+    return float(tau)
 
 
 def _fields(

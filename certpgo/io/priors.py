@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import FormatError
-from certpgo.graph import Estimate, PoseGraph
+from certpgo.graph import PoseGraph
 from certpgo.graph.information import Information
-from certpgo.graph.priors import with_priors
-from certpgo.io.lines import Priors, TaggedLines
+from certpgo.graph.priors import origin_of, with_priors
+from certpgo.io.lines import BODY, Priors, TaggedLines
 from certpgo.io.plural import counted
-from certpgo.linalg.arrays import IntArray
+from certpgo.linalg.arrays import FloatArray, IntArray
 
 
 def numbered_priors(path: Path, content: TaggedLines, ids: IntArray) -> Priors | None:
@@ -34,7 +34,7 @@ def numbered_priors(path: Path, content: TaggedLines, ids: IntArray) -> Priors |
         strict=True,
     )
     nodes, R, t, kappa, tau, sensors = (np.concatenate(column) for column in columns)
-    for sensor in np.unique(sensors[sensors >= 0]).tolist():
+    for sensor in np.unique(sensors[sensors != BODY]).tolist():
         # Without a line of parameters, 0 is the body itself.
         if not content.sensors.get(sensor, sensor == 0):
             known = "not at its body's origin" if sensor in content.sensors else "unknown"
@@ -58,27 +58,19 @@ def joined_information(parts: list[Information]) -> Information:
     return Information(distinct, np.concatenate(index), parts[0].residual)
 
 
-def anchored_graph(graph: PoseGraph, priors: Priors) -> tuple[PoseGraph, str]:
-    """The graph with the world as its last node, and a notice about it."""
+def anchored_graph(graph: PoseGraph, priors: Priors) -> tuple[PoseGraph, FloatArray | None, str]:
+    """The graph with the world as its last node, the world's origin, and a notice."""
+    origin = origin_of(priors.translations)
     joined = with_priors(
         graph,
         priors.nodes,
-        priors.rotations,
-        priors.translations,
+        priors.rotations if priors.kappa.any() else None,
+        priors.translations - origin,
         kappa=priors.kappa,
         tau=priors.tau,
     )
     positions = int(np.count_nonzero(priors.kappa == 0.0))
     said = counted(len(priors.nodes), "prior{s}, from a node for the world")
-    if not positions:
-        return joined, said
-    return joined, f"{said}; {positions} of positions alone, for which there is only the cost F"
-
-
-def in_world(estimate: Estimate) -> Estimate:
-    """An estimate of the other nodes, in the world's frame, with the world as the last node."""
-    d = estimate.d
-    t = None
-    if estimate.translations is not None:
-        t = np.concatenate([estimate.translations, np.zeros((1, d))])
-    return Estimate(np.concatenate([estimate.rotations, np.eye(d)[None]]), t)
+    if positions:
+        said += f"; {positions} of positions alone, for which there is only the cost F"
+    return joined, origin if origin.any() else None, said

@@ -24,7 +24,6 @@ from certpgo.io.format import (
 )
 from certpgo.io.names import named_ids
 from certpgo.io.plural import counted
-from certpgo.io.priors import in_world
 from certpgo.io.timestamps import with_node_ids
 from certpgo.linalg.arrays import IntArray
 
@@ -284,7 +283,7 @@ def _labelled(
     poses: LabelledPoses, instance: Instance | None, timestamps: str | Path
 ) -> LabelledPoses:
     """The poses with the ids of their nodes, from times or names if necessary."""
-    ids = None if instance is None else instance.ids
+    ids = None if instance is None else instance.ids[: instance.world]
     if not poses.names:
         return with_node_ids(poses, ids, timestamps)
     found, notice = named_ids(poses, ids, () if instance is None else instance.names)
@@ -327,19 +326,16 @@ def _with_truth(instance: Instance, path: Path) -> Instance:
     nodes, estimate = read_truth(path, instance)
     n = instance.graph.num_nodes
     if instance.world is not None and np.array_equal(nodes, np.arange(n - 1)):
-        nodes, estimate = np.arange(n), in_world(estimate)
+        nodes, estimate = np.arange(n), instance.with_world(estimate)
     if len(nodes) < n:
         raise InputError(f"{path}: truth for {len(nodes)} of {n} nodes only; use read_truth")
     return replace(instance, truth=estimate)
 
 
 def _of_nodes(instance: Instance, poses: LabelledPoses, with_translations: bool) -> Estimate:
-    """The poses of an instance's nodes; the world's need not be among them."""
-    n = instance.graph.num_nodes
-    given = poses.ids is not None and instance.ids[-1] in poses.ids
-    if instance.world is None or given or (poses.ids is None and len(poses.rotations) == n):
-        return estimate_for(instance.ids, poses, with_translations)
-    return in_world(estimate_for(instance.ids[:-1], poses, with_translations))
+    """The poses of an instance's nodes; the world's is not among them."""
+    of_poses = estimate_for(instance.ids[: instance.world], poses, with_translations)
+    return instance.with_world(of_poses)
 
 
 def _in_own_order(poses: LabelledPoses) -> Estimate:

@@ -85,7 +85,7 @@ def write(
         labels = _ids(ids, what.num_nodes, instance)
         anchored = _anchored(what, labels, instance, anchor)
         if instance is not None and instance.world is not None:
-            anchored, labels = anchored.subset(np.arange(instance.world)), labels[:-1]
+            labels = labels[:-1]
         if what.translations is not None and not form.holds_translations:
             lost = f"a {form.name} file holds rotations only: translations are not written"
             warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
@@ -146,10 +146,14 @@ def _anchored(
         raise InputError(f"anchor must be file, identity, prior or none, not {anchor!r}")
     initial = None if instance is None else instance.initial
     node = int(np.argmin(ids))
+    if instance is not None and instance.world is not None:
+        if anchor in ("file", "none"):
+            return instance.in_world(estimate)
+        estimate = estimate.subset(np.arange(instance.world))
+        ids, initial = ids[:-1], None if initial is None else instance.in_world(initial)
+        node = int(np.argmin(ids))
     if anchor == "none":
         return estimate
-    if anchor == "file" and instance is not None and instance.world is not None:
-        return estimate.anchored(instance.world)
     if anchor == "identity":
         return estimate.anchored(node)
     if anchor == "prior":

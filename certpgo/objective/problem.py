@@ -126,7 +126,9 @@ class PoseProblem(Objective):
     def _eliminated(self, point: Point) -> FloatArray:
         graph = self.graph
         steps = self._steps(point)
-        t = network.positions(self.n, graph.edges, graph.tau, steps, self.order)
+        known = graph.tau > 0.0
+        measured = graph.edges[known], graph.tau[known], steps[known]
+        t = network.positions(self.n, *measured, self.order)
         return np.asarray(t - t[0])
 
     def complete(self, rotations: FloatArray) -> Estimate:
@@ -208,8 +210,9 @@ class PoseProblem(Objective):
         return self._shared(PoseProblem(graph, self.engine))
 
     def with_unit_weights(self) -> PoseProblem:
-        """The same measurements with kappa = tau = 1, as the thesis weighs them."""
-        return PoseProblem(self.graph.with_weights(1.0, 1.0), self.engine)
+        """The same measurements with kappa = tau = 1, as the thesis weighs them; 0 stays 0."""
+        kappa, tau = (np.sign(w) for w in (self.graph.rotation.kappa, self.graph.tau))
+        return PoseProblem(self.graph.with_weights(kappa, tau), self.engine)
 
 
 Problem = RotationProblem | PoseProblem

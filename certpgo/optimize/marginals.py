@@ -11,11 +11,15 @@ import numpy as np
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.linalg import so
-from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.blocks import pinned
 from certpgo.linalg.factor import Factor, Symbolic
 from certpgo.linalg.selected_inverse import selected_inverse
 from certpgo.objective.operators import lever
+
+#: Variances, times the information of their own entry, beyond which rounding decides them.
+LARGEST = 1e13
+UNDETERMINED = "the measurements do not determine all nodes relative to the anchor: no covariances"
 
 
 class Measured(Protocol):
@@ -101,7 +105,9 @@ class Marginals:
         chosen = (np.array(nodes)[:, None] * b + np.arange(b)).ravel()
         right = np.zeros((self.problem.n * b, len(chosen)))
         right[chosen, np.arange(len(chosen))] = 1.0
-        blocks = self._factor.solve(right)[chosen].reshape(len(nodes), b, len(nodes), b)
+        solved = self._factor.solve(right)[chosen]
+        self._require_determined(np.diagonal(solved), chosen)
+        blocks = solved.reshape(len(nodes), b, len(nodes), b)
         frames = self._frames[list(nodes)]
         blocks = np.einsum("iba,ibjc,jcd->iajd", frames, blocks, frames)
         fixed = np.array(nodes) == self.anchor
@@ -119,6 +125,7 @@ class Marginals:
         lower, upper = np.maximum(first, second), np.minimum(first, second)
         found = selected_inverse(L)[lower.ravel(), upper.ravel()]
         blocks = np.asarray(found).reshape(n, b, b)
+        self._require_determined(np.einsum("naa->na", blocks).ravel(), np.arange(n * b))
         blocks = np.swapaxes(self._frames, 1, 2) @ blocks @ self._frames
         blocks[self.anchor] = 0.0
         return np.asarray(blocks)
@@ -144,13 +151,22 @@ class Marginals:
 
     @cached_property
     def _factor(self) -> Factor:
+        factor = self.problem.symbolic(self._information).factor(self._information)
+        if factor is None:
+            raise NumericalError(UNDETERMINED)
+        return factor
+
+    @cached_property
+    def _information(self) -> CSC:
+        """The Gauss-Newton matrix, the anchor's rows and columns cut off."""
         H = self.problem.gauss_newton(self.estimate)
         b = H.shape[0] // self.problem.n
-        H = pinned(H, self.anchor * b + np.arange(b))
-        factor = self.problem.symbolic(H).factor(H)
-        if factor is None:
-            raise NumericalError("the measurements do not determine all nodes: no covariances")
-        return factor
+        return pinned(H, self.anchor * b + np.arange(b))
+
+    def _require_determined(self, variances: FloatArray, rows: IntArray) -> None:
+        """Refuse variances that rounding alone keeps finite: a factorization seldom fails."""
+        if not (variances * self._information.diagonal()[rows] < LARGEST).all():
+            raise NumericalError(UNDETERMINED)
 
     def _carried(self, i: int, j: int) -> FloatArray:
         """(b, b) the adjoint of X_j^-1 X_i: the motion of i in the tangent of j."""

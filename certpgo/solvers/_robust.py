@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from certpgo.graph import Estimate, PoseGraph
+from certpgo.graph.priors import levers
 from certpgo.graph.trees import minimum_spanning_tree
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.objective.problem import Problem
@@ -35,7 +36,21 @@ def connected(problem: Problem, weights: FloatArray, costs: FloatArray) -> Float
         tree = minimum_spanning_tree(graph.with_edges(kind), lengths[kind])
         restored = (weights <= 0.0) & kind & np.isin(lengths, tree.data)
         weights = np.where(restored, 1.0, weights)
+    if isinstance(graph, PoseGraph) and graph.is_partial:
+        _hold(graph, weights, costs)
     return weights
+
+
+def _hold(graph: PoseGraph, weights: FloatArray, costs: FloatArray) -> None:
+    """Restore measurements of lowest cost until each rotation is determined by one."""
+    free = np.ones(graph.num_nodes, dtype=bool)
+    for end, holds in zip(graph.edges.T, levers(graph), strict=True):
+        free[end[holds & (weights > 0.0)]] = False
+    for node in np.flatnonzero(free):
+        holding = np.zeros(len(weights), dtype=bool)
+        for end, holds in zip(graph.edges.T, levers(graph), strict=True):
+            holding |= holds & (end == node)
+        weights[np.flatnonzero(holding)[np.argmin(costs[holding])]] = 1.0
 
 
 def fitted(

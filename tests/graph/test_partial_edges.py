@@ -5,7 +5,7 @@ import pytest
 from strategies import pose_graph, rng_of
 
 from certpgo import GraphError, InputError, PoseGraph, RotationGraph, RotationProblem, with_priors
-from certpgo.graph.priors import handedness_is_open, require_determined
+from certpgo.graph.priors import handedness_is_open, origin_of, require_determined
 from certpgo.objective.problem import problem_of
 
 
@@ -40,9 +40,34 @@ def test_edges_that_measure_nothing_are_refused():
         chain(2, [1.0, -1.0], [1.0, 1.0])
     with pytest.raises(GraphError, match="kappa is 0; only edges of a pose graph"):
         RotationProblem(chain(2, [1.0, 0.0], [1.0, 1.0]).rotation)
-    graph = chain(2, [1.0, 0.0], [1.0, 1.0])
-    with pytest.raises(InputError, match="measure both rotation and translation"):
-        with_priors(graph, [0], translations=np.zeros((1, 2)), tau=1.0)
+    whole = chain(2, [1.0, 1.0], [1.0, 1.0])
+    for given, words in (
+        ({"kappa": 1.0}, "kappa and rotations are given together"),
+        ({"rotations": np.eye(2)[None]}, "kappa and rotations are given together"),
+        ({"tau": 1.0}, "tau and translations are given together"),
+    ):
+        with pytest.raises(InputError, match=words):
+            with_priors(whole, [0], **given)
+    with pytest.raises(InputError, match="by their numbers"):
+        with_priors(whole, np.ones(3, dtype=bool), np.tile(np.eye(2), (3, 1, 1)), kappa=1.0)
+    far = np.array([[5e5, 4.5e6], [5e5 + 3, 4.5e6], [5e5, 4.5e6 + 3]])
+    with pytest.raises(
+        InputError, match=r"lie around \[500000.0, 4500000.0\], far from the origin"
+    ):
+        with_priors(whole, [0, 1, 2], translations=far, tau=1.0)
+
+
+def test_origins_are_subtracted_exactly():
+    rng = rng_of(0)
+    for size in (1e-3, 1.0, 300.0):
+        near = size * rng.standard_normal((50, 3))
+        assert not origin_of(near).any()
+        there = near + [4e6, -2e5, 7.0]
+        origin = origin_of(there)
+        assert origin[:2].all()
+        np.testing.assert_array_equal((there - origin) + origin, there)
+        assert np.abs(there - origin).max() < 20.0 * max(size, 1.0) + 8.0
+    assert not origin_of(np.empty((0, 3))).any()
 
 
 def test_free_nodes_are_named():

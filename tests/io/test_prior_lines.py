@@ -81,7 +81,23 @@ def test_they_can_be_skipped(file):
             SPACE + "PARAMS_SE3OFFSET 5 1 0 0 0 0 0 1\n" + f"EDGE_SE3_XYZPRIOR 0 5 1 2 3{XYZ}",
             "sensor 5, which is not at its body's origin",
         ),
+        (SPACE + f"EDGE_SE3_PRIOR 0 -1 1 2 3 0 0 0 1{TAIL}", "sensor -1, which is unknown"),
+        (
+            SPACE
+            + "PARAMS_SE3OFFSET 5 1 0 0 0 0 0 1\nPARAMS_SE3OFFSET 5 0 0 0 0 0 0 1\n"
+            + f"EDGE_SE3_XYZPRIOR 0 5 1 2 3{XYZ}",
+            "sensor 5, which is not at its body's origin",
+        ),
         (SQUARE + f"EDGE_SE3_XYZPRIOR 0 0 1 2 3{XYZ}", "in a file of 2D poses"),
+        (SQUARE + "EDGE_PRIOR_SE2_XY 0 1e160 6 4 0 4\n", "translations up to 1e.90 expected"),
+        (SQUARE + "EDGE_PRIOR_SE2_XY 0 5 6 1e-320 0 1e-320\n", "information must give weights"),
+        (
+            SQUARE.replace(" 1 ", " 9223372036854775807 ", 1).replace(
+                "0 1 1 0", "0 9223372036854775807 1 0"
+            )
+            + "EDGE_PRIOR_SE2_XY 0 5 6 4 0 4\n",
+            "leaves no id for the world",
+        ),
     ],
 )
 def test_wrong_lines(file, text, message):
@@ -128,3 +144,77 @@ def test_estimates_are_in_the_world(file, tmp_path):
     assert judged.verdict.value == "CERTIFIED"
     read = io.read(file(text), quiet=True, truth=tmp_path / "out.g2o")
     np.testing.assert_array_equal(read.truth.translations[2], 0.0)
+
+
+FIELD = "".join(
+    f"EDGE_SE2 {k} {(k + 1) % 12} {1.0 + 0.02 * (k % 3)} 0.01 {0.5236 + 0.01 * (k % 2)} 100 0 0 100 0 100\n"
+    for k in range(12)
+)
+
+
+def field(file, x, y):
+    """A ring of poses with positions around (x, y), metres."""
+    a = 0.5236 * np.arange(12)
+    p = np.stack([1.93 * np.cos(a), 1.93 * np.sin(a)], axis=1) + 0.1 * np.sin(7.0 * a)[:, None]
+    return io.read(
+        file(FIELD + "".join(
+            f"EDGE_PRIOR_SE2_XY {k} {round(u + x, 3)!r} {round(v + y, 3)!r} 25 0 25\n"
+            for k, (u, v) in enumerate(p.tolist())
+        )), quiet=True,
+    )  # fmt: skip
+
+
+def test_map_coordinates_cost_no_digits(file, tmp_path):
+    near, far = field(file, 0.0, 0.0), None
+    first = certpgo.solve(near)
+    far = field(file, 500000.0, 4500000.0)
+    assert near.origin is None
+    assert np.abs(far.origin - [500000.0, 4500000.0]).max() < 8.0
+    answer = certpgo.solve(far)
+    assert answer.certificate.lower_bound == pytest.approx(first.certificate.lower_bound, rel=1e-5)
+    assert answer.certificate.tolerance < 1e-4 * answer.cost
+    there = far.in_world(answer.estimate)
+    moved = near.in_world(first.estimate).translations + [500000.0, 4500000.0]
+    np.testing.assert_allclose(there.translations, moved, atol=1e-3)
+    io.write(tmp_path / "out.g2o", answer.estimate, instance=far)
+    again = io.read_estimate(tmp_path / "out.g2o", far)
+    problem = certpgo.PoseProblem(far.graph)
+    assert certpgo.certify(problem, again).verdict.value == "CERTIFIED"
+    # An estimate that is off is not certified either.
+    turned = again.rotations @ so.exp(np.full((13, 1), 0.05) * np.arange(13)[:, None] % 0.1)
+    off = certpgo.Estimate(turned, again.translations)
+    assert certpgo.certify(problem, off).verdict.value != "CERTIFIED"
+    io.write(tmp_path / "again.g2o", far)
+    copied = io.read(tmp_path / "again.g2o", quiet=True)
+    np.testing.assert_array_equal(copied.graph.translations, far.graph.translations)
+    np.testing.assert_array_equal(copied.origin, far.origin)
+
+
+def test_the_world_is_never_matched_by_an_id(file, tmp_path):
+    instance = io.read(file(SQUARE + "EDGE_PRIOR_SE2 0 5 6 0.5 25 0 0 25 0 16\n"), quiet=True)
+    path = tmp_path / "longer.tum"
+    path.write_text("".join(f"{k} 5 6 0 0 0 0 1\n" for k in range(3)))
+    with pytest.raises(FormatError, match="node 2 is not in the graph"):
+        io.read_estimate(path, instance)
+    nodes, _ = io.read_truth(path, instance)
+    assert nodes.tolist() == [0, 1]
+
+
+def test_poses_are_matched_in_order_and_by_time(file, tmp_path):
+    instance = io.read(file(SQUARE + "EDGE_PRIOR_SE2 0 5 6 0.5 25 0 0 25 0 16\n"), quiet=True)
+    answer = certpgo.solve(instance)
+    times, path = tmp_path / "times.txt", tmp_path / "out.tum"
+    times.write_text("10.5\n11.5\n")
+    io.write(path, answer.estimate, instance=instance, timestamps=times)
+    again = io.read_estimate(path, instance, timestamps=times)
+    np.testing.assert_allclose(again.translations, _all(instance, answer), atol=1e-9)
+
+
+def _all(instance, answer):
+    return instance.with_world(instance.in_world(answer.estimate)).translations
+
+
+def test_parameters_of_sensors_are_no_obstacle(file):
+    stray = "PARAMS_SE3OFFSET 0 0 0 0 0 0 0 1\n"
+    assert io.read(file(SQUARE + stray), quiet=True).graph.d == 2
+    assert io.read(file(SPACE + "PARAMS_SE3OFFSET 0\n"), quiet=True, priors=False).graph.d == 3

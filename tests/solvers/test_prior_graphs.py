@@ -9,6 +9,7 @@ from strategies import dense_cost, dimensions, pose_graph, rng_of, seeds
 
 import certpgo
 from certpgo import Estimate, PoseGraph, RotationGraph, Verdict, certify, solve, with_priors
+from certpgo.datasets.synthetic import helix
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem
 from certpgo.optimize.newton import newton
@@ -109,7 +110,8 @@ def flat_fixes(seed, attitudes):
     nodes = np.r_[np.arange(n), np.arange(attitudes)]
     tau = np.r_[np.full(n, 1.0 / 0.09), np.zeros(attitudes)]
     kappa = np.r_[np.zeros(n), np.full(attitudes, 10.0)]
-    return with_priors(graph, nodes, R[nodes], p[nodes % n], kappa=kappa, tau=tau)
+    turned = R[nodes] if attitudes else None
+    return with_priors(graph, nodes, turned, p[nodes % n], kappa=kappa, tau=tau)
 
 
 def test_positions_in_a_plane_leave_handedness_open_and_attitudes_settle_it():
@@ -142,3 +144,30 @@ def test_covariances_in_the_world(dataset):
     answer = solve(joined)
     C = certpgo.Marginals(answer.problem, answer.estimate, anchor=6).covariance(2)
     np.testing.assert_allclose(C[:3, :3], 0.25 * np.eye(3), atol=1e-6)
+
+
+def test_removing_a_bridge_or_outliers_frees_no_rotation():
+    """A node held by a lever alone, and a world whose only good fix is at its origin."""
+    edges = np.array([[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [3, 4]])
+    kappa = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 1.0])
+    rotation = RotationGraph(5, edges, np.tile(np.eye(2), (6, 1, 1)), kappa)
+    t = np.array([[1.0, 0], [0, 1], [-1, -1], [1, 2], [0, 2], [3000, 0]])
+    assert solve(PoseGraph(rotation, t, np.ones(6))).certificate.lower_bound >= 0.0
+    instance = helix(6, np.random.default_rng(0))
+    nodes = np.arange(0, 36, 6)
+    fixes = 50.0 * rng_of(0).standard_normal((6, 3))
+    fixes[0] = 0.0
+    joined = with_priors(instance.graph, nodes, translations=fixes, tau=100.0)
+    answer = certpgo.solve_robustly(joined)
+    assert answer.problem.n == 37
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_what_too_few_positions_leave_open_has_no_covariance(count):
+    instance = helix(6, np.random.default_rng(0))
+    fixes = instance.truth.translations[:count]
+    answer = solve(with_priors(instance.graph, np.arange(count), translations=fixes, tau=1.0))
+    marginals = certpgo.Marginals(answer.problem, answer.estimate, anchor=36)
+    for compute in (lambda: marginals.covariances, lambda: marginals.covariance(3)):
+        with pytest.raises(certpgo.NumericalError, match="do not determine all nodes"):
+            compute()

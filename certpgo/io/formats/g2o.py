@@ -72,7 +72,7 @@ DIALECT = Dialect(
             for name in _PRIORS[d]
         },
         **{name.encode(): Tag("prior", d, d, "priors") for d in (2, 3) for name in _POSITIONS[d]},
-        b"PARAMS_SE3OFFSET": Tag("sensor", 3, 7),
+        b"PARAMS_SE3OFFSET": Tag("sensor", 3, 7, "sensor parameters"),
         **{name.encode(): Tag("skip", what="sensor parameters") for name in _PARAMETERS},
     },
     layouts={2: ROW_MAJOR_2D, 3: ROW_MAJOR_3D},
@@ -116,15 +116,15 @@ def _isotropic(d: int, kappa: float, tau: float) -> str:
     return f"{a} 0 0 0 0 0 {a} 0 0 0 0 {a} 0 0 0 {b} 0 0 {b} 0 {b}"
 
 
-def _prior(graph: PoseGraph, k: int, ids: IntArray, pose: str, weight: str) -> str:
+def _prior(graph: PoseGraph, k: int, node: int, pose: str, weight: str) -> str:
     """The line of an edge from the world."""
-    d, node = graph.d, ids[graph.edges[k, 1]]
+    d = graph.d
     sensor = " 0" if d == 3 else ""
     if graph.rotation.kappa[k] > 0.0 and graph.tau[k] > 0.0:
         return f"{_PRIORS[d][0]} {node}{sensor} {pose} {weight}\n"
     if graph.rotation.kappa[k] > 0.0:
         raise InputError("g2o has no measurements of an attitude alone")
-    tau, position = repr(float(graph.tau[k])), " ".join(map(repr, graph.translations[k].tolist()))
+    tau, position = repr(float(graph.tau[k])), " ".join(pose.split()[:d])
     upper = {2: f"{tau} 0 {tau}", 3: f"{tau} 0 0 {tau} 0 {tau}"}[d]
     return f"{_POSITIONS[d][0]} {node}{sensor} {position} {upper}\n"
 
@@ -141,6 +141,8 @@ def _write_graph(path: Path, instance: Instance) -> None:
         rotation, t, tau = graph.rotation, graph.translations, graph.tau
     else:
         rotation, t, tau = graph, None, np.ones(graph.num_edges)
+    if t is not None and instance.origin is not None:
+        t = t + np.where(graph.edges[:, :1] == instance.world, instance.origin, 0.0)
     numbers = _pose_numbers(rotation.rotations, t)
     pairs = ids[graph.edges].tolist()
     about = instance.options.get("rotation_information", "tangent")
@@ -158,10 +160,10 @@ def _write_graph(path: Path, instance: Instance) -> None:
     poses = len(ids) if instance.world is None else instance.world
     if isinstance(graph, PoseGraph) and instance.world is not None:
         for k in np.flatnonzero((graph.edges == instance.world).any(axis=1)).tolist():
-            lines[k] = _prior(graph, k, ids, numbers[k], weights[k])
+            lines[k] = _prior(graph, k, ids[graph.edges[k, 1]], numbers[k], weights[k])
     with path.open("w", encoding="ascii") as file:
         if instance.initial is not None:
-            values = instance.initial.subset(np.arange(poses))
+            values = instance.in_world(instance.initial) if instance.world else instance.initial
             file.writelines(_vertex_lines(ids[:poses], values))
         file.writelines(f"FIX {ids[k]}\n" for k in instance.fixed)
         file.writelines(lines)
