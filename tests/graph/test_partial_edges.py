@@ -62,7 +62,7 @@ def test_origins_are_subtracted_exactly():
     for size in (1e-3, 1.0, 300.0):
         near = size * rng.standard_normal((50, 3))
         assert not origin_of(near).any()
-        there = near + [4e6, -2e5, 7.0]
+        there = near + np.array([4e6, -2e5, 7.0])
         origin = origin_of(there)
         assert origin[:2].all()
         np.testing.assert_array_equal((there - origin) + origin, there)

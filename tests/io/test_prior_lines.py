@@ -147,7 +147,8 @@ def test_estimates_are_in_the_world(file, tmp_path):
 
 
 FIELD = "".join(
-    f"EDGE_SE2 {k} {(k + 1) % 12} {1.0 + 0.02 * (k % 3)} 0.01 {0.5236 + 0.01 * (k % 2)} 100 0 0 100 0 100\n"
+    f"EDGE_SE2 {k} {(k + 1) % 12} {1.0 + 0.02 * (k % 3)} 0.01 {0.5236 + 0.01 * (k % 2)}"
+    " 100 0 0 100 0 100\n"
     for k in range(12)
 )
 
@@ -174,7 +175,7 @@ def test_map_coordinates_cost_no_digits(file, tmp_path):
     assert answer.certificate.lower_bound == pytest.approx(first.certificate.lower_bound, rel=1e-5)
     assert answer.certificate.tolerance < 1e-4 * answer.cost
     there = far.in_world(answer.estimate)
-    moved = near.in_world(first.estimate).translations + [500000.0, 4500000.0]
+    moved = near.in_world(first.estimate).translations + np.array([5e5, 4.5e6])
     np.testing.assert_allclose(there.translations, moved, atol=1e-3)
     io.write(tmp_path / "out.g2o", answer.estimate, instance=far)
     again = io.read_estimate(tmp_path / "out.g2o", far)

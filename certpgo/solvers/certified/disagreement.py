@@ -72,8 +72,10 @@ class Disagreement:
         """Their number and largest residual angle in a sentence."""
         few = f"{len(self.edges)} of {counted(self.total, 'measurement{s}')}"
         verb = "disagrees" if len(self.edges) == 1 else "disagree"
-        angle = f"{math.degrees(self.worst_angle):.3g} degrees"
-        return f"{few} {verb} with the rest, by up to {angle}"
+        said = f"{few} {verb} with the rest"
+        if self.worst_angle == 0.0:  # positions alone
+            return said
+        return f"{said}, by up to {math.degrees(self.worst_angle):.3g} degrees"
 
 
 def ignore(disagreement: Disagreement) -> None:
@@ -149,7 +151,8 @@ def disagreement(
         with suppress(NumericalError, np.linalg.LinAlgError):
             chosen = select(problem, fit=estimate, monitor=monitor)
             found, angles = chosen.rejected, problem.residual_angles(chosen.estimate)
-    edges = np.flatnonzero(found if stated else found & (angles > UNREMARKABLE))
+    turned = problem.rotation.graph.kappa > 0.0
+    edges = np.flatnonzero(found if stated else found & ((angles > UNREMARKABLE) | ~turned))
     if len(edges) == 0:
         return None
     return Disagreement(edges, problem.graph.num_edges, float(angles[edges].max()))
