@@ -50,7 +50,7 @@ def test_weights_out_of_range_are_refused_where_they_are_read(text, tmp_path):
         certpgo.read(path)
 
 
-@pytest.mark.parametrize("weight", [0.0, -1.0, 1e-121, 1e121, 2.0**-400, 2.0**400, np.inf, np.nan])
+@pytest.mark.parametrize("weight", [-1.0, 1e-121, 1e121, 2.0**-400, 2.0**400, np.inf, np.nan])
 def test_weights_out_of_range_are_refused_where_the_graph_is_made(weight):
     graph = contradiction()
     with pytest.raises(GraphError, match=r"edge \(0, 1\): kappa is .* must be (positive|between)"):
