@@ -39,6 +39,21 @@ from certpgo.objective.problem import problem_of
 FORMATS = ("g2o", "1dsfm")
 
 
+def refuse_priors(instance: Instance) -> None:
+    """Refuse, before any work, an instance that the checker cannot read.
+
+    Raises
+    ------
+    InputError
+        It has priors.
+    """
+    if instance.world is not None:
+        raise InputError(
+            f"{instance.source}: the checker does not know priors yet; with --no-priors the proof "
+            "is about the graph without them"
+        )
+
+
 def write_proof(
     path: str | Path,
     source: str | Path,
@@ -86,8 +101,7 @@ def write_proof(
     True
     """
     source = provable(source)
-    if instance.world is not None:
-        raise InputError("the checker does not know priors yet")
+    refuse_priors(instance)
     if certificate.objective == CHORDAL:
         claim, graph = _claim(source, instance)
         multipliers, witness = _evidence(instance, graph, certificate)

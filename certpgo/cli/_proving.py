@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from certpgo.cli._show import facts, notice, working
-from certpgo.errors import InputError, NumericalError
+from certpgo.errors import NumericalError
 
 #: Exit code of a proof that is refused or could not be found.
 REFUSED = 6
@@ -28,21 +28,6 @@ def provable_source(source: Source) -> Path:
     from certpgo.certify.proof_file import provable
 
     return provable(source.path())
-
-
-def refuse_priors(instance: Instance) -> None:
-    """Refuse to prove what the checker cannot read; called before any work.
-
-    Raises
-    ------
-    InputError
-        The graph has priors.
-    """
-    if instance.world is not None:
-        raise InputError(
-            f"{instance.source}: the checker does not know priors yet; with --no-priors the proof "
-            "is about the graph without them"
-        )
 
 
 def prove(

@@ -21,7 +21,7 @@ from certpgo.cli._options import (
     tier_option,
 )
 from certpgo.cli._paging import origin_of, require_pages, write_page
-from certpgo.cli._proving import REFUSED, provable_source, prove, refuse_priors
+from certpgo.cli._proving import REFUSED, provable_source, prove
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, notice, noticing, working
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
@@ -74,6 +74,7 @@ def command(
     from certpgo.assess.batch import JudgedGraph
     from certpgo.assess.wording import hint
     from certpgo.certify.judge import Judge
+    from certpgo.certify.proof_file import refuse_priors
     from certpgo.costs import problem_under
     from certpgo.io.format import format_to_write
 

@@ -24,7 +24,7 @@ from certpgo.cli._options import (
     tier_option,
 )
 from certpgo.cli._paging import require_pages
-from certpgo.cli._proving import REFUSED, provable_source, refuse_priors
+from certpgo.cli._proving import REFUSED, provable_source
 from certpgo.cli._reading import Reading, restricted_to, takes_reading
 from certpgo.cli._show import document, notice, noticing, working
 from certpgo.cli._solved import UNPROVABLE, Solved
@@ -114,6 +114,7 @@ def command(
     are kept.
     """
     from certpgo import SolveSettings
+    from certpgo.certify.proof_file import refuse_priors
     from certpgo.io import read_estimate, write
     from certpgo.io.format import format_to_write
     from certpgo.registry import build, parse_settings, refuse_unsuited

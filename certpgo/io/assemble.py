@@ -9,22 +9,15 @@ import numpy as np
 
 from certpgo.errors import FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
-from certpgo.graph.information import Information
 from certpgo.io.chunks import text_lines
 from certpgo.io.format import LabelledPoses, ReadOptions
-from certpgo.io.lines import UNINFORMED, Dialect, TaggedLines, read_lines
+from certpgo.io.lines import UNINFORMED, Dialect, read_lines
 from certpgo.io.plural import counted
 from certpgo.io.priors import anchored_graph, joined_information, numbered_priors
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.arrays import FloatArray, IntArray, numbered
 
 #: Largest translation, metres.
 FARTHEST = 1e90
-
-
-def numbered(ids: IntArray, queries: IntArray) -> IntArray:
-    """Position in ``ids`` (ascending) of each of ``queries``; -1 if absent."""
-    place = np.minimum(np.searchsorted(ids, queries), len(ids) - 1)
-    return np.asarray(np.where(ids[place] == queries, place, -1), dtype=np.intp)
 
 
 def distinct(ids: IntArray) -> IntArray:
@@ -66,7 +59,9 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
             notices.append(counted(missing, "node{s} without a vertex line: no initial values"))
         else:
             initial = estimate_for(ids, values, isinstance(graph, PoseGraph))
-    information = _information(content, dialect) if isinstance(graph, PoseGraph) else None
+    information = None
+    if isinstance(graph, PoseGraph):
+        information = joined_information(content.information)
     world, origin = None, None
     if isinstance(graph, PoseGraph) and priors is not None:
         _refuse_far(path, np.stack([ids[priors.nodes]] * 2, axis=1), priors.translations)
@@ -75,8 +70,7 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
         graph, origin, notice = anchored_graph(graph, priors)
         notices.append(notice)
         world, ids = len(ids), np.append(ids, ids[-1] + 1)
-        parts = [part for part in (information, priors.information) if part is not None]
-        information = joined_information(parts) if len(parts) == 2 else None
+        information = joined_information([information, priors.information])
     instance = Instance(
         name=path.stem,
         graph=graph,
@@ -93,15 +87,6 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
         origin=origin,
     )
     return replace(instance, initial=None if initial is None else instance.with_world(initial))
-
-
-def _information(content: TaggedLines, dialect: Dialect) -> Information | None:
-    """The information matrices of all edges; None unless each has one."""
-    parts = [part for part in content.information if part is not None]
-    if len(parts) < len(content.information):
-        return None
-    whole = joined_information(parts)
-    return Information(whole.distinct, whole.index, dialect.residual)
 
 
 def _refuse_far(path: Path, pairs: IntArray, t: FloatArray) -> None:

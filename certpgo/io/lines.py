@@ -271,7 +271,9 @@ class _Parser:
         matrices = weighed.distinct[:, np.array(layout.positions)]
         # Only small roll, pitch and yaw are tangent vectors.
         whole = stated.all() and not (d == 3 and self._dialect.rotation_information == "rpy")
-        content.information.append(Information(matrices, weighed.which) if whole else None)
+        content.information.append(
+            Information(matrices, weighed.which, self._dialect.residual) if whole else None
+        )
 
 
 def _position_weight(d: int, text: bytes) -> float:

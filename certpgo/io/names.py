@@ -9,9 +9,8 @@ from pathlib import PurePosixPath
 import numpy as np
 
 from certpgo.errors import InputError
-from certpgo.io.assemble import numbered
 from certpgo.io.format import LabelledPoses
-from certpgo.linalg.arrays import IntArray
+from certpgo.linalg.arrays import IntArray, numbered
 
 
 def name_numbers(names: Sequence[str]) -> IntArray | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from certpgo.graph.information import Information
 from certpgo.graph.priors import origin_of, with_priors
 from certpgo.io.lines import BODY, Priors, TaggedLines
 from certpgo.io.plural import counted
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.arrays import FloatArray, IntArray, numbered
 
 
 def numbered_priors(path: Path, content: TaggedLines, ids: IntArray) -> Priors | None:
@@ -39,23 +40,23 @@ def numbered_priors(path: Path, content: TaggedLines, ids: IntArray) -> Priors |
         if not content.sensors.get(sensor, sensor == 0):
             known = "not at its body's origin" if sensor in content.sensors else "unknown"
             raise FormatError(path, None, f"a prior is about sensor {sensor}, which is {known}")
-    place = np.minimum(np.searchsorted(ids, nodes), len(ids) - 1)
-    foreign = nodes[ids[place] != nodes]
+    place = numbered(ids, nodes)
+    foreign = nodes[place < 0]
     if len(foreign):
         raise FormatError(path, None, f"prior of node {foreign[0]}: no such node")
-    information = None
-    parts = [p.information for p in content.priors if p.information is not None]
-    if len(parts) == len(content.priors):
-        information = joined_information(parts)
+    information = joined_information([p.information for p in content.priors])
     return Priors(place, R, t, kappa, tau, information, sensors)
 
 
-def joined_information(parts: list[Information]) -> Information:
-    """The information matrices of several parts, one after another."""
-    offsets = np.cumsum([0, *(len(part.distinct) for part in parts)])
-    index = [part.index + offset for part, offset in zip(parts, offsets[:-1], strict=True)]
-    distinct = np.concatenate([part.distinct for part in parts])
-    return Information(distinct, np.concatenate(index), parts[0].residual)
+def joined_information(parts: Sequence[Information | None]) -> Information | None:
+    """The information matrices of several parts, one after another; None unless each has some."""
+    known = [part for part in parts if part is not None]
+    if len(known) < len(parts):
+        return None
+    offsets = np.cumsum([0, *(len(part.distinct) for part in known)])
+    index = [part.index + offset for part, offset in zip(known, offsets[:-1], strict=True)]
+    distinct = np.concatenate([part.distinct for part in known])
+    return Information(distinct, np.concatenate(index), known[0].residual)
 
 
 def anchored_graph(graph: PoseGraph, priors: Priors) -> tuple[PoseGraph, FloatArray | None, str]:

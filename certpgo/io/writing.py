@@ -145,13 +145,12 @@ def _anchored(
     if anchor not in ("file", "identity", "prior", "none"):
         raise InputError(f"anchor must be file, identity, prior or none, not {anchor!r}")
     initial = None if instance is None else instance.initial
-    node = int(np.argmin(ids))
     if instance is not None and instance.world is not None:
         if anchor in ("file", "none"):
             return instance.in_world(estimate)
         estimate = estimate.subset(np.arange(instance.world))
         ids, initial = ids[:-1], None if initial is None else instance.in_world(initial)
-        node = int(np.argmin(ids))
+    node = int(np.argmin(ids))
     if anchor == "none":
         return estimate
     if anchor == "identity":

@@ -1,4 +1,4 @@
-"""Array types for annotations, and read-only arrays."""
+"""Array types for annotations, read-only arrays, and positions of ids."""
 
 from __future__ import annotations
 
@@ -35,3 +35,9 @@ def _freeze(values: ArrayLike, dtype: Any) -> NDArray[Any]:
         array = array.copy() if np.shares_memory(array, np.asarray(values)) else array
         array.flags.writeable = False
     return array
+
+
+def numbered(ids: IntArray, queries: IntArray) -> IntArray:
+    """Position in ``ids`` (ascending) of each of ``queries``; -1 if absent."""
+    place = np.minimum(np.searchsorted(ids, queries), len(ids) - 1)
+    return np.asarray(np.where(ids[place] == queries, place, -1), dtype=np.intp)

@@ -29,15 +29,14 @@ def connected(problem: Problem, weights: FloatArray, costs: FloatArray) -> Float
     graph, lengths = problem.graph, np.ones(len(weights))
     rejected = np.flatnonzero(weights <= 0.0)
     lengths[rejected[np.argsort(costs[rejected], kind="stable")]] += 1.0 + np.arange(len(rejected))
-    kinds = [lengths > 0.0]
-    if isinstance(graph, PoseGraph) and graph.is_partial:
-        kinds = [graph.tau > 0.0, graph.rotation.kappa > 0.0]
-    for kind in kinds:
+    if not (isinstance(graph, PoseGraph) and graph.is_partial):
+        tree = minimum_spanning_tree(graph, lengths)
+        return np.where((weights <= 0.0) & np.isin(lengths, tree.data), 1.0, weights)
+    for kind in (graph.tau > 0.0, graph.rotation.kappa > 0.0):
         tree = minimum_spanning_tree(graph.with_edges(kind), lengths[kind])
         restored = (weights <= 0.0) & kind & np.isin(lengths, tree.data)
         weights = np.where(restored, 1.0, weights)
-    if isinstance(graph, PoseGraph) and graph.is_partial:
-        _hold(graph, weights, costs)
+    _hold(graph, weights, costs)
     return weights
 
 

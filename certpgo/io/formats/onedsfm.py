@@ -16,12 +16,12 @@ import numpy as np
 
 from certpgo.errors import FormatError
 from certpgo.graph import Estimate, Instance, RotationGraph
-from certpgo.io.assemble import distinct, numbered, truth_for
+from certpgo.io.assemble import distinct, truth_for
 from certpgo.io.chunks import first_row, read_rows, refuse_loops, whole
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, ReadOptions, format_of
 from certpgo.io.plural import counted
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.arrays import FloatArray, IntArray, numbered
 
 _GRAPH, _COMPONENT = "EGs.txt", "cc.txt"
 _TRUTH = ("gt_rots.txt", "rots.txt", "gt_bundle.out")

@@ -212,10 +212,9 @@ def _reason(search: Staircase, certificate: Certificate) -> str:
     if certificate.verdict is not Verdict.BOUNDED:
         return certificate.reason
     graph = search.problem.graph
-    if isinstance(graph, PoseGraph) and handedness_is_open(graph):
-        return f"{certificate.reason}; {MIRRORED}"
     if isinstance(graph, PoseGraph) and graph.is_partial and graph.d == 3:
-        return f"{certificate.reason}; {PERHAPS_MIRRORED}"
+        said = MIRRORED if handedness_is_open(graph) else PERHAPS_MIRRORED
+        return f"{certificate.reason}; {said}"
     if minimal:
         limit = "the relaxation has no lower point beyond rounding, which limits the proof"
         return f"{certificate.reason}; {limit}"
