@@ -52,7 +52,9 @@ def negative_curvature(problem: Problem, point: Point) -> tuple[float, FloatArra
         # If a shift failed, there is an eigenvalue below minus that, but for rounding.
         if S.shift == SHIFTS[0] * mean or value < -0.5 * S.shift / GROWTH:
             break
-    return value, v.reshape(problem.n, problem.d)
+    direction = np.zeros((problem.n, problem.d))
+    direction[problem.poses] = v.reshape(-1, problem.d)
+    return value, direction
 
 
 def smallest_eigenvalues(problem: Problem, multipliers: FloatArray, k: int) -> FloatArray:
@@ -75,6 +77,6 @@ def smallest_eigenvalues(problem: Problem, multipliers: FloatArray, k: int) -> F
 
 def _reduced(problem: Problem, multipliers: FloatArray) -> tuple[Reduced, float]:
     """The certificate matrix, translations eliminated, shifted until it is definite; the unit."""
-    mean = float(problem.curvature.mean())
+    mean = float(problem.curvature[problem.poses].mean())
     matrix = problem.certificate_matrix(multipliers)
     return Reduced(problem, matrix, tuple(mean * shift for shift in SHIFTS)), mean

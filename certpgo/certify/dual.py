@@ -67,7 +67,8 @@ class DualBound:
     Attributes
     ----------
     value : F* >= value
-    multipliers : (n, d, d) Lam' with S = M - blkdiag(0, Lam') positive semidefinite
+    multipliers : (n, d, d) Lam' with S = M - blkdiag(0, Lam') positive semidefinite; zero for
+        points
     shift : the largest amount taken off a diagonal entry of Lam
     factorizations : number of numeric factorizations
     nonzeros : nonzeros of the factor that proves it; 0 if rounding was not bounded
@@ -115,8 +116,8 @@ class _Attempts:
         self.problem, self.rounding, self.enough, self.sharp = problem, rounding, enough, sharp
         self.shifted = Shifted.of(problem, point)
         self.is_rotation, self.weights = self.shifted.is_rotation, self.shifted.weights
-        self.b = len(self.weights) // problem.n
-        self.pin = None if self.shifted.pin is None else self.shifted.pin * self.b
+        pin = self.shifted.pin
+        self.pin = None if pin is None else problem.pattern.layout_of(problem.matrix).first_row(pin)
         self.symbolic = problem.symbolic(problem.matrix)
         self.cost = problem.cost(point)
         self.factorizations = self.nonzeros = 0
@@ -236,14 +237,15 @@ class _Attempts:
         return np.asarray(delta)
 
     def bound(self, multipliers: FloatArray, reduction: FloatArray) -> DualBound:
-        d = self.problem.d
+        d, poses = self.problem.d, self.problem.poses
         rows = np.arange(d)
         proven = multipliers.copy()
         # Rounded down: a smaller Lam' only adds to the diagonal of S.
-        diagonal = multipliers[:, rows, rows] - reduction[self.is_rotation].reshape(-1, d)
-        proven[:, rows, rows] = diagonal = np.nextafter(diagonal, -np.inf)
+        diagonal = multipliers[poses][:, rows, rows] - reduction[self.is_rotation].reshape(-1, d)
+        diagonal = np.nextafter(diagonal, -np.inf)
+        proven[poses[:, None], rows, rows] = diagonal
         value = math.nextafter(math.fsum(diagonal.ravel()), -math.inf)
-        taken = self.shifted.multipliers[:, rows, rows] - diagonal
+        taken = self.shifted.multipliers[poses][:, rows, rows] - diagonal
         return DualBound(value, proven, float(taken.max()), self.factorizations, self.nonzeros)
 
 
@@ -282,4 +284,4 @@ def _assembly_radii(
     across = scatter_sum(j, tau * at_i, n) + scatter_sum(i, tau * at_j, n)
     move = 2.0 * problem.translation_weights * w_t + 2.0 * out + across
     rows = np.concatenate([(sums * move)[:, None], np.repeat(turn[:, None], d, axis=1)], axis=1)
-    return np.asarray(rows.ravel())
+    return problem.pattern.layout_of(problem.matrix).pack(rows)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.graph.lift import Point
-from certpgo.linalg.arrays import BoolArray, FloatArray
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.balls import U
 from certpgo.objective.problem import PoseProblem, Problem
 
@@ -26,6 +26,7 @@ class Shifted:
     is_rotation : (N,) which rows of the certificate matrix belong to rotations
     weights : (N,) weights of its row sums: for translations, a typical arm
     unit : the unit of rounding of a typical diagonal entry
+    poses : the nodes that have a rotation
     """
 
     multipliers: FloatArray
@@ -35,14 +36,13 @@ class Shifted:
     is_rotation: BoolArray
     weights: FloatArray
     unit: float
+    poses: IntArray
 
     @staticmethod
     def of(problem: Problem, point: Point) -> Shifted:
         """The family of a point of any rank."""
-        size = problem.matrix.shape[0]
-        b = size // problem.n
-        is_rotation = np.arange(size) % b >= b - problem.d
-        arms, pin, weights = np.zeros(point.rotations.shape[:2]), None, np.ones(size)
+        is_rotation = problem.rotation_rows
+        arms, pin, weights = np.zeros(point.rotations.shape[:2]), None, np.ones(len(is_rotation))
         if isinstance(problem, PoseProblem) and point.translations is not None:
             t = point.translations
             # Pinning the pose nearest the centroid costs least.
@@ -51,22 +51,28 @@ class Shifted:
             weights[~is_rotation] = 2.0 ** _exponent(arms)
         unit = U * float(problem.matrix.diagonal()[is_rotation].mean())
         multipliers = problem.multipliers(point)
-        return Shifted(multipliers, point.rotations, arms, pin, is_rotation, weights, unit)
+        return Shifted(
+            multipliers, point.rotations, arms, pin, is_rotation, weights, unit, problem.poses
+        )
 
     def less(self, shift: float, demand: FloatArray) -> FloatArray:
         """(n, d, d) Lam minus ``shift``, minus the compensation of ``demand`` (N,) on translations.
 
-        The null vectors of the certificate matrix are (Y_i^T u, arm_i u) for world directions u: in
-        each, the shift of all rotations compensates the demand of all translations.
+        Blocks of points stay zero. The null vectors of the certificate matrix are (Y_i^T u,
+        arm_i u) for world directions u: in each, the shift of all rotations compensates the demand
+        of all translations.
         """
-        d = self.multipliers.shape[1]
-        shifts = shift * np.eye(d)
-        if self.pin is None:
-            return np.asarray(self.multipliers - shifts)
-        weighted = demand[~self.is_rotation, None] * self.arms
-        gauge = self.arms.T @ weighted / len(self.arms)
-        turned = np.swapaxes(self.blocks, 1, 2) @ gauge @ self.blocks
-        return np.asarray(self.multipliers - 0.5 * (turned + np.swapaxes(turned, 1, 2)) - shifts)
+        d, poses = self.multipliers.shape[1], self.poses
+        less = shift * np.eye(d)
+        if self.pin is not None:
+            weighted = demand[~self.is_rotation, None] * self.arms
+            gauge = self.arms.T @ weighted / len(poses)
+            blocks = self.blocks[poses]
+            turned = np.swapaxes(blocks, 1, 2) @ gauge @ blocks
+            less = less + 0.5 * (turned + np.swapaxes(turned, 1, 2))
+        reduced = self.multipliers.copy()
+        reduced[poses] -= less
+        return reduced
 
 
 def _exponent(arms: FloatArray) -> int:

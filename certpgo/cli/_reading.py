@@ -44,6 +44,14 @@ class About(StrEnum):
     RPY = "rpy"
 
 
+class Stated(StrEnum):
+    """What the numbers of a measurement's precision in a file are."""
+
+    INFORMATION = "information"
+    SQRT_INFORMATION = "sqrt-information"
+    COVARIANCE = "covariance"
+
+
 class Components(StrEnum):
     """How to treat a graph with several components."""
 
@@ -88,9 +96,20 @@ class Reading:
             "a matrix per edge in 3D.",
         ),
     ] = False
+    weights_are: Annotated[
+        Stated,
+        _option(
+            "--weights-are",
+            help="What the numbers of a measurement's precision are; nothing in a file tells.",
+        ),
+    ] = Stated.INFORMATION
     priors: Annotated[
         bool,
         _option("--priors/--no-priors", help="Read priors, such as GPS, or skip them."),
+    ] = True
+    landmarks: Annotated[
+        bool,
+        _option("--landmarks/--no-landmarks", help="Read landmarks and sightings, or skip them."),
     ] = True
     components: Annotated[
         Components,
@@ -123,7 +142,9 @@ class Reading:
             "tau": self.tau,
             "unit_weights": self.unit_weights,
             "mahalanobis": self.mahalanobis,
+            "weights_are": self.weights_are.value,
             "priors": self.priors,
+            "landmarks": self.landmarks,
         }
 
     def open(self, source: Source, *, notices: bool = True) -> Instance:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from certpgo.costs.edge_cost import EdgeCost
 from certpgo.costs.g2o import G2oCost
 from certpgo.costs.gtsam import GtsamCost
+from certpgo.costs.positions import WithPositions
 from certpgo.costs.problem import InformationProblem, Surrogate, surrogate
 from certpgo.errors import InputError, SpecError
 from certpgo.graph import Graph, Instance, PoseGraph
@@ -34,8 +35,10 @@ def own_cost(instance: Instance) -> str:
     That is ``"g2o"`` for a g2o file whose information matrices are all positive definite, and
     ``"chordal"`` otherwise.
     """
-    information = instance.information
+    information, graph = instance.information, instance.graph
     if information is None or information.residual not in COSTS:
+        return CHORDAL
+    if isinstance(graph, PoseGraph) and not graph.rotation.kappa.any():
         return CHORDAL
     return information.residual if information.is_definite.all() else CHORDAL
 
@@ -91,7 +94,11 @@ def information_problem(instance: Instance, cost: str) -> InformationProblem:
         needed = f"--cost {cost} needs poses with information matrices on every edge"
         raise InputError(f"{source}: {needed}; {_lack(instance)}")
     graph = InformationGraph(instance.graph, instance.information.matrices)
-    problem = InformationProblem(COSTS[cost](graph))
+    positions = instance.graph.rotation.kappa == 0.0
+    if positions.all():
+        raise InputError(f"{source}: --cost {cost} needs relative poses, not positions alone")
+    of_edges = WithPositions(graph, COSTS[cost]) if positions.any() else COSTS[cost](graph)
+    problem = InformationProblem(of_edges)
     problem.refuse_indefinite(instance.name)  # no path, as tables keep it
     return problem
 

@@ -6,7 +6,9 @@ import numpy as np
 
 from certpgo.costs.problem import InformationProblem
 from certpgo.graph import Estimate
+from certpgo.graph.lift import translations_of
 from certpgo.linalg import so
+from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.blocks import add_to_diagonal
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.newton import ROUNDING
@@ -40,20 +42,22 @@ def descend(
     progress = Progress(monitor, tolerance, max_iterations, watch or Stopwatch())
     point, damping, step_norm, gain = initial, 0.0, 0.0, None
     cost, gradient, H = problem.normal_equations(point)
+    first_pose = np.arange(problem.n) == problem.chordal.poses[0]
+    gauge = problem.layout.pack(np.tile(first_pose[:, None], (1, gradient.shape[1])))
     while progress.advance(cost, problem.stationarity_of(gradient, H), step_norm, gain=gain):
         first = H.diagonal()
-        pinned = np.zeros_like(first)
-        pinned[: gradient.shape[1]] = first[: gradient.shape[1]]  # fixes the gauge
+        slope = problem.layout.pack(gradient)
+        pinned = np.where(gauge, first, 0.0)
         with progress.watch.phase("descend"):
             while damping <= LARGEST_DAMPING:
                 damped = damping * first
                 A = add_to_diagonal(H, damped + pinned)
                 factor = problem.chordal.symbolic(A).factor(A)
                 if factor is not None:
-                    step = -factor.solve(gradient.ravel())
+                    step = -factor.solve(slope)
                     candidate = _retract(problem, point, step)
                     lower, following, matrix = problem.normal_equations(candidate)
-                    predicted = float(step @ (damped * step - gradient.ravel()))
+                    predicted = float(step @ (damped * step - slope))
                     gain = (cost - lower) / predicted if predicted > 0.0 else 0.0
                     if gain > 1e-3 or predicted <= ROUNDING * cost:
                         break
@@ -77,7 +81,7 @@ def descend(
     return progress.solution(point, cost)
 
 
-def _retract(problem: InformationProblem, point: Estimate, step: np.ndarray) -> Estimate:
-    moves = step.reshape(problem.n, -1)
+def _retract(problem: InformationProblem, point: Estimate, step: FloatArray) -> Estimate:
+    moves = problem.layout.unpack(step)
     turned = so.project(point.rotations @ so.exp(moves[:, problem.d :]))
-    return Estimate.trusted(turned, point.translations + moves[:, : problem.d])
+    return Estimate.trusted(turned, translations_of(point) + moves[:, : problem.d])

@@ -17,7 +17,7 @@ from certpgo.graph.lift import Point, translations_of
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.balls import Ball
-from certpgo.linalg.blocks import scatter_sum
+from certpgo.linalg.blocks import Layout, scatter_sum
 from certpgo.linalg.factor import Symbolic, default_engine
 from certpgo.linalg.so import rotation_defect
 from certpgo.objective.operators import lever
@@ -156,7 +156,13 @@ class InformationProblem:
         diagonal += scatter_sum(j, np.swapaxes(at_j, 1, 2) @ heavy_j, n)
         upper = np.swapaxes(at_i, 1, 2) @ heavy_j
         cost = float((e[:, None, :] @ weighted).sum())
-        return cost, gradient, self.chordal.pattern.assemble(diagonal, upper)
+        return cost, gradient, self.chordal.pattern.assemble(diagonal, upper, d)
+
+    @property
+    def layout(self) -> Layout:
+        """Of the normal equations."""
+        b = self.d + so.tangent_dim(self.d)
+        return self.chordal.pattern.layout(b, self.d)
 
     def gauss_newton(self, estimate: Estimate) -> CSC:
         """The Gauss-Newton matrix of half the cost, as in `normal_equations`."""
@@ -173,7 +179,7 @@ class InformationProblem:
 
     def stationarity_of(self, gradient: FloatArray, matrix: CSC) -> float:
         """`stationarity`, from the normal equations."""
-        curvature = matrix.diagonal().reshape(gradient.shape)
+        curvature = self.layout.unpack(matrix.diagonal())
         t = self.graph.translations
         length = math.sqrt(float(np.einsum("ma,ma->", t, t)) / len(t)) or 1.0
         unit = np.r_[np.full(self.d, length), np.ones(gradient.shape[1] - self.d)]
@@ -260,7 +266,7 @@ def surrogate_of(problem: InformationProblem, minorants: Minorants) -> Surrogate
         found, graph = found.subset(kept), graph.with_edges(kept)
     rotation = RotationGraph.of_couplings(graph.num_nodes, graph.edges, graph.rotations, found.N)
     arms = found.a if found.a.any() else None
-    general = PoseGraph(rotation, found.b, found.tau, arms)
+    general = PoseGraph(rotation, found.b, found.tau, arms, graph.isotropic.points)
     # The general edge's cost has the traces of the polar factors as well.
     _, K, K_left = rotation.polar
     traces = np.concatenate([np.diagonal(A, axis1=1, axis2=2).ravel() for A in (K, K_left)])

@@ -12,7 +12,8 @@ import numpy as np
 from certpgo.checker import FAR
 from certpgo.errors import GraphError
 from certpgo.graph.edges import symmetric
-from certpgo.graph.graph import PoseGraph, RotationGraph
+from certpgo.graph.pose_graph import PoseGraph
+from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg.arrays import (
     BoolArray,
     FloatArray,
@@ -32,7 +33,8 @@ class Information:
 
     Attributes
     ----------
-    distinct : (k, p, p) symmetric matrices, translation before rotation
+    distinct : (k, p, p) symmetric matrices, translation before rotation; the rotational part is
+        zero for positions alone
     index : (m,) which of them belongs to each edge
     residual : the cost whose residuals they weigh in the program that the file is of, as named in
         `certpgo.costs`; None if that is not known
@@ -64,8 +66,8 @@ class Information:
 
     @cached_property
     def is_definite(self) -> BoolArray:
-        """(m,) which matrices are proven to be positive definite."""
-        return np.asarray(is_positive_definite(Ball.exact(self.distinct))[self.index])
+        """(m,) which matrices are proven to be positive definite, on positions if on them alone."""
+        return np.asarray(_definite(self.distinct)[self.index])
 
     def subset(self, chosen: IntArray | BoolArray) -> Information:
         """The matrices of some edges, given by index or mask (m,)."""
@@ -115,8 +117,9 @@ class InformationGraph:
     ----------
     isotropic : the same measurements with the weights kappa and tau of the chordal cost
     information : (m, p, p) symmetric matrices, translation before rotation, p = 3 or 6; 1/m^2,
-        1/m and dimensionless. What residual they weigh is the cost's: the rotational part refers to
-        the vector part of a quaternion in g2o, to the tangent space in GTSAM
+        1/m and dimensionless; the rotational part is zero for positions alone. What residual they
+        weigh is the cost's: the rotational part refers to the vector part of a quaternion in g2o,
+        to the tangent space in GTSAM
 
     Raises
     ------
@@ -185,8 +188,8 @@ class InformationGraph:
 
     @cached_property
     def is_definite(self) -> BoolArray:
-        """(m,) which information matrices are proven to be positive definite."""
-        return is_positive_definite(Ball.exact(self.information))
+        """(m,) which matrices are proven to be positive definite, on positions if on them alone."""
+        return _definite(self.information)
 
     def scaled(self, factor: float) -> InformationGraph:
         """The same measurements with all weights times ``factor``."""
@@ -205,6 +208,22 @@ class InformationGraph:
     def with_edges(self, chosen: IntArray | BoolArray) -> InformationGraph:
         """All nodes with only the ``chosen`` edges, given by index or mask (m,)."""
         return InformationGraph(self.isotropic.with_edges(chosen), self.information[chosen])
+
+
+def of_positions(T: FloatArray) -> FloatArray:
+    """(k, p, p) information matrices of positions, from those of d coordinates (k, d, d)."""
+    q = T.shape[1] * (T.shape[1] - 1) // 2
+    return np.pad(T, ((0, 0), (0, q), (0, q)))
+
+
+def _definite(information: FloatArray) -> BoolArray:
+    """(k,) which matrices are proven to be definite, on positions where the rest is zero."""
+    p = information.shape[-1]
+    d = 2 if p == 3 else 3
+    alone = np.asarray(~information[:, d:].any(axis=(1, 2)))
+    rest = np.diag(np.arange(p) >= d).astype(np.float64)
+    filled = information + alone[:, None, None] * rest if alone.any() else information
+    return is_positive_definite(Ball.exact(filled))
 
 
 def _refuse_asymmetric(information: FloatArray) -> None:

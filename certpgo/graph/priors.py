@@ -8,7 +8,8 @@ import numpy as np
 
 from certpgo.errors import GraphError, InputError
 from certpgo.graph.edges import broadcast, components_of
-from certpgo.graph.graph import PoseGraph, RotationGraph
+from certpgo.graph.pose_graph import PoseGraph
+from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 #: Positions this near to a plane, over their extent, determine no handedness.
@@ -90,7 +91,9 @@ def with_priors(
         np.concatenate([rotation.kappa, broadcast(kappa, k)]),
     )
     weights = np.concatenate([graph.tau, broadcast(tau, k)])
-    return PoseGraph(joined, np.concatenate([graph.translations, t]), weights)
+    points = None if graph.points is None else np.append(graph.points, False)
+    measured = np.concatenate([graph.translations, t])
+    return PoseGraph(joined, measured, weights, points=points)
 
 
 def origin_of(positions: FloatArray) -> FloatArray:
@@ -120,7 +123,8 @@ def require_determined(graph: PoseGraph) -> None:
             f"translations are measured within {len(sizes)} parts of the graph, but not between "
             f"them: the position of node {node} is free"
         )
-    free = np.ones(graph.num_nodes, dtype=bool)
+    free = np.zeros(graph.num_nodes, dtype=bool)
+    free[graph.pose_nodes] = True
     for end, holds in zip(graph.edges.T, levers(graph), strict=True):
         free[end[holds]] = False
     if free.any():

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from certpgo.errors import FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph.information import Information, of_positions
 from certpgo.io.chunks import text_lines
+from certpgo.io.contents import TaggedLines
 from certpgo.io.format import LabelledPoses, ReadOptions
+from certpgo.io.landmarks import Landmarks, landmarks_of
 from certpgo.io.lines import UNINFORMED, Dialect, read_lines
 from certpgo.io.plural import counted
 from certpgo.io.priors import anchored_graph, joined_information, numbered_priors
@@ -30,30 +33,34 @@ def distinct(ids: IntArray) -> IntArray:
 def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> Instance:
     """The instance in a file of tagged lines."""
     content = read_lines(path, dialect, options)
-    if not content.edges:
+    if not (content.edges or content.sightings):
         if content.vertices:
             raise NoMeasurements(path, None, "no edges: this is an estimate, not a graph")
         raise FormatError(path, None, "no edges")
-    pairs = np.concatenate(content.edges)
-    R, t = joined(content.measured)
+    joined_edges = _all_edges(path, content, dialect.residual)
+    pairs, (R, t), (kappa, tau) = joined_edges.pairs, joined_edges.measured, joined_edges.weights
     _refuse_far(path, pairs, t)
-    kappa, tau = joined(content.weights)
     content.measured.clear()
-    vertices = np.concatenate([*content.vertices, np.empty(0, dtype=np.intp)])
+    vertices, landmarks = joined_edges.vertices, joined_edges.landmarks
     refuse_duplicates(path, vertices)
     ids = distinct(np.concatenate([vertices, pairs.ravel()]))
     notices = [counted(count, what) for what, count in content.counts.items() if count]
     rotation = RotationGraph(len(ids), numbered(ids, pairs), R, kappa)
     priors = numbered_priors(path, content, ids)
-    graph: Graph = PoseGraph(rotation, t, tau) if t.any() or priors else rotation
-    if graph is rotation:
+    graph: Graph = rotation
+    if landmarks is not None:
+        graph = PoseGraph(rotation, t, tau, points=np.isin(ids, landmarks.ids))
+        notices.append(_about(landmarks))
+    elif t.any() or priors:
+        graph = PoseGraph(rotation, t, tau)
+    else:
         notices.append("all translations are zero: read as a rotation graph")
     fixed = numbered(ids, np.array(content.fixed, dtype=np.intp))
     if (fixed < 0).any():
         raise FormatError(path, None, f"FIX {content.fixed[int(np.argmin(fixed))]}: no such node")
     initial = None
-    if content.vertices:
-        values = LabelledPoses(*joined(content.values), ids=vertices)
+    if len(vertices):
+        values = LabelledPoses(*joined_edges.values, ids=vertices)
         missing = len(ids) - len(vertices)
         if missing:
             notices.append(counted(missing, "node{s} without a vertex line: no initial values"))
@@ -61,7 +68,7 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
             initial = estimate_for(ids, values, isinstance(graph, PoseGraph))
     information = None
     if isinstance(graph, PoseGraph):
-        information = joined_information(content.information)
+        information = joined_information(joined_edges.information)
     world, origin = None, None
     if isinstance(graph, PoseGraph) and priors is not None:
         _refuse_far(path, np.stack([ids[priors.nodes]] * 2, axis=1), priors.translations)
@@ -89,6 +96,52 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
     return replace(instance, initial=None if initial is None else instance.with_world(initial))
 
 
+@dataclass(frozen=True)
+class _AllEdges:
+    """Measurements between poses, then those of points, with ids; and initial values."""
+
+    pairs: IntArray
+    measured: tuple[FloatArray, FloatArray]
+    weights: tuple[FloatArray, FloatArray]
+    information: list[Information | None]
+    vertices: IntArray
+    values: tuple[FloatArray, FloatArray]
+    landmarks: Landmarks | None
+
+
+def _all_edges(path: Path, content: TaggedLines, residual: str | None) -> _AllEdges:
+    d = content.d
+    measured = [*content.measured, (np.empty((0, d, d)), np.empty((0, d)))]
+    values = [*content.values, measured[-1]]
+    vertices = np.concatenate([*content.vertices, np.empty(0, dtype=np.intp)])
+    pairs = np.concatenate([*content.edges, np.empty((0, 2), dtype=np.intp)])
+    weights, information = list(content.weights), list(content.information)
+    landmarks = landmarks_of(path, content, distinct(np.concatenate([vertices, pairs.ravel()])))
+    if landmarks is not None:
+        k, (points, positions) = len(landmarks.tau), landmarks.vertices
+        measured.append((np.tile(np.eye(d), (k, 1, 1)), landmarks.positions))
+        values.append((np.tile(np.eye(d), (len(points), 1, 1)), positions))
+        weights.append((np.zeros(k), landmarks.tau))
+        matrices = landmarks.information
+        if matrices is None:
+            information.append(None)
+        else:
+            information.append(Information(of_positions(matrices), np.arange(k), residual))
+        pairs = np.concatenate([pairs, landmarks.pairs])
+        vertices = np.concatenate([vertices, points])
+    return _AllEdges(
+        pairs, joined(measured), joined(weights), information, vertices, joined(values), landmarks
+    )
+
+
+def _about(landmarks: Landmarks) -> str:
+    said = f"{counted(len(landmarks.ids), 'point{s}')}, "
+    said += counted(len(landmarks.tau), "sighting{s}")
+    if landmarks.moved_by:
+        said += f"; point k has the id k + {landmarks.moved_by}"
+    return said
+
+
 def _refuse_far(path: Path, pairs: IntArray, t: FloatArray) -> None:
     """Refuse a translation whose square, times a weight, may be beyond the range of doubles."""
     largest = np.abs(t).max(axis=1)
@@ -111,10 +164,16 @@ def poses_from_lines(dialect: Dialect, path: Path) -> LabelledPoses:
     content = read_lines(path, dialect, ReadOptions(ignore_information=True))
     if not content.vertices:
         raise FormatError(path, None, "no vertex lines")
-    ids = np.concatenate(content.vertices)
-    refuse_duplicates(path, ids)
+    ids, points = np.concatenate(content.vertices), None
     R, t = joined(content.values)
-    return LabelledPoses(R, t, ids=ids)
+    if content.points:
+        of_points = np.concatenate([ids for ids, _ in content.points])
+        points = np.arange(len(ids) + len(of_points)) >= len(ids)
+        ids = np.concatenate([ids, of_points])
+        R = np.concatenate([R, np.tile(np.eye(content.d), (len(of_points), 1, 1))])
+        t = np.concatenate([t, *(positions for _, positions in content.points)])
+    refuse_duplicates(path, ids)
+    return LabelledPoses(R, t, ids=ids, points=points)
 
 
 def joined(pairs: list[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:

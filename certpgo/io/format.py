@@ -18,9 +18,10 @@ from typing import Literal
 
 from certpgo.errors import FormatError, InputError, InputNotice, SpecError, UnusableFile
 from certpgo.graph import Estimate, Instance
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 RotationInformation = Literal["tangent", "quaternion", "rpy"]
+WeightsAre = Literal["information", "sqrt-information", "covariance"]
 Progress = Callable[[int, int], None]
 
 _HEAD_BYTES = 1 << 14
@@ -34,13 +35,17 @@ class ReadOptions:
     ----------
     rotation_information : what the rotational information refers to; None for the format's default
     ignore_information : whether all weights are overridden, so that the file's are not read
+    weights_are : what the numbers of a measurement's precision are
     skip_priors : whether measurements of single poses are skipped
+    skip_landmarks : whether points and their sightings are skipped
     progress : called with bytes read and bytes in total, or None
     """
 
     rotation_information: RotationInformation | None = None
     ignore_information: bool = False
+    weights_are: WeightsAre = "information"
     skip_priors: bool = False
+    skip_landmarks: bool = False
     progress: Progress | None = None
 
 
@@ -55,6 +60,7 @@ class LabelledPoses:
     ids : (k,) integers; None if the format uses order or names instead
     times : (k,) seconds, for formats with timestamps
     names : (k,) of images, for formats with names
+    points : (k,) which are points, without rotation; None for none
     notices : how the poses were matched with nodes, if not by their ids
     """
 
@@ -64,6 +70,7 @@ class LabelledPoses:
     times: FloatArray | None = None
     names: tuple[str, ...] = ()
     notices: tuple[str, ...] = ()
+    points: BoolArray | None = None
 
 
 @dataclass(frozen=True)
@@ -88,7 +95,7 @@ class Chart:
 GraphReader = Callable[[Path, ReadOptions], Instance]
 PoseReader = Callable[[Path], LabelledPoses]
 GraphWriter = Callable[[Path, Instance], None]
-PoseWriter = Callable[[Path, Estimate, IntArray, FloatArray], None]
+PoseWriter = Callable[[Path, Estimate, IntArray, FloatArray, BoolArray], None]
 
 
 @dataclass(frozen=True)
@@ -103,7 +110,9 @@ class Format:
     holds : what such a file contains, for messages
     read_graph, write_graph : for measurements, or None
     read_poses : for estimates, or None
-    write_poses : for an estimate with ids (n,) and timestamps (n,) in seconds, or None
+    write_poses : for an estimate with ids (n,), timestamps (n,) in seconds and flags (n,) of
+        points, or None
+    holds_points : whether such a file of an estimate can store points
     holds_translations : whether such a file can store them
     chart : how a text file represents a pose; None if unknown
     """
@@ -117,6 +126,7 @@ class Format:
     write_graph: GraphWriter | None = None
     write_poses: PoseWriter | None = None
     holds_translations: bool = True
+    holds_points: bool = False
     chart: Chart | None = None
 
 

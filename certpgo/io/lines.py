@@ -6,7 +6,6 @@ of lines is parsed at once, grouped by tag.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,21 +13,19 @@ from typing import Literal
 
 import numpy as np
 
-from certpgo.checker import FAR
 from certpgo.errors import InputError
-from certpgo.graph.edges import in_range
-from certpgo.graph.information import Information
+from certpgo.graph.information import Information, of_positions
 from certpgo.io.chunks import parsed, refuse_loops, without_comments
+from certpgo.io.contents import BODY, Priors, Sightings, TaggedLines
 from certpgo.io.exact import quaternion
 from certpgo.io.exact.information import InformationLayout
 from certpgo.io.exact.weighing import weigh
 from certpgo.io.format import ReadOptions, RotationInformation
+from certpgo.io.stated import POSITIONS, as_information, position_weights
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 #: Notice about edges without information, with their number.
 UNINFORMED = "edge{s} without information: kappa = tau = 1"
-#: No sensor's id.
-BODY = -(2**63)
 #: Rotations (k, d, d), translations (k, d), and how many quaternions are off norm 1.
 Poses = tuple[FloatArray, FloatArray, int]
 
@@ -39,49 +36,32 @@ class Tag:
 
     Attributes
     ----------
-    kind : measurement, of a pair or (prior) of one pose or position, initial value, fixed nodes, a
-        sensor's pose on its body, or something to skip and count
+    kind : measurement, of a pair, (prior) of one pose or position or (sighting) of a point from a
+        pose, initial value of a pose or a point, fixed nodes, a sensor's pose on its body, or
+        something to skip and count
     d : dimension of space
-    numbers : number of parameters after the ids; d for a prior that is a position
+    numbers : number of parameters after the ids; d for positions
     what : for the notice on skipped lines
+    sensor : whether the id of a sensor follows those of nodes
+    apart : whether points may be numbered apart, so that poses have the same numbers
     """
 
-    kind: Literal["edge", "prior", "vertex", "fix", "sensor", "skip"]
+    kind: Literal["edge", "prior", "sighting", "vertex", "point", "fix", "sensor", "skip"]
     d: int = 0
     numbers: int = 0
     what: str = ""
+    sensor: bool = False
+    apart: bool = False
 
     @property
     def ids(self) -> int:
-        """Number of ids after the tag; in space priors name a sensor too."""
-        return 2 if self.kind == "edge" or (self.kind == "prior" and self.d == 3) else 1
+        """Number of ids after the tag."""
+        return (2 if self.kind in ("edge", "sighting") else 1) + self.sensor
 
     @property
     def is_position(self) -> bool:
-        """Whether it is a prior of a position alone."""
-        return self.kind == "prior" and self.numbers == self.d
-
-
-@dataclass(frozen=True)
-class Priors:
-    """Measurements of single poses.
-
-    Attributes
-    ----------
-    nodes : (k,) ids
-    rotations, translations : (k, d, d) and (k, d) in the world
-    kappa, tau : (k,) weights; kappa is 0 for positions
-    information : matrices; None for positions, or where they lack any
-    sensors : (k,) ids of the sensors whose poses are measured; `BODY` for the body's own
-    """
-
-    nodes: IntArray
-    rotations: FloatArray
-    translations: FloatArray
-    kappa: FloatArray
-    tau: FloatArray
-    information: Information | None
-    sensors: IntArray
+        """Whether it measures a position alone."""
+        return self.kind in ("prior", "sighting") and self.numbers == self.d
 
 
 @dataclass(frozen=True)
@@ -106,32 +86,6 @@ class Dialect:
     refused: Mapping[bytes, str] = field(default_factory=dict)
     rotation_information: RotationInformation = "tangent"
     residual: str | None = None
-
-
-@dataclass
-class TaggedLines:
-    """The contents of a file; lists have one array per chunk."""
-
-    d: int
-    edges: list[IntArray] = field(default_factory=list)
-    measured: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
-    weights: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
-    information: list[Information | None] = field(default_factory=list)
-    priors: list[Priors] = field(default_factory=list)
-    sensors: dict[int, bool] = field(default_factory=dict)  # whether they are at the body's origin
-    vertices: list[IntArray] = field(default_factory=list)
-    values: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
-    fixed: list[int] = field(default_factory=list)
-    counts: Counter[str] = field(default_factory=Counter)
-
-    def extend(self, other: TaggedLines) -> None:
-        """Append the next chunk."""
-        self.counts.update(other.counts)
-        for sensor, own in other.sensors.items():
-            self.sensors[sensor] = own and self.sensors.get(sensor, True)
-        lists = ("edges", "measured", "weights", "information", "vertices", "values", "fixed")
-        for name in (*lists, "priors"):
-            getattr(self, name).extend(getattr(other, name))
 
 
 def rpy_poses(d: int, numbers: FloatArray) -> Poses:
@@ -170,8 +124,7 @@ class _Parser:
         content = TaggedLines(self._d)
         for name, bodies in self._by_tag(lines).items():
             tag = self._tag(name)
-            unused = tag.kind in ("prior", "sensor") and self._options.skip_priors
-            if tag.kind == "skip" or unused or (tag.kind == "sensor" and content.d == 2):
+            if tag.kind == "skip" or self._leaves_out(tag) or self._is_planar_sensor(tag, content):
                 content.counts[f"{name.decode()} line{{s}} skipped: {tag.what}"] += len(bodies)
             elif tag.kind == "fix":
                 content.fixed.extend(_integers([x for body in bodies for x in body.split()]))
@@ -182,6 +135,17 @@ class _Parser:
                 self._poses(name.decode(), tag, bodies, content)
         self._d = content.d
         return content
+
+    def _leaves_out(self, tag: Tag) -> bool:
+        """Whether lines of a kind are skipped by choice."""
+        priors, landmarks = self._options.skip_priors, self._options.skip_landmarks
+        if tag.kind == "sensor":
+            return priors and landmarks
+        return priors if tag.kind == "prior" else landmarks and tag.kind in ("sighting", "point")
+
+    @staticmethod
+    def _is_planar_sensor(tag: Tag, content: TaggedLines) -> bool:
+        return tag.kind == "sensor" and content.d == 2
 
     @staticmethod
     def _by_tag(lines: Iterable[bytes]) -> dict[bytes, list[bytes]]:
@@ -205,52 +169,79 @@ class _Parser:
 
     def _poses(self, name: str, tag: Tag, bodies: list[bytes], content: TaggedLines) -> None:
         ids, numbers, texts = _fields(name, tag, bodies, self._information_size(tag))
-        if tag.is_position:
+        if tag.kind == "sighting":
+            content.sightings.append(self._sightings(tag, ids, numbers, texts))
+        elif tag.kind == "point":
+            content.points.append((ids[:, 0], numbers))
+        elif tag.is_position:
             content.priors.append(self._positions(tag.d, ids, numbers, texts))
-            return
-        rotations, translations, off_norm = self._dialect.poses(tag.d, numbers)
-        content.counts["quaternion{s} off norm 1 by more than 1e-3, normalized"] += off_norm
+        else:
+            rotations, translations, off_norm = self._dialect.poses(tag.d, numbers)
+            content.counts["quaternion{s} off norm 1 by more than 1e-3, normalized"] += off_norm
+            self._whole_poses(tag, ids, rotations, translations, texts, content)
+
+    def _whole_poses(
+        self,
+        tag: Tag,
+        ids: IntArray,
+        rotations: FloatArray,
+        translations: FloatArray,
+        texts: list[bytes],
+        content: TaggedLines,
+    ) -> None:
         if tag.kind == "vertex":
             content.vertices.append(ids[:, 0])
             content.values.append((rotations, translations))
-            return
-        if tag.kind == "sensor":
-            own = (rotations == np.eye(tag.d)).all(axis=(1, 2)) & ~translations.any(axis=1)
-            for sensor, is_own in zip(ids[:, 0].tolist(), own.tolist(), strict=True):
-                content.sensors[sensor] = is_own and content.sensors.get(sensor, True)
-            return
-        if tag.kind == "prior":
+        elif tag.kind == "sensor":
+            for sensor, *pose in zip(ids[:, 0].tolist(), rotations, translations, strict=True):
+                content.add_sensor(sensor, (pose[0], pose[1]))
+        elif tag.kind == "prior":
             weighed = TaggedLines(tag.d)
             self._weigh(tag.d, texts, weighed)
             content.counts.update(weighed.counts)
             (weights,), (information,) = weighed.weights, weighed.information
-            sensors = ids[:, 1] if tag.ids == 2 else np.full(len(ids), BODY)
+            sensors = ids[:, 1] if tag.sensor else np.full(len(ids), BODY)
             content.priors.append(
                 Priors(ids[:, 0], rotations, translations, *weights, information, sensors)
             )
-            return
-        refuse_loops(ids)
-        content.edges.append(ids)
-        content.measured.append((rotations, translations))
-        self._weigh(tag.d, texts, content)
+        else:
+            refuse_loops(ids)
+            content.edges.append(ids)
+            content.measured.append((rotations, translations))
+            self._weigh(tag.d, texts, content)
 
     def _information_size(self, tag: Tag) -> int:
         if tag.is_position:
-            return tag.d * (tag.d + 1) // 2
+            return POSITIONS[tag.d].size
         return self._dialect.layouts[tag.d].size if tag.kind in ("edge", "prior") else 0
 
     def _positions(
         self, d: int, ids: IntArray, positions: FloatArray, texts: list[bytes]
     ) -> Priors:
-        """Positions alone; tau = d / tr(Omega^-1)."""
-        k = len(ids)
-        tau = np.ones(k)
-        if not self._options.ignore_information:
-            for row, text in enumerate(texts):
-                tau[row] = _position_weight(d, text) if text else 1.0
+        """Positions alone."""
+        k, (tau, matrices) = len(ids), self._weighed_positions(d, texts)
         sensors = ids[:, 1] if d == 3 else np.full(k, BODY)
-        identity = np.tile(np.eye(d), (k, 1, 1))
-        return Priors(ids[:, 0], identity, positions, np.zeros(k), tau, None, sensors)
+        identity, information = np.tile(np.eye(d), (k, 1, 1)), None
+        if matrices is not None:
+            residual = self._dialect.residual
+            information = Information(of_positions(matrices), np.arange(k), residual)
+        return Priors(ids[:, 0], identity, positions, np.zeros(k), tau, information, sensors)
+
+    def _sightings(
+        self, tag: Tag, ids: IntArray, positions: FloatArray, texts: list[bytes]
+    ) -> Sightings:
+        weights = self._weighed_positions(tag.d, texts)
+        sensors = ids[:, 2] if tag.sensor else np.full(len(ids), BODY)
+        return Sightings(ids[:, :2], positions, *weights, sensors, tag.apart)
+
+    def _weighed_positions(
+        self, d: int, texts: list[bytes]
+    ) -> tuple[FloatArray, FloatArray | None]:
+        """Weights, and matrices unless some are not stated."""
+        ignored = self._options.ignore_information
+        given = [b""] * len(texts) if ignored else texts
+        tau, matrices = position_weights(d, given, self._options.weights_are)
+        return tau, matrices if all(given) else None
 
     def _weigh(self, d: int, texts: list[bytes], content: TaggedLines) -> None:
         kappa, tau = np.ones(len(texts)), np.ones(len(texts))
@@ -261,7 +252,8 @@ class _Parser:
         stated = np.array([bool(text) for text in texts])
         content.counts[UNINFORMED] += int(np.sum(~stated))
         layout = self._dialect.layouts[d]
-        weighed = weigh([t for t in texts if t], layout)
+        given = as_information([t for t in texts if t], layout, self._options.weights_are)
+        weighed = weigh(given, layout)
         kappa[stated], tau[stated] = weighed.kappa, weighed.tau
         content.counts["edge{s} with information indefinite as a whole, diagonal blocks used"] += (
             weighed.indefinite
@@ -274,20 +266,6 @@ class _Parser:
         content.information.append(
             Information(matrices, weighed.which, self._dialect.residual) if whole else None
         )
-
-
-def _position_weight(d: int, text: bytes) -> float:
-    omega, upper = np.zeros((d, d)), np.triu_indices(d)
-    omega[upper] = _floats(text.split())
-    omega.T[upper] = omega[upper]
-    values = np.linalg.eigvalsh(omega)
-    if not values[0] > 0.0:
-        raise InputError("the information of a position is not positive definite")
-    with np.errstate(over="ignore"):
-        tau = d / np.sum(1.0 / values)
-    if not in_range(tau):
-        raise InputError(f"information must give weights between {1.0 / FAR:.2g} and {FAR:.2g}")
-    return float(tau)
 
 
 def _fields(

@@ -11,7 +11,7 @@ from certpgo.errors import FormatError
 from certpgo.graph import PoseGraph
 from certpgo.graph.information import Information
 from certpgo.graph.priors import origin_of, with_priors
-from certpgo.io.lines import BODY, Priors, TaggedLines
+from certpgo.io.contents import BODY, Priors, TaggedLines
 from certpgo.io.plural import counted
 from certpgo.linalg.arrays import FloatArray, IntArray, numbered
 
@@ -36,10 +36,15 @@ def numbered_priors(path: Path, content: TaggedLines, ids: IntArray) -> Priors |
     )
     nodes, R, t, kappa, tau, sensors = (np.concatenate(column) for column in columns)
     for sensor in np.unique(sensors[sensors != BODY]).tolist():
-        # Without a line of parameters, 0 is the body itself.
-        if not content.sensors.get(sensor, sensor == 0):
-            known = "not at its body's origin" if sensor in content.sensors else "unknown"
-            raise FormatError(path, None, f"a prior is about sensor {sensor}, which is {known}")
+        if sensor not in content.sensors:
+            # Without a line of parameters, 0 is the body itself.
+            if sensor == 0:
+                continue
+            raise FormatError(path, None, f"a prior is about sensor {sensor}, which is unknown")
+        turned, moved = content.sensors[sensor]
+        if moved.any() or (turned != np.eye(len(moved))).any():
+            said = f"a prior is about sensor {sensor}, which is not at its body's origin"
+            raise FormatError(path, None, said)
     place = numbered(ids, nodes)
     foreign = nodes[place < 0]
     if len(foreign):
@@ -73,5 +78,5 @@ def anchored_graph(graph: PoseGraph, priors: Priors) -> tuple[PoseGraph, FloatAr
     positions = int(np.count_nonzero(priors.kappa == 0.0))
     said = counted(len(priors.nodes), "prior{s}, from a node for the world")
     if positions:
-        said += f"; {positions} of positions alone, for which there is only the cost F"
+        said += f"; {positions} of positions alone"
     return joined, origin if origin.any() else None, said

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from certpgo.io.format import (
     Progress,
     ReadOptions,
     RotationInformation,
+    WeightsAre,
     format_of,
 )
 from certpgo.io.names import named_ids
@@ -44,7 +46,9 @@ def read(
     tau: float | None = None,
     unit_weights: bool = False,
     mahalanobis: bool = False,
+    weights_are: WeightsAre = "information",
     priors: bool = True,
+    landmarks: bool = True,
     truth: str | Path | None = None,
     format: str | None = None,
     progress: Progress | None = None,
@@ -69,8 +73,12 @@ def read(
     unit_weights : kappa = tau = 1 on every edge
     mahalanobis : weigh rotations by all of the file's rotational information, so that their terms
         are its Mahalanobis distances to second order: half of Omega_theta in 2D, a matrix in 3D
+    weights_are : what the numbers after a measurement are: ``"information"``,
+        ``"sqrt-information"`` (upper triangular) or ``"covariance"``, which some programs write in
+        files of the same form
     priors : whether measurements of single poses and positions are read, as edges from one more
         node, the world (``Instance.world``); else they are skipped
+    landmarks : whether points and what sees them are read; else they are skipped
     truth : a file with ground truth for every node, see `read_truth`
     format : name of the format, if content and suffix do not determine it
     progress : called with bytes read and bytes in total, after each chunk
@@ -106,7 +114,15 @@ def read(
     _check_choice("keep", keep, ("all", "first", "last"))
     if rotation_information is not None:
         _check_choice("rotation_information", rotation_information, _MEANINGS)
-    options = ReadOptions(rotation_information, weights.override_all, not priors, progress)
+    _check_choice("weights_are", weights_are, get_args(WeightsAre))
+    options = ReadOptions(
+        rotation_information,
+        ignore_information=weights.override_all,
+        weights_are=weights_are,
+        skip_priors=not priors,
+        skip_landmarks=not landmarks,
+        progress=progress,
+    )
     instance = form.read_graph(path, options)
     if rotation_information == "quaternion" and instance.graph.d == 2:
         raise InputError("rotational information on a quaternion is for 3D; in 2D use the angle")

@@ -84,13 +84,22 @@ def write(
             raise InputError(f"estimate of another graph: {what.d}D, not {instance.graph.d}D")
         labels = _ids(ids, what.num_nodes, instance)
         anchored = _anchored(what, labels, instance, anchor)
-        if instance is not None and instance.world is not None:
-            labels = labels[:-1]
+        points = np.zeros(len(labels), dtype=bool)
+        if instance is not None and isinstance(instance.graph, PoseGraph):
+            if instance.graph.points is not None:
+                points = instance.graph.points
+            if instance.world is not None:
+                labels, points = labels[:-1], points[:-1]
+        if points.any() and not form.holds_points:
+            poses = np.flatnonzero(~points)
+            anchored, labels, points = anchored.subset(poses), labels[poses], points[poses]
+            lost = f"a {form.name} file holds poses only: points are not written"
+            warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
         if what.translations is not None and not form.holds_translations:
             lost = f"a {form.name} file holds rotations only: translations are not written"
             warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
         times = node_times(labels, timestamps) if form.name == "tum" else labels.astype(float)
-        atomically(path, lambda temporary: writer(temporary, anchored, labels, times))
+        atomically(path, lambda temporary: writer(temporary, anchored, labels, times, points))
         return
     if not isinstance(what, _WITH_GRAPH):
         hint = "; its estimate may be meant" if hasattr(what, "estimate") else ""
@@ -99,25 +108,31 @@ def write(
         raise InputError(f"{path}: {form.name} cannot be written for a graph")
     graph_writer = form.write_graph
     whole = _as_instance(path, what, ids)
-    if whole.world is not None and form.name != "g2o":
-        raise InputError(f"{path}: priors can be written to g2o files only")
-    if _is_unwritable(whole):
+    graph = whole.graph
+    matrices = graph.is_general
+    if isinstance(graph, PoseGraph):
+        matrices = graph.arms is not None or graph.rotation.is_general
+    if matrices:
+        raise InputError(f"{path}: no format holds matrix weights, couplings or arms")
+    if form.name != "npz" and _is_partly_unwritable(whole):
         raise InputError(
-            f"{path}: no format holds matrix weights, couplings, arms, or edges that measure only "
-            "a rotation or a translation"
+            f"{path}: only .npz files hold edges that measure only a rotation or a translation, "
+            "except for priors and points"
         )
     atomically(path, lambda temporary: graph_writer(temporary, whole))
 
 
-def _is_unwritable(whole: Instance) -> bool:
-    """Whether edges have weights that are no numbers, or measure a part and are not priors."""
+def _is_partly_unwritable(whole: Instance) -> bool:
+    """Whether edges measure a part, and are neither priors nor sightings."""
     graph = whole.graph
     if not isinstance(graph, PoseGraph):
-        return graph.is_general
+        return False
     partial = (graph.rotation.kappa == 0.0) | (graph.tau == 0.0)
     if whole.world is not None:
         partial &= graph.edges[:, 0] != whole.world
-    return graph.arms is not None or graph.rotation.is_general or bool(partial.any())
+    if graph.points is not None:
+        partial &= ~graph.points[graph.edges[:, 1]]
+    return bool(partial.any())
 
 
 def _as_instance(path: Path, what: Graph | Instance, ids: ArrayLike | None) -> Instance:

@@ -1,4 +1,7 @@
-"""Sparse symmetric matrices of square blocks, a row per node and two blocks per edge."""
+"""Sparse symmetric matrices of blocks, a row of blocks per node and two blocks per edge.
+
+Nodes are poses or points. The blocks of points are smaller, the leading part of a pose's.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ import numpy as np
 from scipy import sparse
 
 from certpgo.linalg import compiled
-from certpgo.linalg.arrays import CSC, FloatArray, IntArray
+from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,10 +24,12 @@ class BlockPattern:
     ----------
     num_nodes : number n of block rows
     edges : (m, 2) node pairs; the blocks of parallel edges are summed
+    points : (n,) which nodes are points, or None
     """
 
     num_nodes: int
     edges: IntArray
+    points: BoolArray | None = None
 
     @cached_property
     def _slots(self) -> tuple[IntArray, IntArray, IntArray, IntArray]:
@@ -74,37 +79,50 @@ class BlockPattern:
         target, starts = np.unique(slot[order], return_index=True)
         return None if len(target) == len(slot) else (order, starts, target)
 
-    def layout(self, b: int) -> Layout:
-        """Positions of the blocks' entries in a matrix of block size b."""
-        if b not in self._layouts:
-            self._layouts[b] = Layout(self, b)
-        return self._layouts[b]
+    def layout(self, b: int, of_points: int | None = None) -> Layout:
+        """Places in matrices of blocks of b rows, those of points ``of_points``, by default b."""
+        points = None if of_points in (None, b) else self.points
+        key = b, b if points is None or of_points is None else of_points
+        if key not in self._layouts:
+            self._layouts[key] = Layout(self, *key, points)
+        return self._layouts[key]
+
+    def layout_of(self, A: CSC) -> Layout:
+        """That of a matrix which this pattern assembled, or of one with equal blocks."""
+        size = A.shape[0]
+        found = (known for known in self._layouts.values() if known.size == size)
+        return next(found, None) or self.layout(size // self.num_nodes)
 
     @cached_property
-    def _layouts(self) -> dict[int, Layout]:
+    def _layouts(self) -> dict[tuple[int, int], Layout]:
+        """By the rows of poses and of points."""
         return {}
 
-    def assemble(self, diagonal: FloatArray, upper: FloatArray) -> CSC:
+    def assemble(
+        self, diagonal: FloatArray, upper: FloatArray, of_points: int | None = None
+    ) -> CSC:
         """The symmetric matrix of diagonal blocks and blocks ``upper[e]`` at edges e = (i, j).
 
         Parameters
         ----------
         diagonal : (n, b, b) symmetric blocks
         upper : (m, b, b); block (j, i) is the transpose
+        of_points : leading rows of blocks that points have; by default b
 
         Returns
         -------
-        (n b, n b) matrix in CSC form with sorted indices, shared by matrices of one size
+        (N, N) matrix in CSC form with sorted indices, shared by matrices of one size
         """
-        layout = self.layout(diagonal.shape[1])
+        layout = self.layout(diagonal.shape[1], of_points)
         if compiled.AVAILABLE:
-            data = np.zeros(len(layout.indices))
+            data = np.zeros(layout.padded)
             diagonal, upper = np.ascontiguousarray(diagonal), np.ascontiguousarray(upper)
             compiled.kernel.assemble(self._places, diagonal, upper, data)
         else:
             data = self._assembled(layout, diagonal, upper)
-        N = len(layout.indptr) - 1
-        return CSC((data, layout.indices, layout.indptr), shape=(N, N))
+        if layout.kept is not None:
+            data = data[layout.kept]
+        return CSC((data, layout.indices, layout.indptr), shape=(layout.size,) * 2)
 
     @cached_property
     def _places(self) -> tuple[IntArray, ...]:
@@ -115,8 +133,8 @@ class BlockPattern:
         )
 
     def _assembled(self, layout: Layout, diagonal: FloatArray, upper: FloatArray) -> FloatArray:
-        data = np.empty(len(layout.indices))
-        data[layout.diagonal] = diagonal
+        data = np.empty(layout.padded)
+        data[layout.diagonal_blocks] = diagonal
         if self._summation is None:
             data[layout.pairs] = upper
         else:
@@ -127,36 +145,109 @@ class BlockPattern:
 
 
 class Layout:
-    """A block pattern for blocks of b rows."""
+    """A block pattern for blocks of b rows, points having only the leading ``of_points``.
 
-    def __init__(self, pattern: BlockPattern, b: int) -> None:
+    Matrices are assembled from whole blocks; what belongs to no row of a point is then left out.
+    """
+
+    def __init__(
+        self, pattern: BlockPattern, b: int, of_points: int, points: BoolArray | None
+    ) -> None:
         self._pattern, self._b = pattern, b
-        size = b * b * len(pattern.indices)
+        self.padded = b * b * len(pattern.indices)
         # 32 bits if possible, like SciPy.
-        self._integers: type[np.integer[Any]] = np.int32 if size < 2**31 else np.int64
+        self._integers: type[np.integer[Any]] = np.int32 if self.padded < 2**31 else np.int64
+        n = pattern.num_nodes
+        self.sizes: IntArray = np.full(n, b)
+        self._rows: IntArray | None = None
+        if points is not None:
+            self.sizes = np.where(points, of_points, b)
+            self._rows = np.flatnonzero(np.tile(np.arange(b), n) < np.repeat(self.sizes, b))
+        self.size = int(self.sizes.sum())
+
+    def pack(self, values: FloatArray) -> FloatArray:
+        """(N, ...) rows of the matrix from (n, b, ...) of the nodes."""
+        flat = values.reshape(-1, *values.shape[2:])
+        return flat if self._rows is None else np.asarray(flat[self._rows])
+
+    def unpack(self, rows: FloatArray) -> FloatArray:
+        """(n, b, ...) of the nodes from (N, ...), zero for what points do not have."""
+        if self._rows is None:
+            return rows.reshape(-1, self._b, *rows.shape[1:])
+        flat = np.zeros((len(self.sizes) * self._b, *rows.shape[1:]))
+        flat[self._rows] = rows
+        return flat.reshape(-1, self._b, *rows.shape[1:])
+
+    def first_row(self, node: int) -> int:
+        """The first row of a node."""
+        return int(self.sizes[:node].sum())
+
+    def trailing(self, k: int) -> BoolArray:
+        """(N,) which rows are among the last k of whole blocks."""
+        last = np.tile(np.arange(self._b) >= self._b - k, (len(self.sizes), 1))
+        return np.asarray(self.pack(last & (self.sizes == self._b)[:, None]))
+
+    @cached_property
+    def kept(self) -> IntArray | None:
+        """Which entries of the padded matrix are those of the matrix; None for all."""
+        if self._rows is None:
+            return None
+        row = np.zeros(len(self.sizes) * self._b, dtype=bool)
+        row[self._rows] = True
+        indptr, indices = self._padded_pattern
+        column = np.repeat(row, np.diff(indptr))
+        return np.flatnonzero(row[indices] & column)
+
+    @cached_property
+    def _padded_pattern(self) -> tuple[IntArray, IntArray]:
+        """Column pointers and rows of the padded matrix."""
+        b, indices = self._b, self._pattern.indices
+        heights = np.repeat(b * np.diff(self._pattern.indptr), b)
+        starts = np.concatenate([[0], np.cumsum(heights)]).astype(self._integers)
+        rows = np.empty(self.padded, dtype=self._integers)
+        if compiled.AVAILABLE and rows.dtype == np.int32:
+            indptr = self._pattern.indptr.astype(np.int64)
+            compiled.kernel.expand(indptr, indices.astype(np.int64), b, rows)
+        else:
+            firsts = (b * indices.astype(self._integers))[:, None, None]
+            rows[self._blocks(starts)] = firsts + np.arange(b, dtype=self._integers)
+        return starts, rows
 
     @cached_property
     def indptr(self) -> IntArray:
         """Column pointers of the matrix."""
-        heights = np.repeat(self._b * np.diff(self._pattern.indptr), self._b)
-        return np.concatenate([[0], np.cumsum(heights)]).astype(self._integers)
+        starts, _ = self._padded_pattern
+        if self.kept is None or self._rows is None:
+            return starts
+        counts = np.searchsorted(self.kept, starts)
+        return np.append(counts[self._rows], counts[-1]).astype(self._integers)
 
     @cached_property
     def indices(self) -> IntArray:
         """Rows of the entries, ascending in each column."""
-        b, indices = self._b, self._pattern.indices
-        columns = np.empty(b * b * len(indices), dtype=self._integers)
-        if compiled.AVAILABLE and columns.dtype == np.int32:
-            indptr = self._pattern.indptr.astype(np.int64)
-            compiled.kernel.expand(indptr, indices.astype(np.int64), b, columns)
-        else:
-            rows = (b * indices.astype(self._integers))[:, None, None]
-            columns[self._places()] = rows + np.arange(b, dtype=self._integers)
-        return columns
+        _, rows = self._padded_pattern
+        if self.kept is None or self._rows is None:
+            return rows
+        place = np.zeros(len(self.sizes) * self._b, dtype=self._integers)
+        place[self._rows] = np.arange(len(self._rows))
+        return np.asarray(place[rows[self.kept]])
+
+    @cached_property
+    def whole(self) -> IntArray:
+        """The nodes with whole blocks."""
+        return np.flatnonzero(self.sizes == self._b)
 
     @cached_property
     def diagonal(self) -> IntArray:
-        """(n, b, b) positions in ``data`` of the entries of diagonal blocks."""
+        """(k, b, b) positions in ``data`` of the entries of `whole` diagonal blocks."""
+        places = self.diagonal_blocks
+        if self.kept is None:
+            return places
+        return np.searchsorted(self.kept, places[self.whole])
+
+    @cached_property
+    def diagonal_blocks(self) -> IntArray:
+        """(n, b, b) the same of all blocks among the padded matrix' entries."""
         b, indptr, own = self._b, self._pattern.indptr, self._pattern.own
         counts = np.diff(indptr)[:, None, None]
         first = b * (b * indptr[:-1] + own - indptr[:-1])
@@ -165,24 +256,23 @@ class Layout:
 
     @cached_property
     def pairs(self) -> IntArray:
-        """(2, m, b, b) the same for the blocks of edges and their transposes.
+        """(2, m, b, b) the same for the padded blocks of edges and their transposes.
 
         For a graph with parallel edges (k, b, b), for the k occupied blocks off the diagonal.
         """
-        places, slots = self._places(), self._pattern.slots
+        places, slots = self._blocks(self._padded_pattern[0]), self._pattern.slots
         if self._pattern._merged is not None:
             return np.asarray(places[self._pattern._merged])
         forward, backward = np.split(slots, 2)
         return np.stack([places[forward], np.swapaxes(places[backward], 1, 2)])
 
-    def _places(self) -> IntArray:
-        """(k, b, b) positions of the entries of all blocks."""
+    def _blocks(self, starts: IntArray) -> IntArray:
+        """(k, b, b) positions of the entries of all padded blocks."""
         b, indptr, indices = self._b, self._pattern.indptr, self._pattern.indices
         counts = np.diff(indptr)
         row = np.repeat(np.arange(len(counts)), counts)
         within = np.arange(len(indices)) - indptr[row]
-        starts = self.indptr[:-1].reshape(-1, b)
-        lines = (starts[row] + (b * within)[:, None]).astype(self._integers)
+        lines = (starts[:-1].reshape(-1, b)[row] + (b * within)[:, None]).astype(self._integers)
         return np.asarray(lines[:, :, None] + np.arange(b, dtype=self._integers))
 
 

@@ -13,7 +13,7 @@ from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.lift import Point
 from certpgo.linalg import factor
-from certpgo.linalg.arrays import CSC, FloatArray, IntArray
+from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, IntArray
 from certpgo.linalg.blocks import BlockPattern, pinned
 from certpgo.linalg.factor import Analysis, Factor, Symbolic
 from certpgo.objective import operators
@@ -95,7 +95,7 @@ class Objective(ABC):
         explained, R = operators.explained(self.graph, estimate), estimate.rotations
         sums, none = operators.NodeSums.of(explained), np.zeros((self.n, self.d, self.d))
         diagonal = operators.hessian_diagonal(sums, R, none)
-        return self.pattern.assemble(diagonal, operators.couplings(explained, R))
+        return self.pattern.assemble(diagonal, operators.couplings(explained, R), self.d)
 
     def multipliers(self, point: Point) -> FloatArray:
         """(n, d, d) Lagrange multipliers; see `FirstOrder`."""
@@ -139,19 +139,29 @@ class Objective(ABC):
         return {}
 
     def symbolic(self, A: CSC) -> Symbolic:
-        """The symbolic analysis of a block matrix of this graph; computed once per block size."""
-        known, b = self._by_size, A.shape[0] // self.n
-        if b not in known:
-            known[b] = self._analysis.blocks(np.full(self.n, b))
-        return known[b]
+        """The symbolic analysis of a matrix of this graph's pattern; computed once per size."""
+        known, size = self._by_size, A.shape[0]
+        if size not in known:
+            known[size] = self._analysis.blocks(self.pattern.layout_of(A).sizes)
+        return known[size]
 
     def certificate_matrix(self, multipliers: FloatArray) -> CSC:
         """S = M - blkdiag(0, Lam), or L - blkdiag(Lam) for rotations, with the pattern of M."""
         M, d = self.matrix, self.d
-        entries = self.pattern.layout(M.shape[0] // self.n).diagonal
-        data = M.data.copy()
-        data[entries[:, -d:, -d:]] -= multipliers
+        layout, data = self.pattern.layout_of(M), M.data.copy()
+        data[layout.diagonal[:, -d:, -d:]] -= multipliers[layout.whole]
         return CSC((data, M.indices, M.indptr), shape=M.shape)
+
+    @cached_property
+    def rotation_rows(self) -> BoolArray:
+        """(N,) which rows of the matrix belong to rotations."""
+        return self.pattern.layout_of(self.matrix).trailing(self.d)
+
+    @property
+    def poses(self) -> IntArray:
+        """The nodes that have a rotation, ascending: those that are no points."""
+        graph = self.graph
+        return graph.pose_nodes if isinstance(graph, PoseGraph) else np.arange(self.n)
 
     def grounded_factor(self, laplacian: CSC) -> Factor | None:
         """The factor of a graph Laplacian (n, n) without its first node; None if it fails."""

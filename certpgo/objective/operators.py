@@ -2,7 +2,8 @@
 
 Matrices over poses are interleaved, one block of d + 1 rows per pose: the translation row, then the
 d rotation rows, so that they multiply X = [t_1 R_1 ... t_n R_n]^T. That is a symmetric permutation
-of SE-Sync's [t | R], and one ordering of the graph suits every factorization.
+of SE-Sync's [t | R], and one ordering of the graph suits every factorization. A point has only the
+first row.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from certpgo.linalg.blocks import BlockPattern, scatter_sum
 
 def pattern(graph: RotationGraph | PoseGraph) -> BlockPattern:
     """The sparsity pattern shared by all matrices of the graph."""
-    return BlockPattern(graph.num_nodes, graph.edges)
+    points = graph.points if isinstance(graph, PoseGraph) else None
+    return BlockPattern(graph.num_nodes, graph.edges, points)
 
 
 def degrees(edges: IntArray, weights: FloatArray, n: int) -> FloatArray:
@@ -76,7 +78,7 @@ def connection_laplacian(blocks: BlockPattern, graph: RotationGraph, shift: floa
 
 
 def data_matrix(blocks: BlockPattern, graph: PoseGraph) -> CSC:
-    """Quadratic form M of the pose objective, F(R, t) = tr(X M X^T), ((d+1)n, (d+1)n).
+    """Quadratic form M of the pose objective, F(R, t) = tr(X M X^T), (N, N).
 
     Rosen et al. (SE-Sync, IJRR 2019) eq. 20, interleaved.
     """
@@ -95,7 +97,7 @@ def data_matrix(blocks: BlockPattern, graph: PoseGraph) -> CSC:
     if graph.arms is not None:
         upper[:, 0, 1:] = -tau[:, None] * graph.arms
         upper[:, 1:, 1:] += upper[:, 1:, :1] * graph.arms[:, None, :]
-    return blocks.assemble(diagonal, upper)
+    return blocks.assemble(diagonal, upper, 1)
 
 
 def multipliers(gradient: FloatArray, R: FloatArray) -> FloatArray:

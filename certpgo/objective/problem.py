@@ -32,7 +32,8 @@ class PoseProblem(Objective):
     """Pose-graph optimization: minimise F(R, t) over SE(d)^n.
 
     F(R, t) = sum kappa ||R_j - R_i R_ij||_F^2 + sum tau ||t_j - t_i - R_i t_ij||^2.
-    That is the problem of Rosen et al. (SE-Sync, IJRR 2019).
+    That is the problem of Rosen et al. (SE-Sync, IJRR 2019). Points among the nodes have only t;
+    the rotations that estimates hold for them mean nothing.
 
     Attributes
     ----------
@@ -81,7 +82,10 @@ class PoseProblem(Objective):
 
     @cached_property
     def data_matrix(self) -> CSC:
-        """M with F(R, t) = tr(X M X^T), interleaved, ((d+1)n, (d+1)n)."""
+        """M with F(R, t) = tr(X M X^T), interleaved, (N, N).
+
+        N = (d + 1) n, less d rows of each point.
+        """
         return operators.data_matrix(self.pattern, self.graph)
 
     @property
@@ -132,7 +136,15 @@ class PoseProblem(Objective):
         return np.asarray(t - t[0])
 
     def complete(self, rotations: FloatArray) -> Estimate:
-        """The estimate of these rotations with optimal translations, the first at zero."""
+        """The estimate of these rotations with optimal translations, the first at zero.
+
+        Parameters
+        ----------
+        rotations : (n, d, d), or those of the poses alone
+        """
+        if len(rotations) < self.n:
+            of_poses, rotations = rotations, np.tile(np.eye(self.d), (self.n, 1, 1))
+            rotations[self.poses] = of_poses
         return self.settled(Estimate(rotations, np.zeros(rotations.shape[:2])))
 
     def translation_residuals(self, point: Point) -> FloatArray:
@@ -172,7 +184,8 @@ class PoseProblem(Objective):
         R = estimate.rotations
         G, terms = self._sums.gradient(estimate)
         move, turn = G[:, :, 0], operators.tangent_gradient(G[:, :, 1:], R)
-        largest = float((np.linalg.norm(turn, axis=1) / self.curvature).max())
+        poses = self.poses
+        largest = float((np.linalg.norm(turn, axis=1)[poses] / self.curvature[poses]).max())
         length = np.sqrt(self.lever_weights.sum() / self.graph.tau.sum())
         if length > 0.0:
             size = np.linalg.norm(move, axis=1) / (self.translation_weights * length)

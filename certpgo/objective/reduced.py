@@ -24,7 +24,7 @@ ELIMINATED_SHIFTS = (1e-9, 1e-7, 1e-5)
 
 
 class Reduced:
-    """A symmetric matrix of rotations (dn, dn), as products and shifted solves.
+    """A symmetric matrix of rotations (dn, dn), n of poses, as products and shifted solves.
 
     Attributes
     ----------
@@ -52,9 +52,8 @@ class Reduced:
     ) -> None:
         self._problem = problem
         self._matrix = problem.matrix if matrix is None else matrix
-        b = self._matrix.shape[0] // problem.n
-        self._rotations = np.arange(self._matrix.shape[0]) % b >= b - problem.d
-        self.shape = (problem.d * problem.n,) * 2
+        self._rotations = problem.rotation_rows
+        self.shape = (problem.d * len(problem.poses),) * 2
         grounded = self._matrix
         if isinstance(problem, PoseProblem):
             grounded = pinned(grounded, np.array([0]))

@@ -127,9 +127,9 @@ class RotationProblem(Objective):
 
     @property
     def median_kappa(self) -> float:
-        """The median concentration of the edges that measure a rotation."""
-        kappa = self.graph.kappa
-        return float(np.median(kappa[kappa > 0.0]))
+        """The median concentration of the edges that measure a rotation; 0 if none does."""
+        known = self.graph.kappa[self.graph.kappa > 0.0]
+        return float(np.median(known)) if len(known) else 0.0
 
     @property
     def curvature(self) -> FloatArray:

@@ -148,9 +148,12 @@ class _Tangent:
         self._multipliers = operators.multipliers(G[:, :, -problem.d :], Y)
         self._basis = tangent_basis(Y)
         turn = np.einsum("nqrd,nrd->nq", self._basis, G[:, :, -problem.d :])
-        self.stationarity = float((np.linalg.norm(turn, axis=1) / problem.curvature).max())
+        size, poses = np.linalg.norm(turn, axis=1), problem.poses
+        self.stationarity = float((size[poses] / problem.curvature[poses]).max())
         moves = [G[:, :, 0]] if isinstance(problem, PoseProblem) else []
-        self.gradient = np.concatenate([*moves, turn], axis=1).ravel()
+        tangent = np.concatenate([*moves, turn], axis=1)
+        self._layout = problem.pattern.layout(tangent.shape[1], Y.shape[1])
+        self.gradient = self._layout.pack(tangent)
 
     @cached_property
     def hessian(self) -> CSC:
@@ -168,12 +171,12 @@ class _Tangent:
 
     def _matrix(self, multipliers: FloatArray) -> CSC:
         blocks = operators.lifted_hessian(self._problem.graph, self._basis, multipliers)
-        return self._problem.pattern.assemble(*blocks)
+        return self._problem.pattern.assemble(*blocks, self._basis.shape[2])
 
     def retract(self, x: FloatArray) -> Lift:
         """The nearest point of the manifold, with optimal translations."""
         q = self._basis.shape[1]
-        V = np.einsum("nq,nqrd->nrd", x.reshape(self._problem.n, -1)[:, -q:], self._basis)
+        V = np.einsum("nq,nqrd->nrd", self._layout.unpack(x)[:, -q:], self._basis)
         return _moved(self._problem, self.point, V)
 
 

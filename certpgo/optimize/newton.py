@@ -23,7 +23,7 @@ from certpgo.errors import SpecError
 from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
-from certpgo.linalg.blocks import add_to_diagonal
+from certpgo.linalg.blocks import Layout, add_to_diagonal
 from certpgo.linalg.cg import End, Truncated, conjugate_gradients
 from certpgo.linalg.factor import Factor, Symbolic
 from certpgo.linalg.multifrontal import Precision
@@ -118,7 +118,8 @@ def newton(
     """
     problem.check(initial)
     watch = watch or Stopwatch()
-    work = _Work(settings, _metric(problem))
+    metric = _metric(problem)
+    work = _Work(settings, metric, problem.pattern.layout(metric.shape[1], problem.d))
     state = _State(initial, problem.first_order(initial), exact=near)
     progress = Progress(monitor, settings.tolerance, settings.max_iterations, watch)
     while progress.advance(state.cost, state.stationarity, state.step_norm, gain=state.gain):
@@ -169,6 +170,7 @@ class _Work:
 
     settings: NewtonSettings
     metric: FloatArray  # (n, b) diagonal in which damping is measured
+    layout: Layout  # of Hessians
     factor: Factor | None = None
     single: bool = True  # whether factors are tried in single precision
     most: int = 0  # products that cost less than a new factor
@@ -181,7 +183,7 @@ class _Model:
 
     def __init__(self, problem: Problem, state: _State, metric: FloatArray) -> None:
         self._problem, self._state, self._metric = problem, state, metric
-        self.g = state.first.tangent.ravel()
+        self.g = problem.pattern.layout(metric.shape[1], problem.d).pack(state.first.tangent)
 
     @cached_property
     def hessian(self) -> CSC:
@@ -195,8 +197,9 @@ class _Model:
 
     def _matrix(self, multipliers: FloatArray) -> CSC:
         diagonal, upper = self._problem.hessian(self._state.point, multipliers)
-        diagonal[0] += np.diag(self._metric[0])  # fixes the gauge
-        return self._problem.pattern.assemble(diagonal, upper)
+        first = self._problem.poses[0]
+        diagonal[first] += np.diag(self._metric[first])  # fixes the gauge
+        return self._problem.pattern.assemble(diagonal, upper, self._problem.d)
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +219,7 @@ def _advance(problem: Problem, state: _State, work: _Work) -> _State | None:
     for proposal in _proposals(problem, state, work):
         if not np.isfinite(proposal.step).all():
             continue
-        candidate = _retract(problem, state.point, proposal.step)
+        candidate = _retract(problem, state.point, work.layout.unpack(proposal.step))
         first = problem.first_order(candidate)
         cost = first.cost
         gain = (state.cost - cost) / proposal.predicted if proposal.predicted > 0.0 else 0.0
@@ -246,7 +249,7 @@ def _advance(problem: Problem, state: _State, work: _Work) -> _State | None:
 def _proposals(problem: Problem, state: _State, work: _Work) -> Iterator[_Proposal]:
     """Steps with the old factor if it is still good, then with new ones, increasingly damped."""
     settings, model = work.settings, _Model(problem, state, work.metric)
-    g, metric = model.g, work.metric.ravel()
+    g, metric = model.g, work.layout.pack(work.metric)
     slow, near = state.progress < settings.slow_decrease, state.stationarity < settings.near
     exact = state.exact or slow or near
     tol = forcing_term(state.progress, settings.loosest, settings.tightest)
@@ -330,9 +333,9 @@ def _metric(problem: Problem) -> FloatArray:
 
 def _retract(problem: Problem, point: Estimate, step: FloatArray) -> Estimate:
     """The point after a body-frame step, with optimal translations."""
-    turns = step.reshape(problem.n, -1)[:, -so.tangent_dim(problem.d) :]
+    turns = step[:, -so.tangent_dim(problem.d) :]
     turned = point.rotations @ so.exp(turns)
     if point.translations is None or not isinstance(problem, PoseProblem):
         return Estimate.trusted(turned)
-    moves = step.reshape(problem.n, -1)[:, : problem.d]
+    moves = step[:, : problem.d]
     return problem.settled(Estimate.trusted(turned, point.translations + moves))

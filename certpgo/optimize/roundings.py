@@ -86,6 +86,7 @@ class _Candidates:
         weight = 2.0 * problem.rotation.node_weights
         if isinstance(problem, PoseProblem):
             weight = weight + problem.lever_weights
+            weight[weight == 0.0] = 1.0  # points, whose rotations stay as they are
         self.weight = weight[:, None, None]
 
     def stacked(self, blocks: FloatArray) -> Lift:

@@ -96,13 +96,17 @@ def eliminated_eigenpairs(
     ----------
     start : an estimate whose rotations span the first block; by default random
 
+    Returns
+    -------
+    Vectors have the rows of poses, not of points.
+
     Raises
     ------
     NumericalError
         No factorization, or no convergence.
     """
-    Q = Reduced(problem)
-    return krylov_schur(Q, Q.solve, problem.d, shift=Q.shift, tol=tol, start=_block(start))
+    Q, begin = Reduced(problem), None if start is None else start.subset(problem.poses)
+    return krylov_schur(Q, Q.solve, problem.d, shift=Q.shift, tol=tol, start=_block(begin))
 
 
 def _block(estimate: Estimate | None) -> FloatArray | None:
@@ -120,7 +124,7 @@ def spectral_bound(problem: Problem, pairs: Eigenpairs) -> float:
     """
     rounding = 64.0 * np.finfo(float).eps * float(problem.matrix.diagonal().max())
     d = problem.d
-    return float(problem.n * np.maximum(pairs.lower[:d] - rounding, 0.0).sum())
+    return float(len(problem.poses) * np.maximum(pairs.lower[:d] - rounding, 0.0).sum())
 
 
 def round_to_rotations(V: FloatArray, d: int) -> FloatArray:

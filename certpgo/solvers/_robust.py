@@ -33,6 +33,8 @@ def connected(problem: Problem, weights: FloatArray, costs: FloatArray) -> Float
         tree = minimum_spanning_tree(graph, lengths)
         return np.where((weights <= 0.0) & np.isin(lengths, tree.data), 1.0, weights)
     for kind in (graph.tau > 0.0, graph.rotation.kappa > 0.0):
+        if not kind.any():
+            continue
         tree = minimum_spanning_tree(graph.with_edges(kind), lengths[kind])
         restored = (weights <= 0.0) & kind & np.isin(lengths, tree.data)
         weights = np.where(restored, 1.0, weights)
@@ -42,7 +44,8 @@ def connected(problem: Problem, weights: FloatArray, costs: FloatArray) -> Float
 
 def _hold(graph: PoseGraph, weights: FloatArray, costs: FloatArray) -> None:
     """Restore measurements of lowest cost until each rotation is determined by one."""
-    free = np.ones(graph.num_nodes, dtype=bool)
+    free = np.zeros(graph.num_nodes, dtype=bool)
+    free[graph.pose_nodes] = True
     for end, holds in zip(graph.edges.T, levers(graph), strict=True):
         free[end[holds & (weights > 0.0)]] = False
     for node in np.flatnonzero(free):

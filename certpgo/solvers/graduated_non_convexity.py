@@ -8,6 +8,7 @@ problem, and weights have a closed form.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,13 +17,14 @@ from scipy import stats
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate
 from certpgo.linalg import so
-from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Solution
+from certpgo.optimize.starts import start_of
 from certpgo.solvers._robust import FAINT, fitted
 from certpgo.solvers.spanning_tree import SpanningTree
 
@@ -78,11 +80,11 @@ class GraduatedNonConvexity(Iterative):
     ) -> Solution:
         """The estimate, and weights: 1 for the measurements kept, 0 for the others."""
         watch = Stopwatch()
-        point = initial or SpanningTree("earliest").solve(problem).estimate
+        point = initial or _start(problem)
         problem.check(point)
-        c = self.scale * float(np.sqrt(quantile(problem, self.probability)))
+        c = self.scale * np.sqrt(quantiles(problem, self.probability))
         r = np.sqrt(problem.edge_costs(point))
-        mu = 1.0 / float(np.clip(2.0 * (r.max() / c) ** 2 - 1.0, 1e-6, CONVEX))
+        mu = 1.0 / float(np.clip(2.0 * (r / c).max() ** 2 - 1.0, 1e-6, CONVEX))
         progress = Progress(monitor, self.tolerance, self.max_iterations, watch)
         undecided = np.inf
         while progress.advance(problem.cost(point), undecided, undecided):
@@ -97,39 +99,65 @@ class GraduatedNonConvexity(Iterative):
                 if mu >= 1.0:
                     undecided = float(np.minimum(weights, 1.0 - weights).max())
                 mu *= self.rate
-        return fitted(problem, r <= c, point, progress, note=_threshold(problem, c))
+        return fitted(problem, r <= c, point, progress, note=_threshold(problem, float(c.max())))
+
+
+def _start(problem: Problem) -> Estimate:
+    """Poses along the tree of the earliest measurements, if each measures a whole pose."""
+    if isinstance(problem, PoseProblem) and problem.graph.is_partial:
+        return start_of(problem).estimate
+    return SpanningTree("earliest").solve(problem).estimate
 
 
 def largest_angle(problem: Problem, c: float) -> float:
-    """The angle whose residual is c at the median weight, at most pi, radians."""
-    sine = c / float(np.sqrt(8.0 * problem.rotation.median_kappa))
+    """The angle whose residual is c at the median weight, at most pi, radians.
+
+    Zero where no rotation is measured.
+    """
+    kappa = problem.rotation.median_kappa
+    sine = c / float(np.sqrt(8.0 * kappa)) if kappa > 0.0 else 0.0
     return 2.0 * float(np.arcsin(min(sine, 1.0)))
 
 
 def _threshold(problem: Problem, c: float) -> str:
     """A remark on which angles are rejected."""
+    if not problem.rotation.median_kappa > 0.0:
+        return "no rotation is measured"
     degrees = np.degrees(largest_angle(problem, c))
     if degrees >= 180.0:
         return "no angle alone is rejected: set scale if the weights do not state the noise"
     return f"residuals above {degrees:.3g} degrees are rejected, at the median weight"
 
 
-def quantile(problem: Problem, probability: float) -> float:
-    """The quantile of an inlier's r_e^2, if the weights state its noise.
+def quantiles(problem: Problem, probability: float) -> FloatArray:
+    """(m,) quantiles of an inlier's r_e^2, if the weights state its noise.
 
     A rotation contributes the square of a normal variable per axis, twice that in 2D, where
     kappa |E|^2 is 2 kappa times the squared angle and kappa the angle's information; a translation
     contributes d squares. The sum is approximated by a multiple of a chi-square variable of the
     same mean and variance (Welch and Satterthwaite), exactly except for poses in 2D.
     """
+    turned, moved = measured(problem)
     axes = np.full(so.tangent_dim(problem.d), 2.0 if problem.d == 2 else 1.0)
-    terms = np.r_[axes, np.ones(problem.d)] if isinstance(problem, PoseProblem) else axes
-    unit = float((terms**2).sum() / terms.sum())
-    freedom = float(terms.sum()) / unit
-    return unit * float(stats.chi2.ppf(probability, freedom))
+    found = np.empty(len(turned))
+    for whether in itertools.product((False, True), repeat=2):
+        chosen = (turned == whether[0]) & (moved == whether[1])
+        if chosen.any():
+            terms = np.r_[axes[: len(axes) * whether[0]], np.ones(problem.d * whether[1])]
+            unit = float((terms**2).sum() / terms.sum())
+            found[chosen] = unit * stats.chi2.ppf(probability, float(terms.sum()) / unit)
+    return found
 
 
-def surrogate_weights(r: FloatArray, c: float, mu: float) -> FloatArray:
+def measured(problem: Problem) -> tuple[BoolArray, BoolArray]:
+    """(m,) which edges measure a rotation, and which a translation."""
+    turned = problem.rotation.graph.kappa > 0.0
+    if not isinstance(problem, PoseProblem):
+        return turned, np.zeros_like(turned)
+    return turned, problem.graph.tau > 0.0
+
+
+def surrogate_weights(r: FloatArray, c: FloatArray | float, mu: float) -> FloatArray:
     """(m,) optimal weights in [0, 1] for residuals r and surrogate mu; eq. 14 of the paper."""
     low, high = np.sqrt(mu / (mu + 1.0)) * c, np.sqrt((mu + 1.0) / mu) * c
     between = c * np.sqrt(mu * (mu + 1.0)) / np.clip(r, low, high) - mu

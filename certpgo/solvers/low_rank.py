@@ -72,7 +72,7 @@ class LowRank(Iterative):
             watch=watch,
         )
         with watch.phase("round"):
-            estimate = problem.complete(rounded(found.point).rotations)
+            estimate = problem.complete(rounded(found.point.subset(problem.poses)).rotations)
         return Solution(
             estimate=estimate,
             cost=problem.cost(estimate),

@@ -74,7 +74,7 @@ def test_they_can_be_skipped(file):
         (SQUARE + "EDGE_PRIOR_SE2_XY 1 5 6 4 0\n", "takes 1 id and 2 numbers, then 3"),
         (SQUARE + "EDGE_PRIOR_SE2_XY 1 5\n", "takes 1 id and 2 numbers"),
         (SQUARE + "EDGE_PRIOR_SE2_XY 1 5 6 4 9 4\n", "information of a position is not positive"),
-        (SQUARE + "EDGE_PRIOR_SE2_XY 1 5 6 4 x 4\n", "numbers expected"),
+        (SQUARE + "EDGE_PRIOR_SE2_XY 1 5 6 4 x 4\n", "must be decimal numbers"),
         (SQUARE + "EDGE_PRIOR_SE2 1 5 6 0 1 0 0 1 0 -1\n", "not positive definite"),
         (SPACE + f"EDGE_SE3_PRIOR 0 5 1 2 3 0 0 0 1{TAIL}", "sensor 5, which is unknown"),
         (
@@ -86,7 +86,7 @@ def test_they_can_be_skipped(file):
             SPACE
             + "PARAMS_SE3OFFSET 5 1 0 0 0 0 0 1\nPARAMS_SE3OFFSET 5 0 0 0 0 0 0 1\n"
             + f"EDGE_SE3_XYZPRIOR 0 5 1 2 3{XYZ}",
-            "sensor 5, which is not at its body's origin",
+            "sensor 5 has two different poses",
         ),
         (SQUARE + f"EDGE_SE3_XYZPRIOR 0 0 1 2 3{XYZ}", "in a file of 2D poses"),
         (SQUARE + "EDGE_PRIOR_SE2_XY 0 1e160 6 4 0 4\n", "translations up to 1e.90 expected"),

@@ -20,7 +20,7 @@ from certpgo.solvers.adaptive_trimming import AdaptiveTrimming
 from certpgo.solvers.eigen_rao import EigenRAO, _restored
 from certpgo.solvers.graduated_non_convexity import (
     GraduatedNonConvexity,
-    quantile,
+    quantiles,
     surrogate_weights,
 )
 
@@ -172,7 +172,7 @@ def test_the_quantile_keeps_the_share_it_says(d, poses):
     still = Estimate(np.tile(np.eye(d), (m + 1, 1, 1)), np.zeros((m + 1, d)) if poses else None)
     costs = problem_of(graph).edge_costs(still)
     for share in (0.9, 0.99):
-        assert np.mean(costs <= quantile(problem_of(graph), share)) == pytest.approx(
+        assert np.mean(costs <= quantiles(problem_of(graph), share)) == pytest.approx(
             share, abs=0.006
         )
 

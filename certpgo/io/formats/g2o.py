@@ -9,8 +9,14 @@
     EDGE_PRIOR_SE2_XY id x y [3 numbers]
     EDGE_SE3_PRIOR id sensor x y z qx qy qz qw [21 numbers]
     EDGE_SE3_XYZPRIOR id sensor x y z [6 numbers]
+    VERTEX_XY id x y
+    EDGE_SE2_XY pose point x y [3 numbers]
+    LANDMARK2 pose point x y [3 numbers]
+    VERTEX_TRACKXYZ id x y z
+    EDGE_SE3_TRACKXYZ pose point sensor x y z [6 numbers]
     PARAMS_SE3OFFSET sensor x y z qx qy qz qw
 
+A point is where its pose sees it, or a sensor on its body. In LANDMARK2 points are numbered apart.
 The information is its upper triangle, row by row, translation before rotation. In g2o's own code
 the rotational part of 3D edges refers to the quaternion's vector part
 (``rotation_information="quaternion"``); in SE-Sync, GTSAM and by default here to the tangent space.
@@ -31,22 +37,15 @@ from certpgo.io.exact import quaternion
 from certpgo.io.exact.information import ROW_MAJOR_2D, ROW_MAJOR_3D
 from certpgo.io.format import Chart, Format
 from certpgo.io.lines import Dialect, Poses, Tag, first_tags, rpy_poses
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
-_LANDMARKS = (
-    "VERTEX_XY",
-    "VERTEX_TRACKXYZ",
-    "VERTEX_POINT_XYZ",
-    "EDGE_SE2_XY",
-    "EDGE_BEARING_SE2_XY",
-    "EDGE_SE3_TRACKXYZ",
-    "EDGE_POINT_XYZ",
-    "LANDMARK2",
-    "LANDMARK3",
-)
+_SKIPPED = ("VERTEX_POINT_XYZ", "EDGE_BEARING_SE2_XY", "EDGE_POINT_XYZ", "LANDMARK3")
 #: Of poses and of positions, in the plane and in space. Those that are written come first.
 _PRIORS = {2: ("EDGE_PRIOR_SE2", "EDGE_SE2_PRIOR"), 3: ("EDGE_SE3_PRIOR",)}
 _POSITIONS = {2: ("EDGE_PRIOR_SE2_XY", "EDGE_SE2_GPS"), 3: ("EDGE_SE3_XYZPRIOR",)}
+#: Of poses and points, and what is seen of points.
+_VERTICES = {2: ("VERTEX_SE2", "VERTEX_XY"), 3: ("VERTEX_SE3:QUAT", "VERTEX_TRACKXYZ")}
+_SIGHTINGS = {2: "EDGE_SE2_XY", 3: "EDGE_SE3_TRACKXYZ"}
 _PARAMETERS = ("PARAMS_SE2OFFSET", "PARAMS_CAMERACALIB")
 
 
@@ -65,13 +64,22 @@ DIALECT = Dialect(
         b"VERTEX_SE2": Tag("vertex", 2, 3),
         b"EDGE_SE2": Tag("edge", 2, 3),
         b"FIX": Tag("fix"),
-        **{name.encode(): Tag("skip", what="landmarks") for name in _LANDMARKS},
+        b"VERTEX_XY": Tag("point", 2, 2, "landmarks"),
+        b"EDGE_SE2_XY": Tag("sighting", 2, 2, "landmarks"),
+        b"LANDMARK2": Tag("sighting", 2, 2, "landmarks", apart=True),
+        b"VERTEX_TRACKXYZ": Tag("point", 3, 3, "landmarks"),
+        b"EDGE_SE3_TRACKXYZ": Tag("sighting", 3, 3, "landmarks", sensor=True),
+        **{name.encode(): Tag("skip", what="landmarks") for name in _SKIPPED},
         **{
-            name.encode(): Tag("prior", d, 4 * d - 5, "priors")
+            name.encode(): Tag("prior", d, 4 * d - 5, "priors", sensor=d == 3)
             for d in (2, 3)
             for name in _PRIORS[d]
         },
-        **{name.encode(): Tag("prior", d, d, "priors") for d in (2, 3) for name in _POSITIONS[d]},
+        **{
+            name.encode(): Tag("prior", d, d, "priors", sensor=d == 3)
+            for d in (2, 3)
+            for name in _POSITIONS[d]
+        },
         b"PARAMS_SE3OFFSET": Tag("sensor", 3, 7, "sensor parameters"),
         **{name.encode(): Tag("skip", what="sensor parameters") for name in _PARAMETERS},
     },
@@ -89,16 +97,29 @@ def _pose_words(words: list[bytes]) -> list[bytes]:
     return words[2:] if words[0].startswith(b"VERTEX") else []
 
 
-def _vertex_lines(ids: IntArray, estimate: Estimate) -> list[str]:
-    numbers = _pose_numbers(estimate.rotations, estimate.translations)
-    tag = "VERTEX_SE3:QUAT" if estimate.d == 3 else "VERTEX_SE2"
-    return [f"{tag} {k} {text}\n" for k, text in zip(ids.tolist(), numbers, strict=True)]
+def _vertex_lines(ids: IntArray, estimate: Estimate, points: BoolArray) -> list[str]:
+    numbers, d = _pose_numbers(estimate.rotations, estimate.translations), estimate.d
+    pose, point = _VERTICES[d]
+    return [
+        f"{point} {k} {_position(text, d)}\n" if is_point else f"{pose} {k} {text}\n"
+        for k, text, is_point in zip(ids.tolist(), numbers, points.tolist(), strict=True)
+    ]
 
 
 def _pose_numbers(R: FloatArray, translations: FloatArray | None) -> list[str]:
     t = np.zeros(R.shape[:2]) if translations is None else translations
     angles = quaternion.to_write(R) if R.shape[-1] == 3 else np.arctan2(R[:, 1, :1], R[:, 0, :1])
     return [" ".join(map(repr, row)) for row in np.hstack([t, angles]).tolist()]
+
+
+def _position(pose: str, d: int) -> str:
+    """The position among the numbers of a pose."""
+    return " ".join(pose.split()[:d])
+
+
+def _multiple(d: int, tau: float) -> str:
+    """The upper triangle of tau I."""
+    return f"{tau!r} 0 {tau!r}" if d == 2 else f"{tau!r} 0 0 {tau!r} 0 {tau!r}"
 
 
 def _full(information: Information) -> list[str]:
@@ -124,14 +145,22 @@ def _prior(graph: PoseGraph, k: int, node: int, pose: str, weight: str) -> str:
         return f"{_PRIORS[d][0]} {node}{sensor} {pose} {weight}\n"
     if graph.rotation.kappa[k] > 0.0:
         raise InputError("g2o has no measurements of an attitude alone")
-    tau, position = repr(float(graph.tau[k])), " ".join(pose.split()[:d])
-    upper = {2: f"{tau} 0 {tau}", 3: f"{tau} 0 0 {tau} 0 {tau}"}[d]
-    return f"{_POSITIONS[d][0]} {node}{sensor} {position} {upper}\n"
+    upper = _multiple(d, float(graph.tau[k]))
+    return f"{_POSITIONS[d][0]} {node}{sensor} {_position(pose, d)} {upper}\n"
 
 
-def _write_poses(path: Path, estimate: Estimate, ids: IntArray, times: FloatArray) -> None:
+def _sighting(graph: PoseGraph, k: int, pair: list[int], pose: str) -> str:
+    """The line of an edge to a point."""
+    d = graph.d
+    where = f"{pair[0]} {pair[1]}{' 0' if d == 3 else ''} {_position(pose, d)}"
+    return f"{_SIGHTINGS[d]} {where} {_multiple(d, float(graph.tau[k]))}\n"
+
+
+def _write_poses(
+    path: Path, estimate: Estimate, ids: IntArray, times: FloatArray, points: BoolArray
+) -> None:
     with path.open("w", encoding="ascii") as file:
-        file.writelines(_vertex_lines(ids, estimate))
+        file.writelines(_vertex_lines(ids, estimate, points))
 
 
 def _write_graph(path: Path, instance: Instance) -> None:
@@ -157,14 +186,21 @@ def _write_graph(path: Path, instance: Instance) -> None:
         f"{tag} {i} {j} {pose} {weight}\n"
         for (i, j), pose, weight in zip(pairs, numbers, weights, strict=True)
     ]
-    poses = len(ids) if instance.world is None else instance.world
+    points = np.zeros(graph.num_nodes, dtype=bool)
+    if isinstance(graph, PoseGraph) and graph.points is not None:
+        points = graph.points
+        for k in np.flatnonzero(points[graph.edges[:, 1]]).tolist():
+            lines[k] = _sighting(graph, k, pairs[k], numbers[k])
     if isinstance(graph, PoseGraph) and instance.world is not None:
         for k in np.flatnonzero((graph.edges == instance.world).any(axis=1)).tolist():
             lines[k] = _prior(graph, k, ids[graph.edges[k, 1]], numbers[k], weights[k])
+    known = slice(instance.world)
     with path.open("w", encoding="ascii") as file:
+        if points.any() and graph.d == 3:
+            file.write("PARAMS_SE3OFFSET 0 0 0 0 0 0 0 1\n")
         if instance.initial is not None:
             values = instance.in_world(instance.initial) if instance.world else instance.initial
-            file.writelines(_vertex_lines(ids[:poses], values))
+            file.writelines(_vertex_lines(ids[known], values, points[known]))
         file.writelines(f"FIX {ids[k]}\n" for k in instance.fixed)
         file.writelines(lines)
 
@@ -178,5 +214,6 @@ FORMAT = Format(
     read_poses=partial(poses_from_lines, DIALECT),
     write_graph=_write_graph,
     write_poses=_write_poses,
+    holds_points=True,
     chart=Chart("quaternion", _pose_words, planar_angle=True),
 )

@@ -1,11 +1,15 @@
 """iSAM text files.
 
-    EDGE2 i j x y theta [6 numbers]
+    EDGE2 i j x y theta [6 numbers], or ODOMETRY
+    LANDMARK i point x y [3 numbers]
+    POINT3 i point x y z [6 numbers]
     EDGE3 i j x y z roll pitch yaw [21 numbers]
 
 R = Rz(yaw) Ry(pitch) Rx(roll). The information is the upper triangle, row by row, in the order of
 the pose's numbers; its rotational part refers to roll, pitch and yaw
-(``rotation_information="rpy"``), for small angles the tangent space. In 2D g2o's order.
+(``rotation_information="rpy"``), for small angles the tangent space. In 2D g2o's order. Points are
+numbered apart from poses. Some programs write square roots or covariances in place of information,
+which nothing in a file tells.
 """
 
 from __future__ import annotations
@@ -18,18 +22,20 @@ from certpgo.io.exact.information import ROW_MAJOR_2D, ROW_MAJOR_3D
 from certpgo.io.format import Format
 from certpgo.io.lines import Dialect, Tag, first_tags, rpy_poses
 
-_VARIANT = "EDGE2 or EDGE3 expected; iSAM's older {} lines are not supported"
+_VARIANT = "EDGE2, EDGE3 or ODOMETRY expected; iSAM's older {} lines are not supported"
 
 DIALECT = Dialect(
     name="iSAM",
     tags={
         b"EDGE2": Tag("edge", 2, 3),
         b"EDGE3": Tag("edge", 3, 6),
-        b"LANDMARK": Tag("skip", what="landmarks"),
+        b"ODOMETRY": Tag("edge", 2, 3),
+        b"LANDMARK": Tag("sighting", 2, 2, "landmarks", apart=True),
+        b"POINT3": Tag("sighting", 3, 3, "landmarks", apart=True),
     },
     layouts={2: ROW_MAJOR_2D, 3: ROW_MAJOR_3D},
     poses=rpy_poses,
-    refused={tag: _VARIANT.format(tag.decode()) for tag in (b"EDGE", b"ODOMETRY")},
+    refused={b"EDGE": _VARIANT.format("EDGE")},
     rotation_information="rpy",
 )
 

@@ -11,7 +11,7 @@ from certpgo.graph import Estimate
 from certpgo.io.chunks import first_row, read_rows
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Chart, Format, LabelledPoses
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 
 def _recognises(path: Path, head: bytes) -> bool:
@@ -28,7 +28,9 @@ def _convert(rows: FloatArray) -> tuple[FloatArray, ...]:
     return quaternion.rotations(quaternion.from_matrices(M[:, :, :3])), M[:, :, 3]
 
 
-def _write_poses(path: Path, estimate: Estimate, ids: IntArray, times: FloatArray) -> None:
+def _write_poses(
+    path: Path, estimate: Estimate, ids: IntArray, times: FloatArray, points: BoolArray
+) -> None:
     t = quaternion.embedded_translations(estimate.translations)
     if t is None:
         raise InputError("KITTI needs translations; the estimate has rotations only")

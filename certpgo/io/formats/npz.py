@@ -1,7 +1,8 @@
 """The package's own lossless format: NumPy arrays in a zip archive, no pickles.
 
-A graph: edges, rotations, kappa (translations, tau, information matrices), ids, initial values,
-truth, fixed nodes, reading options. An estimate: rotations, translations, ids.
+A graph: edges, rotations, kappa (translations, tau, information matrices), ids, which nodes are
+points or the world, initial values, truth, fixed nodes, reading options. An estimate: rotations,
+translations, ids, and which are points.
 
 Of the information matrices each distinct one is stored once (``information``), with the number of
 each edge's (``information_index``), and the cost whose residuals they weigh
@@ -26,7 +27,7 @@ from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.io.expansion import refuse_bombs
 from certpgo.io.format import Format, LabelledPoses, ReadOptions
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 _VERSION = 1
 _Arrays = Mapping[str, NDArray[Any]]
@@ -47,6 +48,9 @@ _GRAPH = {
 _GRAPH_OPTIONAL = {
     "translations": ("f", "md"),
     "tau": ("f", "m"),
+    "points": ("b", "n"),
+    "world": ("i", ""),
+    "origin": ("f", "d"),
     "information": ("f", "cpp"),
     "information_index": ("i", "m"),
     "information_residual": ("U", ""),
@@ -57,8 +61,8 @@ _GRAPH_OPTIONAL = {
     "truth_translations": ("f", "nd"),
 }
 _ESTIMATE = {"rotations": ("f", "ndd"), "ids": ("i", "n")}
-_ESTIMATE_OPTIONAL = {"translations": ("f", "nd")}
-_KINDS = {"i": "integers", "f": "floating-point numbers", "U": "text"}
+_ESTIMATE_OPTIONAL = {"translations": ("f", "nd"), "points": ("b", "n")}
+_KINDS = {"b": "flags", "i": "integers", "f": "floating-point numbers", "U": "text"}
 
 
 def _recognises(path: Path, head: bytes) -> bool:
@@ -143,7 +147,8 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
     if "tau" in arrays:
         if "translations" not in arrays:
             raise InputError("the array 'translations' is missing")
-        graph = PoseGraph(rotation, arrays["translations"], arrays["tau"])
+        measured = arrays["translations"], arrays["tau"]
+        graph = PoseGraph(rotation, *measured, points=arrays.get("points"))
     fixed = arrays["fixed"]
     if ((fixed < 0) | (fixed >= n)).any():
         raise InputError(f"fixed nodes are numbered 0 to {n - 1}")
@@ -159,6 +164,8 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
         notices=tuple(_texts(arrays, "notices", list)),
         names=tuple(arrays["names"].tolist()) if "names" in arrays else (),
         information=_information(arrays),
+        world=int(arrays["world"]) if "world" in arrays else None,
+        origin=arrays.get("origin"),
     )
 
 
@@ -201,7 +208,8 @@ def _read_poses(path: Path) -> LabelledPoses:
     ids = arrays["ids"]
     if len(np.unique(ids)) != estimate.num_nodes:
         raise FormatError(path, None, f"{estimate.num_nodes} distinct integer ids expected")
-    return LabelledPoses(estimate.rotations, estimate.translations, ids=ids)
+    points = arrays.get("points")
+    return LabelledPoses(estimate.rotations, estimate.translations, ids=ids, points=points)
 
 
 def _write_graph(path: Path, instance: Instance) -> None:
@@ -220,6 +228,12 @@ def _write_graph(path: Path, instance: Instance) -> None:
     }
     if isinstance(graph, PoseGraph):
         arrays |= {"translations": graph.translations, "tau": graph.tau}
+        if graph.points is not None:
+            arrays["points"] = graph.points
+    if instance.world is not None:
+        arrays["world"] = instance.world
+    if instance.origin is not None:
+        arrays["origin"] = instance.origin
     if instance.names:
         arrays["names"] = np.array(instance.names)
     if instance.information is not None:
@@ -230,8 +244,11 @@ def _write_graph(path: Path, instance: Instance) -> None:
     _save(path, "graph", arrays)
 
 
-def _write_poses(path: Path, estimate: Estimate, ids: IntArray, times: FloatArray) -> None:
-    _save(path, "estimate", {"ids": ids, **_named("", estimate)})
+def _write_poses(
+    path: Path, estimate: Estimate, ids: IntArray, times: FloatArray, points: BoolArray
+) -> None:
+    flags = {"points": points} if points.any() else {}
+    _save(path, "estimate", {"ids": ids, **_named("", estimate), **flags})
 
 
 def _named(prefix: str, estimate: Estimate | None) -> dict[str, Any]:
@@ -255,6 +272,7 @@ FORMAT = Format(
     holds="a graph or an estimate",
     read_graph=_read_graph,
     read_poses=_read_poses,
+    holds_points=True,
     write_graph=_write_graph,
     write_poses=_write_poses,
 )

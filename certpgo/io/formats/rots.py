@@ -11,7 +11,7 @@ from certpgo.io.assemble import refuse_duplicates
 from certpgo.io.chunks import first_row, read_rows, whole
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Chart, Format, LabelledPoses
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 
 def _recognises(path: Path, head: bytes) -> bool:
@@ -31,7 +31,9 @@ def _convert(rows: FloatArray) -> tuple[FloatArray, ...]:
     return whole(rows[:, 0]), np.swapaxes(quaternion.rotations(q), -1, -2)
 
 
-def _write_poses(path: Path, estimate: Estimate, ids: IntArray, times: FloatArray) -> None:
+def _write_poses(
+    path: Path, estimate: Estimate, ids: IntArray, times: FloatArray, points: BoolArray
+) -> None:
     M = np.swapaxes(quaternion.embedded(estimate.rotations), -1, -2).reshape(-1, 9)
     with path.open("w", encoding="ascii") as file:
         for node, row in zip(ids.tolist(), M.tolist(), strict=True):

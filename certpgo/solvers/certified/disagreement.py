@@ -19,6 +19,7 @@ import numpy as np
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.io.plural import counted
+from certpgo.linalg import so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.problem import Problem, RotationProblem
 from certpgo.optimize.monitor import Monitor, silent
@@ -30,7 +31,8 @@ from certpgo.solvers.adaptive_trimming import EXACT, PLENTY, AdaptiveTrimming
 from certpgo.solvers.graduated_non_convexity import (
     GraduatedNonConvexity,
     largest_angle,
-    quantile,
+    measured,
+    quantiles,
 )
 
 #: Share of clean graphs in which a correct measurement may be flagged.
@@ -171,22 +173,29 @@ def agrees(problem: Problem, estimate: Estimate) -> bool:
 
 def states_noise(problem: Problem) -> bool:
     """Whether some angle contradicts the weights; weights of 1, about 40 degrees, allow all."""
-    return largest_angle(problem, math.sqrt(quantile(problem, 0.99))) < math.pi
+    return largest_angle(problem, math.sqrt(quantiles(problem, 0.99).max())) < math.pi
 
 
-def noise_scale(problem: Problem, costs: FloatArray) -> float:
+def noise_scale(problem: Problem, costs: FloatArray, kept: BoolArray | None = None) -> float:
     """Noise by the median residual, relative to the standard deviation that the weights state.
 
     Parameters
     ----------
-    costs : (k,) terms of F of the fitted measurements, k >= 1. The fit uses up n - 1 of them;
-        residuals of exact measurements are rounding, and count as `EXACT`
+    costs : (m,) terms of F. The fit uses up as many numbers as determine the nodes; residuals of
+        exact measurements are rounding, and count as `EXACT`
+    kept : (m,) the measurements that were fitted, by default all
     """
-    k = len(costs)
-    redundant = max(k - problem.n + 1, 1) / k
-    measured = math.sqrt(float(np.median(costs)) / (quantile(problem, 0.5) * redundant))
+    d, q = problem.d, so.tangent_dim(problem.d)
+    turned, moved = measured(problem)
+    kept = np.ones(len(costs), dtype=bool) if kept is None else kept
+    numbers = float((q * turned[kept] + d * moved[kept]).sum())
+    poses = len(problem.poses)
+    used = (poses - 1) * (q + d * bool(moved.any())) + (problem.n - poses) * d
+    least = numbers / int(kept.sum())
+    redundant = max(numbers - used, least) / numbers
+    relative = float(np.median(costs[kept] / quantiles(problem, 0.5)[kept]))
     exact = EXACT * math.sqrt(2.0 * problem.rotation.median_kappa)
-    return max(measured, exact)
+    return max(math.sqrt(relative / redundant), exact)
 
 
 def select(
@@ -265,8 +274,8 @@ def _graduated(
 
 def _noise_kept(problem: Problem, found: Solution) -> float:
     """The noise scale of the measurements that a method kept."""
-    costs = problem.edge_costs(found.estimate)
-    return noise_scale(problem, costs if found.weights is None else costs[found.weights > 0.0])
+    kept = None if found.weights is None else found.weights > 0.0
+    return noise_scale(problem, problem.edge_costs(found.estimate), kept)
 
 
 def _confirms_weights(problem: Problem, found: Solution) -> bool:
@@ -277,7 +286,7 @@ def _confirms_weights(problem: Problem, found: Solution) -> bool:
 
 def _outlying(problem: Problem, costs: FloatArray, scale: float) -> BoolArray:
     """(m,) which terms of F are too large for noise of this scale."""
-    return np.asarray(costs > scale**2 * quantile(problem, _probability(problem)))
+    return np.asarray(costs > scale**2 * quantiles(problem, _probability(problem)))
 
 
 def _probability(problem: Problem) -> float:

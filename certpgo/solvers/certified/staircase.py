@@ -135,7 +135,8 @@ class Staircase:
                 ):
                     self.floor = lower  # the eigenvalue was rounding
                     break
-                nearest = self.problem.complete(rounded(point).rotations)
+                poses = point.subset(self.problem.poses)
+                nearest = self.problem.complete(rounded(poses).rotations)
                 self.improve(self.descend(nearest))
                 if self.best.cost < (1.0 - self.settings.same_cost) * lower:
                     point = self.best.estimate  # no gain at the higher rank yet

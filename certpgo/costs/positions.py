@@ -1,0 +1,131 @@
+"""The costs of other programs on graphs in which some edges measure positions alone.
+
+Where a point is seen from a pose, or a position is measured from the world, the residual is y =
+v - m in every program, for a measured m, in the frame of the first node. For lam below the smallest
+eigenvalue of the information T and any b, y^T T y - lam |v - b|^2 is smallest at
+y = -lam (T - lam)^-1 (b - m), so minorants lam |v - b|^2 + constant are those of
+`certpgo.costs.schur` without rotations. Where T = t I, the cost is one itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from certpgo.costs.edge_cost import EdgeCost, Minorants
+from certpgo.costs.schur import blocks, is_isotropic, remainder
+from certpgo.graph.information import InformationGraph
+from certpgo.linalg.arrays import BoolArray, FloatArray
+from certpgo.linalg.balls import Ball
+from certpgo.linalg.so import tangent_dim
+
+#: Share of the smallest eigenvalue of T that a minorant keeps.
+SHARE = 0.99
+
+
+@dataclass(frozen=True, eq=False)
+class WithPositions(EdgeCost):
+    """The cost of a program on edges between poses, and of positions on the others.
+
+    Attributes
+    ----------
+    graph : the measurements; those with kappa = 0 are of positions, and the rotational part of
+        their information is zero
+    between : the program's cost of relative poses
+    """
+
+    between: type[EdgeCost]
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """Name in options and reports."""
+        return self.between.name
+
+    @property
+    def title(self) -> str:
+        """What it is, in the words of the program's users."""
+        return f"{self._poses.title}, and of positions"
+
+    @cached_property
+    def _positions(self) -> BoolArray:
+        """(m,) which edges measure positions."""
+        return np.asarray(self.graph.rotation.kappa == 0.0)
+
+    @cached_property
+    def _poses(self) -> EdgeCost:
+        """The cost of the other edges."""
+        return self.between(self.graph.with_edges(~self._positions))
+
+    def _joined(self, of_poses: FloatArray, of_positions: FloatArray) -> FloatArray:
+        """(m, ...) values of all edges from those of both kinds."""
+        kind = np.result_type(of_poses, of_positions)
+        out = np.empty((len(self._positions), *of_poses.shape[1:]), dtype=kind)
+        out[~self._positions], out[self._positions] = of_poses, of_positions
+        return out
+
+    def residuals(self, v: FloatArray, Q: FloatArray) -> FloatArray:
+        """(m, p) residuals; those of rotations are zero for positions."""
+        whole, here = ~self._positions, self._positions
+        q = tangent_dim(self.graph.d)
+        y = v[here] - self.graph.translations[here]
+        of_poses = self._poses.residuals(v[whole], Q[whole])
+        return self._joined(of_poses, np.pad(y, ((0, 0), (0, q))))
+
+    def linearized(self, v: FloatArray, Q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Residuals and their derivatives; see `EdgeCost.linearized`."""
+        whole, here = ~self._positions, self._positions
+        d, q, k = self.graph.d, tangent_dim(self.graph.d), int(here.sum())
+        y = v[here] - self.graph.translations[here]
+        of_positions = (
+            np.pad(y, ((0, 0), (0, q))),
+            np.tile(np.eye(d + q, d), (k, 1, 1)),
+            np.zeros((k, d + q, q)),
+        )
+        of_poses = self._poses.linearized(v[whole], Q[whole])
+        e, in_v, in_w = (self._joined(*pair) for pair in zip(of_poses, of_positions, strict=True))
+        return e, in_v, in_w
+
+    def enclosures(self, v: Ball, Q: Ball) -> Ball:
+        """(m,) balls that contain the costs of all of these (v, Q)."""
+        whole, here = ~self._positions, self._positions
+        T, _, _ = blocks(self.graph.information[here], self.graph.d)
+        y = v[here] - self.graph.translations[here]
+        of_positions = y.dot(Ball.exact(T).apply(y))
+        of_poses = self._poses.enclosures(v[whole], Q[whole])
+        mid = self._joined(of_poses.mid, of_positions.mid)
+        return Ball(mid, self._joined(of_poses.radius, of_positions.radius))
+
+    def minorants(self, v: FloatArray, Q: FloatArray) -> Minorants:
+        """Minorants that touch the costs at (v, Q), up to rounding."""
+        whole, here = ~self._positions, self._positions
+        of_poses = self._poses.minorants(v[whole], Q[whole])
+        of_positions = _minorants_of_positions(self.graph.with_edges(here), v[here])
+        names = ("tau", "a", "b", "N", "constant")
+        return Minorants(
+            *(self._joined(getattr(of_poses, name), getattr(of_positions, name)) for name in names)
+        )
+
+    def relaxed(self) -> WithPositions | None:
+        """Of the edges between poses, with all of the positions' information."""
+        below = self._poses.relaxed()
+        if below is None:
+            return None
+        information = self.graph.information.copy()
+        information[~self._positions] = below.graph.information
+        return WithPositions(InformationGraph(self.graph.isotropic, information), self.between)
+
+
+def _minorants_of_positions(graph: InformationGraph, v: FloatArray) -> Minorants:
+    d, m = graph.d, graph.translations
+    T, _, _ = blocks(graph.information, d)
+    even = is_isotropic(T)
+    lam = np.where(even, T[:, 0, 0], SHARE * np.linalg.eigvalsh(T)[:, 0])
+    y = v - m
+    b = m + np.where(even[:, None], 0.0, y - (T @ y[:, :, None])[:, :, 0] / lam[:, None])
+    _, _, constant = remainder(graph, Ball.exact(graph.rotations), lam, b)
+    found = np.where(np.isfinite(constant.radius), constant.lower, -np.inf)
+    zeros = np.zeros_like(b)
+    N = np.zeros_like(graph.rotations)
+    return Minorants(lam, zeros, b, N, np.where(even, 0.0, found))

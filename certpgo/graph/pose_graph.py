@@ -1,0 +1,216 @@
+"""Graphs of relative poses, and of points that poses see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from certpgo.errors import GraphError
+from certpgo.graph.edges import (
+    Keep,
+    broadcast,
+    check_matrices,
+    check_weights,
+    edge_name,
+    induced,
+    simple_edges,
+    symmetric,
+)
+from certpgo.graph.rotation_graph import RotationGraph
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_flags, frozen_floats
+
+
+@dataclass(frozen=True, eq=False)
+class PoseGraph:
+    """Relative poses between nodes.
+
+    Attributes
+    ----------
+    kind : ``"poses"``, what is measured
+    rotation : the graph of relative rotations
+    translations : (m, d) measured t_ij ~ R_i^T (t_j - t_i), metres
+    tau : (m,) translational concentrations, 1/m^2, between 2^-400 and 2^400; or 0 for an edge that
+        measures the rotation alone
+    arms : (m, d) points a of general edges, in the frame of pose j, whose terms are
+        tau |t_j + R_j a - t_i - R_i t_ij|^2; metres. None for zeros
+    points : (n,) which nodes are points, such as landmarks, rather than poses; None for none. Edges
+        lead to points, have kappa = 0, and measure where the point is in the frame of node i
+
+    Raises
+    ------
+    GraphError
+        As `RotationGraph`; or translations that are not (m, d) and finite, an edge that measures
+        nothing, or one that leaves a point or measures its rotation.
+
+    Examples
+    --------
+    Around a square, each step one metre forward and a quarter turn:
+
+    >>> import numpy as np
+    >>> from certpgo import PoseGraph, RotationGraph
+    >>> turn = np.array([[0.0, -1.0], [1.0, 0.0]])
+    >>> edges = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
+    >>> rotation = RotationGraph(4, edges, np.array([turn] * 4), kappa=np.ones(4))
+    >>> graph = PoseGraph(rotation, np.array([[1.0, 0.0]] * 4), tau=np.full(4, 25.0))
+    >>> graph.num_nodes, graph.translations.shape
+    (4, (4, 2))
+    """
+
+    kind: ClassVar[Literal["poses", "rotations"]] = "poses"
+
+    rotation: RotationGraph
+    translations: FloatArray
+    tau: FloatArray
+    arms: FloatArray | None = None
+    points: BoolArray | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "translations", frozen_floats(self.translations))
+        object.__setattr__(self, "tau", frozen_floats(self.tau))
+        expected = (self.rotation.num_edges, self.rotation.d)
+        if self.translations.shape != expected:
+            raise GraphError(f"translations must be {expected}, not {self.translations.shape}")
+        bad = np.asarray(~np.isfinite(self.translations).all(axis=1))
+        if bad.any():
+            raise GraphError(f"{edge_name(self.edges, bad)}: translation is not finite")
+        check_weights("tau", self.tau, self.edges, or_none=True)
+        nothing = (self.tau == 0.0) & (self.rotation.kappa == 0.0)
+        if nothing.any():
+            raise GraphError(f"{edge_name(self.edges, nothing)}: kappa and tau are 0")
+        if self.arms is not None:
+            object.__setattr__(self, "arms", frozen_floats(self.arms))
+            check_matrices("arms", self.arms, expected, self.edges)
+        if self.points is not None:
+            object.__setattr__(self, "points", frozen_flags(self.points))
+            self._check_points(self.points)
+
+    def _check_points(self, points: BoolArray) -> None:
+        if points.shape != (self.num_nodes,):
+            raise GraphError(f"points must be {self.num_nodes} flags, one per node")
+        leaving = points[self.edges[:, 0]]
+        if leaving.any():
+            raise GraphError(f"{edge_name(self.edges, leaving)}: edges lead to points, not from")
+        turned = points[self.edges[:, 1]] & (self.rotation.kappa > 0.0)
+        if self.arms is not None:
+            turned |= points[self.edges[:, 1]] & self.arms.any(axis=1)
+        if turned.any():
+            raise GraphError(f"{edge_name(self.edges, turned)}: a point has no rotation")
+
+    def with_matrix_weights(self, W: FloatArray) -> PoseGraph:
+        """The same measurements with terms tr(E W E^T), E = X_j - X_i [[1, 0], [t_ij, R_ij]].
+
+        X = [t R] interleaved: the translation comes first. A positive semidefinite W is the second
+        moment of a point cloud, and the term its point-to-point registration.
+
+        Parameters
+        ----------
+        W : (m, d + 1, d + 1) symmetric positive definite matrices
+
+        Raises
+        ------
+        GraphError
+            One is not.
+        """
+        W, d = np.asarray(W, dtype=np.float64), self.d
+        if W.shape != (self.num_edges, d + 1, d + 1) or (np.swapaxes(W, 1, 2) != W).any():
+            raise GraphError(f"matrix weights must be {(self.num_edges, d + 1, d + 1)}, symmetric")
+        tau, k = W[:, 0, 0], W[:, 0, 1:]
+        check_weights("tau", tau, self.edges)
+        # tau |E_t + E_R k / tau|^2 + tr(E_R (K - k k^T / tau) E_R^T)
+        arms = k / tau[:, None]
+        K = W[:, 1:, 1:] - k[:, :, None] * arms[:, None, :]
+        rotation = self.rotation.with_matrix_weights(symmetric(K))
+        # Arms move the measured points at both ends; those that the graph has are replaced.
+        moved = arms if self.arms is None else arms - self.arms
+        turned = (rotation.rotations @ moved[:, :, None])[:, :, 0]
+        return PoseGraph(rotation, self.translations + turned, tau, arms, self.points)
+
+    @property
+    def num_nodes(self) -> int:
+        """Number n of poses and points."""
+        return self.rotation.num_nodes
+
+    @cached_property
+    def pose_nodes(self) -> IntArray:
+        """The nodes that are poses, ascending."""
+        if self.points is None:
+            return np.arange(self.num_nodes)
+        return np.flatnonzero(~self.points)
+
+    @property
+    def num_edges(self) -> int:
+        """Number m of edges, parallel ones counted."""
+        return self.rotation.num_edges
+
+    @property
+    def d(self) -> int:
+        """Dimension of space, 2 or 3."""
+        return self.rotation.d
+
+    @property
+    def edges(self) -> IntArray:
+        """(m, 2) node pairs (i, j)."""
+        return self.rotation.edges
+
+    @property
+    def components(self) -> IntArray:
+        """(n,) label of each node's connected component."""
+        return self.rotation.components
+
+    @property
+    def component_sizes(self) -> tuple[int, ...]:
+        """Nodes in each component, in the order of the labels."""
+        return self.rotation.component_sizes
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether there is one component."""
+        return self.rotation.is_connected
+
+    def with_weights(
+        self, kappa: FloatArray | float | None = None, tau: FloatArray | float | None = None
+    ) -> PoseGraph:
+        """The same measurements with other concentrations; None keeps the current ones."""
+        rotation = self.rotation if kappa is None else self.rotation.with_weights(kappa)
+        new_tau = self.tau if tau is None else broadcast(tau, self.num_edges)
+        return replace(self, rotation=rotation, tau=new_tau)
+
+    def reweighted(self, factors: FloatArray) -> PoseGraph:
+        """Concentrations times factors (m,); an edge with factor 0 is removed."""
+        kept = factors != 0.0
+        graph = self if kept.all() else self.with_edges(kept)
+        factors = factors[kept]
+        return replace(graph, rotation=graph.rotation.reweighted(factors), tau=factors * graph.tau)
+
+    def without_parallel_edges(self, keep: Keep) -> PoseGraph:
+        """Keep ``"all"`` parallel edges, or the ``"first"`` or ``"last"`` of each pair {i, j}."""
+        return self.with_edges(simple_edges(self.num_nodes, self.edges, keep))
+
+    def with_edges(self, chosen: IntArray | BoolArray) -> PoseGraph:
+        """All nodes with only the ``chosen`` edges, given by index or mask (m,)."""
+        return self._with(self.rotation.with_edges(chosen), chosen, self.points)
+
+    def subgraph(self, nodes: IntArray) -> PoseGraph:
+        """The graph induced on ``nodes``, renumbered in that order."""
+        _, chosen = induced(self.num_nodes, self.edges, nodes)
+        points = None if self.points is None else self.points[nodes]
+        return self._with(self.rotation.subgraph(nodes), chosen, points)
+
+    def _with(
+        self, rotation: RotationGraph, chosen: IntArray | BoolArray, points: BoolArray | None
+    ) -> PoseGraph:
+        arms = None if self.arms is None else self.arms[chosen]
+        return PoseGraph(rotation, self.translations[chosen], self.tau[chosen], arms, points)
+
+    @property
+    def is_general(self) -> bool:
+        """Whether edges have arms or couplings, or measure only a rotation or a translation."""
+        return self.arms is not None or self.rotation.is_general or self.is_partial
+
+    @cached_property
+    def is_partial(self) -> bool:
+        """Whether some edges measure only a rotation or only a translation."""
+        return bool((self.rotation.kappa == 0.0).any() or (self.tau == 0.0).any())

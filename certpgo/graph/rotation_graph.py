@@ -1,0 +1,203 @@
+"""Graphs of relative rotations and their weights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from certpgo.errors import GraphError
+from certpgo.graph.edges import (
+    Keep,
+    broadcast,
+    check_edges,
+    check_matrices,
+    check_weights,
+    components_of,
+    edge_name,
+    induced,
+    polar_factors,
+    simple_edges,
+)
+from certpgo.linalg import so
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats, frozen_indices
+
+
+@dataclass(frozen=True, eq=False)
+class RotationGraph:
+    """Relative rotations between nodes.
+
+    Attributes
+    ----------
+    kind : ``"rotations"``, what is measured
+    num_nodes : number n of nodes, numbered 0 ... n-1
+    edges : (m, 2) node pairs (i, j); parallel edges are allowed, their terms add
+    rotations : (m, d, d) measured R_ij ~ R_i^T R_j, d = 2 or 3; a matrix of few digits is replaced
+        by the nearest rotation
+    kappa : (m,) rotational concentrations, between 2^-400 and 2^400; or 0 for an edge of a pose
+        graph that measures the translation alone
+    couplings : (m, d, d) matrices N of general edges, whose terms are tr(K) + tr(K') - 2 <N, Q>,
+        Q = R_i^T R_j, with K and K' the symmetric polar factors of N; None for N = kappa R_ij,
+        where that is kappa ||R_j - R_i R_ij||_F^2. See `with_matrix_weights`
+
+    Raises
+    ------
+    GraphError
+        An index out of range, a self-loop, a matrix not a rotation, a weight out of range.
+
+    Examples
+    --------
+    Three nodes, each measured a quarter turn from the one before:
+
+    >>> import numpy as np
+    >>> from certpgo import RotationGraph
+    >>> turn = np.array([[0.0, -1.0], [1.0, 0.0]])
+    >>> edges = np.array([[0, 1], [1, 2], [2, 0]])
+    >>> graph = RotationGraph(3, edges, np.array([turn] * 3), kappa=np.ones(3))
+    >>> graph.num_edges, graph.d, graph.is_connected
+    (3, 2, True)
+    """
+
+    kind: ClassVar[Literal["poses", "rotations"]] = "rotations"
+
+    num_nodes: int
+    edges: IntArray
+    rotations: FloatArray
+    kappa: FloatArray
+    couplings: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "edges", frozen_indices(self.edges))
+        object.__setattr__(self, "rotations", frozen_floats(self.rotations))
+        object.__setattr__(self, "kappa", frozen_floats(self.kappa))
+        m = len(self.edges)
+        if self.num_nodes < 1:
+            raise GraphError("a graph needs at least one node")
+        if self.edges.shape != (m, 2) or m == 0:
+            raise GraphError(f"edges must be a non-empty (m, 2) array, not {self.edges.shape}")
+        if self.rotations.shape not in {(m, 2, 2), (m, 3, 3)}:
+            raise GraphError(
+                f"rotations must be ({m}, d, d) with d = 2 or 3, not {self.rotations.shape}"
+            )
+        check_edges(self.edges, self.num_nodes)
+        check_weights("kappa", self.kappa, self.edges, or_none=True)
+        worst, defect = so.worst_defect(self.rotations)
+        if not defect <= so.DEFECT_TOLERANCE:
+            i, j = self.edges[worst]
+            raise GraphError(f"edge ({i}, {j}): {so.shortfall(self.rotations[worst], defect)}")
+        if defect > so.ROUNDING_DEFECT:
+            cleaned = frozen_floats(so.nearest_to_rounding(self.rotations))
+            object.__setattr__(self, "rotations", cleaned)
+        if self.couplings is not None:
+            object.__setattr__(self, "couplings", frozen_floats(self.couplings))
+            check_matrices("couplings", self.couplings, (m, self.d, self.d), self.edges)
+
+    @staticmethod
+    def of_couplings(
+        num_nodes: int, edges: IntArray, rotations: FloatArray, couplings: FloatArray
+    ) -> RotationGraph:
+        """The graph of general edges; kappa is tr(K) / d, for methods that weigh by a number."""
+        polar = polar_factors(np.asarray(couplings, dtype=np.float64))
+        kappa = np.trace(polar[1], axis1=1, axis2=2) / couplings.shape[-1]
+        graph = RotationGraph(num_nodes, edges, rotations, kappa, couplings)
+        graph.__dict__["polar"] = polar
+        return graph
+
+    def with_matrix_weights(self, K: FloatArray) -> RotationGraph:
+        """The same measurements with terms tr(E K E^T), E = R_j - R_i R_ij.
+
+        Weights act on the right, in the frame of node j. With tangent information O_R, that is
+        4 sin^2(theta/2) n^T O_R n for a residual angle theta about n, for K = tr(O_R)/2 I - O_R.
+
+        Parameters
+        ----------
+        K : (m, d, d) symmetric positive definite matrices
+
+        Raises
+        ------
+        GraphError
+            One is not.
+        """
+        K = np.asarray(K, dtype=np.float64)
+        if K.shape != self.rotations.shape or (np.swapaxes(K, 1, 2) != K).any():
+            raise GraphError(f"matrix weights must be {self.rotations.shape} and symmetric")
+        indefinite = np.asarray(~(np.linalg.eigvalsh(K)[:, 0] > 0.0))
+        if indefinite.any():
+            raise GraphError(f"{edge_name(self.edges, indefinite)}: K is not positive definite")
+        kappa = np.trace(K, axis1=1, axis2=2) / self.d
+        return replace(self, kappa=kappa, couplings=self.rotations @ K)
+
+    @property
+    def is_general(self) -> bool:
+        """Whether edges have couplings."""
+        return self.couplings is not None
+
+    @cached_property
+    def polar(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Factors P, K and K' (m, d, d) of the couplings: N = P K = K' P, P orthogonal, K >= 0."""
+        if self.couplings is None:
+            K = self.kappa[:, None, None] * np.eye(self.d)
+            return self.rotations, K, K
+        return polar_factors(self.couplings)
+
+    @property
+    def d(self) -> int:
+        """Dimension of space, 2 or 3."""
+        return int(self.rotations.shape[-1])
+
+    @property
+    def num_edges(self) -> int:
+        """Number m of edges, parallel ones counted."""
+        return len(self.edges)
+
+    @cached_property
+    def components(self) -> IntArray:
+        """(n,) label of each node's connected component; labels count from 0."""
+        return components_of(self.num_nodes, self.edges)
+
+    @cached_property
+    def component_sizes(self) -> tuple[int, ...]:
+        """Nodes in each component, in the order of the labels."""
+        return tuple(int(k) for k in np.bincount(self.components))
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether there is one component."""
+        return len(self.component_sizes) == 1
+
+    def with_weights(self, kappa: FloatArray | float) -> RotationGraph:
+        """The same measurements with other concentrations (a scalar applies to all edges)."""
+        return RotationGraph(
+            self.num_nodes, self.edges, self.rotations, broadcast(kappa, self.num_edges)
+        )
+
+    def reweighted(self, factors: FloatArray) -> RotationGraph:
+        """Concentrations times factors (m,); an edge with factor 0 is removed."""
+        kept = factors != 0.0
+        graph = self if kept.all() else self.with_edges(kept)
+        factors = factors[kept]
+        couplings = graph.couplings
+        if couplings is not None:
+            couplings = factors[:, None, None] * couplings
+        return replace(graph, kappa=factors * graph.kappa, couplings=couplings)
+
+    def without_parallel_edges(self, keep: Keep) -> RotationGraph:
+        """Keep ``"all"`` parallel edges, or the ``"first"`` or ``"last"`` of each pair {i, j}."""
+        return self.with_edges(simple_edges(self.num_nodes, self.edges, keep))
+
+    def with_edges(self, chosen: IntArray | BoolArray) -> RotationGraph:
+        """All nodes with only the ``chosen`` edges, given by index or mask (m,)."""
+        return self._with(self.num_nodes, self.edges[chosen], chosen)
+
+    def subgraph(self, nodes: IntArray) -> RotationGraph:
+        """The graph induced on ``nodes``, renumbered in that order."""
+        edges, chosen = induced(self.num_nodes, self.edges, nodes)
+        return self._with(len(nodes), edges, chosen)
+
+    def _with(self, num_nodes: int, edges: IntArray, chosen: IntArray | BoolArray) -> RotationGraph:
+        couplings = None if self.couplings is None else self.couplings[chosen]
+        return RotationGraph(
+            num_nodes, edges, self.rotations[chosen], self.kappa[chosen], couplings
+        )
