@@ -68,6 +68,7 @@ class ChatterjeeGovindu(Iterative):
     ) -> Solution:
         """Rotations of the problem; translations, if any, are ignored."""
         watch, rotation = Stopwatch(), problem.rotation
+        rotation.require_joined()
         if initial is not None:
             problem.check(initial)
         with watch.phase("start"):

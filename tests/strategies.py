@@ -74,3 +74,35 @@ def general_graph(rng, n, d, **options):
     rotation = RotationGraph(n, graph.edges, graph.rotation.rotations, graph.rotation.kappa, N)
     arms = 0.5 * rng.standard_normal((m, d))
     return PoseGraph(rotation, graph.translations, graph.tau, arms), R, t
+
+
+def point_graph(rng, poses, points, d, *, noise=0.1, odometry=True):
+    """A graph in which each point is seen by three poses or more, and which nodes are points.
+
+    Nodes are in random order.
+    """
+    from certpgo.graph import Estimate
+
+    n = poses + points
+    place = rng.permutation(n)
+    R = so.random(rng, n, d)
+    t = 3.0 * rng.standard_normal((n, d))
+    chain = [(k, k + 1) for k in range(poses - 1)] if odometry else []
+    pairs = list(chain)
+    for point in range(poses, n):
+        seen = rng.choice(poses, min(poses, 3 + int(rng.integers(0, 3))), replace=False)
+        pairs += [(int(pose), point) for pose in seen]
+    i, j = np.array(pairs).T
+    m, k, q = len(pairs), len(chain), so.tangent_dim(d)
+    moved = np.einsum("mba,mb->ma", R[i], t[j] - t[i]) + noise * rng.standard_normal((m, d))
+    turned = np.tile(np.eye(d), (m, 1, 1))
+    turned[:k] = (
+        np.swapaxes(R[i[:k]], 1, 2) @ R[j[:k]] @ so.exp(noise * rng.standard_normal((k, q)))
+    )
+    kappa = np.where(np.arange(m) < k, rng.uniform(0.5, 4.0, m), 0.0)
+    rotation = RotationGraph(n, place[np.array(pairs)], turned, kappa)
+    flags = np.zeros(n, dtype=bool)
+    flags[place[poses:]] = True
+    graph = PoseGraph(rotation, moved, rng.uniform(0.5, 4.0, m), points=flags)
+    back = np.argsort(place)
+    return graph, Estimate(R[back], t[back])

@@ -97,12 +97,13 @@ class Reading:
         ),
     ] = False
     weights_are: Annotated[
-        Stated,
+        Stated | None,
         _option(
             "--weights-are",
-            help="What the numbers of a measurement's precision are; nothing in a file tells.",
+            help="What the file's precisions are, which nothing in it tells: information by "
+            "default.",
         ),
-    ] = Stated.INFORMATION
+    ] = None
     priors: Annotated[
         bool,
         _option("--priors/--no-priors", help="Read priors, such as GPS, or skip them."),
@@ -142,7 +143,7 @@ class Reading:
             "tau": self.tau,
             "unit_weights": self.unit_weights,
             "mahalanobis": self.mahalanobis,
-            "weights_are": self.weights_are.value,
+            "weights_are": None if self.weights_are is None else self.weights_are.value,
             "priors": self.priors,
             "landmarks": self.landmarks,
         }

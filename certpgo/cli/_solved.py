@@ -145,14 +145,21 @@ class Solved:
 
     def write_covariances(self, out: Path, *, quiet: bool) -> None:
         """Write the covariances of all nodes."""
+        import numpy as np
+
         from certpgo.io.covariances import write_covariances
         from certpgo.optimize.marginals import Marginals
 
         world, ids = self.part.world, self.part.ids
-        marginals = Marginals(self._problem, self.solution.estimate, world or 0)
+        problem = self._problem
+        whole = problem.tangent_layout.whole
+        marginals = Marginals(problem, self.solution.estimate, int(world or whole[0]))
         rotations = self.solution.estimate.translations is None
         written = slice(world)  # without the world, the last node
-        write_covariances(out, marginals.covariances[written], ids[written], rotations=rotations)
+        points = np.ones(len(ids), dtype=bool)
+        points[whole] = False
+        covariances = marginals.covariances[written]
+        write_covariances(out, covariances, ids[written], points[written], rotations=rotations)
         if not quiet:
             fixed = "the world" if world else f"node {ids[marginals.anchor]}"
             typer.echo(f"covariances: {out}, in each node's frame, with {fixed} fixed")

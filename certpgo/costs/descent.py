@@ -43,10 +43,10 @@ def descend(
     point, damping, step_norm, gain = initial, 0.0, 0.0, None
     cost, gradient, H = problem.normal_equations(point)
     first_pose = np.arange(problem.n) == problem.chordal.poses[0]
-    gauge = problem.layout.pack(np.tile(first_pose[:, None], (1, gradient.shape[1])))
+    gauge = problem.tangent_layout.pack(np.tile(first_pose[:, None], (1, gradient.shape[1])))
     while progress.advance(cost, problem.stationarity_of(gradient, H), step_norm, gain=gain):
         first = H.diagonal()
-        slope = problem.layout.pack(gradient)
+        slope = problem.tangent_layout.pack(gradient)
         pinned = np.where(gauge, first, 0.0)
         with progress.watch.phase("descend"):
             while damping <= LARGEST_DAMPING:
@@ -82,6 +82,6 @@ def descend(
 
 
 def _retract(problem: InformationProblem, point: Estimate, step: FloatArray) -> Estimate:
-    moves = problem.layout.unpack(step)
+    moves = problem.tangent_layout.unpack(step)
     turned = so.project(point.rotations @ so.exp(moves[:, problem.d :]))
     return Estimate.trusted(turned, translations_of(point) + moves[:, : problem.d])

@@ -159,10 +159,9 @@ class InformationProblem:
         return cost, gradient, self.chordal.pattern.assemble(diagonal, upper, d)
 
     @property
-    def layout(self) -> Layout:
-        """Of the normal equations."""
-        b = self.d + so.tangent_dim(self.d)
-        return self.chordal.pattern.layout(b, self.d)
+    def tangent_layout(self) -> Layout:
+        """Of the normal equations: rows of translations, then of rotations."""
+        return self.chordal.tangent_layout
 
     def gauss_newton(self, estimate: Estimate) -> CSC:
         """The Gauss-Newton matrix of half the cost, as in `normal_equations`."""
@@ -179,7 +178,7 @@ class InformationProblem:
 
     def stationarity_of(self, gradient: FloatArray, matrix: CSC) -> float:
         """`stationarity`, from the normal equations."""
-        curvature = self.layout.unpack(matrix.diagonal())
+        curvature = self.tangent_layout.unpack(matrix.diagonal())
         t = self.graph.translations
         length = math.sqrt(float(np.einsum("ma,ma->", t, t)) / len(t)) or 1.0
         unit = np.r_[np.full(self.d, length), np.ones(gradient.shape[1] - self.d)]

@@ -83,6 +83,7 @@ def load_file(name: str, path: Path, data: str | Path | None = None, **options: 
     from certpgo import io
 
     dataset = _require_graph(name)
+    options["weights_are"] = options.get("weights_are") or dataset.weights_are or None
     instance = replace(io.read(path, **options), name=dataset.name)
     instance = replace(instance, outliers=_outliers(dataset, instance, data))
     known = None if instance.truth is not None else truth(name, instance, data)

@@ -38,6 +38,7 @@ class Entry:
     nodes, edges : counts, or None if not applicable
     truth : name of the entry with the ground truth, or empty
     licence : as stated by the origin
+    weights_are : what the numbers of a measurement's precision are, if not its information
     """
 
     name: str
@@ -53,6 +54,7 @@ class Entry:
     edges: int | None
     truth: str
     licence: str
+    weights_are: str = ""
 
     @property
     def filename(self) -> str:

@@ -67,7 +67,9 @@ class Information:
     @cached_property
     def is_definite(self) -> BoolArray:
         """(m,) which matrices are proven to be positive definite, on positions if on them alone."""
-        return np.asarray(_definite(self.distinct)[self.index])
+        d = 2 if self.distinct.shape[1] == 3 else 3
+        alone = np.asarray(~self.distinct[:, d:].any(axis=(1, 2)))
+        return np.asarray(_definite(self.distinct, alone)[self.index])
 
     def subset(self, chosen: IntArray | BoolArray) -> Information:
         """The matrices of some edges, given by index or mask (m,)."""
@@ -189,7 +191,7 @@ class InformationGraph:
     @cached_property
     def is_definite(self) -> BoolArray:
         """(m,) which matrices are proven to be positive definite, on positions if on them alone."""
-        return _definite(self.information)
+        return _definite(self.information, self.rotation.kappa == 0.0)
 
     def scaled(self, factor: float) -> InformationGraph:
         """The same measurements with all weights times ``factor``."""
@@ -216,12 +218,10 @@ def of_positions(T: FloatArray) -> FloatArray:
     return np.pad(T, ((0, 0), (0, q), (0, q)))
 
 
-def _definite(information: FloatArray) -> BoolArray:
-    """(k,) which matrices are proven to be definite, on positions where the rest is zero."""
+def _definite(information: FloatArray, alone: BoolArray) -> BoolArray:
+    """(k,) which matrices are proven to be positive definite, on positions where they are alone."""
     p = information.shape[-1]
-    d = 2 if p == 3 else 3
-    alone = np.asarray(~information[:, d:].any(axis=(1, 2)))
-    rest = np.diag(np.arange(p) >= d).astype(np.float64)
+    rest = np.diag(np.arange(p) >= (2 if p == 3 else 3)).astype(np.float64)
     filled = information + alone[:, None, None] * rest if alone.any() else information
     return is_positive_definite(Ball.exact(filled))
 

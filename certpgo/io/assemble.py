@@ -78,6 +78,9 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
         notices.append(notice)
         world, ids = len(ids), np.append(ids, ids[-1] + 1)
         information = joined_information([information, priors.information])
+    stated = options.weights_are
+    if stated != "information":
+        notices.append(f"the numbers of a measurement's precision are read as its {stated}")
     instance = Instance(
         name=path.stem,
         graph=graph,
@@ -87,6 +90,7 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
         options={
             "rotation_information": options.rotation_information or dialect.rotation_information,
             **_uninformed(content.counts[UNINFORMED], len(pairs)),
+            **({} if stated == "information" else {"weights_are": stated}),
         },
         notices=tuple(notices),
         information=information,

@@ -7,7 +7,7 @@ from itertools import combinations_with_replacement
 from pathlib import Path
 
 from certpgo.io.writing import atomically
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 #: Rows and columns of the covariance of a node, by their number.
 AXES = {
@@ -19,7 +19,12 @@ ROTATION_AXES = ("rx", "ry", "rz")
 
 
 def write_covariances(
-    path: str | Path, covariances: FloatArray, ids: IntArray, *, rotations: bool = False
+    path: str | Path,
+    covariances: FloatArray,
+    ids: IntArray,
+    points: BoolArray,
+    *,
+    rotations: bool = False,
 ) -> None:
     """Write the upper triangles of nodes' covariances, a line each, with their ids.
 
@@ -29,6 +34,7 @@ def write_covariances(
     ----------
     covariances : (n, b, b), see `certpgo.Marginals`
     ids : (n,) of the nodes
+    points : (n,) which are points, whose lines have nothing in the columns of rotations
     rotations : whether b = 3 are rotations in space, not poses in the plane
 
     Raises
@@ -43,7 +49,9 @@ def write_covariances(
         with temporary.open("w", newline="") as file:
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(["id", *(f"{axes[a]}_{axes[c]}" for a, c in pairs)])
-            for node, C in zip(ids.tolist(), covariances, strict=True):
-                writer.writerow([node, *(float(C[a, c]) for a, c in pairs)])
+            for node, C, is_point in zip(ids.tolist(), covariances, points, strict=True):
+                b = len(axes) if not is_point else 2 if len(axes) == 3 else 3
+                known = (float(C[a, c]) if c < b else "" for a, c in pairs)
+                writer.writerow([node, *known])
 
     atomically(Path(path), lines)

@@ -14,6 +14,7 @@ from certpgo.errors import CertPGOError, FormatError, InputError, InputNotice
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph
 from certpgo.graph.edges import Keep, simple_edges
 from certpgo.graph.information import mahalanobis as mahalanobis_weights
+from certpgo.graph.points import with_points
 from certpgo.io.assemble import estimate_for, truth_for
 from certpgo.io.dead_reckoning import integrated
 from certpgo.io.format import (
@@ -46,7 +47,7 @@ def read(
     tau: float | None = None,
     unit_weights: bool = False,
     mahalanobis: bool = False,
-    weights_are: WeightsAre = "information",
+    weights_are: WeightsAre | None = None,
     priors: bool = True,
     landmarks: bool = True,
     truth: str | Path | None = None,
@@ -73,7 +74,7 @@ def read(
     unit_weights : kappa = tau = 1 on every edge
     mahalanobis : weigh rotations by all of the file's rotational information, so that their terms
         are its Mahalanobis distances to second order: half of Omega_theta in 2D, a matrix in 3D
-    weights_are : what the numbers after a measurement are: ``"information"``,
+    weights_are : what the numbers after a measurement are: ``"information"``, the default,
         ``"sqrt-information"`` (upper triangular) or ``"covariance"``, which some programs write in
         files of the same form
     priors : whether measurements of single poses and positions are read, as edges from one more
@@ -114,6 +115,7 @@ def read(
     _check_choice("keep", keep, ("all", "first", "last"))
     if rotation_information is not None:
         _check_choice("rotation_information", rotation_information, _MEANINGS)
+    weights_are = weights_are or "information"
     _check_choice("weights_are", weights_are, get_args(WeightsAre))
     options = ReadOptions(
         rotation_information,
@@ -349,9 +351,24 @@ def _with_truth(instance: Instance, path: Path) -> Instance:
 
 
 def _of_nodes(instance: Instance, poses: LabelledPoses, with_translations: bool) -> Estimate:
-    """The poses of an instance's nodes; the world's is not among them."""
-    of_poses = estimate_for(instance.ids[: instance.world], poses, with_translations)
-    return instance.with_world(of_poses)
+    """The poses of an instance's nodes; the world's is not among them, and points may not be."""
+    ids, graph = instance.ids[: instance.world], instance.graph
+    seen = graph.points if isinstance(graph, PoseGraph) else None
+    if poses.points is not None and seen is None:
+        poses = _without_points(poses)
+    if seen is None or poses.points is not None or not isinstance(graph, PoseGraph):
+        return instance.with_world(estimate_for(ids, poses, with_translations))
+    nodes = np.flatnonzero(~seen[: instance.world])
+    of_poses = estimate_for(ids[nodes], poses, with_translations)
+    whole = with_points(graph, of_poses, nodes)
+    return instance.with_world(whole.subset(np.arange(len(ids))))
+
+
+def _without_points(poses: LabelledPoses) -> LabelledPoses:
+    kept = np.ones(len(poses.rotations), dtype=bool) if poses.points is None else ~poses.points
+    t = None if poses.translations is None else poses.translations[kept]
+    ids = None if poses.ids is None else poses.ids[kept]
+    return replace(poses, rotations=poses.rotations[kept], translations=t, ids=ids, points=None)
 
 
 def _in_own_order(poses: LabelledPoses) -> Estimate:

@@ -12,9 +12,9 @@ import numpy as np
 from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.lift import Point
-from certpgo.linalg import factor
+from certpgo.linalg import factor, so
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, IntArray
-from certpgo.linalg.blocks import BlockPattern, pinned
+from certpgo.linalg.blocks import BlockPattern, Layout, pinned
 from certpgo.linalg.factor import Analysis, Factor, Symbolic
 from certpgo.objective import operators
 from certpgo.objective.edge_sums import EdgeSums
@@ -156,6 +156,13 @@ class Objective(ABC):
     def rotation_rows(self) -> BoolArray:
         """(N,) which rows of the matrix belong to rotations."""
         return self.pattern.layout_of(self.matrix).trailing(self.d)
+
+    @property
+    def tangent_layout(self) -> Layout:
+        """Of Hessians and Gauss-Newton matrices: rows of translations, then of rotations."""
+        d, q = self.d, so.tangent_dim(self.d)
+        moved = isinstance(self.graph, PoseGraph)
+        return self.pattern.layout(d + q, d) if moved else self.pattern.layout(q)
 
     @property
     def poses(self) -> IntArray:

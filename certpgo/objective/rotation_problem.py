@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from certpgo.errors import GraphError
+from certpgo.errors import GraphError, NumericalError
 from certpgo.graph import Estimate, RotationGraph
-from certpgo.graph.edges import edge_name
+from certpgo.graph.edges import components_of, edge_name
 from certpgo.graph.graph import require_connected
 from certpgo.graph.lift import Point
 from certpgo.linalg import so
@@ -70,6 +70,15 @@ class RotationProblem(Objective):
     def rotation(self) -> RotationProblem:
         """The problem of the rotations alone: this one."""
         return self
+
+    def require_joined(self) -> None:
+        """Refuse rotations that are not all measured relative to one another.
+
+        Raises
+        ------
+        NumericalError
+            One is not, as in a pose graph with points or positions.
+        """
 
     @property
     def scale(self) -> float:
@@ -162,6 +171,34 @@ class RotationsOfPoses(RotationProblem):
 
     def _require_weights(self) -> None:
         pass
+
+    @cached_property
+    def connection_laplacian(self) -> CSC:
+        """L with F(R) = tr(R L R^T), (dn, dn).
+
+        Raises
+        ------
+        NumericalError
+            The rotations that are measured leave some free.
+        """
+        self.require_joined()
+        return operators.connection_laplacian(self.pattern, self.graph)
+
+    @cached_property
+    def laplacian(self) -> CSC:
+        """The graph Laplacian weighted by kappa, (n, n); raises as `connection_laplacian`."""
+        self.require_joined()
+        return operators.laplacian(self.pattern, self.graph.kappa)
+
+    def require_joined(self) -> None:
+        """As in the base class."""
+        labels = components_of(self.n, self.graph.edges[self.graph.kappa > 0.0])
+        if labels.any():
+            node = int(np.argmax(labels != np.argmax(np.bincount(labels))))
+            raise NumericalError(
+                f"rotations cannot be averaged alone: that of node {node} is not measured relative "
+                "to the others'"
+            )
 
     @property
     def curvature(self) -> FloatArray:

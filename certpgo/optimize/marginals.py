@@ -7,12 +7,13 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
-from certpgo.linalg.blocks import pinned
+from certpgo.linalg.blocks import Layout, pinned
 from certpgo.linalg.factor import Factor, Symbolic
 from certpgo.linalg.selected_inverse import selected_inverse
 from certpgo.objective.operators import lever
@@ -38,6 +39,11 @@ class Measured(Protocol):
         """Gauss-Newton matrix of half the cost, over world translations and body rotations."""
         ...
 
+    @property
+    def tangent_layout(self) -> Layout:
+        """Of that matrix."""
+        ...
+
     def symbolic(self, A: CSC) -> Symbolic:
         """The symbolic analysis of a block matrix of the graph."""
         ...
@@ -50,14 +56,14 @@ class Marginals:
     Under noise whose negative log-likelihood is half the cost, so that information matrices are
     inverse covariances. One node is fixed, relative to which the others are uncertain. Node i moves
     to t_i + R_i v, R_i exp(w), in its own frame; rows and columns are v (metres), then w (radians),
-    or w alone for rotation graphs. To first order that is GTSAM's tangent, whose order in 3D is
-    w, v.
+    or w alone for rotation graphs. Points move in the world's frame, to t_i + v. To first order
+    that is GTSAM's tangent, whose order in 3D is w, v.
 
     Attributes
     ----------
     problem : whose cost is half the negative log-likelihood, doubled
     estimate : n nodes, at a minimum
-    anchor : node that is fixed
+    anchor : node that is fixed, a pose
 
     Raises
     ------
@@ -83,49 +89,61 @@ class Marginals:
     def __post_init__(self) -> None:
         self.problem.check(self.estimate)
         self._require(self.anchor)
+        if self._layout.sizes[self.anchor] < self._size:
+            raise InputError(f"node {self.anchor} is a point; the anchor must be a pose")
 
     def covariance(self, node: int) -> FloatArray:
-        """(b, b) covariance of a node, zero for the anchor."""
+        """(b, b) covariance of a node, zero for the anchor; (d, d) of a point."""
         return self.joint(node)
 
     def relative(self, i: int, j: int) -> FloatArray:
         """(b, b) covariance of the pose of j in the frame of i, in the tangent of j.
 
-        It does not depend on the anchor.
+        It does not depend on the anchor. Of a point j (d, d), of its position in the frame of i.
         """
-        joint, b = self.joint(i, j), self._size
-        J = np.concatenate([-self._carried(i, j), np.eye(b)], axis=1)
+        self._require(i)
+        if self._layout.sizes[i] < self._size:
+            raise InputError(f"node {i} is a point, which has no frame")
+        joint, size = self.joint(i, j), int(self._layout.sizes[j])
+        own = np.eye(size) if size == self._size else self.estimate.rotations[i].T
+        J = np.concatenate([-self._carried(i, j)[:size], own], axis=1)
         return np.asarray(J @ joint @ J.T)
 
     def joint(self, *nodes: int) -> FloatArray:
-        """(k b, k b) joint covariance of k nodes."""
+        """Joint covariance of k nodes, (k b, k b) if none is a point."""
         for node in nodes:
             self._require(node)
-        b = self._size
-        chosen = (np.array(nodes)[:, None] * b + np.arange(b)).ravel()
-        right = np.zeros((self.problem.n * b, len(chosen)))
+        layout = self._layout
+        rows = [layout.first_row(node) + np.arange(layout.sizes[node]) for node in nodes]
+        chosen = np.concatenate(rows)
+        right = np.zeros((layout.size, len(chosen)))
         right[chosen, np.arange(len(chosen))] = 1.0
         solved = self._factor.solve(right)[chosen]
         self._require_determined(np.diagonal(solved), chosen)
-        blocks = solved.reshape(len(nodes), b, len(nodes), b)
-        frames = self._frames[list(nodes)]
-        blocks = np.einsum("iba,ibjc,jcd->iajd", frames, blocks, frames)
-        fixed = np.array(nodes) == self.anchor
-        blocks[fixed] = 0.0
-        blocks[:, :, fixed] = 0.0
-        return np.asarray(blocks.reshape(len(chosen), len(chosen)))
+        sizes = [len(own) for own in rows]
+        turned = block_diag(
+            *(self._frames[k, :size, :size] for k, size in zip(nodes, sizes, strict=True))
+        )
+        covariance = turned.T @ solved @ turned
+        fixed = np.repeat(np.array(nodes) == self.anchor, sizes)
+        covariance[fixed] = 0.0
+        covariance[:, fixed] = 0.0
+        return np.asarray(covariance)
 
     @cached_property
     def covariances(self) -> FloatArray:
-        """(n, b, b) covariances of all nodes."""
+        """(n, b, b) covariances of all nodes; zero for the rotations that points do not have."""
         L, rows = self._factor.lower()
-        n, b = self.problem.n, self._size
-        place = np.argsort(rows).reshape(n, b)
+        layout, place = self._layout, np.argsort(rows)
+        known = layout.unpack(np.ones(layout.size)) > 0.0
+        place = np.rint(layout.unpack(place.astype(np.float64))).astype(np.intp)
         first, second = place[:, :, None], place[:, None, :]
         lower, upper = np.maximum(first, second), np.minimum(first, second)
-        found = selected_inverse(L)[lower.ravel(), upper.ravel()]
-        blocks = np.asarray(found).reshape(n, b, b)
-        self._require_determined(np.einsum("naa->na", blocks).ravel(), np.arange(n * b))
+        both = known[:, :, None] & known[:, None, :]
+        found = selected_inverse(L)[lower[both], upper[both]]
+        blocks = np.zeros(both.shape)
+        blocks[both] = np.asarray(found).ravel()
+        self._require_determined(layout.pack(np.einsum("naa->na", blocks)), np.arange(layout.size))
         blocks = np.swapaxes(self._frames, 1, 2) @ blocks @ self._frames
         blocks[self.anchor] = 0.0
         return np.asarray(blocks)
@@ -133,6 +151,10 @@ class Marginals:
     def _require(self, node: int) -> None:
         if not 0 <= node < self.problem.n:
             raise InputError(f"node {node} is not among 0 to {self.problem.n - 1}")
+
+    @property
+    def _layout(self) -> Layout:
+        return self.problem.tangent_layout
 
     @property
     def _size(self) -> int:
@@ -146,7 +168,8 @@ class Marginals:
         if self.estimate.translations is None:
             return np.tile(np.eye(q), (n, 1, 1))
         frames = np.tile(np.eye(d + q), (n, 1, 1))
-        frames[:, :d, :d] = R
+        poses = self._layout.whole
+        frames[poses, :d, :d] = R[poses]
         return frames
 
     @cached_property
@@ -159,9 +182,8 @@ class Marginals:
     @cached_property
     def _information(self) -> CSC:
         """The Gauss-Newton matrix, the anchor's rows and columns cut off."""
-        H = self.problem.gauss_newton(self.estimate)
-        b = H.shape[0] // self.problem.n
-        return pinned(H, self.anchor * b + np.arange(b))
+        H, layout = self.problem.gauss_newton(self.estimate), self._layout
+        return pinned(H, layout.first_row(self.anchor) + np.arange(layout.sizes[self.anchor]))
 
     def _require_determined(self, variances: FloatArray, rows: IntArray) -> None:
         """Refuse variances that rounding alone keeps finite: a factorization seldom fails."""
@@ -169,13 +191,17 @@ class Marginals:
             raise NumericalError(UNDETERMINED)
 
     def _carried(self, i: int, j: int) -> FloatArray:
-        """(b, b) the adjoint of X_j^-1 X_i: the motion of i in the tangent of j."""
+        """(b, b) the adjoint of X_j^-1 X_i: the motion of i in the tangent of j.
+
+        The frame of a point is that of i.
+        """
         R, t = self.estimate.rotations, self.estimate.translations
-        back, d = R[j].T @ R[i], R.shape[1]
+        there = R[j] if self._layout.sizes[j] == self._size else R[i]
+        back, d = there.T @ R[i], R.shape[1]
         turned = back if d == 3 else np.eye(1)
         if t is None:
             return turned
         adjoint = np.zeros((self._size,) * 2)
         adjoint[:d, :d], adjoint[d:, d:] = back, turned
-        adjoint[:d, d:] = lever((R[j].T @ (t[i] - t[j]))[None])[0] @ turned
+        adjoint[:d, d:] = lever((there.T @ (t[i] - t[j]))[None])[0] @ turned
         return adjoint

@@ -23,7 +23,7 @@ from certpgo.errors import SpecError
 from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
-from certpgo.linalg.blocks import Layout, add_to_diagonal
+from certpgo.linalg.blocks import add_to_diagonal
 from certpgo.linalg.cg import End, Truncated, conjugate_gradients
 from certpgo.linalg.factor import Factor, Symbolic
 from certpgo.linalg.multifrontal import Precision
@@ -118,8 +118,7 @@ def newton(
     """
     problem.check(initial)
     watch = watch or Stopwatch()
-    metric = _metric(problem)
-    work = _Work(settings, metric, problem.pattern.layout(metric.shape[1], problem.d))
+    work = _Work(settings, _metric(problem))
     state = _State(initial, problem.first_order(initial), exact=near)
     progress = Progress(monitor, settings.tolerance, settings.max_iterations, watch)
     while progress.advance(state.cost, state.stationarity, state.step_norm, gain=state.gain):
@@ -170,7 +169,6 @@ class _Work:
 
     settings: NewtonSettings
     metric: FloatArray  # (n, b) diagonal in which damping is measured
-    layout: Layout  # of Hessians
     factor: Factor | None = None
     single: bool = True  # whether factors are tried in single precision
     most: int = 0  # products that cost less than a new factor
@@ -183,7 +181,7 @@ class _Model:
 
     def __init__(self, problem: Problem, state: _State, metric: FloatArray) -> None:
         self._problem, self._state, self._metric = problem, state, metric
-        self.g = problem.pattern.layout(metric.shape[1], problem.d).pack(state.first.tangent)
+        self.g = problem.tangent_layout.pack(state.first.tangent)
 
     @cached_property
     def hessian(self) -> CSC:
@@ -219,7 +217,7 @@ def _advance(problem: Problem, state: _State, work: _Work) -> _State | None:
     for proposal in _proposals(problem, state, work):
         if not np.isfinite(proposal.step).all():
             continue
-        candidate = _retract(problem, state.point, work.layout.unpack(proposal.step))
+        candidate = _retract(problem, state.point, proposal.step)
         first = problem.first_order(candidate)
         cost = first.cost
         gain = (state.cost - cost) / proposal.predicted if proposal.predicted > 0.0 else 0.0
@@ -249,7 +247,7 @@ def _advance(problem: Problem, state: _State, work: _Work) -> _State | None:
 def _proposals(problem: Problem, state: _State, work: _Work) -> Iterator[_Proposal]:
     """Steps with the old factor if it is still good, then with new ones, increasingly damped."""
     settings, model = work.settings, _Model(problem, state, work.metric)
-    g, metric = model.g, work.layout.pack(work.metric)
+    g, metric = model.g, problem.tangent_layout.pack(work.metric)
     slow, near = state.progress < settings.slow_decrease, state.stationarity < settings.near
     exact = state.exact or slow or near
     tol = forcing_term(state.progress, settings.loosest, settings.tightest)
@@ -333,9 +331,10 @@ def _metric(problem: Problem) -> FloatArray:
 
 def _retract(problem: Problem, point: Estimate, step: FloatArray) -> Estimate:
     """The point after a body-frame step, with optimal translations."""
-    turns = step[:, -so.tangent_dim(problem.d) :]
+    steps = problem.tangent_layout.unpack(step)
+    turns = steps[:, -so.tangent_dim(problem.d) :]
     turned = point.rotations @ so.exp(turns)
     if point.translations is None or not isinstance(problem, PoseProblem):
         return Estimate.trusted(turned)
-    moves = step[:, : problem.d]
+    moves = steps[:, : problem.d]
     return problem.settled(Estimate.trusted(turned, point.translations + moves))

@@ -115,6 +115,7 @@ class EigenRAO(Iterative):
         """Rotations of the problem, and the weights W of the kept measurements."""
         watch = Stopwatch()
         rotation = problem.rotation
+        rotation.require_joined()
         if initial is not None:
             problem.check(initial)
         progress = Progress(monitor, self.tolerance, self.max_iterations, watch)

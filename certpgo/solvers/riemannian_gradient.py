@@ -114,7 +114,8 @@ class _Descent:
     def __init__(self, problem: Problem, point: Estimate) -> None:
         self.problem, self.point = problem, point
         self.first: FirstOrder = problem.first_order(point)
-        self.curvature: FloatArray = 2.0 * problem.curvature[:, None]
+        weight = np.where(problem.curvature > 0.0, problem.curvature, 1.0)  # 0 of points
+        self.curvature: FloatArray = 2.0 * weight[:, None]
         self.gradient: FloatArray = self.first.tangent[:, -so.tangent_dim(problem.d) :]
         self.direction: FloatArray = self.gradient / self.curvature
         self.slope = float((self.gradient * self.direction).sum())

@@ -38,7 +38,7 @@ MALFORMED = [
     ("unknown_fix.g2o", None, "FIX 7"),
     ("no_edges.g2o", None, "an estimate, not a graph"),
     ("mixed_isam.txt", 2, "2D poses"),
-    ("odometry.txt", 1, "ODOMETRY"),
+    ("old_isam.txt", 1, "older EDGE lines"),
     ("short_vertex.graph", 2, "1 id and 3 numbers"),
     ("no_rotation.txt", 2, "rotation matrix"),
     ("loop_egs.txt", 2, "node 3 is measured from itself"),

@@ -83,8 +83,8 @@ def test_zero_translations_make_a_rotation_graph(file):
         (f"EDGE_SE3:QUAT 0 1 1 0 0 0 0 0 1.1 {UNIT}\n", "1 quaternion off norm 1"),
         ("VERTEX_SE2 0 0 0 0\nEDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\n", "1 node without a vertex"),
         (
-            "EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\nVERTEX_XY 9 1 2\nEDGE_SE2_XY 0 9 1 2 1 0 1\n",
-            "landmarks",
+            "EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\nEDGE_SE2_XY 0 9 1 2 1 0 1\n",
+            "1 point, 1 sighting",
         ),
         ("EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\nEDGE_PRIOR_SE2 0 0 0 0 1 0 0 1 0 1\n", "1 prior,"),
     ],
@@ -100,9 +100,9 @@ def test_notices_are_collected_and_warned(file, text, notice):
         assert io.read(path, quiet=True).notices == instance.notices
 
 
-def test_landmarks_are_no_nodes(file):
+def test_landmarks_can_be_skipped(file):
     path = file("EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\nVERTEX_XY 9 1 2\nEDGE_SE2_XY 0 9 1 2 1 0 1\n")
-    instance = io.read(path, quiet=True)
+    instance = io.read(path, quiet=True, landmarks=False)
     assert instance.ids.tolist() == [0, 1]
     assert len(instance.notices) == 2
 

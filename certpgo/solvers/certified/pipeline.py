@@ -94,11 +94,11 @@ class CertifiedSolution:
 
     @cached_property
     def marginals(self) -> Marginals:
-        """Covariances of the nodes relative to the first one; see `certpgo.Marginals`."""
-        return Marginals(self.problem, self.estimate)
+        """Covariances of the nodes relative to the first pose; see `certpgo.Marginals`."""
+        return Marginals(self.problem, self.estimate, int(self.problem.tangent_layout.whole[0]))
 
     def covariance(self, node: int) -> FloatArray:
-        """(b, b) covariance of a node relative to the first one, see `certpgo.Marginals`."""
+        """(b, b) covariance of a node relative to the first pose, see `certpgo.Marginals`."""
         return self.marginals.covariance(node)
 
 

@@ -1,0 +1,36 @@
+"""Points of a graph, from the poses that see them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from certpgo.graph.estimate import Estimate
+from certpgo.graph.pose_graph import PoseGraph
+from certpgo.linalg.arrays import IntArray
+from certpgo.linalg.blocks import scatter_sum
+
+
+def with_points(graph: PoseGraph, poses: Estimate, nodes: IntArray) -> Estimate:
+    """An estimate of all nodes: each point is at the mean, weighted by tau, of where it is seen.
+
+    Parameters
+    ----------
+    poses : of the nodes that are poses, with translations
+    nodes : (k,) those nodes; others that are no points, such as the world, stay at the identity
+    """
+    n, d = graph.num_nodes, graph.d
+    rotations, translations = np.tile(np.eye(d), (n, 1, 1)), np.zeros((n, d))
+    rotations[nodes] = poses.rotations
+    if poses.translations is not None:
+        translations[nodes] = poses.translations
+    given = np.zeros(n, dtype=bool)
+    given[nodes] = True
+    seen = np.flatnonzero(given[graph.edges[:, 0]] & ~given[graph.edges[:, 1]])
+    i, j = graph.edges[seen].T
+    there = translations[i] + (rotations[i] @ graph.translations[seen][:, :, None])[:, :, 0]
+    tau = graph.tau[seen]
+    total = scatter_sum(j, tau, n)
+    points = np.flatnonzero(total > 0.0)
+    summed = scatter_sum(j, tau[:, None] * there, n)
+    translations[points] = summed[points] / total[points, None]
+    return Estimate(rotations, translations)

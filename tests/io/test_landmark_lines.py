@@ -1,0 +1,198 @@
+"""Points and sightings in files, read, written and matched with estimates."""
+
+import numpy as np
+import pytest
+
+import certpgo
+from certpgo import FormatError, InputError, InputNotice, io
+
+PLANE = """\
+VERTEX_SE2 3 0 0 0
+VERTEX_SE2 5 1 0 1.5
+VERTEX_XY 4 1 2
+EDGE_SE2 3 5 1 0 1.5 100 0 0 100 0 400
+EDGE_SE2_XY 3 4 1 2 25 0 25
+EDGE_SE2_XY 5 4 2 0 9 1 16
+"""
+HALF = "0 0.70710678118654752 0 0 0.70710678118654752"
+SPACE = f"""\
+PARAMS_SE3OFFSET 7 1 2 3 {HALF[2:]} 0
+EDGE_SE3:QUAT 0 1 1 0 0 0 0 0 1 4 0 0 0 0 0 4 0 0 0 0 4 0 0 0 2 0 0 2 0 2
+EDGE_SE3_TRACKXYZ 0 9 7 1 0 0 4 0 0 9 0 16
+EDGE_SE3_TRACKXYZ 1 9 0 5 5 5 9 0 0 9 0 9
+""".replace(f"{HALF[2:]} 0", "0.70710678118654752 0 0 0.70710678118654752")
+
+
+def test_in_the_plane(file):
+    instance = io.read(file(PLANE), quiet=True)
+    graph = instance.graph
+    assert instance.ids.tolist() == [3, 4, 5]
+    assert graph.points.tolist() == [False, True, False]
+    assert graph.edges.tolist() == [[0, 2], [0, 1], [2, 1]]
+    assert graph.rotation.kappa.tolist() == [400.0, 0.0, 0.0]
+    expected = 2.0 / np.trace(np.linalg.inv([[9.0, 1.0], [1.0, 16.0]]))
+    np.testing.assert_allclose(graph.tau, [100.0, 25.0, expected], rtol=1e-15)
+    assert instance.initial.translations.tolist() == [[0, 0], [1, 2], [1, 0]]
+    assert instance.information.matrices[2].tolist() == [[9, 1, 0], [1, 16, 0], [0, 0, 0]]
+    assert "1 point, 2 sightings" in instance.notices
+
+
+def test_in_space_with_a_sensor_on_its_body(file):
+    """The sensor is turned by a right angle about x, and 1, 2, 3 metres away."""
+    graph = io.read(file(SPACE), quiet=True).graph
+    np.testing.assert_allclose(graph.translations[1], [2.0, 2.0, 3.0], atol=1e-15)
+    np.testing.assert_allclose(graph.translations[2], [5.0, 5.0, 5.0])
+    matrices = io.read(file(SPACE), quiet=True).information.matrices
+    np.testing.assert_allclose(matrices[1][:3, :3], np.diag([4.0, 16.0, 9.0]), atol=1e-14)
+
+
+def test_ids_of_their_own(file):
+    text = "EDGE_SE2 0 1 1 0 0 4 0 0 4 0 4\nLANDMARK2 0 {} 1 0 4 0 4\nLANDMARK2 1 {} 1 0 4 0 4\n"
+    instance = io.read(file(text.format(1, 1)), quiet=True)
+    assert instance.ids.tolist() == [0, 1, 3]
+    assert "1 point, 2 sightings; point k has the id k + 2" in instance.notices
+    apart = io.read(file(text.format(8, 8)), quiet=True)
+    assert apart.ids.tolist() == [0, 1, 8]
+    isam = text.replace("EDGE_SE2", "ODOMETRY").replace("LANDMARK2", "LANDMARK").format(1, 1)
+    again = io.read(file(isam, "graph.txt"), quiet=True)
+    assert again.options["rotation_information"] == "rpy"
+    np.testing.assert_array_equal(again.graph.tau, instance.graph.tau)
+    assert again.ids.tolist() == instance.ids.tolist()
+
+
+@pytest.mark.parametrize(
+    ("stated", "numbers", "kappa", "tau"),
+    [
+        ("information", "4 0 0 4 0 16", 16.0, 4.0),
+        ("covariance", "0.25 0 0 0.25 0 0.0625", 16.0, 4.0),
+        ("sqrt-information", "2 0 0 2 0 4", 16.0, 4.0),
+        ("sqrt-information", "2 1 0 2 0 4", 16.0, 2.0 / (21.0 / 80.0 + 0.25)),
+    ],
+)
+def test_what_numbers_mean(file, stated, numbers, kappa, tau):
+    position = " ".join(numbers.split()[k] for k in (0, 1, 3))
+    text = f"ODOMETRY 0 1 1 0 0 {numbers}\nLANDMARK 0 5 1 0 {position}\nLANDMARK 1 5 1 0 1 0 1\n"
+    instance = io.read(file(text, "graph.txt"), weights_are=stated, quiet=True)
+    root = np.array([[2.0, 1.0], [0.0, 2.0]])
+    if numbers == "2 1 0 2 0 4":
+        tau = 2.0 / np.trace(np.linalg.inv(root.T @ root))
+    assert instance.graph.rotation.kappa[0] == pytest.approx(kappa)
+    np.testing.assert_allclose(instance.graph.tau[:2], tau, rtol=1e-14)
+    said = any(f"are read as its {stated}" in notice for notice in instance.notices)
+    assert said == (stated != "information")
+
+
+def test_datasets_know_what_their_numbers_are(dataset):
+    instance = dataset("victoria_park")
+    assert instance.options["weights_are"] == "covariance"
+    assert instance.graph.tau[0] == pytest.approx(2.0 / (1e-4 + 4e-6))
+    roots = dataset("victoriaPark")
+    np.testing.assert_allclose(roots.graph.tau, instance.graph.tau, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (PLANE + "EDGE_SE2_XY 3 5 1 2 25 0 25\n", "node 5 is a pose and a point"),
+        (PLANE + "EDGE_SE2_XY 3 4 1 2 25 0\n", "takes 2 ids and 2 numbers, then 3"),
+        (PLANE + "EDGE_SE2_XY 3 4 1 2 25 99 25\n", "information of a position is not positive"),
+        (PLANE + "VERTEX_XY 4 1 2\n", "node 4 appears twice"),
+        (SPACE + "EDGE_SE3_TRACKXYZ 1 9 3 5 5 5 9 0 0 9 0 9\n", "sensor 3, which is unknown"),
+        (
+            PLANE + "LANDMARK2 3 -1 1 2 25 0 25\nLANDMARK2 3 4 1 2 1 0 1\n",
+            "numbers of points from 0",
+        ),
+    ],
+)
+def test_wrong_lines(file, text, message):
+    with pytest.raises((FormatError, InputError), match=message):
+        io.read(file(text), quiet=True)
+
+
+def test_wrong_statements(file):
+    text = "ODOMETRY 0 1 1 0 0 1 5 0 1 0 1\n"
+    with pytest.raises(FormatError, match="a covariance is not positive definite"):
+        io.read(file(text, "graph.txt"), weights_are="covariance")
+    with pytest.raises(InputError, match="weights_are must be one of information, sqrt"):
+        io.read(file(text, "graph.txt"), weights_are="variance")
+
+
+@pytest.mark.parametrize("text", [PLANE, SPACE])
+@pytest.mark.parametrize("suffix", ["g2o", "npz"])
+def test_written_and_read_again(file, tmp_path, text, suffix):
+    instance = io.read(file(text), quiet=True)
+    io.write(tmp_path / f"again.{suffix}", instance)
+    again = io.read(tmp_path / f"again.{suffix}", quiet=True)
+    for name in ("edges", "points", "translations"):
+        np.testing.assert_array_equal(getattr(again.graph, name), getattr(instance.graph, name))
+    np.testing.assert_allclose(again.graph.tau, instance.graph.tau, rtol=1e-12)
+    if instance.initial is not None:
+        np.testing.assert_array_equal(again.initial.translations, instance.initial.translations)
+
+
+def test_estimates(file, tmp_path):
+    instance = io.read(file(PLANE), quiet=True)
+    answer = certpgo.solve(instance)
+    best = answer.estimate
+    for suffix in ("g2o", "npz"):
+        path = tmp_path / f"out.{suffix}"
+        io.write(path, best, instance=instance, anchor="none")
+        again = io.read_estimate(path, instance)
+        np.testing.assert_allclose(again.translations, best.translations, atol=1e-15)
+        # A graph without points takes the poses.
+        bare = io.read(file(PLANE), quiet=True, landmarks=False)
+        assert io.read_estimate(path, bare).num_nodes == 2
+    with pytest.warns(InputNotice, match="points are not written"):
+        io.write(tmp_path / "out.tum", best, instance=instance, anchor="none")
+    assert len((tmp_path / "out.tum").read_text().splitlines()) == 2
+    # Of poses alone, points are where they are seen.
+    poses = io.read_estimate(tmp_path / "out.tum", instance)
+    expected = np.zeros(2)
+    for k, pose in ((1, 0), (2, 2)):
+        seen = best.translations[pose] + best.rotations[pose] @ instance.graph.translations[k]
+        expected += instance.graph.tau[k] * seen
+    expected /= instance.graph.tau[1:].sum()
+    np.testing.assert_allclose(poses.translations[1], expected, atol=1e-12)
+
+
+def test_points_and_the_world(file):
+    text = PLANE + "EDGE_PRIOR_SE2 3 0.1 0 0 25 0 0 25 0 16\nEDGE_PRIOR_SE2_XY 4 1.2 2 25 0 25\n"
+    instance = io.read(file(text), quiet=True)
+    assert instance.world == 3
+    assert instance.graph.points.tolist() == [False, True, False, False]
+    assert instance.graph.edges[-1].tolist() == [3, 1]
+    answer = certpgo.solve(instance)
+    assert answer.verdict.value == "CERTIFIED"
+    assert "of positions" in answer.certificate.objective
+
+
+def test_stereo(file, tmp_path):
+    rows = (
+        "0 5 120 100 60 9 9 9\n1 5 110 90 60 9 9 9\n0 6 100.5 100 60 9 9 9\n1 7 120 100 60 9 9 9\n"
+    )
+    file("100 100 0 50 40 0.5\n", "calibration.txt")
+    instance = io.read(file(rows, "stereo_factors.txt"), quiet=True)
+    assert instance.ids.tolist() == [0, 1, 7]
+    np.testing.assert_allclose(instance.graph.translations[0], [1.75, 0.5, 2.5])
+    np.testing.assert_allclose(instance.graph.tau, (0.02 + 0.5 * 2.5**2 / 50.0) ** -2)
+    assert any("2 sightings left out" in notice for notice in instance.notices)
+    (tmp_path / "calibration.txt").unlink()
+    with pytest.raises(FormatError, match=r"calibration\.txt: no such file"):
+        io.read(tmp_path / "stereo_factors.txt")
+    with pytest.raises(FormatError, match="'stereo_factors' expected in the file's name"):
+        io.read(file(rows, "seen.txt"))
+    file("100 100\n", "calibration.txt")
+    with pytest.raises(FormatError, match="a calibration, fx fy skew u0 v0 baseline, expected"):
+        io.read(tmp_path / "stereo_factors.txt")
+    file("100 100 0 50 40 0.5\n", "calibration.txt")
+    with pytest.raises(FormatError, match="ids must be integers"):
+        io.read(file(rows + "0.5 7 120 100 60 9 9 9\n", "stereo_factors.txt"))
+
+
+def test_poses_as_numbered_matrices(file):
+    line = "{} 0 -1 0 1 1 0 0 2 0 0 1 3 0 0 0 1\n"
+    estimate = io.read_estimate(file(line.format(4) + line.format(2), "poses.txt"))
+    np.testing.assert_array_equal(estimate.translations, [[1, 2, 3], [1, 2, 3]])
+    np.testing.assert_allclose(estimate.rotations[0][0], [0.0, -1.0, 0.0], atol=1e-15)
+    with pytest.raises(FormatError, match="must be 0 0 0 1"):
+        io.read_estimate(file(line.format(4).replace("0 0 0 1\n", "0 0 0 2\n"), "poses.txt"))
