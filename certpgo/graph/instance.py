@@ -12,6 +12,7 @@ from certpgo.errors import GraphError
 from certpgo.graph.estimate import Estimate
 from certpgo.graph.graph import Graph, PoseGraph
 from certpgo.graph.information import Information
+from certpgo.graph.ranges import Ranges
 from certpgo.linalg.arrays import (
     BoolArray,
     FloatArray,
@@ -41,6 +42,7 @@ class Instance:
     names : (n,) the source's own names of the nodes, e.g. of images; may be empty
     outliers : (m,) whether each measurement is a known outlier, or None if unknown
     world : the node that is the world, the last one, from which priors are measured; or None
+    ranges : distances measured between nodes, beside the graph's measurements; None for none
     origin : (d,) where the graph's world has its origin in the source's frame, metres: near priors
         that are far from the source's; None for zero
     information : the source's information matrices as they are, translation before rotation; None
@@ -68,6 +70,7 @@ class Instance:
     information: Information | None = None
     world: int | None = None
     origin: FloatArray | None = None
+    ranges: Ranges | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ids", frozen_indices(self.ids))
@@ -91,6 +94,8 @@ class Instance:
             raise GraphError("edges leave the world, and none leads to it")
         if self.origin is not None:
             object.__setattr__(self, "origin", frozen_floats(self.origin))
+        if self.ranges is not None and self.ranges.num_nodes != n:
+            raise GraphError(f"ranges are of {self.ranges.num_nodes} nodes, the graph has {n}")
         if self.information is not None:
             self._check_information(self.information)
 

@@ -120,8 +120,8 @@ class BlockPattern:
             compiled.kernel.assemble(self._places, diagonal, upper, data)
         else:
             data = self._assembled(layout, diagonal, upper)
-        if layout.kept is not None:
-            data = data[layout.kept]
+        if layout._kept is not None:
+            data = data[layout._kept]
         return CSC((data, layout.indices, layout.indptr), shape=(layout.size,) * 2)
 
     @cached_property
@@ -188,7 +188,7 @@ class Layout:
         return np.asarray(self.pack(last & (self.sizes == self._b)[:, None]))
 
     @cached_property
-    def kept(self) -> IntArray | None:
+    def _kept(self) -> IntArray | None:
         """Which entries of the padded matrix are those of the matrix; None for all."""
         if self._rows is None:
             return None
@@ -217,20 +217,20 @@ class Layout:
     def indptr(self) -> IntArray:
         """Column pointers of the matrix."""
         starts, _ = self._padded_pattern
-        if self.kept is None or self._rows is None:
+        if self._kept is None or self._rows is None:
             return starts
-        counts = np.searchsorted(self.kept, starts)
+        counts = np.searchsorted(self._kept, starts)
         return np.append(counts[self._rows], counts[-1]).astype(self._integers)
 
     @cached_property
     def indices(self) -> IntArray:
         """Rows of the entries, ascending in each column."""
         _, rows = self._padded_pattern
-        if self.kept is None or self._rows is None:
+        if self._kept is None or self._rows is None:
             return rows
         place = np.zeros(len(self.sizes) * self._b, dtype=self._integers)
         place[self._rows] = np.arange(len(self._rows))
-        return np.asarray(place[rows[self.kept]])
+        return np.asarray(place[rows[self._kept]])
 
     @cached_property
     def whole(self) -> IntArray:
@@ -241,9 +241,9 @@ class Layout:
     def diagonal(self) -> IntArray:
         """(k, b, b) positions in ``data`` of the entries of `whole` diagonal blocks."""
         places = self.diagonal_blocks
-        if self.kept is None:
+        if self._kept is None:
             return places
-        return np.searchsorted(self.kept, places[self.whole])
+        return np.searchsorted(self._kept, places[self.whole])
 
     @cached_property
     def diagonal_blocks(self) -> IntArray:

@@ -48,7 +48,6 @@ class SpanningTree(Settings):
     ) -> Solution:
         """Poses, or rotations, with the first node at the identity."""
         watch = Stopwatch()
-        problem.rotation.require_joined()
         lengths = self._lengths(problem.rotation.graph)
         with watch.phase("tree"):
             estimate = compose(problem.graph, spanning_tree(problem.graph, lengths))

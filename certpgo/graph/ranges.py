@@ -1,0 +1,66 @@
+"""Measured distances between nodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from certpgo.errors import GraphError
+from certpgo.graph.edges import check_edges, check_weights, edge_name
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats, frozen_indices
+
+
+@dataclass(frozen=True, eq=False)
+class Ranges:
+    """Distances between the positions of nodes, whose cost is weight (distance - |t_j - t_i|)^2.
+
+    Attributes
+    ----------
+    num_nodes : number n of nodes of the graph that they belong to
+    edges : (k, 2) node pairs
+    distances : (k,) metres, not negative
+    weights : (k,) inverse variances, 1/m^2, in the range of those of `certpgo.PoseGraph`
+
+    Raises
+    ------
+    GraphError
+        An index out of range, a pair of equal nodes, a distance that is negative or not finite, or
+        a weight out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certpgo.graph.ranges import Ranges
+    >>> Ranges(3, np.array([[0, 2], [1, 2]]), np.array([5.0, 4.0]), np.ones(2)).num_edges
+    2
+    """
+
+    num_nodes: int
+    edges: IntArray
+    distances: FloatArray
+    weights: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "edges", frozen_indices(self.edges))
+        object.__setattr__(self, "distances", frozen_floats(self.distances))
+        object.__setattr__(self, "weights", frozen_floats(self.weights))
+        k = len(self.edges)
+        if self.edges.shape != (k, 2) or self.distances.shape != (k,):
+            raise GraphError(f"ranges are (k, 2) pairs and (k,) distances, not {self.edges.shape}")
+        check_edges(self.edges, self.num_nodes)
+        check_weights("weight", self.weights, self.edges)
+        bad = np.asarray(~((self.distances >= 0.0) & np.isfinite(self.distances)))
+        if bad.any():
+            raise GraphError(f"{edge_name(self.edges, bad)}: a distance is not negative and finite")
+
+    @property
+    def num_edges(self) -> int:
+        """Number k of distances."""
+        return len(self.edges)
+
+    def subset(self, chosen: IntArray | BoolArray) -> Ranges:
+        """Some of them, by index or mask (k,)."""
+        return Ranges(
+            self.num_nodes, self.edges[chosen], self.distances[chosen], self.weights[chosen]
+        )
