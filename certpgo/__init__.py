@@ -20,6 +20,7 @@ from certpgo.errors import (
     SpecError,
 )
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
+from certpgo.graph.ranges import Ranges
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.optimize.marginals import Marginals
 from certpgo.optimize.monitor import Iteration, Monitor
@@ -76,6 +77,7 @@ __all__ = [
     "NumericalError",
     "PoseGraph",
     "PoseProblem",
+    "Ranges",
     "RotationGraph",
     "RotationProblem",
     "Solution",

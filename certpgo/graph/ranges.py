@@ -31,7 +31,7 @@ class Ranges:
     Examples
     --------
     >>> import numpy as np
-    >>> from certpgo.graph.ranges import Ranges
+    >>> from certpgo import Ranges
     >>> Ranges(3, np.array([[0, 2], [1, 2]]), np.array([5.0, 4.0]), np.ones(2)).num_edges
     2
     """
