@@ -91,6 +91,7 @@ def dual_bound(
     enough: float = -math.inf,
     sharp: bool = True,
     tight: bool = False,
+    floor: float = 0.0,
 ) -> DualBound | None:
     """The best lower bound by the multipliers of ``point``; None if it is useless.
 
@@ -103,17 +104,25 @@ def dual_bound(
     sharp : sharpen a bound by another factorization even if it is sufficient
     tight : give up if rounding does not explain the shift, that is, if the certificate matrix has
         a negative eigenvalue
+    floor : the value from which a bound is useful; below zero where weights may be negative
     """
-    return _Attempts(problem, point, rounding, enough, sharp).best(tight)
+    return _Attempts(problem, point, rounding, enough, sharp, floor).best(tight)
 
 
 class _Attempts:
     """Factorizations of one certificate matrix under different shifts."""
 
     def __init__(
-        self, problem: Problem, point: Point, rounding: bool, enough: float, sharp: bool
+        self,
+        problem: Problem,
+        point: Point,
+        rounding: bool,
+        enough: float,
+        sharp: bool,
+        floor: float,
     ) -> None:
         self.problem, self.rounding, self.enough, self.sharp = problem, rounding, enough, sharp
+        self.floor = floor
         self.shifted = Shifted.of(problem, point)
         self.is_rotation, self.weights = self.shifted.is_rotation, self.shifted.weights
         pin = self.shifted.pin
@@ -139,7 +148,7 @@ class _Attempts:
         """The bound by approximately the smallest shift that works."""
         rows = int(self.is_rotation.sum())
         explained = LARGEST_ROUNDING * self.unit
-        useless = explained if tight else max(explained, self.cost / rows)
+        useless = explained if tight else max(explained, (self.cost - self.floor) / rows)
         failed, shift = None, FIRST_SHIFT * self.unit * (1.0 if self.pin is None else GROWTH)
         bound = self.attempt(shift)
         while bound is None and shift < useless:
@@ -155,7 +164,7 @@ class _Attempts:
                 failed = middle
             else:
                 shift, bound = middle, sharper
-        return bound if bound.value > 0.0 else None
+        return bound if bound.value > self.floor else None
 
     def attempt(self, shift: float) -> DualBound | None:
         """The bound with ``shift`` on the rotations, plus the shift due to rounding."""
@@ -274,7 +283,7 @@ def _assembly_radii(
     if not isinstance(problem, PoseProblem):
         return np.repeat(turn, d)
     w_t = float(w[~is_rotation][0])
-    tau, arms = problem.graph.tau, problem.graph.arms
+    tau, arms = np.abs(problem.graph.tau), problem.graph.arms
     at_i = np.abs(problem.graph.translations).sum(axis=1)
     at_j = np.zeros_like(at_i) if arms is None else np.abs(arms).sum(axis=1)
     out = scatter_sum(i, tau * at_i, n) + scatter_sum(j, tau * at_j, n)
@@ -282,6 +291,7 @@ def _assembly_radii(
     spread = scatter_sum(i, tau * at_i * both, n) + scatter_sum(j, tau * at_j * both, n)
     turn = turn + sums * (spread + 2.0 * out * w_t)
     across = scatter_sum(j, tau * at_i, n) + scatter_sum(i, tau * at_j, n)
-    move = 2.0 * problem.translation_weights * w_t + 2.0 * out + across
+    degree = scatter_sum(graph.edges.ravel(), np.repeat(tau, 2), n)
+    move = 2.0 * degree * w_t + 2.0 * out + across
     rows = np.concatenate([(sums * move)[:, None], np.repeat(turn[:, None], d, axis=1)], axis=1)
     return problem.pattern.layout_of(problem.matrix).pack(rows)

@@ -72,6 +72,19 @@ def refuse_chordal_only(cost: Cost | None, **options: Any) -> None:
             raise InputError(f"--{name} is for --cost chordal, not for --cost {cost}")
 
 
+def refuse_with_distances(instance: Instance, **options: Any) -> None:
+    """Refuse options that graphs with distances do not have.
+
+    Raises
+    ------
+    InputError
+        There are distances, and one of the options is used.
+    """
+    for name, value in options.items():
+        if instance.ranges is not None and value:
+            raise InputError(f"{instance.name}: --{name} is not for graphs with distances")
+
+
 def chosen_cost(cost: Cost | None, instance: Instance, **options: Any) -> str:
     """The cost that was asked for; else chordal with options that exist for it only, else the own.
 
@@ -81,6 +94,8 @@ def chosen_cost(cost: Cost | None, instance: Instance, **options: Any) -> str:
 
     if cost is not None:
         return cost.value
+    if instance.ranges is not None:
+        return CHORDAL
     own, information = own_cost(instance), instance.information
     for name, value in options.items():
         if value:

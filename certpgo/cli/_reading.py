@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
@@ -148,14 +148,22 @@ class Reading:
             "landmarks": self.landmarks,
         }
 
-    def open(self, source: Source, *, notices: bool = True) -> Instance:
-        """Read the graph; with ``notices``, print its notices to stderr."""
+    def open(self, source: Source, *, notices: bool = True, distances: bool = False) -> Instance:
+        """Read the graph; with ``notices``, print its notices to stderr.
+
+        Commands that take no ``distances`` leave them out, which a notice says.
+        """
         from certpgo.graph.components import rotations_alone
+        from certpgo.io.plural import counted
 
         with _reading_progress() as progress:
             instance = source.graph(progress=progress, quiet=True, **self.options)
         for sentence in instance.notices if notices else ():
             notice(f"{instance.name}: {sentence}")
+        if instance.ranges is not None and not distances:
+            left_out = counted(instance.ranges.num_edges, "distance{s}")
+            notice(f"{instance.name}: {left_out} left out, which only certpgo solve takes")
+            instance = replace(instance, ranges=None)
         return rotations_alone(instance) if self.rotations else instance
 
     def parts(self, instance: Instance) -> list[Instance]:

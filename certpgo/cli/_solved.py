@@ -151,7 +151,7 @@ class Solved:
         from certpgo.optimize.marginals import Marginals
 
         world, ids = self.part.world, self.part.ids
-        problem = self._problem
+        problem = self._problem if self.found is None else self.found.problem
         whole = problem.tangent_layout.whole
         marginals = Marginals(problem, self.solution.estimate, int(world or whole[0]))
         rotations = self.solution.estimate.translations is None

@@ -94,7 +94,7 @@ def command(
         _verdict.refuse_screening(tier)
     tier = tier or ("standard" if proof is None else "proof")
     provable = None if proof is None else provable_source(source)
-    instance = reading.open(source)
+    instance = reading.open(source, distances=True)
     if proof is not None:
         refuse_priors(instance)
     own = chosen_cost(cost, instance)

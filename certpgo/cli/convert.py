@@ -67,7 +67,7 @@ def command(
     path = given.path()
     if not estimate and out.write_graph is not None and format_of(path).read_graph is not None:
         with suppress(NoMeasurements):
-            converted = reading.open(given)
+            converted = reading.open(given, distances=True)
             for name, value in (("--anchor", anchor), ("--graph", graph)):
                 if value is not None:
                     raise InputError(
@@ -80,7 +80,7 @@ def command(
             return
     if isotropic:
         raise InputError(f"--isotropic is about measurements, and {path} is converted as poses")
-    instance = None if graph is None else reading.open(reading.resolve(graph))
+    instance = None if graph is None else reading.open(reading.resolve(graph), distances=True)
     with noticing():
         write(
             target,

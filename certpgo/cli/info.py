@@ -28,7 +28,7 @@ def command(
     """Describe a graph: counts, connectivity, weights, eigenvalues and notices."""
     from certpgo.assess import diagnostics
 
-    instance = reading.open(reading.resolve(graph), notices=False)
+    instance = reading.open(reading.resolve(graph), notices=False, distances=True)
     found = diagnostics.structure(instance)
     spectra: dict[str, dict[str, Spectrum]] = {}
     with working("eigenvalues"):

@@ -21,6 +21,7 @@ from certpgo.cli._options import (
     chosen_cost,
     refuse_chordal_only,
     refuse_unprovable,
+    refuse_with_distances,
     tier_option,
 )
 from certpgo.cli._paging import require_pages
@@ -135,7 +136,8 @@ def command(
     source = reading.resolve(graph)
     refuse_overwriting([out, proof, html, covariances], [source, initial])
     provable = None if proof is None else provable_source(source)
-    instance = reading.open(source)
+    instance = reading.open(source, distances=True)
+    refuse_with_distances(instance, method=method, robust=robust, proof=proof, html=html)
     if proof is not None:
         refuse_priors(instance)
     parts = reading.parts(instance)

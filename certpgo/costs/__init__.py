@@ -7,6 +7,7 @@ from certpgo.costs.g2o import G2oCost
 from certpgo.costs.gtsam import GtsamCost
 from certpgo.costs.positions import WithPositions
 from certpgo.costs.problem import InformationProblem, Surrogate, surrogate
+from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import InputError, SpecError
 from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.graph.information import InformationGraph
@@ -21,10 +22,12 @@ __all__ = [
     "CHORDAL",
     "COSTS",
     "InformationProblem",
+    "RangeProblem",
     "Surrogate",
     "information_problem",
     "own_cost",
     "problem_under",
+    "range_problem",
     "surrogate",
 ]
 
@@ -56,8 +59,14 @@ def problem_under(
     Raises
     ------
     InputError
-        A cost of another program, and no instance.
+        A cost of another program, and no instance; or an instance with distances, which is
+        `range_problem`'s.
     """
+    if isinstance(posed, Instance) and posed.ranges is not None:
+        raise InputError(
+            f"{posed.source or posed.name}: graphs with distances are for certpgo solve alone, in "
+            "the cost F"
+        )
     if cost is None and isinstance(posed, Instance):
         cost = own_cost(posed)
     if cost not in (None, CHORDAL, *COSTS):
@@ -70,6 +79,22 @@ def problem_under(
     if isinstance(posed, InformationProblem):
         return posed
     return problem_of(posed.graph if isinstance(posed, Instance) else posed)
+
+
+def range_problem(instance: Instance, cost: str | None = None) -> RangeProblem:
+    """The problem of an instance with distances.
+
+    Raises
+    ------
+    InputError
+        It has none, or measures rotations alone; or a cost of another program.
+    """
+    source = instance.source or instance.name
+    if instance.ranges is None or not isinstance(instance.graph, PoseGraph):
+        raise InputError(f"{source}: no distances between poses")
+    if cost not in (None, CHORDAL):
+        raise InputError(f"{source}: with distances there is only the cost F (--cost chordal)")
+    return RangeProblem(instance.graph, instance.ranges)
 
 
 def information_problem(instance: Instance, cost: str) -> InformationProblem:

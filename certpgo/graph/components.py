@@ -34,7 +34,8 @@ def connected_parts(instance: Instance, components: Components) -> list[Instance
         The graph is disconnected, and ``components`` is ``"refuse"``.
     """
     graph = instance.graph
-    if graph.is_connected:
+    # Distances join nodes too; whoever takes them sees whether they do.
+    if graph.is_connected or instance.ranges is not None:
         return [instance]
     if components == "refuse":
         require_connected(graph)

@@ -71,6 +71,13 @@ def lifted(point: Point, rank: int) -> Lift:
     )
 
 
+def main_subspace(point: Lift) -> FloatArray:
+    """(r, d) orthonormal basis of the main d-dimensional subspace of the rotations."""
+    Y = point.rotations
+    _, vectors = np.linalg.eigh(np.einsum("nra,nsa->rs", Y, Y))
+    return np.asarray(vectors[:, -point.d :])
+
+
 def rounded(point: Lift) -> Estimate:
     """The estimate nearest to a point of the relaxation.
 
@@ -78,8 +85,7 @@ def rounded(point: Lift) -> Estimate:
     et al. (SE-Sync, IJRR 2019), Algorithm 2.
     """
     d, Y = point.d, point.rotations
-    _, vectors = np.linalg.eigh(np.einsum("nra,nsa->rs", Y, Y))
-    basis = vectors[:, -d:]
+    basis = main_subspace(point)
     if so.is_mostly_reflected(np.swapaxes(basis.T @ Y, 1, 2)):
         basis = basis * np.r_[-1.0, np.ones(d - 1)]
     t = point.translations

@@ -76,10 +76,7 @@ class PoseGraph:
         bad = np.asarray(~np.isfinite(self.translations).all(axis=1))
         if bad.any():
             raise GraphError(f"{edge_name(self.edges, bad)}: translation is not finite")
-        check_weights("tau", self.tau, self.edges, or_none=True)
-        nothing = (self.tau == 0.0) & (self.rotation.kappa == 0.0)
-        if nothing.any():
-            raise GraphError(f"{edge_name(self.edges, nothing)}: kappa and tau are 0")
+        self._check_tau()
         if self.arms is not None:
             object.__setattr__(self, "arms", frozen_floats(self.arms))
             check_matrices("arms", self.arms, expected, self.edges)
@@ -87,13 +84,20 @@ class PoseGraph:
             object.__setattr__(self, "points", frozen_flags(self.points))
             self._check_points(self.points)
 
+    def _check_tau(self) -> None:
+        check_weights("tau", self.tau, self.edges, or_none=True)
+        nothing = (self.tau == 0.0) & (self.rotation.kappa == 0.0)
+        if nothing.any():
+            raise GraphError(f"{edge_name(self.edges, nothing)}: kappa and tau are 0")
+
     def _check_points(self, points: BoolArray) -> None:
         if points.shape != (self.num_nodes,):
             raise GraphError(f"points must be {self.num_nodes} flags, one per node")
-        leaving = points[self.edges[:, 0]]
+        # From where it is, a point measures nothing but distances.
+        leaving = points[self.edges[:, 0]] & self.translations.any(axis=1)
         if leaving.any():
             raise GraphError(f"{edge_name(self.edges, leaving)}: edges lead to points, not from")
-        turned = points[self.edges[:, 1]] & (self.rotation.kappa > 0.0)
+        turned = points[self.edges].any(axis=1) & (self.rotation.kappa > 0.0)
         if self.arms is not None:
             turned |= points[self.edges[:, 1]] & self.arms.any(axis=1)
         if turned.any():

@@ -57,9 +57,6 @@ class RotationProblem(Objective):
     def __post_init__(self) -> None:
         require_graph(self, RotationGraph, "of a PoseGraph g take RotationProblem(g.rotation)")
         require_connected(self.graph)
-        self._require_weights()
-
-    def _require_weights(self) -> None:
         if not self.graph.kappa.all():
             raise GraphError(
                 f"{edge_name(self.graph.edges, self.graph.kappa == 0.0)}: kappa is 0; only edges "
@@ -169,8 +166,8 @@ class RotationProblem(Objective):
 class RotationsOfPoses(RotationProblem):
     """The rotations of a pose graph, of which some measurements may have weight 0."""
 
-    def _require_weights(self) -> None:
-        pass
+    def __post_init__(self) -> None:
+        pass  # what determines the nodes is the pose problem's affair
 
     @cached_property
     def connection_laplacian(self) -> CSC:

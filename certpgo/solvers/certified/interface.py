@@ -6,8 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from certpgo.costs import CHORDAL, COSTS, problem_under
+from certpgo.costs import CHORDAL, COSTS, problem_under, range_problem
 from certpgo.costs.problem import InformationProblem
+from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.objective.problem import Problem
@@ -17,11 +18,12 @@ from certpgo.optimize.starts import Start
 from certpgo.solvers.certified.disagreement import Disagreement, ignore
 from certpgo.solvers.certified.own_cost import search_own_cost
 from certpgo.solvers.certified.pipeline import GIVEN, CertifiedSolution, search_and_certify
+from certpgo.solvers.certified.ranged import search_ranges
 from certpgo.solvers.certified.settings import SolveSettings
 
 
 def solve(
-    graph: Graph | Instance | InformationProblem,
+    graph: Graph | Instance | InformationProblem | RangeProblem,
     settings: SolveSettings | None = None,
     *,
     cost: str | None = None,
@@ -79,9 +81,13 @@ def solve(
     0.029994
     """
     chosen = (settings or SolveSettings()).changed(options)
-    known = (Instance, InformationProblem, PoseGraph, RotationGraph)
+    known = (Instance, InformationProblem, RangeProblem, PoseGraph, RotationGraph)
     if cost in (None, CHORDAL) and not isinstance(graph, known):
         raise InputError(f"solve takes a graph, such as instance.graph, not {kind_of(graph)}")
+    if isinstance(graph, Instance) and graph.ranges is not None:
+        graph = range_problem(graph, cost)
+    if isinstance(graph, RangeProblem):
+        return search_ranges(graph, chosen, initial, monitor)
     return _searched(problem_under(graph, cost), chosen, initial, monitor, on_disagreement)
 
 

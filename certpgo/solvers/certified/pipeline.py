@@ -9,6 +9,7 @@ from functools import cached_property
 from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.case import PROOF_GAIN, Basin, Case
 from certpgo.costs.problem import InformationProblem
+from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.priors import handedness_is_open
@@ -73,7 +74,7 @@ class CertifiedSolution:
     start: str
     levels: tuple[Level, ...]
     settings: SolveSettings
-    problem: Problem | InformationProblem = field(repr=False)
+    problem: Problem | InformationProblem | RangeProblem = field(repr=False)
     disagreement: Disagreement | None = None
     chordal: CertifiedSolution | None = None
 

@@ -1,0 +1,184 @@
+"""Descent on graphs with measured distances, at any rank, and the way out of saddles."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from certpgo.costs.ranges import RangeProblem
+from certpgo.errors import NumericalError
+from certpgo.graph.lift import Lift, Point, lifted, translations_of
+from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.blocks import add_to_diagonal, pinned
+from certpgo.linalg.eigen import krylov_schur
+from certpgo.linalg.factor import Factor
+from certpgo.objective import operators
+from certpgo.objective.problem import PoseProblem
+from certpgo.optimize.low_rank import orthonormal, tangent_basis
+from certpgo.optimize.monitor import Monitor, Stopwatch, silent
+from certpgo.optimize.newton import ROUNDING
+from certpgo.optimize.progress import Progress
+from certpgo.optimize.solution import Status
+
+#: Least and largest damping, relative to the diagonal; the least also fixes the gauge.
+LEAST, LARGEST = 1e-9, 1e9
+#: Damping after a rejected step.
+FIRST = 1e-4
+#: Actual over predicted decrease from which a step is accepted, and the damping reduced.
+ACCEPTED, GOOD = 1e-3, 0.5
+#: Relative decrease of a step below which the exact Hessian is tried.
+SLOW = 0.3
+#: Shifts that make a scaled certificate matrix definite.
+SHIFTS = tuple(1e-9 * 4.0**k for k in range(20))
+#: Relative accuracy of escape directions, and how many more than the gauge's are computed.
+ACCURACY, MORE = 1e-3, 2
+#: Negative eigenvalues above minus this, of a matrix of unit diagonal, may be rounding.
+RESOLUTION = 1e-13
+#: Halvings of a step out of a saddle.
+HALVINGS = 40
+
+
+class _State:
+    """A point with its gradient and matrices."""
+
+    def __init__(self, problem: RangeProblem, point: Lift) -> None:
+        self.problem, self.point = problem, point
+        self.cost = problem.cost(point)
+        G, d = problem.gradient(point), problem.d
+        self.multipliers = operators.multipliers(G[:, :, -d:], point.rotations)
+        self.basis = tangent_basis(point.rotations)
+        turn = np.einsum("nqrd,nrd->nq", self.basis, G[:, :, -d:])
+        self.layout = problem.layout(point.rank)
+        self.gradient = self.layout.pack(np.concatenate([G[:, :, 0], turn], axis=1))
+
+    def matrix(self, *, exact: bool) -> CSC:
+        """The Hessian of f/2, or its Gauss-Newton approximation."""
+        lam = self.multipliers if exact else None
+        return self.problem.hessian(self.point, self.basis, lam)
+
+    def moved(self, x: FloatArray) -> Lift:
+        """The point after a step."""
+        step, r = self.layout.unpack(x), self.point.rank
+        V = np.einsum("nq,nqrd->nrd", step[:, r:], self.basis)
+        t = translations_of(self.point) + step[:, :r]
+        return Lift(orthonormal(self.point.rotations + V), t)
+
+
+def descend(
+    problem: RangeProblem,
+    initial: Point,
+    *,
+    tolerance: float = 1e-9,
+    max_iterations: int = 300,
+    monitor: Monitor = silent,
+    watch: Stopwatch | None = None,
+) -> tuple[Lift, Status]:
+    """The end of Levenberg and Marquardt's method at the rank of ``initial``, and how it ended.
+
+    The Gauss-Newton matrix far away, the exact Hessian near the end.
+
+    Parameters
+    ----------
+    tolerance : of the step that would follow, relative to the cost, at which to stop
+    """
+    state = _State(problem, lifted(initial, initial.rotations.shape[1]))
+    progress = Progress(monitor, tolerance, max_iterations, watch or Stopwatch())
+    damping, exact, gain, remaining = LEAST, False, 0.0, math.inf
+    while progress.advance(state.cost, remaining, 0.0, gain=gain):
+        following: _State | None = None
+        while damping <= LARGEST and following is None:
+            factor = _factor(problem, state, exact, damping)
+            if factor is None and exact:
+                exact = False
+                continue
+            if factor is None:
+                damping *= 10.0
+                continue
+            x = -factor.solve(state.gradient)
+            predicted = float(-state.gradient @ x)
+            candidate = _State(problem, state.moved(x))
+            if predicted <= ROUNDING * state.cost:
+                best = candidate if candidate.cost <= state.cost else state
+                return best.point, Status.CONVERGED
+            remaining = math.sqrt(predicted / state.cost)
+            gain = (state.cost - candidate.cost) / predicted
+            if gain > ACCEPTED:
+                following = candidate
+            else:
+                damping = max(10.0 * damping, FIRST)
+        if following is None:
+            return state.point, Status.STALLED
+        exact = exact or state.cost - following.cost < SLOW * state.cost
+        damping = max(LEAST, damping / 10.0 if gain > GOOD else damping)
+        state = following
+    return state.point, progress.status
+
+
+def _factor(problem: RangeProblem, state: _State, exact: bool, damping: float) -> Factor | None:
+    H = state.matrix(exact=exact)
+    diagonal = np.abs(H.diagonal())
+    A = add_to_diagonal(H, damping * np.maximum(diagonal, 1e-12 * diagonal.max()))
+    return problem.symbolic(A).factor(A)
+
+
+def escape(problem: RangeProblem, point: Point) -> Lift | None:
+    """A lower point of the next rank; None where the certificate matrix has no way down.
+
+    Along an eigenvector of a negative eigenvalue of the pose graph's certificate matrix there (see
+    `RangeProblem.surrogate`), whose curvature in a new dimension is that of f.
+
+    Raises
+    ------
+    NumericalError
+        No factorization, or no convergence.
+    """
+    below, _ = problem.surrogate(point)
+    G = problem.gradient(point)[:, :, -problem.d :]
+    S = below.certificate_matrix(operators.multipliers(G, point.rotations))
+    S = pinned(S, np.array([0]))
+    weights = problem.signed(problem.ranges.weights).matrix.diagonal()
+    root = 1.0 / np.sqrt(np.maximum(weights, np.finfo(float).tiny))
+    column = np.repeat(np.arange(S.shape[0]), np.diff(S.indptr))
+    A = CSC((S.data * root[S.indices] * root[column], S.indices, S.indptr), shape=S.shape)
+    # The motions of the whole have eigenvalue zero, and must not hide the one that is looked for.
+    value, v = _smallest(below, A, point.rotations.shape[1] + MORE)
+    if value > -RESOLUTION:
+        return None
+    layout = below.pattern.layout_of(S)
+    direction = layout.unpack(root * v)
+    direction[0, 0] = 0.0
+    return _leave(problem, point, direction)
+
+
+def _smallest(below: PoseProblem, A: CSC, pairs: int) -> tuple[float, FloatArray]:
+    """The smallest eigenvalue, of as many that are computed together, and its vector."""
+    for shift in SHIFTS:
+        shifted = add_to_diagonal(A, shift)
+        factor = below.symbolic(shifted).factor(shifted)
+        if factor is None:
+            continue
+        start = np.random.default_rng(0).standard_normal((A.shape[0], pairs))
+        found = krylov_schur(shifted, factor.solve, pairs, shift=shift, tol=ACCURACY, start=start)
+        return float(found.values[0]), found.vectors[:, 0]
+    raise NumericalError("the certificate matrix could not be factorized, even when shifted")
+
+
+def _leave(problem: RangeProblem, point: Point, direction: FloatArray) -> Lift | None:
+    """The point moved into a new dimension as far as f decreases; None if it does not."""
+    start = lifted(point, point.rotations.shape[1] + 1)
+    V, w = np.zeros_like(start.rotations), np.zeros_like(translations_of(start))
+    V[:, -1, :], w[:, -1] = direction[:, 1:], direction[:, 0]
+    size = float(np.linalg.norm(direction[:, 1:], axis=1).max())
+    reach = float(np.linalg.norm(translations_of(start), axis=1).max())
+    step = min(1.0 / max(size, 1e-300), reach / max(float(np.abs(w).max()), 1e-300))
+    best, cost = None, problem.cost(start)
+    for _ in range(HALVINGS):
+        moved = Lift(orthonormal(start.rotations + step * V), translations_of(start) + step * w)
+        lower = problem.cost(moved)
+        if lower < cost:
+            best, cost = moved, lower
+        elif best is not None:
+            break
+        step *= 0.5
+    return best

@@ -1,0 +1,264 @@
+"""Poses, points and measured distances between them: f = F + sum w (d - |t_j - t_i|)^2.
+
+A distance's term is w (d^2 - 2 d s^(1/2) + s) in s = |t_j - t_i|^2, which is linear in the Gram
+matrix. As it is convex in s, its tangents are minorants: for any tau < w
+
+    w (d - s^(1/2))^2 >= tau s - w d^2 tau / (w - tau),
+
+with equality where tau = w (1 - d / s^(1/2)). So f is nowhere below the cost of a pose graph with
+an edge of that weight, of either sign, for each distance, plus a constant. With the weights of a
+stationary point this is exactly what the relaxation of Papalia et al. (CORA, T-RO 2024) has, after
+its unit vectors are eliminated, without nodes for them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import cast
+
+import numpy as np
+
+from certpgo.errors import GraphError, InputError
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph.edges import components_of
+from certpgo.graph.lift import Point, translations_of
+from certpgo.graph.priors import levers
+from certpgo.graph.ranges import Ranges
+from certpgo.linalg import so
+from certpgo.linalg.arrays import CSC, FloatArray, IntArray
+from certpgo.linalg.balls import U
+from certpgo.linalg.blocks import Layout, scatter_sum
+from certpgo.linalg.factor import Symbolic, default_engine
+from certpgo.objective import operators
+from certpgo.objective.edge_sums import EdgeSums
+from certpgo.objective.problem import PoseProblem
+
+#: Distances of estimates below this share of the measured ones have no direction.
+SHORTEST = 1e-12
+
+
+class SignedGraph(PoseGraph):
+    """A pose graph in which distances have weights of either sign."""
+
+    def _check_tau(self) -> None:
+        if not np.isfinite(self.tau).all():
+            raise GraphError("weights of distances must be finite")
+
+
+class SignedProblem(PoseProblem):
+    """The problem of a pose graph whose edges need not determine the nodes."""
+
+    def __post_init__(self) -> None:
+        pass
+
+
+@dataclass(frozen=True, eq=False)
+class RangeProblem:
+    """Minimise F over poses and points, plus the terms of measured distances.
+
+    Attributes
+    ----------
+    measured : the measurements of F; nodes may have distances alone
+    ranges : the distances
+    engine : factorization engine, see `certpgo.linalg.factor.engines`
+
+    Raises
+    ------
+    GraphError
+        Measurements and distances do not connect the graph, or leave a rotation free.
+    """
+
+    measured: PoseGraph
+    ranges: Ranges
+    engine: str = field(default_factory=default_engine)
+
+    def __post_init__(self) -> None:
+        if self.ranges.num_nodes != self.measured.num_nodes:
+            raise GraphError("the distances are of another graph")
+        if self.measured.rotation.is_general or self.measured.arms is not None:
+            raise InputError("distances are for measurements with isotropic weights")
+        moved = self.measured.edges[self.measured.tau > 0.0]
+        joined = components_of(self.n, np.concatenate([moved, self.ranges.edges]))
+        if joined.any():
+            node = int(np.argmax(joined > 0))
+            raise GraphError(f"no measurement or distance joins node {node} to the others")
+        free = np.zeros(self.n, dtype=bool)
+        free[self.poses] = True
+        for end, holds in zip(self.measured.edges.T, levers(self.measured), strict=True):
+            free[end[holds]] = False
+        if free.any():
+            raise GraphError(f"no measurement determines the rotation of node {np.argmax(free)}")
+
+    @property
+    def n(self) -> int:
+        """Number of nodes."""
+        return self.measured.num_nodes
+
+    @property
+    def d(self) -> int:
+        """Dimension of space, 2 or 3."""
+        return self.measured.d
+
+    @property
+    def poses(self) -> IntArray:
+        """The nodes that are poses."""
+        return self.measured.pose_nodes
+
+    @property
+    def title(self) -> str:
+        """What the cost is."""
+        return "F and squared errors of distances"
+
+    @cached_property
+    def graph(self) -> PoseGraph:
+        """The measurements, then an edge for each distance with its weight as tau."""
+        return self.signed(self.ranges.weights).graph
+
+    @cached_property
+    def alone(self) -> PoseProblem:
+        """The problem of the measurements without the distances."""
+        return SignedProblem(self.measured, self.engine)
+
+    @cached_property
+    def _whole(self) -> PoseProblem:
+        return self.signed(self.ranges.weights)
+
+    def signed(self, tau: FloatArray) -> PoseProblem:
+        """The problem in which distances are edges of weights ``tau`` (k,) that measure zero."""
+        one, k = self.measured, self.ranges.num_edges
+        rotation = RotationGraph(
+            self.n,
+            np.concatenate([one.edges, self.ranges.edges]),
+            np.concatenate([one.rotation.rotations, np.tile(np.eye(self.d), (k, 1, 1))]),
+            np.r_[one.rotation.kappa, np.zeros(k)],
+        )
+        t = np.concatenate([one.translations, np.zeros((k, self.d))])
+        graph = SignedGraph(rotation, t, np.r_[one.tau, tau], points=one.points)
+        problem = SignedProblem(graph, self.engine)
+        if "_whole" in self.__dict__:
+            for name in ("pattern", "order", "_analysis", "_by_size"):
+                problem.__dict__[name] = getattr(self._whole, name)
+        return problem
+
+    def scaled(self, factor: float) -> RangeProblem:
+        """The same measurements with all weights times ``factor``."""
+        ranges = Ranges(
+            self.n, self.ranges.edges, self.ranges.distances, factor * self.ranges.weights
+        )
+        whole = self.measured.reweighted(np.full(self.measured.num_edges, factor))
+        return RangeProblem(whole, ranges, self.engine)
+
+    @cached_property
+    def scale(self) -> float:
+        """W: sums of kappa, of tau |t_ij|^2 and of w d^2, the scale of the cost."""
+        distances = self.ranges.weights @ self.ranges.distances**2
+        return self.alone.scale + float(distances)
+
+    def check(self, estimate: Estimate) -> None:
+        """Refuse an estimate of another graph by an InputError."""
+        self.alone.check(estimate)
+
+    def _apart(self, point: Point) -> tuple[FloatArray, FloatArray]:
+        """(k, r) directions and (k,) lengths of t_j - t_i."""
+        i, j = self.ranges.edges.T
+        t = translations_of(point)
+        delta = t[j] - t[i]
+        length = np.linalg.norm(delta, axis=1)
+        least = np.maximum(length, SHORTEST * (1.0 + self.ranges.distances))
+        return delta / least[:, None], least
+
+    def cost(self, point: Point) -> float:
+        """The cost f of a point of any rank."""
+        return float(self.edge_costs(point).sum())
+
+    def edge_costs(self, point: Point) -> FloatArray:
+        """Terms of f: of the measurements, then of the distances."""
+        _, length = self._apart(point)
+        of_ranges = self.ranges.weights * (self.ranges.distances - length) ** 2
+        return np.concatenate([self._sums.terms(point), of_ranges])
+
+    def residual_angles(self, estimate: Estimate) -> FloatArray:
+        """Angles between R_i R_ij and R_j, radians; 0 where no rotation is measured."""
+        return self._whole.residual_angles(estimate)
+
+    def stationarity(self, estimate: Estimate) -> float:
+        """Largest gradient of a rotation over its weight, radians."""
+        turn = operators.tangent_gradient(self.gradient(estimate)[:, :, 1:], estimate.rotations)
+        size = np.linalg.norm(turn, axis=1)[self.poses]
+        return float((size / self.alone.curvature[self.poses]).max())
+
+    @cached_property
+    def _sums(self) -> EdgeSums:
+        return EdgeSums(self.measured)
+
+    def gradient(self, point: Point) -> FloatArray:
+        """Half the Euclidean gradient of f, (n, r, d + 1): translation column, then rotation."""
+        G, _ = self._sums.gradient(point)
+        i, j = self.ranges.edges.T
+        direction, length = self._apart(point)
+        pull = (self.ranges.weights * (length - self.ranges.distances))[:, None] * direction
+        G[:, :, 0] += scatter_sum(j, pull, self.n) - scatter_sum(i, pull, self.n)
+        return G
+
+    def hessian(self, point: Point, basis: FloatArray, multipliers: FloatArray | None) -> CSC:
+        """The Riemannian Hessian of f/2; the Gauss-Newton matrix without multipliers.
+
+        Over translations, then the tangents of ``basis`` (n, q, r, d); see
+        `operators.lifted_hessian`.
+        """
+        return self._hessian(self.measured, point, basis, multipliers)
+
+    def _hessian(
+        self, measured: PoseGraph, point: Point, basis: FloatArray, multipliers: FloatArray | None
+    ) -> CSC:
+        r, (i, j) = basis.shape[2], self.ranges.edges.T
+        lam = np.zeros((self.n, self.d, self.d)) if multipliers is None else multipliers
+        diagonal, upper = operators.lifted_hessian(measured, basis, lam)
+        direction, length = self._apart(point)
+        share = self.ranges.distances / length
+        B = direction[:, :, None] * direction[:, None, :]
+        if multipliers is not None:
+            B = (1.0 - share)[:, None, None] * np.eye(r) + share[:, None, None] * B
+        B = self.ranges.weights[:, None, None] * B
+        between = np.zeros((len(B), *upper.shape[1:]))
+        between[:, :r, :r] = -B
+        diagonal[:, :r, :r] += scatter_sum(i, B, self.n) + scatter_sum(j, B, self.n)
+        return self._whole.pattern.assemble(diagonal, np.concatenate([upper, between]), r)
+
+    def layout(self, rank: int) -> Layout:
+        """Of such matrices at points of that rank."""
+        q = rank * self.d - self.d * (self.d + 1) // 2
+        return self._whole.pattern.layout(rank + q, rank)
+
+    @property
+    def tangent_layout(self) -> Layout:
+        """Of the Gauss-Newton matrix."""
+        return self._whole.tangent_layout
+
+    def gauss_newton(self, estimate: Estimate) -> CSC:
+        """The Gauss-Newton matrix of f/2, over world translations and body rotations."""
+        generators = so.hat(np.eye(so.tangent_dim(self.d)))
+        basis = estimate.rotations[:, None] @ generators
+        measured = cast("PoseGraph", operators.explained(self.measured, estimate))
+        return self._hessian(measured, estimate, basis, None)
+
+    def symbolic(self, A: CSC) -> Symbolic:
+        """The symbolic analysis of a matrix of the whole pattern."""
+        return self._whole.symbolic(A)
+
+    def surrogate(self, point: Point) -> tuple[PoseProblem, float]:
+        """The pose graph's problem of tangents at a point of any rank, and the constant.
+
+        The constant is rounded down for exactly the weights of the problem.
+        """
+        _, length = self._apart(point)
+        w, distance = self.ranges.weights, self.ranges.distances
+        tau = w * (1.0 - distance / length)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            constants = np.where(distance > 0.0, -w * distance**2 * tau / (w - tau), 0.0)
+        # Six operations, and the difference of stored numbers.
+        constants -= 16.0 * U * np.abs(constants) + 2.0**-1000
+        total = math.nextafter(math.fsum(constants), -math.inf)
+        return self.signed(tau), total

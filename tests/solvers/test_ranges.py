@@ -1,0 +1,205 @@
+"""Measured distances: minorants, derivatives, bounds, and the real data's gaps."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from strategies import dimensions, point_graph, rng_of, seeds
+
+import certpgo
+from certpgo import Estimate, GraphError, InputError, PoseGraph, Ranges, RotationGraph, solve
+from certpgo.certify.ranged import cost_upper, range_bound
+from certpgo.costs.range_descent import descend
+from certpgo.costs.ranges import RangeProblem
+from certpgo.graph.lift import Lift, lifted
+from certpgo.linalg import so
+from certpgo.optimize.low_rank import orthonormal, tangent_basis
+
+few = settings(max_examples=12)
+
+
+def measured(seed, d, *, noise=0.1, poses=5, points=3):
+    """A graph with points, and distances from every pose to every point, in random order."""
+    rng = rng_of(seed)
+    graph, truth = point_graph(rng, poses, points, d, noise=noise)
+    seen, places = np.flatnonzero(graph.points), graph.pose_nodes
+    pairs = np.array([(a, b) if rng.random() < 0.5 else (b, a) for a in places for b in seen])
+    apart = np.linalg.norm(
+        truth.translations[pairs[:, 1]] - truth.translations[pairs[:, 0]], axis=1
+    )
+    distances = np.abs(apart + noise * rng.standard_normal(len(pairs)))
+    weights = rng.uniform(0.5, 4.0, len(pairs))
+    return RangeProblem(graph, Ranges(graph.num_nodes, pairs, distances, weights)), truth, rng
+
+
+def anywhere(rng, problem, rank):
+    """A random point of the relaxation."""
+    Y = orthonormal(rng.standard_normal((problem.n, rank, problem.d)))
+    return Lift(Y, 3.0 * rng.standard_normal((problem.n, rank)))
+
+
+def written_out(problem, point):
+    """The cost by a loop, as its formula reads."""
+    graph, total = problem.measured, 0.0
+    R, t = point.rotations, point.translations
+    for e, (i, j) in enumerate(graph.edges):
+        if graph.rotation.kappa[e] > 0.0:
+            apart = R[j] - R[i] @ graph.rotation.rotations[e]
+            total += graph.rotation.kappa[e] * np.linalg.norm(apart) ** 2
+        total += graph.tau[e] * np.linalg.norm(t[j] - t[i] - R[i] @ graph.translations[e]) ** 2
+    ranges = problem.ranges
+    for e, (i, j) in enumerate(ranges.edges):
+        total += ranges.weights[e] * (ranges.distances[e] - np.linalg.norm(t[j] - t[i])) ** 2
+    return total
+
+
+@given(seeds, dimensions)
+@few
+def test_the_surrogate_is_below_and_touches(seed, d):
+    problem, _, rng = measured(seed, d)
+    point = anywhere(rng, problem, d + seed % 3)
+    assert problem.cost(point) == pytest.approx(written_out(problem, point))
+    below, constant = problem.surrogate(point)
+    assert below.cost(point) + constant == pytest.approx(problem.cost(point))
+    for _ in range(10):
+        other = anywhere(rng, problem, point.rank)
+        assert below.cost(other) + constant <= problem.cost(other) * (1.0 + 1e-12) + 1e-12
+
+
+@given(seeds)
+@few
+def test_constants_are_rounded_down(seed):
+    problem, _, rng = measured(seed, 2)
+    below, constant = problem.surrogate(anywhere(rng, problem, 2))
+    tau = below.graph.tau[-problem.ranges.num_edges :]
+    exact = Fraction(0)
+    for w, distance, weight in zip(
+        problem.ranges.weights, problem.ranges.distances, tau, strict=True
+    ):
+        w, distance, weight = Fraction(float(w)), Fraction(float(distance)), Fraction(float(weight))
+        exact -= w * distance**2 * weight / (w - weight)
+    assert Fraction(constant) <= exact
+    assert float(exact - Fraction(constant)) <= 1e-12 * abs(constant) + 1e-12
+
+
+@given(seeds, dimensions)
+@few
+def test_derivatives(seed, d):
+    problem, _, rng = measured(seed, d)
+    rank = d + seed % 2
+    point = anywhere(rng, problem, rank)
+    basis = tangent_basis(point.rotations)
+    layout = problem.layout(rank)
+    G = problem.gradient(point)
+    turn = np.einsum("nqrd,nrd->nq", basis, G[:, :, 1:])
+    slope = layout.pack(np.concatenate([G[:, :, 0], turn], axis=1))
+    x = rng.standard_normal(layout.size)
+    step = layout.unpack(x)
+    V = np.einsum("nq,nqrd->nrd", step[:, rank:], basis)
+
+    def along(h):
+        moved = orthonormal(point.rotations + h * V)
+        return problem.cost(Lift(moved, point.translations + h * step[:, :rank]))
+
+    h = 1e-4
+    assert 2.0 * slope @ x == pytest.approx((along(h) - along(-h)) / (2.0 * h), rel=1e-5, abs=1e-4)
+    multipliers = problem.surrogate(point)[0].multipliers(point)
+    H = problem.hessian(point, basis, multipliers)
+    second = (along(h) - 2.0 * along(0.0) + along(-h)) / h**2
+    assert 2.0 * x @ (H @ x) == pytest.approx(second, rel=1e-3, abs=1e-2)
+
+
+@given(seeds, dimensions)
+@few
+def test_bounds_are_below_what_descents_find(seed, d):
+    problem, truth, rng = measured(seed, d, noise=0.6)
+    answer = solve(problem)
+    assert answer.certificate.lower_bound <= written_out(problem, truth)
+    for _ in range(5):
+        start = lifted(
+            Estimate(so.random(rng, problem.n, d), rng.standard_normal((problem.n, d))), d
+        )
+        found, _ = descend(problem, start)
+        cost = problem.cost(found)
+        assert answer.certificate.lower_bound <= cost * (1.0 + 1e-12)
+    # So is that of any point, whether stationary or not.
+    bound = range_bound(problem, anywhere(rng, problem, d + 1), answer.cost)
+    assert bound is None or bound.value <= answer.cost
+
+
+@given(seeds, dimensions)
+@few
+def test_exact_data_are_recovered(seed, d):
+    problem, truth, _ = measured(seed, d, noise=0.0, poses=6, points=5)
+    answer = solve(problem)
+    assert answer.cost <= 1e-9 * problem.scale
+    upper = cost_upper(problem, truth)
+    assert 0.0 <= upper <= 1e-9 * problem.scale
+
+
+@given(seeds)
+@few
+def test_laws(seed):
+    problem, _, rng = measured(seed, 2, noise=0.3)
+    answer = solve(problem)
+    moved = answer.estimate.moved(so.random(rng, 1, 2)[0], np.array([1e3, -7.0]))
+    assert problem.cost(moved) == pytest.approx(answer.cost, rel=1e-6)
+    heavier = solve(problem.scaled(8.0))
+    assert heavier.cost == pytest.approx(8.0 * answer.cost, rel=1e-5)
+    i, j = problem.ranges.edges.T
+    back = Ranges(
+        problem.n, np.stack([j, i], axis=1), problem.ranges.distances, problem.ranges.weights
+    )
+    assert RangeProblem(problem.measured, back).cost(answer.estimate) == pytest.approx(answer.cost)
+    assert cost_upper(problem, answer.estimate) >= problem.cost(answer.estimate)
+
+
+def test_covariances_are_inverse_matrices():
+    problem, _, _ = measured(4, 2)
+    answer = solve(problem)
+    H = problem.gauss_newton(answer.estimate).toarray()
+    layout = problem.tangent_layout
+    first = layout.first_row(problem.poses[0])
+    kept = np.setdiff1d(np.arange(layout.size), first + np.arange(3))
+    C = np.linalg.inv(H[np.ix_(kept, kept)])
+    point = int(np.flatnonzero(problem.measured.points)[0])
+    rows = np.searchsorted(kept, layout.first_row(point) + np.arange(2))
+    np.testing.assert_allclose(answer.covariance(point), C[np.ix_(rows, rows)], rtol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("name", "cost", "gap"),
+    [("goats_15", 36409.2473, 0.118), ("goats_16", 7788.24042, 0.054)],
+)
+def test_published_graphs(dataset, name, cost, gap):
+    answer = solve(dataset(name))
+    assert answer.verdict.value == "BOUNDED"
+    assert answer.cost == pytest.approx(cost, rel=1e-6)
+    assert answer.certificate.relative_gap < gap
+    assert "not tight" in answer.certificate.reason
+
+
+def test_what_is_refused():
+    problem, _, _ = measured(1, 2)
+    n = problem.n
+    with pytest.raises(GraphError, match="a distance is not negative and finite"):
+        Ranges(n, [[0, 1]], [-1.0], [1.0])
+    with pytest.raises(GraphError, match="weight is 0"):
+        Ranges(n, [[0, 1]], [1.0], [0.0])
+    with pytest.raises(GraphError, match="nodes are numbered"):
+        Ranges(n, [[0, n]], [1.0], [1.0])
+    with pytest.raises(GraphError, match="the distances are of another graph"):
+        RangeProblem(problem.measured, Ranges(n + 1, [[0, 1]], [1.0], [1.0]))
+    with pytest.raises(InputError, match="proof tier is not for graphs with measured distances"):
+        solve(problem, tier="proof")
+    rotation = RotationGraph(3, [[0, 1]], np.eye(2)[None], np.ones(1))
+    pair = PoseGraph(rotation, np.ones((1, 2)), np.ones(1))
+    with pytest.raises(GraphError, match="no measurement determines the rotation of node 2"):
+        RangeProblem(pair, Ranges(3, [[1, 2]], [1.0], [1.0]))
+    with pytest.raises(GraphError, match="no measurement or distance joins node 2"):
+        RangeProblem(pair, Ranges(3, [[0, 1]], [1.0], [1.0]))
+    instance = certpgo.Instance("lonely", problem.measured, np.arange(n), ranges=problem.ranges)
+    with pytest.raises(InputError, match="only the cost F"):
+        solve(instance, cost="g2o")
+    assert solve(instance).cost == pytest.approx(solve(problem).cost)
