@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from certpgo.assess.assessment import certify_values
     from certpgo.certify.proof_file import check, write_proof
     from certpgo.costs.gtsam_graph import from_gtsam, to_gtsam
-    from certpgo.graph.priors import with_priors
+    from certpgo.graph.priors import with_directions, with_priors
     from certpgo.io import read, read_estimate, write
     from certpgo.linalg.distributed.schedulers import scheduler
     from certpgo.registry import get_solver
@@ -53,6 +53,7 @@ _LATER = {
     "write_proof": "certify.proof_file",
     "get_solver": "registry",
     "scheduler": "linalg.distributed.schedulers",
+    "with_directions": "graph.priors",
     "with_priors": "graph.priors",
 }
 
@@ -97,6 +98,7 @@ __all__ = [
     "scheduler",
     "solve",
     "solve_robustly",
+    "with_directions",
     "with_priors",
     "write",
     "write_proof",

@@ -7,9 +7,10 @@ import math
 import numpy as np
 
 from certpgo.errors import GraphError, InputError
-from certpgo.graph.edges import broadcast, components_of
+from certpgo.graph.edges import broadcast, check_weights, components_of
 from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.rotation_graph import RotationGraph
+from certpgo.linalg import so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 #: Positions this near to a plane, over their extent, determine no handedness.
@@ -26,6 +27,7 @@ def with_priors(
     *,
     kappa: FloatArray | float = 0.0,
     tau: FloatArray | float = 0.0,
+    world: int | None = None,
 ) -> PoseGraph:
     """The graph with one more node, the world, from which some nodes are measured.
 
@@ -40,6 +42,7 @@ def with_priors(
     rotations : (k, d, d) of theirs in the world; by default not measured
     translations : (k, d) of theirs in the world, metres; by default not measured
     kappa, tau : concentrations, (k,) or for all; 0 for what is not measured
+    world : the node that is the world, if the graph has it already
 
     Raises
     ------
@@ -83,17 +86,115 @@ def with_priors(
         raise InputError(
             f"the positions lie around {origin.tolist()}, far from the origin: subtract that first"
         )
-    world = np.full(k, graph.num_nodes)
+    added = int(world is None)
+    place = np.full(k, graph.num_nodes if world is None else world)
     joined = RotationGraph(
-        graph.num_nodes + 1,
-        np.concatenate([graph.edges, np.stack([world, nodes], axis=1)]),
+        graph.num_nodes + added,
+        np.concatenate([graph.edges, np.stack([place, nodes], axis=1)]),
         np.concatenate([rotation.rotations, R]),
         np.concatenate([rotation.kappa, broadcast(kappa, k)]),
     )
-    weights = np.concatenate([graph.tau, broadcast(tau, k)])
-    points = None if graph.points is None else np.append(graph.points, False)
+    weights = np.concatenate([graph.tau, _placing(graph, broadcast(tau, k), world)])
+    points = graph.points
+    if points is not None:
+        points = np.append(points, np.zeros(added, dtype=bool))
     measured = np.concatenate([graph.translations, t])
     return PoseGraph(joined, measured, weights, points=points)
+
+
+def with_directions(
+    graph: PoseGraph,
+    nodes: IntArray,
+    seen: FloatArray,
+    *,
+    kappa: FloatArray | float,
+    direction: FloatArray | None = None,
+    world: int | None = None,
+) -> PoseGraph:
+    """The graph with measurements of one direction of the world, such as gravity's, by some nodes.
+
+    Their terms are kappa |R_w h - R_i g|^2 for the direction h in the world and g in the node's
+    frame: general edges of tau = 0, whose couplings kappa h g^T have rank one. For a direction g
+    that is off by an angle theta, that is 4 kappa sin^2(theta/2).
+
+    Parameters
+    ----------
+    graph : n poses
+    nodes : (k,) that measure it
+    seen : (k, d) directions in their frames; normalized
+    kappa : concentrations, (k,) or for all
+    direction : (d,) the direction in the world; by default the last axis
+    world : the node that is the world, see `with_priors`; by default one is added as the last node
+
+    Raises
+    ------
+    GraphError
+        As `PoseGraph`.
+    InputError
+        A direction that is zero or not finite.
+
+    Examples
+    --------
+    Which way is up, to a degree, at every pose of a helix:
+
+    >>> import numpy as np
+    >>> import certpgo
+    >>> from certpgo.datasets.synthetic import helix
+    >>> instance = helix(6, np.random.default_rng(0))
+    >>> up = instance.truth.rotations[:, 2, :]  # R_i^T e_z
+    >>> kappa = 1.0 / np.radians(1.0) ** 2
+    >>> graph = certpgo.with_directions(instance.graph, np.arange(36), up, kappa=kappa)
+    >>> answer = certpgo.solve(graph)
+    >>> tilt = answer.estimate.anchored(36).rotations[:36, 2, :] - up
+    >>> print(answer.verdict.value, bool(np.abs(tilt).max() < 0.02))
+    CERTIFIED True
+    """
+    nodes, d, rotation = np.asarray(nodes), graph.d, graph.rotation
+    k = len(nodes)
+    g, h = _unit(np.asarray(seen, dtype=np.float64)), np.eye(d)[-1]
+    if direction is not None:
+        h = _unit(np.asarray(direction, dtype=np.float64)[None])[0]
+    if g.shape != (k, d) or h.shape != (d,):
+        raise InputError(f"directions must be {(k, d)} in the nodes' frames, {(d,)} in the world")
+    added = int(world is None)
+    place = np.full(k, graph.num_nodes if world is None else world)
+    weights = broadcast(kappa, k)
+    pairs = np.stack([place, nodes], axis=1)
+    check_weights("kappa", weights, pairs)
+    couplings = rotation.kappa[:, None, None] * rotation.rotations
+    if rotation.couplings is not None:
+        couplings = rotation.couplings
+    joined = RotationGraph.of_couplings(
+        graph.num_nodes + added,
+        np.concatenate([graph.edges, pairs]),
+        np.concatenate([rotation.rotations, so.aligning(g, h)]),
+        np.concatenate([couplings, weights[:, None, None] * h[:, None] * g[:, None, :]]),
+    )
+    zeros = np.zeros((k, d))
+    return PoseGraph(
+        joined,
+        np.concatenate([graph.translations, zeros]),
+        np.concatenate([graph.tau, _placing(graph, np.zeros(k), world)]),
+        None if graph.arms is None else np.concatenate([graph.arms, zeros]),
+        None if graph.points is None else np.append(graph.points, np.zeros(added, dtype=bool)),
+    )
+
+
+def _placing(graph: PoseGraph, tau: FloatArray, world: int | None) -> FloatArray:
+    """Weights of a new world's measurements, of which one at least places it.
+
+    A world that no position is measured from is put at the first node, which is met exactly.
+    """
+    if world is not None or tau.any() or not len(tau):
+        return tau
+    return np.where(np.arange(len(tau)) == 0, np.median(graph.tau[graph.tau > 0.0]), 0.0)
+
+
+def _unit(directions: FloatArray) -> FloatArray:
+    size = np.linalg.norm(directions, axis=1)
+    if not ((size > 0.0) & np.isfinite(size)).all():
+        raise InputError("directions must be finite and not zero")
+    return np.asarray(directions / size[:, None])
 
 
 def origin_of(positions: FloatArray) -> FloatArray:

@@ -320,3 +320,18 @@ def _of_unit_spinors(x: FloatArray) -> FloatArray:
     K = hat(x[:, :-1])
     R: FloatArray = np.eye(K.shape[-1]) + 2.0 * x[:, -1, None, None] * K + 2.0 * (K @ K)
     return R
+
+
+def aligning(g: FloatArray, h: FloatArray) -> FloatArray:
+    """(k, d, d) rotations by the smallest angle from unit vectors g (k, d) to one h (d,)."""
+    d = len(h)
+    if d == 2:
+        angle = np.arctan2(h[1], h[0]) - np.arctan2(g[:, 1], g[:, 0])
+        return exp(angle[:, None])
+    axis = np.cross(g, h)
+    sine, cosine = np.linalg.norm(axis, axis=1), g @ h
+    across = np.cross(h, np.eye(3)[np.argmin(np.abs(h))])
+    # Opposite vectors have no axis of their own.
+    unit = np.where(sine[:, None] > 0.0, axis / np.maximum(sine, 1e-300)[:, None], across)
+    unit /= np.linalg.norm(unit, axis=1)[:, None]
+    return exp(np.arctan2(sine, cosine)[:, None] * unit)
