@@ -47,8 +47,8 @@ class Reached:
 
 
 def is_provable(problem: InformationProblem) -> bool:
-    """Whether the checker knows the problem's cost."""
-    return problem.edge_cost.name == G2oCost.name
+    """Whether the checker knows the problem's cost: not with landmarks or positions."""
+    return isinstance(problem.edge_cost, G2oCost)
 
 
 @dataclass(frozen=True)
@@ -86,8 +86,8 @@ class OwnCostCase(Case):
             It is not that of g2o.
         """
         if not is_provable(problem):
-            said = "proofs and their tier are for the chordal cost and g2o's, not for"
-            raise InputError(f"{said} {problem.edge_cost.title}")
+            said = "proofs and their tier are for the chordal cost and g2o's of relative poses, not for"
+            raise InputError(f"{said} {problem.edge_cost.title}: --cost chordal is provable")
 
     @property
     def objective(self) -> str:

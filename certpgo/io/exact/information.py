@@ -96,6 +96,23 @@ def weights(text: str, layout: InformationLayout) -> tuple[float, float]:
     return kappa, _rounded(n_t, d_t, translation_exponent)
 
 
+def position_weight(text: str, layout: InformationLayout) -> float:
+    """The weight tau of the matrix of a position, rounded once from the exact rational.
+
+    Parameters
+    ----------
+    text, layout : as of `weights`
+
+    Raises
+    ------
+    InputError
+        As `weights`.
+    """
+    tokens = text.lower().split()
+    upper, exponent = _integers([tokens[k] for k in layout.upper(0, len(layout.positions))])
+    return _rounded(*_harmonic_mean(upper, "translation"), exponent)
+
+
 def _integers(tokens: Sequence[str]) -> tuple[list[int], int]:
     """Integers N and an exponent e with the decimals equal to N 10^e."""
     try:
