@@ -79,7 +79,7 @@ def position_weights(
 
 def _weight(text: bytes, layout: InformationLayout) -> float:
     tau = position_weight(text.decode("ascii", "replace"), layout)
-    if not in_range(np.float64(tau)):
+    if not in_range(np.array(tau)):
         raise InputError(f"information must give weights between {1.0 / FAR:.2g} and {FAR:.2g}")
     return tau
 
