@@ -186,12 +186,11 @@ def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> G
         raise Unreadable("a number that is not finite")
     i, j = (np.array([ids[k] for k in ends]) for ends in (first, second))
     R = rotations(np.array(q)) if claim.get("cost") is None else None
-    prior = np.array([k == "prior" for k in what])
+    prior = [k == "prior" for k in what]
     if claim.get("origin") is not None:
         t[prior] = _less(t[prior], np.array(claim["origin"], dtype=np.float64))
     seen = np.array([k in points for k in ids]) if points else None
-    graph = Graph(len(ids), i, j, R, t, *weights)
-    graph = graph._replace(points=seen, priors=int(prior.sum()))
+    graph = Graph(len(ids), i, j, R, t, weights[0], weights[1], points=seen, priors=sum(prior))
     if R is not None:
         return graph
     p = 3 if claim["d"] == 2 else 6

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from certpgo import checker
+from certpgo import checker, costs
 from certpgo.certify.case import Case
 from certpgo.certify.certificate import CHORDAL, Certificate, Tier
 from certpgo.certify.cost_proof import cost_evidence, problem_of_certificate
@@ -66,7 +66,7 @@ def _refuse_map(instance: Instance, cost: str) -> None:
             f"{instance.source}: a proof about rotations alone is of a graph without priors "
             "(--no-priors)"
         )
-    if cost != CHORDAL and said:
+    if cost != costs.CHORDAL and said:
         about = " and ".join(name for name in ("landmarks", "priors") if name in said)
         raise InputError(
             f"{instance.source}: with {about}, a proof is about F, not about the cost of {cost}: "
@@ -122,13 +122,13 @@ def write_proof(
     """
     source = provable(source)
     if certificate.objective == CHORDAL:
-        _refuse_map(instance, CHORDAL)
+        _refuse_map(instance, costs.CHORDAL)
         claim, graph = _claim(source, instance)
         multipliers, witness = _evidence(instance, graph, certificate)
         minorants = None
     else:
+        _refuse_map(instance, "another program")
         problem = problem_of_certificate(instance, certificate)
-        _refuse_map(instance, problem.edge_cost.name)
         claim, graph = _claim(source, instance, problem.edge_cost.name)
         evidence = cost_evidence(problem, graph, certificate)
         multipliers, witness = evidence.multipliers, evidence.witness
