@@ -17,6 +17,7 @@ from certpgo.certify.proof_file import write_proof
 from certpgo.datasets.synthetic import helix
 from certpgo.errors import FormatError
 from certpgo.io.exact.circle import half_angle_pair
+from certpgo.io.stated import position_weights
 from certpgo.linalg import so
 from certpgo.objective.problem import problem_of
 
@@ -156,6 +157,24 @@ def test_points_apart_follow_all_others_as_in_the_package(tmp_path):
         instance = certpgo.read(path, quiet=True)
         mine = checker.read_graph(path.read_bytes(), {**CLAIM, **MAP, "d": 2}, None)
         assert_same_graph(instance, mine)
+
+
+number = st.floats(-5, 5).map(lambda x: f"{x:.9g}") | st.sampled_from(["0", "1e0", "-2.50E-1"])
+
+
+@given(st.lists(number, min_size=6, max_size=6), dimensions, st.integers(5, 20))
+def test_weights_of_positions_are_those_of_the_package(words, d, more):
+    words = words[: d * (d + 1) // 2]
+    for k in (0, 2) if d == 2 else (0, 3, 5):
+        words[k] = f"{more + k}.25"
+    text = " ".join(words).encode()
+    try:
+        wanted = position_weights(d, [text], "information")[0][0]
+    except InputError:
+        with pytest.raises(ValueError, match="positive definite"):
+            checker.harmonic_mean(text.split(), 1)
+    else:
+        assert checker.harmonic_mean(text.split(), 1) == wanted
 
 
 @pytest.mark.parametrize(
@@ -431,6 +450,15 @@ def test_the_package_refuses_what_the_checker_cannot_read(tmp_path):
     path.write_text(away + map_text(3, 3, priors=0))
     with pytest.raises(FormatError, match="sensor 0 is not known to be at its body's origin"):
         proven(path)
+
+
+def test_proofs_are_about_numbers_of_information(tmp_path):
+    path = tmp_path / "map.g2o"
+    path.write_text(map_text(5, 2))
+    instance = certpgo.read(path, quiet=True, weights_are="covariance")
+    answer = certpgo.solve(instance.graph)
+    with pytest.raises(InputError, match="not of covariance"):
+        write_proof(tmp_path / "p.cert", path, instance, answer.estimate, answer.certificate)
 
 
 def test_the_cost_of_g2o_has_no_proofs_of_maps(tmp_path):

@@ -216,6 +216,8 @@ def _claim(
     source: Path, instance: Instance, cost: str | None = None
 ) -> tuple[dict[str, Any], checker.Graph]:
     """The subject of the proof (hashes, kind, reading options), and the graph the checker reads."""
+    if (stated := instance.options.get("weights_are", "information")) != "information":
+        raise InputError(f"proof files are about numbers of information, not of {stated}")
     file = source / "EGs.txt" if source.is_dir() else source
     component = file.with_name("cc.txt")
     restricted = file.name == "EGs.txt" and component.is_file()
