@@ -124,11 +124,27 @@ class Graph(NamedTuple):
     N: Any = None  # (m, d, d) couplings instead of kappa R
     q: Any = None  # the measured rotations as in `rotations`
     information: Any = None  # (m, p, p), translation first, for the cost of g2o
+    points: Bools | None = None  # (n,) which nodes are points, without rotations
+    priors: int = 0  # how many measurements are from the world, the last node
 
 
 Numbers = tuple[float, ...]
-#: Ends, rotation, translation, kappa and tau, and the information for the cost of g2o.
-Edge = tuple[int, int, Numbers, Numbers, float, float, Numbers]
+
+
+class Edge(NamedTuple):
+    """A measurement as its line states it."""
+
+    first: int  # of a prior it is the world, -1 until all ids are known
+    second: int
+    q: Numbers
+    t: Numbers
+    kappa: float | None  # None: it measures a position alone
+    tau: float
+    upper: Numbers = ()  # the information, for the cost of g2o
+    what: str = "poses"  # or a "sighting" of a point, one of those numbered "apart", or a "prior"
+    sensor: int = 0
+
+
 _NUMBERS = re.compile(rb"[0-9eE.+\- \t]*")  # the subset of float() syntax allowed in files
 _PLAIN = bytes(range(32, 127)) + b"\t\r\n"
 _IGNORED = re.compile(
@@ -136,11 +152,16 @@ _IGNORED = re.compile(
     rb"|EDGE_(SE2_XY|BEARING_SE2_XY|SE3_TRACKXYZ|POINT_XYZ|PRIOR_SE2|PRIOR_SE2_XY|SE2_PRIOR"
     rb"|SE2_GPS|SE3_PRIOR|SE3_XYZPRIOR)|LANDMARK[23]"
 )
+#: Lines that are read if the proof says so: of points seen by poses, and from the world of whole
+#: poses and of positions. Points of LANDMARK2 may be numbered apart from poses.
+_SIGHTINGS = (b"EDGE_SE2_XY", b"LANDMARK2", b"EDGE_SE3_TRACKXYZ")
+_WHOLE = (b"EDGE_PRIOR_SE2", b"EDGE_SE2_PRIOR", b"EDGE_SE3_PRIOR")
+_PRIORS = (*_WHOLE, b"EDGE_PRIOR_SE2_XY", b"EDGE_SE2_GPS", b"EDGE_SE3_XYZPRIOR")
 
 
 def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> Graph:
     """The measurements in a g2o or 1DSfM text, under the reading options of a proof."""
-    edges = list(_edges(text, claim))
+    edges, points = _with_own_ids(list(_edges(text, claim)))
     if component is not None:
         if not re.fullmatch(rb"[0-9\s]*", component):
             raise Unreadable("cc.txt: ids expected")
@@ -152,19 +173,24 @@ def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> G
         edges = [edges[k] for k in sorted(chosen.values())]
     if not edges:
         raise Unreadable("no measurements")
-    first, second, q, t, kappa, tau, upper = zip(*edges, strict=True)
+    first, second, q, positions, kappa, tau, upper, what, _ = zip(*edges, strict=True)
     ids = {k: position for position, k in enumerate(sorted({*first, *second}))}
-    weights = [np.array(x) for x in (kappa, tau)]
-    for k, name in enumerate(("kappa", "tau")):
+    turned, t = np.array([k is not None for k in kappa]), np.array(positions)
+    weights = [np.array([k or 0.0 for k in kappa]), np.array(tau)]
+    for k, (name, stated) in enumerate((("kappa", turned), ("tau", np.ones_like(turned)))):
         if claim[name] is not None:
-            weights[k] = np.full(len(edges), float(claim[name]))
-        if not ((weights[k] > 1.0 / FAR) & (weights[k] < FAR)).all():
+            weights[k] = np.where(stated, float(claim[name]), 0.0)
+        if not ((weights[k] > 1.0 / FAR) & (weights[k] < FAR) | ~stated).all():
             raise Unreadable(f"{name} must be positive, and neither tiny nor huge")
-    if not (np.isfinite(np.array(q)).all() and np.isfinite(np.array(t)).all()):
+    if not (np.isfinite(np.array(q)).all() and np.isfinite(t).all()):
         raise Unreadable("a number that is not finite")
     i, j = (np.array([ids[k] for k in ends]) for ends in (first, second))
     R = rotations(np.array(q)) if claim.get("cost") is None else None
-    graph = Graph(len(ids), i, j, R, np.array(t), *weights)
+    prior = [k == "prior" for k in what]
+    if claim.get("origin") is not None:
+        t[prior] = _less(t[prior], np.array(claim["origin"], dtype=np.float64))
+    seen = np.array([k in points for k in ids]) if points else None
+    graph = Graph(len(ids), i, j, R, t, weights[0], weights[1], points=seen, priors=sum(prior))
     if R is not None:
         return graph
     p = 3 if claim["d"] == 2 else 6
@@ -176,12 +202,51 @@ def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> G
     return graph._replace(q=np.array(q), information=information)
 
 
+def _with_own_ids(edges: list[Edge]) -> tuple[list[Edge], set[int]]:
+    """The edges, where each pose, each point and the world has an id of its own; those of points.
+
+    Points that are numbered apart from poses, as is seen where another node has the number of one,
+    follow all other ids, and the world follows the points.
+    """
+    if all(edge.what == "poses" for edge in edges):
+        return edges, set()
+    poses = {edge.first for edge in edges if edge.what != "prior"}
+    poses |= {e.second for e in edges if e.what in ("poses", "prior") and e.kappa is not None}
+    points = {edge.second for edge in edges if edge.what == "sighting"}
+    apart, moved_by = {edge.second for edge in edges if edge.what == "apart"}, 0
+    if poses & points:
+        raise Unreadable(f"node {min(poses & points)} is a pose and a point")
+    if apart & (poses | points):
+        moved_by = max(0, *poses, *points) + 1
+        if min(apart) < 0:
+            raise Unreadable(f"numbers of points from 0 expected, not {min(apart)}")
+    points |= {k + moved_by for k in apart}
+    world = max(poses | points | {edge.second for edge in edges if edge.what == "prior"}) + 1
+    for k, edge in enumerate(edges):
+        if edge.what == "prior":
+            edges[k] = edge._replace(first=world)
+        elif edge.what == "apart":
+            edges[k] = edge._replace(second=edge.second + moved_by)
+    return sorted(edges, key=lambda e: (e.what == "prior", e.what != "poses")), points
+
+
+def _less(t: Array, origin: Array) -> Array:
+    """Positions (k, d) from another origin, if that is exact."""
+    moved = t - origin
+    (a, b, c), _ = integers(np.stack([t, np.broadcast_to(origin, t.shape), moved]))
+    if (a - b != c).any():
+        raise Refused("a position from the origin of the proof is not a double")
+    return moved
+
+
 def _edges(text: bytes, claim: dict[str, Any]) -> Iterator[Edge]:
     if _hides(text):
         lines = enumerate(text.replace(b"\r\n", b"\n").split(b"\n"), 1)
         number = next(k for k, line in lines if _hides(line))
         raise Unreadable(f"line {number}: plain text expected, and lines that end in LF or CRLF")
-    kinds, weigh = set(), cache(weights)
+    kinds, weigh, used = set(), cache(weights), set()
+    sensors: dict[int, bool] = {0: True}  # without parameters, 0 is the body itself
+    more = _SIGHTINGS * claim.get("landmarks", False) + _PRIORS * claim.get("priors", False)
     for number, line in enumerate(text.removeprefix(b"\xef\xbb\xbf").split(b"\n"), 1):
         said = line.split(b"#")[0]
         words = said.split(None, 1)
@@ -193,16 +258,27 @@ def _edges(text: bytes, claim: dict[str, Any]) -> Iterator[Edge]:
             if words[0] in (b"EDGE_SE3:QUAT", b"EDGE_SE2") and len(words) == 2:
                 d = 3 if words[0] == b"EDGE_SE3:QUAT" else 2
                 edge = _g2o_edge(words[1], d, claim, weigh)
+            elif words[0] in more:
+                d = 3 if b"SE3" in words[0] else 2
+                edge = _map_edge(words[0], b"".join(words[1:]), d, claim, weigh)
+                used.add(edge.sensor)
+            elif more and words[0] == b"PARAMS_SE3OFFSET" and claim["d"] == 3:
+                sensor, is_here = _sensor(b"".join(words[1:]))
+                sensors[sensor] = sensors.get(sensor, True) and is_here
+                continue
             elif _IGNORED.fullmatch(words[0]):
                 continue
             else:
                 d, edge = 3, _1dsfm_edge(said)
         except (ValueError, OverflowError) as error:
             raise Unreadable(f"line {number}: {error}") from None
-        kinds.add((d, words[0][:4] == b"EDGE"))
-        if edge[0] == edge[1]:
-            raise Unreadable(f"line {number}: node {edge[0]} is measured from itself")
+        kinds.add((d, words[0][:4] in (b"EDGE", b"LAND")))
+        if edge.what == "poses" and edge.first == edge.second:
+            raise Unreadable(f"line {number}: node {edge.first} is measured from itself")
         yield edge
+    for sensor in sorted(used):
+        if not sensors.get(sensor, False):
+            raise Unreadable(f"sensor {sensor} is not known to be at its body's origin")
     if len(kinds) > 1 or {d for d, _ in kinds} != {claim["d"]}:
         raise Unreadable(f"no graph of {claim['d']}D measurements")
 
@@ -238,14 +314,45 @@ def _g2o_edge(
         kappa, tau = weigh(tuple(words[pose:]))
         if claim["rotation_information"] == "quaternion":
             kappa *= 0.25  # half the angle, a quarter of the information
-    return int(words[0]), int(words[1]), q, numbers[:d], kappa, tau, upper
+    return Edge(int(words[0]), int(words[1]), q, numbers[:d], kappa, tau, upper)
+
+
+def _map_edge(
+    tag: bytes,
+    text: bytes,
+    d: int,
+    claim: dict[str, Any],
+    weigh: Callable[[tuple[bytes, ...]], tuple[float, float]],
+) -> Edge:
+    """``pose point position``, ``id position`` or ``id pose``; in 3D a sensor after the ids."""
+    what = "prior" if tag in _PRIORS else "apart" if tag == b"LANDMARK2" else "sighting"
+    ids, whole = (1 if what == "prior" else 2) + (d == 3), tag in _WHOLE
+    first = ids + (4 * d - 5 if whole else d)
+    words = _split(text, (first, first + (15 * d - 24 if whole else 3 * d - 3)))
+    sensor = int(words[ids - 1]) if d == 3 else 0
+    if whole:
+        edge = _g2o_edge(b" ".join([b"-1", words[0], *words[ids:]]), d, claim, weigh)
+        return edge._replace(what=what, sensor=sensor)
+    tau, position = 1.0, tuple(map(float, words[ids:first]))
+    if len(words) > first and claim["tau"] is None:
+        tau = harmonic_mean(words[first:], 1)
+    ends = (-1, int(words[0])) if what == "prior" else (int(words[0]), int(words[1]))
+    identity = (0.0, 0.0, 0.0, 1.0) if d == 3 else (1.0, 0.0)
+    return Edge(*ends, identity, position, None, tau, (), what, sensor)
+
+
+def _sensor(text: bytes) -> tuple[int, bool]:
+    """``sensor x y z qx qy qz qw``: its number, and whether it is at its body's origin."""
+    words = _split(text, (8,))
+    *zeros, w = map(float, words[1:])
+    return int(words[0]), not any(zeros) and 0.0 < abs(w) < FAR
 
 
 def _1dsfm_edge(text: bytes) -> Edge:
     """``i j``, a matrix R_ij row by row, and an unused direction."""
     words = _split(text, (14,))
     q = shepperd(tuple(map(float, words[2:]))[:9])
-    return int(words[0]), int(words[1]), q, (0.0, 0.0, 0.0), 1.0, 1.0, ()
+    return Edge(int(words[0]), int(words[1]), q, (0.0, 0.0, 0.0), 1.0, 1.0)
 
 
 def shepperd(M: tuple[float, ...]) -> tuple[float, ...]:
@@ -402,7 +509,21 @@ def read_claim(archive: Any) -> dict[str, Any]:
     said = [claim[name] for name in ("kind", "rotation_information", "kappa", "tau")]
     if claim["version"] == 2 and said != meant:
         raise Unreadable(f"the cost of g2o is about {meant[0]}, with information of a {meant[1]}")
+    _check_map(claim)
     return dict(claim)
+
+
+def _check_map(claim: dict[str, Any]) -> None:
+    """Which other lines are read: ``landmarks`` and ``priors``, and ``origin`` of the latter."""
+    landmarks, priors = (claim.get(name, False) for name in ("landmarks", "priors"))
+    if type(landmarks) is not bool or type(priors) is not bool:
+        raise Unreadable("landmarks and priors are true or false")
+    whole = claim["version"] == 1 and claim["kind"] == "poses"
+    if (landmarks or priors) and not (whole and claim["component_sha256"] is None):
+        raise Unreadable("landmarks and priors are for poses, all of a file's, in version 1")
+    origin = claim.get("origin")
+    if origin is not None and not (priors and [*map(type, origin)] == [float] * claim["d"]):
+        raise Unreadable("an origin is a list of d numbers, for priors")
 
 
 def read_proof(archive: Any, claim: dict[str, Any], n: int, m: int = 0) -> Proof:
@@ -682,12 +803,17 @@ class Blocks(NamedTuple):
     scales: Ints  # (n, b): rows and columns were multiplied by 2^scale
 
 
+def magnitude(graph: Graph) -> int:
+    """The exponent of a power of two above the largest kappa, or tau where no kappa is given."""
+    return math.frexp(float(graph.kappa.max()) or float(graph.tau.max()))[1]
+
+
 def certificate_matrix(graph: Graph, proof: Proof) -> Blocks:
     """A = M - blkdiag(0, Lam), with the pinned row and column zero off the diagonal.
 
     Its entries are sums of integers; only those of kappa R_ij are truncated. Couplings N take the
-    place of these. It is equilibrated by
-    powers of two, so that diagonal entries lie between 1/4 and 1.
+    place of these. Points have rows of rotations too, with a positive diagonal and else zero. It is
+    equilibrated by powers of two, so that diagonal entries lie between 1/4 and 1.
     """
     n, d, i, j = graph.n, graph.t.shape[1], graph.i, graph.j
     b = d if proof.t is None else d + 1
@@ -696,7 +822,7 @@ def certificate_matrix(graph: Graph, proof: Proof) -> Blocks:
     N, en = (None, ek + POINT) if graph.N is None else integers(graph.N)
     unit = max(en, ek, et + 2 * es, et, el)  # entries are integers times 2^-unit
     # Normalized by a power of two to a largest kappa of about 1, for weights of any scale.
-    normal = math.frexp(float(graph.kappa.max()))[1]
+    normal = magnitude(graph)
 
     upper, diagonal = (np.zeros((k, b, b), dtype=object) for k in (len(i), n))
     if N is None:
@@ -721,6 +847,10 @@ def certificate_matrix(graph: Graph, proof: Proof) -> Blocks:
     for k, (a, c) in enumerate(zip(*np.triu_indices(d), strict=True)):
         diagonal[:, a - d, c - d] -= Lam[:, k] << (unit - el)
         diagonal[:, c - d, a - d] = diagonal[:, a - d, c - d]
+    if graph.points is not None:
+        _refuse_turned_points(graph, graph.points, proof)
+        for k in range(b - d, b):
+            diagonal[graph.points, k, k] = 1 << (unit + normal)
 
     turned = i > j
     upper[turned] = np.swapaxes(upper[turned], 1, 2)
@@ -739,6 +869,15 @@ def certificate_matrix(graph: Graph, proof: Proof) -> Blocks:
     if N is None:
         truncated[:, -d:, -d:] = np.bincount(place, graph.kappa)[:, None, None]
     return _equilibrated(diagonal, pairs, between, truncated, unit, normal, proof.exponent)
+
+
+def _refuse_turned_points(graph: Graph, points: Bools, proof: Proof) -> None:
+    """Refuse a graph or a proof in which the rotation of a point occurs."""
+    turned = (graph.kappa != 0.0) if graph.N is None else np.ones_like(graph.i, dtype=bool)
+    if (points[graph.i] | (points[graph.j] & turned)).any():
+        raise Refused("the rotation of a point is measured")
+    if proof.multipliers[points].any():
+        raise Refused("a point has no rotation, and its multipliers must be zero")
 
 
 def _equilibrated(
@@ -1114,6 +1253,10 @@ def _about(graph: Graph, claim: dict[str, Any]) -> str:
     else:
         said += [f"{k} {'of the file' if claim[k] is None else repr(claim[k])}" for k in names]
         said.append(f"rotational information read as {claim['rotation_information']}")
+    if claim.get("landmarks"):
+        said.append(f"with {0 if graph.points is None else int(graph.points.sum())} landmarks")
+    if claim.get("priors"):
+        said.append(f"with {graph.priors} priors")
     added = claim["keep"] == "all"
     said.append("parallel edges added" if added else f"only the {claim['keep']} of parallel edges")
     if claim["component_sha256"] is not None:

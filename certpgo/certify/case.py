@@ -20,6 +20,7 @@ from certpgo.certify.proof import exact_cost, exact_graph, proven_bound
 from certpgo.certify.units import in_units, unit_of
 from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.graph import Estimate
+from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.lift import Point
 from certpgo.objective.problem import Problem
 from certpgo.optimize.newton import NewtonSettings, newton
@@ -84,7 +85,7 @@ class Case:
         ------
         InputError
             Tolerances that are negative or not finite, weights beyond the range of doubles, or the
-            proof tier for general edges.
+            proof tier for edges with couplings or arms.
         SpecError
             An unknown tier.
         """
@@ -106,12 +107,12 @@ class Case:
         Raises
         ------
         InputError
-            It has general edges.
+            It has edges with couplings or arms.
         """
-        if problem.graph.is_general:
+        if has_matrix_weights(problem.graph):
             raise InputError(
-                "the proof tier is for isotropic weights, not for edges with matrix weights or "
-                "edges that measure only a rotation or a translation"
+                "the proof tier is for isotropic weights, not for edges with matrix weights, "
+                "couplings or arms"
             )
 
     @property

@@ -25,9 +25,11 @@ from certpgo.costs.g2o import G2oCost
 from certpgo.costs.problem import InformationProblem, Surrogate, surrogate_at, surrogate_of
 from certpgo.errors import GraphError, InputError, NumericalError
 from certpgo.graph import Estimate
+from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.lift import Point
 from certpgo.io.plural import counted
 from certpgo.linalg.arrays import FloatArray
+from certpgo.objective.problem import Problem
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.solution import Solution
 
@@ -47,8 +49,15 @@ class Reached:
 
 
 def is_provable(problem: InformationProblem) -> bool:
-    """Whether the checker knows the problem's cost."""
-    return problem.edge_cost.name == G2oCost.name
+    """Whether the checker knows the problem's cost: not with landmarks or positions."""
+    return isinstance(problem.edge_cost, G2oCost)
+
+
+def has_proofs(problem: Problem | InformationProblem) -> bool:
+    """Whether a problem has the proof tier."""
+    if isinstance(problem, InformationProblem):
+        return is_provable(problem)
+    return not has_matrix_weights(problem.graph)
 
 
 @dataclass(frozen=True)
@@ -86,8 +95,10 @@ class OwnCostCase(Case):
             It is not that of g2o.
         """
         if not is_provable(problem):
-            said = "proofs and their tier are for the chordal cost and g2o's, not for"
-            raise InputError(f"{said} {problem.edge_cost.title}")
+            raise InputError(
+                "proofs and their tier are for the chordal cost and g2o's of relative poses, "
+                f"not for {problem.edge_cost.title}"
+            )
 
     @property
     def objective(self) -> str:

@@ -48,7 +48,8 @@ class Witness:
     Attributes
     ----------
     order : (n,) elimination order of the nodes
-    delta : (N,) subtracted from the equilibrated certificate matrix's diagonal before factorizing
+    delta : (n b,) subtracted from the equilibrated certificate matrix's diagonal before
+        factorizing; here, points have rows of rotations too
     pin : the pose whose translation is pinned; 0 for rotations alone
     exponent : base-2 exponent of the translations' weights in row sums
     """
@@ -99,13 +100,13 @@ def proven_bound(
     found = prove(problem, graph, point, bound.multipliers)
     if found is None:
         return None
-    multipliers, rows = found[0].copy(), np.arange(problem.d)
+    multipliers, rows, poses = found[0].copy(), np.arange(problem.d), problem.poses
     weights = distances(graph, problem.rotation.graph.rotations) * graph.kappa
-    less = 1.001 * operators.degrees(problem.graph.edges, weights, problem.n)
-    diagonal = np.nextafter(multipliers[:, rows, rows] - less[:, None], -np.inf)
-    multipliers[:, rows, rows] = diagonal
+    less = 1.001 * operators.degrees(problem.graph.edges, weights, problem.n)[poses]
+    diagonal = np.nextafter(multipliers[poses][:, rows, rows] - less[:, None], -np.inf)
+    multipliers[poses[:, None], rows, rows] = diagonal
     value = math.nextafter(math.fsum(diagonal.ravel()), -math.inf)
-    taken = np.einsum("naa->na", problem.multipliers(point)) - diagonal
+    taken = np.einsum("naa->na", problem.multipliers(point)[poses]) - diagonal
     return replace(bound, value=value, multipliers=multipliers, shift=float(taken.max()))
 
 
@@ -157,7 +158,10 @@ def recentred(problem: Problem, multipliers: FloatArray, sign: float = 1.0) -> F
 
 
 class _Prover:
-    """Residuals of one certificate matrix under different shifts; amounts are in units of A."""
+    """Residuals of one certificate matrix under different shifts; amounts are in units of A.
+
+    They are of the checker's rows (n b,), where points have rows of rotations.
+    """
 
     def __init__(self, problem: Problem, graph: checker.Graph, point: Point) -> None:
         self.problem, self.graph = problem, graph
@@ -167,7 +171,10 @@ class _Prover:
         self.posed = Estimate(identity, None if t is None else np.zeros((problem.n, d)))
         shifted = Shifted.of(problem, point)
         self.shifted = replace(shifted, multipliers=recentred(problem, shifted.multipliers))
-        self.size = len(self.shifted.weights)
+        self.layout = problem.pattern.layout_of(problem.matrix)
+        self.diagonal = self.layout.unpack(problem.matrix.diagonal())
+        if graph.points is not None:
+            self.diagonal[graph.points, -d:] = 2.0 ** checker.magnitude(graph)
         free = self.shifted.weights[~self.shifted.is_rotation]
         self.exponent = int(math.log2(free[0])) if len(free) else 0
 
@@ -176,11 +183,11 @@ class _Prover:
     ) -> tuple[FloatArray, Witness] | None:
         """Multipliers, reduced by the rotations' amounts, that the checker accepts.
 
-        ``multipliers`` are a function of the translations' amounts (N,).
+        ``multipliers`` are a function of the translations' amounts, in the problem's rows (N,).
         """
-        asked = UNITS * checker.U * self.problem.matrix.diagonal()
+        asked = UNITS * checker.U * self.diagonal.ravel()
         for _ in range(ROUNDS):
-            less = self.without(multipliers(SAFETY * asked), asked)
+            less = self.without(multipliers(SAFETY * self.packed(asked)), asked)
             found = self.residual(less, asked)
             if found is None:
                 return None
@@ -189,22 +196,27 @@ class _Prover:
             asked = np.maximum(np.where(found.enough, 1.0, 2.0) * asked, found.wanted)
         return None
 
+    def packed(self, amounts: FloatArray) -> FloatArray:
+        """Amounts of the problem's rows (N,)."""
+        return self.layout.pack(amounts.reshape(self.diagonal.shape))
+
     def without(self, multipliers: FloatArray, asked: FloatArray) -> FloatArray:
-        """The multipliers, their diagonals reduced by the rotations' amounts."""
-        less, rows = multipliers.copy(), np.arange(self.problem.d)
-        less[:, rows, rows] -= asked[self.shifted.is_rotation].reshape(-1, self.problem.d)
+        """The multipliers, their diagonals reduced by the rotations' amounts; points have none."""
+        less, rows, d = multipliers.copy(), np.arange(self.problem.d), self.problem.d
+        amounts = self.packed(asked)[self.shifted.is_rotation].reshape(-1, d)
+        less[self.problem.poses[:, None], rows, rows] -= amounts
         return less
 
     def residual(self, multipliers: FloatArray, asked: FloatArray) -> _Found | None:
-        """The checker's residual when ``asked`` (N,) is subtracted before factorizing."""
+        """The checker's residual when ``asked`` is subtracted before factorizing."""
         pin, order = self.shifted.pin or 0, self.problem.order.astype(np.intp)
-        blank = Witness(order, np.zeros(self.size), pin, self.exponent)
+        blank = Witness(order, np.zeros(self.diagonal.size), pin, self.exponent)
         proof = proof_of(self.posed, multipliers, blank)
         try:
             blocks = checker.certificate_matrix(self.graph, proof)
         except (checker.Refused, OverflowError):
             return None
-        normal = math.frexp(float(self.graph.kappa.max()))[1]
+        normal = checker.magnitude(self.graph)
         scale = np.ldexp(1.0, 2 * blocks.scales.ravel() - normal)  # of A's diagonal
         delta = (asked * scale).astype(np.float32).astype(np.float64)
         left = checker.residual(blocks, order, delta)
@@ -219,7 +231,7 @@ class _Prover:
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """Whether it is accepted, which rows have enough (N,), required amounts (N,), the witness."""
+    """Whether it is accepted, which rows have enough, the amounts they require, the witness."""
 
     accepted: bool
     enough: BoolArray
@@ -239,13 +251,13 @@ def exact_graph(problem: Problem) -> checker.Graph:
         raise NumericalError("the checker knows no arms at second poses")
     graph = problem.rotation.graph
     (i, j), m = graph.edges.T.astype(np.intp), graph.num_edges
-    t, tau = np.zeros((m, graph.d)), np.ones(m)
+    t, tau, points = np.zeros((m, graph.d)), np.ones(m), None
     if isinstance(problem, PoseProblem):
-        t, tau = problem.graph.translations, problem.graph.tau
-    if graph.is_general:
-        return checker.Graph(graph.num_nodes, i, j, None, t, graph.kappa, tau, N=graph.couplings)
-    R = checker.rotations(quaternions(graph.rotations))
-    return checker.Graph(graph.num_nodes, i, j, R, t, graph.kappa, tau)
+        t, tau, points = problem.graph.translations, problem.graph.tau, problem.graph.points
+    R, N = None, graph.couplings if graph.is_general else None
+    if N is None:
+        R = checker.rotations(quaternions(graph.rotations))
+    return checker.Graph(graph.num_nodes, i, j, R, t, graph.kappa, tau, N=N, points=points)
 
 
 def quaternions(R: FloatArray) -> FloatArray:

@@ -10,6 +10,8 @@ nodes are those of the edges, by ascending id:
     order         (n,) int32, elimination order of the nodes
     delta         (n b,) float32, subtracted from the equilibrated diagonal before factorizing
 
+Points have rotations, zero multipliers and delta like all nodes; the world is the last node.
+
 That is version 1, about F. Version 2, about g2o's cost, also has the arrays of
 ``EdgeBounds`` in `certpgo.checker`, a row per edge.
 """
@@ -23,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from certpgo import checker
+from certpgo import checker, costs
 from certpgo.certify.case import Case
 from certpgo.certify.certificate import CHORDAL, Certificate, Tier
 from certpgo.certify.cost_proof import cost_evidence, problem_of_certificate
@@ -39,18 +41,36 @@ from certpgo.objective.problem import problem_of
 FORMATS = ("g2o", "1dsfm")
 
 
-def refuse_priors(instance: Instance) -> None:
-    """Refuse, before any work, an instance that the checker cannot read.
+def refuse_unreadable(source: Path, instance: Instance, cost: str) -> None:
+    """Refuse, before any work, landmarks or priors that a proof cannot be about.
+
+    Parameters
+    ----------
+    source : the file that the instance was read from
+    cost : the name of the cost that the proof is to be about
 
     Raises
     ------
     InputError
-        It has priors.
+        The instance has some, and the cost is not F; or the checker cannot read them.
     """
-    if instance.world is not None:
+    _refuse_map(instance, cost)
+    if _map_of(instance):
+        _claim(source, instance)
+
+
+def _refuse_map(instance: Instance, cost: str) -> None:
+    said = _map_of(instance)
+    if not isinstance(instance.graph, PoseGraph) and said:
         raise InputError(
-            f"{instance.source}: the checker does not know priors yet; with --no-priors the proof "
-            "is about the graph without them"
+            f"{instance.source}: a proof about rotations alone is of a graph without priors "
+            "(--no-priors)"
+        )
+    if cost != costs.CHORDAL and said:
+        about = " and ".join(name for name in ("landmarks", "priors") if name in said)
+        raise InputError(
+            f"{instance.source}: with {about}, a proof is about F, not about the cost of {cost}: "
+            "add --cost chordal"
         )
 
 
@@ -82,7 +102,7 @@ def write_proof(
     ------
     InputError
         The source has another format, or the instance is only a part of it; or the certificate is
-        about a cost for which there are no proofs.
+        about a cost for which there are no proofs, or none with landmarks and priors.
     NumericalError
         There is no proof, or the checker refuses it.
 
@@ -101,12 +121,13 @@ def write_proof(
     True
     """
     source = provable(source)
-    refuse_priors(instance)
     if certificate.objective == CHORDAL:
+        _refuse_map(instance, costs.CHORDAL)
         claim, graph = _claim(source, instance)
         multipliers, witness = _evidence(instance, graph, certificate)
         minorants = None
     else:
+        _refuse_map(instance, "another program")
         problem = problem_of_certificate(instance, certificate)
         claim, graph = _claim(source, instance, problem.edge_cost.name)
         evidence = cost_evidence(problem, graph, certificate)
@@ -195,6 +216,8 @@ def _claim(
     source: Path, instance: Instance, cost: str | None = None
 ) -> tuple[dict[str, Any], checker.Graph]:
     """The subject of the proof (hashes, kind, reading options), and the graph the checker reads."""
+    if (stated := instance.options.get("weights_are", "information")) != "information":
+        raise InputError(f"proof files are about numbers of information, not of {stated}")
     file = source / "EGs.txt" if source.is_dir() else source
     component = file.with_name("cc.txt")
     restricted = file.name == "EGs.txt" and component.is_file()
@@ -210,6 +233,7 @@ def _claim(
         "rotation_information": instance.options.get("rotation_information", "tangent"),
         "kappa": kappa,
         "tau": tau,
+        **_map_of(instance),
     }
     if cost is not None:
         meant = "quaternion" if instance.graph.d == 3 else "tangent"
@@ -225,6 +249,17 @@ def _claim(
             f"the graph has {instance.graph.num_nodes}; write that part to a file of its own"
         )
     return claim, graph
+
+
+def _map_of(instance: Instance) -> dict[str, Any]:
+    """What the claim says of landmarks and priors; nothing if there are none."""
+    said: dict[str, Any] = {}
+    if isinstance(instance.graph, PoseGraph) and instance.graph.points is not None:
+        said["landmarks"] = bool(instance.graph.points.any())
+    if instance.world is not None:
+        origin = instance.origin
+        said |= {"priors": True, "origin": None if origin is None else origin.tolist()}
+    return said
 
 
 def _sha256(path: Path) -> str:

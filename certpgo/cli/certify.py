@@ -74,7 +74,7 @@ def command(
     from certpgo.assess.batch import JudgedGraph
     from certpgo.assess.wording import hint
     from certpgo.certify.judge import Judge
-    from certpgo.certify.proof_file import refuse_priors
+    from certpgo.certify.proof_file import refuse_unreadable
     from certpgo.costs import problem_under
     from certpgo.io.format import format_to_write
 
@@ -95,9 +95,9 @@ def command(
     tier = tier or ("standard" if proof is None else "proof")
     provable = None if proof is None else provable_source(source)
     instance = reading.open(source, distances=True)
-    if proof is not None:
-        refuse_priors(instance)
     own = chosen_cost(cost, instance)
+    if provable is not None:
+        refuse_unreadable(provable, instance, own)
     parts = []
     for connected in reading.parts(instance):
         problem = problem_under(connected, own)
@@ -118,7 +118,9 @@ def command(
         _write_best(best, parts[0], assessments[0])
     elif any(a.excess > a.certificate.tolerance for a in assessments):
         notice("--best OUT writes the lower-cost estimate")
-    if any(_may_gain(a.certificate, own) for a in assessments):
+    if any(
+        _may_gain(a.certificate, part.problem) for a, part in zip(assessments, parts, strict=True)
+    ):
         notice("rounding may limit the bound: try --tier proof")
     code = _verdict.exit_code(a.certificate for a in assessments)
     proven = True
@@ -134,13 +136,14 @@ def command(
     return code if proven else code or REFUSED
 
 
-def _may_gain(certificate: Certificate, cost: str) -> bool:
+def _may_gain(certificate: Certificate, problem: Problem | InformationProblem) -> bool:
     """Whether the refined point is so close to the bound that the proof tier may close the gap."""
     from certpgo.certify.case import PROOF_GAIN
+    from certpgo.certify.own_cost import has_proofs
 
     gap = certificate.refined_cost - certificate.lower_bound
     near = certificate.tolerance < gap <= PROOF_GAIN * certificate.tolerance
-    provable = cost != "gtsam" and certificate.tier.value == "standard"
+    provable = has_proofs(problem) and certificate.tier.value == "standard"
     return provable and certificate.better is None and near
 
 

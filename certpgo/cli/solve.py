@@ -115,7 +115,7 @@ def command(
     are kept.
     """
     from certpgo import SolveSettings
-    from certpgo.certify.proof_file import refuse_priors
+    from certpgo.certify.proof_file import refuse_unreadable
     from certpgo.io import read_estimate, write
     from certpgo.io.format import format_to_write
     from certpgo.registry import build, parse_settings, refuse_unsuited
@@ -138,8 +138,6 @@ def command(
     provable = None if proof is None else provable_source(source)
     instance = reading.open(source, distances=True)
     refuse_with_distances(instance, method=method, robust=robust, proof=proof, html=html)
-    if proof is not None:
-        refuse_priors(instance)
     parts = reading.parts(instance)
     for name, output in (("--proof", proof), ("--html", html), ("--covariances", covariances)):
         if output is not None and (len(parts) > 1 or not certify):
@@ -156,6 +154,8 @@ def command(
         if initial is not None and not getattr(solver, "takes_initial", True):
             raise InputError(f"{method} takes no initial estimate: not with --initial")
     own = chosen_cost(cost, instance, method=method, robust=robust)
+    if provable is not None:
+        refuse_unreadable(provable, instance, own)
     results: list[Solved] = []
     proven = True
     with ExitStack() as stack:

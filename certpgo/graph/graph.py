@@ -10,7 +10,14 @@ from certpgo.errors import GraphError, InputError
 from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.rotation_graph import RotationGraph
 
-__all__ = ["Graph", "PoseGraph", "RotationGraph", "require_connected", "require_isotropic"]
+__all__ = [
+    "Graph",
+    "PoseGraph",
+    "RotationGraph",
+    "has_matrix_weights",
+    "require_connected",
+    "require_isotropic",
+]
 
 Graph = RotationGraph | PoseGraph
 
@@ -24,6 +31,13 @@ def require_connected(graph: Graph) -> None:
             f"the graph has {len(sizes)} components of {shown} nodes; it must be connected",
             component_sizes=sizes,
         )
+
+
+def has_matrix_weights(graph: Graph) -> bool:
+    """Whether edges have couplings or arms, as those with matrix weights do."""
+    if isinstance(graph, PoseGraph):
+        return graph.arms is not None or graph.rotation.is_general
+    return graph.is_general
 
 
 def require_isotropic(graph: Graph) -> None:

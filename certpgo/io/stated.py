@@ -7,7 +7,7 @@ import numpy as np
 from certpgo.checker import FAR
 from certpgo.errors import InputError
 from certpgo.graph.edges import in_range, symmetric
-from certpgo.io.exact.information import InformationLayout
+from certpgo.io.exact.information import InformationLayout, position_weight
 from certpgo.io.format import WeightsAre
 from certpgo.linalg.arrays import FloatArray
 
@@ -70,21 +70,18 @@ def position_weights(
     matrices = [_numbers(text, layout)[np.array(layout.positions)] for text in stated]
     of_text = dict(zip([text for text in distinct if text], matrices, strict=True))
     of_text[b""] = np.eye(d)
-    weights = {text: _weight(of_text[text]) for text in distinct}
+    weights = {b"": 1.0}
+    for text, said in zip([text for text in distinct if text], stated, strict=True):
+        weights[text] = _weight(said, layout)
     tau = np.array([weights[text] for text in texts])
     return tau, np.array([of_text[text] for text in texts])
 
 
-def _weight(information: FloatArray) -> float:
-    values = np.linalg.eigvalsh(information)
-    if not values[0] > 0.0:
-        raise InputError("the information of a position is not positive definite")
-    isotropic = (information == information[0, 0] * np.eye(len(values))).all()
-    with np.errstate(over="ignore"):
-        tau = information[0, 0] if isotropic else len(values) / np.sum(1.0 / values)
-    if not in_range(tau):
+def _weight(text: bytes, layout: InformationLayout) -> float:
+    tau = position_weight(text.decode("ascii", "replace"), layout)
+    if not in_range(np.array(tau)):
         raise InputError(f"information must give weights between {1.0 / FAR:.2g} and {FAR:.2g}")
-    return float(tau)
+    return tau
 
 
 def _numbers(text: bytes, layout: InformationLayout) -> FloatArray:

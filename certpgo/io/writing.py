@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from certpgo.errors import InputError, InputNotice, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph.graph import has_matrix_weights
 from certpgo.io.format import format_to_write
 from certpgo.io.timestamps import node_times
 from certpgo.linalg.arrays import IntArray
@@ -109,10 +110,7 @@ def write(
     graph_writer = form.write_graph
     whole = _as_instance(path, what, ids)
     graph = whole.graph
-    matrices = graph.is_general
-    if isinstance(graph, PoseGraph):
-        matrices = graph.arms is not None or graph.rotation.is_general
-    if matrices:
+    if has_matrix_weights(graph):
         raise InputError(f"{path}: no format holds matrix weights, couplings or arms")
     if form.name != "npz" and _is_partly_unwritable(whole):
         raise InputError(

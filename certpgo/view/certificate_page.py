@@ -22,7 +22,7 @@ from certpgo.assess.wording import (
 )
 from certpgo.certify.certificate import Certificate
 from certpgo.certify.curvature import smallest_eigenvalues
-from certpgo.certify.own_cost import is_provable
+from certpgo.certify.own_cost import has_proofs
 from certpgo.costs import CHORDAL, InformationProblem, own_cost, surrogate
 from certpgo.errors import CertPGOError, NumericalError
 from certpgo.graph import Estimate, Instance
@@ -261,7 +261,7 @@ def _recheck(
     lines_ = [] if origin.estimate else [f"{solving} -o {estimate}"]
     certify = f"certpgo certify {quoted(origin.graph)} {quoted(estimate)} {options}".rstrip()
     tier = "" if certificate.tier.value == "standard" else f" --tier {certificate.tier.value}"
-    if isinstance(problem, InformationProblem) and not is_provable(problem):
+    if not has_proofs(problem):
         return "To certify the estimate again:", [*lines_, f"{certify}{tier}"]
     return "No proof file was written. To certify the estimate again and write a proof:", [
         *lines_,

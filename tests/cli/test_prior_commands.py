@@ -64,16 +64,22 @@ def test_converting(certpgo, field, tmp_path):
 
 
 @pytest.mark.parametrize("command", ["solve", "certify"])
-def test_no_proof_with_priors(certpgo, field, tmp_path, command):
+def test_proofs_with_priors(certpgo, field, tmp_path, command):
     proof, estimate = tmp_path / "p.cert", tmp_path / "e.g2o"
-    certpgo("solve", field, "-o", estimate)
+    certpgo("solve", field, "--cost", "chordal", "-o", estimate)
     given = [estimate] if command == "certify" else []
     done = certpgo(command, field, *given, "--proof", proof)
     assert done.code == 1
-    assert "the checker does not know priors yet; with --no-priors" in done.err
+    assert (
+        "with priors, a proof is about F, not about the cost of g2o: add --cost chordal" in done.err
+    )
     assert not proof.exists()
+    assert certpgo(command, field, *given, "--cost", "chordal", "--proof", proof).code == 0
+    done = certpgo("check", field, proof)
+    assert done.code == 0
+    assert "with 3 priors" in done.out
     assert certpgo("solve", field, "--no-priors", "--proof", proof).code == 0
-    assert certpgo("check", field, proof).code == 0
+    assert "priors" not in certpgo("check", field, proof).out
 
 
 def test_methods_that_need_whole_edges_say_so(certpgo, field, tmp_path, monkeypatch):

@@ -90,10 +90,27 @@ def weights(text: str, layout: InformationLayout) -> tuple[float, float]:
     (rotation, rotation_exponent), (translation, translation_exponent) = (
         _integers([tokens[k] for k in block]) for block in blocks
     )
-    n_R, d_R = _harmonic_mean(rotation, "rotation")
-    n_t, d_t = _harmonic_mean(translation, "translation")
+    n_R, d_R = _harmonic_mean(rotation, "the rotation block of the information")
+    n_t, d_t = _harmonic_mean(translation, "the translation block of the information")
     kappa = _rounded(n_R, d_R if d == 2 else 2 * d_R, rotation_exponent)
     return kappa, _rounded(n_t, d_t, translation_exponent)
+
+
+def position_weight(text: str, layout: InformationLayout) -> float:
+    """The weight tau of the matrix of a position, rounded once from the exact rational.
+
+    Parameters
+    ----------
+    text, layout : as of `weights`
+
+    Raises
+    ------
+    InputError
+        As `weights`.
+    """
+    tokens = text.lower().split()
+    upper, exponent = _integers([tokens[k] for k in layout.upper(0, len(layout.positions))])
+    return _rounded(*_harmonic_mean(upper, "the information of a position"), exponent)
 
 
 def _integers(tokens: Sequence[str]) -> tuple[list[int], int]:
@@ -114,7 +131,7 @@ def _decimal(token: str) -> tuple[int, int]:
     return int(whole + fraction), (int(exponent) if mark else 0) - len(fraction)
 
 
-def _harmonic_mean(upper: list[int], block: str) -> tuple[int, int]:
+def _harmonic_mean(upper: list[int], what: str) -> tuple[int, int]:
     """The fraction size / tr(A^-1) of a symmetric matrix A, from adjugate and determinant."""
     minors: tuple[int, ...]
     if len(upper) == 1:
@@ -130,7 +147,7 @@ def _harmonic_mean(upper: list[int], block: str) -> tuple[int, int]:
         minors, numerator, denominator = (a, zz, determinant), 3 * determinant, xx + yy + zz
     if min(minors) <= 0:
         raise InputError(
-            f"the {block} block of the information is not positive definite "
+            f"{what} is not positive definite "
             "(--unit-weights, or unit_weights=True, ignores the information)"
         )
     return numerator, denominator

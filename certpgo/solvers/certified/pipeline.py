@@ -12,6 +12,7 @@ from certpgo.costs.problem import InformationProblem
 from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, PoseGraph
+from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.priors import handedness_is_open
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import Problem
@@ -150,8 +151,8 @@ def _certificate(search: Staircase, tier: Tier | None) -> Certificate:
     certificate = search.case.certificate(estimate, search.basin)
     near = certificate.gap <= PROOF_GAIN * certificate.tolerance
     rounding = search.has_reached_the_floor and near and not search.is_certified
-    # Of general graphs there are no proofs.
-    provable = not search.problem.graph.is_general
+    # Of matrix weights there are no proofs.
+    provable = not has_matrix_weights(search.problem.graph)
     escalates = rounding and tier is None and provable and not search.stop.cuts()
     if not (tier is Tier.PROOF or escalates):
         return certificate
