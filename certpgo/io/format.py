@@ -73,6 +73,24 @@ class LabelledPoses:
     points: BoolArray | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class Labels:
+    """What tells the nodes of an estimate apart in a file.
+
+    Attributes
+    ----------
+    ids : (n,) integers
+    times : (n,) seconds
+    points : (n,) which are points
+    names : (n,) of the nodes; may be empty
+    """
+
+    ids: IntArray
+    times: FloatArray
+    points: BoolArray
+    names: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True)
 class Chart:
     """How a text file represents a pose.
@@ -95,7 +113,7 @@ class Chart:
 GraphReader = Callable[[Path, ReadOptions], Instance]
 PoseReader = Callable[[Path], LabelledPoses]
 GraphWriter = Callable[[Path, Instance], None]
-PoseWriter = Callable[[Path, Estimate, IntArray, FloatArray, BoolArray], None]
+PoseWriter = Callable[[Path, Estimate, "Labels"], None]
 
 
 @dataclass(frozen=True)
@@ -110,9 +128,9 @@ class Format:
     holds : what such a file contains, for messages
     read_graph, write_graph : for measurements, or None
     read_poses : for estimates, or None
-    write_poses : for an estimate with ids (n,), timestamps (n,) in seconds and flags (n,) of
-        points, or None
+    write_poses : for an estimate and the labels of its nodes, or None
     holds_points : whether such a file of an estimate can store points
+    holds_ranges : whether such a file of a graph can store distances, and points that no pose sees
     holds_translations : whether such a file can store them
     chart : how a text file represents a pose; None if unknown
     """
@@ -127,6 +145,7 @@ class Format:
     write_poses: PoseWriter | None = None
     holds_translations: bool = True
     holds_points: bool = False
+    holds_ranges: bool = False
     chart: Chart | None = None
 
 

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from certpgo.errors import InputError, InputNotice, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
-from certpgo.io.format import format_to_write
+from certpgo.io.format import Labels, format_to_write
 from certpgo.io.timestamps import node_times
 from certpgo.linalg.arrays import IntArray
 
@@ -45,7 +45,8 @@ def write(
 
     Parameters
     ----------
-    path : .g2o or .npz for a graph; .g2o, .npz, .tum, .kitti or .rots for an estimate
+    path : .g2o, .npz or .pyfg for a graph; .g2o, .npz, .pyfg, .tum, .kitti or .rots for an
+        estimate
     what : an instance (graph, ids, initial values, fixed nodes), a graph, or an estimate
     instance : for an estimate, the instance it solves: its ids, initial values and fixed nodes
     ids : (n,) distinct node ids; the instance's by default, else 0 ... n-1
@@ -82,24 +83,26 @@ def write(
         writer = form.write_poses
         if instance is not None and instance.graph.d != what.d:
             raise InputError(f"estimate of another graph: {what.d}D, not {instance.graph.d}D")
-        labels = _ids(ids, what.num_nodes, instance)
-        anchored = _anchored(what, labels, instance, anchor)
-        points = np.zeros(len(labels), dtype=bool)
+        nodes = _ids(ids, what.num_nodes, instance)
+        anchored = _anchored(what, nodes, instance, anchor)
+        points = np.zeros(len(nodes), dtype=bool)
+        names = () if instance is None or ids is not None else instance.names[: instance.world]
         if instance is not None and isinstance(instance.graph, PoseGraph):
             if instance.graph.points is not None:
                 points = instance.graph.points
             if instance.world is not None:
-                labels, points = labels[:-1], points[:-1]
+                nodes, points = nodes[:-1], points[:-1]
         if points.any() and not form.holds_points:
             poses = np.flatnonzero(~points)
-            anchored, labels, points = anchored.subset(poses), labels[poses], points[poses]
+            anchored, nodes, points = anchored.subset(poses), nodes[poses], points[poses]
             lost = f"a {form.name} file holds poses only: points are not written"
             warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
         if what.translations is not None and not form.holds_translations:
             lost = f"a {form.name} file holds rotations only: translations are not written"
             warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
-        times = node_times(labels, timestamps) if form.name == "tum" else labels.astype(float)
-        atomically(path, lambda temporary: writer(temporary, anchored, labels, times, points))
+        times = node_times(nodes, timestamps) if form.name == "tum" else nodes.astype(float)
+        labels = Labels(nodes, times, points, names)
+        atomically(path, lambda temporary: writer(temporary, anchored, labels))
         return
     if not isinstance(what, _WITH_GRAPH):
         hint = "; its estimate may be meant" if hasattr(what, "estimate") else ""
