@@ -10,8 +10,9 @@ import pkgutil
 import warnings
 from codecs import BOM_UTF8
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
+from itertools import compress
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
@@ -71,6 +72,21 @@ class LabelledPoses:
     names: tuple[str, ...] = ()
     notices: tuple[str, ...] = ()
     points: BoolArray | None = None
+
+    def without_points(self) -> LabelledPoses:
+        """The poses alone."""
+        if self.points is None:
+            return self
+        kept = ~self.points
+        return replace(
+            self,
+            rotations=self.rotations[kept],
+            translations=None if self.translations is None else self.translations[kept],
+            ids=None if self.ids is None else self.ids[kept],
+            times=None if self.times is None else self.times[kept],
+            names=tuple(compress(self.names, kept.tolist())),
+            points=None,
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import compress
 from pathlib import Path
 from typing import Literal
 
@@ -127,7 +128,7 @@ class Part:
     def subset(self, chosen: BoolArray) -> Part:
         """Some lines, by mask (k,)."""
         return Part(
-            [names for names, kept in zip(self.names, chosen.tolist(), strict=True) if kept],
+            list(compress(self.names, chosen.tolist())),
             self.rotations[chosen],
             self.translations[chosen],
             self.numbers[chosen],
@@ -161,9 +162,10 @@ class NamedLines:
         columns = zip(
             *((p.rotations, p.translations, p.numbers, p.kappa, p.tau) for p in parts), strict=True
         )
+        R, t, numbers, kappa, tau = (np.concatenate(column) for column in columns)
         names = [name for part in parts for name in part.names]
         information = joined_information([part.information for part in parts])
-        return Part(names, *(np.concatenate(column) for column in columns), information)
+        return Part(names, R, t, numbers, kappa, tau, information)
 
 
 def is_named(path: Path, head: bytes) -> bool:

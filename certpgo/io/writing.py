@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from certpgo.errors import InputError, InputNotice, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.io.format import Labels, format_to_write
+from certpgo.io.plural import counted
 from certpgo.io.timestamps import node_times
 from certpgo.linalg.arrays import IntArray
 
@@ -122,6 +123,11 @@ def write(
             f"{path}: only .npz files hold edges that measure only a rotation or a translation, "
             "except for priors and points"
         )
+    if not form.holds_ranges:
+        _refuse_ranges(path, whole)
+    if whole.fixed and form.name == "pyfg":
+        lost = "a pyfg file holds no fixed nodes: they are not written"
+        warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
     atomically(path, lambda temporary: graph_writer(temporary, whole))
 
 
@@ -136,6 +142,19 @@ def _is_partly_unwritable(whole: Instance) -> bool:
     if graph.points is not None:
         partial &= ~graph.points[graph.edges[:, 1]]
     return bool(partial.any())
+
+
+def _refuse_ranges(path: Path, whole: Instance) -> None:
+    """Refuse what only formats with ranges hold."""
+    graph, holding = whole.graph, "only .npz and .pyfg files hold"
+    if whole.ranges is not None:
+        raise InputError(f"{path}: {holding} ranges, and there are {whole.ranges.num_edges}")
+    if isinstance(graph, PoseGraph) and graph.points is not None:
+        seen = graph.edges[graph.edges[:, 0] != (-1 if whole.world is None else whole.world), 1]
+        unseen = int(graph.points.sum() - graph.points[np.unique(seen)].sum())
+        if unseen:
+            said = counted(unseen, "point{s}")
+            raise InputError(f"{path}: {holding} points that no pose sees, and there are {said}")
 
 
 def _as_instance(path: Path, what: Graph | Instance, ids: ArrayLike | None) -> Instance:

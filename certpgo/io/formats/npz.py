@@ -1,8 +1,8 @@
 """The package's own lossless format: NumPy arrays in a zip archive, no pickles.
 
 A graph: edges, rotations, kappa (translations, tau, information matrices), ids, which nodes are
-points or the world, measured distances, initial values, truth, fixed nodes, reading options. An estimate: rotations,
-translations, ids, and which are points.
+points or the world, ranges, initial values, truth, fixed nodes, reading options. An estimate:
+rotations, translations, ids, and which are points.
 
 Of the information matrices each distinct one is stored once (``information``), with the number of
 each edge's (``information_index``), and the cost whose residuals they weigh

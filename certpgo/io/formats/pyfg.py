@@ -32,8 +32,8 @@ from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.graph.ranges import Ranges
 from certpgo.io.contents import BODY, Priors
-from certpgo.io.format import Format, LabelledPoses, ReadOptions
-from certpgo.io.named_lines import ENDS, Kind, NamedLines, Part, is_named, located, read_named
+from certpgo.io.format import Chart, Format, LabelledPoses, ReadOptions
+from certpgo.io.named_lines import ENDS, TAGS, Kind, NamedLines, Part, is_named, located, read_named
 from certpgo.io.named_writing import write_graph, write_poses
 from certpgo.io.plural import counted
 from certpgo.io.priors import anchored_graph, joined_information
@@ -95,8 +95,9 @@ def _nodes(path: Path, content: NamedLines) -> _Nodes:
     return nodes
 
 
-def _recognises(path: Path, head: bytes) -> bool:
-    return is_named(path, head)
+def _pose_words(words: list[bytes]) -> list[bytes]:
+    tag = TAGS.get(words[0])
+    return words[3:] if tag is not None and tag.kind == "pose" else []
 
 
 def _read_poses(path: Path) -> LabelledPoses:
@@ -161,7 +162,7 @@ def _measured(
     ends = nodes.of(kind, part)
     if not options.skip_landmarks:
         return ends, part
-    kept = ~nodes.points[ends].any(axis=1)
+    kept = np.asarray(~nodes.points[ends].any(axis=1))
     what = "range{s} to points" if kind == "range" else "prior{s} of points"
     content.counts[f"{what} skipped"] += int(np.sum(~kept))
     return ends[kept], part.subset(kept)
@@ -210,7 +211,7 @@ def _unused(name: str, used: Mapping[str, int]) -> str:
 FORMAT = Format(
     name="pyfg",
     suffixes=(".pyfg",),
-    recognises=_recognises,
+    recognises=is_named,
     holds="poses, points, measurements and ranges",
     read_graph=_read_graph,
     read_poses=_read_poses,
@@ -218,4 +219,5 @@ FORMAT = Format(
     write_poses=write_poses,
     holds_points=True,
     holds_ranges=True,
+    chart=Chart("quaternion", _pose_words, planar_angle=True),
 )
