@@ -105,7 +105,7 @@ TAGS = {name.encode(): _tag(kind, d) for kind, names in NAMES.items() for d, nam
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class NamedPart:
     """Lines of one kind.
 
     Attributes
@@ -125,9 +125,9 @@ class Part:
     tau: FloatArray
     information: Information | None = None
 
-    def subset(self, chosen: BoolArray) -> Part:
+    def subset(self, chosen: BoolArray) -> NamedPart:
         """Some lines, by mask (k,)."""
-        return Part(
+        return NamedPart(
             list(compress(self.names, chosen.tolist())),
             self.rotations[chosen],
             self.translations[chosen],
@@ -143,7 +143,7 @@ class NamedLines:
     """The contents of a file; lists have one part per chunk and tag."""
 
     d: int = 0
-    parts: dict[Kind, list[Part]] = field(default_factory=dict)
+    parts: dict[Kind, list[NamedPart]] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
 
     def extend(self, other: NamedLines) -> None:
@@ -153,19 +153,19 @@ class NamedLines:
         for kind, parts in other.parts.items():
             self.parts.setdefault(kind, []).extend(parts)
 
-    def joined(self, kind: Kind) -> Part:
+    def joined(self, kind: Kind) -> NamedPart:
         """All lines of a kind; perhaps none."""
         parts = self.parts.get(kind, [])
         if not parts:
             d, none = self.d, np.empty(0)
-            return Part([], np.empty((0, d, d)), np.empty((0, d)), none, none, none)
+            return NamedPart([], np.empty((0, d, d)), np.empty((0, d)), none, none, none)
         columns = zip(
             *((p.rotations, p.translations, p.numbers, p.kappa, p.tau) for p in parts), strict=True
         )
         R, t, numbers, kappa, tau = (np.concatenate(column) for column in columns)
         names = [name for part in parts for name in part.names]
         information = joined_information([part.information for part in parts])
-        return Part(names, R, t, numbers, kappa, tau, information)
+        return NamedPart(names, R, t, numbers, kappa, tau, information)
 
 
 def is_named(path: Path, head: bytes) -> bool:
@@ -247,7 +247,7 @@ class _Parser:
         shown = name[:40].decode("ascii", "backslashreplace")
         raise InputError(f"pyfg has no tag {shown!r}; known: {known}")
 
-    def _part(self, tag: NamedTag, rows: list[list[bytes]], content: NamedLines) -> Part:
+    def _part(self, tag: NamedTag, rows: list[list[bytes]], content: NamedLines) -> NamedPart:
         k, first = len(rows), 1 + tag.timed
         last = first + tag.names
         if tag.timed:
@@ -271,11 +271,11 @@ class _Parser:
             t, q = numbers[:, :3], numbers[:, 3:]
             R, off_norm = quaternion.rotations(q), quaternion.off_norm(q)
         content.counts["quaternion{s} off norm 1 by more than 1e-3, normalized"] += off_norm
-        return Part(names, R, t, np.zeros(k), *self._weights(tag, texts))
+        return NamedPart(names, R, t, np.zeros(k), *self._weights(tag, texts))
 
     def _ranges(
         self, names: list[tuple[str, ...]], distances: FloatArray, texts: list[bytes]
-    ) -> Part:
+    ) -> NamedPart:
         if (distances < 0.0).any():
             raise InputError(f"a distance must not be negative, as {distances.min():g} is")
         k, weights = len(names), np.ones(len(names))
@@ -288,7 +288,7 @@ class _Parser:
             if not in_range(weights).all():
                 raise InputError(f"variances between {1.0 / FAR:.2g} and {FAR:.2g} expected")
         none = np.empty((k, 0))
-        return Part(names, none[:, :, None], none, distances, np.zeros(k), weights)
+        return NamedPart(names, none[:, :, None], none, distances, np.zeros(k), weights)
 
     def _weights(
         self, tag: NamedTag, texts: list[bytes]

@@ -9,7 +9,7 @@ import numpy as np
 
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance, PoseGraph
-from certpgo.graph.edges import edge_name, symmetric
+from certpgo.graph.edges import symmetric
 from certpgo.graph.information import Information
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Labels
@@ -33,6 +33,8 @@ def write_graph(path: Path, instance: Instance) -> None:
     graph, known = instance.graph, slice(instance.world)
     if not isinstance(graph, PoseGraph):
         raise InputError("pyfg holds poses, and this graph measures rotations alone")
+    if (graph.tau == 0.0).any():
+        raise InputError("pyfg has no measurements of an attitude alone")
     n, d, t = len(instance.ids[known]), graph.d, graph.translations
     points = np.zeros(n, dtype=bool) if graph.points is None else graph.points[known]
     names = _names(instance.names[known], instance.ids[known], points)
@@ -50,8 +52,6 @@ def write_graph(path: Path, instance: Instance) -> None:
     poses = _poses(graph.rotation.rotations, t)
     covariances = _covariances(instance, graph)
     turned = graph.rotation.kappa > 0.0
-    if (graph.tau == 0.0).any():
-        raise InputError("pyfg has no measurements of an attitude alone")
     kinds: tuple[tuple[Kind, BoolArray], ...] = (
         ("prior", of_world & turned),
         ("position", of_world & ~turned),
@@ -113,20 +113,20 @@ def _covariances(instance: Instance, graph: PoseGraph) -> list[str]:
     """The upper triangles of the covariances of all edges, row by row."""
     about = instance.options.get("rotation_information", "tangent")
     if instance.information is not None and (graph.d == 2 or about == "tangent"):
-        return _full(graph, instance.information)
+        return _full(instance, instance.information)
     weights = zip(graph.rotation.kappa.tolist(), graph.tau.tolist(), strict=True)
     return [_isotropic(graph.d, *pair) for pair in weights]
 
 
-def _full(graph: PoseGraph, information: Information) -> list[str]:
-    texts, d = [], graph.d
+def _full(instance: Instance, information: Information) -> list[str]:
+    texts, d = [], instance.graph.d
     for k, whole in enumerate(information.distinct):
         matrix = whole if whole[d:].any() else whole[:d, :d]
         if not np.linalg.eigvalsh(matrix)[0] > 0.0:
-            edge = edge_name(graph.edges, information.index == k)
+            i, j = instance.ids[instance.graph.edges[np.argmax(information.index == k)]]
             raise InputError(
-                f"{edge}: pyfg holds covariances, and the information is not positive definite "
-                "(--isotropic writes the weights of F)"
+                f"edge {i} to {j}: pyfg holds covariances, and the information is not positive "
+                "definite (--isotropic writes the weights of F)"
             )
         texts.append(_upper(symmetric(np.linalg.inv(matrix)[None])[0]))
     return [texts[k] for k in information.index.tolist()]

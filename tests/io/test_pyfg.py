@@ -2,15 +2,13 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import certpgo
 from certpgo import FormatError, InputError, InputNotice, io
-from certpgo.cli import app
+from certpgo.cli import main
 from certpgo.datasets.synthetic import helix
 from certpgo.errors import NoMeasurements
 from certpgo.io.format import format_of
@@ -84,7 +82,8 @@ def test_positions_of_points(dataset):
     graph = instance.graph
     of_world = graph.edges[:, 0] == instance.world
     assert graph.points[graph.edges[of_world, 1]].sum() == 56
-    np.testing.assert_allclose(graph.tau[of_world][1:], 1.0 / 0.200000003, rtol=1e-15)
+    variances = np.unique(np.round(1.0 / graph.tau[of_world][1:], 6))
+    np.testing.assert_allclose(variances, [0.1, 0.2, 0.3, 0.4, 0.7])
     assert (graph.rotation.kappa[of_world] > 0.0).tolist() == [True] + [False] * 56
     assert instance.names[-1] == "world"
     np.testing.assert_allclose(instance.ranges.weights, 100.0, rtol=1e-15)
@@ -354,7 +353,7 @@ def test_what_cannot_be_written(pyfg, tmp_path, file):
     with pytest.raises(InputError, match="this graph measures rotations alone"):
         io.write(out, instance.graph.rotation)
     bad = "EDGE_SE2 0 1 1 0 0 4 9 0 4 0 4\n".replace("4 9 0 4 0 4", "4 0 3 4 0 1")
-    with pytest.raises(InputError, match=r"edge 0 .*information is not positive definite"):
+    with pytest.raises(InputError, match=r"edge 0 to 1: .*information is not positive definite"):
         io.write(out, read(file(bad)))
     compass = certpgo.with_priors(
         read(file(bad)).graph, np.array([0]), np.eye(2)[None], kappa=np.ones(1)
@@ -362,7 +361,7 @@ def test_what_cannot_be_written(pyfg, tmp_path, file):
     anchored = certpgo.Instance("a", compass, np.arange(3), world=2)
     with pytest.raises(InputError, match="no measurements of an attitude alone"):
         io.write(out, anchored)
-    with pytest.raises(InputError, match="only .npz files hold edges that measure only"):
+    with pytest.raises(InputError, match=r"only .npz files hold edges that measure only"):
         io.write(out, compass)
     with pytest.raises(InputError, match="the estimate has rotations only"):
         io.write(out, certpgo.Estimate(np.eye(2)[None]))
@@ -380,16 +379,14 @@ def test_arrays_of_ranges_are_checked(pyfg, tmp_path):
         read(path)
 
 
-def test_the_command_converts(pyfg, tmp_path):
-    source, target = pyfg(PLANE), tmp_path / "out.npz"
-    assert CliRunner().invoke(app, ["convert", str(source), str(target)]).exit_code == 0
-    back = tmp_path / "back.pyfg"
-    assert CliRunner().invoke(app, ["convert", str(target), str(back)]).exit_code == 0
+def test_the_command_converts(pyfg, tmp_path, capsys):
+    source, target, back = pyfg(PLANE), tmp_path / "out.npz", tmp_path / "back.pyfg"
+    assert main(["convert", str(source), str(target)]) == 0
+    assert main(["convert", str(target), str(back)]) == 0
     assert_agree(read(back), read(source))
     poses = tmp_path / "poses.pyfg"
-    ran = CliRunner().invoke(app, ["convert", str(source), str(poses), "--estimate"])
-    assert ran.exit_code == 0
-    assert Path(poses).read_text().splitlines()[-1] == "VERTEX_XY L0 1.0 2.0"
-    ran = CliRunner().invoke(app, ["convert", str(source), str(tmp_path / "out.g2o")])
-    assert ran.exit_code != 0
+    assert main(["convert", str(source), str(poses), "--estimate"]) == 0
+    capsys.readouterr()
+    assert main(["convert", str(source), str(tmp_path / "out.g2o")]) != 0
+    assert "hold ranges, and there are 2" in capsys.readouterr().err
     assert not (tmp_path / "out.g2o").exists()

@@ -33,7 +33,16 @@ from certpgo.graph.information import Information
 from certpgo.graph.ranges import Ranges
 from certpgo.io.contents import BODY, Priors
 from certpgo.io.format import Chart, Format, LabelledPoses, ReadOptions
-from certpgo.io.named_lines import ENDS, TAGS, Kind, NamedLines, Part, is_named, located, read_named
+from certpgo.io.named_lines import (
+    ENDS,
+    TAGS,
+    Kind,
+    NamedLines,
+    NamedPart,
+    is_named,
+    located,
+    read_named,
+)
 from certpgo.io.named_writing import write_graph, write_poses
 from certpgo.io.plural import counted
 from certpgo.io.priors import anchored_graph, joined_information
@@ -53,7 +62,7 @@ class _Nodes:
     points: BoolArray
     number: dict[str, int]
 
-    def of(self, kind: Kind, part: Part) -> IntArray:
+    def of(self, kind: Kind, part: NamedPart) -> IntArray:
         """The numbers of the nodes of each line (k, names); a FormatError names a wrong line."""
         ends = ENDS[kind]
         flat = [self.number.get(name, -1) for names in part.names for name in names]
@@ -156,7 +165,7 @@ def _refuse_choices(path: Path, options: ReadOptions) -> None:
 
 def _measured(
     nodes: _Nodes, content: NamedLines, kind: Kind, options: ReadOptions
-) -> tuple[IntArray, Part]:
+) -> tuple[IntArray, NamedPart]:
     """The nodes (k, names) of measurements of a kind, and what is measured."""
     part = content.joined(kind)
     ends = nodes.of(kind, part)
@@ -169,7 +178,7 @@ def _measured(
 
 
 def _graph(
-    path: Path, nodes: _Nodes, measured: Mapping[Kind, tuple[IntArray, Part]]
+    path: Path, nodes: _Nodes, measured: Mapping[Kind, tuple[IntArray, NamedPart]]
 ) -> tuple[PoseGraph, Information | None]:
     """Measurements between poses, then those of points, and their information."""
     of_graph: tuple[Kind, ...] = ("edge", "sighting")
@@ -186,7 +195,7 @@ def _graph(
     return graph, joined_information([part.information for _, part in parts])
 
 
-def _priors(measured: Mapping[Kind, tuple[IntArray, Part]]) -> Priors | None:
+def _priors(measured: Mapping[Kind, tuple[IntArray, NamedPart]]) -> Priors | None:
     of_one: tuple[Kind, ...] = ("prior", "position")
     parts = [measured[kind] for kind in of_one if len(measured[kind][0])]
     if not parts:
@@ -197,7 +206,7 @@ def _priors(measured: Mapping[Kind, tuple[IntArray, Part]]) -> Priors | None:
     return Priors(nodes, R, t, kappa, tau, information, np.full(len(nodes), BODY))
 
 
-def _concatenated(parts: list[Part]) -> Iterator[FloatArray]:
+def _concatenated(parts: list[NamedPart]) -> Iterator[FloatArray]:
     for name in ("rotations", "translations", "kappa", "tau"):
         yield np.concatenate([getattr(part, name) for part in parts])
 
