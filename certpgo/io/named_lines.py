@@ -222,14 +222,15 @@ class _Parser:
             if tag.d and content.d not in (0, tag.d):
                 raise InputError(f"{name.decode()} in a file of {content.d}D poses")
             content.d = tag.d or content.d
-            if skipped := self._skipped(tag):
-                content.counts[f"{name.decode()} line{{s}} skipped: {skipped}"] += len(rows)
-                continue
             for row in rows:
                 if len(row) != 1 + tag.size:
                     found = f"{len(row) - 1} values found"
                     raise InputError(f"{name.decode()} takes {tag}; {found}")
-            content.parts.setdefault(tag.kind, []).append(self._part(tag, rows, content))
+            names = _names(tag, rows)
+            if skipped := self._skipped(tag):
+                content.counts[f"{name.decode()} line{{s}} skipped: {skipped}"] += len(rows)
+                continue
+            content.parts.setdefault(tag.kind, []).append(self._part(tag, names, rows, content))
         self._d = content.d
         return content
 
@@ -247,15 +248,16 @@ class _Parser:
         shown = name[:40].decode("ascii", "backslashreplace")
         raise InputError(f"pyfg has no tag {shown!r}; known: {known}")
 
-    def _part(self, tag: NamedTag, rows: list[list[bytes]], content: NamedLines) -> NamedPart:
-        k, first = len(rows), 1 + tag.timed
-        last = first + tag.names
+    def _part(
+        self,
+        tag: NamedTag,
+        names: list[tuple[str, ...]],
+        rows: list[list[bytes]],
+        content: NamedLines,
+    ) -> NamedPart:
+        k, last = len(rows), 1 + tag.timed + tag.names
         if tag.timed:
             floats([row[1] for row in rows], "tag")
-        names = [tuple(map(_name, row[first:last])) for row in rows]
-        for pair in names:
-            if len(set(pair)) < len(pair):
-                raise InputError(f"{pair[0]} is measured from itself")
         words = [word for row in rows for word in row[last : last + tag.numbers]]
         numbers = floats(words, "names").reshape(k, tag.numbers)
         if (np.abs(numbers[:, : max(tag.d, 1)]) > FARTHEST).any():
@@ -316,6 +318,15 @@ def is_name(name: str) -> bool:
     except UnicodeEncodeError:
         return False
     return word.split() == [word] and b"#" not in word and not _is_number(word) and printable(word)
+
+
+def _names(tag: NamedTag, rows: list[list[bytes]]) -> list[tuple[str, ...]]:
+    first = 1 + tag.timed
+    names = [tuple(map(_name, row[first : first + tag.names])) for row in rows]
+    for pair in names:
+        if len(set(pair)) < len(pair):
+            raise InputError(f"{pair[0]} is measured from itself")
+    return names
 
 
 def _name(word: bytes) -> str:
