@@ -69,11 +69,14 @@ def test_counts(dataset, name):
         sightings = 0  # positions of points are priors
     found = (graph.num_nodes, graph.num_edges, int(graph.points.sum()), sightings, priors)
     assert (*found, ranges.num_edges) == SAMPLES[name]
+    entry = certpgo.datasets.entry(name)
+    assert (entry.nodes, entry.edges) == found[:2]
     assert instance.initial.num_nodes == len(instance.names) == graph.num_nodes
     assert instance.options["weights_are"] == "covariance"
-    poses = [not name.startswith("L") for name in instance.names]
-    assert poses == (~graph.points).tolist()
-    assert graph.points.tolist() == sorted(graph.points.tolist()) or instance.world is not None
+    is_pose = [not name.startswith("L") for name in instance.names]
+    assert is_pose == (~graph.points).tolist()
+    flags = graph.points[: instance.world].tolist()
+    assert flags == sorted(flags)
 
 
 def test_positions_of_points(dataset):
