@@ -56,7 +56,7 @@ def command(
     *,
     reading: Reading,
 ) -> None:
-    """Convert a graph (to g2o, npz) or an estimate (to g2o, npz, TUM, KITTI, rots)."""
+    """Convert a graph (to g2o, npz, PyFG) or an estimate (those, TUM, KITTI, rots)."""
     from certpgo.io import read_estimate, write
     from certpgo.io.format import format_of, format_to_write
 

@@ -71,6 +71,11 @@ def _at_line(
     return FormatError(path, first, str(error))
 
 
+def printable(text: bytes) -> bool:
+    """Whether there are no control characters but tabs and line ends."""
+    return not text.translate(None, _PRINTED)
+
+
 def text_lines(path: Path) -> Iterator[tuple[int, bytes]]:
     """Each line with its number, including comments; FormatError as in `parsed`."""
     for first, text in _chunks(path, None):

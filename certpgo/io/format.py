@@ -10,8 +10,9 @@ import pkgutil
 import warnings
 from codecs import BOM_UTF8
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
+from itertools import compress
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
@@ -72,6 +73,39 @@ class LabelledPoses:
     notices: tuple[str, ...] = ()
     points: BoolArray | None = None
 
+    def without_points(self) -> LabelledPoses:
+        """The poses alone."""
+        if self.points is None:
+            return self
+        kept = ~self.points
+        return replace(
+            self,
+            rotations=self.rotations[kept],
+            translations=None if self.translations is None else self.translations[kept],
+            ids=None if self.ids is None else self.ids[kept],
+            times=None if self.times is None else self.times[kept],
+            names=tuple(compress(self.names, kept.tolist())),
+            points=None,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Labels:
+    """What tells the nodes of an estimate apart in a file.
+
+    Attributes
+    ----------
+    ids : (n,) integers
+    times : (n,) seconds
+    points : (n,) which are points
+    names : (n,) of the nodes; may be empty
+    """
+
+    ids: IntArray
+    times: FloatArray
+    points: BoolArray
+    names: tuple[str, ...] = ()
+
 
 @dataclass(frozen=True)
 class Chart:
@@ -95,7 +129,7 @@ class Chart:
 GraphReader = Callable[[Path, ReadOptions], Instance]
 PoseReader = Callable[[Path], LabelledPoses]
 GraphWriter = Callable[[Path, Instance], None]
-PoseWriter = Callable[[Path, Estimate, IntArray, FloatArray, BoolArray], None]
+PoseWriter = Callable[[Path, Estimate, "Labels"], None]
 
 
 @dataclass(frozen=True)
@@ -110,9 +144,9 @@ class Format:
     holds : what such a file contains, for messages
     read_graph, write_graph : for measurements, or None
     read_poses : for estimates, or None
-    write_poses : for an estimate with ids (n,), timestamps (n,) in seconds and flags (n,) of
-        points, or None
+    write_poses : for an estimate and the labels of its nodes, or None
     holds_points : whether such a file of an estimate can store points
+    holds_ranges : whether such a file of a graph can store distances, and points that no pose sees
     holds_translations : whether such a file can store them
     chart : how a text file represents a pose; None if unknown
     """
@@ -127,6 +161,7 @@ class Format:
     write_poses: PoseWriter | None = None
     holds_translations: bool = True
     holds_points: bool = False
+    holds_ranges: bool = False
     chart: Chart | None = None
 
 

@@ -287,7 +287,7 @@ def _fields(
         raise InputError(_count_message(name, tag, information, found))
     columns = [fields[k :: width + 1] for k in range(width)]
     ids = [_integers(column) for column in columns[: tag.ids]]
-    numbers = [_floats(column) for column in columns[tag.ids :]]
+    numbers = [floats(column) for column in columns[tag.ids :]]
     return np.array(ids, dtype=np.intp).T, np.stack(numbers, axis=-1), texts
 
 
@@ -315,14 +315,15 @@ def _integers(fields: list[bytes]) -> list[int]:
     return values
 
 
-def _floats(fields: list[bytes]) -> FloatArray:
+def floats(fields: list[bytes], after: str = "ids") -> FloatArray:
+    """Finite numbers, from words that follow something else; an InputError shows another word."""
     try:
         values = np.array(list(map(float, fields)))
         if b"_" in b"".join(fields):
             raise ValueError
     except ValueError:
         found = _offending(fields, float)
-        raise InputError(f"numbers expected after the ids, not {found!r}") from None
+        raise InputError(f"numbers expected after the {after}, not {found!r}") from None
     if not np.isfinite(values).all():
         raise InputError("numbers must be finite")
     return values

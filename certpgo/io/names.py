@@ -1,4 +1,4 @@
-"""Names of images, and the numbers in them, used as node ids."""
+"""Names of nodes or images, and the numbers in them, used as node ids."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ def named_ids(
     fitting = numbers if numbers is not None and _covers(ids, numbers) else None
     if poses.ids is None:
         if numbers is None:
-            raise InputError("the image names contain no distinct numbers to use as node ids")
-        return numbers, "the numbers in image names are used as node ids"
+            raise InputError("the names contain no distinct numbers to use as node ids")
+        return numbers, "the numbers in names are used as node ids"
     if fitting is None or np.array_equal(fitting, poses.ids):
         return poses.ids, ""
     if _covers(ids, poses.ids):
@@ -59,7 +59,7 @@ def _by_name(given: Sequence[str], ids: IntArray, names: Sequence[str]) -> IntAr
     foreign = [name for name in given if name not in known]
     if foreign:
         raise InputError(
-            f"estimate of another graph: image {foreign[0]} is not in the graph "
+            f"estimate of another graph: {foreign[0]} is not in the graph "
             f"({len(foreign)} of {len(given)} are not)"
         )
     return np.array([known[name] for name in given], dtype=np.intp)

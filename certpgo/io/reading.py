@@ -64,22 +64,22 @@ def read(
 
     Parameters
     ----------
-    path : a g2o, TORO, iSAM, .mat (viewing graph), .npz or GLOMAP relative poses file, a 1DSfM
-        folder or its EGs.txt
+    path : a g2o, PyFG, TORO, iSAM, .mat (viewing graph), .npz or GLOMAP relative poses file, a
+        1DSfM folder or its EGs.txt
     keep : of parallel edges, ``"all"`` (their terms add), or the ``"first"`` or ``"last"``
     rotation_information : what the rotational information refers to: ``"tangent"`` (default of g2o
         and TORO), ``"quaternion"`` (its vector part, half the angle: kappa is a quarter) or
         ``"rpy"`` (default of iSAM; for small angles the same as tangent)
     kappa, tau : a concentration that replaces the file's on every edge; tau in 1/m^2
-    unit_weights : kappa = tau = 1 on every edge
+    unit_weights : kappa = tau = 1 on every edge, and ranges weigh 1
     mahalanobis : weigh rotations by all of the file's rotational information, so that their terms
         are its Mahalanobis distances to second order: half of Omega_theta in 2D, a matrix in 3D
     weights_are : what the numbers after a measurement are: ``"information"``, the default,
         ``"sqrt-information"`` (upper triangular) or ``"covariance"``, which some programs write in
-        files of the same form
+        files of the same form; a PyFG file's are covariances
     priors : whether measurements of single poses and positions are read, as edges from one more
         node, the world (``Instance.world``); else they are skipped
-    landmarks : whether points and what sees them are read; else they are skipped
+    landmarks : whether points, what sees them and ranges to them are read; else they are skipped
     truth : a file with ground truth for every node, see `read_truth`
     format : name of the format, if content and suffix do not determine it
     progress : called with bytes read and bytes in total, after each chunk
@@ -146,8 +146,8 @@ def read_estimate(
 
     Parameters
     ----------
-    path : a g2o (its vertices), TUM, KITTI, .npz, 1DSfM rotations, Bundler, COLMAP (images.txt)
-        or GLOMAP rotations file
+    path : a g2o or PyFG (its vertices), TUM, KITTI, .npz, 1DSfM rotations, Bundler, COLMAP
+        (images.txt) or GLOMAP rotations file
     instance : the graph the estimate is for, which determines the order of nodes and whether
         translations are needed. Without it the order is by ascending id, or the file's, and
         translations that are all zero are dropped.
@@ -256,7 +256,10 @@ class _Weights:
             return instance
         if self.mahalanobis:
             return _with_mahalanobis(instance)
-        return replace(instance, graph=self._overridden(instance.graph), information=None)
+        graph, ranges = self._overridden(instance.graph), instance.ranges
+        if ranges is not None and self.override_all:
+            ranges = replace(ranges, weights=np.ones(ranges.num_edges))
+        return replace(instance, graph=graph, information=None, ranges=ranges)
 
     def _overridden(self, graph: Graph) -> Graph:
         kappa, tau = (1.0, 1.0) if self.unit else (self.kappa, self.tau)
@@ -304,7 +307,11 @@ def _labelled(
     ids = None if instance is None else instance.ids[: instance.world]
     if not poses.names:
         return with_node_ids(poses, ids, timestamps)
-    found, notice = named_ids(poses, ids, () if instance is None else instance.names)
+    graph = None if instance is None else instance.graph
+    if isinstance(graph, PoseGraph) and graph.points is None:
+        poses = poses.without_points()
+    names = () if instance is None else instance.names[: instance.world]
+    found, notice = named_ids(poses, ids, names)
     return replace(poses, ids=found, notices=(notice,) if notice else ())
 
 
@@ -355,20 +362,13 @@ def _of_nodes(instance: Instance, poses: LabelledPoses, with_translations: bool)
     ids, graph = instance.ids[: instance.world], instance.graph
     seen = graph.points if isinstance(graph, PoseGraph) else None
     if poses.points is not None and seen is None:
-        poses = _without_points(poses)
+        poses = poses.without_points()
     if seen is None or poses.points is not None or not isinstance(graph, PoseGraph):
         return instance.with_world(estimate_for(ids, poses, with_translations))
     nodes = np.flatnonzero(~seen[: instance.world])
     of_poses = estimate_for(ids[nodes], poses, with_translations)
     whole = with_points(graph, of_poses, nodes)
     return instance.with_world(whole.subset(np.arange(len(ids))))
-
-
-def _without_points(poses: LabelledPoses) -> LabelledPoses:
-    kept = np.ones(len(poses.rotations), dtype=bool) if poses.points is None else ~poses.points
-    t = None if poses.translations is None else poses.translations[kept]
-    ids = None if poses.ids is None else poses.ids[kept]
-    return replace(poses, rotations=poses.rotations[kept], translations=t, ids=ids, points=None)
 
 
 def _in_own_order(poses: LabelledPoses) -> Estimate:

@@ -20,7 +20,8 @@ from numpy.typing import ArrayLike
 from certpgo.errors import InputError, InputNotice, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.graph import has_matrix_weights
-from certpgo.io.format import format_to_write
+from certpgo.io.format import Labels, format_to_write
+from certpgo.io.plural import counted
 from certpgo.io.timestamps import node_times
 from certpgo.linalg.arrays import IntArray
 
@@ -46,7 +47,8 @@ def write(
 
     Parameters
     ----------
-    path : .g2o or .npz for a graph; .g2o, .npz, .tum, .kitti or .rots for an estimate
+    path : .g2o, .npz or .pyfg for a graph; .g2o, .npz, .pyfg, .tum, .kitti or .rots for an
+        estimate
     what : an instance (graph, ids, initial values, fixed nodes), a graph, or an estimate
     instance : for an estimate, the instance it solves: its ids, initial values and fixed nodes
     ids : (n,) distinct node ids; the instance's by default, else 0 ... n-1
@@ -83,24 +85,26 @@ def write(
         writer = form.write_poses
         if instance is not None and instance.graph.d != what.d:
             raise InputError(f"estimate of another graph: {what.d}D, not {instance.graph.d}D")
-        labels = _ids(ids, what.num_nodes, instance)
-        anchored = _anchored(what, labels, instance, anchor)
-        points = np.zeros(len(labels), dtype=bool)
+        nodes = _ids(ids, what.num_nodes, instance)
+        anchored = _anchored(what, nodes, instance, anchor)
+        points = np.zeros(len(nodes), dtype=bool)
+        names = () if instance is None or ids is not None else instance.names[: instance.world]
         if instance is not None and isinstance(instance.graph, PoseGraph):
             if instance.graph.points is not None:
                 points = instance.graph.points
             if instance.world is not None:
-                labels, points = labels[:-1], points[:-1]
+                nodes, points = nodes[:-1], points[:-1]
         if points.any() and not form.holds_points:
             poses = np.flatnonzero(~points)
-            anchored, labels, points = anchored.subset(poses), labels[poses], points[poses]
+            anchored, nodes, points = anchored.subset(poses), nodes[poses], points[poses]
             lost = f"a {form.name} file holds poses only: points are not written"
             warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
         if what.translations is not None and not form.holds_translations:
             lost = f"a {form.name} file holds rotations only: translations are not written"
             warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
-        times = node_times(labels, timestamps) if form.name == "tum" else labels.astype(float)
-        atomically(path, lambda temporary: writer(temporary, anchored, labels, times, points))
+        times = node_times(nodes, timestamps) if form.name == "tum" else nodes.astype(float)
+        labels = Labels(nodes, times, points, names)
+        atomically(path, lambda temporary: writer(temporary, anchored, labels))
         return
     if not isinstance(what, _WITH_GRAPH):
         hint = "; its estimate may be meant" if hasattr(what, "estimate") else ""
@@ -117,6 +121,11 @@ def write(
             f"{path}: only .npz files hold edges that measure only a rotation or a translation, "
             "except for priors and points"
         )
+    if not form.holds_ranges:
+        _refuse_ranges(path, whole)
+    if whole.fixed and form.name == "pyfg":
+        lost = "a pyfg file holds no fixed nodes: they are not written"
+        warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
     atomically(path, lambda temporary: graph_writer(temporary, whole))
 
 
@@ -131,6 +140,19 @@ def _is_partly_unwritable(whole: Instance) -> bool:
     if graph.points is not None:
         partial &= ~graph.points[graph.edges[:, 1]]
     return bool(partial.any())
+
+
+def _refuse_ranges(path: Path, whole: Instance) -> None:
+    """Refuse what only formats with ranges hold."""
+    graph, holding = whole.graph, "only .npz and .pyfg files hold"
+    if whole.ranges is not None:
+        raise InputError(f"{path}: {holding} ranges, and there are {whole.ranges.num_edges}")
+    if isinstance(graph, PoseGraph) and graph.points is not None:
+        seen = graph.edges[graph.edges[:, 0] != (-1 if whole.world is None else whole.world), 1]
+        unseen = int(graph.points.sum() - graph.points[np.unique(seen)].sum())
+        if unseen:
+            said = counted(unseen, "point{s}")
+            raise InputError(f"{path}: {holding} points that no pose sees, and there are {said}")
 
 
 def _as_instance(path: Path, what: Graph | Instance, ids: ArrayLike | None) -> Instance:

@@ -100,6 +100,7 @@ def samples() -> dict[str, Sample]:
             found[suffix[1:]] = Sample({f"e{suffix}": written(suffix, what)}, f"e{suffix}")
         graph, estimate = written(".g2o", space), written(".npz", truth)
         found["g2o"] = Sample({"g.g2o": graph}, "g.g2o")
+        found["pyfg"] = Sample({"g.pyfg": written(".pyfg", space)}, "g.pyfg")
         found["npz"] = Sample({"g.npz": written(".npz", space)}, "g.npz", "zip")
         found["npz estimate"] = Sample({"e.npz": estimate}, "e.npz", "zip")
         (folder / "g.g2o").write_bytes(graph)

@@ -82,7 +82,7 @@ def test_the_graphs_own_names_come_first(file):
     path = file(images_text(R, t, [1, 2, 3], ["z.png", "x.png", "y.png"]), "images.txt")
     found = io.read_estimate(path, graph_with_ids([1, 2, 3], ["x.png", "y.png", "z.png"]))
     assert np.abs(found.rotations - np.swapaxes(R, 1, 2)[[1, 2, 0]]).max() < 1e-14
-    with pytest.raises(FormatError, match=r"image z.png is not in the graph \(1 of 3 are not\)"):
+    with pytest.raises(FormatError, match=r"z.png is not in the graph \(1 of 3 are not\)"):
         io.read_estimate(path, graph_with_ids([1, 2, 3], ["x.png", "y.png", "w.png"]))
 
 
@@ -146,7 +146,7 @@ def test_glomap_rotations_for_a_graph_without_names(file):
     R, _, _ = cameras(3)
     lines = [f"f{k}.png {q}\n" for k, q in zip((5, 3, 4), wxyz(R), strict=True)]
     path = file("".join(lines), "rotations.txt")
-    with pytest.warns(InputNotice, match="numbers in image names"):
+    with pytest.warns(InputNotice, match="numbers in names"):
         found = io.read_estimate(path, graph_with_ids([3, 4, 5]))
     assert np.abs(found.rotations - np.swapaxes(R, 1, 2)[[1, 2, 0]]).max() < 1e-14
     path = file("".join(line.replace("f", "g1/f") for line in lines[:2]), "rotations.txt")

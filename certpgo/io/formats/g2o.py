@@ -35,8 +35,9 @@ from certpgo.graph.information import Information
 from certpgo.io.assemble import instance_from_lines, poses_from_lines
 from certpgo.io.exact import quaternion
 from certpgo.io.exact.information import ROW_MAJOR_2D, ROW_MAJOR_3D
-from certpgo.io.format import Chart, Format
+from certpgo.io.format import Chart, Format, Labels
 from certpgo.io.lines import Dialect, Poses, Tag, first_tags, rpy_poses
+from certpgo.io.named_lines import is_named
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 _SKIPPED = ("VERTEX_POINT_XYZ", "EDGE_BEARING_SE2_XY", "EDGE_POINT_XYZ", "LANDMARK3")
@@ -90,7 +91,7 @@ DIALECT = Dialect(
 
 
 def _recognises(path: Path, head: bytes) -> bool:
-    return bool(first_tags(head) & DIALECT.tags.keys())
+    return bool(first_tags(head) & DIALECT.tags.keys()) and not is_named(path, head)
 
 
 def _pose_words(words: list[bytes]) -> list[bytes]:
@@ -156,11 +157,9 @@ def _sighting(graph: PoseGraph, k: int, pair: list[int], pose: str) -> str:
     return f"{_SIGHTINGS[d]} {where} {_multiple(d, float(graph.tau[k]))}\n"
 
 
-def _write_poses(
-    path: Path, estimate: Estimate, ids: IntArray, times: FloatArray, points: BoolArray
-) -> None:
+def _write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
     with path.open("w", encoding="ascii") as file:
-        file.writelines(_vertex_lines(ids, estimate, points))
+        file.writelines(_vertex_lines(labels.ids, estimate, labels.points))
 
 
 def _write_graph(path: Path, instance: Instance) -> None:

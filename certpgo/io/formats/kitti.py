@@ -10,8 +10,8 @@ from certpgo.errors import InputError
 from certpgo.graph import Estimate
 from certpgo.io.chunks import first_row, read_rows
 from certpgo.io.exact import quaternion
-from certpgo.io.format import Chart, Format, LabelledPoses
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.io.format import Chart, Format, LabelledPoses, Labels
+from certpgo.linalg.arrays import FloatArray
 
 
 def _recognises(path: Path, head: bytes) -> bool:
@@ -28,9 +28,7 @@ def _convert(rows: FloatArray) -> tuple[FloatArray, ...]:
     return quaternion.rotations(quaternion.from_matrices(M[:, :, :3])), M[:, :, 3]
 
 
-def _write_poses(
-    path: Path, estimate: Estimate, ids: IntArray, times: FloatArray, points: BoolArray
-) -> None:
+def _write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
     t = quaternion.embedded_translations(estimate.translations)
     if t is None:
         raise InputError("KITTI needs translations; the estimate has rotations only")

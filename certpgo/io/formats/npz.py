@@ -1,8 +1,8 @@
 """The package's own lossless format: NumPy arrays in a zip archive, no pickles.
 
 A graph: edges, rotations, kappa (translations, tau, information matrices), ids, which nodes are
-points or the world, initial values, truth, fixed nodes, reading options. An estimate: rotations,
-translations, ids, and which are points.
+points or the world, ranges, initial values, truth, fixed nodes, reading options. An estimate:
+rotations, translations, ids, and which are points.
 
 Of the information matrices each distinct one is stored once (``information``), with the number of
 each edge's (``information_index``), and the cost whose residuals they weigh
@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 from certpgo.errors import CertPGOError, FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import Information
+from certpgo.graph.ranges import Ranges
 from certpgo.io.expansion import refuse_bombs
-from certpgo.io.format import Format, LabelledPoses, ReadOptions
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.io.format import Format, LabelledPoses, Labels, ReadOptions
 
 _VERSION = 1
 _Arrays = Mapping[str, NDArray[Any]]
@@ -55,6 +55,9 @@ _GRAPH_OPTIONAL = {
     "information_index": ("i", "m"),
     "information_residual": ("U", ""),
     "names": ("U", "n"),
+    "range_edges": ("i", "r2"),
+    "range_distances": ("f", "r"),
+    "range_weights": ("f", "r"),
     "initial_rotations": ("f", "ndd"),
     "initial_translations": ("f", "nd"),
     "truth_rotations": ("f", "ndd"),
@@ -166,7 +169,18 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
         information=_information(arrays),
         world=int(arrays["world"]) if "world" in arrays else None,
         origin=arrays.get("origin"),
+        ranges=_ranges(arrays, n),
     )
+
+
+def _ranges(arrays: _Arrays, n: int) -> Ranges | None:
+    names = ("range_edges", "range_distances", "range_weights")
+    missing = [name for name in names if name not in arrays]
+    if len(missing) == len(names):
+        return None
+    if missing:
+        raise InputError(f"the array {missing[0]!r} is missing")
+    return Ranges(n, *(arrays[name] for name in names))
 
 
 def _information(arrays: _Arrays) -> Information | None:
@@ -240,15 +254,17 @@ def _write_graph(path: Path, instance: Instance) -> None:
         arrays["information"] = instance.information.distinct
         arrays["information_index"] = instance.information.index
         arrays["information_residual"] = instance.information.residual or ""
+    if instance.ranges is not None:
+        arrays["range_edges"] = instance.ranges.edges
+        arrays["range_distances"] = instance.ranges.distances
+        arrays["range_weights"] = instance.ranges.weights
     arrays |= _named("initial_", instance.initial) | _named("truth_", instance.truth)
     _save(path, "graph", arrays)
 
 
-def _write_poses(
-    path: Path, estimate: Estimate, ids: IntArray, times: FloatArray, points: BoolArray
-) -> None:
-    flags = {"points": points} if points.any() else {}
-    _save(path, "estimate", {"ids": ids, **_named("", estimate), **flags})
+def _write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
+    flags = {"points": labels.points} if labels.points.any() else {}
+    _save(path, "estimate", {"ids": labels.ids, **_named("", estimate), **flags})
 
 
 def _named(prefix: str, estimate: Estimate | None) -> dict[str, Any]:
@@ -273,6 +289,7 @@ FORMAT = Format(
     read_graph=_read_graph,
     read_poses=_read_poses,
     holds_points=True,
+    holds_ranges=True,
     write_graph=_write_graph,
     write_poses=_write_poses,
 )

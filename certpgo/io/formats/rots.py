@@ -10,8 +10,8 @@ from certpgo.graph import Estimate
 from certpgo.io.assemble import refuse_duplicates
 from certpgo.io.chunks import first_row, read_rows, whole
 from certpgo.io.exact import quaternion
-from certpgo.io.format import Chart, Format, LabelledPoses
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.io.format import Chart, Format, LabelledPoses, Labels
+from certpgo.linalg.arrays import FloatArray
 
 
 def _recognises(path: Path, head: bytes) -> bool:
@@ -31,12 +31,10 @@ def _convert(rows: FloatArray) -> tuple[FloatArray, ...]:
     return whole(rows[:, 0]), np.swapaxes(quaternion.rotations(q), -1, -2)
 
 
-def _write_poses(
-    path: Path, estimate: Estimate, ids: IntArray, times: FloatArray, points: BoolArray
-) -> None:
+def _write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
     M = np.swapaxes(quaternion.embedded(estimate.rotations), -1, -2).reshape(-1, 9)
     with path.open("w", encoding="ascii") as file:
-        for node, row in zip(ids.tolist(), M.tolist(), strict=True):
+        for node, row in zip(labels.ids.tolist(), M.tolist(), strict=True):
             file.write(f"{node} {' '.join(map(repr, row))}\n")
 
 

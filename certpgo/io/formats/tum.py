@@ -10,8 +10,8 @@ from certpgo.errors import InputError
 from certpgo.graph import Estimate
 from certpgo.io.chunks import first_row, read_rows
 from certpgo.io.exact import quaternion
-from certpgo.io.format import Chart, Format, LabelledPoses
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.io.format import Chart, Format, LabelledPoses, Labels
+from certpgo.linalg.arrays import FloatArray
 
 
 def _recognises(path: Path, head: bytes) -> bool:
@@ -27,15 +27,13 @@ def _convert(rows: FloatArray) -> tuple[FloatArray, ...]:
     return rows[:, 0], rows[:, 1:4], quaternion.rotations(rows[:, 4:])
 
 
-def _write_poses(
-    path: Path, estimate: Estimate, ids: IntArray, times: FloatArray, points: BoolArray
-) -> None:
+def _write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
     t = quaternion.embedded_translations(estimate.translations)
     if t is None:
         raise InputError("TUM needs translations; the estimate has rotations only")
     numbers = np.hstack([t, quaternion.to_write(estimate.rotations)])
     with path.open("w", encoding="ascii") as file:
-        for time, row in zip(times.tolist(), numbers.tolist(), strict=True):
+        for time, row in zip(labels.times.tolist(), numbers.tolist(), strict=True):
             stamp = f"{time:.0f}" if time.is_integer() else repr(time)
             file.write(f"{stamp} {' '.join(map(repr, row))}\n")
 

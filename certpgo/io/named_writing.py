@@ -1,0 +1,148 @@
+"""Writing of lines about nodes with names, whose numbers are covariances (.pyfg)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from certpgo.errors import InputError
+from certpgo.graph import Estimate, Instance, PoseGraph
+from certpgo.graph.edges import symmetric
+from certpgo.graph.information import Information
+from certpgo.io.exact import quaternion
+from certpgo.io.format import Labels
+from certpgo.io.named_lines import NAMES, Kind, is_name
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+
+_TIME = "0"
+
+
+def write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
+    """Write the vertices of an estimate."""
+    t = estimate.translations
+    if t is None:
+        raise InputError("pyfg needs translations; the estimate has rotations only")
+    names = _names(labels.names, labels.ids, labels.points)
+    _write(path, _vertices(names, estimate.rotations, t, labels.points))
+
+
+def write_graph(path: Path, instance: Instance) -> None:
+    """Write a graph: vertices, priors, measurements and ranges."""
+    graph, known = instance.graph, slice(instance.world)
+    if not isinstance(graph, PoseGraph):
+        raise InputError("pyfg holds poses, and this graph measures rotations alone")
+    if (graph.tau == 0.0).any():
+        raise InputError("pyfg has no measurements of an attitude alone")
+    n, d, t = len(instance.ids[known]), graph.d, graph.translations
+    points = np.zeros(n, dtype=bool) if graph.points is None else graph.points[known]
+    names = _names(instance.names[known], instance.ids[known], points)
+    # Every node needs a vertex; without initial values all are at the origin.
+    values = Estimate(np.tile(np.eye(d), (n, 1, 1)), np.zeros((n, d)))
+    if instance.initial is not None:
+        values = instance.in_world(instance.initial)
+    of_world = np.zeros(graph.num_edges, dtype=bool)
+    if instance.world is not None:
+        of_world = np.asarray(graph.edges[:, 0] == instance.world)
+        if instance.origin is not None:
+            t = t + np.where(of_world[:, None], instance.origin, 0.0)
+    at = values.translations
+    lines = _vertices(names, values.rotations, np.zeros((n, d)) if at is None else at, points)
+    poses = _poses(graph.rotation.rotations, t)
+    covariances = _covariances(instance, graph)
+    turned = graph.rotation.kappa > 0.0
+    kinds: tuple[tuple[Kind, BoolArray], ...] = (
+        ("prior", of_world & turned),
+        ("position", of_world & ~turned),
+        ("edge", ~of_world & turned),
+        ("sighting", ~of_world & ~turned),
+    )
+    for kind, chosen in kinds:
+        tag, of_one = NAMES[kind][d], kind in ("prior", "position")
+        for k in np.flatnonzero(chosen).tolist():
+            i, j = graph.edges[k].tolist()
+            ends = names[j] if of_one else f"{names[i]} {names[j]}"
+            measured = poses[k] if turned[k] else " ".join(map(repr, t[k].tolist()))
+            lines.append(f"{tag} {_TIME} {ends} {measured} {covariances[k]}\n")
+    _write(path, [*lines, *_ranges(instance, names)])
+
+
+def _ranges(instance: Instance, names: Sequence[str]) -> Iterator[str]:
+    if instance.ranges is None:
+        return
+    variances = (1.0 / instance.ranges.weights).tolist()
+    distances = instance.ranges.distances.tolist()
+    for (i, j), *numbers in zip(instance.ranges.edges.tolist(), distances, variances, strict=True):
+        if instance.world in (i, j):
+            raise InputError("pyfg has no ranges from the world")
+        distance, variance = numbers
+        yield f"EDGE_RANGE {_TIME} {names[i]} {names[j]} {distance!r} {variance!r}\n"
+
+
+def _vertices(names: Sequence[str], R: FloatArray, t: FloatArray, points: BoolArray) -> list[str]:
+    d = t.shape[1]
+    pose, point = NAMES["pose"][d], NAMES["point"][d]
+    return [
+        f"{point} {name} {' '.join(map(repr, at))}\n"
+        if is_point
+        else f"{pose} {_TIME} {name} {text}\n"
+        for name, text, at, is_point in zip(
+            names, _poses(R, t), t.tolist(), points.tolist(), strict=True
+        )
+    ]
+
+
+def _poses(R: FloatArray, t: FloatArray) -> list[str]:
+    angles = quaternion.to_write(R) if R.shape[-1] == 3 else np.arctan2(R[:, 1, :1], R[:, 0, :1])
+    return [" ".join(map(repr, row)) for row in np.hstack([t, angles]).tolist()]
+
+
+def _names(names: Sequence[str], ids: IntArray, points: BoolArray) -> list[str]:
+    """The nodes' names; without any, A and L with the ids of poses and points."""
+    if not names:
+        letters = ("L" if flag else "A" for flag in points.tolist())
+        return [f"{letter}{k}" for letter, k in zip(letters, ids.tolist(), strict=True)]
+    for name in names:
+        if not is_name(name):
+            raise InputError(f"pyfg has names without blanks that are no numbers, not {name!r}")
+    return list(names)
+
+
+def _covariances(instance: Instance, graph: PoseGraph) -> list[str]:
+    """The upper triangles of the covariances of all edges, row by row."""
+    about = instance.options.get("rotation_information", "tangent")
+    if instance.information is not None and (graph.d == 2 or about == "tangent"):
+        return _full(instance, instance.information)
+    weights = zip(graph.rotation.kappa.tolist(), graph.tau.tolist(), strict=True)
+    return [_isotropic(graph.d, *pair) for pair in weights]
+
+
+def _full(instance: Instance, information: Information) -> list[str]:
+    texts, d = [], instance.graph.d
+    for k, whole in enumerate(information.distinct):
+        matrix = whole if whole[d:].any() else whole[:d, :d]
+        if not np.linalg.eigvalsh(matrix)[0] > 0.0:
+            i, j = instance.ids[instance.graph.edges[np.argmax(information.index == k)]]
+            raise InputError(
+                f"edge {i} to {j}: pyfg holds covariances, and the information is not positive "
+                "definite (--isotropic writes the weights of F)"
+            )
+        texts.append(_upper(symmetric(np.linalg.inv(matrix)[None])[0]))
+    return [texts[k] for k in information.index.tolist()]
+
+
+def _isotropic(d: int, kappa: float, tau: float) -> str:
+    variances = [1.0 / tau] * d
+    if kappa > 0.0:
+        variances += [1.0 / kappa] if d == 2 else [0.5 / kappa] * 3
+    return _upper(np.diag(variances))
+
+
+def _upper(matrix: FloatArray) -> str:
+    return " ".join(map(repr, matrix[np.triu_indices(len(matrix))].tolist()))
+
+
+def _write(path: Path, lines: Sequence[str]) -> None:
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        file.writelines(lines)
