@@ -84,6 +84,7 @@ def _as_json(
 
 def _lines(instance: Instance, found: Structure, engine: str) -> Iterable[tuple[str, str]]:
     from certpgo.assess.wording import reading_sentence
+    from certpgo.io.plural import counted
 
     yield "name", instance.name
     yield "source", instance.source
@@ -91,6 +92,11 @@ def _lines(instance: Instance, found: Structure, engine: str) -> Iterable[tuple[
     gaps = "" if found.consecutive else " with gaps"
     yield "nodes", f"{found.nodes}, ids {found.first_id} to {found.last_id}{gaps}"
     yield "edges", f"{found.edges}, {found.parallel_edges} of them parallel to an earlier edge"
+    if found.points:
+        yield "landmarks", f"{counted(found.points, 'point{s}')} among the nodes"
+        yield "sightings", f"{found.sightings} among the edges"
+    if found.priors:
+        yield "priors", f"{found.priors} among the edges"
     yield "bridges", f"{found.bridges} (edges in no cycle, which no other measurement checks)"
     sizes = found.component_sizes
     shown = ", ".join(map(str, sizes[:8])) + (", ..." if len(sizes) > 8 else "")

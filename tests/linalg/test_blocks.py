@@ -118,7 +118,7 @@ def test_rows_are_packed_and_unpacked(b, of_points):
 
 @pytest.mark.parametrize("k", [1, 2, 3])
 def test_trailing_rows_are_those_of_poses(k):
-    rng, pattern, points = with_points(k)
+    _, pattern, points = with_points(k)
     b, of_points = 5, 5 - k
     values = np.arange(7 * b).reshape(7, b) + 1.0
     layout = pattern.layout(b, of_points)
