@@ -45,7 +45,7 @@ def write(
 
     Parameters
     ----------
-    path : .g2o or .npz for a graph; .g2o, .npz, .tum, .kitti or .rots for an estimate
+    path : .g2o or .npz for a graph; .g2o, .npz, .tum, .kitti, .rots or .ply for an estimate
     what : an instance (graph, ids, initial values, fixed nodes), a graph, or an estimate
     instance : for an estimate, the instance it solves: its ids, initial values and fixed nodes
     ids : (n,) distinct node ids; the instance's by default, else 0 ... n-1
