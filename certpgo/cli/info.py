@@ -44,7 +44,12 @@ def command(
             typer.echo(f"\n{name}, {_WEIGHTS[weights]}")
             facts(_spectrum_lines(spectrum))
     if not all(spectra.values()):
-        typer.echo("\neigenvalues need edges that all measure rotations: --no-priors skips priors")
+        skipping = [
+            *(["--no-priors skips priors"] if found.priors else []),
+            *(["--no-landmarks skips landmarks"] if found.points else []),
+        ]
+        said = "eigenvalues need edges that all measure rotations"
+        typer.echo(f"\n{said}{': ' * bool(skipping)}{', '.join(skipping)}")
     elif not spectra:
         typer.echo("\neigenvalues need a connected graph: use --components largest or each")
 

@@ -106,6 +106,7 @@ def test_landmarks_and_priors_together(certpgo, tmp_path):
     done = certpgo("info", path)
     assert "landmarks       1 point among the nodes" in done.out
     assert "sightings       2 among the edges" in done.out
+    assert "--no-priors skips priors, --no-landmarks skips landmarks" in done.out
     assert "priors          3 among the edges" in done.out
     found = certpgo("info", path, "--json").json
     assert (found["points"], found["sightings"], found["priors"]) == (1, 2, 3)

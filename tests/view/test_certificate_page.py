@@ -439,7 +439,7 @@ def test_the_page_in_a_browser(solved, browser, tmp_path):
 @pytest.mark.parametrize(("d", "poses", "points"), [(2, 4, 4), (3, 6, 3), (3, 5, 7)])
 def test_a_page_of_landmarks(d, poses, points):
     """Also where matrices of rotations and of poses and points have the same size."""
-    graph, truth = point_graph(np.random.default_rng(1), poses, points, d)
+    graph, _ = point_graph(np.random.default_rng(1), poses, points, d)
     problem = problem_of(graph)
     answer = solve(graph)
     assessment = assess(problem, answer.estimate, answer.certificate)
