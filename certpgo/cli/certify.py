@@ -118,7 +118,8 @@ def command(
         _write_best(best, parts[0], assessments[0])
     elif any(a.excess > a.certificate.tolerance for a in assessments):
         notice("--best OUT writes the lower-cost estimate")
-    if any(_may_gain(a.certificate, own) for a in assessments):
+    judged = zip(parts, assessments, strict=True)
+    if any(_may_gain(part.problem, a.certificate) for part, a in judged):
         notice("rounding may limit the bound: try --tier proof")
     code = _verdict.exit_code(a.certificate for a in assessments)
     proven = True
@@ -134,13 +135,17 @@ def command(
     return code if proven else code or REFUSED
 
 
-def _may_gain(certificate: Certificate, cost: str) -> bool:
+def _may_gain(problem: Problem | InformationProblem, certificate: Certificate) -> bool:
     """Whether the refined point is so close to the bound that the proof tier may close the gap."""
     from certpgo.certify.case import PROOF_GAIN
+    from certpgo.certify.own_cost import is_provable
+    from certpgo.costs import InformationProblem
 
+    if isinstance(problem, InformationProblem) and not is_provable(problem):
+        return False
     gap = certificate.refined_cost - certificate.lower_bound
     near = certificate.tolerance < gap <= PROOF_GAIN * certificate.tolerance
-    provable = cost != "gtsam" and certificate.tier.value == "standard"
+    provable = certificate.tier.value == "standard"
     return provable and certificate.better is None and near
 
 
