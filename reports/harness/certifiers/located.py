@@ -25,12 +25,12 @@ from reports.harness.certifiers.points import (
 
 
 @dataclass(frozen=True)
-class Measured:
+class Extras:
     """What a random graph of poses along a walk measures beyond its odometry.
 
     Attributes
     ----------
-    points : landmarks, each seen by up to four poses
+    points : landmarks, each seen by four poses, or by all without odometry
     positions, attitudes : poses that are measured from the world
     turns, steps : edges between poses that measure a rotation, and a position, alone
     odometry : whether the steps of the walk are measured
@@ -46,30 +46,30 @@ class Measured:
     flat: bool = False
 
 
-LANDMARKS = Measured(points=6)
-SIGHTINGS_ALONE = Measured(points=8, odometry=False)
-PRIORS = Measured(positions=4, attitudes=2)
-PRIORS_IN_A_PLANE = Measured(positions=4, flat=True)
-PARTIAL = Measured(points=3, positions=2, turns=3, steps=3)
+LANDMARKS = Extras(points=6)
+SIGHTINGS_ALONE = Extras(points=8, odometry=False)
+PRIORS = Extras(positions=4, attitudes=2)
+PRIORS_IN_A_PLANE = Extras(positions=4, flat=True)
+PARTIAL = Extras(points=3, positions=2, turns=3, steps=3)
 
 
-def exact(measured: Measured, quick: bool) -> Iterator[ZooPoint]:
+def exact(extras: Extras, quick: bool) -> Iterator[ZooPoint]:
     """Data without noise, the cost 0: the truth, and where descents from other starts end."""
-    for cost, d, seed in _cases(measured, 2 if quick else 10):
+    for cost, d, seed in _cases(extras, 2 if quick else 10):
         rng = np.random.default_rng(np.random.SeedSequence((7, d, seed)))
-        problem, true = _problem(measured, cost, d, 0.0, rng)
+        problem, true = _problem(extras, cost, d, 0.0, rng)
         truth = truth_by_form(problem, true, 0.0)
         yield ZooPoint(f"{cost}, {d}D seed {seed}, the truth", problem, true, truth)
         for k, point in enumerate(best_of(problem, _starts(problem.n, d, rng))):
             yield ZooPoint(f"{cost}, {d}D seed {seed}, point {k}", problem, point, truth)
 
 
-def noisy(measured: Measured, quick: bool) -> Iterator[ZooPoint]:
+def noisy(extras: Extras, quick: bool) -> Iterator[ZooPoint]:
     """Noise from little to all: the best and the worst end of several descents."""
-    for cost, d, seed in _cases(measured, 3 if quick else 30):
+    for cost, d, seed in _cases(extras, 3 if quick else 30):
         rng = np.random.default_rng(np.random.SeedSequence((8, d, seed)))
         noise = 10.0 ** rng.uniform(-2.0, 0.3)
-        problem, true = _problem(measured, cost, d, noise, rng)
+        problem, true = _problem(extras, cost, d, noise, rng)
         points = best_of(problem, [true, *_starts(problem.n, d, rng)])
         if isinstance(problem, InformationProblem):
             truth = truth_in_hand(problem, points[0])
@@ -79,9 +79,9 @@ def noisy(measured: Measured, quick: bool) -> Iterator[ZooPoint]:
             yield ZooPoint(f"{cost}, {d}D seed {seed}, {name}", problem, point, truth)
 
 
-def _cases(measured: Measured, seeds: int) -> Iterator[tuple[str, int, int]]:
+def _cases(extras: Extras, seeds: int) -> Iterator[tuple[str, int, int]]:
     """Costs, dimensions and seeds; no cost but F has a rotation alone, or no whole edge."""
-    whole = measured.odometry and not measured.attitudes and not measured.turns
+    whole = extras.odometry and not extras.attitudes and not extras.turns
     return itertools.product((CHORDAL, *(COSTS if whole else ())), (2, 3), range(seeds))
 
 
@@ -93,27 +93,27 @@ def _starts(n: int, d: int, rng: np.random.Generator) -> list[Estimate]:
 
 
 def _problem(
-    measured: Measured, cost: str, d: int, noise: float, rng: np.random.Generator
+    extras: Extras, cost: str, d: int, noise: float, rng: np.random.Generator
 ) -> tuple[PoseProblem | InformationProblem, Estimate]:
     """The problem, its nodes in any order but for the world, and the truth."""
     poses = int(rng.integers(4, 9))
-    is_measured = measured.positions or measured.attitudes
-    n, world = poses + measured.points + bool(is_measured), poses + measured.points
+    is_measured = extras.positions or extras.attitudes
+    n, world = poses + extras.points + bool(is_measured), poses + extras.points
     R, t = so.random(rng, n, d), 3.0 * rng.standard_normal((n, d))
-    if measured.flat:
+    if extras.flat:
         t[:, -1] = 0.0
     if is_measured:
         R[world], t[world] = np.eye(d), 0.0
-    walk = [(k, k + 1) for k in range(poses - 1)] if measured.odometry else []
+    walk = [(k, k + 1) for k in range(poses - 1)] if extras.odometry else []
     seen = [
         (int(pose), poses + point)
-        for point in range(measured.points)
-        for pose in rng.choice(poses, 4, replace=False)
+        for point in range(extras.points)
+        for pose in rng.choice(poses, 4 if extras.odometry else poses, replace=False)
     ]
-    fixed = [(world, int(k)) for k in rng.choice(poses, measured.positions, replace=False)]
-    turned = [(world, int(k)) for k in rng.choice(poses, measured.attitudes, replace=False)]
-    chords = [tuple(rng.choice(poses, 2, replace=False)) for _ in range(measured.turns)]
-    steps = [tuple(rng.choice(poses, 2, replace=False)) for _ in range(measured.steps)]
+    fixed = [(world, int(k)) for k in rng.choice(poses, extras.positions, replace=False)]
+    turned = [(world, int(k)) for k in rng.choice(poses, extras.attitudes, replace=False)]
+    chords = [tuple(rng.choice(poses, 2, replace=False)) for _ in range(extras.turns)]
+    steps = [tuple(rng.choice(poses, 2, replace=False)) for _ in range(extras.steps)]
     edges = np.array([*walk, *seen, *fixed, *steps, *turned, *chords], dtype=np.intp)
     i, j = edges.T
     m, whole, moved = len(edges), len(walk), len(edges) - len(turned) - len(chords)
@@ -126,7 +126,7 @@ def _problem(
     there[tau == 0.0] = 0.0
     flags = (np.arange(n) >= poses) & (np.arange(n) < world)
     rotation = RotationGraph(n, edges, so.project(turns), kappa)
-    graph = PoseGraph(rotation, there, tau, points=flags if measured.points else None)
+    graph = PoseGraph(rotation, there, tau, points=flags if extras.points else None)
     true = Estimate(so.project(R), t)
     if cost == CHORDAL:
         return PoseProblem(graph), true
