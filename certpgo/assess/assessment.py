@@ -18,7 +18,7 @@ from certpgo.errors import CertPGOError, InputError, InputNotice
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph
 from certpgo.io.digits import Digits, Writing
 from certpgo.io.gtsam_values import estimate_from_values
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.problem import PoseProblem, Problem
 
 #: Number of costliest edges listed.
@@ -51,15 +51,15 @@ class CostlyEdge:
     ids : ids of its nodes
     cost : its term of F at the estimate as given
     share : ``cost`` over F
-    angle : angle between R_i R_ij and R_j, radians
-    metres : norm of t_j - t_i - R_i t_ij; None without translations
+    angle : angle between R_i R_ij and R_j, radians; None where no rotation is measured
+    metres : norm of t_j - t_i - R_i t_ij; None where no translation is measured
     """
 
     edge: int
     ids: tuple[int, int]
     cost: float
     share: float
-    angle: float
+    angle: float | None
     metres: float | None
 
 
@@ -117,6 +117,7 @@ def assess(
     certificate: Certificate,
     *,
     ids: IntArray | None = None,
+    nodes: IntArray | None = None,
     writing: Writing | None = None,
 ) -> Assessment:
     """Compare an estimate with the best one found while certifying it.
@@ -125,9 +126,11 @@ def assess(
     ----------
     certificate : certificate of this estimate for this problem
     ids : (n,) node ids for naming edges; 0 ... n-1 by default
+    nodes : (k,) poses between which the distance is, see `certpgo.Instance.poses`; all by default
     writing : number format of the estimate's file, see `certpgo.io.digits.writing_of`
     """
     c = certificate
+    nodes = _poses(problem) if nodes is None else nodes
     best, cost = c.best, c.best_cost
     if not cost < c.cost_upper:  # any improvement is rounding
         best, cost = estimate, c.cost_upper
@@ -139,7 +142,7 @@ def assess(
         best_cost=cost,
         best_is_optimal=proven,
         excess=c.cost_upper - cost if math.isfinite(c.cost_upper) else math.inf,
-        distance=distance(estimate, best),
+        distance=distance(estimate.subset(nodes), best.subset(nodes)),
         edges=costly_edges(problem, estimate, np.arange(problem.n) if ids is None else ids),
         rounding=None if writing is None else rounding_cost(problem, estimate, best, writing),
     )
@@ -163,17 +166,27 @@ def costly_edges(
     if not 0.0 < total < math.inf:
         return ()
     angles = problem.residual_angles(estimate)
+    turned, moved = measured_parts(problem)
     return tuple(
         CostlyEdge(
             edge=e,
             ids=(int(ids[problem.graph.edges[e, 0]]), int(ids[problem.graph.edges[e, 1]])),
             cost=float(terms[e]),
             share=float(terms[e]) / total,
-            angle=float(angles[e]),
-            metres=None if lengths is None else float(lengths[e]),
+            angle=float(angles[e]) if turned[e] else None,
+            metres=float(lengths[e]) if lengths is not None and moved[e] else None,
         )
         for e in np.argsort(-terms, kind="stable")[:count].tolist()
     )
+
+
+def measured_parts(problem: Problem | InformationProblem) -> tuple[BoolArray, BoolArray]:
+    """(m,) which edges measure a rotation, and which a translation."""
+    poses = problem.chordal if isinstance(problem, InformationProblem) else problem
+    graph = poses.graph
+    if isinstance(graph, PoseGraph):
+        return graph.rotation.kappa > 0.0, graph.tau > 0.0
+    return graph.kappa > 0.0, np.zeros(graph.num_edges, dtype=bool)
 
 
 def residual_lengths(
@@ -193,7 +206,8 @@ def rounding_cost(
 
     It is first aligned with the estimate, as the rounding error depends on the size of the numbers.
     """
-    S = metrics.align(best, estimate)
+    nodes = _poses(problem)
+    S = metrics.align(best.subset(nodes), estimate.subset(nodes))
     moved = best.moved(S)
     if moved.translations is not None and estimate.translations is not None:
         offset = (estimate.translations - moved.translations).mean(axis=0)
@@ -203,6 +217,11 @@ def rounding_cost(
     except CertPGOError:
         return Rounding(writing.digits, None)
     return Rounding(writing.digits, max(rise, 0.0))
+
+
+def _poses(problem: Problem | InformationProblem) -> IntArray:
+    """The nodes that have a rotation."""
+    return (problem.chordal if isinstance(problem, InformationProblem) else problem).poses
 
 
 def certify_values(

@@ -67,7 +67,14 @@ class JudgedGraph:
     def assessed(self, estimate: Estimate, writing: Writing | None = None) -> Assessment:
         """The certificate of an estimate, and its comparison with the best one."""
         certificate = self.judge.certify(estimate)
-        return assess(self.problem, estimate, certificate, ids=self.instance.ids, writing=writing)
+        return assess(
+            self.problem,
+            estimate,
+            certificate,
+            ids=self.instance.ids,
+            nodes=self.instance.poses,
+            writing=writing,
+        )
 
 
 def estimates_for(

@@ -11,6 +11,7 @@ from certpgo.assess.consistency import inconsistency
 from certpgo.certify.bounds import alpha_max, fiedler_value, normalized_fiedler_value
 from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.graph.bridges import bridges
+from certpgo.io.plural import counted
 from certpgo.linalg.factor import default_engine, engines
 from certpgo.objective.problem import RotationProblem
 from certpgo.optimize import spectral
@@ -26,6 +27,8 @@ class Structure:
     d, nodes, edges : dimension and counts
     first_id, last_id, consecutive : node ids of the source
     component_sizes : nodes in each component, largest first
+    points : nodes that are points
+    sightings, priors : edges that lead to points from poses; edges that leave the world
     parallel_edges : edges after the first between the same two nodes
     bridges : edges whose removal disconnects their component
     kappa, tau : smallest and largest concentration; tau in 1/m^2, None for rotations
@@ -39,6 +42,9 @@ class Structure:
     last_id: int
     consecutive: bool
     component_sizes: tuple[int, ...]
+    points: int
+    sightings: int
+    priors: int
     parallel_edges: int
     bridges: int
     kappa: tuple[float, float]
@@ -69,6 +75,7 @@ def structure(instance: Instance) -> Structure:
     """Counts and connectivity of an instance."""
     graph, ids = instance.graph, instance.ids
     rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    points, sightings, priors = kinds(instance)
     simple = len(np.unique(np.sort(graph.edges, axis=1), axis=0))
     return Structure(
         kind=graph.kind,
@@ -79,6 +86,9 @@ def structure(instance: Instance) -> Structure:
         last_id=int(ids.max()),
         consecutive=int(ids.max()) - int(ids.min()) + 1 == len(ids),
         component_sizes=tuple(sorted(graph.component_sizes, reverse=True)),
+        points=points,
+        sightings=sightings,
+        priors=priors,
         parallel_edges=graph.num_edges - simple,
         bridges=len(bridges(graph)),
         kappa=(float(rotation.kappa.min()), float(rotation.kappa.max())),
@@ -86,6 +96,25 @@ def structure(instance: Instance) -> Structure:
         if isinstance(graph, PoseGraph)
         else None,
     )
+
+
+def kinds(instance: Instance) -> tuple[int, int, int]:
+    """Numbers of points, of sightings of these, and of priors."""
+    graph, world = instance.graph, instance.world
+    first, second = graph.edges.T
+    of_world = np.zeros(graph.num_edges, dtype=bool) if world is None else first == world
+    if not isinstance(graph, PoseGraph) or graph.points is None:
+        return 0, 0, int(of_world.sum())
+    seen = graph.points[second] & ~of_world
+    return int(graph.points.sum()), int(seen.sum()), int(of_world.sum())
+
+
+def kinds_in_words(instance: Instance) -> list[str]:
+    """The same, without those of which there are none."""
+    names = ("landmark{s}", "sighting{s}", "prior{s}")
+    return [
+        counted(number, name) for number, name in zip(kinds(instance), names, strict=True) if number
+    ]
 
 
 def spectra(graph: Graph) -> Mapping[str, Spectrum]:

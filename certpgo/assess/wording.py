@@ -160,10 +160,11 @@ def distances(a: Assessment) -> Iterable[tuple[str, str]]:
 
 def _edges(a: Assessment) -> Iterable[tuple[str, str]]:
     for k, edge in enumerate(a.edges[:EDGES]):
-        metres = "" if edge.metres is None else f", {edge.metres:.3g} m"
         share = f"{edge.ids[0]} to {edge.ids[1]}: {100.0 * edge.share:.3g} % of F"
-        residual = f"residual {math.degrees(edge.angle):.4g} degrees{metres}"
-        yield "" if k else "costliest edges", f"{share}, {residual}"
+        degrees = [] if edge.angle is None else [f"{math.degrees(edge.angle):.4g} degrees"]
+        metres = [] if edge.metres is None else [f"{edge.metres:.3g} m"]
+        residual = ", ".join([*degrees, *metres])
+        yield "" if k else "costliest edges", f"{share}, residual {residual}"
 
 
 def digits(a: Assessment) -> Iterable[tuple[str, str]]:

@@ -148,13 +148,19 @@ class Solved:
         import numpy as np
 
         from certpgo.io.covariances import write_covariances
+        from certpgo.io.writing import in_file_frame
         from certpgo.optimize.marginals import Marginals
 
-        world, ids = self.part.world, self.part.ids
+        part = self.part
         problem = self._problem if self.found is None else self.found.problem
-        whole = problem.tangent_layout.whole
-        marginals = Marginals(problem, self.solution.estimate, int(world or whole[0]))
-        rotations = self.solution.estimate.translations is None
+        world, ids, whole = part.world, part.ids, problem.tangent_layout.whole
+        # Covariances of points are in the frame of the estimate, so that is the written one.
+        if world is None:
+            estimate = in_file_frame(self.solution.estimate, part)
+        else:
+            estimate = self.solution.estimate.anchored(world)
+        marginals = Marginals(problem, estimate, int(world or whole[0]))
+        rotations = estimate.translations is None
         written = slice(world)  # without the world, the last node
         points = np.ones(len(ids), dtype=bool)
         points[whole] = False
@@ -162,7 +168,10 @@ class Solved:
         write_covariances(out, covariances, ids[written], points[written], rotations=rotations)
         if not quiet:
             fixed = "the world" if world else f"node {ids[marginals.anchor]}"
-            typer.echo(f"covariances: {out}, in each node's frame, with {fixed} fixed")
+            frames = "each node's frame"
+            if points.any():
+                frames = "each pose's frame, and of points in the world's"
+            typer.echo(f"covariances: {out}, in {frames}, with {fixed} fixed")
 
     @property
     def _problem(self) -> Problem | InformationProblem:
@@ -190,7 +199,9 @@ class Solved:
         if self.disagreement is not None:
             remarks.append(f"{hint(self.disagreement)}.")
         problem = self._problem
-        assessment = assess(problem, solution.estimate, self.certificate, ids=part.ids)
+        assessment = assess(
+            problem, solution.estimate, self.certificate, ids=part.ids, nodes=part.poses
+        )
         origin = origin_of(
             graph,
             reading,

@@ -44,7 +44,12 @@ def command(
             typer.echo(f"\n{name}, {_WEIGHTS[weights]}")
             facts(_spectrum_lines(spectrum))
     if not all(spectra.values()):
-        typer.echo("\neigenvalues need edges that all measure rotations: --no-priors skips priors")
+        skipping = [
+            *(["--no-priors skips priors"] if found.priors else []),
+            *(["--no-landmarks skips landmarks"] if found.points else []),
+        ]
+        said = "eigenvalues need edges that all measure rotations"
+        typer.echo(f"\n{said}{': ' * bool(skipping)}{', '.join(skipping)}")
     elif not spectra:
         typer.echo("\neigenvalues need a connected graph: use --components largest or each")
 
@@ -84,6 +89,7 @@ def _as_json(
 
 def _lines(instance: Instance, found: Structure, engine: str) -> Iterable[tuple[str, str]]:
     from certpgo.assess.wording import reading_sentence
+    from certpgo.io.plural import counted
 
     yield "name", instance.name
     yield "source", instance.source
@@ -91,6 +97,11 @@ def _lines(instance: Instance, found: Structure, engine: str) -> Iterable[tuple[
     gaps = "" if found.consecutive else " with gaps"
     yield "nodes", f"{found.nodes}, ids {found.first_id} to {found.last_id}{gaps}"
     yield "edges", f"{found.edges}, {found.parallel_edges} of them parallel to an earlier edge"
+    if found.points:
+        yield "landmarks", f"{counted(found.points, 'point{s}')} among the nodes"
+        yield "sightings", f"{found.sightings} among the edges"
+    if found.priors:
+        yield "priors", f"{found.priors} among the edges"
     yield "bridges", f"{found.bridges} (edges in no cycle, which no other measurement checks)"
     sizes = found.component_sizes
     shown = ", ".join(map(str, sizes[:8])) + (", ..." if len(sizes) > 8 else "")

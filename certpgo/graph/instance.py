@@ -108,6 +108,13 @@ class Instance:
         if found != expected:
             raise GraphError(f"information must be {expected}, a matrix per edge, not {found}")
 
+    @property
+    def poses(self) -> IntArray:
+        """The nodes that are poses of the trajectory, ascending: no points, and not the world."""
+        graph = self.graph
+        nodes = graph.pose_nodes if isinstance(graph, PoseGraph) else np.arange(graph.num_nodes)
+        return nodes if self.world is None else nodes[nodes != self.world]
+
     def in_world(self, estimate: Estimate) -> Estimate:
         """An estimate's poses in the world's frame, without the world; as it is without priors."""
         if self.world is None:

@@ -47,15 +47,15 @@ def write(
 
     Parameters
     ----------
-    path : .g2o, .npz or .pyfg for a graph; .g2o, .npz, .pyfg, .tum, .kitti or .rots for an
+    path : .g2o, .npz or .pyfg for a graph; .g2o, .npz, .pyfg, .tum, .kitti, .rots or .ply for an
         estimate
     what : an instance (graph, ids, initial values, fixed nodes), a graph, or an estimate
     instance : for an estimate, the instance it solves: its ids, initial values and fixed nodes
     ids : (n,) distinct node ids; the instance's by default, else 0 ... n-1
     format : name of the format, if the suffix does not determine it
     anchor : frame of an estimate: ``"file"``, the default with an instance, is the world where
-        there are priors, and otherwise puts the smallest id at its initial value in the instance,
-        or the identity if it has none; ``"identity"`` puts it at
+        there are priors, and otherwise puts the pose of the smallest id at its initial value in
+        the instance, or the identity if it has none; ``"identity"`` puts it at
         the identity; ``"prior"`` puts the instance's first fixed node at its initial value;
         ``"none"``, the default without an instance, does not move the estimate
     timestamps : of a TUM file: node ``"ids"``, ``"index"``, or a file with one per node, seconds
@@ -185,7 +185,7 @@ def _anchored(
             return instance.in_world(estimate)
         estimate = estimate.subset(np.arange(instance.world))
         ids, initial = ids[:-1], None if initial is None else instance.in_world(initial)
-    node = int(np.argmin(ids))
+    node = _first_pose(ids, instance)
     if anchor == "none":
         return estimate
     if anchor == "identity":
@@ -197,6 +197,17 @@ def _anchored(
     if initial is not None and _same_pose(estimate, initial, node):
         return estimate
     return estimate.anchored(node, initial)
+
+
+def in_file_frame(estimate: Estimate, instance: Instance) -> Estimate:
+    """An estimate in the frame in which `write` writes it by default."""
+    return _anchored(estimate, instance.ids, instance, None)
+
+
+def _first_pose(ids: IntArray, instance: Instance | None) -> int:
+    """The node with the smallest id; a point has no rotation to hold the others by."""
+    nodes = np.arange(len(ids)) if instance is None else instance.poses
+    return int(nodes[np.argmin(ids[nodes])])
 
 
 def _same_pose(a: Estimate, b: Estimate, node: int) -> bool:

@@ -72,8 +72,9 @@ class PoseProblem(Objective):
 
     @cached_property
     def rotation(self) -> RotationProblem:
-        """The problem of the rotations alone; shares pattern and ordering."""
-        return self._shared(RotationsOfPoses(self.graph.rotation, self.engine))
+        """The rotations alone; shares pattern and ordering unless there are points."""
+        rotations = RotationsOfPoses(self.graph.rotation, self.engine)
+        return rotations if self.graph.points is not None else self._shared(rotations)
 
     @cached_property
     def scale(self) -> float:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from certpgo.assess.assessment import Assessment, CostlyEdge
+from certpgo.assess.diagnostics import kinds_in_words
 from certpgo.assess.ladder import Rung, rungs_of_eigenvalues
 from certpgo.assess.wording import (
     digits,
@@ -25,7 +26,7 @@ from certpgo.certify.curvature import smallest_eigenvalues
 from certpgo.certify.own_cost import has_proofs
 from certpgo.costs import CHORDAL, InformationProblem, own_cost, surrogate
 from certpgo.errors import CertPGOError, NumericalError
-from certpgo.graph import Estimate, Instance
+from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.io.plural import counted
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import Problem, RotationProblem
@@ -94,9 +95,9 @@ def certificate_page(
         reason=certificate.reason[:1].upper() + certificate.reason[1:],
         remarks=[*_cost(problem), *origin.remarks],
         numbers=[*_head(instance, origin), *_facts(instance, assessment)],
-        scene=scene(problem, estimate, instance.ids),
+        scene=scene(problem, estimate, instance.ids, world=instance.world),
         edge_header=_EDGE_HEADER[: -1 if isinstance(problem, RotationProblem) else None],
-        edges=[_edge(edge) for edge in assessment.edges],
+        edges=[_edge(edge, instance) for edge in assessment.edges],
         bounds=[
             (rung.title, rung.shown, rung.says, rung.needs)
             for rung in _rungs(problem, estimate, certificate)
@@ -133,6 +134,8 @@ def _head(instance: Instance, origin: Origin) -> Iterable[tuple[str, str]]:
     graph = instance.graph
     nodes, edges = counted(graph.num_nodes, "node{s}"), counted(graph.num_edges, "edge{s}")
     yield "graph", f"{origin.graph} ({nodes}, {edges}, {graph.d}D)"
+    if of_kinds := kinds_in_words(instance):
+        yield "among these", ", ".join(of_kinds)
     if origin.estimate:
         yield "estimate", origin.estimate
     if origin.method:
@@ -148,15 +151,19 @@ def _facts(instance: Instance, assessment: Assessment) -> Iterable[tuple[str, st
     yield "objective", stated_objective(instance.options, certificate)
 
 
-def _edge(edge: CostlyEdge) -> tuple[str, ...]:
+def _edge(edge: CostlyEdge, instance: Instance) -> tuple[str, ...]:
+    first, second = edge.ids
+    of_world = instance.world is not None and first == instance.ids[instance.world]
     cells = (
         str(edge.edge),
-        f"{edge.ids[0]} to {edge.ids[1]}",
+        f"{'the world' if of_world else first} to {second}",
         f"{edge.cost:.6g}",
         f"{100.0 * edge.share:.3g} %",
-        f"{math.degrees(edge.angle):.4g}",
+        "" if edge.angle is None else f"{math.degrees(edge.angle):.4g}",
     )
-    return cells if edge.metres is None else (*cells, f"{edge.metres:.4g}")
+    if not isinstance(instance.graph, PoseGraph):
+        return cells
+    return (*cells, "" if edge.metres is None else f"{edge.metres:.4g}")
 
 
 class _Multipliers(NamedTuple):

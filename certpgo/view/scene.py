@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from certpgo.assess.assessment import residual_lengths
+from certpgo.assess.assessment import measured_parts, residual_lengths
 from certpgo.costs import InformationProblem
-from certpgo.graph import Estimate
+from certpgo.graph import Estimate, PoseGraph
+from certpgo.io.plural import counted
 from certpgo.linalg import so
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.problem import Problem
 
 #: Edges drawn at most: the costliest, and the others sampled evenly.
@@ -19,6 +20,10 @@ EDGES = 20_000
 COSTLIEST = 0.1
 #: Quantile of the residuals that gets the last colour; larger residuals share it.
 TOP = 0.98
+#: The residual, in data, of what an edge does not measure.
+NOT_MEASURED = -1.0
+#: Kinds of edges, in data.
+BETWEEN, SIGHTING, PRIOR = 0, 1, 2
 
 Data = dict[str, Any]
 
@@ -28,46 +33,50 @@ def scene(
     estimate: Estimate,
     ids: IntArray,
     *,
+    world: int | None = None,
     limit: int = EDGES,
 ) -> Data:
     """Positions, edges and residuals for the view's script.
 
     A rotation graph has no positions: nodes are drawn at their rotation vectors in the frame of
-    their mean, in 2D on the unit circle.
+    their mean, in 2D on the unit circle. The world is not drawn, and the view is in its frame; what
+    is measured from it is a mark at the pose.
 
     Parameters
     ----------
     ids : (n,) node ids
+    world : the node from which priors are measured, the last one; None for none
     limit : maximal number of edges drawn
 
     Returns
     -------
     ``dimensions``; ``points`` (k, 2 or 3) with ``ids``; ``edges`` (e, 2) into these, with their
     ``numbers`` in the graph and whether each is a ``loop`` closure (between nodes whose ids are not
-    consecutive); ``measures``, each with ``unit``, ``values`` (e,) and the ``top`` of its colours;
-    ``sentences`` on what is shown.
+    consecutive); ``measures``, each with ``unit``, ``values`` (e,), `NOT_MEASURED` for what an
+    edge does not measure, and the ``top`` of its colours; ``sentences`` on what is shown. Where
+    there are landmarks or a world, ``landmarks`` (k,) flags, and ``kinds`` (e,) of edges: the ends
+    of a `PRIOR` are both the measured node.
     """
-    angles = np.degrees(problem.residual_angles(estimate))
-    measures = [("degrees", angles)]
-    lengths = residual_lengths(problem, estimate)
-    if lengths is not None:
-        measures.append(("metres", lengths))
-    edges = problem.graph.edges
+    edges, landmarks, kinds = _kinds(problem, world)
+    measures = _residuals(problem, estimate)
     drawn = _chosen(problem.edge_costs(estimate), limit)
     nodes = np.unique(edges[drawn])
-    if len(ids) <= limit:
-        nodes = np.arange(len(ids))
-    points, sentence = _positions(estimate)
-    sentences = [sentence]
+    count = len(ids) if world is None else world
+    if count <= limit:
+        nodes = np.arange(count)
+    points, sentence = _positions(estimate if world is None else estimate.anchored(world))
+    sentences = [sentence, *_said(kinds, landmarks)]
     if len(drawn) < len(edges):
         sentences.append(
             f"{len(drawn):,} of {len(edges):,} edges are drawn: the {int(COSTLIEST * limit):,} "
             "costliest, and the others sampled evenly."
         )
-    if len(nodes) < len(ids):
-        sentences.append(f"Of {len(ids):,} nodes, the {len(nodes):,} at these edges are drawn.")
+    if len(nodes) < count:
+        sentences.append(f"Of {count:,} nodes, the {len(nodes):,} at these edges are drawn.")
     ends = edges[drawn]
+    more = {"landmarks": landmarks[nodes].astype(int).tolist(), "kinds": kinds[drawn].tolist()}
     return {
+        **(more if kinds.any() else {}),
         "dimensions": estimate.d,
         "points": _rounded(points[nodes]),
         "ids": ids[nodes].tolist(),
@@ -84,6 +93,47 @@ def scene(
         ],
         "sentences": sentences,
     }
+
+
+def _kinds(
+    problem: Problem | InformationProblem, world: int | None
+) -> tuple[IntArray, BoolArray, IntArray]:
+    """Edges (m, 2) as drawn, which nodes are landmarks (n,), and the kinds of edges (m,)."""
+    graph = (problem.chordal if isinstance(problem, InformationProblem) else problem).graph
+    edges, landmarks = graph.edges, np.zeros(graph.num_nodes, dtype=bool)
+    if isinstance(graph, PoseGraph) and graph.points is not None:
+        landmarks = graph.points
+    kinds = np.where(landmarks[edges[:, 1]], SIGHTING, BETWEEN)
+    if world is not None:
+        kinds[edges[:, 0] == world] = PRIOR
+        edges = np.where((kinds == PRIOR)[:, None], edges[:, 1:], edges)
+    return edges, landmarks, kinds
+
+
+def _residuals(
+    problem: Problem | InformationProblem, estimate: Estimate
+) -> list[tuple[str, FloatArray]]:
+    """Units, and (m,) residuals of what edges measure."""
+    turned, moved = measured_parts(problem)
+    angles = np.degrees(problem.residual_angles(estimate))
+    measures = [("degrees", np.where(turned, angles, NOT_MEASURED))]
+    lengths = residual_lengths(problem, estimate)
+    if lengths is not None:
+        measures.append(("metres", np.where(moved, lengths, NOT_MEASURED)))
+    return measures if turned.any() else measures[1:]
+
+
+def _said(kinds: IntArray, landmarks: BoolArray) -> list[str]:
+    """How landmarks and priors are drawn, where there are any."""
+    said = []
+    if landmarks.any():
+        seen = counted(int((kinds == SIGHTING).sum()), "sighting{s}")
+        points = counted(int(landmarks.sum()), "landmark{s}")
+        said.append(f"Drawn as dots: {points}; as faint lines: {seen}.")
+    if (kinds == PRIOR).any():
+        priors = counted(int((kinds == PRIOR).sum()), "prior{s}")
+        said.append(f"Drawn as rings, at the nodes that they measure: {priors}.")
+    return said
 
 
 def _chosen(costs: FloatArray, limit: int) -> IntArray:
@@ -119,5 +169,5 @@ def _rounded(points: FloatArray) -> list[list[float]]:
 
 def _top(values: FloatArray) -> float:
     """The residual with the last colour, not dominated by a few outliers."""
-    finite = values[np.isfinite(values)]
+    finite = values[np.isfinite(values) & (values >= 0.0)]
     return float(np.quantile(finite, TOP)) or float(finite.max()) if len(finite) else 0.0

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from strategies import dense_cost, dimensions, pose_graph, rng_of, seeds
+from strategies import dense_cost, dimensions, point_graph, pose_graph, rng_of, seeds
 
-from certpgo import io
+from certpgo import io, with_priors
 from certpgo.assess.assessment import assess, costly_edges, distance
 from certpgo.assess.batch import JudgedGraph, judge_all, write_rows
 from certpgo.certify import Verdict, certify
@@ -88,6 +88,37 @@ def test_costly_edges_are_terms_of_the_cost(seed, d):
         assert edge.ids == (ids[i], ids[j])
         r = t[j] - t[i] - R[i] @ graph.translations[edge.edge]
         assert edge.metres == pytest.approx(np.linalg.norm(r), rel=1e-9)
+
+
+@settings(max_examples=10)
+@given(seeds, dimensions)
+def test_distances_are_between_poses_alone(seed, d):
+    """Landmarks and the world have rotations in an estimate, and no place in a trajectory."""
+    rng = rng_of(seed)
+    graph, truth = point_graph(rng, 5, 4, d)
+    nodes = graph.pose_nodes
+    joined = with_priors(graph, nodes[:3], translations=truth.translations[nodes[:3]], tau=4.0)
+    instance = Instance("field", joined, np.arange(joined.num_nodes), world=graph.num_nodes)
+    assert instance.poses.tolist() == nodes.tolist()
+    problem = problem_of(joined)
+    start = Estimate(
+        np.concatenate([truth.rotations, np.eye(d)[None]]),
+        np.concatenate([truth.translations, np.zeros((1, d))]),
+    )
+    best = newton(problem, start).estimate
+    R, t = best.rotations.copy(), best.translations.copy()
+    R[graph.points.nonzero()[0]] = so.random(rng, int(graph.points.sum()), d)
+    t[-1] += 100.0  # the world
+    t[: graph.num_nodes][graph.points] += 50.0
+    found = assess(
+        problem, Estimate(R, t), certify(problem, best), ids=instance.ids, nodes=instance.poses
+    )
+    assert found.distance.worst_deg < 1e-4
+    assert found.distance.worst_m < 1e-6
+    for edge in found.edges:
+        e = edge.edge
+        assert (edge.angle is None) == (joined.rotation.kappa[e] == 0.0)
+        assert (edge.metres is None) == (joined.tau[e] == 0.0)
 
 
 def test_a_bad_edge_is_named_and_a_perfect_answer_has_none():

@@ -55,3 +55,34 @@ def test_where_none_are_written(certpgo, square, tmp_path):
     done = certpgo("solve", two, "--components", "each", "--covariances", tmp_path / "c.csv")
     assert done.code == 1
     assert "--covariances needs a connected graph" in done.err
+
+
+LANDMARKS = """\
+EDGE_SE2 0 1 1 0 1.57 100 0 0 100 0 100
+EDGE_SE2 1 2 1 0 1.58 100 0 0 100 0 100
+EDGE_SE2_XY 0 7 2 1 25 0 25
+EDGE_SE2_XY 1 7 1 -1 25 0 25
+EDGE_SE2_XY 2 7 0 -1 25 0 25
+"""
+
+
+@pytest.mark.parametrize("method", [(), ("--cost", "chordal"), ("--robust",)])
+def test_landmarks(certpgo, tmp_path, method):
+    path, out = tmp_path / "seen.g2o", tmp_path / "c.csv"
+    path.write_text(LANDMARKS)
+    done = certpgo("solve", path, "--covariances", out, *method)
+    assert done.code == 0
+    assert "in each pose's frame, and of points in the world's, with node 0 fixed" in done.out
+    header, *rows = lines_of(out)
+    assert header == ["id", "x_x", "x_y", "x_theta", "y_y", "y_theta", "theta_theta"]
+    assert [row[0] for row in rows] == ["0", "1", "2", "7"]
+    seen = rows[-1]
+    assert [bool(cell) for cell in seen[1:]] == [True, True, False, True, False, False]
+    if method != ("--robust",):
+        cost = None if not method else "chordal"
+        answer = package.solve(package.read(path, quiet=True), cost=cost)
+        # In the frame of the written estimate, whose first pose is the identity.
+        marginals = package.Marginals(answer.problem, answer.estimate.anchored(0))
+        expected = marginals.covariance(3)[*np.triu_indices(2)]
+        found = np.array([seen[1], seen[2], seen[4]], dtype=float)
+        np.testing.assert_allclose(found, expected, rtol=1e-6)

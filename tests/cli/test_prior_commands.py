@@ -44,6 +44,8 @@ def test_solving_and_certifying_in_the_world(certpgo, field, tmp_path):
 def test_describing_and_bounding(certpgo, field):
     done = certpgo("info", field)
     assert "world           node 4, which priors are measured from" in done.out
+    assert "priors          3 among the edges" in done.out
+    assert "landmarks" not in done.out
     assert "eigenvalues need edges that all measure rotations" in done.out
     assert certpgo("info", field, "--json").json["world_id"] == 4
     done = certpgo("bounds", field)
@@ -99,3 +101,29 @@ def test_robust_and_pages(certpgo, field, tmp_path):
     page = tmp_path / "page.html"
     certpgo("solve", field, "--html", page)
     assert page.stat().st_size > 10_000
+
+
+SEEN = SQUARE + "EDGE_SE2_XY 0 9 1 1 25 0 25\nEDGE_SE2_XY 1 9 1 0 25 0 25\n"
+
+
+def test_landmarks_and_priors_together(certpgo, tmp_path):
+    path, page, out = (tmp_path / name for name in ("seen.g2o", "page.html", "out.g2o"))
+    path.write_text(SEEN)
+    done = certpgo("info", path)
+    assert "landmarks       1 point among the nodes" in done.out
+    assert "sightings       2 among the edges" in done.out
+    assert "--no-priors skips priors, --no-landmarks skips landmarks" in done.out
+    assert "priors          3 among the edges" in done.out
+    found = certpgo("info", path, "--json").json
+    assert (found["points"], found["sightings"], found["priors"]) == (1, 2, 3)
+    done = certpgo("solve", path, "--html", page, "-o", out)
+    assert done.code == 0
+    text = page.read_text()
+    assert "1 landmark, 2 sightings, 3 priors" in text
+    assert "the world to " in text
+    assert "sightings of landmarks</label>" in text
+    # A wrong rotation of the landmark is no distance: only poses have one.
+    done = certpgo("certify", path, out, "--json")
+    assert done.json["best"]["worst_deg"] < 1e-3
+    assert done.json["costliest_edges"][0].keys() >= {"angle", "metres"}
+    assert None in [edge["angle"] for edge in done.json["costliest_edges"]]

@@ -155,6 +155,28 @@ def test_estimates(file, tmp_path):
     np.testing.assert_allclose(poses.translations[1], expected, atol=1e-12)
 
 
+def test_the_first_pose_holds_the_frame_not_a_point_before_it(file, tmp_path):
+    """A point has no rotation, so an estimate is not anchored at one, whatever its id."""
+    text = PLANE.replace(" 4 ", " 1 ").replace("VERTEX_SE2 3 0 0 0", "VERTEX_SE2 3 2 3 0.5")
+    instance = io.read(file(text), quiet=True)
+    assert instance.ids.tolist() == [1, 3, 5]
+    best = certpgo.solve(instance).estimate
+    turned = best.rotations.copy()
+    turned[0] = [[0.0, -1.0], [1.0, 0.0]]
+    spun = certpgo.Estimate(turned, best.translations)
+    for name, estimate in (("best", best), ("spun", spun)):
+        for anchor, pose in (("file", [2.0, 3.0]), ("identity", [0.0, 0.0])):
+            path = tmp_path / f"{name}_{anchor}.g2o"
+            io.write(path, estimate, instance=instance, anchor=anchor)
+            again = io.read_estimate(path, instance)
+            np.testing.assert_allclose(again.translations[1], pose, atol=1e-12)
+    for anchor in ("file", "identity"):
+        found = [
+            io.read_estimate(tmp_path / f"{n}_{anchor}.g2o", instance) for n in ("best", "spun")
+        ]
+        np.testing.assert_allclose(found[0].translations, found[1].translations, atol=1e-12)
+
+
 def test_points_and_the_world(file):
     text = PLANE + "EDGE_PRIOR_SE2 3 0.1 0 0 25 0 0 25 0 16\nEDGE_PRIOR_SE2_XY 4 1.2 2 25 0 25\n"
     instance = io.read(file(text), quiet=True)

@@ -13,6 +13,7 @@ from urllib.parse import unquote
 
 import numpy as np
 import pytest
+from strategies import point_graph
 
 from certpgo.assess.assessment import assess
 from certpgo.certify import certify
@@ -433,3 +434,19 @@ def test_the_page_in_a_browser(solved, browser, tmp_path):
         canvas.press(key)
     canvas.hover()
     assert browser.said == []
+
+
+@pytest.mark.parametrize(("d", "poses", "points"), [(2, 4, 4), (3, 6, 3), (3, 5, 7)])
+def test_a_page_of_landmarks(d, poses, points):
+    """Also where matrices of rotations and of poses and points have the same size."""
+    graph, _ = point_graph(np.random.default_rng(1), poses, points, d)
+    problem = problem_of(graph)
+    answer = solve(graph)
+    assessment = assess(problem, answer.estimate, answer.certificate)
+    instance = Instance("map", graph, np.arange(graph.num_nodes))
+    text = Reader(certificate_page(instance, problem, answer.estimate, assessment, Origin("map")))
+    seen = graph.num_edges - poses + 1
+    assert f"{points} landmarks, {seen} sightings" in text.text
+    assert "some edges measure no rotation" in text.text
+    assert "rotations cannot be averaged alone" in text.text
+    assert problem.rotation.pattern.points is None

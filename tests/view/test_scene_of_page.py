@@ -8,7 +8,9 @@ import subprocess
 
 import numpy as np
 import pytest
+from strategies import point_graph
 
+from certpgo import read, solve
 from certpgo.datasets import synthetic
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.objective.problem import problem_of
@@ -176,3 +178,76 @@ def test_colours_keep_their_order_in_lightness(node):
         assert np.all(steps > 0) if dark == "true" else np.all(steps < 0)
     assert node("Scene.bucket(0, 0)") == 0
     assert node("Scene.bucket(9, 2)") == 31
+
+
+FIELD = """\
+EDGE_SE2 3 4 1 0 0.1 100 0 0 100 0 400
+EDGE_SE2 4 6 1 0 0.1 100 0 0 100 0 400
+EDGE_SE2_XY 3 0 1 1 25 0 25
+EDGE_SE2_XY 6 0 -1 1 25 0 25
+EDGE_PRIOR_SE2 3 5 6 0.5 25 0 0 25 0 16
+EDGE_PRIOR_SE2_XY 6 7 7 25 0 25
+"""
+
+
+@pytest.fixture(scope="module")
+def field(tmp_path_factory):
+    """Three poses, of which two see a landmark and two are measured from the world; solved."""
+    path = tmp_path_factory.mktemp("field") / "field.g2o"
+    path.write_text(FIELD)
+    instance = read(path, quiet=True)
+    return instance, solve(instance)
+
+
+def test_landmarks_and_priors_are_drawn_as_such(field):
+    instance, answer = field
+    drawn = scene(answer.problem, answer.estimate, instance.ids, world=instance.world)
+    assert drawn["ids"] == [0, 3, 4, 6]
+    assert drawn["landmarks"] == [1, 0, 0, 0]
+    assert drawn["kinds"] == [0, 0, 1, 1, 2, 2]
+    assert drawn["edges"][2:] == [[1, 0], [3, 0], [1, 1], [3, 3]]
+    there = instance.in_world(answer.estimate).translations
+    assert np.allclose(drawn["points"], there, rtol=0, atol=1e-3)
+    degrees, metres = drawn["measures"]
+    assert [value == -1.0 for value in degrees["values"]] == [False, False, True, True, False, True]
+    assert min(metres["values"]) >= 0.0
+    assert drawn["sentences"][1:] == [
+        "Drawn as dots: 1 landmark; as faint lines: 2 sightings.",
+        "Drawn as rings, at the nodes that they measure: 2 priors.",
+    ]
+    thinned = scene(answer.problem, answer.estimate, instance.ids, world=instance.world, limit=3)
+    assert instance.ids[instance.world] not in thinned["ids"]
+    assert len(thinned["kinds"]) == 3
+    assert thinned["sentences"][-1].startswith("3 of 6 edges are drawn")
+
+
+def test_a_view_without_measured_rotations(field):
+    """Sightings alone have no residual angles to colour by."""
+    graph, truth = point_graph(np.random.default_rng(0), 3, 5, 2, odometry=False)
+    drawn = scene(problem_of(graph), truth, np.arange(8))
+    assert [measure["unit"] for measure in drawn["measures"]] == ["metres"]
+    assert drawn["kinds"] == [1] * graph.num_edges
+
+
+def test_sightings_and_priors_are_named(node):
+    data = {
+        "edges": [[0, 1], [1, 1], [1, 1]],
+        "ids": [7, 8],
+        "numbers": [3, 5, 6],
+        "loop": [1, 1, 1],
+        "kinds": [1, 2, 2],
+        "measures": [
+            {"unit": "degrees", "values": [-1, 2, 3]},
+            {"unit": "metres", "values": [0.1, 0.2, -1]},
+        ],
+    }
+    said = node(f"[0, 1, 2].map((e) => Scene.sentence({json.dumps(data)}, e))")
+    assert said == [
+        "Edge 3, 7 to 8 (landmark seen): residual 0.1 metres.",
+        "Edge 5, at 8 (prior): residual 2 degrees, 0.2 metres.",
+        "Edge 6, at 8 (prior): residual 3 degrees.",
+    ]
+    places, edges = "[0, 0, 10, 0]", "[[0, 1], [1, 1]]"
+    assert node(f"Scene.nearest({edges}, {places}, 4, 1, 6)") == 0
+    assert node(f"Scene.nearest({edges}, {places}, 4, 1, 6, (e) => e !== 0)") == -1
+    assert node(f"Scene.nearest({edges}, {places}, 11, 1, 6, (e) => e !== 0)") == 1

@@ -8,6 +8,8 @@ const Scene = (function () {
     [39, 173, 129], [92, 200, 99], [170, 220, 50], [253, 231, 37],
   ];
   const COLOURS = 32;
+  // Radius of the ring of a prior, pixels.
+  const RING = 4;
 
   // The colour of a share in 0 ... 1; large residuals stand out on light and dark backgrounds.
   function colour(share, dark) {
@@ -78,9 +80,10 @@ const Scene = (function () {
   }
 
   // The edge nearest to a point within a radius; -1 if there is none.
-  function nearest(edges, flat, x, y, reach) {
+  function nearest(edges, flat, x, y, reach, shown) {
     let best = -1, least = reach;
     for (let e = 0; e < edges.length; e++) {
+      if (shown && !shown(e)) continue;
       const a = 2 * edges[e][0], b = 2 * edges[e][1];
       const far = distance(x, y, flat[a], flat[a + 1], flat[b], flat[b + 1]);
       if (far < least) { least = far; best = e; }
@@ -91,12 +94,19 @@ const Scene = (function () {
   // Edges by descending residual.
   const ranking = (values) => values.map((_, e) => e).sort((a, b) => values[b] - values[a] || a - b);
 
+  // Sightings of landmarks, and priors, which have no second end.
+  const SIGHTING = 1, PRIOR = 2;
+  const kind = (data, e) => (data.kinds ? data.kinds[e] : 0);
+
   function sentence(data, e) {
     const [i, j] = data.edges[e];
-    const residuals = data.measures.map((m) => m.values[e] + " " + m.unit).join(", ");
-    const kind = data.loop[e] ? "loop closure" : "consecutive nodes";
-    return "Edge " + data.numbers[e] + ", " + data.ids[i] + " to " + data.ids[j] + " (" + kind +
-      "): residual " + residuals + ".";
+    // What an edge does not measure has no residual.
+    const measured = data.measures.filter((m) => m.values[e] >= 0);
+    const residuals = measured.map((m) => m.values[e] + " " + m.unit).join(", ");
+    const between = data.loop[e] ? "loop closure" : "consecutive nodes";
+    const what = [between, "landmark seen", "prior"][kind(data, e)];
+    const ends = kind(data, e) === PRIOR ? "at " + data.ids[i] : data.ids[i] + " to " + data.ids[j];
+    return "Edge " + data.numbers[e] + ", " + ends + " (" + what + "): residual " + residuals + ".";
   }
 
   function start(data) {
@@ -111,9 +121,14 @@ const Scene = (function () {
     const canvas = element.querySelector("canvas"), context = canvas.getContext("2d");
     const status = element.querySelector(".status"), select = element.querySelector(".measure");
     const every = element.querySelector(".every"), box = frame(data.points);
-    const consecutive = data.loop.filter((loop) => !loop).length;
+    const seen = element.querySelector(".seen"), landmarks = data.landmarks || [];
+    const isSeen = (e) => kind(data, e) === SIGHTING;
+    const consecutive = data.loop.filter((loop, e) => !loop && kind(data, e) === 0).length;
     let view = start(data), flat = null, picked = -1, place = -1, waiting = false;
     if (consecutive === 0) every.parentElement.hidden = true;
+    const sightings = data.edges.map((_, e) => e).filter(isSeen);
+    if (seen && sightings.length === 0) seen.parentElement.hidden = true;
+    const shown = (e) => !isSeen(e) || !seen || seen.checked;
 
     const measure = () => data.measures[Number(select.value) || 0];
     const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -124,8 +139,13 @@ const Scene = (function () {
       context.beginPath();
       for (const e of list) {
         const a = 2 * data.edges[e][0], b = 2 * data.edges[e][1];
-        context.moveTo(flat[a], flat[a + 1]);
-        context.lineTo(flat[b], flat[b + 1]);
+        if (kind(data, e) === PRIOR) {
+          context.moveTo(flat[a] + RING, flat[a + 1]);
+          context.arc(flat[a], flat[a + 1], RING, 0, 2 * Math.PI);
+        } else {
+          context.moveTo(flat[a], flat[a + 1]);
+          context.lineTo(flat[b], flat[b + 1]);
+        }
       }
       context.strokeStyle = paint;
       context.lineWidth = thickness;
@@ -144,19 +164,31 @@ const Scene = (function () {
       context.fillRect(0, 0, width, height);
       flat = project(data.points, box, view, width, height);
       const { values, top } = measure(), dark = isDark();
-      const plain = [], buckets = Array.from({ length: COLOURS }, () => []);
+      const ink = style("--ink"), point = style("--c1");
+      const plain = [], faint = [], buckets = Array.from({ length: COLOURS }, () => []);
       for (let e = 0; e < data.edges.length; e++) {
-        if (data.loop[e] || every.checked) buckets[bucket(values[e], top)].push(e);
+        if (isSeen(e)) faint.push(e);
+        else if (values[e] >= 0 && (data.loop[e] || kind(data, e) === PRIOR || every.checked)) buckets[bucket(values[e], top)].push(e);
         else plain.push(e);
       }
       const thin = data.edges.length > 5000 ? 0.7 : 1.2;
+      if (!seen || seen.checked) {
+        context.globalAlpha = faint.length > 5000 ? 0.08 : 0.3;
+        stroke(faint, style("--soft"), 0.6);
+        context.globalAlpha = 1;
+      }
       // Large residuals last, on top.
       stroke(plain, style("--edge"), thin);
       buckets.forEach((list, k) => stroke(list, colour((k + 0.5) / COLOURS, dark), thin + 0.2));
-      if (data.points.length <= 2000) {
-        context.fillStyle = style("--ink");
-        const r = data.points.length <= 300 ? 2.2 : 1.2;
-        for (let n = 0; n < data.points.length; n++) context.fillRect(flat[2 * n] - r / 2, flat[2 * n + 1] - r / 2, r, r);
+      const r = data.points.length <= 300 ? 2.2 : 1.2;
+      const few = data.points.length <= 2000;
+      for (let n = 0; n < data.points.length; n++) {
+        if (!landmarks[n] && !few) continue;
+        context.fillStyle = landmarks[n] ? point : ink;
+        context.beginPath();
+        if (landmarks[n]) context.arc(flat[2 * n], flat[2 * n + 1], few ? r + 0.6 : 0.9, 0, 2 * Math.PI);
+        else context.rect(flat[2 * n] - r / 2, flat[2 * n + 1] - r / 2, r, r);
+        context.fill();
       }
       if (picked >= 0) {
         stroke([picked], style("--paper"), 6);
@@ -215,12 +247,12 @@ const Scene = (function () {
     canvas.addEventListener("pointerdown", (event) => {
       canvas.setPointerCapture(event.pointerId);
       pointers.set(event.pointerId, at(event));
-      if (flat && pointers.size === 1) pick(nearest(data.edges, flat, ...at(event), 12));
+      if (flat && pointers.size === 1) pick(nearest(data.edges, flat, ...at(event), 12, shown));
     });
     canvas.addEventListener("pointermove", (event) => {
       const now = at(event), before = pointers.get(event.pointerId);
       if (!before) {
-        if (flat) pick(nearest(data.edges, flat, ...now, 6));
+        if (flat) pick(nearest(data.edges, flat, ...now, 6, shown));
         return;
       }
       pointers.set(event.pointerId, now);
@@ -261,6 +293,7 @@ const Scene = (function () {
     });
     select.addEventListener("change", () => { place = -1; legend(); redraw(); });
     every.addEventListener("change", redraw);
+    if (seen) seen.addEventListener("change", redraw);
     const repaint = () => { legend(); draw(); };
     document.addEventListener("themechange", repaint);
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);

@@ -23,7 +23,7 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.solvers.certified.interface import solve
-from reports.harness.certifiers import extremes, made, own_costs
+from reports.harness.certifiers import extremes, located, made, own_costs
 from reports.harness.certifiers.made import Made
 from reports.harness.certifiers.points import (
     ZooPoint,
@@ -356,6 +356,13 @@ FAMILIES: dict[str, Callable[[bool], Iterator[ZooPoint]]] = {
     "g2o's and GTSAM's costs, exact data": own_costs.exact,
     "g2o's and GTSAM's costs, noise": own_costs.noisy,
     "g2o's and GTSAM's costs, MIT and intel": own_costs.read,
+    "landmarks, exact data": partial(located.exact, located.LANDMARKS),
+    "landmarks, noise": partial(located.noisy, located.LANDMARKS),
+    "sightings alone, noise": partial(located.noisy, located.SIGHTINGS_ALONE),
+    "positions and attitudes, exact data": partial(located.exact, located.PRIORS),
+    "positions and attitudes, noise": partial(located.noisy, located.PRIORS),
+    "positions in a plane, noise": partial(located.noisy, located.PRIORS_IN_A_PLANE),
+    "rotations or positions alone, noise": partial(located.noisy, located.PARTIAL),
     "cycles at the optimum": _right,
     "noisy cycles at the optimum": partial(_noisy, False),
 }

@@ -58,7 +58,11 @@ def _own_cost(problem: InformationProblem, estimate: Estimate) -> tuple[float, f
         step = R[i].transpose() * (_column(t[j]) - _column(t[i]))  # type: ignore[index]
         back = measured[e].transpose()
         y = back * (step - _column(problem.graph.translations[e]))
-        r = residual(y, back * R[i].transpose() * R[j])
+        if problem.graph.rotation.kappa[e]:
+            r = residual(y, back * R[i].transpose() * R[j])
+        else:  # a position alone
+            zeros = [0] * (len(problem.graph.information[e]) - problem.d)
+            r = flint.arb_mat([[x] for x in (*y.entries(), *zeros)])
         total += (r.transpose() * flint.arb_mat(problem.graph.information[e].tolist()) * r)[0, 0]
     return _below(total), -_below(-total)
 
@@ -139,7 +143,7 @@ def is_proof(problem: Problem, multipliers: FloatArray) -> bool | None:
 
 
 def _certificate_matrix(problem: Problem, M: Matrix, multipliers: FloatArray) -> Matrix:
-    """M - blkdiag(0, Lam), the first translation cut off."""
+    """M - blkdiag(0, Lam), without the first translation, and the rotations that points lack."""
     flint, d = library(), problem.d
     poses = isinstance(problem, PoseProblem)
     width = d + poses
@@ -149,7 +153,10 @@ def _certificate_matrix(problem: Problem, M: Matrix, multipliers: FloatArray) ->
             for b in range(d):
                 at = node * width + poses + a, node * width + poses + b
                 S[at] = S.get(at, flint.arb(0)) - float(block[a, b])
-    return {at: x for at, x in S.items() if not (poses and 0 in at)}
+    cut = {0} if poses else set()
+    for node in np.setdiff1d(np.arange(problem.n), problem.poses).tolist():
+        cut.update(node * width + poses + a for a in range(d))
+    return {at: x for at, x in S.items() if cut.isdisjoint(at)}
 
 
 def _objective(problem: Problem) -> Matrix:
