@@ -186,7 +186,7 @@ class Reading:
                 component_sizes=error.component_sizes,
             ) from None
         alone = sum(size == 1 for size in instance.graph.component_sizes)
-        if alone and not instance.graph.is_connected:
+        if alone and instance.ranges is None and not instance.graph.is_connected:
             notice(f"left out: {counted(alone, 'node{s}')} without measurements")
         return parts
 

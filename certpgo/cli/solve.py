@@ -139,9 +139,8 @@ def command(
     instance = reading.open(source, distances=True)
     refuse_with_distances(instance, method=method, robust=robust, proof=proof, html=html)
     parts = reading.parts(instance)
-    for name, output in (("--proof", proof), ("--html", html), ("--covariances", covariances)):
-        if output is not None and (len(parts) > 1 or not certify):
-            raise InputError(f"{name} needs a connected graph and a certified estimate")
+    whole = len(parts) == 1 and certify
+    _refuse_parts(whole, proof=proof, html=html, covariances=covariances)
     targets = targets_of(out, parts)
     refuse_overwriting(targets, [source, initial])
     with noticing():
@@ -195,6 +194,12 @@ def command(
         return _verdict.INTERRUPTED
     code = _verdict.exit_code(r.certificate for r in results if r.certificate is not None)
     return code if proven else code or REFUSED
+
+
+def _refuse_parts(whole: bool, **outputs: Path | None) -> None:
+    for name, output in outputs.items():
+        if output is not None and not whole:
+            raise InputError(f"--{name} needs a connected graph and a certified estimate")
 
 
 @contextmanager

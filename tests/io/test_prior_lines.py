@@ -124,7 +124,7 @@ def test_written_and_read_again(file, tmp_path):
     found = io.read(tmp_path / "space.g2o", quiet=True).graph
     np.testing.assert_array_equal(found.tau, space.graph.tau)
     attitude = certpgo.with_priors(
-        space.graph.with_edges(np.arange(2)), [0], np.eye(3)[None], kappa=1.0
+        space.graph.with_edges(np.arange(2)), [0, 1], np.tile(np.eye(3), (2, 1, 1)), kappa=1.0
     )
     with pytest.raises(InputError, match="measure only"):
         io.write(tmp_path / "attitude.g2o", attitude)

@@ -359,7 +359,7 @@ def test_what_cannot_be_written(pyfg, tmp_path, file):
     with pytest.raises(InputError, match=r"edge 0 to 1: .*information is not positive definite"):
         io.write(out, read(file(bad)))
     compass = certpgo.with_priors(
-        read(file(bad)).graph, np.array([0]), np.eye(2)[None], kappa=np.ones(1)
+        read(file(bad)).graph, np.array([0, 1]), np.tile(np.eye(2), (2, 1, 1)), kappa=np.ones(2)
     )
     anchored = certpgo.Instance("a", compass, np.arange(3), world=2)
     with pytest.raises(InputError, match="no measurements of an attitude alone"):
