@@ -119,7 +119,7 @@ class _Attempts:
         rounding: bool,
         enough: float,
         sharp: bool,
-        floor: float,
+        floor: float = 0.0,
     ) -> None:
         self.problem, self.rounding, self.enough, self.sharp = problem, rounding, enough, sharp
         self.floor = floor

@@ -21,7 +21,7 @@ import certpgo
 from certpgo.assess.metrics import angular_errors, position_errors
 from certpgo.datasets import synthetic, thesis
 from certpgo.linalg import so
-from certpgo.solvers.graduated_non_convexity import quantile
+from certpgo.solvers.graduated_non_convexity import quantiles
 
 BLUE, VERMILION, GREEN, PURPLE, BLACK = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000"
 
@@ -287,7 +287,7 @@ rooms, trimmed = mistaken(count), alike[count][2]
 place = np.arange(len(edges)) - (len(edges) - ACROSS)
 right = rooms.reweighted(np.where((place >= 0) & (place < count), 0.0, 1.0))
 ideal = certpgo.solve(right.graph).estimate
-c_squared = np.radians(3.0) ** 2 * 2.0 * quantile(rooms, 0.99)  # the noise is 3 degrees an axis
+c_squared = np.radians(3.0) ** 2 * 2.0 * quantiles(rooms, 0.99)[0]  # 3 degrees an axis
 truncated = {
     name: np.minimum(rooms.edge_costs(estimate), c_squared).sum()
     for name, estimate in (("right estimate", ideal), ("wrong estimate", trimmed.estimate))

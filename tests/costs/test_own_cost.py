@@ -311,7 +311,10 @@ def test_gtsams_cost_has_no_proof_tier(square):
         lambda: solve(instance, cost="gtsam", tier="proof"),
         lambda: certify(problem, instance.initial, tier="proof"),
     ):
-        with pytest.raises(InputError, match="for the chordal cost and g2o's, not for twice GTSAM"):
+        with pytest.raises(
+            InputError,
+            match="for the chordal cost and g2o's of relative poses, not for twice GTSAM",
+        ):
             run()
     screened = certify(problem, solve(instance, cost="gtsam").estimate, tier="screen")
     assert screened.verdict.value == "BOUNDED"
@@ -452,7 +455,10 @@ def test_the_command_line_has_costs(square, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--cost", "gtsam", "--tier", "proof"), "for the chordal cost and g2o's, not for"),
+        (
+            ("--cost", "gtsam", "--tier", "proof"),
+            "for the chordal cost and g2o's of relative poses, not for",
+        ),
         (("--cost", "g2o", "--unit-weights"), "needs poses with information matrices"),
         (("--cost", "g2o", "--robust"), "is for --cost chordal"),
         (("--cost", "g2o", "--method", "newton"), "is for --cost chordal"),
