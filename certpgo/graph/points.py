@@ -16,7 +16,8 @@ def with_points(graph: PoseGraph, poses: Estimate, nodes: IntArray) -> Estimate:
     Parameters
     ----------
     poses : of the nodes that are poses, with translations
-    nodes : (k,) those nodes; others that are no points, such as the world, stay at the identity
+    nodes : (k,) those nodes; others that are no points, such as the world, stay at the identity,
+        and points that no pose sees at the origin
     """
     n, d = graph.num_nodes, graph.d
     rotations, translations = np.tile(np.eye(d), (n, 1, 1)), np.zeros((n, d))
@@ -26,6 +27,8 @@ def with_points(graph: PoseGraph, poses: Estimate, nodes: IntArray) -> Estimate:
     given = np.zeros(n, dtype=bool)
     given[nodes] = True
     seen = np.flatnonzero(given[graph.edges[:, 0]] & ~given[graph.edges[:, 1]])
+    if not len(seen):
+        return Estimate(rotations, translations)
     i, j = graph.edges[seen].T
     there = translations[i] + (rotations[i] @ graph.translations[seen][:, :, None])[:, :, 0]
     tau = graph.tau[seen]

@@ -218,3 +218,11 @@ def test_poses_as_numbered_matrices(file):
     np.testing.assert_allclose(estimate.rotations[0][0], [0.0, -1.0, 0.0], atol=1e-15)
     with pytest.raises(FormatError, match="must be 0 0 0 1"):
         io.read_estimate(file(line.format(4).replace("0 0 0 1\n", "0 0 0 2\n"), "poses.txt"))
+
+
+def test_points_that_no_pose_sees_are_at_the_origin(dataset, tmp_path):
+    """Of a graph with ranges, where poses alone say nothing about beacons."""
+    instance = dataset("factor_graph_small")
+    io.write(tmp_path / "poses.tum", instance.initial.subset(np.arange(6)))
+    estimate = io.read_estimate(tmp_path / "poses.tum", instance)
+    np.testing.assert_array_equal(estimate.translations[6], 0.0)
