@@ -12,12 +12,13 @@ from dataclasses import replace
 import numpy as np
 
 from certpgo.certify.certificate import Certificate
+from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import InputError
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import Problem
 
 
-def unit_of(problem: Problem) -> float:
+def unit_of(problem: Problem | RangeProblem) -> float:
     """The power of two nearest W.
 
     Raises

@@ -124,7 +124,9 @@ def _minorants_of_positions(graph: InformationGraph, v: FloatArray) -> Minorants
     lam = np.where(even, T[:, 0, 0], SHARE * np.linalg.eigvalsh(T)[:, 0])
     y = v - m
     b = m + np.where(even[:, None], 0.0, y - (T @ y[:, :, None])[:, :, 0] / lam[:, None])
-    _, _, constant = remainder(graph, Ball.exact(graph.rotations), lam, b)
+    # Positions are not measured in a turned frame, whatever rotation an edge holds.
+    unturned = Ball.exact(np.tile(np.eye(d), (len(lam), 1, 1)))
+    _, _, constant = remainder(graph, unturned, lam, b)
     found = np.where(np.isfinite(constant.radius), constant.lower, -np.inf)
     zeros = np.zeros_like(b)
     N = np.zeros_like(graph.rotations)

@@ -35,6 +35,8 @@ from certpgo.objective import operators
 from certpgo.objective.edge_sums import EdgeSums
 from certpgo.objective.problem import PoseProblem
 
+#: Least weight of a tangent, over that of its distance: any weight below that is a minorant's.
+FAINT = 1e-10
 #: Distances of estimates below this share of the measured ones have no direction.
 SHORTEST = 1e-12
 
@@ -256,6 +258,9 @@ class RangeProblem:
         _, length = self._apart(point)
         w, distance = self.ranges.weights, self.ranges.distances
         tau = w * (1.0 - distance / length)
+        # Without weight, what only met distances hold would be free; and tau must stay below w.
+        tau = np.where(np.abs(tau) < FAINT * w, FAINT * w, tau)
+        tau = np.where(distance > 0.0, np.minimum(tau, w * (1.0 - 2.0**-50)), tau)
         with np.errstate(divide="ignore", invalid="ignore"):
             constants = np.where(distance > 0.0, -w * distance**2 * tau / (w - tau), 0.0)
         # Six operations, and the difference of stored numbers.

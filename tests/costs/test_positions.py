@@ -1,5 +1,6 @@
 """Positions under the costs of other programs: exact values, minorants, GTSAM's own factors."""
 
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -27,6 +28,9 @@ def with_information(rng, graph, name, condition=10.0):
     d, m = graph.d, graph.num_edges
     information = definite(rng, m, d + tangent_dim(d), condition)
     alone = graph.rotation.kappa == 0.0
+    # Positions have no rotation, whatever their edges hold.
+    R = np.where(alone[:, None, None], so.random(rng, m, d), graph.rotation.rotations)
+    graph = replace(graph, rotation=replace(graph.rotation, rotations=R))
     information[alone] = of_positions(definite(rng, m, d, condition)[alone])
     information[alone.nonzero()[0][::3]] = of_positions(2.0 * np.eye(d)[None])  # isotropic
     return InformationProblem(WithPositions(InformationGraph(graph, information), COSTS[name]))

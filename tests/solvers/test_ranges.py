@@ -155,6 +155,25 @@ def test_laws(seed):
     assert cost_upper(problem, answer.estimate) >= problem.cost(answer.estimate)
 
 
+def test_distances_that_fit_exactly_or_are_tiny_cost_no_bound():
+    """Met exactly they have no weight, and near zero the tangent would be vertical."""
+    rng = rng_of(2)
+    graph, _ = point_graph(rng, 5, 2, 2, noise=0.2)
+    poses = graph.pose_nodes
+    n = graph.num_nodes + 1
+    rotation = RotationGraph(n, graph.edges, graph.rotation.rotations, graph.rotation.kappa)
+    points = np.append(graph.points, True)  # one more, of which one distance alone is known
+    more = PoseGraph(rotation, graph.translations, graph.tau, points=points)
+    alone = solve(graph)
+    for distance in (2.0, 1e-15, 1e-20, 1e-300):
+        ranges = Ranges(n, [[poses[0], n - 1]], [distance], [3.0])
+        answer = solve(RangeProblem(more, ranges))
+        assert answer.verdict.value == "CERTIFIED"
+        assert answer.cost == pytest.approx(alone.cost, rel=1e-6)
+    with pytest.raises(InputError, match="beyond the range of doubles"):
+        solve(RangeProblem(more, Ranges(n, [[poses[0], n - 1]], [1e160], [3.0])))
+
+
 def test_covariances_are_inverse_matrices():
     problem, _, _ = measured(4, 2)
     answer = solve(problem)

@@ -18,7 +18,7 @@ from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.case import refuse_tolerances, tier_called
 from certpgo.certify.dual import DualBound
 from certpgo.certify.ranged import cost_upper, range_bound
-from certpgo.certify.units import in_units
+from certpgo.certify.units import in_units, unit_of
 from certpgo.costs.range_descent import descend, escape
 from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import InputError, NumericalError
@@ -59,7 +59,7 @@ def search_ranges(
     if tier is Tier.PROOF:
         raise InputError("the proof tier is not for graphs with measured distances")
     refuse_tolerances(settings.rtol, settings.atol)
-    unit = math.ldexp(1.0, round(math.log2(problem.scale)))
+    unit = unit_of(problem)
     with stoppable(monitor, unit, settings.time_limit) as stop:
         search = _Search(problem.scaled(1.0 / unit), settings, stop)
         search.run(initial)
@@ -214,7 +214,10 @@ class _Search:
             return f"{own}, and no lower bound above zero could be proven"
         floor = f"no estimate of this graph costs less than {c.lower_bound:.10g}"
         if c.verdict is Verdict.CERTIFIED:
-            return f"{floor}; {own}, within {c.gap:.2g} of the optimum"
+            small = c.gap > c.rtol * c.cost_upper
+            said = f"{floor}; {own}, within {c.gap:.2g} of the optimum"
+            of_w = f", which is negligible relative to the total weight W = {c.scale:.2g}"
+            return f"{said}{of_w}" if small else said
         said = f"{floor}; {own}, at most {100.0 * c.relative_gap:.3g} % of F above the optimum"
         if not self.solved:
             return f"{said}; the relaxation was not solved"
