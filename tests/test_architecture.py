@@ -32,6 +32,7 @@ RANKS = {
     "registry": 6,
     "solvers": 7,
     "assess": 8,
+    "registration": 9,
     "view": 9,
     "__init__": 9,
     "cli": 10,
@@ -66,6 +67,10 @@ HOMES = {
     "distributed": ("certpgo/linalg/distributed/schedulers.py",),
     "ray": ("reports/harness/experiments/execute.py",),
     "gtsam": ("certpgo/costs/gtsam_graph.py",),
+    "cv2": ("certpgo/registration/",),
+    "small_gicp": ("certpgo/registration/dense.py",),
+    "skimage": ("certpgo/registration/",),
+    "viser": ("certpgo/view/",),
 }
 #: Lines of a file; the checker is one file, so that it can be copied and read alone.
 LONGEST, CHECKER = 400, 1300

@@ -1,0 +1,1 @@
+"""Frames and scans: registered pairwise, averaged, certified, fused."""
