@@ -24,6 +24,7 @@ from certpgo.linalg.balls import U
 from certpgo.linalg.blocks import add_to_diagonal, pinned, scatter_sum
 from certpgo.linalg.rounding_bound import OTHERS
 from certpgo.linalg.so import rotation_defect
+from certpgo.objective.operators import degrees
 from certpgo.objective.problem import PoseProblem, Problem
 
 #: First shift tried, in units of rounding of the mean diagonal; then this much more each time.
@@ -275,7 +276,7 @@ def _assembly_radii(
     if graph.is_general:
         # Couplings are stored as they are, and the nuclear norm bounds all of an edge's blocks.
         nuclear = np.trace(graph.polar[1], axis1=1, axis2=2)
-        turn = 2.1 * root * sums * scatter_sum(graph.edges.ravel(), np.repeat(nuclear, 2), n)
+        turn = 2.1 * root * sums * degrees(graph.edges, nuclear, n)
     else:
         defect = rotation_defect(graph.rotations)
         turn = (sums + defect) * problem.rotation.node_weights * (1.0 + root)
@@ -291,7 +292,7 @@ def _assembly_radii(
     spread = scatter_sum(i, tau * at_i * both, n) + scatter_sum(j, tau * at_j * both, n)
     turn = turn + sums * (spread + 2.0 * out * w_t)
     across = scatter_sum(j, tau * at_i, n) + scatter_sum(i, tau * at_j, n)
-    degree = scatter_sum(graph.edges.ravel(), np.repeat(tau, 2), n)
+    degree = degrees(graph.edges, tau, n)
     move = 2.0 * degree * w_t + 2.0 * out + across
     rows = np.concatenate([(sums * move)[:, None], np.repeat(turn[:, None], d, axis=1)], axis=1)
     return problem.pattern.layout_of(problem.matrix).pack(rows)

@@ -15,7 +15,7 @@ from certpgo.linalg.eigen import krylov_schur
 from certpgo.linalg.factor import Factor
 from certpgo.objective import operators
 from certpgo.objective.problem import PoseProblem
-from certpgo.optimize.low_rank import orthonormal, tangent_basis
+from certpgo.optimize.low_rank import lowest_of_halvings, orthonormal, tangent_basis
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.newton import ROUNDING
 from certpgo.optimize.progress import Progress
@@ -35,8 +35,6 @@ SHIFTS = tuple(1e-9 * 4.0**k for k in range(20))
 ACCURACY, MORE = 1e-3, 2
 #: Negative eigenvalues above minus this, of a matrix of unit diagonal, may be rounding.
 RESOLUTION = 1e-13
-#: Halvings of a step out of a saddle.
-HALVINGS = 40
 
 
 class _State:
@@ -137,7 +135,7 @@ def escape(problem: RangeProblem, point: Point) -> Lift | None:
     G = problem.gradient(point)[:, :, -problem.d :]
     S = below.certificate_matrix(operators.multipliers(G, point.rotations))
     S = pinned(S, np.array([0]))
-    weights = problem.signed(problem.ranges.weights).matrix.diagonal()
+    weights = problem.whole.matrix.diagonal()
     root = 1.0 / np.sqrt(np.maximum(weights, np.finfo(float).tiny))
     column = np.repeat(np.arange(S.shape[0]), np.diff(S.indptr))
     A = CSC((S.data * root[S.indices] * root[column], S.indices, S.indptr), shape=S.shape)
@@ -172,13 +170,8 @@ def _leave(problem: RangeProblem, point: Point, direction: FloatArray) -> Lift |
     size = float(np.linalg.norm(direction[:, 1:], axis=1).max())
     reach = float(np.linalg.norm(translations_of(start), axis=1).max())
     step = min(1.0 / max(size, 1e-300), reach / max(float(np.abs(w).max()), 1e-300))
-    best, cost = None, problem.cost(start)
-    for _ in range(HALVINGS):
-        moved = Lift(orthonormal(start.rotations + step * V), translations_of(start) + step * w)
-        lower = problem.cost(moved)
-        if lower < cost:
-            best, cost = moved, lower
-        elif best is not None:
-            break
-        step *= 0.5
-    return best
+
+    def moved(step: float) -> Lift:
+        return Lift(orthonormal(start.rotations + step * V), translations_of(start) + step * w)
+
+    return lowest_of_halvings(problem.cost, moved, step, problem.cost(start))

@@ -221,7 +221,7 @@ class PoseProblem(Objective):
 
     def of_same_edges(self, graph: PoseGraph) -> PoseProblem:
         """The problem of another graph with the same edges; pattern and order are shared."""
-        return self._shared(PoseProblem(graph, self.engine))
+        return self._shared(type(self)(graph, self.engine))
 
     def with_unit_weights(self) -> PoseProblem:
         """The same measurements with kappa = tau = 1, as the thesis weighs them; 0 stays 0."""
