@@ -19,7 +19,7 @@ import numpy as np
 from certpgo.certify.shifted import Shifted
 from certpgo.costs.edge_cost import Minorants
 from certpgo.graph.lift import Point
-from certpgo.linalg.arrays import CSC, BoolArray, FloatArray
+from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, IntArray
 from certpgo.linalg.balls import U
 from certpgo.linalg.blocks import add_to_diagonal, pinned, scatter_sum
 from certpgo.linalg.rounding_bound import OTHERS
@@ -127,7 +127,11 @@ class _Attempts:
         self.shifted = Shifted.of(problem, point)
         self.is_rotation, self.weights = self.shifted.is_rotation, self.shifted.weights
         pin = self.shifted.pin
-        self.pin = None if pin is None else problem.pattern.layout_of(problem.matrix).first_row(pin)
+        self.pin: IntArray | None = None
+        if pin is not None:
+            rows = len(self.shifted.arms) // problem.n
+            first = problem.pattern.layout_of(problem.matrix).first_row(pin)
+            self.pin = first + np.arange(rows)
         self.symbolic = problem.symbolic(problem.matrix)
         self.cost = problem.cost(point)
         self.factorizations = self.nonzeros = 0
@@ -220,7 +224,7 @@ class _Attempts:
         """The certificate matrix with a pinned translation, and ``demand`` off the diagonal."""
         A = self.problem.certificate_matrix(multipliers)
         if self.pin is not None:
-            A = pinned(A, np.array([self.pin]))
+            A = pinned(A, self.pin)
         return add_to_diagonal(A, -demand) if demand.any() else A
 
     def rounding_of(
@@ -294,5 +298,7 @@ def _assembly_radii(
     across = scatter_sum(j, tau * at_i, n) + scatter_sum(i, tau * at_j, n)
     degree = degrees(graph.edges, tau, n)
     move = 2.0 * degree * w_t + 2.0 * out + across
-    rows = np.concatenate([(sums * move)[:, None], np.repeat(turn[:, None], d, axis=1)], axis=1)
-    return problem.pattern.layout_of(problem.matrix).pack(rows)
+    layout = problem.pattern.layout_of(problem.matrix)
+    of_positions = int(layout.sizes.max()) - d
+    rows = [sums * move] * of_positions + [turn] * d
+    return layout.pack(np.stack(rows, axis=1))

@@ -8,7 +8,8 @@ matrix. As it is convex in s, its tangents are minorants: for any tau < w
 with equality where tau = w (1 - d / s^(1/2)). So f is nowhere below the cost of a pose graph with
 an edge of that weight, of either sign, for each distance, plus a constant. With the weights of a
 stationary point this is exactly what the relaxation of Papalia et al. (CORA, T-RO 2024) has, after
-its unit vectors are eliminated, without nodes for them.
+its unit vectors are eliminated, without nodes for them. In the plane ours is tighter: see
+`certpgo.costs.signed.OrientedProblem`.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from typing import cast
 
 import numpy as np
 
+from certpgo.costs.signed import OrientedProblem, SignedGraph, SignedProblem
 from certpgo.errors import GraphError, InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.edges import components_of
@@ -39,21 +41,6 @@ from certpgo.objective.problem import PoseProblem
 FAINT = 1e-10
 #: Distances of estimates below this share of the measured ones have no direction.
 SHORTEST = 1e-12
-
-
-class SignedGraph(PoseGraph):
-    """A pose graph in which distances have weights of either sign."""
-
-    def _check_tau(self) -> None:
-        if not np.isfinite(self.tau).all():
-            raise GraphError("weights of distances must be finite")
-
-
-class SignedProblem(PoseProblem):
-    """The problem of a pose graph whose edges need not determine the nodes."""
-
-    def __post_init__(self) -> None:
-        pass
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +106,7 @@ class RangeProblem:
         return SignedProblem(self.measured, self.engine)
 
     @cached_property
-    def whole(self) -> PoseProblem:
+    def whole(self) -> SignedProblem:
         """The problem in which each distance is an edge that measures zero, with its weight."""
         one, k = self.measured, self.ranges.num_edges
         rotation = RotationGraph(
@@ -130,7 +117,8 @@ class RangeProblem:
         )
         t = np.concatenate([one.translations, np.zeros((k, self.d))])
         tau = np.r_[one.tau, self.ranges.weights]
-        return SignedProblem(SignedGraph(rotation, t, tau, points=one.points), self.engine)
+        kind = OrientedProblem if self.d == 2 else SignedProblem
+        return kind(SignedGraph(rotation, t, tau, points=one.points), self.engine)
 
     def scaled(self, factor: float) -> RangeProblem:
         """The same measurements with all weights times ``factor``."""
@@ -219,8 +207,7 @@ class RangeProblem:
 
     def layout(self, rank: int) -> Layout:
         """Of such matrices at points of that rank."""
-        q = rank * self.d - self.d * (self.d + 1) // 2
-        return self.whole.pattern.layout(rank + q, rank)
+        return self.whole.pattern.layout(rank + self.whole.tangent_dim(rank), rank)
 
     @property
     def tangent_layout(self) -> Layout:
@@ -238,7 +225,7 @@ class RangeProblem:
         """The symbolic analysis of a matrix of the whole pattern."""
         return self.whole.symbolic(A)
 
-    def surrogate(self, point: Point) -> tuple[PoseProblem, float]:
+    def surrogate(self, point: Point) -> tuple[SignedProblem, float]:
         """The pose graph's problem of tangents at a point of any rank, and the constant.
 
         The constant is rounded down for exactly the weights of the problem.

@@ -94,16 +94,18 @@ class _Search:
         tree = tree_initialization(problem.graph.rotation)
         length = float(np.median(problem.ranges.distances)) or 1.0
         t = length * rng.standard_normal((problem.n, problem.d))
-        point = lifted(Estimate(tree.rotations, t), problem.d + 1)
-        out = OUT * length * rng.standard_normal((problem.n, 1))
+        new = problem.whole.dimensions
+        point = lifted(Estimate(tree.rotations, t), problem.d + new)
+        out = OUT * length * rng.standard_normal((problem.n, new))
         return Lift(point.rotations, np.concatenate([t, out], axis=1))
 
     def climb(self, point: Lift) -> Lift:
         """The minimum of the relaxation, or what was found before a limit, and its bound."""
-        highest = self.settings.max_rank or self.problem.d + MORE_RANKS
+        lowest = self.problem.d + self.problem.whole.dimensions
+        highest = max(self.settings.max_rank or self.problem.d + MORE_RANKS, lowest)
         following: Lift | None = point
         with suppress(NumericalError, np.linalg.LinAlgError):
-            while following is not None and following.rank <= max(highest, self.problem.d + 1):
+            while following is not None and following.rank <= highest:
                 with self.stop.watch.phase("descend"):
                     point, status = descend(self.problem, following, monitor=self.stop)
                 cost = self.problem.cost(point)
@@ -122,12 +124,11 @@ class _Search:
         return point
 
     def projections(self, point: Lift, rng: np.random.Generator) -> Iterator[Lift]:
-        """Points of rank d: in the main subspace, then in random ones, in both orientations."""
+        """Points of rank d: in the main subspace, then in random ones."""
         d = self.problem.d
         basis = main_subspace(point.subset(self.problem.poses))
         for _ in range(PROJECTIONS):
-            for sign in (1.0, -1.0):
-                B = basis * np.r_[sign, np.ones(d - 1)]
+            for B in self.problem.whole.frames(basis):
                 rotations = so.project(B.T @ point.rotations)
                 yield Lift(rotations, translations_of(point) @ B)
             basis = np.linalg.qr(rng.standard_normal((point.rank, d)))[0]
