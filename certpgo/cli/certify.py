@@ -18,6 +18,7 @@ from certpgo.cli._options import (
     Timestamps,
     chosen_cost,
     refuse_unprovable,
+    refuse_with_distances,
     tier_option,
 )
 from certpgo.cli._paging import origin_of, require_pages, write_page
@@ -31,9 +32,8 @@ if TYPE_CHECKING:
     from certpgo.assess.assessment import Assessment
     from certpgo.assess.batch import JudgedGraph
     from certpgo.certify import Certificate
-    from certpgo.costs import InformationProblem
+    from certpgo.costs import Certifiable
     from certpgo.graph import Estimate, Instance
-    from certpgo.objective.problem import Problem
     from certpgo.solvers.certified.disagreement import Disagreement
 
 
@@ -75,7 +75,7 @@ def command(
     from certpgo.assess.wording import hint
     from certpgo.certify.judge import Judge
     from certpgo.certify.proof_file import refuse_unreadable
-    from certpgo.costs import problem_under
+    from certpgo.costs import RangeProblem, certifiable
     from certpgo.io.format import format_to_write
 
     if len(estimates) > 1 and csv is None:
@@ -95,12 +95,13 @@ def command(
     tier = tier or ("standard" if proof is None else "proof")
     provable = None if proof is None else provable_source(source)
     instance = reading.open(source, distances=True)
+    refuse_with_distances(instance, proof=proof, html=html)
     own = chosen_cost(cost, instance)
     if provable is not None:
         refuse_unreadable(provable, instance, own)
     parts = []
     for connected in reading.parts(instance):
-        problem = problem_under(connected, own)
+        problem = certifiable(connected, own)
         judge = Judge(problem, tier=tier, rtol=rtol, atol=atol, refine=refine)
         parts.append(JudgedGraph(connected, problem, judge))
     if best is not None and len(parts) > 1:
@@ -127,16 +128,17 @@ def command(
     if proof and provable:
         certificate = assessments[0].certificate
         proven = prove(proof, provable, parts[0].instance, given[0], certificate, json=json)
-    if html is not None:
+    problem = parts[0].problem
+    if html is not None and not isinstance(problem, RangeProblem):  # which was refused
         part = parts[0]
         written = proof if proven else None
         remarks = [f"{hint(found)}." for found in disagreements if found is not None]
         origin = origin_of(graph, reading, estimate=estimates[0], proof=written, remarks=remarks)
-        write_page(html, part.instance, part.problem, given[0], assessments[0], origin)
+        write_page(html, part.instance, problem, given[0], assessments[0], origin)
     return code if proven else code or REFUSED
 
 
-def _may_gain(certificate: Certificate, problem: Problem | InformationProblem) -> bool:
+def _may_gain(certificate: Certificate, problem: Certifiable) -> bool:
     """Whether the refined point is so close to the bound that the proof tier may close the gap."""
     from certpgo.certify.case import PROOF_GAIN
     from certpgo.certify.own_cost import has_proofs
@@ -179,11 +181,13 @@ def _single(
     return assessments, disagreements
 
 
-def _disagreement(problem: Problem | InformationProblem, found: Assessment) -> Disagreement | None:
+def _disagreement(problem: Certifiable, found: Assessment) -> Disagreement | None:
     """Measurements that disagree with the rest, by their residual angles and chordal cost."""
-    from certpgo.costs import InformationProblem
+    from certpgo.costs import InformationProblem, RangeProblem
     from certpgo.solvers.certified.disagreement import disagreement
 
+    if isinstance(problem, RangeProblem):
+        return None
     if isinstance(problem, InformationProblem):
         problem = problem.chordal
     return disagreement(problem, found.best, refit=not found.best_is_optimal)

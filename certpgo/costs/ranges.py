@@ -161,6 +161,12 @@ class RangeProblem:
         """Angles between R_i R_ij and R_j, radians; 0 where no rotation is measured."""
         return self.whole.residual_angles(estimate)
 
+    def residual_lengths(self, estimate: Estimate) -> FloatArray:
+        """Norms of t_j - t_i - R_i t_ij, then errors of the distances, metres."""
+        _, length = self._apart(estimate)
+        moved = np.linalg.norm(self.alone.translation_residuals(estimate), axis=1)
+        return np.concatenate([moved, np.abs(self.ranges.distances - length)])
+
     def stationarity(self, estimate: Estimate) -> float:
         """Largest gradient of a rotation over its weight, radians."""
         turn = operators.tangent_gradient(self.gradient(estimate)[:, :, 1:], estimate.rotations)

@@ -160,3 +160,21 @@ class Solver(Protocol):
     ) -> Solution:
         """Estimate the poses or rotations of the problem."""
         ...
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """One step of the staircase.
+
+    Attributes
+    ----------
+    rank : rank of the points
+    cost : F at the point found
+    status : how the descent to it ended
+    eigenvalue : a negative eigenvalue of the certificate matrix there, if one was found
+    """
+
+    rank: int
+    cost: float
+    status: Status
+    eigenvalue: float | None = None

@@ -10,6 +10,7 @@ from strategies import dimensions, point_graph, rng_of, seeds
 import certpgo
 from certpgo import Estimate, GraphError, InputError, PoseGraph, Ranges, RotationGraph, solve
 from certpgo.certify.ranged import cost_upper, range_bound
+from certpgo.costs import range_problem
 from certpgo.costs.range_descent import descend
 from certpgo.costs.ranges import RangeProblem
 from certpgo.costs.signed import SignedProblem, quarter_turn
@@ -235,6 +236,34 @@ def test_distances_that_fit_exactly_or_are_tiny_cost_no_bound():
         assert answer.cost == pytest.approx(alone.cost, rel=1e-6)
     with pytest.raises(InputError, match="beyond the range of doubles"):
         solve(RangeProblem(more, Ranges(n, [[poses[0], n - 1]], [1e160], [3.0])))
+
+
+@given(seeds, dimensions)
+@few
+def test_estimates_of_others_are_judged(seed, d):
+    problem, truth, _ = measured(seed, d, noise=0.3)
+    answer = solve(problem)
+    for estimate in (truth, answer.estimate):
+        found = certpgo.certify(problem, estimate)
+        assert found.cost_upper == pytest.approx(problem.cost(estimate))
+        assert found.lower_bound <= min(found.refined_cost, answer.cost)
+        assert found.verdict.value in ("CERTIFIED", "BOUNDED", "REFUTED")
+    assert found.verdict is not certpgo.Verdict.REFUTED
+    assert found.lower_bound == pytest.approx(answer.certificate.lower_bound, rel=1e-5)
+    with pytest.raises(InputError, match="proof tier"):
+        certpgo.certify(problem, truth, tier="proof")
+
+
+def test_a_map_stuck_elsewhere_is_refuted(dataset):
+    instance = dataset("goats_16")
+    problem = range_problem(instance)
+    estimate = solve(problem).estimate
+    t = estimate.translations.copy()
+    t[instance.graph.points, 0] *= -3.0  # beacons on the wrong side
+    found = certpgo.certify(problem, Estimate(estimate.rotations, t))
+    assert found.verdict.value == "REFUTED"
+    assert found.better_cost == pytest.approx(7788.24042, rel=1e-6)
+    assert found.refined_cost > 2.0 * found.better_cost
 
 
 def test_covariances_are_inverse_matrices():

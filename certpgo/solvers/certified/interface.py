@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from certpgo.costs import CHORDAL, COSTS, problem_under, range_problem
+from certpgo.costs import CHORDAL, COSTS, certifiable
 from certpgo.costs.problem import InformationProblem
 from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import InputError, kind_of
@@ -84,11 +84,10 @@ def solve(
     known = (Instance, InformationProblem, RangeProblem, PoseGraph, RotationGraph)
     if cost in (None, CHORDAL) and not isinstance(graph, known):
         raise InputError(f"solve takes a graph, such as instance.graph, not {kind_of(graph)}")
-    if isinstance(graph, Instance) and graph.ranges is not None:
-        graph = range_problem(graph, cost)
-    if isinstance(graph, RangeProblem):
-        return search_ranges(graph, chosen, initial, monitor)
-    return _searched(problem_under(graph, cost), chosen, initial, monitor, on_disagreement)
+    problem = certifiable(graph, cost)
+    if isinstance(problem, RangeProblem):
+        return search_ranges(problem, chosen, initial, monitor)
+    return _searched(problem, chosen, initial, monitor, on_disagreement)
 
 
 def _searched(

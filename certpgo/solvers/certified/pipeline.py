@@ -19,11 +19,11 @@ from certpgo.objective.problem import Problem
 from certpgo.optimize.marginals import Marginals
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.progress import stoppable
-from certpgo.optimize.solution import Solution
+from certpgo.optimize.solution import Level, Solution
 from certpgo.optimize.starts import Start
 from certpgo.solvers.certified.disagreement import Disagreement, agrees, disagreement
 from certpgo.solvers.certified.settings import SolveSettings
-from certpgo.solvers.certified.staircase import Level, Staircase
+from certpgo.solvers.certified.staircase import Staircase
 
 #: Name of the caller's initial estimate.
 GIVEN = "the given estimate"
