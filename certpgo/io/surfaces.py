@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +45,7 @@ class Surface:
 
 class _Element(NamedTuple):
     name: str
-    count: int
+    rows: int
     properties: list[tuple[str, str, str]]  # name, type, and of a list the type of its length
 
 
@@ -112,7 +112,7 @@ def _header(path: Path) -> tuple[str, list[_Element], bytes]:
 
 def _elements(
     path: Path, order: str, elements: list[_Element], body: bytes
-) -> Iterator[tuple[str, dict[str, NDArray[np.generic]]]]:
+) -> Iterator[tuple[str, dict[str, NDArray[Any]]]]:
     """The columns of each element; lists are triangles."""
     start, words = 0, body.split() if not order else []
     for element in elements:
@@ -125,38 +125,38 @@ def _elements(
             else:
                 raise FormatError(path, None, f"element {element.name}: a list alone expected")
         except (ValueError, IndexError):
-            expected = f"{element.count} of element {element.name} expected"
+            expected = f"{element.rows} of element {element.name} expected"
             raise FormatError(path, None, expected) from None
         yield element.name, columns
 
 
 def _table(
     element: _Element, order: str, body: bytes, words: list[bytes], start: int
-) -> tuple[dict[str, NDArray[np.generic]], int]:
+) -> tuple[dict[str, NDArray[Any]], int]:
     row = np.dtype([(name, order + kind) for name, kind, _ in element.properties])
     if order:
-        table = np.frombuffer(body, row, element.count, start)
+        table = np.frombuffer(body, row, element.rows, start)
         return {name: table[name] for name in row.names or ()}, start + table.nbytes
     width = len(element.properties)
-    end = start + width * element.count
-    numbers = np.array(words[start:end], dtype=float).reshape(element.count, width)
+    end = start + width * element.rows
+    numbers = np.array(words[start:end], dtype=float).reshape(element.rows, width)
     columns = zip(element.properties, numbers.T, strict=True)
     return {name: column.astype(kind) for (name, kind, _), column in columns}, end
 
 
 def _triangles(
     element: _Element, order: str, body: bytes, words: list[bytes], start: int
-) -> tuple[dict[str, NDArray[np.generic]], int]:
+) -> tuple[dict[str, NDArray[Any]], int]:
     ((name, kind, length),) = element.properties
     if order:
         row = np.dtype([("length", order + length), ("corners", order + kind, 3)])
-        if start + element.count * row.itemsize <= len(body):
-            table = np.frombuffer(body, row, element.count, start)
+        if start + element.rows * row.itemsize <= len(body):
+            table = np.frombuffer(body, row, element.rows, start)
             if (table["length"] == 3).all():
                 corners = table["corners"].astype(np.intp)
                 return {name: corners}, start + table.nbytes
     faces = []
-    for _ in range(element.count):
+    for _ in range(element.rows):
         if order:
             count = int(np.frombuffer(body, order + length, 1, start)[0])
             start += np.dtype(length).itemsize

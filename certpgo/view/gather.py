@@ -23,11 +23,19 @@ from certpgo.solvers.certified.pipeline import CertifiedSolution
 from certpgo.solvers.spanning_tree import SpanningTree
 from certpgo.view.layout import Layout, layout
 from certpgo.view.placing import aligned, placement, residuals, weights
-from certpgo.view.scene import Placement, Scene, kinds_of
+from certpgo.view.scene import IN_METRES, Placement, Scene, kinds_of
 
 #: What there is to look at: a path, the name of a dataset, or an object.
 Thing: TypeAlias = (
-    str | Path | Graph | Instance | Estimate | Solution | CertifiedSolution | Surface
+    str
+    | Path
+    | Graph
+    | Instance
+    | Estimate
+    | tuple[str, Estimate]
+    | Solution
+    | CertifiedSolution
+    | Surface
 )
 
 #: What a file may hold.
@@ -44,10 +52,11 @@ def scene_of(
 
     Parameters
     ----------
-    things : at most one graph, its estimates in the order before, after, and clouds or meshes in
-        the frame of the last of them. Without a graph, estimates are trajectories, which are
-        matched by ids or times. A file with a graph adds its initial values as an estimate that
-        comes first; without any estimate, one is composed along the odometry.
+    things : at most one graph, its estimates in the order before, after (or pairs of a name and
+        an estimate), and clouds or meshes in the frame of the last of them. Without a graph,
+        estimates are trajectories, which are matched by ids or times. A file with a graph adds its
+        initial values as an estimate that comes first; without any estimate, one is composed along
+        the odometry.
     truth : of a graph, by default the one that it was read with
     rejected : indices or flags of measurements that the last estimate does without; by default
         those of a robust answer, or the outliers that are known
@@ -97,6 +106,8 @@ class _Found:
                 self.estimates.append((self._fresh("answer"), thing.estimate))
             case CertifiedSolution():
                 self.add(thing.solution)
+            case (str() as name, Estimate() as estimate):
+                self.estimates.append((self._fresh(name), estimate))
             case Surface():
                 self.surfaces.append((self._fresh("mesh" if len(thing.faces) else "cloud"), thing))
             case _:
@@ -152,7 +163,7 @@ def _of_graph(
     if instance.initial is not None:
         estimates.insert(0, ("initial values", instance.initial))
     if not estimates:
-        estimates.append(_start(instance))
+        estimates.append(start(instance))
     places = None if isinstance(graph, PoseGraph) else layout(graph)
     poses = instance.poses
     last = estimates[-1][1]
@@ -174,13 +185,12 @@ def _of_graph(
         _truth(instance, truth, last, places),
         weights(graph),
         tuple(found.surfaces),
-        **({} if places is None else {"sentence": places.sentence, "metric": False}),
+        IN_METRES if places is None else places.sentence,
+        places is None,
     )
 
 
-def _placed(
-    instance: Instance, name: str, estimate: Estimate, places: Layout | None
-) -> Placement:
+def _placed(instance: Instance, name: str, estimate: Estimate, places: Layout | None) -> Placement:
     """The placement of all nodes but the world, with the residuals of all edges."""
     there = instance.in_world(estimate)
     nodes = np.arange(there.num_nodes)
@@ -209,8 +219,14 @@ def _whole(instance: Instance, estimate: Estimate) -> Estimate:
     return estimate
 
 
-def _start(instance: Instance) -> tuple[str, Estimate]:
-    """An estimate of a graph that comes without one."""
+def start(instance: Instance) -> tuple[str, Estimate]:
+    """An estimate of a graph that comes without one, and its name.
+
+    Raises
+    ------
+    InputError
+        The graph is not connected.
+    """
     if not instance.graph.is_connected:
         raise InputError(
             f"{instance.source or instance.name}: an estimate is needed to draw a graph that is "
@@ -235,11 +251,11 @@ def _truth(
         return None
     if isinstance(given, Estimate):
         truth = instance.in_world(_whole(instance, given))
-        nodes = np.arange(truth.num_nodes)
+        known: IntArray = np.arange(truth.num_nodes)
     else:
-        nodes, truth = read_truth(given, instance)
-        nodes, kept = nodes[nodes != instance.world], nodes != instance.world
-        truth = truth.subset(np.flatnonzero(kept))
+        known, truth = read_truth(given, instance)
+    kept = np.flatnonzero(known != instance.world)
+    nodes, truth = known[kept], truth.subset(kept)
     common = np.flatnonzero(np.isin(nodes, instance.poses))
     moved = aligned(truth, instance.in_world(answer), common, nodes[common])
     order = np.argsort(instance.ids[nodes], kind="stable")
@@ -247,9 +263,7 @@ def _truth(
     return placement("truth", nodes[order], moved.subset(order), where)
 
 
-def _flags(
-    given: ArrayLike | None, answered: IntArray | None, instance: Instance
-) -> BoolArray:
+def _flags(given: ArrayLike | None, answered: IntArray | None, instance: Instance) -> BoolArray:
     """(m,) rejected measurements: as given, or of the answer, or known outliers."""
     m = instance.graph.num_edges
     flags = np.zeros(m, dtype=bool)
@@ -259,17 +273,11 @@ def _flags(
         elif instance.outliers is not None:
             flags |= instance.outliers
         return flags
-    chosen = np.asarray(given)
-    is_mask = chosen.dtype == bool and chosen.shape == (m,)
-    if chosen.size and not is_mask and not _indexes(chosen, m):
-        raise InputError(f"rejected must be {m} flags, or indices from 0 to {m - 1}")
-    if chosen.size:
-        flags[chosen] = True
+    try:
+        flags[np.asarray(given, dtype=None if np.size(given) else np.intp)] = True
+    except IndexError:
+        raise InputError(f"rejected must be {m} flags, or indices from 0 to {m - 1}") from None
     return flags
-
-
-def _indexes(chosen: np.ndarray, m: int) -> bool:  # type: ignore[type-arg]
-    return bool(chosen.dtype.kind in "iu" and chosen.min() >= 0 and chosen.max() < m)
 
 
 def _of_trajectories(found: _Found, truth: str | Path | Estimate | None) -> Scene:

@@ -31,7 +31,11 @@ def glb(points: FloatArray, colours: NDArray[np.uint8], faces: IntArray) -> byte
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0}],
         "meshes": [
-            {"primitives": [{"attributes": {"POSITION": 0, "COLOR_0": 1}, "indices": 2, "material": 0}]}
+            {
+                "primitives": [
+                    {"attributes": {"POSITION": 0, "COLOR_0": 1}, "indices": 2, "material": 0}
+                ]
+            }
         ],
         "materials": [
             {

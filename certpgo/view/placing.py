@@ -53,9 +53,9 @@ def residuals(graph: Graph, estimate: Estimate) -> tuple[Measure, ...]:
 def weights(graph: Graph) -> tuple[Measure, ...]:
     """The weights of edges, where they differ."""
     rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
-    listed = [("weight of the rotation", rotation.kappa)]
+    listed = [("rotation weight", rotation.kappa)]
     if isinstance(graph, PoseGraph):
-        listed.append(("weight of the translation", graph.tau))
+        listed.append(("translation weight", graph.tau))
     return tuple(
         Measure(name, np.where(values > 0.0, values, NOT_MEASURED))
         for name, values in listed

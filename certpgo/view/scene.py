@@ -19,7 +19,9 @@ TOP = 0.98
 #: Length of a frustum over the median step, and its least and largest share of the extent.
 FRUSTUM, LEAST, MOST = 0.4, 0.004, 0.03
 #: Poses drawn at most for each estimate.
-POSES = 2000
+POSES = 600
+#: What positions are that were estimated.
+IN_METRES = "Nodes are drawn at their positions, in metres."
 
 #: Corners and lines of a camera, which looks along z, and of an arrow along x.
 _CAMERA = np.array([[0, 0, 0], [-0.7, -0.5, 1], [0.7, -0.5, 1], [0.7, 0.5, 1], [-0.7, 0.5, 1]])
@@ -152,7 +154,7 @@ class Scene:
     truth: Placement | None = None
     weights: tuple[Measure, ...] = ()
     surfaces: tuple[tuple[str, Surface], ...] = ()
-    sentence: str = "Nodes are drawn at their positions, in metres."
+    sentence: str = IN_METRES
     metric: bool = True
 
     @cached_property
@@ -219,18 +221,18 @@ class Scene:
 
     @property
     def frustum_lines(self) -> FloatArray:
-        """(s, 2, 3) lines of a pose in its own frame: a camera's frustum along z, in 2D an arrow."""
+        """(s, 2, 3) lines of a pose in its frame: a camera's frustum along z, in 2D an arrow."""
         corners, lines = (_ARROW, _SIDES) if self.d == 2 else (_CAMERA, _RAYS)
-        return self.frustum * corners[lines]
+        return np.asarray(self.frustum * corners[lines])
 
-    def frusta(self, placement: Placement) -> FloatArray:
-        """(s, 2, 3) lines of its poses, at most `POSES`, chosen evenly."""
+    def frusta(self, placement: Placement, most: int = POSES) -> FloatArray:
+        """(s, 2, 3) lines of its poses, chosen evenly if there are more than ``most``."""
         rows = self.poses(placement)
-        if len(rows) > POSES:
-            rows = rows[np.linspace(0, len(rows) - 1, POSES).round().astype(np.intp)]
+        if len(rows) > most:
+            rows = rows[np.linspace(0, len(rows) - 1, most).round().astype(np.intp)]
         turned = np.einsum("kab,seb->ksea", placement.rotations[rows], self.frustum_lines)
         turned += placement.positions[rows, None, None]
-        return turned.reshape(-1, 2, 3)
+        return np.asarray(turned.reshape(-1, 2, 3))
 
 
 def frame_of(points: FloatArray, d: int = 3) -> Frame:

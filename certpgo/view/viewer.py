@@ -5,7 +5,8 @@ from __future__ import annotations
 import html
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
+from io import StringIO
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from certpgo.io.surfaces import Surface
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.view.glb import glb
 from certpgo.view.palette import colours
-from certpgo.view.scene import Kind, Measure, Placement, Scene
+from certpgo.view.scene import Kind, Placement, Scene
 
 #: The scene's extent in the browser, whose camera and controls are made for it.
 EXTENT = 10.0
@@ -105,11 +106,13 @@ def _serving(host: str, port: int) -> Iterator[Any]:
         import viser
     except ImportError:
         raise MissingDependency("viser", "view") from None
-    server = viser.ViserServer(host=host, port=port, verbose=False)
+    with redirect_stdout(StringIO()):  # it prints its address however quiet it is asked to be
+        server = viser.ViserServer(host=host, port=port, verbose=False)
     try:
         yield server
     finally:
-        server.stop()
+        with redirect_stdout(StringIO()):
+            server.stop()
 
 
 class Drawing:
@@ -204,9 +207,7 @@ class Drawing:
         )
 
     def _layer(self, name: str, *, shown: bool) -> None:
-        self.layers[name] = self._server.scene.add_frame(
-            f"/{name}", show_axes=False, visible=shown
-        )
+        self.layers[name] = self._server.scene.add_frame(f"/{name}", show_axes=False, visible=shown)
 
     def _add_estimate(self, placement: Placement, ink: Rgb, *, shown: bool) -> None:
         scene, name = self._scene, placement.name
@@ -222,9 +223,7 @@ class Drawing:
         self._add_poses(placement, ink)
         self._add_marks(placement)
 
-    def _add_edges(
-        self, name: str, placement: Placement, drawn: BoolArray, width: float
-    ) -> None:
+    def _add_edges(self, name: str, placement: Placement, drawn: BoolArray, width: float) -> None:
         if not drawn.any():
             return
         ends = self._placed(self._scene.ends(placement, drawn))
@@ -267,14 +266,18 @@ class Drawing:
         self._layer("truth", shown=True)
         steps = self._scene.steps(truth)
         if len(steps):
-            self._lines("/truth/steps", self._placed(steps), ink, 2.0)
-        self._add_poses(truth, ink)
+            self._lines("/truth/steps", self._placed(steps), ink, 1.2)
 
     def _add_points(self, name: str, points: FloatArray, ink: Any, size: float) -> Any:
         precision = "float16" if len(points) >= MANY else "float32"
         return self._server.scene.add_point_cloud(
-            name, self._placed(points), ink, point_size=size, point_shape="circle",
-            precision=precision, point_shading="flat",
+            name,
+            self._placed(points),
+            ink,
+            point_size=size,
+            point_shape="circle",
+            precision=precision,
+            point_shading="flat",
         )
 
     def _add_surface(self, name: str, surface: Surface) -> None:
@@ -306,20 +309,27 @@ class Drawing:
         turn = quaternion.to_write(scene.frame.axes[None])[0][[3, 0, 1, 2]]
         reach = self._scale * 0.5 * length
         self._server.scene.add_frame(
-            "/scale/axes", wxyz=turn, position=self._placed(corner),
-            axes_length=reach, axes_radius=0.03 * reach,
+            "/scale/axes",
+            wxyz=turn,
+            position=self._placed(corner),
+            axes_length=reach,
+            axes_radius=0.03 * reach,
         )
 
     def _aim(self) -> None:
-        """Frame the box."""
-        half = self._scale * self._scene.frame.half
-        tilt = FLAT if self._scene.is_flat else TILT
-        tall = half[1] * np.cos(tilt) + half[2] * np.sin(tilt)
-        distance = 1.15 * max(tall, half[0] / ASPECT, 1.0) / np.tan(0.5 * FIELD) + half[1]
-        camera = self._server.initial_camera
-        camera.fov = FIELD
-        camera.look_at = np.zeros(3)
-        camera.position = distance * np.array([0.0, -np.sin(tilt), np.cos(tilt)])
+        """Place the camera as near as it sees everything from."""
+        scene = self._scene
+        tilt = FLAT if scene.is_flat else TILT
+        camera = np.array(
+            [[1, 0, 0], [0, np.cos(tilt), np.sin(tilt)], [0, -np.sin(tilt), np.cos(tilt)]]
+        )
+        shown = [placement.positions for placement in scene.placements[-1:]]
+        shown += [surface.points for _, surface in scene.surfaces]
+        x, y, z = (self._placed(np.concatenate([*shown, scene.frame.corner[None]])) @ camera.T).T
+        reach = np.maximum(np.abs(y), np.abs(x) / ASPECT) / np.tan(0.5 * FIELD)
+        distance = 1.08 * float((z + reach).max()) + 0.1
+        view = self._server.initial_camera
+        view.fov, view.look_at, view.position = FIELD, np.zeros(3), distance * camera[2]
 
 
 def _ink(number: int, dark: bool) -> Rgb:
