@@ -38,6 +38,8 @@ Thing: TypeAlias = (
     | Surface
 )
 
+#: Name of the estimate that comes with a graph's file.
+INITIAL_VALUES = "initial values"
 #: What a file may hold.
 _HOLDS = "a graph, a trajectory or other estimate, or a PLY cloud or mesh expected"
 
@@ -161,7 +163,7 @@ def _of_graph(
     ]
     estimates = [(name, _whole(instance, what)) for name, what in named]
     if instance.initial is not None:
-        estimates.insert(0, ("initial values", instance.initial))
+        estimates.insert(0, (INITIAL_VALUES, instance.initial))
     if not estimates:
         estimates.append(start(instance))
     places = None if isinstance(graph, PoseGraph) else layout(graph)

@@ -1,4 +1,4 @@
-"""Data for the view of a trajectory: positions, edges and their residuals."""
+"""A scene as data for the pages' script."""
 
 from __future__ import annotations
 
@@ -6,133 +6,122 @@ from typing import Any
 
 import numpy as np
 
-from certpgo.assess.assessment import measured_parts, residual_lengths
-from certpgo.costs import InformationProblem
-from certpgo.graph import Estimate, PoseGraph
 from certpgo.io.plural import counted
-from certpgo.linalg import so
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
-from certpgo.objective.problem import Problem
+from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.view.scene import Kind, Placement, Scene
 
 #: Edges drawn at most: the costliest, and the others sampled evenly.
 EDGES = 20_000
 #: Share of these reserved for the costliest.
 COSTLIEST = 0.1
-#: Quantile of the residuals that gets the last colour; larger residuals share it.
-TOP = 0.98
-#: The residual, in data, of what an edge does not measure.
-NOT_MEASURED = -1.0
+#: Poses drawn at most with a frustum.
+FRUSTA = 150
 #: Kinds of edges, in data.
 BETWEEN, SIGHTING, PRIOR = 0, 1, 2
 
 Data = dict[str, Any]
 
 
-def scene(
-    problem: Problem | InformationProblem,
-    estimate: Estimate,
-    ids: IntArray,
-    *,
-    world: int | None = None,
-    limit: int = EDGES,
-) -> Data:
-    """Positions, edges and residuals for the view's script.
-
-    A rotation graph has no positions: nodes are drawn at their rotation vectors in the frame of
-    their mean, in 2D on the unit circle. The world is not drawn, and the view is in its frame; what
-    is measured from it is a mark at the pose.
+def page_scene(scene: Scene, costs: FloatArray, *, limit: int = EDGES) -> Data:
+    """Positions, edges and residuals of a scene's answer for the pages' script.
 
     Parameters
     ----------
-    ids : (n,) node ids
-    world : the node from which priors are measured, the last one; None for none
+    scene : of a graph; the last placement is the answer, the first is "before"
+    costs : (m,) terms of F of its edges at the answer
     limit : maximal number of edges drawn
 
     Returns
     -------
-    ``dimensions``; ``points`` (k, 2 or 3) with ``ids``; ``edges`` (e, 2) into these, with their
-    ``numbers`` in the graph and whether each is a ``loop`` closure (between nodes whose ids are not
-    consecutive); ``measures``, each with ``unit``, ``values`` (e,), `NOT_MEASURED` for what an
-    edge does not measure, and the ``top`` of its colours; ``sentences`` on what is shown. Where
-    there are landmarks or a world, ``landmarks`` (k,) flags, and ``kinds`` (e,) of edges: the ends
-    of a `PRIOR` are both the measured node.
+    ``dimensions``; ``points`` (k, 2 or 3) with ``ids``; ``frame``, the ``centre`` and the ``axes``
+    of the box; ``edges`` (e, 2) into the points, with their ``numbers`` in the graph and whether
+    each is a ``loop`` closure (between nodes whose ids are not consecutive); ``measures``, each
+    with ``unit``, ``values`` (e,), `NOT_MEASURED` for what an edge does not measure, and the
+    ``top`` of its colours; ``ends``, the first and the last pose; ``frusta`` (s, 2, 2 or 3);
+    ``metric``, whether lengths are metres; ``sentences`` on what is shown. Where there is another
+    estimate, ``before`` with its name, points, values and frusta; where the truth is known,
+    ``truth``, its steps (s, 2, 2 or 3). Where there are landmarks or a world, ``landmarks`` (k,)
+    flags, and ``kinds`` (e,) of edges: the ends of a `PRIOR` are both the measured node.
     """
-    edges, landmarks, kinds = _kinds(problem, world)
-    measures = _residuals(problem, estimate)
-    drawn = _chosen(problem.edge_costs(estimate), limit)
-    nodes = np.unique(edges[drawn])
-    count = len(ids) if world is None else world
+    answer = scene.placements[-1]
+    drawn = _chosen(costs, limit)
+    nodes = np.unique(scene.edges[drawn])
+    count = len(answer.nodes)
     if count <= limit:
         nodes = np.arange(count)
-    points, sentence = _positions(estimate if world is None else estimate.anchored(world))
-    sentences = [sentence, *_said(kinds, landmarks)]
-    if len(drawn) < len(edges):
+    kinds = np.select([scene.kinds == Kind.SIGHTING, scene.kinds == Kind.PRIOR], [1, 2], BETWEEN)
+    sentences = [scene.sentence, *_said(scene)]
+    if len(drawn) < len(scene.edges):
         sentences.append(
-            f"{len(drawn):,} of {len(edges):,} edges are drawn: the {int(COSTLIEST * limit):,} "
-            "costliest, and the others sampled evenly."
+            f"{len(drawn):,} of {len(scene.edges):,} edges are drawn: the "
+            f"{int(COSTLIEST * limit):,} costliest, and the others sampled evenly."
         )
     if len(nodes) < count:
         sentences.append(f"Of {count:,} nodes, the {len(nodes):,} at these edges are drawn.")
-    ends = edges[drawn]
-    more = {"landmarks": landmarks[nodes].astype(int).tolist(), "kinds": kinds[drawn].tolist()}
+    # A layout of planar rotations is planar, as the graph is; one in space may be flat too.
+    d = scene.d
+    rounding = _decimals(answer.positions)
+    poses = answer.nodes[scene.poses(answer)]
+    more: Data = {}
+    if (kinds != BETWEEN).any():
+        more["landmarks"] = scene.landmarks[nodes].astype(int).tolist()
+        more["kinds"] = kinds[drawn].tolist()
+    if len(scene.placements) > 1:
+        before = scene.placements[0]
+        more["before"] = {
+            "name": before.name,
+            "points": _rounded(before.spread(len(scene.ids))[nodes, :d], rounding),
+            "values": [_values(m.values, drawn) for m in before.measures],
+            "frusta": _frusta(scene, before, rounding),
+        }
+    if scene.truth is not None and scene.metric:
+        more["truth"] = _rounded(scene.steps(scene.truth)[:limit, :, :d], rounding)
     return {
-        **(more if kinds.any() else {}),
-        "dimensions": estimate.d,
-        "points": _rounded(points[nodes]),
-        "ids": ids[nodes].tolist(),
-        "edges": np.searchsorted(nodes, ends).tolist(),
+        **more,
+        "dimensions": d,
+        "points": _rounded(answer.spread(len(scene.ids))[nodes, :d], rounding),
+        "frame": {
+            "centre": _rounded(scene.frame.centre[:d], rounding),
+            "axes": _rounded(scene.frame.axes[:d, :d], 6),
+        },
+        "ids": scene.ids[nodes].tolist(),
+        "edges": np.searchsorted(nodes, scene.edges[drawn]).tolist(),
         "numbers": drawn.tolist(),
-        "loop": (np.abs(ids[ends[:, 0]] - ids[ends[:, 1]]) != 1).astype(int).tolist(),
+        "loop": (scene.kinds[drawn] != Kind.STEP).astype(int).tolist(),
         "measures": [
             {
-                "unit": unit,
-                "values": [float(f"{value:.4g}") for value in values[drawn].tolist()],
-                "top": float(f"{_top(values):.3g}"),
+                "unit": measure.unit,
+                "values": _values(measure.values, drawn),
+                "top": float(f"{measure.top:.3g}"),
             }
-            for unit, values in measures
+            for measure in answer.measures
         ],
+        "ends": np.flatnonzero(np.isin(nodes, poses[[0, -1]])).tolist(),
+        "frusta": _frusta(scene, answer, rounding),
+        "metric": scene.metric,
         "sentences": sentences,
     }
 
 
-def _kinds(
-    problem: Problem | InformationProblem, world: int | None
-) -> tuple[IntArray, BoolArray, IntArray]:
-    """Edges (m, 2) as drawn, which nodes are landmarks (n,), and the kinds of edges (m,)."""
-    graph = (problem.chordal if isinstance(problem, InformationProblem) else problem).graph
-    edges, landmarks = graph.edges, np.zeros(graph.num_nodes, dtype=bool)
-    if isinstance(graph, PoseGraph) and graph.points is not None:
-        landmarks = graph.points
-    kinds = np.where(landmarks[edges[:, 1]], SIGHTING, BETWEEN)
-    if world is not None:
-        kinds[edges[:, 0] == world] = PRIOR
-        edges = np.where((kinds == PRIOR)[:, None], edges[:, 1:], edges)
-    return edges, landmarks, kinds
+def _frusta(scene: Scene, placement: Placement, decimals: int) -> Any:
+    """Lines (s, 2, 2 or 3) of few poses; of graphs of positions only where there are few."""
+    if scene.metric and len(placement.nodes) > FRUSTA:
+        return []
+    return _rounded(scene.frusta(placement, FRUSTA)[..., : scene.d], decimals)
 
 
-def _residuals(
-    problem: Problem | InformationProblem, estimate: Estimate
-) -> list[tuple[str, FloatArray]]:
-    """Units, and (m,) residuals of what edges measure."""
-    turned, moved = measured_parts(problem)
-    angles = np.degrees(problem.residual_angles(estimate))
-    measures = [("degrees", np.where(turned, angles, NOT_MEASURED))]
-    lengths = residual_lengths(problem, estimate)
-    if lengths is not None:
-        measures.append(("metres", np.where(moved, lengths, NOT_MEASURED)))
-    return measures if turned.any() else measures[1:]
-
-
-def _said(kinds: IntArray, landmarks: BoolArray) -> list[str]:
-    """How landmarks and priors are drawn, where there are any."""
+def _said(scene: Scene) -> list[str]:
+    """How landmarks, priors and the truth are drawn, where there are any."""
     said = []
-    if landmarks.any():
-        seen = counted(int((kinds == SIGHTING).sum()), "sighting{s}")
-        points = counted(int(landmarks.sum()), "landmark{s}")
+    if scene.landmarks.any():
+        seen = counted(int((scene.kinds == Kind.SIGHTING).sum()), "sighting{s}")
+        points = counted(int(scene.landmarks.sum()), "landmark{s}")
         said.append(f"Drawn as dots: {points}; as faint lines: {seen}.")
-    if (kinds == PRIOR).any():
-        priors = counted(int((kinds == PRIOR).sum()), "prior{s}")
+    if (scene.kinds == Kind.PRIOR).any():
+        priors = counted(int((scene.kinds == Kind.PRIOR).sum()), "prior{s}")
         said.append(f"Drawn as rings, at the nodes that they measure: {priors}.")
+    if scene.truth is not None and scene.metric:
+        said.append("The thin line is the ground truth, aligned with the estimate.")
     return said
 
 
@@ -148,26 +137,15 @@ def _chosen(costs: FloatArray, limit: int) -> IntArray:
     return np.sort(np.concatenate([order[:worst], evenly]))
 
 
-def _positions(estimate: Estimate) -> tuple[FloatArray, str]:
-    if estimate.translations is not None:
-        return estimate.translations, "Nodes are drawn at their positions, in metres."
-    mean = so.project(estimate.rotations.sum(axis=0)[None])[0]
-    turned = so.log(mean.T @ estimate.rotations)
-    if estimate.d == 3:
-        return turned, "Nodes are drawn at their rotation vectors from the mean, in radians."
-    angle = turned.reshape(-1)
-    return np.stack([np.cos(angle), np.sin(angle)], axis=1), "Nodes are drawn at their angles."
+def _values(values: FloatArray, drawn: IntArray) -> list[float]:
+    return [float(f"{value:.4g}") for value in values[drawn].tolist()]
 
 
-def _rounded(points: FloatArray) -> list[list[float]]:
-    """Points rounded to about 1e-5 of their extent."""
+def _decimals(points: FloatArray) -> int:
+    """Decimals for about 1e-5 of the extent of points."""
     extent = float(np.ptp(points, axis=0).max(initial=0.0))
-    decimals = 5 - int(np.floor(np.log10(extent))) if extent > 0.0 else 5
-    rows: list[list[float]] = (np.round(points, decimals) + 0.0).tolist()
-    return rows
+    return 5 - int(np.floor(np.log10(extent))) if extent > 0.0 else 5
 
 
-def _top(values: FloatArray) -> float:
-    """The residual with the last colour, not dominated by a few outliers."""
-    finite = values[np.isfinite(values) & (values >= 0.0)]
-    return float(np.quantile(finite, TOP)) or float(finite.max()) if len(finite) else 0.0
+def _rounded(points: FloatArray, decimals: int) -> Any:
+    return (np.round(points, decimals) + 0.0).tolist()

@@ -46,12 +46,27 @@ const Scene = (function () {
     return { centre: centre, half: half, radius: radius };
   }
 
-  // Pixels per unit at zoom 1: everything is visible, in 3D from any direction.
+  // Pixels per unit at zoom 1: everything is visible, in 3D from any direction, unless the points are
+  // in a frame: then as from above, tilted or not, where the box is seen at its largest.
   function fitted(box, width, height) {
-    const across = box.half.length === 3
+    const [a, b, c] = box.half;
+    const tall = c === undefined ? b : Math.hypot(b, c);
+    const across = box.half.length === 3 && !box.framed
       ? Math.min(width, height) / (2 * box.radius)
-      : Math.min(width / (2 * box.half[0]), height / (2 * box.half[1]));
+      : Math.min(width / (2 * a), height / (2 * tall));
     return 0.94 * (Number.isFinite(across) ? across : Math.min(width, height) / 2);
+  }
+
+  // Points in the frame of the scene's box: right, up, and in space towards the viewer.
+  function framed(points, frame) {
+    if (!frame) return points;
+    return points.map((p) => frame.axes.map((axis) => axis.reduce((sum, a, k) => sum + a * (p[k] - frame.centre[k]), 0)));
+  }
+
+  // The longest of 1, 2 or 5 times a power of ten below a length.
+  function round(length) {
+    const power = Math.pow(10, Math.floor(Math.log10(length)));
+    return power * [5, 2, 1].find((k) => k * power <= length * (1 + 1e-9));
   }
 
   // Screen coordinates of all points, x and y interleaved.
@@ -109,28 +124,44 @@ const Scene = (function () {
     return "Edge " + data.numbers[e] + ", " + ends + " (" + what + "): residual " + residuals + ".";
   }
 
-  function start(data) {
-    return { turn: data.dimensions === 3 ? 0.6 : 0, tilt: data.dimensions === 3 ? 0.6 : Math.PI / 2,
-      zoom: 1, x: 0, y: 0 };
+  // From straight above if the points are flat.
+  function start(data, box) {
+    const solid = data.dimensions === 3, flat = solid && box && box.framed && box.half[2] <= 1e-3 * box.half[0];
+    const turn = solid && !(box && box.framed) ? 0.6 : 0;
+    return { turn: turn, tilt: solid && !flat ? (box && box.framed ? 0.9 : 0.6) : Math.PI / 2, zoom: 1, x: 0, y: 0 };
   }
 
   function show(element) {
     const data = JSON.parse(element.querySelector("script").textContent);
     // JSON has no number for a residual that is not finite.
-    for (const m of data.measures) m.values = m.values.map((v) => (v === null ? Infinity : v));
+    const finite = (values) => values.map((v) => (v === null ? Infinity : v));
+    for (const m of data.measures) m.values = finite(m.values);
+    if (data.before) data.before.values = data.before.values.map(finite);
     const canvas = element.querySelector("canvas"), context = canvas.getContext("2d");
     const status = element.querySelector(".status"), select = element.querySelector(".measure");
-    const every = element.querySelector(".every"), box = frame(data.points);
+    const every = element.querySelector(".every");
+    const placements = [data, data.before].map((given) => given && {
+      points: framed(given.points, data.frame),
+      frusta: (given.frusta || []).map((line) => framed(line, data.frame)).flat(),
+    });
+    const truth = (data.truth || []).map((line) => framed(line, data.frame)).flat();
+    const box = Object.assign(frame(placements[0].points.concat(placements[0].frusta)), { framed: Boolean(data.frame) });
+    const early = element.querySelector(".before"), known = element.querySelector(".truth");
+    const shownPlacement = () => placements[early && early.checked ? 1 : 0];
     const seen = element.querySelector(".seen"), landmarks = data.landmarks || [];
     const isSeen = (e) => kind(data, e) === SIGHTING;
     const consecutive = data.loop.filter((loop, e) => !loop && kind(data, e) === 0).length;
-    let view = start(data), flat = null, picked = -1, place = -1, waiting = false;
+    let view = start(data, box), flat = null, picked = -1, place = -1, waiting = false;
     if (consecutive === 0) every.parentElement.hidden = true;
     const sightings = data.edges.map((_, e) => e).filter(isSeen);
     if (seen && sightings.length === 0) seen.parentElement.hidden = true;
     const shown = (e) => !isSeen(e) || !seen || seen.checked;
 
-    const measure = () => data.measures[Number(select.value) || 0];
+    // Before and after share a scale of colours.
+    const measure = () => {
+      const k = Number(select.value) || 0, after = data.measures[k];
+      return early && early.checked ? { ...after, values: data.before.values[k] } : after;
+    };
     const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
     // The background's lightness decides, however the theme was chosen.
     const isDark = () => parseInt(style("--paper").slice(1, 3), 16) < 128;
@@ -162,7 +193,8 @@ const Scene = (function () {
       context.setTransform(ratio, 0, 0, ratio, 0, 0);
       context.fillStyle = style("--paper");
       context.fillRect(0, 0, width, height);
-      flat = project(data.points, box, view, width, height);
+      const placed = shownPlacement();
+      flat = project(placed.points, box, view, width, height);
       const { values, top } = measure(), dark = isDark();
       const ink = style("--ink"), point = style("--c1");
       const plain = [], faint = [], buckets = Array.from({ length: COLOURS }, () => []);
@@ -177,9 +209,12 @@ const Scene = (function () {
         stroke(faint, style("--soft"), 0.6);
         context.globalAlpha = 1;
       }
+      if (truth.length && known.checked) segments(truth, style("--c2"), 1);
       // Large residuals last, on top.
       stroke(plain, style("--edge"), thin);
       buckets.forEach((list, k) => stroke(list, colour((k + 0.5) / COLOURS, dark), thin + 0.2));
+      buckets.forEach((list, k) => dot(list, colour((k + 0.5) / COLOURS, dark)));
+      segments(placed.frusta, style("--c0"), 0.8);
       const r = data.points.length <= 300 ? 2.2 : 1.2;
       const few = data.points.length <= 2000;
       for (let n = 0; n < data.points.length; n++) {
@@ -190,10 +225,84 @@ const Scene = (function () {
         else context.rect(flat[2 * n] - r / 2, flat[2 * n + 1] - r / 2, r, r);
         context.fill();
       }
+      marks(style("--ink"), style("--paper"));
+      if (data.metric) ruler(width, height, style("--ink"));
       if (picked >= 0) {
         stroke([picked], style("--paper"), 6);
         stroke([picked], style("--bad"), 3);
       }
+    }
+
+    // Lines between consecutive pairs of points.
+    function segments(points, paint, thickness) {
+      const at = project(points, box, view, canvas.clientWidth, canvas.clientHeight);
+      context.beginPath();
+      for (let k = 0; k < at.length; k += 4) {
+        context.moveTo(at[k], at[k + 1]);
+        context.lineTo(at[k + 2], at[k + 3]);
+      }
+      context.strokeStyle = paint;
+      context.lineWidth = thickness;
+      context.stroke();
+    }
+
+    // Loop closures that are too short to see have a dot.
+    function dot(list, paint) {
+      context.fillStyle = paint;
+      for (const e of list) {
+        const a = 2 * data.edges[e][0], b = 2 * data.edges[e][1];
+        if (!data.loop[e] || kind(data, e) !== 0 || Math.hypot(flat[a] - flat[b], flat[a + 1] - flat[b + 1]) > 5) continue;
+        context.beginPath();
+        context.arc((flat[a] + flat[b]) / 2, (flat[a + 1] + flat[b + 1]) / 2, 2.2, 0, 2 * Math.PI);
+        context.fill();
+      }
+    }
+
+    // The first and the last pose, by name.
+    function marks(ink, paper) {
+      context.font = "12px system-ui, sans-serif";
+      (data.ends || []).forEach((n, k) => {
+        const x = flat[2 * n], y = flat[2 * n + 1];
+        context.beginPath();
+        context.arc(x, y, 4, 0, 2 * Math.PI);
+        context.fillStyle = k ? paper : ink;
+        context.strokeStyle = ink;
+        context.lineWidth = 1.5;
+        context.fill();
+        context.stroke();
+        context.fillStyle = ink;
+        context.fillText(k ? "end" : "start", x + 7, y - 5);
+      });
+    }
+
+    // The world's axes, and a bar of a round length.
+    function ruler(width, height, ink) {
+      const scale = view.zoom * fitted(box, width, height), length = round(120 / scale);
+      const [x, y] = [16, height - 16], [right, up] = camera(view.turn, view.tilt);
+      context.strokeStyle = context.fillStyle = ink;
+      context.lineWidth = 2;
+      context.beginPath();
+      context.moveTo(x, y - 5);
+      context.lineTo(x, y);
+      context.lineTo(x + scale * length, y);
+      context.lineTo(x + scale * length, y - 5);
+      context.stroke();
+      context.font = "12px system-ui, sans-serif";
+      context.fillText(length + " m", x + scale * length + 6, y + 1);
+      if (!data.frame) return;
+      const [ox, oy] = [x + 34, y - 48];
+      data.frame.axes[0].forEach((_, k) => {
+        const axis = data.frame.axes.map((row) => row[k]);
+        const dot = (row) => axis.reduce((sum, a, i) => sum + a * row[i], 0);
+        const [dx, dy] = axis.length === 3 ? [dot(right), dot(up)] : axis;
+        context.lineWidth = 1.5;
+        context.strokeStyle = context.fillStyle = style(["--bad", "--good", "--link"][k]);
+        context.beginPath();
+        context.moveTo(ox, oy);
+        context.lineTo(ox + 26 * dx, oy - 26 * dy);
+        context.stroke();
+        if (Math.hypot(dx, dy) > 0.2) context.fillText("xyz"[k], ox + 34 * dx - 3, oy - 34 * dy + 4);
+      });
     }
 
     function legend() {
@@ -283,7 +392,7 @@ const Scene = (function () {
       event.preventDefault();
     });
     function reset() {
-      view = start(data);
+      view = start(data, box);
       redraw();
     }
     element.querySelector(".reset").addEventListener("click", reset);
@@ -294,6 +403,8 @@ const Scene = (function () {
     select.addEventListener("change", () => { place = -1; legend(); redraw(); });
     every.addEventListener("change", redraw);
     if (seen) seen.addEventListener("change", redraw);
+    if (known) known.addEventListener("change", redraw);
+    if (early) early.addEventListener("change", redraw);
     const repaint = () => { legend(); draw(); };
     document.addEventListener("themechange", repaint);
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
@@ -303,6 +414,6 @@ const Scene = (function () {
     draw();
   }
 
-  return { bucket, camera, colour, distance, fitted, frame, nearest, project, ranking, sentence, start, show };
+  return { bucket, camera, colour, distance, fitted, frame, framed, nearest, project, ranking, round, sentence, start, show };
 })();
 if (typeof document !== "undefined") document.querySelectorAll(".scene").forEach(Scene.show);
