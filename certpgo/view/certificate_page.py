@@ -18,6 +18,7 @@ from certpgo.assess.wording import (
     distances,
     meaning,
     numbers,
+    part,
     stated_objective,
     trusts,
 )
@@ -145,7 +146,7 @@ def _figures(certificate: Certificate) -> list[tuple[str, str, str]]:
         (
             "gap",
             f"{gap:.2g}",
-            f"{relative:.2g} of F" if math.isfinite(relative) else "between them",
+            f"{part(relative)} of F" if math.isfinite(relative) else "between them",
         ),
     ]
 

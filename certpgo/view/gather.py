@@ -21,7 +21,7 @@ from certpgo.optimize.solution import Solution
 from certpgo.optimize.starts import start_of
 from certpgo.solvers.certified.pipeline import CertifiedSolution
 from certpgo.solvers.spanning_tree import SpanningTree
-from certpgo.view.layout import Layout, layout
+from certpgo.view.layout import Arrangement, layout
 from certpgo.view.placing import aligned, placement, residuals, weights
 from certpgo.view.scene import IN_METRES, Placement, Scene, kinds_of
 
@@ -192,7 +192,7 @@ def _of_graph(
     )
 
 
-def _placed(instance: Instance, name: str, estimate: Estimate, places: Layout | None) -> Placement:
+def _placed(instance: Instance, name: str, estimate: Estimate, places: Arrangement | None) -> Placement:
     """The placement of all nodes but the world, with the residuals of all edges."""
     there = instance.in_world(estimate)
     nodes = np.arange(there.num_nodes)
@@ -244,7 +244,7 @@ def _truth(
     instance: Instance,
     given: str | Path | Estimate | None,
     answer: Estimate,
-    places: Layout | None,
+    places: Arrangement | None,
 ) -> Placement | None:
     """The truth's placement, in the answer's frame."""
     if given is None:

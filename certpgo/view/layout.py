@@ -20,14 +20,14 @@ DENSE = 0.4
 SMALL = 300
 
 
-class Layout(NamedTuple):
+class Arrangement(NamedTuple):
     """Places (n, 3), and a sentence on what they are."""
 
     places: FloatArray
     sentence: str
 
 
-def layout(graph: RotationGraph) -> Layout:
+def layout(graph: RotationGraph) -> Arrangement:
     """Nodes on a circle, or by the eigenvectors of the graph, which put neighbours together.
 
     The circle is for cycles, in their order, and for graphs in which almost all nodes are
@@ -36,7 +36,7 @@ def layout(graph: RotationGraph) -> Layout:
     n = graph.num_nodes
     if graph.is_connected and is_cycle(graph):
         sentence = "Nodes are drawn around the cycle; the graph measures no positions."
-        return Layout(_circle(walk(graph).nodes), sentence)
+        return Arrangement(_circle(walk(graph).nodes), sentence)
     kept = simple_edges(n, graph.edges, "first")
     if n > 4 and graph.is_connected and 2 * len(kept) < DENSE * n * (n - 1):
         places = _spectral(graph, kept)
@@ -45,9 +45,9 @@ def layout(graph: RotationGraph) -> Layout:
                 "Nodes are drawn near their neighbours, by the graph's eigenvectors; it measures "
                 "no positions."
             )
-            return Layout(places, sentence)
+            return Arrangement(places, sentence)
     sentence = "Nodes are drawn on a circle, in their order; the graph measures no positions."
-    return Layout(_circle(np.arange(n)), sentence)
+    return Arrangement(_circle(np.arange(n)), sentence)
 
 
 def _circle(order: IntArray) -> FloatArray:

@@ -38,10 +38,11 @@ def page_scene(scene: Scene, costs: FloatArray, *, limit: int = EDGES) -> Data:
     each is a ``loop`` closure (between nodes whose ids are not consecutive); ``measures``, each
     with ``unit``, ``values`` (e,), `NOT_MEASURED` for what an edge does not measure, and the
     ``top`` of its colours; ``ends``, the first and the last pose; ``frusta`` (s, 2, 2 or 3);
-    ``metric``, whether lengths are metres; ``sentences`` on what is shown. Where there is another
-    estimate, ``before`` with its name, points, values and frusta; where the truth is known,
-    ``truth``, its steps (s, 2, 2 or 3). Where there are landmarks or a world, ``landmarks`` (k,)
-    flags, and ``kinds`` (e,) of edges: the ends of a `PRIOR` are both the measured node.
+    ``metric``, whether lengths are metres; ``flat``, whether all is in a plane; ``sentences`` on
+    what is shown. Where there is another estimate, ``before`` with its name, points, values and
+    frusta; where the truth is known, ``truth``, its steps (s, 2, 2 or 3). Where there are landmarks
+    or a world, ``landmarks`` (k,) flags, and ``kinds`` (e,) of edges: the ends of a `PRIOR` are
+    both the measured node.
     """
     answer = scene.placements[-1]
     drawn = _chosen(costs, limit)
@@ -75,6 +76,7 @@ def page_scene(scene: Scene, costs: FloatArray, *, limit: int = EDGES) -> Data:
             "frusta": _frusta(scene, before, rounding),
         }
     if scene.truth is not None and scene.metric:
+        sentences.append("The thin line is the ground truth, aligned with the estimate.")
         more["truth"] = _rounded(scene.steps(scene.truth)[:limit, :, :d], rounding)
     return {
         **more,
@@ -99,6 +101,7 @@ def page_scene(scene: Scene, costs: FloatArray, *, limit: int = EDGES) -> Data:
         "ends": np.flatnonzero(np.isin(nodes, poses[[0, -1]])).tolist(),
         "frusta": _frusta(scene, answer, rounding),
         "metric": scene.metric,
+        "flat": scene.is_flat,
         "sentences": sentences,
     }
 
@@ -111,7 +114,7 @@ def _frusta(scene: Scene, placement: Placement, decimals: int) -> Any:
 
 
 def _said(scene: Scene) -> list[str]:
-    """How landmarks, priors and the truth are drawn, where there are any."""
+    """How landmarks and priors are drawn, where there are any."""
     said = []
     if scene.landmarks.any():
         seen = counted(int((scene.kinds == Kind.SIGHTING).sum()), "sighting{s}")
@@ -120,8 +123,6 @@ def _said(scene: Scene) -> list[str]:
     if (scene.kinds == Kind.PRIOR).any():
         priors = counted(int((scene.kinds == Kind.PRIOR).sum()), "prior{s}")
         said.append(f"Drawn as rings, at the nodes that they measure: {priors}.")
-    if scene.truth is not None and scene.metric:
-        said.append("The thin line is the ground truth, aligned with the estimate.")
     return said
 
 

@@ -17,7 +17,7 @@ NOT_MEASURED = -1.0
 #: Quantile of values that gets the last colour; larger ones share it.
 TOP = 0.98
 #: Length of a frustum over the median step, and its least and largest share of the extent.
-FRUSTUM, LEAST, MOST = 0.4, 0.004, 0.03
+FRUSTUM, LEAST, MOST = 0.4, 0.004, 0.05
 #: Poses drawn at most for each estimate.
 POSES = 600
 #: What positions are that were estimated.
@@ -221,8 +221,15 @@ class Scene:
 
     @property
     def frustum_lines(self) -> FloatArray:
-        """(s, 2, 3) lines of a pose in its frame: a camera's frustum along z, in 2D an arrow."""
+        """(s, 2, 3) lines of a pose in its frame: a camera's frustum along z, in 2D an arrow.
+
+        Rotations alone look along the axis that they turn most, so that a full turn can be seen.
+        """
         corners, lines = (_ARROW, _SIDES) if self.d == 2 else (_CAMERA, _RAYS)
+        if self.d == 3 and not self.metric:
+            mean = self.placements[-1].rotations.mean(axis=0)
+            steadiness = np.linalg.norm(mean, axis=0).round(6)
+            corners = np.roll(corners, int(np.argmin(steadiness)) + 1, axis=1)
         return np.asarray(self.frustum * corners[lines])
 
     def frusta(self, placement: Placement, most: int = POSES) -> FloatArray:

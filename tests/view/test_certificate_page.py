@@ -25,8 +25,9 @@ from certpgo.graph.information import Information
 from certpgo.objective.problem import problem_of
 from certpgo.solvers.certified.interface import solve
 from certpgo.view.certificate_page import Origin, certificate_page
+from certpgo.view.gather import scene_of
 from certpgo.view.page import embedded, numeric
-from certpgo.view.scene import scene
+from certpgo.view.page_scene import page_scene
 from reports.harness.experiments.absence import Absence
 from reports.harness.experiments.records import Record
 from reports.harness.experiments.spec import Column, Method, Row, Table
@@ -323,7 +324,8 @@ def test_a_report_is_whole(solved):
         cells={"reproduced": 2, "differs": 1},
         findings=[Section("Cells that differ", "", ("row", "why"), (("a", "too <i>few</i>"),))],
     )
-    view = SceneView("A view", scene(problem, found.estimate, instance.ids))
+    costs = problem.edge_costs(found.estimate)
+    view = SceneView("A view", page_scene(scene_of(instance, found), costs))
     figures = [FigurePart(DOCUMENT, SVG), FigurePart({**DOCUMENT, "figure": "g"}, SVG)]
     page = report_page([table], figures, summary=["Sentence <i>"], views=[view])
     reader = read(page)

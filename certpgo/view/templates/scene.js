@@ -8,6 +8,8 @@ const Scene = (function () {
     [39, 173, 129], [92, 200, 99], [170, 220, 50], [253, 231, 37],
   ];
   const COLOURS = 32;
+  // Share of the canvas that is filled.
+  const MARGIN = 0.94;
   // Radius of the ring of a prior, pixels.
   const RING = 4;
 
@@ -46,15 +48,21 @@ const Scene = (function () {
     return { centre: centre, half: half, radius: radius };
   }
 
-  // Pixels per unit at zoom 1: everything is visible, in 3D from any direction, unless the points are
-  // in a frame: then as from above, tilted or not, where the box is seen at its largest.
+  // Half the extent on the screen, right and up, of points seen from somewhere.
+  function seenFrom(points, box, view) {
+    const flat = project(points, { ...box, seen: [1, 1] }, { ...view, x: 0, y: 0, zoom: 1 }, 2, 2);
+    const most = (from) => flat.reduce((m, v, k) => (k % 2 === from ? Math.max(m, Math.abs(v - 1)) : m), 0);
+    return [most(0) / MARGIN, most(1) / MARGIN];
+  }
+
+  // Pixels per unit at zoom 1: everything is visible, in 3D from any direction, or from where the
+  // view starts if that is known.
   function fitted(box, width, height) {
-    const [a, b, c] = box.half;
-    const tall = c === undefined ? b : Math.hypot(b, c);
-    const across = box.half.length === 3 && !box.framed
+    const [a, b] = box.seen || box.half;
+    const across = box.half.length === 3 && !box.seen
       ? Math.min(width, height) / (2 * box.radius)
-      : Math.min(width / (2 * a), height / (2 * tall));
-    return 0.94 * (Number.isFinite(across) ? across : Math.min(width, height) / 2);
+      : Math.min(width / (2 * a), height / (2 * b));
+    return MARGIN * (Number.isFinite(across) ? across : Math.min(width, height) / 2);
   }
 
   // Points in the frame of the scene's box: right, up, and in space towards the viewer.
@@ -124,11 +132,10 @@ const Scene = (function () {
     return "Edge " + data.numbers[e] + ", " + ends + " (" + what + "): residual " + residuals + ".";
   }
 
-  // From straight above if the points are flat.
-  function start(data, box) {
-    const solid = data.dimensions === 3, flat = solid && box && box.framed && box.half[2] <= 1e-3 * box.half[0];
-    const turn = solid && !(box && box.framed) ? 0.6 : 0;
-    return { turn: turn, tilt: solid && !flat ? (box && box.framed ? 0.9 : 0.6) : Math.PI / 2, zoom: 1, x: 0, y: 0 };
+  // In a frame, from above: straight above if all is flat.
+  function start(data) {
+    const solid = data.dimensions === 3, tilt = data.frame ? 0.9 : 0.6;
+    return { turn: solid && !data.frame ? 0.6 : 0, tilt: solid && !data.flat ? tilt : Math.PI / 2, zoom: 1, x: 0, y: 0 };
   }
 
   function show(element) {
@@ -145,13 +152,15 @@ const Scene = (function () {
       frusta: (given.frusta || []).map((line) => framed(line, data.frame)).flat(),
     });
     const truth = (data.truth || []).map((line) => framed(line, data.frame)).flat();
-    const box = Object.assign(frame(placements[0].points.concat(placements[0].frusta)), { framed: Boolean(data.frame) });
+    const all = placements[0].points.concat(placements[0].frusta), box = frame(all);
+    if (data.frame) box.seen = seenFrom(all, box, start(data));
+    if (data.metric === false) every.checked = true;
     const early = element.querySelector(".before"), known = element.querySelector(".truth");
     const shownPlacement = () => placements[early && early.checked ? 1 : 0];
     const seen = element.querySelector(".seen"), landmarks = data.landmarks || [];
     const isSeen = (e) => kind(data, e) === SIGHTING;
     const consecutive = data.loop.filter((loop, e) => !loop && kind(data, e) === 0).length;
-    let view = start(data, box), flat = null, picked = -1, place = -1, waiting = false;
+    let view = start(data), flat = null, picked = -1, place = -1, waiting = false;
     if (consecutive === 0) every.parentElement.hidden = true;
     const sightings = data.edges.map((_, e) => e).filter(isSeen);
     if (seen && sightings.length === 0) seen.parentElement.hidden = true;
@@ -392,7 +401,7 @@ const Scene = (function () {
       event.preventDefault();
     });
     function reset() {
-      view = start(data, box);
+      view = start(data);
       redraw();
     }
     element.querySelector(".reset").addEventListener("click", reset);
@@ -414,6 +423,6 @@ const Scene = (function () {
     draw();
   }
 
-  return { bucket, camera, colour, distance, fitted, frame, framed, nearest, project, ranking, round, sentence, start, show };
+  return { bucket, camera, colour, distance, fitted, frame, framed, nearest, project, ranking, round, seenFrom, sentence, start, show };
 })();
 if (typeof document !== "undefined") document.querySelectorAll(".scene").forEach(Scene.show);
