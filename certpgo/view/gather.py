@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -22,7 +22,7 @@ from certpgo.optimize.starts import start_of
 from certpgo.solvers.certified.pipeline import CertifiedSolution
 from certpgo.solvers.spanning_tree import SpanningTree
 from certpgo.view.layout import Arrangement, layout
-from certpgo.view.placing import aligned, placement, residuals, weights
+from certpgo.view.placing import aligned, in_space, placement, residuals, weights
 from certpgo.view.scene import IN_METRES, Placement, Scene, kinds_of
 
 #: What there is to look at: a path, the name of a dataset, or an object.
@@ -192,7 +192,9 @@ def _of_graph(
     )
 
 
-def _placed(instance: Instance, name: str, estimate: Estimate, places: Arrangement | None) -> Placement:
+def _placed(
+    instance: Instance, name: str, estimate: Estimate, places: Arrangement | None
+) -> Placement:
     """The placement of all nodes but the world, with the residuals of all edges."""
     there = instance.in_world(estimate)
     nodes = np.arange(there.num_nodes)
@@ -290,7 +292,7 @@ def _of_trajectories(found: _Found, truth: str | Path | Estimate | None) -> Scen
     if not tracks and not found.surfaces:
         raise InputError("nothing to show: a graph, an estimate, a cloud or a mesh expected")
     if len({track.estimate.d for track in tracks}) > 1:
-        raise InputError("trajectories in 2D and in 3D cannot be drawn together")
+        tracks = [replace(track, estimate=in_space(track.estimate)) for track in tracks]
     keys = np.unique(np.concatenate([np.zeros(0), *(track.keys for track in tracks)]))
     placed = [track.placed(keys, tracks[len(found.estimates) - 1]) for track in tracks]
     last = len(placed) if truth is None else len(placed) - 1

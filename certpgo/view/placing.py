@@ -23,10 +23,17 @@ def placement(
     measures: tuple[Measure, ...] = (),
 ) -> Placement:
     """Where an estimate (k,) puts ``nodes`` (k,), at ``places`` (n, 3) if it has no positions."""
-    positions = quaternion.embedded_translations(estimate.translations)
+    there = in_space(estimate)
+    positions = there.translations
     if positions is None or places is not None:
         positions = np.zeros((len(nodes), 3)) if places is None else places[nodes]
-    return Placement(name, nodes, positions, quaternion.embedded(estimate.rotations), measures)
+    return Placement(name, nodes, positions, there.rotations, measures)
+
+
+def in_space(estimate: Estimate) -> Estimate:
+    """An estimate in 3D; a planar one lies at z = 0."""
+    t = quaternion.embedded_translations(estimate.translations)
+    return Estimate(quaternion.embedded(estimate.rotations), t)
 
 
 def residuals(graph: Graph, estimate: Estimate) -> tuple[Measure, ...]:

@@ -324,6 +324,7 @@ class Drawing:
             [[1, 0, 0], [0, np.cos(tilt), np.sin(tilt)], [0, -np.sin(tilt), np.cos(tilt)]]
         )
         shown = [placement.positions for placement in scene.placements[-1:]]
+        shown += [scene.frusta(placement).reshape(-1, 3) for placement in scene.placements[-1:]]
         shown += [surface.points for _, surface in scene.surfaces]
         x, y, z = (self._placed(np.concatenate([*shown, scene.frame.corner[None]])) @ camera.T).T
         reach = np.maximum(np.abs(y), np.abs(x) / ASPECT) / np.tan(0.5 * FIELD)

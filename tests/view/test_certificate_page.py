@@ -16,7 +16,7 @@ import pytest
 from strategies import point_graph
 
 from certpgo.assess.assessment import assess
-from certpgo.certify import certify
+from certpgo.certify import Verdict, certify
 from certpgo.certify.curvature import smallest_eigenvalues
 from certpgo.costs import information_problem, surrogate
 from certpgo.datasets import synthetic
@@ -24,6 +24,7 @@ from certpgo.graph import Estimate, Instance, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.objective.problem import problem_of
 from certpgo.solvers.certified.interface import solve
+from certpgo.view.advice import advice
 from certpgo.view.certificate_page import Origin, certificate_page
 from certpgo.view.gather import scene_of
 from certpgo.view.page import embedded, numeric
@@ -214,6 +215,41 @@ def test_a_refuted_answer_shows_a_negative_eigenvalue_and_its_cycle_bounds():
     assert "half a turn over the number of nodes 15 deg none: the largest residual is" in text
     assert "The estimate came from a file" in text
     assert "residual, m" not in text
+    assert "What to do next" in text
+    assert "certpgo certify c.g2o e.g2o --best better.g2o" in text
+    # All twelve angles are 30 degrees.
+    assert "30 to 35 degrees 12" in text
+
+
+def test_three_figures_come_first(solved):
+    certificate = solved[2].certificate
+    page = page_of(solved)
+    figures = re.search(r'<dl class="figures">(.*?)</dl>', page, re.DOTALL)[1]
+    shown = re.findall(r"<dd>([^<]*)</dd>", figures)
+    values = (certificate.cost_upper, certificate.lower_bound, certificate.gap)
+    assert [float(text) for text in shown] == pytest.approx(values, rel=0.1)
+    assert page.index("figures") < page.index("Numbers")
+    assert "What to do next" not in page
+
+
+def test_what_to_do_next_depends_on_the_verdict(solved):
+    certificate = solved[2].certificate
+    said = {}
+    for verdict in Verdict:
+        for basin in (True, False):
+            judged = replace(certificate, verdict=verdict, basin_is_global=basin)
+            steps = advice(judged, "a graph.g2o", "mine.tum")
+            said[verdict, basin] = " ".join(f"{sentence} {command}" for sentence, command in steps)
+    assert said[Verdict.CERTIFIED, True] == ""
+    assert "--best polished.g2o" in said[Verdict.BOUNDED, True]
+    assert "certpgo solve 'a graph.g2o' --initial mine.tum" in said[Verdict.BOUNDED, False]
+    assert "--best better.g2o" in said[Verdict.REFUTED, False]
+    assert "certpgo bounds" in said[Verdict.UNDECIDED, False]
+    judged = replace(certificate, verdict=Verdict.BOUNDED, basin_is_global=False)
+    again = advice(replace(judged, reason="rounding limits it"), "g.g2o", searched=True)
+    commands = [command for _, command in again]
+    assert "certpgo certify g.g2o best.g2o --tier proof" in commands
+    assert "certpgo solve g.g2o --time-limit 600" in commands
 
 
 @pytest.fixture(scope="module")
