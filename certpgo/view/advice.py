@@ -40,7 +40,7 @@ def _after_bounded(
             f"certpgo certify {graph} {given} --best polished.g2o",
         )
         yield (
-            "Or keep yours: the distance above is how far it is from the best one. If the gap is a "
+            "Or keep yours: the distance below is how far it is from the best one. If the gap is a "
             "surprise, compare the objective with what your solver minimises.",
             "",
         )

@@ -125,9 +125,19 @@ def _scene(instance: Instance, problem: Problem | InformationProblem, estimate: 
     """The estimate of the measurements that the certificate is about, and how it began."""
     graph = (problem.chordal if isinstance(problem, InformationProblem) else problem).graph
     judged = replace(instance, graph=graph, initial=None, information=None, outliers=None)
-    begun = start(judged) if instance.initial is None else (INITIAL_VALUES, instance.initial)
+    begun = start(judged)
+    if instance.initial is not None and not _is_same(instance.initial, estimate):
+        begun = (INITIAL_VALUES, instance.initial)
     shown = scene_of(judged, begun, ("estimate", estimate))
     return page_scene(shown, problem.edge_costs(estimate))
+
+
+def _is_same(a: Estimate, b: Estimate) -> bool:
+    """Whether two estimates of one graph hold the same numbers."""
+    same = np.array_equal(a.rotations, b.rotations)
+    if a.translations is None or b.translations is None:
+        return same
+    return same and np.array_equal(a.translations, b.translations)
 
 
 def _angles(problem: Problem | InformationProblem, estimate: Estimate) -> Bars | None:

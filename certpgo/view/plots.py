@@ -139,7 +139,7 @@ class Bars:
     bars: tuple[Bar, ...]
 
 
-def bars(values: Sequence[float], labels: Sequence[str]) -> Bars:
+def bars(values: Sequence[float], labels: Sequence[str], form: str = ".3g") -> Bars:
     """Bars for numbers of either sign."""
     low, high = min(0.0, *values), max(0.0, *values)
     span = high - low or 1.0
@@ -147,21 +147,21 @@ def bars(values: Sequence[float], labels: Sequence[str]) -> Bars:
     drawn = []
     for value, label in zip(values, labels, strict=True):
         end = 100.0 * (value - low) / span
-        drawn.append(Bar(min(zero, end), abs(end - zero), f"{value:.3g}", label))
+        drawn.append(Bar(min(zero, end), abs(end - zero), f"{value:{form}}", label))
     return Bars(zero, tuple(drawn))
 
 
-def histogram(values: Sequence[float], unit: str, bins: int = 8) -> Bars | None:
+def histogram(values: Sequence[float], unit: str, bins: int = 12) -> Bars | None:
     """Counts of positive numbers in ranges of a round width; None if there is nothing to count."""
     finite = [value for value in values if math.isfinite(value)]
     if not finite:
         return None
     step = _round_step(max(finite), bins)
-    counts = [0] * (min(math.floor(max(finite) / step), bins) + 1)
-    for value in finite:
-        counts[min(math.floor(value / step), len(counts) - 1)] += 1
+    # A value that rounding puts just below a mark is at the mark.
+    places = [math.floor(value / step + 1e-9) for value in finite]
+    counts = [places.count(k) for k in range(max(places) + 1)]
     labels = [f"{k * step:.6g} to {(k + 1) * step:.6g} {unit}" for k in range(len(counts))]
-    return bars([float(count) for count in counts], labels)
+    return bars(list(map(float, counts)), labels, ",.0f")
 
 
 def _round_step(span: float, marks: int) -> float:

@@ -17,7 +17,7 @@ NOT_MEASURED = -1.0
 #: Quantile of values that gets the last colour; larger ones share it.
 TOP = 0.98
 #: Length of a frustum over the median step, and its least and largest share of the extent.
-FRUSTUM, LEAST, MOST = 0.4, 0.004, 0.05
+FRUSTUM, LEAST, MOST = 0.4, 0.01, 0.05
 #: Poses drawn at most for each estimate.
 POSES = 600
 #: What positions are that were estimated.

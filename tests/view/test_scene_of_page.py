@@ -102,6 +102,7 @@ def test_a_histogram_counts_all():
     shown = histogram([0.0, 4.9, 5.0, 39.0, 40.0, float("nan")], "degrees")
     assert [bar.label for bar in shown.bars][:2] == ["0 to 5 degrees", "5 to 10 degrees"]
     assert [int(bar.text) for bar in shown.bars] == [2, 1, 0, 0, 0, 0, 0, 1, 1]
+    assert histogram([1.0] * 2000, "degrees").bars[-1].text == "2,000"
     assert histogram([float("inf")], "degrees") is None
     assert histogram([0.0], "degrees").bars[0].text == "1"
 
