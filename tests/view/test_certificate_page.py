@@ -488,3 +488,25 @@ def test_a_page_of_landmarks(d, poses, points):
     assert "some edges measure no rotation" in text.text
     assert "rotations cannot be averaged alone" in text.text
     assert problem.rotation.pattern.points is None
+
+
+#: Switches to the estimate before and back, and says which pictures are the same.
+SWITCHING = """<script>(async () => {
+  const canvas = document.querySelector(".scene > canvas"), box = document.querySelector(".before");
+  const drawn = () => new Promise((done) =>
+    setTimeout(() => requestAnimationFrame(() => done(canvas.toDataURL())), 50));
+  const first = await drawn();
+  box.click();
+  const second = await drawn();
+  box.click();
+  const third = await drawn();
+  console.log("pictures " + JSON.stringify([first === second, first === third]));
+})();</script>"""
+
+
+def test_before_and_after_are_other_pictures_in_a_browser(solved, chromium, tmp_path):
+    path = tmp_path / "page.html"
+    path.write_text(page_of(solved) + SWITCHING, encoding="utf-8")
+    opened = chromium(path)
+    assert any("pictures [false,true]" in line for line in opened.said), opened.log[-2000:]
+    assert not opened.errors

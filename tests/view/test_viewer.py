@@ -1,8 +1,6 @@
 """The viewer: what is given to viser, offline files, and what a browser makes of them."""
 
 import re
-import shutil
-import subprocess
 import sys
 from dataclasses import replace
 
@@ -179,21 +177,8 @@ def test_without_viser_the_extra_is_named(answered, monkeypatch):
         viewer.offline(answered[1])
 
 
-def test_a_browser_draws_an_offline_file_without_errors(page, tmp_path):
-    names = ("chromium", "chromium-browser", "google-chrome")
-    program = next(filter(None, map(shutil.which, names)), None)
-    if program is None:
-        pytest.skip("no Chromium is installed")
-    picture = tmp_path / "picture.png"
-    arguments = [
-        *(program, "--headless=new", "--no-sandbox", "--enable-logging=stderr"),
-        *("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--hide-scrollbars"),
-        *("--host-resolver-rules=MAP * ~NOTFOUND", "--window-size=300,200"),
-        *(f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=3000"),
-        *(f"--screenshot={picture}", page.as_uri()),
-    ]
-    done = subprocess.run(arguments, capture_output=True, text=True, timeout=120, check=False)
-    said = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
-    assert any("Embedded data loaded" in line for line in said), done.stderr[-2000:]
-    assert not [line for line in said if "rror" in line]
-    assert picture.stat().st_size > 2000
+def test_a_browser_draws_an_offline_file_without_errors(page, chromium):
+    opened = chromium(page)
+    assert any("Embedded data loaded" in line for line in opened.said), opened.log[-2000:]
+    assert not opened.errors
+    assert opened.picture.stat().st_size > 2000
