@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from certpgo.io import read, read_estimate, write
     from certpgo.linalg.distributed.schedulers import scheduler
     from certpgo.registry import get_solver
+    from certpgo.view.show import show
 
 #: Imported on first use, to keep `import certpgo` fast.
 _LATER = {
@@ -52,6 +53,7 @@ _LATER = {
     "write": "io",
     "write_proof": "certify.proof_file",
     "get_solver": "registry",
+    "show": "view.show",
     "scheduler": "linalg.distributed.schedulers",
     "with_directions": "graph.priors",
     "with_priors": "graph.priors",
@@ -96,6 +98,7 @@ __all__ = [
     "read",
     "read_estimate",
     "scheduler",
+    "show",
     "solve",
     "solve_robustly",
     "with_directions",
