@@ -19,6 +19,8 @@ from certpgo.io.plural import counted
 from certpgo.io.priors import anchored_graph, joined_information, numbered_priors
 from certpgo.linalg.arrays import FloatArray, IntArray, numbered
 
+#: What becomes of nodes that a file fixes: one chooses the frame, more are measurements.
+FREED = "all are estimated, and only differences between poses are measured"
 #: Largest translation, metres.
 FARTHEST = 1e90
 
@@ -58,6 +60,8 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
     fixed = numbered(ids, np.array(content.fixed, dtype=np.intp))
     if (fixed < 0).any():
         raise FormatError(path, None, f"FIX {content.fixed[int(np.argmin(fixed))]}: no such node")
+    if len(fixed) > 1:
+        notices.append(f"{len(fixed)} nodes fixed by the file: {FREED}")
     initial = None
     if len(vertices):
         values = LabelledPoses(*joined_edges.values, ids=vertices)
