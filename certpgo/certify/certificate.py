@@ -10,7 +10,7 @@ from typing import Any
 
 from certpgo.certify.bounds import Bounds
 from certpgo.certify.dual import Support
-from certpgo.certify.wording import CHORDAL, Stated
+from certpgo.certify.wording import CHORDAL, Statement
 from certpgo.graph import Estimate
 from certpgo.io.plain import plain
 from certpgo.linalg.arrays import FloatArray
@@ -74,7 +74,7 @@ class Tier(StrEnum):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Certificate(Stated):
+class Certificate(Statement):
     """The verdict on an estimate, with the bound that proves it.
 
     Costs and gaps are in units of F, which is dimensionless if kappa and tau are inverse variances.

@@ -8,9 +8,12 @@ from certpgo.certify.bounds import Bounds, bounds
 from certpgo.certify.case import ATOL, DESCENT, RTOL, Basin, Case
 from certpgo.certify.certificate import Certificate, Tier
 from certpgo.certify.own_cost import OwnCostCase
+from certpgo.costs import problem_under
 from certpgo.costs.problem import InformationProblem
 from certpgo.errors import InputError, NumericalError, kind_of
-from certpgo.graph import Estimate
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.io.opening import AnyPath, estimated, measured
+from certpgo.io.writing import Answer
 from certpgo.objective.base import Objective
 from certpgo.objective.problem import Problem
 from certpgo.optimize import spectral
@@ -18,9 +21,10 @@ from certpgo.optimize.newton import newton
 
 
 def certify(
-    problem: Problem | InformationProblem,
-    estimate: Estimate,
+    problem: Problem | InformationProblem | Graph | Instance | AnyPath,
+    estimate: Estimate | Answer | AnyPath,
     *,
+    cost: str | None = None,
     tier: Tier | str = Tier.STANDARD,
     rtol: float = RTOL,
     atol: float = ATOL,
@@ -34,8 +38,11 @@ def certify(
 
     Parameters
     ----------
-    problem : the measurements with their weights, which define F
-    estimate : n poses or rotations in the graph's order and units, from any source
+    problem : the measurements with their weights, which define F; or a graph, the instance that was
+        read, or the path of its file
+    estimate : n poses or rotations in the graph's order and units, from any source; or an answer of
+        `certpgo.solve`, or the path of a file, see `certpgo.read_estimate`
+    cost : the cost of a graph, an instance or a file, as in `certpgo.solve`
     tier : ``"standard"``, ``"proof"``, which trusts no factorization, or ``"screen"``, which never
         yields CERTIFIED
     rtol, atol : CERTIFIED means gap <= rtol F + atol W
@@ -62,7 +69,12 @@ def certify(
     >>> certify(problem, instance.truth).verdict.value
     'CERTIFIED'
     """
-    return Judge(problem, tier=tier, rtol=rtol, atol=atol, refine=refine).certify(estimate)
+    posed = measured(problem)
+    given = estimated(estimate, posed)
+    if cost is not None or isinstance(posed, Instance | PoseGraph | RotationGraph):
+        posed = problem_under(posed, cost)
+    judge = Judge(posed, tier=tier, rtol=rtol, atol=atol, refine=refine)
+    return judge.certify(given)
 
 
 class Judge:

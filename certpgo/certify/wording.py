@@ -46,7 +46,7 @@ _POLISHED = "take certificate.refined, or keep the estimate: the gap is all that
 _SCREENED = 'certify(..., tier="standard") proves a gap'
 
 
-class Stated(Speaking):
+class Statement(Speaking):
     """What words are about; `certpgo.Certificate` explains the attributes."""
 
     if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class Stated(Speaking):
         yield "objective", self.objective
 
 
-def advice(certificate: Stated) -> str:
+def advice(certificate: Statement) -> str:
     """What to do next, in Python."""
     if certificate.verdict != "BOUNDED":
         return _NEXT[certificate.verdict]
@@ -96,7 +96,7 @@ def advice(certificate: Stated) -> str:
     return _POLISHED if certificate.basin_is_global else _NEXT["BOUNDED"]
 
 
-def meaning(certificate: Stated) -> str:
+def meaning(certificate: Statement) -> str:
     """What the verdict means."""
     verdict = certificate.verdict
     if certificate.tier == "screen" and verdict == "BOUNDED":
@@ -107,21 +107,21 @@ def meaning(certificate: Stated) -> str:
     return _MEANINGS[verdict]
 
 
-def trusts(certificate: Stated) -> Iterable[tuple[str, str]]:
+def trusts(certificate: Statement) -> Iterable[tuple[str, str]]:
     """The assumptions of the proof, unless nothing was proven."""
     if certificate.verdict != "UNDECIDED":
         angles = certificate.tier == "proof" and "EdgeSE2" in certificate.objective
         yield "proof rests on", _TRUSTS[certificate.tier] + (_ANGLES if angles else "")
 
 
-def objective(reading: Mapping[str, str], certificate: Stated | None = None) -> str:
+def objective(reading: Mapping[str, str], certificate: Statement | None = None) -> str:
     """The cost that the verdict refers to."""
     if certificate is not None and certificate.objective != CHORDAL:
         return certificate.objective
     return f"F with {reading_sentence(reading)}"
 
 
-def stated_objective(reading: Mapping[str, str], certificate: Stated) -> str:
+def stated_objective(reading: Mapping[str, str], certificate: Statement) -> str:
     """The cost that the verdict refers to, and that others minimise others."""
     others = " (other tools minimise other errors)" if certificate.objective == CHORDAL else ""
     return f"{objective(reading, certificate)}{others}"
@@ -132,7 +132,7 @@ def part(share: float) -> str:
     return f"{100.0 * share:.3g} %" if share >= 1e-3 else f"{share:.2e}"
 
 
-def numbers(certificate: Stated) -> Iterable[tuple[str, str]]:
+def numbers(certificate: Statement) -> Iterable[tuple[str, str]]:
     """Cost, bound, gap and tolerance as names and values."""
     yield "cost F, at most", f"{certificate.cost_upper:.12g}"
     if math.isfinite(certificate.lower_bound):

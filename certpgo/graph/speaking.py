@@ -14,7 +14,7 @@ from certpgo.graph.wording import aligned
 
 #: Width of a screen, characters.
 WIDTH = 80
-_CELL = "text-align:left;vertical-align:top;background:none"
+_CELL = "white-space:normal;text-align:left;vertical-align:top;background:none"
 
 
 class Text(str):
@@ -78,8 +78,8 @@ class Speaking:
             f'<td style="{_CELL}">{html.escape(value)}</td></tr>'
             for name, value in self._facts()
         )
+        said = f"<strong>{html.escape(self._headline)}</strong><table>{rows}</table>"
         return (
             '<div style="display:flex;flex-wrap:wrap;gap:1.5em;align-items:flex-start">'
-            f"<div><strong>{html.escape(self._headline)}</strong><table>{rows}</table></div>"
-            f"{self._picture()}</div>"
+            f'<div style="max-width:36em">{said}</div>{self._picture()}</div>'
         )

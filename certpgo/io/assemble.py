@@ -11,6 +11,7 @@ from certpgo.errors import FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import Information, of_positions
 from certpgo.io.chunks import text_lines
+from certpgo.io.compressed import uncompressed_name
 from certpgo.io.contents import TaggedLines
 from certpgo.io.format import LabelledPoses, ReadOptions
 from certpgo.io.landmarks import Landmarks, landmarks_of
@@ -86,7 +87,7 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
     if stated != "information":
         notices.append(f"the numbers of a measurement's precision are read as its {stated}")
     instance = Instance(
-        name=path.stem,
+        name=uncompressed_name(path).stem,
         graph=graph,
         ids=ids,
         fixed=tuple(fixed.tolist()),

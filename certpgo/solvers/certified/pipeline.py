@@ -11,7 +11,7 @@ from certpgo.certify.case import PROOF_GAIN, Basin, Case
 from certpgo.costs.problem import InformationProblem
 from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import InputError
-from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.picture import circle_of, closures, drawn
 from certpgo.graph.priors import handedness_is_open
@@ -61,6 +61,8 @@ class CertifiedSolution(Speaking):
         `certpgo.solve_robustly` rejects them
     chordal : under the cost of another program, the result for the chordal cost F from which the
         search began; None for F itself, or from a given initial estimate
+    instance : what was solved, if it was read rather than a bare graph: `certpgo.write` takes the
+        node ids from it
 
     Examples
     --------
@@ -81,6 +83,7 @@ class CertifiedSolution(Speaking):
     problem: Problem | InformationProblem | RangeProblem = field(repr=False)
     disagreement: Disagreement | None = None
     chordal: CertifiedSolution | None = None
+    instance: Instance | None = field(default=None, repr=False)
 
     @property
     def estimate(self) -> Estimate:
