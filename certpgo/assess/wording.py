@@ -6,13 +6,15 @@ import math
 from collections.abc import Iterable
 
 from certpgo.assess.assessment import Assessment
+from certpgo.assess.metrics import TrajectoryErrors
 from certpgo.certify.wording import meaning, numbers, objective, part, stated_objective, trusts
 from certpgo.graph import Instance
-from certpgo.graph.wording import reading_sentence
+from certpgo.graph.wording import counted, reading_sentence
 from certpgo.linalg.arrays import IntArray
 from certpgo.solvers.certified.disagreement import Disagreement
 
 __all__ = [
+    "accuracy",
     "comparison",
     "digits",
     "distances",
@@ -43,6 +45,18 @@ def few_edges(instance: Instance, edges: IntArray) -> str:
     named = ", ".join(f"{i} to {j}" for i, j in pairs.tolist())
     more = len(edges) - len(pairs)
     return f"{named} and {more} more" if more else named
+
+
+def accuracy(errors: TrajectoryErrors) -> Iterable[tuple[str, str]]:
+    """Absolute and relative trajectory errors as names and values."""
+    aligned, steps = "after alignment", "from each to the next"
+    over = counted(errors.poses, "pose{s}")
+    for name, metres, degrees, how in (
+        ("ATE", errors.ate_m, errors.ate_deg, aligned),
+        ("RPE", errors.rpe_m, errors.rpe_deg, steps),
+    ):
+        of_positions = "" if metres is None else f"{metres:.6g} m, "
+        yield name, f"{of_positions}{degrees:.6g} degrees  (root mean square, {over}, {how})"
 
 
 def comparison(a: Assessment) -> Iterable[tuple[str, str]]:

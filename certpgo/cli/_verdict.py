@@ -11,6 +11,7 @@ from certpgo.errors import InputError
 
 if TYPE_CHECKING:
     from certpgo.assess.assessment import Assessment
+    from certpgo.assess.metrics import TrajectoryErrors
     from certpgo.certify import Certificate
     from certpgo.graph import Instance
     from certpgo.linalg.arrays import IntArray
@@ -49,8 +50,10 @@ def show(
     reading: Mapping[str, str],
     assessment: Assessment | None = None,
     disagreement: Disagreement | None = None,
+    accuracy: TrajectoryErrors | None = None,
 ) -> None:
     """Print the verdict, its reason, the numbers behind it, and the objective."""
+    from certpgo.assess import wording
     from certpgo.assess.wording import (
         comparison,
         hint,
@@ -65,6 +68,7 @@ def show(
             (certificate.verdict.value, meaning(certificate)),
             ("reason", certificate.reason),
             *numbers(certificate),
+            *(() if accuracy is None else wording.accuracy(accuracy)),
             *(() if disagreement is None else [("outliers?", hint(disagreement))]),
             *(() if assessment is None else comparison(assessment)),
             *trusts(certificate),
@@ -84,6 +88,7 @@ def as_json(
     *,
     disagreement: Disagreement | None = None,
     assessment: Assessment | None = None,
+    accuracy: TrajectoryErrors | None = None,
 ) -> dict[str, Any]:
     """An estimate of a connected graph: the verdict first, then its details.
 
@@ -110,6 +115,7 @@ def as_json(
         "gap": None if c is None else c.gap,
         "relative_gap": None if c is None else c.relative_gap,
         "certificate": None if c is None else _details(c),
+        "accuracy": None if accuracy is None else asdict(accuracy),
         "disagreement": None if disagreement is None else _disagreement(part, disagreement),
         **({} if assessment is None else _assessment(assessment)),
     }
