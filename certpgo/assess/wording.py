@@ -7,9 +7,10 @@ from collections.abc import Iterable
 
 from certpgo.assess.assessment import Assessment
 from certpgo.assess.metrics import TrajectoryErrors
+from certpgo.certify.certificate import CHORDAL, Certificate
 from certpgo.certify.wording import meaning, numbers, objective, part, stated_objective, trusts
 from certpgo.graph import Instance
-from certpgo.graph.wording import counted, reading_sentence
+from certpgo.graph.wording import counted, few, reading_sentence
 from certpgo.linalg.arrays import IntArray
 from certpgo.solvers.certified.disagreement import Disagreement
 
@@ -23,6 +24,7 @@ __all__ = [
     "meaning",
     "numbers",
     "objective",
+    "provenance",
     "reading_sentence",
     "stated_objective",
     "trusts",
@@ -32,6 +34,16 @@ __all__ = [
 EDGES = 3
 #: Share of the tolerance above which the effect of a file's digits is reported.
 NOTABLE = 0.01
+
+
+def provenance(instance: Instance, certificate: Certificate) -> Iterable[tuple[str, str]]:
+    """What stands between the source and the verdict: averages, fixed nodes, what was skipped."""
+    if certificate.objective == CHORDAL and instance.averaged:
+        yield "averaged", f"information {instance.averaged}"
+    if instance.fixed:
+        yield "fixed", f"{few(instance.ids[list(instance.fixed)].tolist())} by the file"
+    for sentence in instance.notices:
+        yield "notice", sentence
 
 
 def hint(disagreement: Disagreement) -> str:

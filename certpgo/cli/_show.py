@@ -97,8 +97,8 @@ def table(
     console = Piped() if sys.stdout.isatty() else Piped(width=_columns() or WIDTH)
     header, rows, left_out = _fitted(header, list(rows), console.width, optional)
     shown = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-    for name in header:
-        shown.add_column(Text(name), overflow="fold")
+    for column in zip(header, *rows, strict=True):
+        shown.add_column(Text(column[0]), overflow="fold", min_width=_longest_word(column))
     for row in rows:
         shown.add_row(*(Text(cell) for cell in row))
     console.print(shown)
@@ -114,17 +114,17 @@ def _fitted(
     """The columns that fit side by side, their cells, and the titles of those left out."""
     columns = [[title, *cells] for title, *cells in zip(header, *rows, strict=True)]
     left_out: list[str] = []
-
-    def needed(column: Sequence[str]) -> int:
-        return max((len(word) for cell in column for word in cell.split()), default=0)
-
     for title in optional:
-        if sum(map(needed, columns)) + GUTTER * len(columns) <= width:
+        if sum(map(_longest_word, columns)) + GUTTER * len(columns) <= width:
             break
         left_out += [column[0] for column in columns if column[0] == title]
         columns = [column for column in columns if column[0] != title]
     titles, *shown = map(list, zip(*columns, strict=True))
     return titles, shown, left_out
+
+
+def _longest_word(cells: Sequence[str]) -> int:
+    return max((len(word) for cell in cells for word in cell.split()), default=0)
 
 
 @contextmanager

@@ -144,7 +144,7 @@ class Solved:
         typer.echo()
         if solution.kept is not None:
             typer.echo("The certificate is about the kept measurements, with their final weights:")
-        _verdict.show(self.certificate, part.options, disagreement=self.disagreement)
+        _verdict.show(self.certificate, part, disagreement=self.disagreement)
         uncertified = self.certificate.verdict.value != "CERTIFIED"
         if self.found is None and solution.kept is None and uncertified:
             notice("without --method, certpgo searches for the best estimate")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import asdict, fields
 from typing import TYPE_CHECKING, Any
 
@@ -47,7 +47,7 @@ def weakest(verdicts: Iterable[str]) -> int:
 
 def show(
     certificate: Certificate,
-    reading: Mapping[str, str],
+    part: Instance,
     assessment: Assessment | None = None,
     disagreement: Disagreement | None = None,
     accuracy: TrajectoryErrors | None = None,
@@ -72,7 +72,8 @@ def show(
             *(() if disagreement is None else [("outliers?", hint(disagreement))]),
             *(() if assessment is None else comparison(assessment)),
             *trusts(certificate),
-            ("objective", stated_objective(reading, certificate)),
+            ("objective", stated_objective(part.options, certificate)),
+            *wording.provenance(part, certificate),
         ]
     )
 
@@ -107,6 +108,9 @@ def as_json(
         "graph": part.name,
         "reading": dict(part.options),
         "objective": objective(part.options, certificate),
+        "averaged": _averaged(part, certificate),
+        "fixed_ids": [int(part.ids[node]) for node in part.fixed],
+        "notices": list(part.notices),
         "verdict": None if c is None else c.verdict.value,
         "reason": None if c is None else c.reason,
         "tier": None if c is None else c.tier.value,
@@ -125,6 +129,16 @@ def edges_as_json(instance: Instance, edges: IntArray) -> list[dict[str, Any]]:
     """Edges by index and node ids."""
     pairs = instance.ids[instance.graph.edges[edges]].tolist()
     return [{"edge": e, "ids": ids} for e, ids in zip(edges.tolist(), pairs, strict=True)]
+
+
+def _averaged(part: Instance, certificate: Certificate | None) -> dict[str, float] | None:
+    """The largest ratios of precisions that kappa and tau average; None where they do not."""
+    from certpgo.certify.certificate import CHORDAL
+
+    if part.information is None or certificate is None or certificate.objective != CHORDAL:
+        return None
+    translation, rotation = part.information.anisotropy
+    return {"translation": translation, "rotation": rotation}
 
 
 def _details(certificate: Certificate) -> dict[str, Any]:

@@ -178,8 +178,7 @@ def _single(
         if not json:
             if len(parts) > 1:
                 typer.echo(part.instance.name)
-            certificate, options = found.certificate, part.instance.options
-            _verdict.show(certificate, options, found, disagreements[-1], accuracy)
+            _verdict.show(found.certificate, part.instance, found, disagreements[-1], accuracy)
     if json:
         reports = [
             _verdict.as_json(
