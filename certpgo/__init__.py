@@ -33,6 +33,7 @@ from certpgo.solvers.certified.robust import solve_robustly
 from certpgo.solvers.certified.settings import SolveSettings
 
 if TYPE_CHECKING:
+    from certpgo import plot as plot
     from certpgo.assess.assessment import certify_values
     from certpgo.certify.proof_file import check, write_proof
     from certpgo.costs.gtsam_graph import from_gtsam, to_gtsam
@@ -58,6 +59,9 @@ _LATER = {
     "with_directions": "graph.priors",
     "with_priors": "graph.priors",
 }
+
+#: Subpackages to work with, imported on first use too.
+_ROOMS = ("plot",)
 
 __version__ = "0.1.0"
 
@@ -109,10 +113,12 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    if name in _ROOMS:
+        return importlib.import_module(f"certpgo.{name}")
     if name not in _LATER:
         raise AttributeError(f"module 'certpgo' has no attribute {name!r}")
     return getattr(importlib.import_module(f"certpgo.{_LATER[name]}"), name)
 
 
 def __dir__() -> list[str]:
-    return sorted([*__all__, "__version__", "__doc__"])
+    return sorted([*__all__, *_ROOMS, "__version__", "__doc__"])

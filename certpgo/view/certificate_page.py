@@ -13,7 +13,7 @@ import numpy as np
 from certpgo.assess.assessment import Assessment, CostlyEdge
 from certpgo.assess.diagnostics import kinds_in_words
 from certpgo.assess.ladder import Rung, rungs_of_eigenvalues
-from certpgo.assess.wording import (
+from certpgo.certify.wording import part
     digits,
     distances,
     meaning,
