@@ -13,18 +13,11 @@ import numpy as np
 from certpgo.assess.assessment import Assessment, CostlyEdge
 from certpgo.assess.diagnostics import kinds_in_words
 from certpgo.assess.ladder import Rung, rungs_of_eigenvalues
-from certpgo.certify.wording import part
-    digits,
-    distances,
-    meaning,
-    numbers,
-    part,
-    stated_objective,
-    trusts,
-)
+from certpgo.assess.wording import digits, distances
 from certpgo.certify.certificate import Certificate
 from certpgo.certify.curvature import smallest_eigenvalues
 from certpgo.certify.own_cost import has_proofs
+from certpgo.certify.wording import meaning, numbers, part, stated_objective, trusts
 from certpgo.costs import CHORDAL, InformationProblem, own_cost, surrogate
 from certpgo.errors import CertPGOError, NumericalError
 from certpgo.graph import Estimate, Instance, PoseGraph
