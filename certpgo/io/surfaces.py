@@ -71,6 +71,8 @@ def read_surface(path: str | Path) -> Surface:
     vertex = data.get("vertex", {})
     if not {"x", "y", "z"} <= vertex.keys():
         raise FormatError(path, None, "vertices with properties x, y and z expected")
+    if not len(vertex["x"]):
+        raise FormatError(path, None, "at least one point expected")
     points = np.stack([vertex[axis] for axis in "xyz"], axis=1).astype(float)
     if not np.isfinite(points).all():
         raise FormatError(path, None, "finite coordinates expected")

@@ -26,7 +26,7 @@ from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import Problem, RotationProblem
 from certpgo.optimize.monitor import Iteration
 from certpgo.view.advice import advice
-from certpgo.view.gather import INITIAL_VALUES, scene_of, start
+from certpgo.view.gather import scene_of, start
 from certpgo.view.page import page
 from certpgo.view.page_scene import Data, page_scene
 from certpgo.view.plots import Bars, Curve, Lines, bars, histogram, lines
@@ -118,9 +118,9 @@ def _scene(instance: Instance, problem: Problem | InformationProblem, estimate: 
     """The estimate of the measurements that the certificate is about, and how it began."""
     graph = (problem.chordal if isinstance(problem, InformationProblem) else problem).graph
     judged = replace(instance, graph=graph, initial=None, information=None, outliers=None)
-    begun = start(judged)
-    if instance.initial is not None and not _is_same(instance.initial, estimate):
-        begun = (INITIAL_VALUES, instance.initial)
+    begun = start(replace(judged, initial=instance.initial))
+    if _is_same(begun[1], estimate):
+        begun = start(judged)
     shown = scene_of(judged, begun, ("estimate", estimate))
     return page_scene(shown, problem.edge_costs(estimate))
 

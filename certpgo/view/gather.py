@@ -162,10 +162,8 @@ def _of_graph(
         for name, what in found.estimates
     ]
     estimates = [(name, _whole(instance, what)) for name, what in named]
-    if instance.initial is not None:
-        estimates.insert(0, (INITIAL_VALUES, instance.initial))
-    if not estimates:
-        estimates.append(start(instance))
+    if not estimates or _is_spread(instance.initial):
+        estimates.insert(0, start(instance))
     places = None if isinstance(graph, PoseGraph) else layout(graph)
     poses = instance.poses
     last = estimates[-1][1]
@@ -224,13 +222,15 @@ def _whole(instance: Instance, estimate: Estimate) -> Estimate:
 
 
 def start(instance: Instance) -> tuple[str, Estimate]:
-    """An estimate of a graph that comes without one, and its name.
+    """The initial values of a graph with their name; without any, or all at a point, others.
 
     Raises
     ------
     InputError
-        The graph is not connected.
+        There are none, and the graph is not connected.
     """
+    if instance.initial is not None and _is_spread(instance.initial):
+        return INITIAL_VALUES, instance.initial
     if not instance.graph.is_connected:
         raise InputError(
             f"{instance.source or instance.name}: an estimate is needed to draw a graph that is "
@@ -240,6 +240,13 @@ def start(instance: Instance) -> tuple[str, Estimate]:
     if isinstance(instance.graph, PoseGraph) and instance.graph.is_partial:
         return "start", start_of(problem).estimate
     return "dead reckoning", SpanningTree(tree="odometry").solve(problem).estimate
+
+
+def _is_spread(initial: Estimate | None) -> bool:
+    """Whether there are initial values, not all at one point, as some programs write them."""
+    if initial is None or initial.translations is None:
+        return initial is not None
+    return bool(np.ptp(initial.translations, axis=0).any())
 
 
 def _truth(
@@ -329,8 +336,15 @@ class _Track:
 
 
 def _track(name: str, what: Path | Estimate) -> _Track:
+    track = _Track(name, *_keyed(what))
+    if track.estimate.translations is None:
+        raise InputError(f"{name}: rotations without positions are drawn with their graph alone")
+    return track
+
+
+def _keyed(what: Path | Estimate) -> tuple[FloatArray, Estimate]:
     if isinstance(what, Estimate):
-        return _Track(name, np.arange(what.num_nodes, dtype=float), what)
+        return np.arange(what.num_nodes, dtype=float), what
     form = format_of(what)
     if form.read_poses is None:
         raise FormatError(what, None, f"a trajectory expected, not {form.holds}")
@@ -343,4 +357,4 @@ def _track(name: str, what: Path | Estimate) -> _Track:
     if keys is None:
         keys = np.arange(estimate.num_nodes, dtype=float)
     keys, first = np.unique(keys, return_index=True)
-    return _Track(name, keys, estimate.subset(first))
+    return keys, estimate.subset(first)

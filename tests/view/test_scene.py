@@ -176,6 +176,10 @@ def test_without_an_estimate_there_is_dead_reckoning_or_the_files_values(grid, t
     certpgo.write(path, replace(grid, initial=grid.truth))
     scene = scene_of(path, grid.truth)
     assert [p.name for p in scene.placements] == ["initial values", "estimate"]
+    # Values that say nothing.
+    nowhere = grid.truth.with_translations(np.zeros((27, 3)))
+    scene = scene_of(replace(grid, initial=nowhere))
+    assert [p.name for p in scene.placements] == ["dead reckoning"]
 
 
 def test_trajectories_are_matched_by_their_times(grid, tmp_path):
@@ -223,12 +227,17 @@ def test_what_cannot_be_drawn_is_named(grid, tmp_path):
     text, flat = tmp_path / "notes.txt", tmp_path / "flat.ply"
     text.write_text("nothing\n")
     flat.write_text("ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n")
+    empty = tmp_path / "empty.ply"
+    axes = "".join(f"property float {axis}\n" for axis in "xyz")
+    empty.write_text(f"ply\nformat ascii 1.0\nelement vertex 0\n{axes}end_header\n")
     poses = Instance("apart", grid.graph.with_edges([0]), grid.ids)
     for things, said in (
         ((), "nothing to show"),
         ((text,), "notes.txt"),
         ((flat,), "flat.ply: vertices with properties x, y and z expected"),
         ((tmp_path / "none.g2o",), "no such file or dataset"),
+        ((empty,), "empty.ply: at least one point expected"),
+        ((Estimate(grid.truth.rotations),), "rotations without positions"),
         ((grid, grid), "a second graph"),
         ((grid, Estimate(np.tile(np.eye(3), (2, 1, 1)))), "an estimate of 27 nodes in 3D"),
         ((grid, Estimate(grid.truth.rotations)), "with positions"),
