@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import sys
 import textwrap
@@ -52,23 +51,20 @@ def facts(pairs: Iterable[tuple[str, str]]) -> None:
     """Print names and values: one pair per line, or in a terminal wrapped between words."""
     from certpgo.graph.wording import aligned
 
-    for line in aligned(pairs, _columns()):
+    for line in aligned(pairs, _terminal()):
         typer.echo(line)
 
 
 def paragraph(text: str) -> None:
     """Print a text, in a terminal wrapped between words."""
-    width = _columns()
-    if width is None:
-        typer.echo(text)
-    else:
-        typer.echo(textwrap.fill(text, width, break_long_words=False, break_on_hyphens=False))
+    width = _terminal()
+    lines = [text] if width is None else textwrap.wrap(text, width, break_long_words=False)
+    typer.echo("\n".join(lines))
 
 
-def _columns() -> int | None:
-    """The width of the terminal, or as COLUMNS says; None for pipes and files without it."""
-    known = sys.stdout.isatty() or os.environ.get("COLUMNS", "").isdigit()
-    return shutil.get_terminal_size().columns if known else None
+def _terminal() -> int | None:
+    """The width of the terminal; None for pipes and files, whose lines stay whole."""
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
 
 
 def table(
@@ -94,7 +90,9 @@ def table(
             """Leave it to the caller, which exits quietly; Rich would exit with an error."""
             raise BrokenPipeError
 
-    console = Piped() if sys.stdout.isatty() else Piped(width=_columns() or WIDTH)
+    # COLUMNS counts in either case.
+    width = _terminal() or shutil.get_terminal_size((WIDTH, 0)).columns
+    console = Piped(width=width)
     header, rows, left_out = _fitted(header, list(rows), console.width, optional)
     shown = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     for column in zip(header, *rows, strict=True):

@@ -108,9 +108,6 @@ def as_json(
         "graph": part.name,
         "reading": dict(part.options),
         "objective": objective(part.options, certificate),
-        "averaged": _averaged(part, certificate),
-        "fixed_ids": [int(part.ids[node]) for node in part.fixed],
-        "notices": list(part.notices),
         "verdict": None if c is None else c.verdict.value,
         "reason": None if c is None else c.reason,
         "tier": None if c is None else c.tier.value,
@@ -121,6 +118,9 @@ def as_json(
         "certificate": None if c is None else _details(c),
         "accuracy": None if accuracy is None else asdict(accuracy),
         "disagreement": None if disagreement is None else _disagreement(part, disagreement),
+        "averaged": _averaged(part, certificate),
+        "fixed_ids": [int(part.ids[node]) for node in part.fixed],
+        "notices": list(part.notices),
         **({} if assessment is None else _assessment(assessment)),
     }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import html
+import textwrap
 from abc import abstractmethod
 from collections.abc import Iterable
 from typing import Any
@@ -70,7 +71,8 @@ class Speaking:
         return f"<{self._headline}>"
 
     def __str__(self) -> str:
-        return "\n".join([self._headline, *aligned(self._facts(), WIDTH)])
+        head = textwrap.fill(self._headline, WIDTH, break_long_words=False)
+        return "\n".join([head, *aligned(self._facts(), WIDTH)])
 
     def _repr_html_(self) -> str:
         rows = "".join(
