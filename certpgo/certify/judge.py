@@ -15,7 +15,7 @@ from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import InputError, NumericalError, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.io.opening import AnyPath, estimated, measured
-from certpgo.io.writing import HasEstimate
+from certpgo.io.writing import AnyAnswer
 from certpgo.objective.base import Objective
 from certpgo.objective.problem import Problem
 from certpgo.optimize import spectral
@@ -24,7 +24,7 @@ from certpgo.optimize.newton import newton
 
 def certify(
     problem: Certifiable | Graph | Instance | AnyPath,
-    estimate: Estimate | HasEstimate | AnyPath,
+    estimate: Estimate | AnyAnswer | AnyPath,
     *,
     cost: str | None = None,
     tier: Tier | str = Tier.STANDARD,

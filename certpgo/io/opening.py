@@ -12,7 +12,7 @@ from certpgo.graph import Estimate, Instance
 from certpgo.io.reading import read, read_estimate
 
 #: A path, as text or an object.
-AnyPath = str | os.PathLike[str]
+AnyPath = str | Path
 
 
 def measured(given: Any) -> Any:

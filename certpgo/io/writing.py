@@ -26,7 +26,7 @@ from certpgo.io.timestamps import node_times
 from certpgo.linalg.arrays import IntArray
 
 
-class HasEstimate(Protocol):
+class AnyAnswer(Protocol):
     """What has an estimate."""
 
     @property
@@ -40,7 +40,7 @@ Anchor = Literal["file", "identity", "prior", "none"]
 
 def write(
     path: str | Path,
-    what: Estimate | HasEstimate | Graph | Instance,
+    what: Estimate | AnyAnswer | Graph | Instance,
     *,
     instance: Instance | None = None,
     ids: ArrayLike | None = None,

@@ -12,7 +12,7 @@ from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.io.opening import AnyPath, estimated, measured
-from certpgo.io.writing import HasEstimate
+from certpgo.io.writing import AnyAnswer
 from certpgo.objective.problem import Problem
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.solution import Solution
@@ -29,7 +29,7 @@ def solve(
     settings: SolveSettings | None = None,
     *,
     cost: str | None = None,
-    initial: Estimate | HasEstimate | AnyPath | None = None,
+    initial: Estimate | AnyAnswer | AnyPath | None = None,
     monitor: Monitor = silent,
     on_disagreement: Callable[[Disagreement], object] = ignore,
     **options: Any,

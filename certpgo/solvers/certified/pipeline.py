@@ -100,7 +100,7 @@ class CertifiedSolution(Speaking):
         """The certificate's verdict."""
         return self.certificate.verdict
 
-    def summary(self) -> Text:
+    def summary(self) -> str:
         """What was found, what is proven, and what to do next: the text that is printed."""
         return Text(self)
 
