@@ -19,7 +19,7 @@ import numpy as np
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.speaking import Brief
-from certpgo.io.plural import counted
+from certpgo.graph.wording import counted
 from certpgo.linalg import so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.problem import Problem, RotationProblem
