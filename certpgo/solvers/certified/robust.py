@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 from certpgo.graph import Estimate, Graph
+from certpgo.linalg.arrays import IntArray
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.progress import stoppable
@@ -24,6 +25,7 @@ def solve_robustly(
     settings: SolveSettings | None = None,
     *,
     initial: Estimate | None = None,
+    trusted: IntArray | None = None,
     monitor: Monitor = silent,
     **options: Any,
 ) -> CertifiedSolution:
@@ -35,6 +37,8 @@ def solve_robustly(
     Parameters
     ----------
     initial : initial estimate of the robust fit; n poses, in metres
+    trusted : (k,) indices of measurements that are known to be right, such as those of odometry:
+        they are never rejected, and lead the choice among the others
     graph, settings, monitor, options : as in `certpgo.solve`; the time limit covers the choice and
         the search together
 
@@ -68,7 +72,7 @@ def solve_robustly(
         problem.check(initial)
     with stoppable(monitor, 1.0, limit) as stop:
         with stop.watch.phase("select"):
-            selection = select(problem, initial=initial, monitor=stop)
+            selection = select(problem, initial=initial, trusted=trusted, monitor=stop)
         left = None if limit is None else limit - min(limit, stop.watch.total)
         ended = stop.ended_by
         found = search_and_certify(
