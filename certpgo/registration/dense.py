@@ -110,6 +110,7 @@ def align(
     *,
     reach: float = 0.08,
     sigma: float | None = None,
+    settled: tuple[float, float] | None = None,
 ) -> DenseRegistration | None:
     """Align two clouds that are nearly aligned; None if too few points meet.
 
@@ -120,6 +121,7 @@ def align(
     sigma : standard deviation of the distance of partners across the surface, metres; by default
         the measured one. Larger if errors of neighbouring points are alike, as those of a depth
         camera are
+    settled : steps below which the search ends, radians and metres; by default tiny ones
 
     Raises
     ------
@@ -133,6 +135,7 @@ def align(
 
     if min(len(target.points), len(source.points)) < FEWEST:
         return None
+    ends = settled or (TURN, SHIFT * reach)
     begin = np.eye(4)
     begin[:3, :3], begin[:3, 3] = initial
     found = small_gicp.align(
@@ -142,8 +145,8 @@ def align(
         begin,
         max_correspondence_distance=reach,
         max_iterations=ITERATIONS,
-        rotation_epsilon=TURN,
-        translation_epsilon=SHIFT * reach,
+        rotation_epsilon=ends[0],
+        translation_epsilon=ends[1],
     ).T_target_source
     if not np.isfinite(found).all():
         return None

@@ -10,8 +10,9 @@ from scipy.spatial import cKDTree
 
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
-#: Thesis, Table D.1: edge of a voxel (m), and neighbours by which a point is judged.
-GRID, NEIGHBOURS = 0.007, 30
+#: Edge of a voxel, metres (0.007 in the thesis, Table D.1: twice the points), and neighbours by
+#: which a point is judged.
+GRID, NEIGHBOURS = 0.01, 30
 #: Standard deviations beyond the mean of all points at which a point's neighbours are too far.
 FAR = 2.0
 #: Bits of a voxel's number in each direction.
@@ -59,23 +60,26 @@ class VoxelGrid:
 
     def __init__(self, size: float) -> None:
         self.size = size
-        self._keys = np.empty(0, dtype=np.int64)
-        self._sums = np.empty((0, 7))
+        self._parts: list[tuple[NDArray[np.int64], FloatArray]] = []
 
     def add(self, points: FloatArray, colours: NDArray[np.uint8]) -> None:
         """Add points (k, 3) with colours (k, 3)."""
-        if len(points) == 0:
-            return
         values = np.hstack([np.ones((len(points), 1)), points, colours])
-        keys, sums = _grouped(voxel_keys(points, self.size), values)
-        if len(self._keys):
-            keys, sums = np.concatenate([self._keys, keys]), np.concatenate([self._sums, sums])
-            keys, sums = _grouped(keys, sums)
-        self._keys, self._sums = keys, sums
+        self._parts.append(_grouped(voxel_keys(points, self.size), values))
+        # Like a binary counter: parts are joined with those of about their own size.
+        while len(self._parts) > 1 and len(self._parts[-2][0]) < 2 * len(self._parts[-1][0]):
+            self._join()
+
+    def _join(self) -> None:
+        parts = self._parts.pop(), self._parts.pop()
+        self._parts.append(_grouped(*map(np.concatenate, zip(*parts, strict=True))))
 
     def cloud(self, least: int = 1) -> ColouredCloud:
         """The mean of each voxel with at least so many points."""
-        sums = self._sums[self._sums[:, 0] >= least]
+        while len(self._parts) > 1:
+            self._join()
+        sums = self._parts[0][1] if self._parts else np.empty((0, 7))
+        sums = sums[sums[:, 0] >= least]
         means = sums[:, 1:] / sums[:, :1]
         colours = np.clip(np.rint(means[:, 3:]), 0, 255).astype(np.uint8)
         return ColouredCloud(means[:, :3].astype(np.float32), colours)

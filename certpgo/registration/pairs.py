@@ -23,6 +23,9 @@ from certpgo.registration.ransac import Motion, RansacSettings, register
 FLOORS = math.radians(0.03), 0.0005
 #: Edge of a voxel of the clouds, and the distance of partners, metres.
 VOXEL, REACH = 0.03, 0.08
+#: Standard deviation of partners' distances, metres: above the measured one, as the errors of
+#: neighbouring depths are alike. And steps at which alignment ends, far below it: radians, metres.
+SIGMA, SETTLED = 0.02, (1e-3, 5e-4)
 #: How far clouds may move what keypoints say: radians, metres. They slide along planes.
 TURNED, MOVED = math.radians(1.5), 0.03
 #: Share of a cloud that must lie on the other.
@@ -133,7 +136,8 @@ def measure(
 
 def _with_clouds(motion: Motion, target: PreparedCloud, source: PreparedCloud) -> Motion | None:
     """The most likely motion for keypoints and clouds together; None if they disagree."""
-    found = align(target, source, (motion.R, motion.t), reach=REACH)
+    start = motion.R, motion.t
+    found = align(target, source, start, reach=REACH, sigma=SIGMA, settled=SETTLED)
     if found is None or found.overlap < OVERLAP:
         return None
     # To first order both are Gaussian about their own motion.

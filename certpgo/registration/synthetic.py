@@ -28,8 +28,8 @@ TEXELS, SIDE = 150, 700
 WAVELENGTHS = (2.0, 5.0, 12.0, 40.0)
 #: The repeated wallpaper's tile, texels: 0.6 m.
 TILE = 90
-#: Disparity is a multiple of 1/STEPS of a pixel, focal length times baseline (m).
-STEPS, BASELINE = 8.0, 0.075
+#: Disparity, DISPARITY / z, is a multiple of 1/STEPS of the sensor's pixels, pixels times metres.
+STEPS, DISPARITY = 8.0, 580.0 * 0.075
 #: Pixels without depth at random, and beside jumps of depth by this share.
 DROPOUTS, JUMP = 0.01, 0.05
 #: Turns of the orbit: it closes, and overlaps itself.
@@ -61,7 +61,7 @@ class SyntheticSequence(FrameSequence):
         rng = np.random.default_rng([self.room.seed, int(self.numbers[k])])
         shade = colour + rng.normal(0.0, 2.0, colour.shape)
         return Frame(
-            np.clip(np.rint(shade), 0, 255).astype(np.uint8), _measured(z, self.camera.fx, rng)
+            np.clip(np.rint(shade), 0, 255).astype(np.uint8), _measured(z, rng)
         )
 
     def key(self, k: int) -> str:
@@ -227,13 +227,11 @@ def _texture(rng: np.random.Generator, side: int) -> NDArray[np.uint8]:
     return np.clip(128.0 + 28.0 * total, 0, 255).astype(np.uint8)
 
 
-def _measured(
-    z: FloatArray, focal: float, rng: np.random.Generator
-) -> NDArray[np.float32]:
+def _measured(z: FloatArray, rng: np.random.Generator) -> NDArray[np.float32]:
     """Depths as structured light measures them."""
     noisy = z + depth_noise(z) * rng.standard_normal(z.shape)
-    disparity = np.rint(STEPS * focal * BASELINE / noisy) / STEPS
-    steps = focal * BASELINE / np.maximum(disparity, 1.0 / STEPS)
+    disparity = np.rint(STEPS * DISPARITY / noisy) / STEPS
+    steps = DISPARITY / np.maximum(disparity, 1.0 / STEPS)
     jump = ndimage.maximum_filter(z, 3) - ndimage.minimum_filter(z, 3) > JUMP * z
     steps[jump | (rng.random(z.shape) < DROPOUTS)] = 0.0
     return steps.astype(np.float32)
