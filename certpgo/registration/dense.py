@@ -111,6 +111,7 @@ def align(
     reach: float = 0.08,
     sigma: float | None = None,
     settled: tuple[float, float] | None = None,
+    iterations: int = ITERATIONS,
 ) -> DenseRegistration | None:
     """Align two clouds that are nearly aligned; None if too few points meet.
 
@@ -122,6 +123,7 @@ def align(
         the measured one. Larger if errors of neighbouring points are alike, as those of a depth
         camera are
     settled : steps below which the search ends, radians and metres; by default tiny ones
+    iterations : stop anyway
 
     Raises
     ------
@@ -144,7 +146,7 @@ def align(
         target.tree,
         begin,
         max_correspondence_distance=reach,
-        max_iterations=ITERATIONS,
+        max_iterations=iterations,
         rotation_epsilon=ends[0],
         translation_epsilon=ends[1],
     ).T_target_source

@@ -10,9 +10,9 @@ from scipy.spatial import cKDTree
 
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
-#: Edge of a voxel, metres (0.007 in the thesis, Table D.1: twice the points), and neighbours by
+#: Edge of a voxel, metres and neighbours by which
 #: which a point is judged.
-GRID, NEIGHBOURS = 0.01, 30
+GRID, NEIGHBOURS = 0.01, 12
 #: Standard deviations beyond the mean of all points at which a point's neighbours are too far.
 FAR = 2.0
 #: Bits of a voxel's number in each direction.

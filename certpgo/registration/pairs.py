@@ -21,11 +21,12 @@ from certpgo.registration.ransac import Motion, RansacSettings, register
 #: Standard deviations that no measurement goes below, radians and metres: what keypoints share,
 #: such as the camera's calibration, no number of them averages out.
 FLOORS = math.radians(0.03), 0.0005
-#: Edge of a voxel of the clouds, and the distance of partners, metres.
-VOXEL, REACH = 0.03, 0.08
+#: Edges of the voxels of a target and of a source, and the distance of partners, metres: time goes
+#: with the points of the source.
+VOXEL, COARSE, REACH = 0.03, 0.06, 0.08
 #: Standard deviation of partners' distances, metres: above the measured one, as the errors of
 #: neighbouring depths are alike. And steps at which alignment ends, far below it: radians, metres.
-SIGMA, SETTLED = 0.02, (1e-3, 5e-4)
+SIGMA, SETTLED, ITERATIONS = 0.02, (1e-3, 5e-4), 10
 #: How far clouds may move what keypoints say: radians, metres. They slide along planes.
 TURNED, MOVED = math.radians(1.5), 0.03
 #: Share of a cloud that must lie on the other.
@@ -85,17 +86,17 @@ class Clouds:
 
     def __init__(self, views: list[View | None]) -> None:
         self._views, self._lock = views, Lock()
-        self._recent: OrderedDict[int, PreparedCloud] = OrderedDict()
+        self._recent: OrderedDict[int, tuple[PreparedCloud, PreparedCloud]] = OrderedDict()
 
-    def __getitem__(self, k: int) -> PreparedCloud:
-        """The cloud of a frame."""
+    def __getitem__(self, k: int) -> tuple[PreparedCloud, PreparedCloud]:
+        """The cloud of a frame as a target, and as a source."""
         with self._lock:
             if k in self._recent:
                 self._recent.move_to_end(k)
                 return self._recent[k]
         view = self._views[k]
         points = np.empty((0, 3)) if view is None else view.cloud.astype(np.float64)
-        made = prepare(points, voxel=VOXEL)
+        made = prepare(points, voxel=VOXEL), prepare(points, voxel=COARSE)
         with self._lock:
             self._recent[k] = made
             while len(self._recent) > RECENT:
@@ -127,17 +128,26 @@ def measure(
     if motion is None:
         return None
     inliers = int(motion.inliers.sum())
-    joined = None if clouds is None else _with_clouds(motion, clouds[i], clouds[j])
+    joined = None
+    if clouds is not None and _is_loose(motion):
+        joined = _with_clouds(motion, clouds[i][0], clouds[j][1])
     final = motion if joined is None else joined
     covariance = np.linalg.inv(final.information) + np.diag(np.repeat(FLOORS, 3) ** 2)
     counts = len(m), inliers, motion.chi2
     return Pair(i, j, final.R, final.t, covariance, *counts, joined is not None)
 
 
+def _is_loose(motion: Motion) -> bool:
+    """Whether keypoints leave more open than what no number of them averages out."""
+    variances = np.diag(np.linalg.inv(motion.information)).reshape(2, 3).mean(axis=1)
+    return bool((variances > np.square(FLOORS)).any())
+
+
 def _with_clouds(motion: Motion, target: PreparedCloud, source: PreparedCloud) -> Motion | None:
     """The most likely motion for keypoints and clouds together; None if they disagree."""
     start = motion.R, motion.t
-    found = align(target, source, start, reach=REACH, sigma=SIGMA, settled=SETTLED)
+    limits: dict[str, Any] = {"settled": SETTLED, "iterations": ITERATIONS}
+    found = align(target, source, start, reach=REACH, sigma=SIGMA, **limits)
     if found is None or found.overlap < OVERLAP:
         return None
     # To first order both are Gaussian about their own motion.

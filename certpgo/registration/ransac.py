@@ -18,6 +18,8 @@ from certpgo.linalg.arrays import BoolArray, FloatArray
 
 #: Steps of refinement at most, and the step, in standard deviations, at which it ends.
 STEPS, SETTLED = 10, 1e-3
+#: Variance of unit weight at least: exact points have none.
+LEAST = 0.01
 #: Hypotheses whose inliers are counted together.
 BATCH = 128
 #: Matches by which hypotheses are compared.
@@ -196,7 +198,7 @@ def refine(
     """The most likely motion for the matches within the gate, by Gauss and Newton's steps.
 
     Residuals are seen in the frame of the source, e = R^T (p - t) - q, of covariance
-    R^T C_p R + C_q. The information is over the variance of unit weight where that is above 1.
+    R^T C_p R + C_q. The information is over the variance of unit weight, which the inliers tell.
     """
     R, t = start
     limit = settings.gate**2
@@ -225,7 +227,7 @@ def refine(
     if inliers.mean() < settings.share:
         return None
     chi2 = float(squares[inliers].mean()) / 3.0
-    return Motion(R, t, information / max(1.0, chi2), inliers, chi2)
+    return Motion(R, t, information / max(chi2, LEAST), inliers, chi2)
 
 
 def expected_chi2(gate: float) -> float:

@@ -218,13 +218,14 @@ class Room:
 
 def _texture(rng: np.random.Generator, side: int) -> NDArray[np.uint8]:
     """(side, side, 3) smooth noise of several wavelengths, periodic."""
-    total = np.zeros((side, side, 3))
-    for wavelength in WAVELENGTHS:
-        noise = rng.standard_normal((side, side, 3)) * (0.5, 0.5, 0.5)
-        noise += rng.standard_normal((side, side, 1))
-        smooth = ndimage.gaussian_filter(noise, (0.5 * wavelength, 0.5 * wavelength, 0), mode="wrap")
-        total += smooth / smooth.std()
-    return np.clip(128.0 + 28.0 * total, 0, 255).astype(np.uint8)
+    noise = 0.5 * rng.standard_normal((side, side, 3)) + rng.standard_normal((side, side, 1))
+    squares = np.add.outer(np.fft.fftfreq(side) ** 2, np.fft.rfftfreq(side) ** 2)
+    # Gaussian filters of equal power.
+    widths = np.pi * np.array(WAVELENGTHS)
+    powers = [width * np.exp(-0.5 * width**2 * squares) for width in widths]
+    spectrum = np.fft.rfft2(noise, axes=(0, 1)) * np.sum(powers, axis=0)[:, :, None]
+    smooth = np.fft.irfft2(spectrum, s=(side, side), axes=(0, 1))
+    return np.clip(128.0 + 56.0 * smooth / smooth.std(), 0, 255).astype(np.uint8)
 
 
 def _measured(z: FloatArray, rng: np.random.Generator) -> NDArray[np.float32]:
