@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from certpgo.graph.priors import with_directions, with_priors
     from certpgo.io import read, read_estimate, write
     from certpgo.linalg.distributed.schedulers import scheduler
+    from certpgo.registration.register import register
     from certpgo.registry import get_solver
 
 #: Imported on first use, to keep `import certpgo` fast.
@@ -52,6 +53,7 @@ _LATER = {
     "write": "io",
     "write_proof": "certify.proof_file",
     "get_solver": "registry",
+    "register": "registration.register",
     "scheduler": "linalg.distributed.schedulers",
     "with_directions": "graph.priors",
     "with_priors": "graph.priors",
@@ -95,6 +97,7 @@ __all__ = [
     "get_solver",
     "read",
     "read_estimate",
+    "register",
     "scheduler",
     "solve",
     "solve_robustly",

@@ -18,8 +18,8 @@ from certpgo.linalg.arrays import FloatArray, frozen_floats
 #: Points of a cloud from which discs are estimated, and pairs from which a motion is.
 NEIGHBOURS, FEWEST = 10, 30
 #: Steps below which the search ends: radians, and metres per metre of reach.
-TURN, SHIFT = 1e-5, 1e-4
-ITERATIONS = 50
+TURN, SHIFT = 1e-4, 1e-3
+ITERATIONS = 30
 #: Voxels from the origin that small_gicp can number.
 FARTHEST = 2**20 - 1
 

@@ -27,8 +27,9 @@ from certpgo.registration.dense import PreparedCloud
 DISC = 0.1
 #: Levenberg's, relative to a scan's own weight.
 DAMPING = 1e-3
-#: The reach shrinks by this factor once no point moves by more than `SETTLED` of it.
-FINER, SETTLED = 0.5, 0.25
+#: The reach shrinks by this factor once no point moves by more than `SETTLED` of it, or after so
+#: many rounds, as matches may alternate.
+FINER, SETTLED, LONGEST = 0.5, 0.25, 15
 #: The end: so many rounds at the finest reach without a gain of this share.
 PATIENCE, GAIN = 4, 1e-3
 #: Normals of a group that agree less do not lie on one surface.
@@ -100,9 +101,9 @@ def global_icp(
     cloudset = _Clouds(clouds, finest)
     R, t = initial.rotations.copy(), initial.translations.copy()
     best, best_score, since = (R, t, 0, 0.0), -np.inf, 0
-    number = 0
+    number = level = 0
     while number < max_rounds and since < PATIENCE:
-        number += 1
+        number, level = number + 1, level + 1
         groups = cloudset.groups(R, t, reach)
         if reach == finest:
             since = 0 if groups.score > best_score + GAIN * abs(best_score) else since + 1
@@ -110,8 +111,8 @@ def global_icp(
                 best, best_score = (R, t, groups.count, groups.rmse), groups.score
         R, t, moved = cloudset.moved(R, t, groups)
         monitor(Round(number, reach, groups.count, groups.rmse, moved))
-        if moved < SETTLED * reach:
-            reach = max(FINER * reach, finest)
+        if reach > finest and (moved < SETTLED * reach or level == LONGEST):
+            reach, level = max(FINER * reach, finest), 0
     if not np.isfinite(best_score):  # the limit came before the finest reach
         best = (R, t, groups.count, groups.rmse)
     R, t, count, rmse = best
@@ -245,8 +246,8 @@ class _Clouds:
             H += weight * (J.T @ J - mean.T @ mean).toarray()
             gradient += weight * (J.T @ np.sum(direction * groups.apart, axis=1))
         # All scans can move together, and one without partners anywhere: neither does.
-        weight = np.diag(H)
-        step = np.linalg.solve(H + np.diag(DAMPING * weight + (weight == 0.0)), gradient)
+        own = np.diag(H)
+        step = np.linalg.solve(H + np.diag(DAMPING * own + (own == 0.0)), gradient)
         turn, shift = np.split(-step.reshape(n, 6), 2, axis=1)
         new = so.project(so.exp(turn) @ R)
         farthest = self.sizes * np.linalg.norm(turn, axis=1) + np.linalg.norm(shift, axis=1)
