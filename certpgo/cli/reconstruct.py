@@ -60,7 +60,9 @@ def command(
     ] = 4.0,
     grid: Annotated[
         float | None,
-        typer.Option("--grid", metavar="M", help="Voxels of the scene, metres.", show_default="0.01"),
+        typer.Option(
+            "--grid", metavar="M", help="Voxels of the scene, metres.", show_default="0.01"
+        ),
     ] = None,
     gate: Annotated[
         bool,
@@ -84,7 +86,8 @@ def command(
     images were matched to the right places: how well loops agree is printed beside it.
     """
     from certpgo.io import write
-    from certpgo.registration.fuse import GRID, write_cloud
+    from certpgo.registration.fuse import GRID
+    from certpgo.registration.ply import write_ply
     from certpgo.registration.reconstruct import ReconstructSettings, reconstruct
     from certpgo.registration.stages import user_cache
 
@@ -105,7 +108,7 @@ def command(
     frames = _frames(folder, wallpaper, camera, depth_scale)
     if every > 1:
         frames = frames.chosen(range(0, len(frames), every))
-    kept = None if no_cache or synthetic and cache is None else cache or user_cache()
+    kept = None if no_cache or (synthetic and cache is None) else cache or user_cache()
     settings = ReconstructSettings(
         cutoff=cutoff, grid=GRID if grid is None else grid, gate=gate, consistent=consistent
     )
@@ -115,7 +118,7 @@ def command(
         if mesh:
             _write_mesh(out, found, settings.cutoff)
         else:
-            write_cloud(out, found.scene)
+            write_ply(out, found.scene.points.astype(float), found.scene.colours)
     if trajectory is not None:
         write(trajectory, found.estimate, ids=found.nodes, format=_format(trajectory))
     if graph is not None:
@@ -165,7 +168,10 @@ def _show(found: Reconstruction, written: list[Path]) -> None:
     certificate = found.answer.certificate
     facts(
         [
-            (certificate.verdict.value, f"{meaning(certificate)}; in g2o's cost, of the kept edges"),
+            (
+                certificate.verdict.value,
+                f"{meaning(certificate)}; in g2o's cost, of the kept edges",
+            ),
             *found.consistency(),
             *(("written", str(path)) for path in written),
         ]
@@ -194,7 +200,10 @@ def _report(found: Reconstruction) -> dict[str, Any]:
         "odometry": found.odometry,
         "consistency": dict(found.consistency()),
         "rejected": [
-            {"frames": [pair.i, pair.j], "names": [found.frames.names[pair.i], found.frames.names[pair.j]]}
+            {
+                "frames": [pair.i, pair.j],
+                "names": [found.frames.names[pair.i], found.frames.names[pair.j]],
+            }
             for pair in found.rejected
         ],
         "points": len(found.scene),

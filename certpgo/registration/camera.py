@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from certpgo.errors import FormatError, InputError
 from certpgo.linalg.arrays import FloatArray
@@ -56,12 +57,12 @@ class Camera:
         over = points[..., :2] / points[..., 2:]
         return np.asarray(over * (self.fx, self.fy) + (self.cx, self.cy))
 
-    def cloud(self, depth: FloatArray, step: int = 1) -> FloatArray:
+    def cloud(self, depth: NDArray[np.float32], step: int = 1) -> FloatArray:
         """(k, 3) points of a depth image (h, w), metres, 0 for none; every ``step`` pixels."""
         rows, columns = np.nonzero(depth[::step, ::step])
         pixels = np.stack([columns, rows], axis=1) * float(step)
         z = depth[::step, ::step][rows, columns].astype(np.float64)
-        return np.asarray(self.rays(pixels) * z[:, None])
+        return np.asarray(self.rays(pixels.astype(np.float64)) * z[:, None])
 
     def scaled(self, factor: float) -> Camera:
         """The camera with other focal lengths."""

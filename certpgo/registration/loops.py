@@ -52,7 +52,7 @@ def retrieved(features: Sequence[Features | None], rng: np.random.Generator) -> 
     known = [k for k, found in enumerate(features) if found is not None and len(found)]
     if len(known) <= GAP:
         return []
-    everything = [features[k] for k in known]
+    everything = [found for found in features if found is not None and len(found)]
     share = max(SAMPLE // len(known), 10)
     sample = np.concatenate(
         [
@@ -139,26 +139,87 @@ class DeadReckoning:
         variances = [following.get(pair, (UNKNOWN, UNKNOWN)) for pair in ends]
         self._sums = np.vstack([np.zeros(2), np.cumsum(np.reshape(variances, (-1, 2)), axis=0)])
 
+    def reaches(self, pair: Pair) -> bool:
+        """Whether both frames are joined by steps."""
+        if self.t is None or pair.i not in self._of or pair.j not in self._of:
+            return False
+        i, j = self._of[pair.i], self._of[pair.j]
+        return bool(abs(self._sums[j] - self._sums[i])[0] < UNKNOWN)
+
     def allows(self, pair: Pair) -> bool:
         """Whether a loop is no farther from dead reckoning than this can have drifted."""
-        if self.t is None or pair.i not in self._of or pair.j not in self._of:
+        if not self.reaches(pair):
             return True
         i, j = self._of[pair.i], self._of[pair.j]
-        turn, shift = self._sums[j] - self._sums[i]
-        if turn >= UNKNOWN:
-            return True
-        R, t = self.R[i].T @ self.R[j], self.R[i].T @ (self.t[j] - self.t[i])
-        own = _variances(pair)
-        # A turn on the way moves what comes after it.
-        extent = np.ptp(self.t[i : j + 1], axis=0)
-        lever = float(extent @ extent) * turn / 3.0
-        turned = CONTRADICTION * math.sqrt(DRIFT**2 * turn + own[0]) + UNREMARKABLE[0]
-        moved = CONTRADICTION * math.sqrt(DRIFT**2 * (shift + lever) + own[1]) + UNREMARKABLE[1]
-        off = float(so.angle(R.T @ pair.R)), float(np.linalg.norm(t - pair.t))
-        return off[0] <= turned and off[1] <= moved
+        R, t = self._between(i, j)
+        return self._closes((R.T @ pair.R, R.T @ (pair.t - t)), [(i, j)], [pair])
+
+    def agree(self, a: Pair, b: Pair) -> bool:
+        """Whether two loops make a cycle that closes with odometry between their ends."""
+        (i, j), (k, m) = ((self._of[pair.i], self._of[pair.j]) for pair in (a, b))
+        R, t = np.eye(3), np.zeros(3)
+        # Along a from i to j, to m, back along b to k, and to i again.
+        for turn, shift in (
+            (a.R, a.t),
+            self._between(j, m),
+            (b.R.T, -b.R.T @ b.t),
+            self._between(k, i),
+        ):
+            R, t = R @ turn, t + R @ shift
+        return self._closes((R, t), [(i, k), (j, m)], [a, b])
+
+    def _between(self, i: int, j: int) -> tuple[FloatArray, FloatArray]:
+        """The pose of node j in the frame of node i."""
+        R, t = self.R, self.t
+        shift = np.zeros(3) if t is None else R[i].T @ (t[j] - t[i])
+        return R[i].T @ R[j], shift
+
+    def _closes(
+        self,
+        off: tuple[FloatArray, FloatArray],
+        ways: Sequence[tuple[int, int]],
+        pairs: Sequence[Pair],
+    ) -> bool:
+        """Whether what remains of a cycle may be drift on the ways and errors of the pairs."""
+        turn = shift = 0.0
+        for i, j in ways:
+            way = slice(min(i, j), max(i, j) + 1)
+            turned, moved = abs(self._sums[j] - self._sums[i]) * DRIFT**2
+            # A turn on the way moves what comes after it.
+            extent = 0.0 if self.t is None else float((np.ptp(self.t[way], axis=0) ** 2).sum())
+            turn, shift = turn + turned, shift + moved + extent * turned / 3.0
+        own = np.sum([_variances(pair) for pair in pairs], axis=0)
+        angle, distance = float(so.angle(off[0])), float(np.linalg.norm(off[1]))
+        return (
+            angle <= CONTRADICTION * math.sqrt(turn + own[0]) + UNREMARKABLE[0]
+            and distance <= CONTRADICTION * math.sqrt(shift + own[1]) + UNREMARKABLE[1]
+        )
 
 
 def _variances(pair: Pair) -> tuple[float, float]:
     """Traces of the covariances of rotation and translation, rad^2 and m^2."""
     C = pair.covariance
     return float(np.trace(C[:3, :3])), float(np.trace(C[3:, 3:]))
+
+
+def consistent(loops: Sequence[Pair], reckoning: DeadReckoning) -> list[Pair]:
+    """Loops that agree with one another in pairs: a large clique of those, found greedily.
+
+    Two loops agree if the cycle that they make with the odometry between their ends closes, within
+    what it may have drifted there (Mangelson, Dominic, Eustice, Vasudevan, "Pairwise consistent
+    measurement set maximization", 2018). Loops of frames that odometry does not reach are left out.
+    """
+    known = [pair for pair in loops if reckoning.reaches(pair)]
+    if not known:
+        return []
+    agree = np.array([[reckoning.agree(a, b) for b in known] for a in known])
+    agree |= agree.T
+    candidates = np.ones(len(known), dtype=bool)
+    clique: list[int] = []
+    while candidates.any():
+        support = np.where(candidates, (agree & candidates).sum(axis=1), -1)
+        best = int(support.argmax())
+        clique.append(best)
+        candidates &= agree[best]
+        candidates[best] = False
+    return [known[k] for k in sorted(clique)]

@@ -132,7 +132,8 @@ def measure(
     if clouds is not None and _is_loose(motion):
         joined = _with_clouds(motion, clouds[i][0], clouds[j][1])
     final = motion if joined is None else joined
-    covariance = np.linalg.inv(final.information) + np.diag(np.repeat(FLOORS, 3) ** 2)
+    floors = np.diag(np.repeat(FLOORS, 3) ** 2)
+    covariance = np.asarray(np.linalg.inv(final.information) + floors, dtype=np.float64)
     counts = len(m), inliers, motion.chi2
     return Pair(i, j, final.R, final.t, covariance, *counts, joined is not None)
 

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from threading import Lock
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from certpgo.errors import FormatError, InputError, InputNotice, SpecError
 from certpgo.graph import Estimate, Instance
 from certpgo.io.plural import counted
-from certpgo.linalg.arrays import IntArray
+from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.registration import features as keypoints
 from certpgo.registration.averaging import Averaged, averaged, composed
 from certpgo.registration.features import ColourCamera, Features
 from certpgo.registration.fuse import GRID, ColouredCloud, VoxelGrid, denoised, voxel_means
-from certpgo.registration.loops import DeadReckoning, adjacent, overlapping, retrieved
+from certpgo.registration.loops import DeadReckoning, adjacent, consistent, overlapping, retrieved
 from certpgo.registration.pairs import VOXEL, Clouds, Pair, View, measure, restored, stored
 from certpgo.registration.ransac import RansacSettings
 from certpgo.registration.sequences import FrameSequence
@@ -29,7 +31,18 @@ from certpgo.solvers.certified.pipeline import CertifiedSolution
 STEP, WIDE = 2, 640
 #: Keypoints with a depth from which on a frame can be matched.
 FEWEST = 30
-#: Neighbours in the grid of a point of the scene, at least, where frames overlap.
+#: What is said beside every verdict.
+UNPROVEN = (
+    "that images were matched to the right places: repeated patterns that agree with one another "
+    "are certified too"
+)
+#: Share of inliers, and residuals of keypoints and of edges over their noise, that are suspicious.
+FEW_INLIERS, LOUD = 0.65, 1.5
+#: Shares of depths past the cutoff at which to warn, and to refuse.
+MUCH_PAST, ALL_PAST = 0.5, 0.9
+#: Median depths below this are suspicious, metres.
+CLOSE = 0.25
+#: Points in a voxel of the scene at least.
 SEEN_TWICE = 2
 
 
@@ -43,6 +56,7 @@ class ReconstructSettings:
     grid : edge of the scene's voxels, metres
     dense : whether clouds are added to keypoints, by generalized ICP
     gate : whether loops that contradict dead reckoning are left out
+    consistent : whether only loops are kept that agree with one another in pairs
     ransac : when two frames match
     """
 
@@ -50,7 +64,8 @@ class ReconstructSettings:
     grid: float = GRID
     dense: bool = True
     gate: bool = True
-    ransac: RansacSettings = RansacSettings()
+    consistent: bool = False
+    ransac: RansacSettings = field(default_factory=RansacSettings)
 
     def __post_init__(self) -> None:
         if not (0.0 < self.cutoff < np.inf and 0.0 < self.grid < np.inf):
@@ -97,6 +112,33 @@ class Reconstruction:
         """Poses of the frames ``nodes``; the first is the identity."""
         return self.averaged.estimate
 
+    @property
+    def rejected(self) -> tuple[Pair, ...]:
+        """The pairs that disagree with the rest, and the certificate is not about."""
+        return tuple(self.pairs[k] for k in self.averaged.rejected.tolist())
+
+    def named(self, pair: Pair) -> str:
+        """A pair in words, with its images."""
+        names = self.frames.names
+        agreeing = f"{pair.inliers} of {pair.matches} matches agree"
+        return f"{names[pair.i]} and {names[pair.j]}, {agreeing}"
+
+    def consistency(self) -> list[tuple[str, str]]:
+        """What a certificate does not say: how well images, loops and odometry agree."""
+        a, n = self.averaged, len(self.frames)
+        squares = a.squares()
+        steps = a.chosen < self.odometry
+        loops, kept = int((~steps).sum()), int((a.kept & ~steps).sum())
+        shares = np.array([self.pairs[k].share for k in a.chosen[a.kept].tolist()])
+        return [
+            ("frames", f"{len(self.nodes)} of {n}"),
+            ("edges", f"{int(a.kept.sum())} of {len(a.kept)} kept, {int(steps.sum())} of odometry"),
+            ("loops", f"{kept} of {loops} agree with the rest"),
+            ("chi^2", f"{squares.mean():.2f} per degree of freedom of the kept edges"),
+            ("inliers", f"{100.0 * np.median(shares):.0f} % of the matches of a kept edge, median"),
+            ("not proven", UNPROVEN),
+        ]
+
 
 def reconstruct(
     frames: FrameSequence,
@@ -115,19 +157,56 @@ def reconstruct(
         raise InputError(f"{frames.name}: no frame matches the next one: they do not overlap")
     nodes, reckoning = composed(steps, frames.names, frames.name)
     reckoned = DeadReckoning(nodes, reckoning, steps)
-    plausible = partial(filter, None if not chosen.gate else reckoned.allows)
     tried = set(adjacent(len(frames)))
-    alike = retrieved([view and view.features for view in views], np.random.default_rng(0))
-    pairs = [*steps, *plausible(work.measured("loops", alike))]
+    alike = retrieved([view.features if view else None for view in views], np.random.default_rng(0))
+    loops = work.plausible(work.measured("loops", alike), reckoned)
+    pairs = [*steps, *loops]
     first = averaged(pairs, frames.names, frames.name, reckoning)
-    clouds = {k: views[k].cloud for k in first.nodes.tolist()}
+    clouds = {k: view.cloud for k in first.nodes.tolist() if (view := views[k])}
     overlaps = overlapping(clouds, first.estimate, frames.camera, size, tried | set(alike))
-    pairs += plausible(work.measured("overlaps", overlaps))
+    more = work.measured("overlaps", overlaps)
+    pairs = [*steps, *work.plausible([*loops, *more], reckoned)]
     final = averaged(pairs, frames.names, frames.name, first.estimate)
     scene = work.scene(final)
-    return Reconstruction(
+    found = Reconstruction(
         frames, final.nodes, tuple(pairs), len(steps), final, reckoning, skipped, scene
     )
+    _judge(found)
+    return found
+
+
+def _judge(found: Reconstruction) -> None:
+    """Warn of what a wrong camera or depth scale explains, and of frames that nothing joins."""
+    name, n = found.frames.name, len(found.frames)
+    missing = n - len(found.nodes) - len(found.skipped)
+    if missing:
+        few = counted(missing, "frame{s}")
+        said = f"{name}: {few} could not be joined to the others, and are left out"
+        warnings.warn(said, InputNotice, stacklevel=3)
+    shares = np.median([pair.share for pair in found.pairs[: found.odometry]])
+    noise = np.median([pair.chi2 for pair in found.pairs[: found.odometry]])
+    if shares < FEW_INLIERS or noise > LOUD:
+        said = f"{100.0 * shares:.0f} % of the matches of neighbouring frames agree"
+        said = f"{name}: only {said}, with {noise:.2g} times the noise of depth cameras (squared)"
+        warnings.warn(f"{said}: are camera and depth scale right?", InputNotice, stacklevel=3)
+
+
+class _Looked(NamedTuple):
+    """A frame's view or the reason why there is none, its key, size, and what its depths are."""
+
+    view: View | None
+    key: str
+    reason: str
+    size: tuple[int, int] | None = None
+    depths: FloatArray | None = None
+
+
+def _about(depth: NDArray[np.float32], cutoff: float) -> FloatArray:
+    """The share of depths past the cutoff, and the median depth."""
+    known = depth[depth > 0.0]
+    if not len(known):
+        return np.zeros(2)
+    return np.array([np.mean(known > cutoff), np.median(known)])
 
 
 class _Work:
@@ -149,30 +228,47 @@ class _Work:
     def views(self) -> tuple[list[View | None], tuple[str, ...], tuple[int, int]]:
         """What is kept of each frame, why others are left out, and the size of images."""
         found = each("frames", self._view, range(len(self.frames)), self.progress)
-        self._views = [view for view, _, _, _ in found]
-        self._keys = [key for _, key, _, _ in found]
-        skipped = tuple(reason for _, _, reason, _ in found if reason)
+        self._views = [one.view for one in found]
+        self._keys = [one.key for one in found]
+        skipped = tuple(one.reason for one in found if one.reason)
+        self._judge_depths([one.depths for one in found if one.depths is not None])
         for reason in skipped:
             warnings.warn(f"frame left out: {reason}", InputNotice, stacklevel=3)
-        sizes = {size for *_, size in found if size is not None}
+        sizes = {one.size for one in found if one.size is not None}
         if not any(self._views):
             raise InputError(f"{self.frames.name}: no usable frame: {skipped[0]}")
         if len(sizes) > 1:
             raise InputError(f"{self.frames.name}: images of several sizes: {sorted(sizes)}")
         return self._views, skipped, sizes.pop()
 
-    def _view(self, k: int) -> tuple[View | None, str, str, tuple[int, int] | None]:
+    def _judge_depths(self, about: list[FloatArray]) -> None:
+        """Refuse, or warn of, depths that a wrong scale explains."""
+        if not about:
+            return
+        past, middle = np.median(about, axis=0)
+        said = f"{self.frames.name}: {100.0 * past:.0f} % of the depths are past the cutoff of "
+        said += f"{self.settings.cutoff:g} m: is the depth scale right?"
+        if past > ALL_PAST:
+            raise InputError(said)
+        if past > MUCH_PAST:
+            warnings.warn(said, InputNotice, stacklevel=4)
+        if 0.0 < middle < CLOSE:
+            said = f"{self.frames.name}: half of the depths are below {middle:.2g} m"
+            warnings.warn(f"{said}: is the depth scale right?", InputNotice, stacklevel=4)
+
+    def _view(self, k: int) -> _Looked:
         key = digest(self.frames.key(k), self.settings.cutoff, self.colour)
         try:
             arrays = self.cache.arrays(("view", key), lambda: self._seen(k))
         except FormatError as error:
-            return None, key, str(error), None
+            return _Looked(None, key, str(error))
         width, height = arrays["size"].tolist()
         features = Features(arrays["pixels"], arrays["points"], arrays["descriptors"])
+        found: tuple[tuple[int, int], FloatArray] = (width, height), arrays["depths"]
         if len(features) < FEWEST:
-            found = counted(len(features), "keypoint{s} with a depth")
-            return None, key, f"{self.frames.names[k]}: {found}, {FEWEST} needed", (width, height)
-        return View(features, arrays["cloud"]), key, "", (width, height)
+            few = counted(len(features), "keypoint{s} with a depth")
+            return _Looked(None, key, f"{self.frames.names[k]}: {few}, {FEWEST} needed", *found)
+        return _Looked(View(features, arrays["cloud"]), key, "", *found)
 
     def _seen(self, k: int) -> Arrays:
         frame, camera = self.frames.frame(k), self.frames.camera
@@ -189,6 +285,7 @@ class _Work:
             "points": found.points,
             "descriptors": found.descriptors,
             "cloud": voxel_means(cloud, VOXEL).astype(np.float32),
+            "depths": _about(frame.depth, cutoff),
         }
 
     def measured(self, stage: str, candidates: list[tuple[int, int]]) -> list[Pair]:
@@ -197,6 +294,12 @@ class _Work:
         clouds = Clouds(self._views) if self.settings.dense else None
         work = partial(self._pair, clouds)
         return [pair for pair in each(stage, work, usable, self.progress) if pair]
+
+    def plausible(self, loops: list[Pair], reckoned: DeadReckoning) -> list[Pair]:
+        """The loops to believe, by the settings."""
+        if self.settings.gate:
+            loops = [pair for pair in loops if reckoned.allows(pair)]
+        return consistent(loops, reckoned) if self.settings.consistent else loops
 
     def _pair(self, clouds: Clouds | None, ends: tuple[int, int]) -> Pair | None:
         i, j = ends

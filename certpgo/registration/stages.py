@@ -17,7 +17,8 @@ from certpgo.io.writing import atomically, folder_to_write
 #: Raised when what a stage computes changes: older results are not read.
 VERSION = 1
 
-Item, Result = TypeVar("Item"), TypeVar("Result")
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 #: Is told the stage, how many of its items are done, and how many there are.
 Progress = Callable[[str, int, int], object]
 Arrays = dict[str, NDArray[Any]]

@@ -60,9 +60,7 @@ class SyntheticSequence(FrameSequence):
         z, colour = self.room.seen(self.camera, self.size, R, at)
         rng = np.random.default_rng([self.room.seed, int(self.numbers[k])])
         shade = colour + rng.normal(0.0, 2.0, colour.shape)
-        return Frame(
-            np.clip(np.rint(shade), 0, 255).astype(np.uint8), _measured(z, rng)
-        )
+        return Frame(np.clip(np.rint(shade), 0, 255).astype(np.uint8), _measured(z, rng))
 
     def key(self, k: int) -> str:
         """What the k-th frame is made of."""
@@ -225,7 +223,8 @@ def _texture(rng: np.random.Generator, side: int) -> NDArray[np.uint8]:
     powers = [width * np.exp(-0.5 * width**2 * squares) for width in widths]
     spectrum = np.fft.rfft2(noise, axes=(0, 1)) * np.sum(powers, axis=0)[:, :, None]
     smooth = np.fft.irfft2(spectrum, s=(side, side), axes=(0, 1))
-    return np.clip(128.0 + 56.0 * smooth / smooth.std(), 0, 255).astype(np.uint8)
+    shade = np.clip(128.0 + 56.0 * smooth / smooth.std(), 0, 255)
+    return np.asarray(shade, dtype=np.uint8)
 
 
 def _measured(z: FloatArray, rng: np.random.Generator) -> NDArray[np.float32]:
