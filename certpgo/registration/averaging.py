@@ -26,8 +26,6 @@ from certpgo.solvers.certified.robust import solve_robustly
 #: Residuals of g2o over tangents (rotation, translation): a quaternion's vector is half the angle,
 #: and the translation comes first.
 _TO_G2O = np.diag([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])[:, [3, 4, 5, 0, 1, 2]]
-#: Share of the residuals of right loops that are below what counts as agreeing.
-AGREEING = 0.99
 
 
 @dataclass(frozen=True, eq=False)

@@ -148,7 +148,44 @@ def reconstruct(
     cache: str | Path | None = None,
     progress: Progress = silent,
 ) -> Reconstruction:
-    """The trajectory of a camera and the scene that it saw."""
+    """The trajectory of a camera with its certificate, and the scene that it saw.
+
+    Neighbouring frames are registered by keypoints (SIFT, RANSAC) and, where these leave something
+    open, generalized ICP; then frames that look alike, and those that overlap at the estimate so
+    far. Loops that contradict dead reckoning are left out, a robust fit rejects others, and the
+    rest is solved and certified under g2o's cost, with the full information matrices. The verdict
+    is about these measurements: it does not say that images were matched to the right places.
+
+    Parameters
+    ----------
+    frames : such as `certpgo.read_sequence` reads
+    settings : see `ReconstructSettings`
+    colour : the colour camera, if depth images are not registered to colour
+    cache : folder in which what is computed of frames and pairs is kept, by content, so that an
+        interrupted run resumes; None to keep nothing
+    progress : is called with the stage, and how many of how many items are done
+
+    Raises
+    ------
+    InputError
+        No usable frame, frames that do not overlap, depths that are nearly all past the cutoff.
+    MissingDependency
+        opencv-python-headless or small_gicp is not installed.
+
+    Warns
+    -----
+    InputNotice
+        Frames that are left out, each with its file; frames that nothing joins; signs of a wrong
+        camera or depth scale.
+
+    Examples
+    --------
+    >>> import certpgo
+    >>> from certpgo.registration.synthetic import synthetic_sequence
+    >>> found = certpgo.reconstruct(synthetic_sequence(30).chosen(range(4)))
+    >>> found.answer.verdict.value, found.estimate.num_nodes
+    ('CERTIFIED', 4)
+    """
     chosen = settings or ReconstructSettings()
     work = _Work(frames, chosen, colour, Cache(None if cache is None else Path(cache)), progress)
     views, skipped, size = work.views()
