@@ -34,7 +34,7 @@ RANKS = {
     "assess": 8,
     "registration": 9,
     "view": 9,
-    "__init__": 9,
+    "__init__": 10,
     "cli": 10,
     "__main__": 11,
 }

@@ -72,6 +72,12 @@ def command(
         bool,
         typer.Option("--consistent", help="Keep only loops that agree with one another in pairs."),
     ] = False,
+    calibrate: Annotated[
+        bool,
+        typer.Option(
+            "--calibrate", help="Estimate the colour camera, if not depth's, from frames."
+        ),
+    ] = False,
     cache: Annotated[
         Path | None,
         typer.Option("--cache", help="Folder of results to resume from; the user's by default."),
@@ -110,7 +116,11 @@ def command(
         frames = frames.chosen(range(0, len(frames), every))
     kept = None if no_cache or (synthetic and cache is None) else cache or user_cache()
     settings = ReconstructSettings(
-        cutoff=cutoff, grid=GRID if grid is None else grid, gate=gate, consistent=consistent
+        cutoff=cutoff,
+        grid=GRID if grid is None else grid,
+        gate=gate,
+        consistent=consistent,
+        calibrate=calibrate,
     )
     with noticing(), _reporting() as progress:
         found = reconstruct(frames, settings, cache=kept, progress=progress)

@@ -18,7 +18,7 @@ from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.graph.trees import compose, spanning_tree
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
-from certpgo.registration.pairs import Pair
+from certpgo.registration.pairs import FramePair
 from certpgo.solvers.certified.interface import solve
 from certpgo.solvers.certified.pipeline import CertifiedSolution
 from certpgo.solvers.certified.robust import solve_robustly
@@ -66,7 +66,9 @@ class Averaged:
         return self.answer.problem.edge_costs(self.answer.estimate) / 6.0
 
 
-def pose_graph(pairs: Sequence[Pair], names: Sequence[str], name: str) -> tuple[Instance, IntArray]:
+def pose_graph(
+    pairs: Sequence[FramePair], names: Sequence[str], name: str
+) -> tuple[Instance, IntArray]:
     """The graph of the frames that most pairs join, and the indices of its pairs.
 
     Parameters
@@ -96,7 +98,9 @@ def pose_graph(pairs: Sequence[Pair], names: Sequence[str], name: str) -> tuple[
     return instance, chosen
 
 
-def composed(pairs: Sequence[Pair], names: Sequence[str], name: str) -> tuple[IntArray, Estimate]:
+def composed(
+    pairs: Sequence[FramePair], names: Sequence[str], name: str
+) -> tuple[IntArray, Estimate]:
     """The frames that pairs join, and their poses composed along the chain of steps."""
     instance, _ = pose_graph(pairs, names, name)
     edges = instance.ids[instance.graph.edges]
@@ -107,7 +111,7 @@ def composed(pairs: Sequence[Pair], names: Sequence[str], name: str) -> tuple[In
 
 
 def averaged(
-    pairs: Sequence[Pair], names: Sequence[str], name: str, initial: Estimate | None = None
+    pairs: Sequence[FramePair], names: Sequence[str], name: str, initial: Estimate | None = None
 ) -> Averaged:
     """The certified trajectory of the frames that most pairs join.
 

@@ -15,7 +15,7 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.registration.camera import Camera
 from certpgo.registration.features import Features
-from certpgo.registration.pairs import Pair
+from certpgo.registration.pairs import FramePair
 
 #: Visual words, descriptors they are learnt from, and frames retrieved for each.
 WORDS, SAMPLE, RETRIEVED = 48, 20_000, 5
@@ -131,7 +131,7 @@ class DeadReckoning:
     steps : the measured steps
     """
 
-    def __init__(self, nodes: IntArray, estimate: Estimate, steps: Sequence[Pair]) -> None:
+    def __init__(self, nodes: IntArray, estimate: Estimate, steps: Sequence[FramePair]) -> None:
         self._of = {number: k for k, number in enumerate(nodes.tolist())}
         self.R, self.t = estimate.rotations, estimate.translations
         following = {(p.i, p.j): _variances(p) for p in steps}
@@ -139,14 +139,14 @@ class DeadReckoning:
         variances = [following.get(pair, (UNKNOWN, UNKNOWN)) for pair in ends]
         self._sums = np.vstack([np.zeros(2), np.cumsum(np.reshape(variances, (-1, 2)), axis=0)])
 
-    def reaches(self, pair: Pair) -> bool:
+    def reaches(self, pair: FramePair) -> bool:
         """Whether both frames are joined by steps."""
         if self.t is None or pair.i not in self._of or pair.j not in self._of:
             return False
         i, j = self._of[pair.i], self._of[pair.j]
         return bool(abs(self._sums[j] - self._sums[i])[0] < UNKNOWN)
 
-    def allows(self, pair: Pair) -> bool:
+    def allows(self, pair: FramePair) -> bool:
         """Whether a loop is no farther from dead reckoning than this can have drifted."""
         if not self.reaches(pair):
             return True
@@ -154,7 +154,7 @@ class DeadReckoning:
         R, t = self._between(i, j)
         return self._closes((R.T @ pair.R, R.T @ (pair.t - t)), [(i, j)], [pair])
 
-    def agree(self, a: Pair, b: Pair) -> bool:
+    def agree(self, a: FramePair, b: FramePair) -> bool:
         """Whether two loops make a cycle that closes with odometry between their ends."""
         (i, j), (k, m) = ((self._of[pair.i], self._of[pair.j]) for pair in (a, b))
         R, t = np.eye(3), np.zeros(3)
@@ -178,7 +178,7 @@ class DeadReckoning:
         self,
         off: tuple[FloatArray, FloatArray],
         ways: Sequence[tuple[int, int]],
-        pairs: Sequence[Pair],
+        pairs: Sequence[FramePair],
     ) -> bool:
         """Whether what remains of a cycle may be drift on the ways and errors of the pairs."""
         turn = shift = 0.0
@@ -196,13 +196,13 @@ class DeadReckoning:
         )
 
 
-def _variances(pair: Pair) -> tuple[float, float]:
+def _variances(pair: FramePair) -> tuple[float, float]:
     """Traces of the covariances of rotation and translation, rad^2 and m^2."""
     C = pair.covariance
     return float(np.trace(C[:3, :3])), float(np.trace(C[3:, 3:]))
 
 
-def consistent(loops: Sequence[Pair], reckoning: DeadReckoning) -> list[Pair]:
+def consistent(loops: Sequence[FramePair], reckoning: DeadReckoning) -> list[FramePair]:
     """Loops that agree with one another in pairs: a large clique of those, found greedily.
 
     Two loops agree if the cycle that they make with the odometry between their ends closes, within

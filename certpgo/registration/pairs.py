@@ -26,7 +26,7 @@ FLOORS = math.radians(0.03), 0.0005
 VOXEL, COARSE, REACH = 0.03, 0.06, 0.08
 #: Standard deviation of partners' distances, metres: above the measured one, as the errors of
 #: neighbouring depths are alike. And steps at which alignment ends, far below it: radians, metres.
-SIGMA, SETTLED, ITERATIONS = 0.02, (1e-3, 5e-4), 10
+SIGMA, SETTLED, ITERATIONS = 0.01, (1e-3, 5e-4), 10
 #: How far clouds may move what keypoints say: radians, metres. They slide along planes.
 TURNED, MOVED = math.radians(1.5), 0.03
 #: Share of a cloud that must lie on the other.
@@ -52,7 +52,7 @@ class View:
 
 
 @dataclass(frozen=True, eq=False)
-class Pair:
+class FramePair:
     """A measured edge (i, j): p_i ~ R p_j + t.
 
     Attributes
@@ -112,7 +112,7 @@ def measure(
     camera: Camera,
     settings: RansacSettings,
     clouds: Clouds | None,
-) -> Pair | None:
+) -> FramePair | None:
     """The edge between two frames; None if they do not match.
 
     Parameters
@@ -135,7 +135,7 @@ def measure(
     floors = np.diag(np.repeat(FLOORS, 3) ** 2)
     covariance = np.asarray(np.linalg.inv(final.information) + floors, dtype=np.float64)
     counts = len(m), inliers, motion.chi2
-    return Pair(i, j, final.R, final.t, covariance, *counts, joined is not None)
+    return FramePair(i, j, final.R, final.t, covariance, *counts, joined is not None)
 
 
 def _is_loose(motion: Motion) -> bool:
@@ -161,16 +161,16 @@ def _with_clouds(motion: Motion, target: PreparedCloud, source: PreparedCloud) -
     return replace(motion, R=R, t=motion.t + motion.R @ step[3:], information=information)
 
 
-def stored(pair: Pair | None) -> dict[str, NDArray[Any]]:
+def stored(pair: FramePair | None) -> dict[str, NDArray[Any]]:
     """A pair as arrays, to keep on disk; nothing for frames that do not match."""
     if pair is None:
         return {}
     return {name: np.asarray(getattr(pair, name)) for name in STORED}
 
 
-def restored(i: int, j: int, arrays: dict[str, NDArray[Any]]) -> Pair | None:
+def restored(i: int, j: int, arrays: dict[str, NDArray[Any]]) -> FramePair | None:
     """The pair of frames i and j that `stored` made."""
     if not arrays:
         return None
     numbers = (arrays[name].item() for name in STORED[3:])
-    return Pair(i, j, arrays["R"], arrays["t"], arrays["covariance"], *numbers)
+    return FramePair(i, j, arrays["R"], arrays["t"], arrays["covariance"], *numbers)

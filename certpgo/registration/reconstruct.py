@@ -18,10 +18,11 @@ from certpgo.io.plural import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.registration import features as keypoints
 from certpgo.registration.averaging import Averaged, averaged, composed
+from certpgo.registration.calibration import calibrated
 from certpgo.registration.features import ColourCamera, Features
 from certpgo.registration.fuse import GRID, ColouredCloud, VoxelGrid, denoised, voxel_means
 from certpgo.registration.loops import DeadReckoning, adjacent, consistent, overlapping, retrieved
-from certpgo.registration.pairs import VOXEL, Clouds, Pair, View, measure, restored, stored
+from certpgo.registration.pairs import VOXEL, Clouds, FramePair, View, measure, restored, stored
 from certpgo.registration.ransac import RansacSettings
 from certpgo.registration.sequences import FrameSequence
 from certpgo.registration.stages import Arrays, Cache, Progress, digest, each, silent
@@ -57,6 +58,7 @@ class ReconstructSettings:
     dense : whether clouds are added to keypoints, by generalized ICP
     gate : whether loops that contradict dead reckoning are left out
     consistent : whether only loops are kept that agree with one another in pairs
+    calibrate : whether the colour camera is estimated from the frames, if it is not given
     ransac : when two frames match
     """
 
@@ -65,6 +67,7 @@ class ReconstructSettings:
     dense: bool = True
     gate: bool = True
     consistent: bool = False
+    calibrate: bool = False
     ransac: RansacSettings = field(default_factory=RansacSettings)
 
     def __post_init__(self) -> None:
@@ -90,7 +93,7 @@ class Reconstruction:
 
     frames: FrameSequence
     nodes: IntArray
-    pairs: tuple[Pair, ...]
+    pairs: tuple[FramePair, ...]
     odometry: int
     averaged: Averaged
     dead_reckoning: Estimate
@@ -113,11 +116,11 @@ class Reconstruction:
         return self.averaged.estimate
 
     @property
-    def rejected(self) -> tuple[Pair, ...]:
+    def rejected(self) -> tuple[FramePair, ...]:
         """The pairs that disagree with the rest, and the certificate is not about."""
         return tuple(self.pairs[k] for k in self.averaged.rejected.tolist())
 
-    def named(self, pair: Pair) -> str:
+    def named(self, pair: FramePair) -> str:
         """A pair in words, with its images."""
         names = self.frames.names
         agreeing = f"{pair.inliers} of {pair.matches} matches agree"
@@ -187,6 +190,8 @@ def reconstruct(
     ('CERTIFIED', 4)
     """
     chosen = settings or ReconstructSettings()
+    if colour is None and chosen.calibrate:
+        colour = calibrated(frames, progress)
     work = _Work(frames, chosen, colour, Cache(None if cache is None else Path(cache)), progress)
     views, skipped, size = work.views()
     steps = work.measured("odometry", adjacent(len(frames)))
@@ -325,20 +330,20 @@ class _Work:
             "depths": _about(frame.depth, cutoff),
         }
 
-    def measured(self, stage: str, candidates: list[tuple[int, int]]) -> list[Pair]:
+    def measured(self, stage: str, candidates: list[tuple[int, int]]) -> list[FramePair]:
         """The pairs that match, in the order of the candidates."""
         usable = [(i, j) for i, j in candidates if self._views[i] and self._views[j]]
         clouds = Clouds(self._views) if self.settings.dense else None
         work = partial(self._pair, clouds)
         return [pair for pair in each(stage, work, usable, self.progress) if pair]
 
-    def plausible(self, loops: list[Pair], reckoned: DeadReckoning) -> list[Pair]:
+    def plausible(self, loops: list[FramePair], reckoned: DeadReckoning) -> list[FramePair]:
         """The loops to believe, by the settings."""
         if self.settings.gate:
             loops = [pair for pair in loops if reckoned.allows(pair)]
         return consistent(loops, reckoned) if self.settings.consistent else loops
 
-    def _pair(self, clouds: Clouds | None, ends: tuple[int, int]) -> Pair | None:
+    def _pair(self, clouds: Clouds | None, ends: tuple[int, int]) -> FramePair | None:
         i, j = ends
         a, b = self._views[i], self._views[j]
         if a is None or b is None:
