@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 #: Rejected edges that are named; the others are counted.
 NAMED = 10
+#: Voxels of a mesh, metres.
+MESH = 0.02
 
 
 def command(
@@ -169,7 +171,20 @@ def _reporting() -> Iterator[Progress]:
 
 
 def _write_mesh(out: Path, found: Reconstruction, cutoff: float) -> None:
-    raise InputError("--mesh is not here yet")
+    import numpy as np
+
+    from certpgo.registration.ply import write_ply
+    from certpgo.registration.tsdf import integrate, mesh
+
+    def seen() -> Iterator[tuple[Any, Any]]:
+        for k in found.nodes.tolist():
+            frame = found.frames.frame(k)
+            yield frame.colour, np.where(frame.depth <= cutoff, frame.depth, 0.0)
+
+    with working("fusing the mesh"):
+        volume = integrate(seen(), found.estimate, found.frames.camera, voxel=MESH)
+        vertices, faces, colours = mesh(volume)
+    write_ply(out, vertices, colours, faces)
 
 
 def _show(found: Reconstruction, written: list[Path]) -> None:

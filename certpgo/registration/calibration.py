@@ -138,7 +138,7 @@ def _looked_up(
     # Both cameras are taken to be at one place: the pixel of a ray is that at any depth.
     seen = camera.pixels(rays)
     size = depth.shape[1], depth.shape[0]
-    inside = (seen > -0.5).all(axis=1) & (seen < np.array(size) - 0.5).all(axis=1)
+    inside = np.asarray(((seen > -0.5) & (seen < np.array(size) - 0.5)).all(axis=1))
     z, known = depths(depth, np.where(inside[:, None], seen, 0.0).astype(np.float32))
     known &= inside
     return rays * np.where(known, z, 1.0)[:, None], known
