@@ -34,9 +34,9 @@ RANKS = {
     "assess": 8,
     "registration": 9,
     "view": 9,
-    "__init__": 9,
-    "cli": 10,
-    "__main__": 11,
+    "__init__": 10,
+    "cli": 11,
+    "__main__": 12,
 }
 HARNESS_RANKS = {
     "experiments": 0,
