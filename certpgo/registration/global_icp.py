@@ -100,20 +100,20 @@ def global_icp(
         raise InputError(f"0 < finest <= reach expected, not {finest:g} and {reach:g}")
     cloudset = _Clouds(clouds, finest)
     R, t = initial.rotations.copy(), initial.translations.copy()
-    best, best_score, since = (R, t, 0, 0.0), -np.inf, 0
+    best, best_score, since = (R, t, 0, 0.0), -1.0, 0
     number = level = 0
     while number < max_rounds and since < PATIENCE:
         number, level = number + 1, level + 1
         groups = cloudset.groups(R, t, reach)
         if reach == finest:
-            since = 0 if groups.score > best_score + GAIN * abs(best_score) else since + 1
+            since = 0 if groups.score > (1.0 + GAIN) * best_score else since + 1
             if groups.score > best_score:
                 best, best_score = (R, t, groups.count, groups.rmse), groups.score
         R, t, moved = cloudset.moved(R, t, groups)
         monitor(Round(number, reach, groups.count, groups.rmse, moved))
         if reach > finest and (moved < SETTLED * reach or level == LONGEST):
             reach, level = max(FINER * reach, finest), 0
-    if not np.isfinite(best_score):  # the limit came before the finest reach
+    if best_score < 0.0:  # the limit came before the finest reach
         best = (R, t, groups.count, groups.rmse)
     R, t, count, rmse = best
     estimate = Estimate(R, t).anchored(0, initial)

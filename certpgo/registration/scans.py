@@ -108,7 +108,7 @@ def _read_pcd(path: Path) -> FloatArray:
             times = list(map(int, said.get("COUNT", ["1"] * len(names))))
             kinds = zip(said["TYPE"], map(int, said["SIZE"]), strict=True)
             types = [PCD_TYPES[kind] for kind in kinds]
-            record = np.dtype([(n, t, c) for n, t, c in zip(names, types, times, strict=True)])
+            record = np.dtype([(n, t, (c,)) for n, t, c in zip(names, types, times, strict=True)])
             axes = [sum(times[: names.index(axis)]) for axis in "xyz"]
         except (KeyError, ValueError, IndexError) as error:
             what = "FIELDS with x y z, SIZE, TYPE, COUNT and POINTS expected"
@@ -126,7 +126,7 @@ def _read_pcd(path: Path) -> FloatArray:
     if (found := len(content) // record.itemsize) < count:
         raise FormatError(path, None, f"{count} points announced, {found} found")
     table = np.frombuffer(content, record)
-    return np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=1)
+    return np.stack([table[axis][:, 0].astype(np.float64) for axis in "xyz"], axis=1)
 
 
 def read_initial(path: str | Path, names: list[str]) -> Estimate:
