@@ -33,6 +33,7 @@ from certpgo.solvers.certified.robust import solve_robustly
 from certpgo.solvers.certified.settings import SolveSettings
 
 if TYPE_CHECKING:
+    from certpgo import plot as plot
     from certpgo.assess.assessment import certify_values
     from certpgo.certify.proof_file import check, write_proof
     from certpgo.costs.gtsam_graph import from_gtsam, to_gtsam
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from certpgo.registration.register import register
     from certpgo.registration.sequences import read_sequence
     from certpgo.registry import get_solver
+    from certpgo.view.show import show
 
 #: Imported on first use, to keep `import certpgo` fast.
 _LATER = {
@@ -58,10 +60,14 @@ _LATER = {
     "write_proof": "certify.proof_file",
     "get_solver": "registry",
     "register": "registration.register",
+    "show": "view.show",
     "scheduler": "linalg.distributed.schedulers",
     "with_directions": "graph.priors",
     "with_priors": "graph.priors",
 }
+
+#: Subpackages to work with, imported on first use too.
+_ROOMS = ("plot",)
 
 __version__ = "0.1.0"
 
@@ -105,6 +111,7 @@ __all__ = [
     "reconstruct",
     "register",
     "scheduler",
+    "show",
     "solve",
     "solve_robustly",
     "with_directions",
@@ -115,10 +122,12 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    if name in _ROOMS:
+        return importlib.import_module(f"certpgo.{name}")
     if name not in _LATER:
         raise AttributeError(f"module 'certpgo' has no attribute {name!r}")
     return getattr(importlib.import_module(f"certpgo.{_LATER[name]}"), name)
 
 
 def __dir__() -> list[str]:
-    return sorted([*__all__, "__version__", "__doc__"])
+    return sorted([*__all__, *_ROOMS, "__version__", "__doc__"])

@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike
 
 from certpgo.assess import metrics
 from certpgo.certify import Certificate, Tier, certify
-from certpgo.costs import CHORDAL, problem_under
+from certpgo.costs import CHORDAL, Certifiable, certifiable
 from certpgo.costs.problem import InformationProblem
+from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import CertPGOError, InputError, InputNotice
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph
 from certpgo.io.digits import Digits, Writing
@@ -112,7 +113,7 @@ class Assessment:
 
 
 def assess(
-    problem: Problem | InformationProblem,
+    problem: Certifiable,
     estimate: Estimate,
     certificate: Certificate,
     *,
@@ -158,7 +159,7 @@ def distance(estimate: Estimate, other: Estimate) -> Distance:
 
 
 def costly_edges(
-    problem: Problem | InformationProblem, estimate: Estimate, ids: IntArray, count: int = EDGES
+    problem: Certifiable, estimate: Estimate, ids: IntArray, count: int = EDGES
 ) -> tuple[CostlyEdge, ...]:
     """The edges with the largest terms of F; none where F is zero or not finite."""
     terms, lengths = problem.edge_costs(estimate), residual_lengths(problem, estimate)
@@ -180,27 +181,26 @@ def costly_edges(
     )
 
 
-def measured_parts(problem: Problem | InformationProblem) -> tuple[BoolArray, BoolArray]:
+def measured_parts(problem: Certifiable) -> tuple[BoolArray, BoolArray]:
     """(m,) which edges measure a rotation, and which a translation."""
-    poses = problem.chordal if isinstance(problem, InformationProblem) else problem
-    graph = poses.graph
+    graph = _of_poses(problem).graph
     if isinstance(graph, PoseGraph):
         return graph.rotation.kappa > 0.0, graph.tau > 0.0
     return graph.kappa > 0.0, np.zeros(graph.num_edges, dtype=bool)
 
 
-def residual_lengths(
-    problem: Problem | InformationProblem, estimate: Estimate
-) -> FloatArray | None:
-    """(m,) norms of t_j - t_i - R_i t_ij, metres; None without translations."""
-    poses = problem.chordal if isinstance(problem, InformationProblem) else problem
+def residual_lengths(problem: Certifiable, estimate: Estimate) -> FloatArray | None:
+    """(m,) norms of t_j - t_i - R_i t_ij, or errors of distances, metres; None without either."""
+    if isinstance(problem, RangeProblem):
+        return problem.residual_lengths(estimate)
+    poses = _of_poses(problem)
     if not isinstance(poses, PoseProblem):
         return None
     return np.asarray(np.linalg.norm(poses.translation_residuals(estimate), axis=1))
 
 
 def rounding_cost(
-    problem: Problem | InformationProblem, estimate: Estimate, best: Estimate, writing: Writing
+    problem: Certifiable, estimate: Estimate, best: Estimate, writing: Writing
 ) -> Rounding:
     """The increase of F when the best estimate is written like the file of the estimate.
 
@@ -219,9 +219,16 @@ def rounding_cost(
     return Rounding(writing.digits, max(rise, 0.0))
 
 
-def _poses(problem: Problem | InformationProblem) -> IntArray:
+def _poses(problem: Certifiable) -> IntArray:
     """The nodes that have a rotation."""
-    return (problem.chordal if isinstance(problem, InformationProblem) else problem).poses
+    return _of_poses(problem).poses
+
+
+def _of_poses(problem: Certifiable) -> Problem:
+    """The problem of F with all edges."""
+    if isinstance(problem, RangeProblem):
+        return problem.whole
+    return problem.chordal if isinstance(problem, InformationProblem) else problem
 
 
 def certify_values(
@@ -283,4 +290,4 @@ def certify_values(
     )
     if notice:
         warnings.warn(notice, InputNotice, stacklevel=2)
-    return certify(problem_under(graph, cost), estimate, **options)
+    return certify(certifiable(graph, cost), estimate, **options)

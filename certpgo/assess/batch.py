@@ -13,13 +13,12 @@ import numpy as np
 
 from certpgo.assess.assessment import Assessment, assess
 from certpgo.certify.judge import Judge
-from certpgo.costs.problem import InformationProblem
+from certpgo.costs import Certifiable
 from certpgo.errors import CertPGOError, InputError
 from certpgo.graph import Estimate, Instance
 from certpgo.io import read_estimate
 from certpgo.io.digits import Writing
 from certpgo.io.writing import atomically
-from certpgo.objective.problem import Problem
 
 #: Verdict for estimates that could not be read or certified.
 ERROR = "ERROR"
@@ -61,7 +60,7 @@ class JudgedGraph:
     """A connected graph, its problem, and the certifier of its estimates."""
 
     instance: Instance
-    problem: Problem | InformationProblem
+    problem: Certifiable
     judge: Judge
 
     def assessed(self, estimate: Estimate, writing: Writing | None = None) -> Assessment:

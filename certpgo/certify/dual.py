@@ -19,11 +19,13 @@ import numpy as np
 from certpgo.certify.shifted import Shifted
 from certpgo.costs.edge_cost import Minorants
 from certpgo.graph.lift import Point
-from certpgo.linalg.arrays import CSC, BoolArray, FloatArray
+from certpgo.graph.speaking import Brief
+from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, IntArray
 from certpgo.linalg.balls import U
 from certpgo.linalg.blocks import add_to_diagonal, pinned, scatter_sum
 from certpgo.linalg.rounding_bound import OTHERS
 from certpgo.linalg.so import rotation_defect
+from certpgo.objective.operators import degrees
 from certpgo.objective.problem import PoseProblem, Problem
 
 #: First shift tried, in units of rounding of the mean diagonal; then this much more each time.
@@ -44,8 +46,8 @@ MARGIN = 1.25
 AMPLE = 4.0
 
 
-@dataclass(frozen=True, eq=False)
-class Support:
+@dataclass(frozen=True, eq=False, repr=False)
+class Support(Brief):
     """What a bound on the cost of another program rests on.
 
     Attributes
@@ -60,8 +62,8 @@ class Support:
     lowered: bool = False
 
 
-@dataclass(frozen=True, eq=False)
-class DualBound:
+@dataclass(frozen=True, eq=False, repr=False)
+class DualBound(Brief):
     """A lower bound on F* and the multipliers that prove it.
 
     Attributes
@@ -126,7 +128,11 @@ class _Attempts:
         self.shifted = Shifted.of(problem, point)
         self.is_rotation, self.weights = self.shifted.is_rotation, self.shifted.weights
         pin = self.shifted.pin
-        self.pin = None if pin is None else problem.pattern.layout_of(problem.matrix).first_row(pin)
+        self.pin: IntArray | None = None
+        if pin is not None:
+            rows = len(self.shifted.arms) // problem.n
+            first = problem.pattern.layout_of(problem.matrix).first_row(pin)
+            self.pin = first + np.arange(rows)
         self.symbolic = problem.symbolic(problem.matrix)
         self.cost = problem.cost(point)
         self.factorizations = self.nonzeros = 0
@@ -219,7 +225,7 @@ class _Attempts:
         """The certificate matrix with a pinned translation, and ``demand`` off the diagonal."""
         A = self.problem.certificate_matrix(multipliers)
         if self.pin is not None:
-            A = pinned(A, np.array([self.pin]))
+            A = pinned(A, self.pin)
         return add_to_diagonal(A, -demand) if demand.any() else A
 
     def rounding_of(
@@ -275,7 +281,7 @@ def _assembly_radii(
     if graph.is_general:
         # Couplings are stored as they are, and the nuclear norm bounds all of an edge's blocks.
         nuclear = np.trace(graph.polar[1], axis1=1, axis2=2)
-        turn = 2.1 * root * sums * scatter_sum(graph.edges.ravel(), np.repeat(nuclear, 2), n)
+        turn = 2.1 * root * sums * degrees(graph.edges, nuclear, n)
     else:
         defect = rotation_defect(graph.rotations)
         turn = (sums + defect) * problem.rotation.node_weights * (1.0 + root)
@@ -291,7 +297,9 @@ def _assembly_radii(
     spread = scatter_sum(i, tau * at_i * both, n) + scatter_sum(j, tau * at_j * both, n)
     turn = turn + sums * (spread + 2.0 * out * w_t)
     across = scatter_sum(j, tau * at_i, n) + scatter_sum(i, tau * at_j, n)
-    degree = scatter_sum(graph.edges.ravel(), np.repeat(tau, 2), n)
+    degree = degrees(graph.edges, tau, n)
     move = 2.0 * degree * w_t + 2.0 * out + across
-    rows = np.concatenate([(sums * move)[:, None], np.repeat(turn[:, None], d, axis=1)], axis=1)
-    return problem.pattern.layout_of(problem.matrix).pack(rows)
+    layout = problem.pattern.layout_of(problem.matrix)
+    of_positions = int(layout.sizes.max()) - d
+    rows = [sums * move] * of_positions + [turn] * d
+    return layout.pack(np.stack(rows, axis=1))

@@ -8,9 +8,14 @@ from certpgo.certify.bounds import Bounds, bounds
 from certpgo.certify.case import ATOL, DESCENT, RTOL, Basin, Case
 from certpgo.certify.certificate import Certificate, Tier
 from certpgo.certify.own_cost import OwnCostCase
+from certpgo.certify.ranged import RangedCase
+from certpgo.costs import Certifiable, certifiable
 from certpgo.costs.problem import InformationProblem
+from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import InputError, NumericalError, kind_of
-from certpgo.graph import Estimate
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.io.opening import AnyPath, estimated, measured
+from certpgo.io.writing import AnyAnswer
 from certpgo.objective.base import Objective
 from certpgo.objective.problem import Problem
 from certpgo.optimize import spectral
@@ -18,9 +23,10 @@ from certpgo.optimize.newton import newton
 
 
 def certify(
-    problem: Problem | InformationProblem,
-    estimate: Estimate,
+    problem: Certifiable | Graph | Instance | AnyPath,
+    estimate: Estimate | AnyAnswer | AnyPath,
     *,
+    cost: str | None = None,
     tier: Tier | str = Tier.STANDARD,
     rtol: float = RTOL,
     atol: float = ATOL,
@@ -34,8 +40,11 @@ def certify(
 
     Parameters
     ----------
-    problem : the measurements with their weights, which define F
-    estimate : n poses or rotations in the graph's order and units, from any source
+    problem : the measurements with their weights, which define F; or a graph, the instance that was
+        read, or the path of its file
+    estimate : n poses or rotations in the graph's order and units, from any source; or an answer of
+        `certpgo.solve`, or the path of a file, see `certpgo.read_estimate`
+    cost : the cost of a graph, an instance or a file, as in `certpgo.solve`
     tier : ``"standard"``, ``"proof"``, which trusts no factorization, or ``"screen"``, which never
         yields CERTIFIED
     rtol, atol : CERTIFIED means gap <= rtol F + atol W
@@ -62,7 +71,12 @@ def certify(
     >>> certify(problem, instance.truth).verdict.value
     'CERTIFIED'
     """
-    return Judge(problem, tier=tier, rtol=rtol, atol=atol, refine=refine).certify(estimate)
+    posed = measured(problem)
+    given = estimated(estimate, posed)
+    if cost is not None or isinstance(posed, Instance | PoseGraph | RotationGraph):
+        posed = certifiable(posed, cost)
+    judge = Judge(posed, tier=tier, rtol=rtol, atol=atol, refine=refine)
+    return judge.certify(given)
 
 
 class Judge:
@@ -77,7 +91,7 @@ class Judge:
 
     def __init__(
         self,
-        problem: Problem | InformationProblem,
+        problem: Certifiable,
         *,
         tier: Tier | str = Tier.STANDARD,
         rtol: float = RTOL,
@@ -86,6 +100,8 @@ class Judge:
     ) -> None:
         if isinstance(problem, InformationProblem):
             self._case: Case = OwnCostCase.of(problem, tier, rtol, atol)
+        elif isinstance(problem, RangeProblem):
+            self._case = RangedCase.of(problem, tier, rtol, atol)
         elif isinstance(problem, Objective):
             self._case = Case.of(problem, tier, rtol, atol)
         else:
@@ -94,7 +110,7 @@ class Judge:
             )
         self._problem, self._refine = problem, refine
         self._best: Basin | None = None
-        self._spectral: Basin | None = None
+        self._other: Basin | None = None
 
     def certify(self, estimate: Estimate) -> Certificate:
         """Certify one estimate.
@@ -116,12 +132,17 @@ class Judge:
             return case.certificate(estimate, own, other, _bounds(case.problem, own.point))
 
     def _elsewhere(self) -> Basin:
-        """A basin known to be optimal, or the one reached from the eigenvectors."""
+        """A basin known to be optimal, or the one reached without the estimate."""
         if self._best is not None and self._case.is_sharp(self._best):
             return self._best
-        if self._spectral is None:
-            self._spectral = self._case.basin(_spectral_start(self._case.problem), True)
-        return self._spectral
+        if self._other is None:
+            case = self._case
+            self._other = (
+                case.elsewhere()
+                if isinstance(case, RangedCase)
+                else case.basin(_spectral_start(case.problem), True)
+            )
+        return self._other
 
 
 def _spectral_start(problem: Problem | InformationProblem) -> Estimate:
@@ -135,9 +156,9 @@ def _spectral_start(problem: Problem | InformationProblem) -> Estimate:
         return Estimate(np.tile(np.eye(d), (n, 1, 1)), np.zeros((n, d)))
 
 
-def _bounds(problem: Problem | InformationProblem, point: Estimate) -> Bounds | None:
+def _bounds(problem: Certifiable, point: Estimate) -> Bounds | None:
     # They are about chordal costs with isotropic weights.
-    if isinstance(problem, InformationProblem) or problem.graph.is_general:
+    if isinstance(problem, InformationProblem | RangeProblem) or problem.graph.is_general:
         return None
     try:
         return bounds(problem.rotation, point)

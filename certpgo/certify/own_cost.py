@@ -20,16 +20,17 @@ from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.climb import climb
 from certpgo.certify.dual import DualBound, Support, dual_bound
 from certpgo.certify.proof import proven_surrogate
+from certpgo.costs import Certifiable
 from certpgo.costs.descent import descend
 from certpgo.costs.g2o import G2oCost
 from certpgo.costs.problem import InformationProblem, Surrogate, surrogate_at, surrogate_of
+from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import GraphError, InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.lift import Point
-from certpgo.io.plural import counted
+from certpgo.graph.wording import counted
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.problem import Problem
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.solution import Solution
 
@@ -53,11 +54,11 @@ def is_provable(problem: InformationProblem) -> bool:
     return isinstance(problem.edge_cost, G2oCost)
 
 
-def has_proofs(problem: Problem | InformationProblem) -> bool:
+def has_proofs(problem: Certifiable) -> bool:
     """Whether a problem has the proof tier."""
     if isinstance(problem, InformationProblem):
         return is_provable(problem)
-    return not has_matrix_weights(problem.graph)
+    return not isinstance(problem, RangeProblem) and not has_matrix_weights(problem.graph)
 
 
 @dataclass(frozen=True)

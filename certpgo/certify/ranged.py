@@ -3,15 +3,41 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
 
 import numpy as np
 
 from certpgo.certify import rounding
+from certpgo.certify.bounds import Bounds
+from certpgo.certify.case import Basin, Case
+from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound, dual_bound
+from certpgo.costs.range_descent import descend, escape
 from certpgo.costs.ranges import RangeProblem
+from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate
-from certpgo.graph.lift import Point, translations_of
+from certpgo.graph.lift import Lift, Point, lifted, main_subspace, translations_of
+from certpgo.graph.trees import tree_initialization
+from certpgo.linalg import so
 from certpgo.linalg.balls import U
+from certpgo.optimize.monitor import Monitor, silent
+from certpgo.optimize.progress import Stop, stoppable
+from certpgo.optimize.solution import Level, Solution, Status
+
+#: Relative gap between a point of the relaxation and its bound below which it is solved.
+SOLVED = 1e-6
+#: Projections of the relaxation's point from which descents to estimates begin.
+PROJECTIONS = 12
+#: By which a start leaves the space of d dimensions, over the median distance.
+OUT = 0.3
+#: Steps of a descent to an estimate.
+STEPS = 200
+#: Ranks above d that the relaxation is climbed to.
+RANKS = 7
 
 
 def cost_upper(problem: RangeProblem, estimate: Estimate) -> float:
@@ -41,6 +67,200 @@ def range_bound(problem: RangeProblem, point: Point, cost: float) -> DualBound |
     if found is None:
         return None
     value = math.nextafter(found.value + constant, -math.inf)
-    if not value > 0.0:
-        return None
-    return DualBound(value, found.multipliers, found.shift, found.factorizations, found.nonzeros)
+    return replace(found, value=value) if value > 0.0 else None
+
+
+@dataclass(frozen=True)
+class RangedCase(Case):
+    """A `Case` with measured distances, whose bound comes from the minimum of the relaxation.
+
+    The relaxation is seldom tight: descents begin above rank d, where they hardly get stuck, and
+    end at its minimum. The projections of that are where descents to estimates begin.
+    """
+
+    problem: RangeProblem  # type: ignore[assignment]
+
+    @classmethod
+    def of(  # type: ignore[override]
+        cls, problem: RangeProblem, tier: Tier | str, rtol: float, atol: float
+    ) -> Self:
+        """Normalize a problem; see `Case.of`."""
+        return super().of(problem, tier, rtol, atol)  # type: ignore[arg-type]
+
+    @staticmethod
+    def refuse_unprovable(problem: RangeProblem) -> None:  # type: ignore[override]
+        """Refuse the proof tier.
+
+        Raises
+        ------
+        InputError
+            Always.
+        """
+        raise InputError("the proof tier is not for graphs with measured distances")
+
+    @property
+    def objective(self) -> str:
+        """The cost that certificates are about."""
+        return self.problem.title
+
+    def completed(self, estimate: Estimate) -> Estimate:
+        """The estimate itself: its best translations come by descent."""
+        return estimate
+
+    def descent(self, start: Point, monitor: Monitor = silent) -> Solution:
+        """Local descent on the cost, at rank d."""
+        point, status = descend(self.problem, start, max_iterations=STEPS, monitor=monitor)
+        estimate = Estimate(point.rotations, point.translations)
+        return Solution(estimate, self.problem.cost(estimate), status, 0)
+
+    def bound(self, point: Point, cost: float, **_: bool) -> DualBound | None:
+        """The bound by the tangents at a point; see `range_bound`."""
+        return range_bound(self.problem, point, cost)
+
+    def cost_upper(self, estimate: Estimate) -> float:
+        """The cost of the estimate, rounded up."""
+        return cost_upper(self.problem, estimate)
+
+    def sure(self, estimate: Estimate, cost: float) -> float:
+        """A smaller cost is lower than the estimate's, at most ``cost``, despite rounding."""
+        computed = self.problem.cost(estimate)
+        return computed - (cost - computed) - self.difference(cost)
+
+    @cached_property
+    def search(self) -> Search:
+        """The search of the relaxation and of estimates near its minimum, done once."""
+        with stoppable(silent, self.unit, None) as stop:
+            found = Search(self, stop)
+            found.run()
+        return found
+
+    def elsewhere(self) -> Basin:
+        """The best estimate of the search, with the bound of the relaxation."""
+        return self.search.basin
+
+    def certificate(
+        self,
+        estimate: Estimate,
+        own: Basin,
+        other: Basin | None = None,
+        bounds: Bounds | None = None,
+    ) -> Certificate:
+        """The certificate of an estimate; its reason says what the relaxation is worth."""
+        found = super().certificate(estimate, own, other, bounds)
+        return self.search.explained(found) if other is not None else found
+
+
+class Search:
+    """The best estimate and bound so far.
+
+    Parameters
+    ----------
+    highest : rank up to which the relaxation is climbed
+    """
+
+    def __init__(self, case: RangedCase, stop: Stop, highest: int | None = None) -> None:
+        self.case, self.problem, self.stop = case, case.problem, stop
+        lowest = self.problem.d + self.problem.whole.dimensions
+        self.highest = max(highest or self.problem.d + RANKS, lowest)
+        self.best: Estimate | None = None
+        self.cost, self.status = math.inf, Status.ITERATION_LIMIT
+        self.bound: DualBound | None = None
+        self.levels: list[Level] = []
+        self.solved = False
+
+    def run(self, initial: Estimate | None = None) -> None:
+        """Climb from a start to the relaxation's minimum, then round."""
+        rng = np.random.default_rng(0)
+        if initial is not None:
+            self.try_from(initial)
+        point = self.climb(self.start(rng))
+        for projected in self.projections(point, rng):
+            if self.best is not None and (self.stop.cuts() or self.is_certified):
+                break
+            self.try_from(projected)
+
+    def start(self, rng: np.random.Generator) -> Lift:
+        """Rotations along a tree, and random positions in new dimensions too."""
+        problem = self.problem
+        tree = tree_initialization(problem.graph.rotation)
+        length = float(np.median(problem.ranges.distances)) or 1.0
+        t = length * rng.standard_normal((problem.n, problem.d))
+        new = problem.whole.dimensions
+        point = lifted(Estimate(tree.rotations, t), problem.d + new)
+        out = OUT * length * rng.standard_normal((problem.n, new))
+        return Lift(point.rotations, np.concatenate([t, out], axis=1))
+
+    def climb(self, point: Lift) -> Lift:
+        """The minimum of the relaxation, or what was found before a limit, and its bound."""
+        following: Lift | None = point
+        with suppress(NumericalError, np.linalg.LinAlgError):
+            while following is not None and following.rank <= self.highest:
+                with self.stop.watch.phase("descend"):
+                    point, status = descend(self.problem, following, monitor=self.stop)
+                cost = self.problem.cost(point)
+                self.levels.append(Level(point.rank, cost, status))
+                if self.stop.cuts():
+                    break
+                with self.stop.watch.phase("certify"):
+                    bound = range_bound(self.problem, point, cost)
+                if bound is not None and (self.bound is None or bound.value > self.bound.value):
+                    self.bound = bound
+                self.solved = bound is not None and bound.value >= (1.0 - SOLVED) * cost
+                if self.solved:
+                    break
+                with self.stop.watch.phase("escape"):
+                    following = escape(self.problem, point)
+        return point
+
+    def projections(self, point: Lift, rng: np.random.Generator) -> Iterator[Lift]:
+        """Points of rank d: in the main subspace, then in random ones."""
+        basis = main_subspace(point.subset(self.problem.poses))
+        for _ in range(PROJECTIONS):
+            for B in self.problem.whole.frames(basis):
+                rotations = so.project(B.T @ point.rotations)
+                yield Lift(rotations, translations_of(point) @ B)
+            basis = np.linalg.qr(rng.standard_normal((point.rank, point.d)))[0]
+
+    def try_from(self, start: Point) -> None:
+        """Descend, and keep the end if it is the best."""
+        with self.stop.watch.phase("round"), suppress(NumericalError, np.linalg.LinAlgError):
+            found = self.case.descent(start, self.stop)
+            cost = self.case.cost_upper(found.estimate)
+            if cost < self.cost:
+                self.best, self.cost, self.status = found.estimate, cost, found.status
+
+    @property
+    def is_certified(self) -> bool:
+        """Whether the gap is closed."""
+        value = self.bound.value if self.bound is not None else 0.0
+        return self.cost - value <= self.case.tolerance(self.cost)
+
+    @property
+    def rank(self) -> int:
+        """Of the last point of the relaxation."""
+        return self.levels[-1].rank if self.levels else self.problem.d
+
+    @property
+    def basin(self) -> Basin:
+        """The best estimate, with the bound.
+
+        Raises
+        ------
+        NumericalError
+            There is none.
+        """
+        if self.best is None:
+            raise NumericalError("no descent from the relaxation's point succeeded")
+        return Basin(self.best, self.cost, self.status is Status.CONVERGED, self.bound)
+
+    def explained(self, certificate: Certificate) -> Certificate:
+        """The certificate, with what the relaxation is worth in its reason."""
+        if certificate.verdict is not Verdict.BOUNDED or certificate.basin_is_global:
+            return certificate
+        worth = (
+            f"the relaxation of distances is not tight: it is solved, at rank {self.rank}, which "
+            "certifies itself alone"
+            if self.solved
+            else "the relaxation was not solved"
+        )
+        return replace(certificate, reason=f"{certificate.reason}; {worth}")

@@ -21,7 +21,7 @@ class Shifted:
     ----------
     multipliers : (n, d, d) Lam
     blocks : (n, r, d) the point's rotations
-    arms : (n, r) translations from the pinned pose; zeros for rotations alone
+    arms : (k, r) of each row of translations, from the pinned pose; none for rotations alone
     pin : the most central pose, whose translation is pinned; None for rotations alone
     is_rotation : (N,) which rows of the certificate matrix belong to rotations
     weights : (N,) weights of its row sums: for translations, a typical arm
@@ -42,12 +42,13 @@ class Shifted:
     def of(problem: Problem, point: Point) -> Shifted:
         """The family of a point of any rank."""
         is_rotation = problem.rotation_rows
-        arms, pin, weights = np.zeros(point.rotations.shape[:2]), None, np.ones(len(is_rotation))
+        arms, pin = np.zeros((0, point.rotations.shape[1])), None
+        weights = np.ones(len(is_rotation))
         if isinstance(problem, PoseProblem) and point.translations is not None:
             t = point.translations
             # Pinning the pose nearest the centroid costs least.
             pin = int(np.argmin(np.linalg.norm(t - t.mean(axis=0), axis=1)))
-            arms = t - t[pin]
+            arms = problem.position_rows(t - t[pin]).reshape(-1, t.shape[1])
             weights[~is_rotation] = 2.0 ** _exponent(arms)
         unit = U * float(problem.matrix.diagonal()[is_rotation].mean())
         multipliers = problem.multipliers(point)

@@ -18,12 +18,14 @@ from certpgo.cli._options import (
     Timestamps,
     chosen_cost,
     refuse_unprovable,
+    refuse_with_distances,
     tier_option,
 )
 from certpgo.cli._paging import origin_of, require_pages, write_page
 from certpgo.cli._proving import REFUSED, provable_source, prove
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, notice, noticing, working
+from certpgo.cli._truth import KnownPoses, TruthFile
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
 from certpgo.errors import InputError
 
@@ -31,9 +33,8 @@ if TYPE_CHECKING:
     from certpgo.assess.assessment import Assessment
     from certpgo.assess.batch import JudgedGraph
     from certpgo.certify import Certificate
-    from certpgo.costs import InformationProblem
+    from certpgo.costs import Certifiable
     from certpgo.graph import Estimate, Instance
-    from certpgo.objective.problem import Problem
     from certpgo.solvers.certified.disagreement import Disagreement
 
 
@@ -60,6 +61,7 @@ def command(
         Path | None, typer.Option("--best", metavar="OUT", help="Write the best estimate found.")
     ] = None,
     timestamps: Timestamps = "ids",
+    truth: TruthFile = None,
     csv: Annotated[
         Path | None,
         typer.Option("--csv", metavar="OUT", help="Write a row per ESTIMATE."),
@@ -75,9 +77,11 @@ def command(
     from certpgo.assess.wording import hint
     from certpgo.certify.judge import Judge
     from certpgo.certify.proof_file import refuse_unreadable
-    from certpgo.costs import problem_under
+    from certpgo.costs import RangeProblem, certifiable
     from certpgo.io.format import format_to_write
 
+    if csv is not None and truth is not None:
+        raise InputError("--truth needs a single estimate, without --csv")
     if len(estimates) > 1 and csv is None:
         raise InputError("several estimates need --csv OUT")
     if csv is not None and not (best is None and proof is None and html is None):
@@ -89,18 +93,21 @@ def command(
         refuse_unwritable(out)
     require_pages(html)
     source = reading.resolve(graph)
-    refuse_overwriting([best, csv, proof, html], [source, *estimates, timestamps], reading.data)
+    refuse_overwriting(
+        [best, csv, proof, html], [source, *estimates, timestamps, truth], reading.data
+    )
     if proof is not None:
         _verdict.refuse_screening(tier)
     tier = tier or ("standard" if proof is None else "proof")
     provable = None if proof is None else provable_source(source)
     instance = reading.open(source, distances=True)
+    refuse_with_distances(instance, proof=proof, html=html)
     own = chosen_cost(cost, instance)
     if provable is not None:
         refuse_unreadable(provable, instance, own)
     parts = []
     for connected in reading.parts(instance):
-        problem = problem_under(connected, own)
+        problem = certifiable(connected, own)
         judge = Judge(problem, tier=tier, rtol=rtol, atol=atol, refine=refine)
         parts.append(JudgedGraph(connected, problem, judge))
     if best is not None and len(parts) > 1:
@@ -113,7 +120,8 @@ def command(
         return _batch(estimates, instance, parts, timestamps, csv, json, reading)
     path = reading.resolve(estimates[0]).path()
     given = _read(path, instance, parts, timestamps)
-    assessments, disagreements = _single(path, given, parts, json)
+    truths = [KnownPoses.of(truth, part.instance) for part in parts]
+    assessments, disagreements = _single(path, given, parts, truths, json)
     if best is not None:
         _write_best(best, parts[0], assessments[0])
     elif any(a.excess > a.certificate.tolerance for a in assessments):
@@ -127,16 +135,17 @@ def command(
     if proof and provable:
         certificate = assessments[0].certificate
         proven = prove(proof, provable, parts[0].instance, given[0], certificate, json=json)
-    if html is not None:
+    problem = parts[0].problem
+    if html is not None and not isinstance(problem, RangeProblem):  # which was refused
         part = parts[0]
         written = proof if proven else None
         remarks = [f"{hint(found)}." for found in disagreements if found is not None]
         origin = origin_of(graph, reading, estimate=estimates[0], proof=written, remarks=remarks)
-        write_page(html, part.instance, part.problem, given[0], assessments[0], origin)
+        write_page(html, part.instance, problem, given[0], assessments[0], origin)
     return code if proven else code or REFUSED
 
 
-def _may_gain(certificate: Certificate, problem: Problem | InformationProblem) -> bool:
+def _may_gain(certificate: Certificate, problem: Certifiable) -> bool:
     """Whether the refined point is so close to the bound that the proof tier may close the gap."""
     from certpgo.certify.case import PROOF_GAIN
     from certpgo.certify.own_cost import has_proofs
@@ -148,14 +157,22 @@ def _may_gain(certificate: Certificate, problem: Problem | InformationProblem) -
 
 
 def _single(
-    path: Path, given: Sequence[Estimate], parts: Sequence[JudgedGraph], json: bool
+    path: Path,
+    given: Sequence[Estimate],
+    parts: Sequence[JudgedGraph],
+    truths: Sequence[KnownPoses | None],
+    json: bool,
 ) -> tuple[list[Assessment], list[Disagreement | None]]:
     from certpgo.io.digits import writing_of
 
     writing = writing_of(path)
     assessments: list[Assessment] = []
     disagreements: list[Disagreement | None] = []
-    for part, estimate in zip(parts, given, strict=True):
+    accuracies = [
+        None if truth is None else truth.errors(estimate)
+        for truth, estimate in zip(truths, given, strict=True)
+    ]
+    for part, estimate, accuracy in zip(parts, given, accuracies, strict=True):
         with working(f"certifying {part.instance.name}"):
             found = part.assessed(estimate, writing)
             assessments.append(found)
@@ -163,7 +180,7 @@ def _single(
         if not json:
             if len(parts) > 1:
                 typer.echo(part.instance.name)
-            _verdict.show(found.certificate, part.instance.options, found, disagreements[-1])
+            _verdict.show(found.certificate, part.instance, found, disagreements[-1], accuracy)
     if json:
         reports = [
             _verdict.as_json(
@@ -172,18 +189,23 @@ def _single(
                 assessment.cost,
                 disagreement=disagreeing,
                 assessment=assessment,
+                accuracy=accuracy,
             )
-            for part, assessment, disagreeing in zip(parts, assessments, disagreements, strict=True)
+            for part, assessment, disagreeing, accuracy in zip(
+                parts, assessments, disagreements, accuracies, strict=True
+            )
         ]
         document(reports[0] if len(reports) == 1 else reports)
     return assessments, disagreements
 
 
-def _disagreement(problem: Problem | InformationProblem, found: Assessment) -> Disagreement | None:
+def _disagreement(problem: Certifiable, found: Assessment) -> Disagreement | None:
     """Measurements that disagree with the rest, by their residual angles and chordal cost."""
-    from certpgo.costs import InformationProblem
+    from certpgo.costs import InformationProblem, RangeProblem
     from certpgo.solvers.certified.disagreement import disagreement
 
+    if isinstance(problem, RangeProblem):
+        return None
     if isinstance(problem, InformationProblem):
         problem = problem.chordal
     return disagreement(problem, found.best, refit=not found.best_is_optimal)

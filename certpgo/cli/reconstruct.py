@@ -94,8 +94,8 @@ def command(
     images were matched to the right places: how well loops agree is printed beside it.
     """
     from certpgo.io import write
+    from certpgo.io.surfaces import Surface, write_surface
     from certpgo.registration.fuse import GRID
-    from certpgo.registration.ply import write_ply
     from certpgo.registration.reconstruct import ReconstructSettings, reconstruct
     from certpgo.registration.stages import user_cache
 
@@ -130,7 +130,7 @@ def command(
         if mesh:
             _write_mesh(out, found, settings.cutoff)
         else:
-            write_ply(out, found.scene.points.astype(float), found.scene.colours)
+            write_surface(out, Surface(found.scene.points.astype(float), found.scene.colours))
     if trajectory is not None:
         write(trajectory, found.estimate, ids=found.nodes, format=_format(trajectory))
     if graph is not None:
@@ -173,7 +173,7 @@ def _reporting() -> Iterator[Progress]:
 def _write_mesh(out: Path, found: Reconstruction, cutoff: float) -> None:
     import numpy as np
 
-    from certpgo.registration.ply import write_ply
+    from certpgo.io.surfaces import Surface, write_surface
     from certpgo.registration.tsdf import integrate, mesh
 
     def seen() -> Iterator[tuple[Any, Any]]:
@@ -184,11 +184,11 @@ def _write_mesh(out: Path, found: Reconstruction, cutoff: float) -> None:
     with working("fusing the mesh"):
         volume = integrate(seen(), found.estimate, found.frames.camera, voxel=MESH)
         vertices, faces, colours = mesh(volume)
-    write_ply(out, vertices, colours, faces)
+    write_surface(out, Surface(vertices, colours, faces))
 
 
 def _show(found: Reconstruction, written: list[Path]) -> None:
-    from certpgo.assess.wording import meaning
+    from certpgo.certify.wording import meaning
 
     certificate = found.answer.certificate
     facts(

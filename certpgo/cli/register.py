@@ -120,7 +120,7 @@ def _write_cloud(out: Path, scans: list[Scan], found: Registration) -> None:
 
     import numpy as np
 
-    from certpgo.registration.ply import write_ply
+    from certpgo.io.surfaces import Surface, write_surface
 
     points, colours = [], []
     translations = found.estimate.translations
@@ -133,7 +133,7 @@ def _write_cloud(out: Path, scans: list[Scan], found: Registration) -> None:
         own = np.rint(255 * np.array(colorsys.hsv_to_rgb(k / len(scans), 0.5, 0.9)))
         painted = np.tile(own.astype(np.uint8), (len(scan.points), 1))
         colours.append(painted if scan.colours is None else scan.colours)
-    write_ply(out, np.concatenate(points), np.concatenate(colours))
+    write_surface(out, Surface(np.concatenate(points), np.concatenate(colours)))
 
 
 def _show(scans: list[Scan], found: Registration, out: Path) -> None:
@@ -156,7 +156,7 @@ def _show(scans: list[Scan], found: Registration, out: Path) -> None:
     facts([*lines, ("written", str(out))])
     if found.solution is not None and found.instance is not None:
         typer.echo()
-        _verdict.show(found.solution.certificate, found.instance.options)
+        _verdict.show(found.solution.certificate, found.instance)
 
 
 def _report(scans: list[Scan], found: Registration, out: Path) -> dict[str, Any]:

@@ -13,6 +13,8 @@ from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.graph.information import InformationGraph
 from certpgo.objective.problem import Problem, problem_of
 
+#: What estimates are certified for.
+Certifiable = Problem | InformationProblem | RangeProblem
 #: The name of F itself.
 CHORDAL = "chordal"
 #: The costs of other programs by name.
@@ -21,9 +23,11 @@ COSTS: dict[str, type[EdgeCost]] = {cost.name: cost for cost in (G2oCost, GtsamC
 __all__ = [
     "CHORDAL",
     "COSTS",
+    "Certifiable",
     "InformationProblem",
     "RangeProblem",
     "Surrogate",
+    "certifiable",
     "information_problem",
     "own_cost",
     "problem_under",
@@ -64,8 +68,8 @@ def problem_under(
     """
     if isinstance(posed, Instance) and posed.ranges is not None:
         raise InputError(
-            f"{posed.source or posed.name}: graphs with distances are for certpgo solve alone, in "
-            "the cost F"
+            f"{posed.source or posed.name}: graphs with distances are for certpgo solve and "
+            "certify alone, in the cost F"
         )
     if cost is None and isinstance(posed, Instance):
         cost = own_cost(posed)
@@ -79,6 +83,15 @@ def problem_under(
     if isinstance(posed, InformationProblem):
         return posed
     return problem_of(posed.graph if isinstance(posed, Instance) else posed)
+
+
+def certifiable(
+    posed: Graph | Instance | InformationProblem | RangeProblem, cost: str | None = None
+) -> Certifiable:
+    """The problem as of `problem_under`, or of `range_problem` if there are distances."""
+    if isinstance(posed, Instance) and posed.ranges is not None:
+        return range_problem(posed, cost)
+    return posed if isinstance(posed, RangeProblem) else problem_under(posed, cost)
 
 
 def range_problem(instance: Instance, cost: str | None = None) -> RangeProblem:

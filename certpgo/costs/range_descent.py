@@ -7,15 +7,14 @@ import math
 import numpy as np
 
 from certpgo.costs.ranges import RangeProblem
+from certpgo.costs.signed import SignedProblem
 from certpgo.errors import NumericalError
 from certpgo.graph.lift import Lift, Point, lifted, translations_of
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal, pinned
 from certpgo.linalg.eigen import krylov_schur
 from certpgo.linalg.factor import Factor
-from certpgo.objective import operators
-from certpgo.objective.problem import PoseProblem
-from certpgo.optimize.low_rank import orthonormal, tangent_basis
+from certpgo.optimize.low_rank import lowest_of_halvings, orthonormal
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.newton import ROUNDING
 from certpgo.optimize.progress import Progress
@@ -35,8 +34,6 @@ SHIFTS = tuple(1e-9 * 4.0**k for k in range(20))
 ACCURACY, MORE = 1e-3, 2
 #: Negative eigenvalues above minus this, of a matrix of unit diagonal, may be rounding.
 RESOLUTION = 1e-13
-#: Halvings of a step out of a saddle.
-HALVINGS = 40
 
 
 class _State:
@@ -46,8 +43,8 @@ class _State:
         self.problem, self.point = problem, point
         self.cost = problem.cost(point)
         G, d = problem.gradient(point), problem.d
-        self.multipliers = operators.multipliers(G[:, :, -d:], point.rotations)
-        self.basis = tangent_basis(point.rotations)
+        self.multipliers = problem.whole.constrained(G[:, :, -d:], point.rotations)
+        self.basis = problem.whole.tangent_basis(point.rotations)
         turn = np.einsum("nqrd,nrd->nq", self.basis, G[:, :, -d:])
         self.layout = problem.layout(point.rank)
         self.gradient = self.layout.pack(np.concatenate([G[:, :, 0], turn], axis=1))
@@ -135,9 +132,11 @@ def escape(problem: RangeProblem, point: Point) -> Lift | None:
     """
     below, _ = problem.surrogate(point)
     G = problem.gradient(point)[:, :, -problem.d :]
-    S = below.certificate_matrix(operators.multipliers(G, point.rotations))
-    S = pinned(S, np.array([0]))
-    weights = problem.signed(problem.ranges.weights).matrix.diagonal()
+    S = below.certificate_matrix(below.constrained(G, point.rotations))
+    layout = below.pattern.layout_of(S)
+    moved = int(layout.sizes.max()) - problem.d
+    S = pinned(S, layout.first_row(0) + np.arange(moved))
+    weights = problem.whole.matrix.diagonal()
     root = 1.0 / np.sqrt(np.maximum(weights, np.finfo(float).tiny))
     column = np.repeat(np.arange(S.shape[0]), np.diff(S.indptr))
     A = CSC((S.data * root[S.indices] * root[column], S.indices, S.indptr), shape=S.shape)
@@ -145,13 +144,12 @@ def escape(problem: RangeProblem, point: Point) -> Lift | None:
     value, v = _smallest(below, A, point.rotations.shape[1] + MORE)
     if value > -RESOLUTION:
         return None
-    layout = below.pattern.layout_of(S)
     direction = layout.unpack(root * v)
-    direction[0, 0] = 0.0
-    return _leave(problem, point, direction)
+    direction[0, :moved] = 0.0
+    return _leave(problem, point, below.rising(direction))
 
 
-def _smallest(below: PoseProblem, A: CSC, pairs: int) -> tuple[float, FloatArray]:
+def _smallest(below: SignedProblem, A: CSC, pairs: int) -> tuple[float, FloatArray]:
     """The smallest eigenvalue, of as many that are computed together, and its vector."""
     for shift in SHIFTS:
         shifted = add_to_diagonal(A, shift)
@@ -164,21 +162,16 @@ def _smallest(below: PoseProblem, A: CSC, pairs: int) -> tuple[float, FloatArray
     raise NumericalError("the certificate matrix could not be factorized, even when shifted")
 
 
-def _leave(problem: RangeProblem, point: Point, direction: FloatArray) -> Lift | None:
-    """The point moved into a new dimension as far as f decreases; None if it does not."""
-    start = lifted(point, point.rotations.shape[1] + 1)
+def _leave(problem: RangeProblem, point: Point, rising: Lift) -> Lift | None:
+    """The point moved into new dimensions as far as f decreases; None if it does not."""
+    start = lifted(point, point.rotations.shape[1] + rising.rank)
     V, w = np.zeros_like(start.rotations), np.zeros_like(translations_of(start))
-    V[:, -1, :], w[:, -1] = direction[:, 1:], direction[:, 0]
-    size = float(np.linalg.norm(direction[:, 1:], axis=1).max())
+    V[:, -rising.rank :], w[:, -rising.rank :] = rising.rotations, translations_of(rising)
+    size = float(np.linalg.norm(V, axis=(1, 2)).max())
     reach = float(np.linalg.norm(translations_of(start), axis=1).max())
     step = min(1.0 / max(size, 1e-300), reach / max(float(np.abs(w).max()), 1e-300))
-    best, cost = None, problem.cost(start)
-    for _ in range(HALVINGS):
-        moved = Lift(orthonormal(start.rotations + step * V), translations_of(start) + step * w)
-        lower = problem.cost(moved)
-        if lower < cost:
-            best, cost = moved, lower
-        elif best is not None:
-            break
-        step *= 0.5
-    return best
+
+    def moved(step: float) -> Lift:
+        return Lift(orthonormal(start.rotations + step * V), translations_of(start) + step * w)
+
+    return lowest_of_halvings(problem.cost, moved, step, problem.cost(start))

@@ -8,24 +8,27 @@ matrix. As it is convex in s, its tangents are minorants: for any tau < w
 with equality where tau = w (1 - d / s^(1/2)). So f is nowhere below the cost of a pose graph with
 an edge of that weight, of either sign, for each distance, plus a constant. With the weights of a
 stationary point this is exactly what the relaxation of Papalia et al. (CORA, T-RO 2024) has, after
-its unit vectors are eliminated, without nodes for them.
+its unit vectors are eliminated, without nodes for them. In the plane ours is tighter: see
+`certpgo.costs.signed.OrientedProblem`.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import cast
 
 import numpy as np
 
+from certpgo.costs.signed import OrientedProblem, SignedGraph, SignedProblem
 from certpgo.errors import GraphError, InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.edges import components_of
 from certpgo.graph.lift import Point, translations_of
-from certpgo.graph.priors import levers
+from certpgo.graph.priors import require_held
 from certpgo.graph.ranges import Ranges
+from certpgo.graph.speaking import Brief
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.balls import U
@@ -41,23 +44,8 @@ FAINT = 1e-10
 SHORTEST = 1e-12
 
 
-class SignedGraph(PoseGraph):
-    """A pose graph in which distances have weights of either sign."""
-
-    def _check_tau(self) -> None:
-        if not np.isfinite(self.tau).all():
-            raise GraphError("weights of distances must be finite")
-
-
-class SignedProblem(PoseProblem):
-    """The problem of a pose graph whose edges need not determine the nodes."""
-
-    def __post_init__(self) -> None:
-        pass
-
-
-@dataclass(frozen=True, eq=False)
-class RangeProblem:
+@dataclass(frozen=True, eq=False, repr=False)
+class RangeProblem(Brief):
     """Minimise F over poses and points, plus the terms of measured distances.
 
     Attributes
@@ -86,12 +74,7 @@ class RangeProblem:
         if joined.any():
             node = int(np.argmax(joined > 0))
             raise GraphError(f"no measurement or distance joins node {node} to the others")
-        free = np.zeros(self.n, dtype=bool)
-        free[self.poses] = True
-        for end, holds in zip(self.measured.edges.T, levers(self.measured), strict=True):
-            free[end[holds]] = False
-        if free.any():
-            raise GraphError(f"no measurement determines the rotation of node {np.argmax(free)}")
+        require_held(self.measured)
 
     @property
     def n(self) -> int:
@@ -113,10 +96,10 @@ class RangeProblem:
         """What the cost is."""
         return "F and squared errors of distances"
 
-    @cached_property
+    @property
     def graph(self) -> PoseGraph:
         """The measurements, then an edge for each distance with its weight as tau."""
-        return self.signed(self.ranges.weights).graph
+        return self.whole.graph
 
     @cached_property
     def alone(self) -> PoseProblem:
@@ -124,11 +107,8 @@ class RangeProblem:
         return SignedProblem(self.measured, self.engine)
 
     @cached_property
-    def _whole(self) -> PoseProblem:
-        return self.signed(self.ranges.weights)
-
-    def signed(self, tau: FloatArray) -> PoseProblem:
-        """The problem in which distances are edges of weights ``tau`` (k,) that measure zero."""
+    def whole(self) -> SignedProblem:
+        """The problem in which each distance is an edge that measures zero, with its weight."""
         one, k = self.measured, self.ranges.num_edges
         rotation = RotationGraph(
             self.n,
@@ -137,12 +117,9 @@ class RangeProblem:
             np.r_[one.rotation.kappa, np.zeros(k)],
         )
         t = np.concatenate([one.translations, np.zeros((k, self.d))])
-        graph = SignedGraph(rotation, t, np.r_[one.tau, tau], points=one.points)
-        problem = SignedProblem(graph, self.engine)
-        if "_whole" in self.__dict__:
-            for name in ("pattern", "order", "_analysis", "_by_size"):
-                problem.__dict__[name] = getattr(self._whole, name)
-        return problem
+        tau = np.r_[one.tau, self.ranges.weights]
+        kind = OrientedProblem if self.d == 2 else SignedProblem
+        return kind(SignedGraph(rotation, t, tau, points=one.points), self.engine)
 
     def scaled(self, factor: float) -> RangeProblem:
         """The same measurements with all weights times ``factor``."""
@@ -183,7 +160,13 @@ class RangeProblem:
 
     def residual_angles(self, estimate: Estimate) -> FloatArray:
         """Angles between R_i R_ij and R_j, radians; 0 where no rotation is measured."""
-        return self._whole.residual_angles(estimate)
+        return self.whole.residual_angles(estimate)
+
+    def residual_lengths(self, estimate: Estimate) -> FloatArray:
+        """Norms of t_j - t_i - R_i t_ij, then errors of the distances, metres."""
+        _, length = self._apart(estimate)
+        moved = np.linalg.norm(self.alone.translation_residuals(estimate), axis=1)
+        return np.concatenate([moved, np.abs(self.ranges.distances - length)])
 
     def stationarity(self, estimate: Estimate) -> float:
         """Largest gradient of a rotation over its weight, radians."""
@@ -227,17 +210,16 @@ class RangeProblem:
         between = np.zeros((len(B), *upper.shape[1:]))
         between[:, :r, :r] = -B
         diagonal[:, :r, :r] += scatter_sum(i, B, self.n) + scatter_sum(j, B, self.n)
-        return self._whole.pattern.assemble(diagonal, np.concatenate([upper, between]), r)
+        return self.whole.pattern.assemble(diagonal, np.concatenate([upper, between]), r)
 
     def layout(self, rank: int) -> Layout:
         """Of such matrices at points of that rank."""
-        q = rank * self.d - self.d * (self.d + 1) // 2
-        return self._whole.pattern.layout(rank + q, rank)
+        return self.whole.pattern.layout(rank + self.whole.tangent_dim(rank), rank)
 
     @property
     def tangent_layout(self) -> Layout:
         """Of the Gauss-Newton matrix."""
-        return self._whole.tangent_layout
+        return self.whole.tangent_layout
 
     def gauss_newton(self, estimate: Estimate) -> CSC:
         """The Gauss-Newton matrix of f/2, over world translations and body rotations."""
@@ -248,9 +230,9 @@ class RangeProblem:
 
     def symbolic(self, A: CSC) -> Symbolic:
         """The symbolic analysis of a matrix of the whole pattern."""
-        return self._whole.symbolic(A)
+        return self.whole.symbolic(A)
 
-    def surrogate(self, point: Point) -> tuple[PoseProblem, float]:
+    def surrogate(self, point: Point) -> tuple[SignedProblem, float]:
         """The pose graph's problem of tangents at a point of any rank, and the constant.
 
         The constant is rounded down for exactly the weights of the problem.
@@ -266,4 +248,5 @@ class RangeProblem:
         # Six operations, and the difference of stored numbers.
         constants -= 16.0 * U * np.abs(constants) + 2.0**-1000
         total = math.nextafter(math.fsum(constants), -math.inf)
-        return self.signed(tau), total
+        weights = np.r_[self.measured.tau, tau]
+        return self.whole.of_same_edges(replace(self.graph, tau=weights)), total

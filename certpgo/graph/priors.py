@@ -225,12 +225,23 @@ def require_determined(graph: PoseGraph) -> None:
             f"translations are measured within {len(sizes)} parts of the graph, but not between "
             f"them: the position of node {node} is free"
         )
+    require_held(graph)
+
+
+def require_held(graph: PoseGraph) -> None:
+    """Refuse a graph that leaves a rotation free, by a GraphError that names its node."""
+    free = free_rotations(graph)
+    if free.any():
+        raise GraphError(f"no measurement determines the rotation of node {int(np.argmax(free))}")
+
+
+def free_rotations(graph: PoseGraph, kept: BoolArray | None = None) -> BoolArray:
+    """(n,) which poses' rotations none of the ``kept`` (m,) measurements holds."""
     free = np.zeros(graph.num_nodes, dtype=bool)
     free[graph.pose_nodes] = True
     for end, holds in zip(graph.edges.T, levers(graph), strict=True):
-        free[end[holds]] = False
-    if free.any():
-        raise GraphError(f"no measurement determines the rotation of node {int(np.argmax(free))}")
+        free[end[holds if kept is None else holds & kept]] = False
+    return free
 
 
 def levers(graph: PoseGraph) -> tuple[BoolArray, BoolArray]:

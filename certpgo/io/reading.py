@@ -15,6 +15,7 @@ from certpgo.graph import Estimate, Graph, Instance, PoseGraph
 from certpgo.graph.edges import Keep, simple_edges
 from certpgo.graph.information import mahalanobis as mahalanobis_weights
 from certpgo.graph.points import with_points
+from certpgo.graph.wording import counted
 from certpgo.io.assemble import estimate_for, truth_for
 from certpgo.io.dead_reckoning import integrated
 from certpgo.io.format import (
@@ -23,10 +24,10 @@ from certpgo.io.format import (
     ReadOptions,
     RotationInformation,
     WeightsAre,
+    file_of,
     format_of,
 )
 from certpgo.io.names import named_ids
-from certpgo.io.plural import counted
 from certpgo.io.timestamps import with_node_ids
 from certpgo.linalg.arrays import IntArray
 
@@ -159,6 +160,8 @@ def read_estimate(
     ------
     FormatError
         With path, line and what was expected there; or it is the estimate of another graph.
+    InputError
+        No path, but an object such as GTSAM's Values, which is for `certpgo.certify_values`.
 
     Examples
     --------
@@ -171,7 +174,7 @@ def read_estimate(
     >>> bool(abs(estimate.translations - instance.truth.translations).max() < 1e-12)
     True
     """
-    path = Path(path)
+    path = file_of(path)
     poses = _poses(path, format)
     try:
         poses = _labelled(poses, instance, timestamps)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from certpgo.objective.rotation_problem import RotationProblem, RotationsOfPoses
 __all__ = ["PoseProblem", "Problem", "RotationProblem", "problem_of"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PoseProblem(Objective):
     """Pose-graph optimization: minimise F(R, t) over SE(d)^n.
 
@@ -93,6 +94,10 @@ class PoseProblem(Objective):
     def matrix(self) -> CSC:
         """The objective's matrix: the data matrix."""
         return self.data_matrix
+
+    def position_rows(self, t: FloatArray) -> FloatArray:
+        """(n, p, r) what translations (n, r) are in the p rows of positions in the matrix."""
+        return t[:, None]
 
     @cached_property
     def translation_laplacian(self) -> CSC:
@@ -219,9 +224,9 @@ class PoseProblem(Objective):
         """The problem with weights times factors (m,); an edge with factor 0 is removed."""
         return self._shared(PoseProblem(self.graph.reweighted(factors), self.engine))
 
-    def of_same_edges(self, graph: PoseGraph) -> PoseProblem:
+    def of_same_edges(self, graph: PoseGraph) -> Self:
         """The problem of another graph with the same edges; pattern and order are shared."""
-        return self._shared(PoseProblem(graph, self.engine))
+        return self._shared(type(self)(graph, self.engine))
 
     def with_unit_weights(self) -> PoseProblem:
         """The same measurements with kappa = tau = 1, as the thesis weighs them; 0 stays 0."""

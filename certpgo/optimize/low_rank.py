@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from certpgo.errors import NumericalError
 from certpgo.graph.lift import Lift, Point, lifted
+from certpgo.graph.speaking import Brief
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal
@@ -35,8 +37,8 @@ SHIFT = 1e-8
 MAX_HALVINGS = 40
 
 
-@dataclass(frozen=True, eq=False)
-class Descent:
+@dataclass(frozen=True, eq=False, repr=False)
+class Descent(Brief):
     """The result of low-rank optimization."""
 
     point: Lift
@@ -204,14 +206,25 @@ def leave(problem: Problem, point: Lift, direction: FloatArray) -> Lift:
     """
     V = np.zeros_like(point.rotations)
     V[:, -1, :] = direction / np.linalg.norm(direction, axis=1).max()
-    best, cost = point, problem.cost(point)
-    step = 1.0
+
+    def moved(step: float) -> Lift:
+        return _moved(problem, point, step * V)
+
+    lower = lowest_of_halvings(problem.cost, moved, 1.0, problem.cost(point))
+    return point if lower is None else lower
+
+
+def lowest_of_halvings(
+    cost: Callable[[Lift], float], moved: Callable[[float], Lift], step: float, lowest: float
+) -> Lift | None:
+    """The end of the first step below cost ``lowest`` whose half is not lower still, if any."""
+    best: Lift | None = None
     for _ in range(MAX_HALVINGS):
-        candidate = _moved(problem, point, step * V)
-        lower = problem.cost(candidate)
-        if lower < cost:
-            best, cost = candidate, lower
-        elif best is not point:
+        candidate = moved(step)
+        lower = cost(candidate)
+        if lower < lowest:
+            best, lowest = candidate, lower
+        elif best is not None:
             break
         step *= 0.5
     return best

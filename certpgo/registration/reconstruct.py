@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from certpgo.errors import FormatError, InputError, InputNotice, SpecError
 from certpgo.graph import Estimate, Instance
-from certpgo.io.plural import counted
+from certpgo.graph.wording import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.registration import features as keypoints
 from certpgo.registration.averaging import Averaged, averaged, composed

@@ -12,8 +12,8 @@ from certpgo.errors import FormatError, InputError
 from certpgo.graph import Estimate
 from certpgo.io import read_estimate
 from certpgo.io.exact import quaternion
+from certpgo.io.surfaces import is_ply, read_surface
 from certpgo.linalg.arrays import FloatArray, frozen_floats
-from certpgo.registration.ply import numbers, read_ply
 
 #: NumPy's type for PCD's letter and size.
 PCD_TYPES = {(k, s): f"<{k.lower()}{s}" for k in "IUF" for s in (1, 2, 4, 8)}
@@ -57,12 +57,12 @@ def read_scan(path: str | Path) -> Scan:
     """
     path = Path(path)
     try:
+        if is_ply(path):
+            surface = read_surface(path)
+            return Scan(path.name, surface.points, surface.colours)
         with path.open("rb") as file:
             head = file.read(4096)
-        colours = None
-        if head.startswith((b"ply\n", b"ply\r")):
-            points, colours = read_ply(path)
-        elif any(line.startswith(b"VERSION") for line in head.split(b"\n")[:3]):
+        if any(line.startswith(b"VERSION") for line in head.split(b"\n")[:3]):
             points = _read_pcd(path)
         else:
             points = _read_xyz(path)
@@ -71,7 +71,7 @@ def read_scan(path: str | Path) -> Scan:
     seen = np.isfinite(points).all(axis=1)
     if not seen.any():
         raise FormatError(path, None, "no points")
-    return Scan(path.name, points[seen], None if colours is None else colours[seen])
+    return Scan(path.name, points[seen])
 
 
 def _read_xyz(path: Path) -> FloatArray:
@@ -85,7 +85,7 @@ def _read_xyz(path: Path) -> FloatArray:
     if columns < 3:
         raise FormatError(path, kept[0] + 1, "x y z expected")
     try:
-        return numbers(path, lines, columns, "x y z", 1)[:, :3]
+        return _numbers(path, lines, columns, "x y z", 1)[:, :3]
     except FormatError as error:
         expected = f"{columns} numbers expected, x y z first, as on line {kept[0] + 1}"
         raise FormatError(path, kept[(error.line or 1) - 1] + 1, expected) from None
@@ -115,7 +115,7 @@ def _read_pcd(path: Path) -> FloatArray:
             raise FormatError(path, line, f"a PCD header: {what} ({error})") from None
         if said["DATA"] == ["ascii"]:
             lines = file.read().split(b"\n")[:count]
-            rows = numbers(path, lines, sum(times), " ".join(names), line + 1)
+            rows = _numbers(path, lines, sum(times), " ".join(names), line + 1)
             if len(rows) < count:
                 raise FormatError(path, line + len(rows), f"{count} points announced")
             return rows[:, axes]
@@ -127,6 +127,25 @@ def _read_pcd(path: Path) -> FloatArray:
         raise FormatError(path, None, f"{count} points announced, {found} found")
     table = np.frombuffer(content, record)
     return np.stack([table[axis][:, 0].astype(np.float64) for axis in "xyz"], axis=1)
+
+
+def _numbers(path: Path, lines: list[bytes], columns: int, expected: str, first: int) -> FloatArray:
+    """A table (n, columns) of lines, the first of which has that number in the file."""
+    words = [line.split() for line in lines]
+    try:
+        table = np.array(words, dtype=np.float64)
+        if table.shape == (len(lines), columns):
+            return table
+    except ValueError:
+        pass
+    for number, row in enumerate(words, first):
+        try:
+            if len(list(map(float, row))) == columns:
+                continue
+        except ValueError:
+            pass
+        raise FormatError(path, number, f"{expected} expected")
+    return np.empty((0, columns))
 
 
 def read_initial(path: str | Path, names: list[str]) -> Estimate:
@@ -165,7 +184,7 @@ def _read_conf(path: Path, names: list[str]) -> Estimate:
         words = line.split()
         if words[:1] == [b"bmesh"]:
             expected = "bmesh NAME tx ty tz qx qy qz qw"
-            row = numbers(path, [b" ".join(words[2:])], 7, expected, number)[0]
+            row = _numbers(path, [b" ".join(words[2:])], 7, expected, number)[0]
             if not (np.isfinite(row).all() and row[3:].any()):
                 raise FormatError(path, number, f"{expected} expected")
             found[words[1].decode("ascii", "replace")] = row

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from certpgo.graph import Estimate, PoseGraph
-from certpgo.graph.priors import levers
+from certpgo.graph.priors import free_rotations, levers
 from certpgo.graph.trees import minimum_spanning_tree
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.objective.problem import Problem
@@ -44,11 +44,7 @@ def connected(problem: Problem, weights: FloatArray, costs: FloatArray) -> Float
 
 def _hold(graph: PoseGraph, weights: FloatArray, costs: FloatArray) -> None:
     """Restore measurements of lowest cost until each rotation is determined by one."""
-    free = np.zeros(graph.num_nodes, dtype=bool)
-    free[graph.pose_nodes] = True
-    for end, holds in zip(graph.edges.T, levers(graph), strict=True):
-        free[end[holds & (weights > 0.0)]] = False
-    for node in np.flatnonzero(free):
+    for node in np.flatnonzero(free_rotations(graph, weights > 0.0)):
         holding = np.zeros(len(weights), dtype=bool)
         for end, holds in zip(graph.edges.T, levers(graph), strict=True):
             holding |= holds & (end == node)

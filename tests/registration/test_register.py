@@ -12,8 +12,8 @@ import certpgo
 from certpgo.cli import application
 from certpgo.errors import GraphError, InputError, SpecError
 from certpgo.graph import Estimate
+from certpgo.io.surfaces import Surface, read_surface, write_surface
 from certpgo.linalg import so
-from certpgo.registration.ply import read_ply, write_ply
 from certpgo.registration.scans import Scan, read_initial, read_scan
 
 pytest.importorskip("small_gicp")
@@ -129,7 +129,7 @@ def test_the_command_writes_all_or_nothing(tmp_path):
     names = []
     for scan in scans:
         names.append(str(tmp_path / f"{scan.name}.ply"))
-        write_ply(names[-1], scan.points)
+        write_surface(names[-1], Surface(scan.points))
     certpgo.write(tmp_path / "begin.tum", truth)
     outputs = [tmp_path / name for name in ("all.ply", "g.g2o", "t.tum")]
     out, graph, trajectory = map(str, outputs)
@@ -140,7 +140,7 @@ def test_the_command_writes_all_or_nothing(tmp_path):
     assert done.exit_code == 0, done.output
     for said in ("CERTIFIED", "overlap", "disagreement", "not that the right surfaces"):
         assert said in done.output
-    assert len(read_ply(out)[0]) == sum(len(scan.points) for scan in scans)
+    assert len(read_surface(out).points) == sum(len(scan.points) for scan in scans)
     again = certpgo.solve(certpgo.read(graph))  # under the same cost
     poses = certpgo.read_estimate(trajectory)
     assert point_rms(scans, again.estimate, poses) < 1e-6

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from certpgo.errors import FormatError, InputError
+from certpgo.io.surfaces import Surface, read_surface, write_surface
 from certpgo.linalg import so
-from certpgo.registration.ply import read_ply, write_ply
 from certpgo.registration.scans import Scan, read_initial, read_scan
 
 POINTS = np.array([[0.5, -1.25, 3.0], [1.0, 2.0, -0.125], [0.0, 0.0, 4.0]])
@@ -45,13 +45,16 @@ POINTS 3
 """
 
 
-def test_a_written_mesh_is_read_back(tmp_path):
+def test_what_is_written_is_read_back(tmp_path):
     faces = np.array([[0, 1, 2]])
-    write_ply(tmp_path / "mesh.ply", POINTS, COLOURS, faces)
-    points, colours = read_ply(tmp_path / "mesh.ply")
-    np.testing.assert_array_equal(points, POINTS)
-    np.testing.assert_array_equal(colours, COLOURS)
-    assert (tmp_path / "mesh.ply").read_bytes().endswith(b"\x03" + faces.astype("<i4").tobytes())
+    for surface in (Surface(POINTS, COLOURS, faces), Surface(POINTS, COLOURS), Surface(POINTS)):
+        write_surface(tmp_path / "mesh.ply", surface)
+        read = read_surface(tmp_path / "mesh.ply")
+        np.testing.assert_array_equal(read.points, surface.points)
+        np.testing.assert_array_equal(read.faces, surface.faces)
+        assert (read.colours is None) == (surface.colours is None)
+        if read.colours is not None:
+            np.testing.assert_array_equal(read.colours, COLOURS)
 
 
 @pytest.mark.parametrize("order", ["little", "big"])
@@ -89,13 +92,17 @@ def test_a_binary_pcd_is_read(tmp_path):
 
 
 MALFORMED = [
-    (ASCII_PLY.replace("1 2 -0.125", "1 two -0.125"), 15 + 1, "x y z scalar_intensity expected"),
-    (ASCII_PLY.replace("1 2 -0.125 1", "1 2"), 16, "x y z scalar_intensity expected"),
-    (ASCII_PLY.partition("0 0 4")[0], 16, "3 vertices announced, 2 found"),
+    (ASCII_PLY.replace("1 2 -0.125", "1 two -0.125"), None, "a complete PLY file expected"),
+    (ASCII_PLY.replace("1 2 -0.125 1", "1 2"), None, "a complete PLY file expected"),
+    (ASCII_PLY.partition("0 0 4")[0], None, "3 vertices announced, 2 found"),
     (ASCII_PLY.replace("float y", "float w"), None, "x, y and z"),
-    (ASCII_PLY.replace("element vertex 3", "element vertex x"), 6, "not a line of a PLY header"),
-    (ASCII_PLY.partition("end_header")[0], None, "no end_header"),
-    (ASCII_PLY.replace("vertex", "point"), None, "no vertices"),
+    (
+        ASCII_PLY.replace("element vertex 3", "element vertex x"),
+        None,
+        "element vertex and end_header",
+    ),
+    (ASCII_PLY.partition("end_header")[0], None, "element vertex and end_header"),
+    (ASCII_PLY.replace("vertex", "point"), None, "element vertex and end_header"),
     (PCD + "DATA binary_compressed\n", 11, "DATA ascii or binary expected"),
     (PCD + "DATA binary\n1234", None, "3 points announced, 0 found"),
     (PCD + "DATA ascii\n0 1 2 x\n", 12, "rgb x y z expected"),

@@ -19,14 +19,13 @@ from certpgo.costs.descent import descend
 from certpgo.costs.problem import InformationProblem
 from certpgo.graph import Estimate
 from certpgo.graph.lift import Lift, rounded
-from certpgo.io.plural import counted
+from certpgo.graph.wording import counted
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.progress import Stop, stoppable
-from certpgo.optimize.solution import Solution, Status
+from certpgo.optimize.solution import Level, Solution, Status
 from certpgo.solvers.certified.disagreement import Disagreement
 from certpgo.solvers.certified.pipeline import GIVEN, STOPPED, CertifiedSolution, search_and_certify
 from certpgo.solvers.certified.settings import SolveSettings
-from certpgo.solvers.certified.staircase import Level
 
 #: Surrogates after which the search does not begin again.
 SURROGATES = 10

@@ -28,27 +28,9 @@ from certpgo.optimize.monitor import Iteration, Monitor
 from certpgo.optimize.newton import newton
 from certpgo.optimize.progress import Stop
 from certpgo.optimize.roundings import roundings
-from certpgo.optimize.solution import Solution, Status
+from certpgo.optimize.solution import Level, Solution, Status
 from certpgo.optimize.starts import Start, start_of
 from certpgo.solvers.certified.settings import SolveSettings
-
-
-@dataclass(frozen=True, eq=False)
-class Level:
-    """One step of the staircase.
-
-    Attributes
-    ----------
-    rank : rank of the points
-    cost : F at the point found
-    status : how the descent to it ended
-    eigenvalue : a negative eigenvalue of the certificate matrix there, if one was found
-    """
-
-    rank: int
-    cost: float
-    status: Status
-    eigenvalue: float | None = None
 
 
 class Staircase:

@@ -9,7 +9,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from certpgo.io.plural import counted
+from certpgo.graph.wording import counted
 from certpgo.view.page import data_uri, page
 from certpgo.view.plots import Curve, Lines, lines
 from reports.harness.experiments.records import Record
@@ -77,7 +77,7 @@ class FigurePart:
 
 @dataclass(frozen=True)
 class SceneView:
-    """A trajectory to look at: its title, and what `certpgo.view.scene.scene` made."""
+    """A trajectory to look at: its title, and what `certpgo.view.page_scene.page_scene` made."""
 
     title: str
     scene: Mapping[str, Any]
