@@ -38,7 +38,7 @@ STORED = ("R", "t", "covariance", "matches", "inliers", "chi2", "dense")
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class Keyframe:
     """What is kept of a frame.
 
     Attributes
@@ -84,7 +84,7 @@ class FramePair:
 class Clouds:
     """The frames' clouds, prepared when they are needed, and the recent ones kept."""
 
-    def __init__(self, views: list[View | None]) -> None:
+    def __init__(self, views: list[Keyframe | None]) -> None:
         self._views, self._lock = views, Lock()
         self._recent: OrderedDict[int, tuple[PreparedCloud, PreparedCloud]] = OrderedDict()
 

@@ -22,7 +22,7 @@ from certpgo.registration.calibration import calibrated
 from certpgo.registration.features import ColourCamera, Features
 from certpgo.registration.fuse import GRID, ColouredCloud, VoxelGrid, denoised, voxel_means
 from certpgo.registration.loops import DeadReckoning, adjacent, consistent, overlapping, retrieved
-from certpgo.registration.pairs import VOXEL, Clouds, FramePair, View, measure, restored, stored
+from certpgo.registration.pairs import VOXEL, Clouds, FramePair, Keyframe, measure, restored, stored
 from certpgo.registration.ransac import RansacSettings
 from certpgo.registration.sequences import FrameSequence
 from certpgo.registration.stages import Arrays, Cache, Progress, digest, each, silent
@@ -236,7 +236,7 @@ def _judge(found: Reconstruction) -> None:
 class _Looked(NamedTuple):
     """A frame's view or the reason why there is none, its key, size, and what its depths are."""
 
-    view: View | None
+    view: Keyframe | None
     key: str
     reason: str
     size: tuple[int, int] | None = None
@@ -264,10 +264,10 @@ class _Work:
     ) -> None:
         self.frames, self.settings, self.colour = frames, settings, colour
         self.cache, self.progress = cache, progress
-        self._views: list[View | None] = []
+        self._views: list[Keyframe | None] = []
         self._keys: list[str] = []
 
-    def views(self) -> tuple[list[View | None], tuple[str, ...], tuple[int, int]]:
+    def views(self) -> tuple[list[Keyframe | None], tuple[str, ...], tuple[int, int]]:
         """What is kept of each frame, why others are left out, and the size of images."""
         found = each("frames", self._view, range(len(self.frames)), self.progress)
         self._views = [one.view for one in found]
@@ -310,7 +310,7 @@ class _Work:
         if len(features) < FEWEST:
             few = counted(len(features), "keypoint{s} with a depth")
             return _Looked(None, key, f"{self.frames.names[k]}: {few}, {FEWEST} needed", *found)
-        return _Looked(View(features, arrays["cloud"]), key, "", *found)
+        return _Looked(Keyframe(features, arrays["cloud"]), key, "", *found)
 
     def _seen(self, k: int) -> Arrays:
         frame, camera = self.frames.frame(k), self.frames.camera
