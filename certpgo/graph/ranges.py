@@ -60,6 +60,11 @@ class Ranges(Brief):
         """Number k of distances."""
         return len(self.edges)
 
+    def lengths(self, positions: FloatArray) -> FloatArray:
+        """(k,) distances |t_j - t_i| between positions (n, d), metres."""
+        i, j = self.edges.T
+        return np.asarray(np.linalg.norm(positions[j] - positions[i], axis=1))
+
     def subset(self, chosen: IntArray | BoolArray) -> Ranges:
         """Some of them, by index or mask (k,)."""
         return Ranges(
