@@ -63,6 +63,8 @@ def reading_sentence(reading: Mapping[str, str]) -> str:
     of_file = weights == "file" and information != "none"
     if information == "none" and weights in ("file", "unit"):
         sentence = "weights 1: the file has no information"
+    elif weights == "synthetic":
+        sentence = "weights as generated"
     elif weights == "unit":
         sentence = "all weights 1, ignoring those of the file"
     elif weights == "mahalanobis":
