@@ -19,12 +19,12 @@ OPENING = ("gallery_trajectories", "gallery_zoo", "gallery_bounds")
 RULES = """\
 Rendered by `certpgo report`, a pure function of the records; it also writes each table as CSV and
 LaTeX. A printed value is reproduced when ours rounds to the printed digits or, of a mean over
-seeds, when it lies within two standard errors of our mean; it is better where lower or higher numbers are, and ours is. Where
-several of our readings correspond to one value, the nearest counts. Every value of the papers'
-tables is counted, whether or not it could be run, except times and what says what a row is of: for
-times the claimed order is checked, among the claims. Where a claim names no tolerance, the one in
-its sentence is ours. What own_cost is compared with are values of a prototype, which are not
-counted among the papers'."""
+seeds, when it lies within two standard errors of our mean; it is better where lower or higher
+numbers are, and ours is. Where several of our readings correspond to one value, the nearest counts.
+Every value of the papers' tables is counted, whether or not it could be run, except times and what
+says what a row is of: for times the claimed order is checked, among the claims. Where a claim names
+no tolerance, the one in its sentence is ours. What own_cost is compared with are values of a
+prototype, which are not counted among the papers'."""
 
 
 def index(tables: Sequence[TableResult], figures: Sequence[FigureResult]) -> str:
