@@ -10,7 +10,7 @@ import numpy as np
 
 from certpgo.graph import Instance, PoseGraph
 from certpgo.io.surfaces import Surface
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, round_below
 
 #: The value of what an edge does not measure.
 NOT_MEASURED = -1.0
@@ -184,8 +184,7 @@ class Scene:
     @property
     def bar(self) -> float:
         """A round length, 1, 2 or 5 times a power of ten, that is about a fifth of the extent."""
-        power = 10.0 ** np.floor(np.log10(0.2 * self.frame.extent))
-        return float(power * max(k for k in (1, 2, 5) if k * power <= 0.2 * self.frame.extent))
+        return round_below(0.2 * self.frame.extent)
 
     @property
     def units(self) -> list[str]:
