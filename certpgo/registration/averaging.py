@@ -111,21 +111,33 @@ def composed(
 
 
 def averaged(
-    pairs: Sequence[FramePair], names: Sequence[str], name: str, initial: Estimate | None = None
+    pairs: Sequence[FramePair],
+    names: Sequence[str],
+    name: str,
+    initial: Estimate | None = None,
+    *,
+    trust: bool = True,
 ) -> Averaged:
     """The certified trajectory of the frames that most pairs join.
 
     Parameters
     ----------
     initial : poses of these frames, from which the robust fit begins
+    trust : whether the steps to the next frame are known to be right; if not, the robust fit begins
+        at the least squares of all pairs
     """
     instance, chosen = pose_graph(pairs, names, name)
     graph = instance.graph
     if not isinstance(graph, PoseGraph) or instance.information is None:
         raise InputError(f"{name}: no poses")
-    steps = np.array([pairs[k].j - pairs[k].i == 1 for k in chosen.tolist()])
-    start = initial if initial is not None and initial.num_nodes == graph.num_nodes else None
-    robust = solve_robustly(graph, initial=start, trusted=np.flatnonzero(steps))
+    start, trusted = None, None
+    if trust:
+        steps = np.array([pairs[k].j - pairs[k].i == 1 for k in chosen.tolist()])
+        start = initial if initial is not None and initial.num_nodes == graph.num_nodes else None
+        trusted = np.flatnonzero(steps)
+    else:
+        start = solve(graph).estimate
+    robust = solve_robustly(graph, initial=start, trusted=trusted)
     weights = robust.solution.weights
     kept = np.ones(len(chosen), dtype=bool) if weights is None else weights > 0.0
     certified = replace(

@@ -57,6 +57,8 @@ class ReconstructSettings:
     grid : edge of the scene's voxels, metres
     dense : whether clouds are added to keypoints, by generalized ICP
     gate : whether loops that contradict dead reckoning are left out
+    trust : whether the robust fit begins at odometry and takes its steps for right; if not, they
+        are measurements like others
     consistent : whether only loops are kept that agree with one another in pairs
     calibrate : whether the colour camera is estimated from the frames, if it is not given
     ransac : when two frames match
@@ -66,6 +68,7 @@ class ReconstructSettings:
     grid: float = GRID
     dense: bool = True
     gate: bool = True
+    trust: bool = True
     consistent: bool = False
     calibrate: bool = False
     ransac: RansacSettings = field(default_factory=RansacSettings)
@@ -203,12 +206,12 @@ def reconstruct(
     alike = retrieved([view.features if view else None for view in views], np.random.default_rng(0))
     loops = work.plausible(work.measured("loops", alike), reckoned)
     pairs = [*steps, *loops]
-    first = averaged(pairs, frames.names, frames.name, reckoning)
+    first = averaged(pairs, frames.names, frames.name, reckoning, trust=chosen.trust)
     clouds = {k: view.cloud for k in first.nodes.tolist() if (view := views[k])}
     overlaps = overlapping(clouds, first.estimate, frames.camera, size, tried | set(alike))
     more = work.measured("overlaps", overlaps)
     pairs = [*steps, *work.plausible([*loops, *more], reckoned)]
-    final = averaged(pairs, frames.names, frames.name, first.estimate)
+    final = averaged(pairs, frames.names, frames.name, first.estimate, trust=chosen.trust)
     scene = work.scene(final)
     found = Reconstruction(
         frames, final.nodes, tuple(pairs), len(steps), final, reckoning, skipped, scene
