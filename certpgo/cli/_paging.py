@@ -14,9 +14,8 @@ from certpgo.cli._show import notice, working
 if TYPE_CHECKING:
     from certpgo.assess.assessment import Assessment
     from certpgo.cli._reading import Reading
-    from certpgo.costs import InformationProblem
+    from certpgo.costs import Certifiable
     from certpgo.graph import Estimate, Instance
-    from certpgo.objective.problem import Problem
     from certpgo.optimize.monitor import Iteration
     from certpgo.solvers.certified.settings import SolveSettings
     from certpgo.view.certificate_page import Origin
@@ -76,7 +75,7 @@ def _portable(path: str | Path | None) -> str:
 def write_page(
     out: Path,
     instance: Instance,
-    problem: Problem | InformationProblem,
+    problem: Certifiable,
     estimate: Estimate,
     assessment: Assessment,
     origin: Origin,

@@ -17,7 +17,8 @@ COSTLIEST = 0.1
 #: Poses drawn at most with a frustum.
 FRUSTA = 150
 #: Kinds of edges, in data.
-BETWEEN, SIGHTING, PRIOR = 0, 1, 2
+BETWEEN, SIGHTING, PRIOR, RANGE = 0, 1, 2, 3
+_CODES = {Kind.SIGHTING: SIGHTING, Kind.PRIOR: PRIOR, Kind.RANGE: RANGE}
 
 Data = dict[str, Any]
 
@@ -41,8 +42,8 @@ def page_scene(scene: Scene, costs: FloatArray, *, limit: int = EDGES) -> Data:
     ``metric``, whether lengths are metres; ``flat``, whether all is in a plane; ``sentences`` on
     what is shown. Where there is another estimate, ``before`` with its name, points, values and
     frusta; where the truth is known, ``truth``, its steps (s, 2, 2 or 3). Where there are landmarks
-    or a world, ``landmarks`` (k,) flags, and ``kinds`` (e,) of edges: the ends of a `PRIOR` are
-    both the measured node.
+    or a world or distances, ``landmarks`` (k,) flags, and ``kinds`` (e,) of edges: the ends of a
+    `PRIOR` are both the measured node.
     """
     answer = scene.placements[-1]
     drawn = _chosen(costs, limit)
@@ -50,7 +51,7 @@ def page_scene(scene: Scene, costs: FloatArray, *, limit: int = EDGES) -> Data:
     count = len(answer.nodes)
     if count <= limit:
         nodes = np.arange(count)
-    kinds = np.select([scene.kinds == Kind.SIGHTING, scene.kinds == Kind.PRIOR], [1, 2], BETWEEN)
+    kinds = np.select([scene.kinds == kind for kind in _CODES], list(_CODES.values()), BETWEEN)
     sentences = [scene.sentence, *_said(scene)]
     if len(drawn) < len(scene.edges):
         sentences.append(
@@ -114,15 +115,17 @@ def _frusta(scene: Scene, placement: Placement, decimals: int) -> Any:
 
 
 def _said(scene: Scene) -> list[str]:
-    """How landmarks and priors are drawn, where there are any."""
+    """How landmarks, priors and distances are drawn, where there are any."""
     said = []
     if scene.landmarks.any():
-        seen = counted(int((scene.kinds == Kind.SIGHTING).sum()), "sighting{s}")
-        points = counted(int(scene.landmarks.sum()), "landmark{s}")
-        said.append(f"Drawn as dots: {points}; as faint lines: {seen}.")
+        said.append(f"Drawn as dots: {counted(int(scene.landmarks.sum()), 'landmark{s}')}.")
     if (scene.kinds == Kind.PRIOR).any():
         priors = counted(int((scene.kinds == Kind.PRIOR).sum()), "prior{s}")
         said.append(f"Drawn as rings, at the nodes that they measure: {priors}.")
+    faint = {Kind.SIGHTING: "sighting{s}", Kind.RANGE: "distance{s}"}
+    counts = {what: int((scene.kinds == kind).sum()) for kind, what in faint.items()}
+    if drawn := [counted(count, what) for what, count in counts.items() if count]:
+        said.append(f"Drawn as faint lines: {', '.join(drawn)}.")
     return said
 
 

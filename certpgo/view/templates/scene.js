@@ -117,8 +117,8 @@ const Scene = (function () {
   // Edges by descending residual.
   const ranking = (values) => values.map((_, e) => e).sort((a, b) => values[b] - values[a] || a - b);
 
-  // Sightings of landmarks, and priors, which have no second end.
-  const SIGHTING = 1, PRIOR = 2;
+  // Sightings of landmarks, priors, which have no second end, and distances.
+  const SIGHTING = 1, PRIOR = 2, RANGE = 3;
   const kind = (data, e) => (data.kinds ? data.kinds[e] : 0);
 
   function sentence(data, e) {
@@ -127,7 +127,7 @@ const Scene = (function () {
     const measured = data.measures.filter((m) => m.values[e] >= 0);
     const residuals = measured.map((m) => m.values[e] + " " + m.unit).join(", ");
     const between = data.loop[e] ? "loop closure" : "consecutive nodes";
-    const what = [between, "landmark seen", "prior"][kind(data, e)];
+    const what = [between, "landmark seen", "prior", "distance"][kind(data, e)];
     const ends = kind(data, e) === PRIOR ? "at " + data.ids[i] : data.ids[i] + " to " + data.ids[j];
     return "Edge " + data.numbers[e] + ", " + ends + " (" + what + "): residual " + residuals + ".";
   }
@@ -158,7 +158,7 @@ const Scene = (function () {
     const early = element.querySelector(".before"), known = element.querySelector(".truth");
     const shownPlacement = () => placements[early && early.checked ? 1 : 0];
     const seen = element.querySelector(".seen"), landmarks = data.landmarks || [];
-    const isSeen = (e) => kind(data, e) === SIGHTING;
+    const isSeen = (e) => kind(data, e) === SIGHTING || kind(data, e) === RANGE;
     const consecutive = data.loop.filter((loop, e) => !loop && kind(data, e) === 0).length;
     let view = start(data), flat = null, picked = -1, place = -1, waiting = false;
     if (consecutive === 0) every.parentElement.hidden = true;
