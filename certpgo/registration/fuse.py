@@ -104,9 +104,11 @@ def _grouped(keys: NDArray[np.int64], values: FloatArray) -> tuple[NDArray[np.in
     if len(keys) == 0:
         return keys, values
     order = np.argsort(keys, kind="stable")
-    keys, values = keys[order], values[order]
-    first = np.flatnonzero(np.r_[True, keys[1:] != keys[:-1]])
-    return keys[first], np.add.reduceat(values, first, axis=0)
+    first = np.r_[True, np.diff(keys[order]) != 0]
+    number = np.empty(len(keys), dtype=np.intp)
+    number[order] = np.cumsum(first) - 1
+    sums = [np.bincount(number, column) for column in values.T]
+    return keys[order][first], np.stack(sums, axis=1)
 
 
 def denoised(cloud: ColouredCloud, neighbours: int = NEIGHBOURS) -> ColouredCloud:
