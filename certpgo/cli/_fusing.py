@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 #: Voxels of a mesh, metres.
 MESH = 0.02
+#: Rejected edges that are named; the others are counted.
+NAMED = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,16 +136,20 @@ def write_reconstruction(out: Path, found: Reconstruction | Fused, graph: Path |
     from certpgo.io.surfaces import Surface
 
     averaged, answer = found.averaged, found.answer
-    instance, problem = averaged.instance, answer.problem
+    given, problem, kept = averaged.instance, answer.problem, averaged.kept
+    information = None if given.information is None else given.information.subset(kept)
+    instance = replace(given, graph=given.graph.with_edges(kept), information=information)
     assessment = assess(problem, found.estimate, answer.certificate, ids=instance.ids)
     remarks = [f"{name}: {said}." for name, said in found.consistency()]
-    remarks += [f"Rejected: {pair}." for pair in found.rejected_named()]
+    if rejected := found.rejected_named():
+        more = f"; and {len(rejected) - NAMED} more" if len(rejected) > NAMED else ""
+        remarks.append(f"Rejected: {'; '.join(rejected[:NAMED])}{more}.")
     origin = origin_of(
         found.frames.name if graph is None else str(graph),
         Reading(),
         method="certified",
         remarks=remarks,
-        partial=not averaged.kept.all(),
+        partial=not kept.all(),
         settings=answer.settings,
     )
     write_page(
@@ -154,5 +160,5 @@ def write_reconstruction(out: Path, found: Reconstruction | Fused, graph: Path |
         assessment,
         origin,
         cloud=Surface(found.scene.points.astype(float), found.scene.colours),
-        rejected=instance.graph.edges[~averaged.kept],
+        rejected=given.graph.edges[~kept],
     )

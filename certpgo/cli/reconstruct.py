@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from certpgo.cli import _verdict
-from certpgo.cli._fusing import Fused, fused_at, write_reconstruction, write_scene
+from certpgo.cli._fusing import NAMED, Fused, fused_at, write_reconstruction, write_scene
 from certpgo.cli._options import HtmlOut, Json
 from certpgo.cli._paging import require_pages
 from certpgo.cli._show import document, facts, notice, noticing, working
@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from certpgo.registration.reconstruct import Reconstruction
     from certpgo.registration.sequences import FrameSequence
     from certpgo.registration.stages import Progress
-
-#: Rejected edges that are named; the others are counted.
-NAMED = 10
 
 
 def command(

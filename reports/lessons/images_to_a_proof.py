@@ -87,6 +87,7 @@ print(f"{len(frames)} frames")
 # (Mangelson et al. 2018). Keypoints and pairs are computed once and read from a cache afterwards.
 
 # %%
+COARSE = {"dense": False, "grid": 0.05}
 SETTINGS = {
     "neither": {"gate": False, "trust": False},
     "consistent": {"gate": False, "trust": False, "consistent": True},
@@ -95,7 +96,7 @@ SETTINGS = {
 }
 with tempfile.TemporaryDirectory() as kept:
     found = {
-        name: certpgo.reconstruct(frames, ReconstructSettings(dense=False, **chosen), cache=kept)
+        name: certpgo.reconstruct(frames, ReconstructSettings(**COARSE, **chosen), cache=kept)
         for name, chosen in SETTINGS.items()
     }
 
@@ -236,7 +237,7 @@ for pair in lost:
 # edges, and fit robustly from the least squares of all.
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
-# Two or three that agree: one place of the corner is crossed by three steps at most.
+# Three: one place of the corner is crossed by no more steps.
 edges = [neither.pairs[k] for k in neither.averaged.chosen]
 wrong = np.array([off(pair) > 0.1 for pair in edges])
 few = {}
@@ -246,7 +247,7 @@ for count in range(7):
     start = certpgo.solve(graph).estimate
     robust = certpgo.solve_robustly(graph, initial=start)
     few[count] = angular_errors(robust.estimate, truth).rmse_deg, robust.verdict.value
-    print(f"{count:2} wrong loops: {few[count][0]:5.1f} degrees, {few[count][1]}")
+    print(f"wrong loops {count}: {few[count][0]:5.1f} degrees, {few[count][1]}")
 
 # %% [markdown]
 # **2.** The depth scale is 10 % too large, so that all translations are. What changes in the graph,
