@@ -80,8 +80,9 @@ def write_page(
     assessment: Assessment,
     origin: Origin,
     trace: Sequence[Iteration] = (),
+    **seen: Any,
 ) -> None:
-    """Write the page of a certificate.
+    """Write the page of a certificate; ``seen`` is the cloud and the rejected edges, if any.
 
     Raises
     ------
@@ -92,7 +93,7 @@ def write_page(
     from certpgo.view.certificate_page import certificate_page
 
     with working(f"drawing {instance.name}"):
-        text = certificate_page(instance, problem, estimate, assessment, origin, trace)
+        text = certificate_page(instance, problem, estimate, assessment, origin, trace, **seen)
     atomically(out, lambda temporary: temporary.write_text(text, encoding="utf-8", newline="\n"))
     notice(f"page written to {out}")
 

@@ -29,7 +29,8 @@ from certpgo.costs import (
 from certpgo.errors import CertPGOError, NumericalError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph
 from certpgo.graph.wording import counted
-from certpgo.linalg.arrays import FloatArray
+from certpgo.io.surfaces import Surface
+from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.problem import Problem, RotationProblem
 from certpgo.optimize.monitor import Iteration
 from certpgo.view.advice import advice
@@ -77,6 +78,9 @@ def certificate_page(
     assessment: Assessment,
     origin: Origin,
     trace: Sequence[Iteration] = (),
+    *,
+    cloud: Surface | None = None,
+    rejected: IntArray | None = None,
 ) -> str:
     """The page as one HTML file; the same bytes for the same arguments.
 
@@ -86,6 +90,8 @@ def certificate_page(
         its cost
     assessment : assessment of the estimate, with its certificate
     trace : iterations of the method that found it, if it kept them
+    cloud : points that were seen from the estimate's poses, in its frame, metres
+    rejected : (r, 2) nodes of measurements that the problem does without
     """
     certificate = assessment.certificate
     spectrum, spectrum_note = _spectrum(problem, certificate)
@@ -102,7 +108,7 @@ def certificate_page(
             certificate, origin.graph, origin.estimate, searched=origin.method == "certified"
         ),
         numbers=[*_head(instance, origin), *_facts(instance, assessment)],
-        scene=_scene(instance, problem, estimate),
+        scene=_scene(instance, problem, estimate, cloud, rejected),
         angles=_angles(problem, estimate),
         edge_header=_EDGE_HEADER[: -1 if isinstance(problem, RotationProblem) else None],
         edges=[_edge(edge, instance) for edge in assessment.edges],
@@ -121,7 +127,13 @@ def certificate_page(
     )
 
 
-def _scene(instance: Instance, problem: Certifiable, estimate: Estimate) -> Data:
+def _scene(
+    instance: Instance,
+    problem: Certifiable,
+    estimate: Estimate,
+    cloud: Surface | None,
+    rejected: IntArray | None,
+) -> Data:
     """The estimate of the measurements that the certificate is about, and how it began."""
     judged = replace(
         instance, graph=_measured(problem), initial=None, information=None, outliers=None
@@ -131,8 +143,9 @@ def _scene(instance: Instance, problem: Certifiable, estimate: Estimate) -> Data
     begun = start(replace(judged, initial=instance.initial))
     if _is_same(begun[1], estimate):
         begun = start(judged)
-    shown = scene_of(judged, begun, ("estimate", estimate))
-    return page_scene(shown, problem.edge_costs(estimate))
+    clouds = () if cloud is None else (cloud,)
+    shown = scene_of(judged, begun, ("estimate", estimate), *clouds)
+    return page_scene(shown, problem.edge_costs(estimate), rejected=rejected)
 
 
 def _measured(problem: Certifiable) -> Graph:

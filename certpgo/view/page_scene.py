@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from certpgo.graph.wording import counted
+from certpgo.io.surfaces import Surface
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.view.scene import Kind, Placement, Scene
 
@@ -16,6 +18,10 @@ EDGES = 20_000
 COSTLIEST = 0.1
 #: Poses drawn at most with a frustum.
 FRUSTA = 150
+#: Points of a cloud drawn at most.
+CLOUD = 15_000
+#: Of points without a colour.
+GREY = 128
 #: Kinds of edges, in data.
 BETWEEN, SIGHTING, PRIOR, RANGE = 0, 1, 2, 3
 _CODES = {Kind.SIGHTING: SIGHTING, Kind.PRIOR: PRIOR, Kind.RANGE: RANGE}
@@ -23,7 +29,9 @@ _CODES = {Kind.SIGHTING: SIGHTING, Kind.PRIOR: PRIOR, Kind.RANGE: RANGE}
 Data = dict[str, Any]
 
 
-def page_scene(scene: Scene, costs: FloatArray, *, limit: int = EDGES) -> Data:
+def page_scene(
+    scene: Scene, costs: FloatArray, *, limit: int = EDGES, rejected: IntArray | None = None
+) -> Data:
     """Positions, edges and residuals of a scene's answer for the pages' script.
 
     Parameters
@@ -31,6 +39,7 @@ def page_scene(scene: Scene, costs: FloatArray, *, limit: int = EDGES) -> Data:
     scene : of a graph; the last placement is the answer, the first is "before"
     costs : (m,) terms of F of its edges at the answer
     limit : maximal number of edges drawn
+    rejected : (r, 2) nodes of measurements that the answer does without, which are not its edges
 
     Returns
     -------
@@ -43,7 +52,8 @@ def page_scene(scene: Scene, costs: FloatArray, *, limit: int = EDGES) -> Data:
     what is shown. Where there is another estimate, ``before`` with its name, points, values and
     frusta; where the truth is known, ``truth``, its steps (s, 2, 2 or 3). Where there are landmarks
     or a world or distances, ``landmarks`` (k,) flags, and ``kinds`` (e,) of edges: the ends of a
-    `PRIOR` are both the measured node.
+    `PRIOR` are both the measured node. Where there are clouds or meshes, ``cloud``, a sample of
+    their points (p, 3) with ``colours`` (p,); of rejected measurements, ``rejected`` (r, 2, 3).
     """
     answer = scene.placements[-1]
     drawn = _chosen(costs, limit)
@@ -68,6 +78,12 @@ def page_scene(scene: Scene, costs: FloatArray, *, limit: int = EDGES) -> Data:
     if (kinds != BETWEEN).any():
         more["landmarks"] = scene.landmarks[nodes].astype(int).tolist()
         more["kinds"] = kinds[drawn].tolist()
+    if scene.surfaces:
+        more["cloud"] = _cloud([surface for _, surface in scene.surfaces], rounding)
+        sentences.append(f"Of points, {len(more['cloud']['points']):,} are drawn at most.")
+    if rejected is not None and len(rejected):
+        more["rejected"] = _rounded(answer.spread(len(scene.ids))[rejected, :d], rounding)
+        sentences.append(f"Red: {counted(len(rejected), 'rejected edge{s}')}.")
     if len(scene.placements) > 1:
         before = scene.placements[0]
         more["before"] = {
@@ -104,6 +120,22 @@ def page_scene(scene: Scene, costs: FloatArray, *, limit: int = EDGES) -> Data:
         "metric": scene.metric,
         "flat": scene.is_flat,
         "sentences": sentences,
+    }
+
+
+def _cloud(surfaces: Sequence[Surface], decimals: int) -> Data:
+    """Points (p, 3) sampled evenly, with colours as CSS has them; grey where there are none."""
+    points = np.concatenate([surface.points for surface in surfaces])
+    colours = np.concatenate(
+        [
+            np.full((len(s.points), 3), GREY, np.uint8) if s.colours is None else s.colours
+            for s in surfaces
+        ]
+    )
+    drawn = np.random.default_rng(0).permutation(len(points))[:CLOUD]
+    return {
+        "points": _rounded(points[drawn], decimals),
+        "colours": [bytes(colour).hex() for colour in colours[drawn].astype(np.uint8)],
     }
 
 
