@@ -17,7 +17,7 @@ from certpgo.certify.case import Basin, Case
 from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound, dual_bound
 from certpgo.costs.range_descent import descend, escape
-from certpgo.costs.ranges import SHORTEST, RangeProblem
+from certpgo.costs.ranges import FAINT, SHORTEST, RangeProblem
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.lift import Lift, Point, lifted, main_subspace, translations_of
@@ -78,18 +78,21 @@ def range_bound(problem: RangeProblem, point: Point, cost: float) -> DualBound |
     """A lower bound on f* from a stationary point of the relaxation, of any rank.
 
     By the pose graph of tangents there, see `certpgo.costs.ranges`; None if it is not above zero.
+    Where their weights leave positions free, as of points that the minimum has on a line, faint
+    ones are added.
 
     Parameters
     ----------
     cost : f of the best estimate; it decides how sharp is sharp enough
     """
-    below, constant = problem.surrogate(point)
-    enough = problem.cost(point) - constant - 1e-7 * cost
-    found = dual_bound(below, point, enough=enough, floor=-constant)
-    if found is None:
-        return None
-    value = math.nextafter(found.value + constant, -math.inf)
-    return replace(found, value=value) if value > 0.0 else None
+    for more in (0.0, FAINT):
+        below, constant = problem.surrogate(point, more)
+        enough = problem.cost(point) - constant - 1e-7 * cost
+        found = dual_bound(below, point, enough=enough, floor=-constant)
+        if found is not None:
+            value = math.nextafter(found.value + constant, -math.inf)
+            return replace(found, value=value) if value > 0.0 else None
+    return None
 
 
 @dataclass(frozen=True)

@@ -250,14 +250,18 @@ class RangeProblem(Brief):
         pairs = np.sort(self.ranges.edges, axis=1) @ np.array([self.n, 1])
         return np.unique(pairs, return_inverse=True)[1]
 
-    def surrogate(self, point: Point) -> tuple[SignedProblem, float]:
+    def surrogate(self, point: Point, more: float = 0.0) -> tuple[SignedProblem, float]:
         """The pose graph's problem of tangents at a point of any rank, and the constant.
 
         The constant is rounded down for exactly the weights of the problem.
+
+        Parameters
+        ----------
+        more : added to the weights, over those of the distances
         """
         _, length = self._apart(point)
         w, distance = self.ranges.weights, self.ranges.distances
-        tau = w * (1.0 - distance / length)
+        tau = w * (1.0 - distance / length + more)
         # Without weight, what only met distances hold would be free; and tau must stay below w.
         total, weight = (np.bincount(self._pairs, of)[self._pairs] for of in (tau, w))
         tau = np.where(np.abs(total) < FAINT * weight, tau + 2.0 * FAINT * w, tau)

@@ -310,6 +310,17 @@ def test_repeated_distances_need_not_agree(d):
     assert answer.verdict.value == "CERTIFIED"
 
 
+def test_tangents_that_leave_positions_free_are_made_firm():
+    """Points that contradictory distances put on a line, from which no weight holds them."""
+    rotation = RotationGraph(4, [[2, 3]], np.eye(2)[None], [0.0])
+    graph = PoseGraph(rotation, [[8.9, -2.6]], [1.0], points=[True, True, False, True])
+    pairs = [[1, 0], [1, 3], [0, 1], [1, 2], [0, 3], [2, 0], [2, 1]]
+    distances = [1.4, 5.9, 2.4, 6.8, 1.1, 3.3, 3.3]
+    answer = solve(RangeProblem(graph, Ranges(4, pairs, distances, np.ones(7))))
+    assert answer.verdict.value == "CERTIFIED"
+    assert answer.cost == pytest.approx(answer.certificate.lower_bound, rel=1e-6)
+
+
 def test_most_distances_may_be_zero():
     """(x - 1)^2 + (2 - x)^2 + 2 x^2 is least at 3 / 4; descents must not begin at zero."""
     assert solve(pair([2.0, 0.0, 1e-200], 3)).cost == pytest.approx(2.75, rel=1e-6)
