@@ -131,8 +131,8 @@ class Judge:
                     self._best = basin
             return case.certificate(estimate, own, other, _bounds(case.problem, own.point))
 
-    def _elsewhere(self) -> Basin:
-        """A basin known to be optimal, or the one reached without the estimate."""
+    def _elsewhere(self) -> Basin | None:
+        """A basin known to be optimal, or the one reached without the estimate, if any."""
         if self._best is not None and self._case.is_sharp(self._best):
             return self._best
         if self._other is None:

@@ -17,12 +17,13 @@ from certpgo.certify.case import Basin, Case
 from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound, dual_bound
 from certpgo.costs.range_descent import descend, escape
-from certpgo.costs.ranges import RangeProblem
+from certpgo.costs.ranges import FAINT, SHORTEST, RangeProblem
 from certpgo.errors import InputError, NumericalError
-from certpgo.graph import Estimate
+from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.lift import Lift, Point, lifted, main_subspace, translations_of
 from certpgo.graph.trees import tree_initialization
 from certpgo.linalg import so
+from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.balls import U
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.progress import Stop, stoppable
@@ -40,34 +41,58 @@ STEPS = 200
 RANKS = 7
 
 
+def _lever(graph: PoseGraph) -> float:
+    """The largest coordinate that is measured, or 1 without any."""
+    return float(np.abs(graph.translations).max()) or 1.0
+
+
 def cost_upper(problem: RangeProblem, estimate: Estimate) -> float:
     """An upper bound on f of the estimate, whose translations are taken as stored."""
-    i, j = problem.ranges.edges.T
-    t, distances = translations_of(estimate), problem.ranges.distances
-    length = np.linalg.norm(t[j] - t[i], axis=1)
+    size, error = _misfits(problem, estimate)
+    terms = problem.ranges.weights * (size + error) ** 2
+    total = rounding.cost_upper(problem.alone, estimate) + float(np.sum(terms))
+    return math.nextafter(total * (1.0 + _of_a_sum(terms)), math.inf)
+
+
+def cost_lower(problem: RangeProblem, estimate: Estimate) -> float:
+    """A lower bound on f of the estimate."""
+    size, error = _misfits(problem, estimate)
+    terms = problem.ranges.weights * np.maximum(size - error, 0.0) ** 2
+    total = rounding.cost_lower(problem.alone, estimate) + float(np.sum(terms))
+    return total * (1.0 - _of_a_sum(terms))
+
+
+def _misfits(problem: RangeProblem, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+    """How far distances are from the measured ones, and bounds on the rounding of that."""
+    distances, length = problem.ranges.distances, problem.lengths(estimate)
     # The difference, d squares, their sum and the root, each relative to the length.
-    error = 16.0 * U * (length + distances) + 2.0**-500
-    terms = problem.ranges.weights * (np.abs(length - distances) + error) ** 2
-    total = math.fsum(terms * (1.0 + 16.0 * U)) * (1.0 + 4.0 * U)
-    return math.nextafter(rounding.cost_upper(problem.alone, estimate) + total, math.inf)
+    return np.abs(length - distances), 16.0 * U * (length + distances) + 2.0**-500
+
+
+def _of_a_sum(terms: FloatArray) -> float:
+    # A few roundings within each term, and at most one per term in the sum, in any order.
+    return (len(terms) + 16) * 2.0 * U
 
 
 def range_bound(problem: RangeProblem, point: Point, cost: float) -> DualBound | None:
     """A lower bound on f* from a stationary point of the relaxation, of any rank.
 
     By the pose graph of tangents there, see `certpgo.costs.ranges`; None if it is not above zero.
+    Where their weights leave positions free, as of points that the minimum has on a line, faint
+    ones are added.
 
     Parameters
     ----------
     cost : f of the best estimate; it decides how sharp is sharp enough
     """
-    below, constant = problem.surrogate(point)
-    enough = problem.cost(point) - constant - 1e-7 * cost
-    found = dual_bound(below, point, enough=enough, floor=-constant)
-    if found is None:
-        return None
-    value = math.nextafter(found.value + constant, -math.inf)
-    return replace(found, value=value) if value > 0.0 else None
+    for more in (0.0, FAINT):
+        below, constant = problem.surrogate(point, more)
+        enough = problem.cost(point) - constant - 1e-7 * cost
+        found = dual_bound(below, point, enough=enough, floor=-constant)
+        if found is not None:
+            value = math.nextafter(found.value + constant, -math.inf)
+            return replace(found, value=value) if value > 0.0 else None
+    return None
 
 
 @dataclass(frozen=True)
@@ -123,8 +148,7 @@ class RangedCase(Case):
 
     def sure(self, estimate: Estimate, cost: float) -> float:
         """A smaller cost is lower than the estimate's, at most ``cost``, despite rounding."""
-        computed = self.problem.cost(estimate)
-        return computed - (cost - computed) - self.difference(cost)
+        return cost_lower(self.problem, estimate) - self.difference(cost)
 
     @cached_property
     def search(self) -> Search:
@@ -134,9 +158,11 @@ class RangedCase(Case):
             found.run()
         return found
 
-    def elsewhere(self) -> Basin:
-        """The best estimate of the search, with the bound of the relaxation."""
-        return self.search.basin
+    def elsewhere(self) -> Basin | None:
+        """The best estimate of the search, with the bound of the relaxation; None without one."""
+        with suppress(NumericalError):
+            return self.search.basin
+        return None
 
     def certificate(
         self,
@@ -183,7 +209,10 @@ class Search:
         """Rotations along a tree, and random positions in new dimensions too."""
         problem = self.problem
         tree = tree_initialization(problem.graph.rotation)
-        length = float(np.median(problem.ranges.distances)) or 1.0
+        distances = problem.ranges.distances
+        # Those of nodes that coincide say nothing of the extent.
+        apart = distances[distances > SHORTEST * distances.max()]
+        length = float(np.median(apart)) if len(apart) else _lever(problem.measured)
         t = length * rng.standard_normal((problem.n, problem.d))
         new = problem.whole.dimensions
         point = lifted(Estimate(tree.rotations, t), problem.d + new)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from certpgo.errors import NumericalError
 from certpgo.graph.lift import Point
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.balls import U
@@ -77,6 +78,15 @@ class Shifted:
 
 
 def _exponent(arms: FloatArray) -> int:
-    """Exponent of the power of two nearest to the root mean square of the arms."""
-    rms = float(np.sqrt(np.mean(np.sum(arms**2, axis=1))))
+    """Exponent of the power of two nearest to the root mean square of the arms.
+
+    Raises
+    ------
+    NumericalError
+        Their squares are beyond the range of doubles.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        rms = float(np.sqrt(np.mean(np.sum(arms**2, axis=1))))
+    if not math.isfinite(rms):
+        raise NumericalError("squares of positions are beyond the range of doubles")
     return round(math.log2(rms)) if rms > 0.0 else 0

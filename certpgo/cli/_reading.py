@@ -162,7 +162,8 @@ class Reading:
             notice(f"{instance.name}: {sentence}")
         if instance.ranges is not None and not distances:
             left_out = counted(instance.ranges.num_edges, "distance{s}")
-            notice(f"{instance.name}: {left_out} left out, which only certpgo solve takes")
+            taken = "which only certpgo solve and certify take"
+            notice(f"{instance.name}: {left_out} left out, {taken}")
             instance = replace(instance, ranges=None)
         return rotations_alone(instance) if self.rotations else instance
 

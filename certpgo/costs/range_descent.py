@@ -114,8 +114,12 @@ def descend(
 
 def _factor(problem: RangeProblem, state: _State, exact: bool, damping: float) -> Factor | None:
     H = state.matrix(exact=exact)
-    diagonal = np.abs(H.diagonal())
-    A = add_to_diagonal(H, damping * np.maximum(diagonal, 1e-12 * diagonal.max()))
+    size = state.layout.unpack(np.abs(H.diagonal()))
+    # Of positions and of turns by themselves, as their ratio depends on the unit of length.
+    r = state.point.rank
+    largest = np.repeat([size[:, :r].max(), size[:, r:].max()], [r, size.shape[1] - r])
+    least = state.layout.pack(np.maximum(size, 1e-12 * largest))
+    A = add_to_diagonal(H, damping * least)
     return problem.symbolic(A).factor(A)
 
 

@@ -38,10 +38,12 @@ from certpgo.objective import operators
 from certpgo.objective.edge_sums import EdgeSums
 from certpgo.objective.problem import PoseProblem
 
-#: Least weight of a tangent, over that of its distance: any weight below that is a minorant's.
+#: Least weight of the tangents between two nodes, over that of their distances: any weight below a
+#: distance's is a minorant's.
 FAINT = 1e-10
-#: Distances of estimates below this share of the measured ones have no direction.
-SHORTEST = 1e-12
+#: Distances of estimates below this share of the measured ones have no direction, nor have those
+#: below this share of the coordinates, which may be rounding.
+SHORTEST, INEXACT = 1e-12, 16.0 * U
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -67,6 +69,9 @@ class RangeProblem(Brief):
     def __post_init__(self) -> None:
         if self.ranges.num_nodes != self.measured.num_nodes:
             raise GraphError("the distances are of another graph")
+        if not len(self.poses) or not self.ranges.num_edges:
+            lack = "distances" if len(self.poses) else "poses"
+            raise GraphError(f"there are no {lack} in the graph")
         if self.measured.rotation.is_general or self.measured.arms is not None:
             raise InputError("distances are for measurements with isotropic weights")
         moved = self.measured.edges[self.measured.tau > 0.0]
@@ -139,14 +144,23 @@ class RangeProblem(Brief):
         """Refuse an estimate of another graph by an InputError."""
         self.alone.check(estimate)
 
-    def _apart(self, point: Point) -> tuple[FloatArray, FloatArray]:
-        """(k, r) directions and (k,) lengths of t_j - t_i."""
+    def lengths(self, point: Point) -> FloatArray:
+        """(k,) lengths of t_j - t_i."""
         i, j = self.ranges.edges.T
         t = translations_of(point)
-        delta = t[j] - t[i]
-        length = np.linalg.norm(delta, axis=1)
-        least = np.maximum(length, SHORTEST * (1.0 + self.ranges.distances))
-        return delta / least[:, None], least
+        return np.asarray(np.linalg.norm(t[j] - t[i], axis=1))
+
+    def _apart(self, point: Point) -> tuple[FloatArray, FloatArray]:
+        """(k, r) directions of t_j - t_i, and (k,) lengths, not below the least with a direction.
+
+        Only derivatives and weights of tangents take these lengths; costs take `lengths`.
+        """
+        i, j = self.ranges.edges.T
+        t = translations_of(point)
+        size = np.linalg.norm(t, axis=1)
+        least = np.maximum(SHORTEST * self.ranges.distances, INEXACT * (size[i] + size[j]))
+        length = np.maximum(self.lengths(point), np.maximum(least, np.finfo(float).tiny))
+        return (t[j] - t[i]) / length[:, None], length
 
     def cost(self, point: Point) -> float:
         """The cost f of a point of any rank."""
@@ -154,8 +168,7 @@ class RangeProblem(Brief):
 
     def edge_costs(self, point: Point) -> FloatArray:
         """Terms of f: of the measurements, then of the distances."""
-        _, length = self._apart(point)
-        of_ranges = self.ranges.weights * (self.ranges.distances - length) ** 2
+        of_ranges = self.ranges.weights * (self.ranges.distances - self.lengths(point)) ** 2
         return np.concatenate([self._sums.terms(point), of_ranges])
 
     def residual_angles(self, estimate: Estimate) -> FloatArray:
@@ -164,9 +177,8 @@ class RangeProblem(Brief):
 
     def residual_lengths(self, estimate: Estimate) -> FloatArray:
         """Norms of t_j - t_i - R_i t_ij, then errors of the distances, metres."""
-        _, length = self._apart(estimate)
         moved = np.linalg.norm(self.alone.translation_residuals(estimate), axis=1)
-        return np.concatenate([moved, np.abs(self.ranges.distances - length)])
+        return np.concatenate([moved, np.abs(self.ranges.distances - self.lengths(estimate))])
 
     def stationarity(self, estimate: Estimate) -> float:
         """Largest gradient of a rotation over its weight, radians."""
@@ -232,21 +244,32 @@ class RangeProblem(Brief):
         """The symbolic analysis of a matrix of the whole pattern."""
         return self.whole.symbolic(A)
 
-    def surrogate(self, point: Point) -> tuple[SignedProblem, float]:
+    @cached_property
+    def _pairs(self) -> IntArray:
+        """(k,) which pair of nodes each distance is between."""
+        pairs = np.sort(self.ranges.edges, axis=1) @ np.array([self.n, 1])
+        return np.unique(pairs, return_inverse=True)[1]
+
+    def surrogate(self, point: Point, more: float = 0.0) -> tuple[SignedProblem, float]:
         """The pose graph's problem of tangents at a point of any rank, and the constant.
 
         The constant is rounded down for exactly the weights of the problem.
+
+        Parameters
+        ----------
+        more : added to the weights, over those of the distances
         """
         _, length = self._apart(point)
         w, distance = self.ranges.weights, self.ranges.distances
-        tau = w * (1.0 - distance / length)
+        tau = w * (1.0 - distance / length + more)
         # Without weight, what only met distances hold would be free; and tau must stay below w.
-        tau = np.where(np.abs(tau) < FAINT * w, FAINT * w, tau)
-        tau = np.where(distance > 0.0, np.minimum(tau, w * (1.0 - 2.0**-50)), tau)
+        total, weight = (np.bincount(self._pairs, of)[self._pairs] for of in (tau, w))
+        tau = np.where(np.abs(total) < FAINT * weight, tau + 2.0 * FAINT * w, tau)
+        tau = np.minimum(tau, np.where(distance > 0.0, w * (1.0 - 2.0**-50), w))
         with np.errstate(divide="ignore", invalid="ignore"):
             constants = np.where(distance > 0.0, -w * distance**2 * tau / (w - tau), 0.0)
         # Six operations, and the difference of stored numbers.
         constants -= 16.0 * U * np.abs(constants) + 2.0**-1000
-        total = math.nextafter(math.fsum(constants), -math.inf)
+        constant = math.nextafter(math.fsum(constants), -math.inf)
         weights = np.r_[self.measured.tau, tau]
-        return self.whole.of_same_edges(replace(self.graph, tau=weights)), total
+        return self.whole.of_same_edges(replace(self.graph, tau=weights)), constant

@@ -1,5 +1,6 @@
 """Measured distances: minorants, derivatives, bounds, and the real data's gaps."""
 
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -9,7 +10,7 @@ from strategies import dimensions, point_graph, rng_of, seeds
 
 import certpgo
 from certpgo import Estimate, GraphError, InputError, PoseGraph, Ranges, RotationGraph, solve
-from certpgo.certify.ranged import cost_upper, range_bound
+from certpgo.certify.ranged import Search, cost_lower, cost_upper, range_bound
 from certpgo.costs import range_problem
 from certpgo.costs.range_descent import descend
 from certpgo.costs.ranges import RangeProblem
@@ -262,10 +263,102 @@ def test_estimates_of_others_are_judged(seed, d):
         certpgo.certify(problem, truth, tier="proof")
 
 
+def in_lengths_of(problem, unit):
+    """The same problem with lengths times ``unit``."""
+    graph, ranges = problem.measured, problem.ranges
+    measured = PoseGraph(
+        graph.rotation, unit * graph.translations, graph.tau / unit**2, points=graph.points
+    )
+    distances, weights = unit * ranges.distances, ranges.weights / unit**2
+    return RangeProblem(measured, Ranges(problem.n, ranges.edges, distances, weights))
+
+
+@pytest.mark.parametrize("unit", [1e-10, 1e10])
+def test_the_unit_of_length_changes_nothing(unit):
+    for noise in (0.0, 0.3):
+        problem, truth, _ = measured(5, 3, noise=noise, poses=6)
+        other = in_lengths_of(problem, unit)
+        there = truth.with_translations(unit * truth.translations)
+        assert other.cost(there) == pytest.approx(problem.cost(truth), rel=1e-9, abs=1e-20)
+        here, found = solve(problem), solve(other)
+        assert found.cost == pytest.approx(here.cost, rel=1e-6, abs=1e-12 * problem.scale)
+        assert found.verdict is here.verdict
+
+
+def pair(distances, d=2):
+    """A point one metre from a pose, and distances between them."""
+    rotation = RotationGraph(2, [[0, 1]], np.eye(d)[None], np.zeros(1))
+    graph = PoseGraph(rotation, np.eye(d)[:1], np.ones(1), points=[False, True])
+    pairs = [[0, 1], [1, 0], [0, 1]][: len(distances)]
+    return RangeProblem(graph, Ranges(2, pairs, distances, np.ones(len(distances))))
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1.0, 1e12])
+def test_nodes_closer_than_they_can_be_are_apart_all_the_same(unit):
+    """Costs have the lengths themselves; tangents take only those with directions."""
+    problem = in_lengths_of(pair([1.0]), unit)
+    t = unit * np.array([[0.0, 0.0], [1e-3, 0.0]])
+    close = Estimate(np.tile(np.eye(2), (2, 1, 1)), t)
+    assert problem.cost(close) == pytest.approx(2.0 * 0.999**2, rel=1e-12)
+    assert cost_lower(problem, close) <= problem.cost(close) <= cost_upper(problem, close)
+    assert cost_upper(problem, close) == pytest.approx(cost_lower(problem, close), rel=1e-12)
+    apart = Estimate(close.rotations, 1e3 * t)
+    assert certpgo.certify(problem, apart).verdict.value == "CERTIFIED"
+    assert certpgo.certify(problem, close, refine=False).verdict.value != "REFUTED"
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_repeated_distances_need_not_agree(d):
+    """What they weigh adds up to zero where their mean is met, and nothing else holds a node."""
+    rotation = RotationGraph(4, [[0, 1], [0, 2]], np.tile(np.eye(d), (2, 1, 1)), [0.0, 0.0])
+    graph = PoseGraph(rotation, np.eye(d)[:2], np.ones(2), points=[False, True, True, True])
+    pairs, distances = [[1, 3], [3, 1], [2, 3], [2, 3]], [2.9, 3.1, 3.3, 3.5]
+    answer = solve(RangeProblem(graph, Ranges(4, pairs, distances, np.ones(4))))
+    assert answer.cost == pytest.approx(0.04, rel=1e-6)
+    assert answer.verdict.value == "CERTIFIED"
+
+
+def test_tangents_that_leave_positions_free_are_made_firm():
+    """Points that contradictory distances put on a line, from which no weight holds them."""
+    rotation = RotationGraph(4, [[2, 3]], np.eye(2)[None], [0.0])
+    graph = PoseGraph(rotation, [[8.9, -2.6]], [1.0], points=[True, True, False, True])
+    pairs = [[1, 0], [1, 3], [0, 1], [1, 2], [0, 3], [2, 0], [2, 1]]
+    distances = [1.4, 5.9, 2.4, 6.8, 1.1, 3.3, 3.3]
+    answer = solve(RangeProblem(graph, Ranges(4, pairs, distances, np.ones(7))))
+    assert answer.verdict.value == "CERTIFIED"
+    assert answer.cost == pytest.approx(answer.certificate.lower_bound, rel=1e-6)
+
+
+def test_most_distances_may_be_zero():
+    """(x - 1)^2 + (2 - x)^2 + 2 x^2 is least at 3 / 4; descents must not begin at zero."""
+    assert solve(pair([2.0, 0.0, 1e-200], 3)).cost == pytest.approx(2.75, rel=1e-6)
+    assert solve(pair([0.0, 0.0])).cost == pytest.approx(2.0 / 3.0, rel=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize("far", [1e100, 1e154, 1e200, 1e308])
+def test_estimates_beyond_the_range_of_doubles_are_undecided(far):
+    problem, truth, _ = measured(0, 2)
+    t = truth.translations.copy()
+    t[:2] = far * np.array([[1.0, 0.0], [-1.0, 1.0]])
+    found = certpgo.certify(problem, Estimate(truth.rotations, t))
+    assert found.verdict.value != "CERTIFIED"
+    assert found.lower_bound <= problem.cost(truth)
+
+
+def test_a_search_that_finds_nothing_decides_nothing(monkeypatch):
+    monkeypatch.setattr(Search, "try_from", lambda self, start: None)
+    problem, truth, rng = measured(3, 3, noise=1.0)
+    t = truth.translations + rng.standard_normal(truth.translations.shape)
+    found = certpgo.certify(problem, Estimate(truth.rotations, t))
+    assert found.verdict.value in ("BOUNDED", "UNDECIDED")
+    assert found.better is None
+
+
 def test_a_map_stuck_elsewhere_is_refuted(dataset):
     instance = dataset("goats_16")
     problem = range_problem(instance)
-    estimate = solve(problem).estimate
+    estimate = solve(problem).estimate.anchored(0)
     t = estimate.translations.copy()
     t[instance.graph.points, 0] *= -3.0  # beacons on the wrong side
     found = certpgo.certify(problem, Estimate(estimate.rotations, t))
@@ -318,6 +411,12 @@ def test_what_is_refused():
         RangeProblem(pair, Ranges(3, [[1, 2]], [1.0], [1.0]))
     with pytest.raises(GraphError, match="no measurement or distance joins node 2"):
         RangeProblem(pair, Ranges(3, [[0, 1]], [1.0], [1.0]))
+    points = PoseGraph(RotationGraph(2, [[0, 1]], np.eye(2)[None], [0.0]), [[0.0, 0.0]], [1.0])
+    points = replace(points, points=np.ones(2, dtype=bool))
+    with pytest.raises(GraphError, match="no poses"):
+        RangeProblem(points, Ranges(2, [[0, 1]], [1.0], [1.0]))
+    with pytest.raises(GraphError, match="no distances"):
+        RangeProblem(pair, Ranges(3, np.empty((0, 2), dtype=int), [], []))
     instance = certpgo.Instance("lonely", problem.measured, np.arange(n), ranges=problem.ranges)
     with pytest.raises(InputError, match="only the cost F"):
         solve(instance, cost="g2o")
