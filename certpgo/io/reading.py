@@ -65,8 +65,8 @@ def read(
 
     Parameters
     ----------
-    path : a g2o, PyFG, TORO, iSAM, .mat (viewing graph), .npz or GLOMAP relative poses file, a
-        1DSfM folder or its EGs.txt
+    path : a g2o, PyFG, TORO, iSAM, Open3D (JSON), .mat (viewing graph), .npz or GLOMAP relative
+        poses file, a 1DSfM folder or its EGs.txt
     keep : of parallel edges, ``"all"`` (their terms add), or the ``"first"`` or ``"last"``
     rotation_information : what the rotational information refers to: ``"tangent"`` (default of g2o
         and TORO), ``"quaternion"`` (its vector part, half the angle: kappa is a quarter) or
