@@ -2,6 +2,7 @@
 # make test      lint, types and tests
 # make gate      quick results of some tables against the committed ones
 # make docs      the site, into build/docs, lessons run; make linkcheck looks its outside links up
+# make dist      a wheel and an sdist, into dist
 # make setup     the environment alone
 
 PYTHON ?= python3
@@ -15,7 +16,7 @@ COMPARE := $(VENV)/.installed-baselines
 DEVELOP := $(VENV)/.installed-dev
 DOCS := $(VENV)/.installed-docs
 
-.PHONY: compare test gate docs linkcheck setup clean
+.PHONY: compare test gate docs linkcheck dist setup clean
 
 compare: $(COMPARE)
 	@$(BIN)/certpgo compare
@@ -36,6 +37,9 @@ docs: $(DOCS)
 
 linkcheck: $(DOCS)
 	@$(BIN)/python -m sphinx -q -b linkcheck -D nb_execution_mode=off docs build/linkcheck
+
+dist: $(DEVELOP)
+	$(BIN)/python -m build --outdir dist
 
 setup: $(DEVELOP)
 

@@ -52,6 +52,7 @@ HOMES = {
     "cvxpy": ("certpgo/solvers/sdp_",),
     "pymetis": ("certpgo/linalg/factor.py",),
     "pooch": ("certpgo/datasets/lookup.py",),
+    "rosbags": ("certpgo/io/bags.py",),
     "typer": ("certpgo/cli/", "reports/harness/commands/"),
     "rich": ("certpgo/cli/", "reports/harness/commands/"),
     "threadpoolctl": (

@@ -77,7 +77,11 @@ class JudgedGraph:
 
 
 def estimates_for(
-    path: Path, whole: Instance, parts: Sequence[Instance], timestamps: str | Path = "ids"
+    path: Path,
+    whole: Instance,
+    parts: Sequence[Instance],
+    timestamps: str | Path = "ids",
+    topic: str | None = None,
 ) -> list[Estimate]:
     """The estimate of each part, from a file that covers the whole graph or its only part.
 
@@ -87,13 +91,13 @@ def estimates_for(
         The file is unusable or belongs to another graph.
     """
     if len(parts) == 1 and parts[0] is whole:
-        return [read_estimate(path, whole, timestamps=timestamps)]
+        return [read_estimate(path, whole, timestamps=timestamps, topic=topic)]
     try:
-        estimate = read_estimate(path, whole, timestamps=timestamps)
+        estimate = read_estimate(path, whole, timestamps=timestamps, topic=topic)
     except InputError:
         if len(parts) != 1:
             raise
-        return [read_estimate(path, parts[0], timestamps=timestamps)]
+        return [read_estimate(path, parts[0], timestamps=timestamps, topic=topic)]
     return [estimate.subset(np.searchsorted(whole.ids, part.ids)) for part in parts]
 
 

@@ -6,7 +6,7 @@ import functools
 import inspect
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 from certpgo.cli._show import notice, progress_bar
-from certpgo.errors import GraphError
+from certpgo.errors import GraphError, InputError
 
 if TYPE_CHECKING:
     from certpgo.datasets.source import Source
@@ -58,6 +58,10 @@ class Components(StrEnum):
     REFUSE = "refuse"
     EACH = "each"
     LARGEST = "largest"
+
+
+def _is_list(given: object) -> bool:
+    return isinstance(given, list | tuple)
 
 
 def _option(name: str, help: str, metavar: str | None = None) -> Any:
@@ -119,6 +123,12 @@ class Reading:
     rotations: Annotated[
         bool, _option("--rotations", help="Ignore translations: rotation averaging.")
     ] = False
+    topic: Annotated[
+        str | None,
+        _option(
+            "--topic", help="Topic of a bag of ROS, where several could be read.", metavar="NAME"
+        ),
+    ] = None
     data: Annotated[
         Path | None, _option("--data", metavar="DIR", help="Folder to search for datasets first.")
     ] = None
@@ -131,6 +141,21 @@ class Reading:
         if source.hides_dataset:
             notice(f"{name} is a file here; the dataset of that name is not used")
         return source
+
+    def topic_of(self, path: Path) -> str | None:
+        """The topic that is chosen, if this is a bag."""
+        from certpgo.io.format import has_topics
+
+        return self.topic if self.topic is not None and has_topics(path) else None
+
+    def refuse_useless_topic(self, arguments: Iterable[Any]) -> None:
+        """Refuse ``--topic`` unless some argument, or an item of one, is a bag."""
+        if self.topic is None:
+            return
+        listed = [one for given in arguments for one in (given if _is_list(given) else [given])]
+        paths = (Path(one) for one in listed if isinstance(one, str | Path))
+        if not any(self.topic_of(path) for path in paths):
+            raise InputError("--topic is about a bag of ROS, and none is given")
 
     @property
     def options(self) -> dict[str, Any]:
@@ -157,7 +182,10 @@ class Reading:
         from certpgo.graph.wording import counted
 
         with _reading_progress() as progress:
-            instance = source.graph(progress=progress, quiet=True, **self.options)
+            chosen: dict[str, Any] = {}
+            if topic := self.topic_of(Path(source.name)):
+                chosen["topic"] = topic
+            instance = source.graph(progress=progress, quiet=True, **self.options, **chosen)
         for sentence in instance.notices if notices else ():
             notice(f"{instance.name}: {sentence}")
         if instance.ranges is not None and not distances:
@@ -209,6 +237,7 @@ def takes_reading(command: Callable[..., int | None]) -> Callable[..., int | Non
     @functools.wraps(command)
     def with_reading(**kwargs: Any) -> int | None:
         reading = Reading(**{p.name: kwargs.pop(p.name) for p in shared})
+        reading.refuse_useless_topic(kwargs.values())
         return command(**kwargs, reading=reading)
 
     keyword = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own]

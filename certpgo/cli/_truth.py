@@ -12,6 +12,7 @@ from certpgo.cli._show import noticing
 
 if TYPE_CHECKING:
     from certpgo.assess.metrics import TrajectoryErrors
+    from certpgo.cli._reading import Reading
     from certpgo.graph import Estimate, Instance
     from certpgo.linalg.arrays import IntArray
 
@@ -34,7 +35,7 @@ class KnownPoses:
     poses: Estimate
 
     @classmethod
-    def of(cls, path: Path | None, part: Instance) -> KnownPoses | None:
+    def of(cls, path: Path | None, part: Instance, reading: Reading) -> KnownPoses | None:
         """The truth in a file, of the poses of a graph; None without a file.
 
         Raises
@@ -49,7 +50,7 @@ class KnownPoses:
         if path is None:
             return None
         with noticing():
-            nodes, poses = read_truth(path, part)
+            nodes, poses = read_truth(path, part, topic=reading.topic_of(path))
         of_poses = np.isin(nodes, part.poses)
         return cls(nodes[of_poses], poses.subset(np.flatnonzero(of_poses)))
 

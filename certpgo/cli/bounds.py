@@ -51,8 +51,9 @@ def command(
     if path is not None:
         from certpgo.assess.batch import estimates_for
 
+        topic = reading.topic_of(path)
         with noticing():
-            points = [*estimates_for(path, instance, parts, timestamps)]
+            points = [*estimates_for(path, instance, parts, timestamps, topic)]
     documents = []
     for part, point in zip(parts, points, strict=True):
         with working(f"bounds of {part.name}"), ends_at_once() if sdp else nullcontext():

@@ -119,8 +119,8 @@ def command(
     if csv is not None:
         return _batch(estimates, instance, parts, timestamps, csv, json, reading)
     path = reading.resolve(estimates[0]).path()
-    given = _read(path, instance, parts, timestamps)
-    truths = [KnownPoses.of(truth, part.instance) for part in parts]
+    given = _read(path, instance, parts, timestamps, reading)
+    truths = [KnownPoses.of(truth, part.instance, reading) for part in parts]
     assessments, disagreements = _single(path, given, parts, truths, json)
     if best is not None:
         _write_best(best, parts[0], assessments[0])
@@ -229,7 +229,7 @@ def _batch(
 
         def read(name: str) -> list[Estimate]:
             status.update(f"certifying {name}")
-            return _read(reading.resolve(name).path(), instance, parts, timestamps)
+            return _read(reading.resolve(name).path(), instance, parts, timestamps, reading)
 
         for row in judge_all(names, parts, read):
             rows.append(row)
@@ -243,12 +243,17 @@ def _batch(
 
 
 def _read(
-    path: Path, instance: Instance, parts: Sequence[JudgedGraph], timestamps: str
+    path: Path,
+    instance: Instance,
+    parts: Sequence[JudgedGraph],
+    timestamps: str,
+    reading: Reading,
 ) -> list[Estimate]:
     from certpgo.assess.batch import estimates_for
 
+    of_parts, topic = [part.instance for part in parts], reading.topic_of(path)
     with noticing():
-        return estimates_for(path, instance, [part.instance for part in parts], timestamps)
+        return estimates_for(path, instance, of_parts, timestamps, topic)
 
 
 def _write_best(out: Path, part: JudgedGraph, assessment: Assessment) -> None:

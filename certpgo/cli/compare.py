@@ -107,7 +107,7 @@ def command(
             for part in parts:
                 # A method requested by name is run anyway, and reports why it is unsuited.
                 suited = [method for method in chosen if methods or method.suits(part.graph)]
-                known = KnownPoses.of(truth, part)
+                known = KnownPoses.of(truth, part, reading)
                 _compare(part, suited, results, known, None if json else phases)
         results.complete()
     except BaseException as error:

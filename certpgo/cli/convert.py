@@ -84,7 +84,7 @@ def command(
     with noticing():
         write(
             target,
-            read_estimate(path, instance, timestamps=timestamps),
+            read_estimate(path, instance, timestamps=timestamps, topic=reading.topic_of(path)),
             instance=instance,
             format=format,
             anchor=None if anchor is None else anchor.value,

@@ -145,9 +145,11 @@ def command(
     _refuse_parts(whole, proof=proof, html=html, covariances=covariances)
     targets = targets_of(out, parts)
     refuse_overwriting(targets, [source, initial, truth])
-    truths = [KnownPoses.of(truth, part) for part in parts]
+    truths = [KnownPoses.of(truth, part, reading) for part in parts]
     with noticing():
-        start = None if initial is None else read_estimate(initial, instance)
+        start = None
+        if initial is not None:
+            start = read_estimate(initial, instance, topic=reading.topic_of(initial))
     solver = None if method is None else _solver(method, settings, parts)
     if initial is not None and not getattr(solver, "takes_initial", True):
         raise InputError(f"{method} takes no initial estimate: not with --initial")

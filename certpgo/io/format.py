@@ -151,6 +151,7 @@ class Format:
     holds_ranges : whether such a file of a graph can store distances, and points that no pose sees
     holds_translations : whether such a file can store them
     chart : how a text file represents a pose; None if unknown
+    on_topic : the format that reads one topic of such a file; None where there are no topics
     """
 
     name: str
@@ -165,6 +166,7 @@ class Format:
     holds_points: bool = False
     holds_ranges: bool = False
     chart: Chart | None = None
+    on_topic: Callable[[str], Format] | None = None
 
 
 @cache
@@ -197,16 +199,37 @@ def file_of(given: object) -> Path:
     raise InputError(f"read_estimate reads a file, not {kind_of(given)}: {instead}")
 
 
-def format_of(path: Path, name: str | None = None) -> Format:
+def has_topics(path: Path) -> bool:
+    """Whether a file or folder is there whose topics can be chosen."""
+    try:
+        return format_of(path).on_topic is not None
+    except InputError:
+        return False
+
+
+def format_of(path: Path, name: str | None = None, topic: str | None = None) -> Format:
     """The format of an existing file or folder: as named, or by content, then by suffix.
+
+    Parameters
+    ----------
+    topic : the only topic to read, of a bag
 
     Raises
     ------
     FormatError
-        The path does not exist, is empty, or has no known format.
+        The path does not exist, is empty, or has no known format; or a file without topics.
     SpecError
         ``name`` is unknown.
     """
+    form = _format_of(path, name)
+    if topic is None:
+        return form
+    if form.on_topic is None:
+        raise FormatError(path, None, f"a {form.name} file has no topics")
+    return form.on_topic(topic)
+
+
+def _format_of(path: Path, name: str | None) -> Format:
     head = _head(path)
     if name is not None:
         form = get_format(name)
@@ -222,7 +245,9 @@ def format_of(path: Path, name: str | None = None) -> Format:
         if text and uncompressed_name(path).suffix in form.suffixes:
             return form
     if path.is_dir():
-        raise FormatError(path, None, "a folder must hold EGs.txt (1DSfM)")
+        raise FormatError(
+            path, None, "a folder must hold EGs.txt (1DSfM) or metadata.yaml (rosbag2)"
+        )
     raise FormatError(path, None, f"no known format; known: {', '.join(sorted(formats()))}")
 
 

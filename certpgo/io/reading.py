@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
 
 from certpgo.errors import CertPGOError, FormatError, InputError, InputNotice
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph
+from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.graph.edges import Keep, simple_edges
-from certpgo.graph.information import mahalanobis as mahalanobis_weights
 from certpgo.graph.points import with_points
-from certpgo.graph.wording import counted
 from certpgo.io.assemble import estimate_for, truth_for
+from certpgo.io.chosen_weights import ChosenWeights
 from certpgo.io.dead_reckoning import integrated
 from certpgo.io.format import (
     LabelledPoses,
@@ -31,11 +30,6 @@ from certpgo.io.names import named_ids
 from certpgo.io.timestamps import with_node_ids
 from certpgo.linalg.arrays import IntArray
 
-#: Notice about lowered Mahalanobis weights, with the number of edges.
-CLIPPED = (
-    "edge{s} whose rotational information exceeds what a semidefinite weight can express: it is "
-    "lowered there, and F is at most the cost with all of it"
-)
 _MEANINGS = ("tangent", "quaternion", "rpy")
 
 
@@ -53,6 +47,7 @@ def read(
     landmarks: bool = True,
     truth: str | Path | None = None,
     format: str | None = None,
+    topic: str | None = None,
     progress: Progress | None = None,
     quiet: bool = False,
 ) -> Instance:
@@ -65,8 +60,8 @@ def read(
 
     Parameters
     ----------
-    path : a g2o, PyFG, TORO, iSAM, .mat (viewing graph), .npz or GLOMAP relative poses file, a
-        1DSfM folder or its EGs.txt
+    path : a g2o, PyFG, TORO, iSAM, Open3D (JSON), .mat (viewing graph), .npz or GLOMAP relative
+        poses file, a bag of ROS with rtabmap's graph, a 1DSfM folder or its EGs.txt
     keep : of parallel edges, ``"all"`` (their terms add), or the ``"first"`` or ``"last"``
     rotation_information : what the rotational information refers to: ``"tangent"`` (default of g2o
         and TORO), ``"quaternion"`` (its vector part, half the angle: kappa is a quarter) or
@@ -83,6 +78,7 @@ def read(
     landmarks : whether points, what sees them and ranges to them are read; else they are skipped
     truth : a file with ground truth for every node, see `read_truth`
     format : name of the format, if content and suffix do not determine it
+    topic : of a bag, where several have graphs
     progress : called with bytes read and bytes in total, after each chunk
     quiet : collect notices in ``Instance.notices`` without also warning
 
@@ -109,10 +105,10 @@ def read(
     array([10, 20, 30, 40])
     """
     path = Path(path)
-    form = format_of(path, format)
+    form = format_of(path, format, topic)
     if form.read_graph is None:
         raise FormatError(path, None, f"a {form.name} file holds {form.holds}, no measurements")
-    weights = _Weights(kappa, tau, unit_weights, mahalanobis)
+    weights = ChosenWeights(kappa, tau, unit_weights, mahalanobis)
     _check_choice("keep", keep, ("all", "first", "last"))
     if rotation_information is not None:
         _check_choice("rotation_information", rotation_information, _MEANINGS)
@@ -142,19 +138,21 @@ def read_estimate(
     *,
     timestamps: str | Path = "ids",
     format: str | None = None,
+    topic: str | None = None,
 ) -> Estimate:
     """Read one pose or rotation per node.
 
     Parameters
     ----------
     path : a g2o or PyFG (its vertices), TUM, KITTI, .npz, 1DSfM rotations, Bundler, COLMAP
-        (images.txt) or GLOMAP rotations file
+        (images.txt), Open3D (JSON) or GLOMAP rotations file, or a bag of ROS
     instance : the graph the estimate is for, which determines the order of nodes and whether
         translations are needed. Without it the order is by ascending id, or the file's, and
         translations that are all zero are dropped.
-    timestamps : meaning of a TUM file's timestamps: node ``"ids"``; none, as lines are in the order
-        of nodes (``"index"``); or a file with the time of each node, one per line
+    timestamps : meaning of the timestamps of a TUM file or bag: node ``"ids"``; none, as poses are
+        in the order of nodes (``"index"``); or a file with the time of each node, one per line
     format : name of the format, if content and suffix do not determine it
+    topic : of a bag, where several have poses
 
     Raises
     ------
@@ -175,7 +173,7 @@ def read_estimate(
     True
     """
     path = file_of(path)
-    poses = _poses(path, format)
+    poses = _poses(path, format, topic)
     try:
         poses = _labelled(poses, instance, timestamps)
         if instance is None:
@@ -193,7 +191,11 @@ def read_estimate(
 
 
 def read_truth(
-    path: str | Path, instance: Instance, *, format: str | None = None
+    path: str | Path,
+    instance: Instance,
+    *,
+    format: str | None = None,
+    topic: str | None = None,
 ) -> tuple[IntArray, Estimate]:
     """Read ground truth, possibly of some nodes only.
 
@@ -203,6 +205,7 @@ def read_truth(
         relative poses, which are integrated along a spanning tree from the smallest id
     instance : the graph it is for; ids are matched, and ids not in the graph are ignored
     format : name of the format, if content and suffix do not determine it
+    topic : of a bag, where several have poses
 
     Returns
     -------
@@ -215,7 +218,7 @@ def read_truth(
         With path, line and what was expected there.
     """
     path = Path(path)
-    form = format_of(path, format)
+    form = format_of(path, format, topic)
     if form.read_poses is not None:
         poses = form.read_poses(path)
     elif form.read_graph is not None:
@@ -231,61 +234,6 @@ def read_truth(
     return found
 
 
-@dataclass(frozen=True)
-class _Weights:
-    kappa: float | None
-    tau: float | None
-    unit: bool
-    mahalanobis: bool
-
-    def __post_init__(self) -> None:
-        if self.unit and (self.kappa is not None or self.tau is not None):
-            raise InputError(
-                "unit weights (--unit-weights) exclude a kappa or tau (--kappa, --tau)"
-            )
-        if self.mahalanobis and str(replace(self, mahalanobis=False)) != "file":
-            raise InputError("Mahalanobis weights exclude --kappa, --tau and --unit-weights")
-        for name, value in (("kappa", self.kappa), ("tau", self.tau)):
-            if value is not None and not 0.0 < value < np.inf:
-                raise InputError(f"{name} must be positive and finite, not {value}")
-
-    @property
-    def override_all(self) -> bool:
-        return self.unit or (self.kappa is not None and self.tau is not None)
-
-    def apply(self, instance: Instance) -> Instance:
-        """The instance with these weights in place of the file's."""
-        if str(self) == "file":
-            return instance
-        if self.mahalanobis:
-            return _with_mahalanobis(instance)
-        graph, ranges = self._overridden(instance.graph), instance.ranges
-        if ranges is not None and self.override_all:
-            ranges = replace(ranges, weights=np.ones(ranges.num_edges))
-        return replace(instance, graph=graph, information=None, ranges=ranges)
-
-    def _overridden(self, graph: Graph) -> Graph:
-        kappa, tau = (1.0, 1.0) if self.unit else (self.kappa, self.tau)
-        if isinstance(graph, PoseGraph):
-            known = graph.rotation.kappa > 0.0
-            if kappa is not None and not known.all():  # positions have no rotational weight
-                return graph.with_weights(np.where(known, kappa, 0.0), tau)
-            return graph.with_weights(kappa, tau)
-        return graph if kappa is None else graph.with_weights(kappa)
-
-    def __str__(self) -> str:
-        if self.unit:
-            return "unit"
-        if self.mahalanobis:
-            return "mahalanobis"
-        if self.kappa is None and self.tau is None:
-            return "file"
-        return ",".join(
-            f"{name}={'file' if value is None else repr(float(value))}"
-            for name, value in (("kappa", self.kappa), ("tau", self.tau))
-        )
-
-
 def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
     if value not in choices:
         raise InputError(f"{name} must be one of {', '.join(choices)}, not {value!r}")
@@ -296,8 +244,8 @@ def _warn(path: Path, notices: Iterable[str]) -> None:
         warnings.warn(f"{path}: {notice}", InputNotice, stacklevel=3)
 
 
-def _poses(path: Path, name: str | None) -> LabelledPoses:
-    form = format_of(path, name)
+def _poses(path: Path, name: str | None, topic: str | None) -> LabelledPoses:
+    form = format_of(path, name, topic)
     if form.read_poses is None:
         raise FormatError(path, None, f"a {form.name} file holds {form.holds}, no estimate")
     return form.read_poses(path)
@@ -318,7 +266,7 @@ def _labelled(
     return replace(poses, ids=found, notices=(notice,) if notice else ())
 
 
-def _with_choices(instance: Instance, keep: Keep, weights: _Weights) -> Instance:
+def _with_choices(instance: Instance, keep: Keep, weights: ChosenWeights) -> Instance:
     instance = weights.apply(instance)
     graph, information = instance.graph, instance.information
     if keep != "all":
@@ -333,21 +281,6 @@ def _with_choices(instance: Instance, keep: Keep, weights: _Weights) -> Instance
     if str(weights) != "file":
         options["weights"] = str(weights)
     return replace(instance, graph=graph, options=options, information=information)
-
-
-def _with_mahalanobis(instance: Instance) -> Instance:
-    graph, information = instance.graph, instance.information
-    if not isinstance(graph, PoseGraph) or information is None:
-        raise InputError(
-            f"{instance.source or instance.name}: Mahalanobis weights (--mahalanobis) need poses "
-            "with rotational information, about a tangent vector or a quaternion, on every edge"
-        )
-    scale = 0.25 if instance.options.get("rotation_information") == "quaternion" else 1.0
-    graph, clipped = mahalanobis_weights(graph, information, scale)
-    notices = instance.notices
-    if clipped:
-        notices += (counted(clipped, CLIPPED),)
-    return replace(instance, graph=graph, information=None, notices=notices)
 
 
 def _with_truth(instance: Instance, path: Path) -> Instance:

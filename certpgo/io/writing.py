@@ -55,8 +55,8 @@ def write(
 
     Parameters
     ----------
-    path : .g2o, .npz or .pyfg for a graph; .g2o, .npz, .pyfg, .tum, .kitti, .rots or .ply for an
-        estimate
+    path : .g2o, .npz, .pyfg or .json (Open3D) for a graph; these, .tum, .kitti, .rots or .ply for
+        an estimate
     what : an instance (graph, ids, initial values, fixed nodes), a graph, an estimate, or what has
         one, such as an answer of `certpgo.solve`
     instance : for an estimate, the instance it solves: its ids, initial values and fixed nodes; an
@@ -136,6 +136,9 @@ def write(
         _refuse_ranges(path, whole)
     if whole.fixed and form.name == "pyfg":
         lost = "a pyfg file holds no fixed nodes: they are not written"
+        warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
+    if form.name == "open3d" and (whole.ids != np.arange(graph.num_nodes)).any():
+        lost = "an open3d file numbers nodes from 0: their ids are not written"
         warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
     atomically(path, lambda temporary: graph_writer(temporary, whole))
 

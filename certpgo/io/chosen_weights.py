@@ -1,0 +1,103 @@
+"""Weights that replace those of a file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from certpgo.errors import InputError
+from certpgo.graph import Graph, Instance, PoseGraph
+from certpgo.graph.information import mahalanobis as mahalanobis_weights
+from certpgo.graph.wording import counted
+
+#: Notice about lowered Mahalanobis weights, with the number of edges.
+CLIPPED = (
+    "edge{s} whose rotational information exceeds what a semidefinite weight can express: it is "
+    "lowered there, and F is at most the cost with all of it"
+)
+
+
+@dataclass(frozen=True)
+class ChosenWeights:
+    """Weights in place of a file's, as the options of `certpgo.read` choose them.
+
+    Attributes
+    ----------
+    kappa, tau : of every edge, or None
+    unit : whether all weights are 1
+    mahalanobis : whether rotations are weighed by all of the file's rotational information
+
+    Raises
+    ------
+    InputError
+        Contradictory choices, or a weight that is not positive and finite.
+    """
+
+    kappa: float | None
+    tau: float | None
+    unit: bool
+    mahalanobis: bool
+
+    def __post_init__(self) -> None:
+        if self.unit and (self.kappa is not None or self.tau is not None):
+            raise InputError(
+                "unit weights (--unit-weights) exclude a kappa or tau (--kappa, --tau)"
+            )
+        if self.mahalanobis and str(replace(self, mahalanobis=False)) != "file":
+            raise InputError("Mahalanobis weights exclude --kappa, --tau and --unit-weights")
+        for name, value in (("kappa", self.kappa), ("tau", self.tau)):
+            if value is not None and not 0.0 < value < np.inf:
+                raise InputError(f"{name} must be positive and finite, not {value}")
+
+    @property
+    def override_all(self) -> bool:
+        """Whether the file's weights are not used."""
+        return self.unit or (self.kappa is not None and self.tau is not None)
+
+    def apply(self, instance: Instance) -> Instance:
+        """The instance with these weights in place of the file's."""
+        if str(self) == "file":
+            return instance
+        if self.mahalanobis:
+            return _with_mahalanobis(instance)
+        graph, ranges = self._overridden(instance.graph), instance.ranges
+        if ranges is not None and self.override_all:
+            ranges = replace(ranges, weights=np.ones(ranges.num_edges))
+        return replace(instance, graph=graph, information=None, ranges=ranges)
+
+    def _overridden(self, graph: Graph) -> Graph:
+        kappa, tau = (1.0, 1.0) if self.unit else (self.kappa, self.tau)
+        if isinstance(graph, PoseGraph):
+            known = graph.rotation.kappa > 0.0
+            if kappa is not None and not known.all():  # positions have no rotational weight
+                return graph.with_weights(np.where(known, kappa, 0.0), tau)
+            return graph.with_weights(kappa, tau)
+        return graph if kappa is None else graph.with_weights(kappa)
+
+    def __str__(self) -> str:
+        if self.unit:
+            return "unit"
+        if self.mahalanobis:
+            return "mahalanobis"
+        if self.kappa is None and self.tau is None:
+            return "file"
+        return ",".join(
+            f"{name}={'file' if value is None else repr(float(value))}"
+            for name, value in (("kappa", self.kappa), ("tau", self.tau))
+        )
+
+
+def _with_mahalanobis(instance: Instance) -> Instance:
+    graph, information = instance.graph, instance.information
+    if not isinstance(graph, PoseGraph) or information is None:
+        raise InputError(
+            f"{instance.source or instance.name}: Mahalanobis weights (--mahalanobis) need poses "
+            "with rotational information, about a tangent vector or a quaternion, on every edge"
+        )
+    scale = 0.25 if instance.options.get("rotation_information") == "quaternion" else 1.0
+    graph, clipped = mahalanobis_weights(graph, information, scale)
+    notices = instance.notices
+    if clipped:
+        notices += (counted(clipped, CLIPPED),)
+    return replace(instance, graph=graph, information=None, notices=notices)

@@ -1,0 +1,136 @@
+"""COLMAP's database.db: relative rotations of pairs of images, from their verified matches.
+
+    images               image_id, name
+    two_view_geometries  pair_id, rows (inliers), config, qvec, tvec (from COLMAP 3.10 on)
+
+A pair_id is 2147483647 i + j for images i < j. qvec (w x y z) and tvec, doubles, map the camera of
+i to that of j: x_j = R x_i + t. Our R_ij and R_i are the transposes. kappa is the number of
+inliers. COLMAP stores the pose only if it is told to; otherwise it is missing, or the identity.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections import Counter
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+
+from certpgo.errors import FormatError
+from certpgo.graph import Instance, RotationGraph
+from certpgo.graph.wording import counted
+from certpgo.io.assemble import distinct
+from certpgo.io.exact import quaternion
+from certpgo.io.format import Format, ReadOptions
+from certpgo.linalg.arrays import FloatArray, numbered
+
+_MAGIC = b"SQLite format 3\0"
+_MAX_IMAGES = 2**31 - 1
+#: Configurations without a geometry: undefined, degenerate, a watermark, several at once.
+_NO_GEOMETRY = (0, 1, 7, 8)
+_IDENTITY = (1.0, 0.0, 0.0, 0.0)
+_NOT_STORED = "pair{s} without a stored relative pose left out"
+_HOW = (
+    "no pair of images has a relative pose; COLMAP stores them if it matches, or verifies, with "
+    "--TwoViewGeometry.compute_relative_pose 1"
+)
+
+
+def _recognises(path: Path, head: bytes) -> bool:
+    if not head.startswith(_MAGIC):
+        return False
+    try:
+        return _columns(path, "two_view_geometries") != ()
+    except FormatError:
+        return path.suffix == ".db"
+
+
+def _rows(path: Path, query: str) -> list[tuple[Any, ...]]:
+    """The rows that a query finds; the database is not written to."""
+    place = f"file:{quote(str(path.resolve()))}?mode=ro"
+    try:
+        with closing(sqlite3.connect(place, uri=True)) as database:
+            return database.execute(query).fetchall()
+    except sqlite3.Error as error:
+        raise FormatError(path, None, f"a database of COLMAP expected: {error}") from None
+
+
+def _columns(path: Path, table: str) -> tuple[str, ...]:
+    """The names of a table's columns; none if it is not there."""
+    return tuple(row[1] for row in _rows(path, f"PRAGMA table_info({table})"))
+
+
+def _read_graph(path: Path, options: ReadOptions) -> Instance:
+    expected = {"images": ("image_id", "name"), "two_view_geometries": ("pair_id", "rows")}
+    for table, needed in expected.items():
+        if not {*needed} <= {*_columns(path, table)}:
+            said = f"a database of COLMAP expected, with {' and '.join(needed)} in table {table}"
+            raise FormatError(path, None, said)
+    if "qvec" not in _columns(path, "two_view_geometries"):
+        raise FormatError(path, None, f"two_view_geometries: no column qvec: {_HOW}")
+    names = dict(_rows(path, "SELECT image_id, name FROM images"))
+    query = "SELECT pair_id, rows, config, qvec, tvec FROM two_view_geometries ORDER BY pair_id"
+    pairs, inliers, q = [], [], []
+    left_out: Counter[str] = Counter()
+    for pair, count, config, qvec, tvec in _rows(path, query):
+        i, j = divmod(int(pair), _MAX_IMAGES)
+        place = f"two_view_geometries: images {i} and {j}"
+        if i not in names or j not in names:
+            raise FormatError(path, None, f"{place}: images of the database expected")
+        if config in _NO_GEOMETRY or not count:
+            left_out["pair{s} without a verified geometry left out"] += 1
+            continue
+        turn, step = _doubles(path, place, "qvec", qvec, 4), _doubles(path, place, "tvec", tvec, 3)
+        if turn is None or step is None or (tuple(turn) == _IDENTITY and not step.any()):
+            left_out[_NOT_STORED] += 1
+            continue
+        if not turn.any():
+            raise FormatError(path, None, f"{place}: qvec: a quaternion expected, not zero")
+        pairs.append((i, j))
+        inliers.append(count)
+        q.append(turn[[1, 2, 3, 0]])
+    if not pairs:
+        raise FormatError(path, None, _HOW)
+    edges = np.array(pairs, dtype=np.intp)
+    ids = distinct(edges.ravel())
+    R = np.swapaxes(quaternion.rotations(np.array(q)), 1, 2)
+    notices = [counted(count, what) for what, count in left_out.items()]
+    if len(names) > len(ids):
+        notices.append(counted(len(names) - len(ids), "image{s} in no pair left out"))
+    return Instance(
+        name=path.stem,
+        graph=RotationGraph(len(ids), numbered(ids, edges), R, np.array(inliers, dtype=np.float64)),
+        ids=ids,
+        source=str(path),
+        options={
+            "rotation_information": options.rotation_information or "tangent",
+            "weights": "are numbers of inliers",
+            "information": "none",
+        },
+        notices=("translation directions are ignored", *notices),
+        names=tuple(names[k] for k in ids.tolist()),
+    )
+
+
+def _doubles(path: Path, place: str, column: str, blob: Any, size: int) -> FloatArray | None:
+    """The numbers of a blob; None if it is null or empty."""
+    if blob is None or blob == b"":
+        return None
+    if not isinstance(blob, bytes) or len(blob) != 8 * size:
+        raise FormatError(path, None, f"{place}: {column}: {size} doubles expected")
+    found = np.frombuffer(blob, dtype="<f8").astype(np.float64)
+    if not np.isfinite(found).all():
+        raise FormatError(path, None, f"{place}: {column}: finite numbers expected")
+    return found
+
+
+FORMAT = Format(
+    name="colmap-database",
+    suffixes=(".db",),
+    recognises=_recognises,
+    holds="relative rotations",
+    read_graph=_read_graph,
+)

@@ -1,0 +1,88 @@
+"""Weights of poses measured in space, from information matrices given as numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from certpgo.errors import FormatError, InputError
+from certpgo.graph.edges import symmetric
+from certpgo.graph.information import Information
+from certpgo.graph.wording import counted
+from certpgo.io.exact.information import ROW_MAJOR_3D
+from certpgo.io.exact.weighing import weigh
+from certpgo.io.format import ReadOptions
+from certpgo.io.stated import as_information
+from certpgo.linalg.arrays import FloatArray
+
+#: How far a matrix may be from its transpose, relative to its largest entry.
+ASYMMETRY = 1e-6
+#: What a cross block of a matrix that is indefinite as a whole becomes.
+INDEFINITE = "edge{s} with information indefinite as a whole, diagonal blocks used"
+
+
+class Weighing(NamedTuple):
+    """Weights of measured poses.
+
+    Attributes
+    ----------
+    kappa, tau : (m,) weights
+    information : the matrices themselves; None where they are ignored
+    notices : what was assumed, one sentence each
+    """
+
+    kappa: FloatArray
+    tau: FloatArray
+    information: Information | None
+    notices: tuple[str, ...]
+
+
+def weighed(
+    path: Path, matrices: FloatArray, options: ReadOptions, name: Callable[[int], str]
+) -> Weighing:
+    """The weights of measurements with these information matrices.
+
+    Parameters
+    ----------
+    path : of the file, for messages
+    matrices : (m, 6, 6), translation before rotation; 1/m^2, 1/m and dimensionless
+    name : of a measurement, for messages
+
+    Raises
+    ------
+    FormatError
+        A matrix is not symmetric, or a diagonal block is not positive definite.
+    """
+    ones = np.ones(len(matrices))
+    if options.ignore_information:
+        return Weighing(ones, ones, None, ())
+    off = np.abs(matrices - np.swapaxes(matrices, 1, 2)).max(axis=(1, 2), initial=0.0)
+    if (skew := off > ASYMMETRY * np.abs(matrices).max(axis=(1, 2), initial=0.0)).any():
+        said = f"{name(int(np.argmax(skew)))}: a symmetric matrix expected"
+        raise FormatError(path, None, said)
+    row, column = np.triu_indices(6)
+    upper = symmetric(matrices)[:, row, column]
+    texts = [" ".join(map(repr, numbers)).encode() for numbers in upper.tolist()]
+    try:
+        found = weigh(as_information(texts, ROW_MAJOR_3D, options.weights_are), ROW_MAJOR_3D)
+    except InputError as error:
+        raise FormatError(path, None, _placed(texts, options, name, str(error))) from None
+    kappa = found.kappa
+    if options.rotation_information == "quaternion":
+        kappa = 0.25 * kappa  # half the angle, a quarter of the information; exact
+    whole = found.distinct[:, np.array(ROW_MAJOR_3D.positions)]
+    notices = (counted(found.indefinite, INDEFINITE),) if found.indefinite else ()
+    return Weighing(kappa, found.tau, Information(whole, found.which), notices)
+
+
+def _placed(texts: list[bytes], options: ReadOptions, name: Callable[[int], str], said: str) -> str:
+    """What is wrong with the first matrix that cannot be read, with its name."""
+    for k, text in enumerate(texts):
+        try:
+            weigh(as_information([text], ROW_MAJOR_3D, options.weights_are), ROW_MAJOR_3D)
+        except InputError as error:
+            return f"{name(k)}: {error}"
+    return said
