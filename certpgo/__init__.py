@@ -40,9 +40,12 @@ if TYPE_CHECKING:
     from certpgo.io import read, read_estimate, write
     from certpgo.linalg.distributed.schedulers import scheduler
     from certpgo.registry import get_solver
+    from certpgo.solvers.certified.session import Session, Standing
 
 #: Imported on first use, to keep `import certpgo` fast.
 _LATER = {
+    "Session": "solvers.certified.session",
+    "Standing": "solvers.certified.session",
     "check": "certify.proof_file",
     "certify_values": "assess.assessment",
     "from_gtsam": "costs.gtsam_graph",
@@ -81,9 +84,11 @@ __all__ = [
     "Ranges",
     "RotationGraph",
     "RotationProblem",
+    "Session",
     "Solution",
     "SolveSettings",
     "SpecError",
+    "Standing",
     "Status",
     "Tier",
     "Verdict",

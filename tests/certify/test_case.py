@@ -12,7 +12,7 @@ from strategies import pose_graph
 
 from certpgo.certify import Tier, Verdict
 from certpgo.certify import case as module
-from certpgo.certify.case import FLOOR, Basin, Case, difference_up, _reason
+from certpgo.certify.case import FLOOR, Basin, Case, _reason, difference_up
 from certpgo.certify.dual import DualBound
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import InputError

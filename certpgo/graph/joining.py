@@ -1,0 +1,77 @@
+"""Measurements of the same nodes, taken together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from certpgo.errors import GraphError
+from certpgo.graph.graph import Graph
+from certpgo.graph.pose_graph import PoseGraph
+from certpgo.graph.rotation_graph import RotationGraph
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+
+
+def joined(graphs: Sequence[Graph], num_nodes: int, points: BoolArray | None = None) -> Graph:
+    """The graph of all their edges, in order.
+
+    Parameters
+    ----------
+    graphs : at least one; nodes have the same numbers in all of them
+    points : (num_nodes,) which nodes are points, if any is
+
+    Raises
+    ------
+    GraphError
+        They are of different dimensions or kinds, or only some have couplings or arms.
+    """
+    require_one_make(graphs)
+    rotations = [graph.rotation if isinstance(graph, PoseGraph) else graph for graph in graphs]
+    rotation = RotationGraph(
+        num_nodes,
+        np.concatenate([r.edges for r in rotations]),
+        np.concatenate([r.rotations for r in rotations]),
+        np.concatenate([r.kappa for r in rotations]),
+        _all([r.couplings for r in rotations]),
+    )
+    poses = [graph for graph in graphs if isinstance(graph, PoseGraph)]
+    if not poses:
+        return rotation
+    return PoseGraph(
+        rotation,
+        np.concatenate([graph.translations for graph in poses]),
+        np.concatenate([graph.tau for graph in poses]),
+        _all([graph.arms for graph in poses]),
+        points,
+    )
+
+
+def renumbered(graph: Graph, num_nodes: int, edges: IntArray) -> Graph:
+    """The same measurements between other nodes: edges (m, 2) of ``num_nodes`` nodes, no points."""
+    if isinstance(graph, PoseGraph):
+        rotation = replace(graph.rotation, num_nodes=num_nodes, edges=edges)
+        return replace(graph, rotation=rotation, points=None)
+    return replace(graph, num_nodes=num_nodes, edges=edges)
+
+
+def require_one_make(graphs: Sequence[Graph]) -> None:
+    """Refuse graphs that cannot be joined, by a GraphError, as `joined`."""
+    makes = sorted({_make(graph) for graph in graphs})
+    if len(makes) > 1:
+        raise GraphError(f"measurements of one kind are expected, not {' and '.join(makes)}")
+
+
+def _make(graph: Graph) -> str:
+    poses = isinstance(graph, PoseGraph)
+    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    extras = ["couplings"] if rotation.is_general else []
+    extras += ["arms"] if isinstance(graph, PoseGraph) and graph.arms is not None else []
+    said = f"{'poses' if poses else 'rotations'} in {graph.d}D"
+    return " with ".join([said, " and ".join(extras)]) if extras else said
+
+
+def _all(arrays: Sequence[FloatArray | None]) -> FloatArray | None:
+    known = [array for array in arrays if array is not None]
+    return np.concatenate(known) if known else None

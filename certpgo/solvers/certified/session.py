@@ -1,0 +1,377 @@
+"""A graph that grows and shrinks, with an estimate and a certificate that keep up.
+
+What stays proven between certificates, in exact arithmetic:
+
+- terms of F are never negative, so that F*, the optimum, never falls when measurements are added,
+  not even with new nodes: a lower bound stays one;
+- F of the estimate, extended by the new nodes' poses, rises by the new measurements' own terms;
+- a bound of a graph without some measurements holds for every graph that contains it. So when
+  measurements are removed, the best bound holds that was proven before the first of them came.
+
+All sums are rounded outward. Hence the gap is at most what it was, plus the terms added since.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from certpgo.certify import Certificate, Tier, Verdict
+from certpgo.certify.case import FLOOR, Basin, Case, difference_up, tier_called
+from certpgo.certify.rounding import measured_upper
+from certpgo.certify.units import scaled_down, scaled_up
+from certpgo.errors import InputError, NumericalError, kind_of
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph.joining import joined, renumbered, require_one_make
+from certpgo.linalg.arrays import IntArray
+from certpgo.objective import operators
+from certpgo.objective.problem import Problem, problem_of
+from certpgo.optimize.monitor import silent
+from certpgo.optimize.newton import newton
+from certpgo.optimize.starts import Start
+from certpgo.solvers.certified.pipeline import GIVEN, search_and_certify
+from certpgo.solvers.certified.settings import SolveSettings
+from certpgo.solvers.certified.track import Track
+
+#: Share of `SolveSettings.same_cost` by which new measurements may raise F before a new descent.
+UNNOTICED = 0.5
+#: Share of measurements that may be new for a descent from the last optimum; else from scratch.
+NEW = 0.5
+
+
+@dataclass(frozen=True)
+class Standing:
+    """What is proven about a session's estimate and its measurements of the moment.
+
+    Attributes
+    ----------
+    nodes, edges : how many there are
+    cost : F of the estimate, rounded up
+    lower_bound : no estimate has a smaller F
+    gap : ``cost - lower_bound``, rounded up
+    tolerance : rtol F + atol W, the gap up to which the estimate counts as optimal
+    verdict : CERTIFIED, BOUNDED or UNDECIDED, see `Verdict`
+
+    Examples
+    --------
+    >>> import certpgo
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> standing = certpgo.Session().add(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> standing.edges, standing.gap <= standing.cost
+    (6, True)
+    """
+
+    nodes: int
+    edges: int
+    cost: float
+    lower_bound: float
+    gap: float
+    tolerance: float
+    verdict: Verdict
+
+
+class Session:
+    """Measurements that come one after another, their best estimate, and its certificate.
+
+    Parameters
+    ----------
+    settings : see `SolveSettings`
+    every : number of new measurements after which `add` refreshes; None for never
+    options : single settings instead, as for `certpgo.solve`
+
+    Raises
+    ------
+    InputError
+        ``every`` is not positive; a setting out of its range.
+
+    Examples
+    --------
+    Five steps along a hexagon, then the measurement that closes it, 0.3 radians off:
+
+    >>> import certpgo
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> graph = winding_cycle(6, 0.3, 0)[0].graph
+    >>> session = certpgo.Session()
+    >>> for k in range(6):
+    ...     standing = session.add(graph.with_edges([k]))
+    >>> standing.verdict.value, standing.lower_bound  # valid at once; the estimate is not the best
+    ('UNDECIDED', 0.0)
+    >>> session.certificate.verdict.value, f"{session.standing.cost:.6f}"
+    ('CERTIFIED', '0.029994')
+    >>> session.remove([5]).cost < 1e-3, session.refresh().verdict.value
+    (False, 'CERTIFIED')
+    """
+
+    def __init__(
+        self, settings: SolveSettings | None = None, *, every: int | None = 100, **options: Any
+    ) -> None:
+        if every is not None and every < 1:
+            raise InputError(f"certificates are refreshed every k measurements, not every {every}")
+        self.settings = (settings or SolveSettings()).changed(options)
+        self.every = every
+        self._tier = tier_called(self.settings.tier or Tier.STANDARD)
+        self._whole: Graph | None = None  # the measurements, but for those that came since
+        self._new: list[Graph] = []
+        self._edges: list[int] = []  # their numbers
+        self._count = 0  # of all measurements that ever came
+        self._track: Track | None = None
+        self._points: list[bool] = []
+        self._cost = self._scale = 0.0
+        self._bounds: list[tuple[int, float]] = []  # of the measurements before number k; ascending
+        # The last descent: how many measurements there were, F there, and its verdict.
+        self._settled, self._optimum, self._verdict = 0, 0.0, Verdict.CERTIFIED
+        self._found: _Found | None = None  # if nothing changed since
+        self._pending = 0  # measurements since the last refresh
+
+    def add(
+        self, measurements: Graph | Instance, nodes: Sequence[Hashable] | None = None
+    ) -> Standing:
+        """Add measurements, perhaps of new nodes, whose poses are composed from them.
+
+        Parameters
+        ----------
+        measurements : a graph, or an instance, whose nodes have its ids. Nodes without edges do not
+            count
+        nodes : the names of the graph's nodes in this session: ids, for example; by default their
+            numbers 0, 1, ...
+
+        Raises
+        ------
+        GraphError
+            A node is not connected with those that came before, or the measurements are of another
+            kind or dimension; the session is as before.
+        InputError
+            These are no measurements, or have distances, or not one name per node.
+        """
+        graph, labels = _labelled(measurements, nodes)
+        track = self._track or Track(graph.d)
+        if self._track is not None:
+            require_one_make([self._last, graph])
+        known = len(track)
+        edges = track.extend(graph, labels)
+        self._track = track
+        self._mark_points(graph, labels, known)
+        added = renumbered(graph, len(track), edges)
+        self._new.append(added)
+        ends = np.unique(edges)
+        rise = measured_upper(added.subgraph(ends), self.estimate.subset(ends))
+        self._cost = _sum_up(self._cost, rise)
+        self._scale += operators.scale(added)
+        self._edges += range(self._count, self._count + graph.num_edges)
+        self._count += graph.num_edges
+        self._pending += graph.num_edges
+        self._found = None
+        if self.every is not None and self._pending >= self.every:
+            return self.refresh()
+        return self.standing
+
+    def remove(self, edges: Iterable[int]) -> Standing:
+        """Remove measurements; the estimate stays until the next refresh.
+
+        Parameters
+        ----------
+        edges : their numbers, in the order in which they came: 0, 1, ...
+
+        Raises
+        ------
+        InputError
+            There is no such measurement.
+        GraphError
+            The others do not determine all nodes; the session is as before.
+        """
+        removed = sorted(set(edges))
+        absent = sorted(set(removed) - set(self._edges))
+        if absent:
+            raise InputError(f"there is no measurement {absent[0]}")
+        if not removed:
+            return self.standing
+        kept = ~np.isin(self._edges, removed)
+        if not kept.any():
+            raise InputError("a session keeps at least one measurement")
+        graph = self.graph.with_edges(kept)
+        problem_of(graph)  # refuses a graph that does not determine its nodes
+        self._whole = graph
+        self._edges = np.asarray(self._edges)[kept].tolist()
+        self._bounds = [(k, bound) for k, bound in self._bounds if k <= removed[0]]
+        self._cost = measured_upper(graph, self.estimate)
+        self._scale = operators.scale(graph)
+        self._found, self._optimum = None, -math.inf
+        self._settled = min(self._settled, graph.num_edges)
+        return self.standing
+
+    def refresh(self) -> Standing:
+        """Descend to the optimum of all measurements and prove it, unless that changes nothing.
+
+        Raises
+        ------
+        NumericalError
+            No estimate could be computed.
+        """
+        self._pending = 0
+        standing = self.standing
+        if not self._is_settled(standing):
+            self._solve()
+        return self.standing
+
+    @property
+    def standing(self) -> Standing:
+        """What is proven now, without any factorization."""
+        cost, lower = self._cost, self.lower_bound
+        gap = difference_up(cost, lower)
+        tolerance = self.settings.rtol * cost + self.settings.atol * self._scale
+        verdict = Verdict.BOUNDED if lower > 0.0 else Verdict.UNDECIDED
+        if self._tier is not Tier.SCREEN and gap <= tolerance < math.inf:
+            verdict = Verdict.CERTIFIED
+        return Standing(len(self.nodes), len(self._edges), cost, lower, gap, tolerance, verdict)
+
+    @property
+    def lower_bound(self) -> float:
+        """No estimate of the measurements has a smaller F; 0 before the first certificate."""
+        return self._bounds[-1][1] if self._bounds else 0.0
+
+    @property
+    def certificate(self) -> Certificate:
+        """The certificate of the estimate for all measurements, which is refreshed if necessary."""
+        return (self._found or self._solve()).certificate
+
+    @property
+    def estimate(self) -> Estimate:
+        """The poses of `nodes`: optimal at the last refresh, those of newer nodes composed."""
+        found = self._poses.estimate
+        return found if isinstance(self._last, PoseGraph) else found.with_translations(None)
+
+    @property
+    def nodes(self) -> tuple[Hashable, ...]:
+        """The names of the nodes, in the order of the estimate."""
+        return () if self._track is None else tuple(self._track.numbers)
+
+    @property
+    def edges(self) -> IntArray:
+        """(m,) numbers of the measurements that were not removed, in the order of `graph`."""
+        return np.array(self._edges, dtype=np.intp)
+
+    @property
+    def graph(self) -> Graph:
+        """All measurements, between nodes in the order of `nodes`."""
+        n = len(self._poses)
+        if self._new or self._whole is None or self._whole.num_nodes < n:
+            points = np.array(self._points) if any(self._points) else None
+            parts = ([] if self._whole is None else [self._whole]) + self._new
+            self._whole, self._new = joined(parts, n, points), []
+        return self._whole
+
+    @property
+    def _last(self) -> Graph:
+        """Some measurements, which tell the kind of all."""
+        graph = self._new[-1] if self._new else self._whole
+        if graph is None:
+            raise InputError("the session has no measurements yet")
+        return graph
+
+    @property
+    def _poses(self) -> Track:
+        if self._track is None:
+            raise InputError("the session has no measurements yet")
+        return self._track
+
+    def _mark_points(self, graph: Graph, labels: Sequence[Hashable], known: int) -> None:
+        points = graph.points if isinstance(graph, PoseGraph) else None
+        seen = () if points is None else (labels[k] for k in np.flatnonzero(points).tolist())
+        numbers = {self._poses.numbers.get(label) for label in seen}
+        self._points += [k in numbers for k in range(known, len(self._poses))]
+
+    def _is_settled(self, standing: Standing) -> bool:
+        """Whether new measurements agree with the estimate, so that it is still the optimum."""
+        settings = self.settings
+        allowed = (
+            UNNOTICED * settings.same_cost * self._optimum + FLOOR * settings.atol * self._scale
+        )
+        return standing.cost - self._optimum <= allowed and standing.verdict is self._verdict
+
+    def _solve(self) -> _Found:
+        """A descent from the estimate; a search from scratch where that is not certified."""
+        problem = problem_of(self.graph)
+        fresh = problem.graph.num_edges - self._settled
+        found = None
+        if fresh <= NEW * problem.graph.num_edges:
+            found = _descended(problem, self.estimate, self.settings)
+        if found is None:
+            begin = Start(self.estimate, GIVEN) if self._settled else None
+            found = _searched(problem, self.settings, begin)
+        self._poses.estimate = found.estimate
+        self._cost, self._found = found.cost, found
+        if found.lower_bound > self.lower_bound:
+            self._bounds.append((self._count, found.lower_bound))
+        self._settled, self._optimum = len(self._edges), found.cost
+        self._verdict, self._pending = self.standing.verdict, 0
+        return found
+
+
+@dataclass(eq=False)
+class _Found:
+    """The end of a search, in the units of the graph; the certificate is made when asked for."""
+
+    estimate: Estimate
+    cost: float
+    lower_bound: float
+    judge: Callable[[], Certificate]
+
+    @cached_property
+    def certificate(self) -> Certificate:
+        return self.judge()
+
+
+def _descended(problem: Problem, start: Estimate, settings: SolveSettings) -> _Found | None:
+    """The end of descent from an estimate, if that is certified."""
+    case = Case.of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
+    try:
+        end = newton(case.problem, case.completed(start), settings.newton, near=True).estimate
+        cost = case.cost_upper(end)
+        bound = case.bound(end, cost, sharp=False, tight=True)
+    except (NumericalError, np.linalg.LinAlgError):
+        return None
+    basin = Basin(end, cost, True, bound)
+    if not cost - basin.value <= case.tolerance(cost):
+        return None
+    unit = case.unit
+    return _Found(
+        end,
+        scaled_up(unit, cost),
+        scaled_down(unit, basin.value),
+        lambda: case.certificate(end, basin),
+    )
+
+
+def _searched(problem: Problem, settings: SolveSettings, start: Start | None) -> _Found:
+    """The end of the whole search of `certpgo.solve`."""
+    result = search_and_certify(problem, settings, start, silent)
+    proven = result.certificate
+    return _Found(result.estimate, proven.cost_upper, proven.lower_bound, lambda: proven)
+
+
+def _labelled(
+    measurements: Graph | Instance, nodes: Sequence[Hashable] | None
+) -> tuple[Graph, Sequence[Hashable]]:
+    """The measurements and the names of their nodes."""
+    if isinstance(measurements, Instance):
+        if measurements.ranges is not None:
+            raise InputError("a session takes no distances between nodes")
+        graph, own = measurements.graph, measurements.ids.tolist()
+    elif isinstance(measurements, PoseGraph | RotationGraph):
+        graph, own = measurements, range(measurements.num_nodes)
+    else:
+        raise InputError(f"a session takes graphs and instances, not {kind_of(measurements)}")
+    names = own if nodes is None else nodes
+    if len(names) != graph.num_nodes or len(set(names)) < len(names):
+        raise InputError(f"{graph.num_nodes} different names are expected, one per node")
+    return graph, names
+
+
+def _sum_up(a: float, b: float) -> float:
+    """A double not below the sum."""
+    return math.nextafter(a + b, math.inf)
