@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -42,6 +42,8 @@ from certpgo.solvers.certified.track import Track
 UNNOTICED = 0.5
 #: Share of measurements that may be new for a descent from the last optimum; else from scratch.
 NEW = 0.5
+#: Stationarity, radians, at which a descent from the last optimum ends: F is then exact to 1e-14.
+SETTLED = 1e-9
 
 
 @dataclass(frozen=True)
@@ -330,7 +332,8 @@ def _descended(problem: Problem, start: Estimate, settings: SolveSettings) -> _F
     """The end of descent from an estimate, if that is certified."""
     case = Case.of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
     try:
-        end = newton(case.problem, case.completed(start), settings.newton, near=True).estimate
+        descent = replace(settings.newton, tolerance=max(SETTLED, settings.newton.tolerance))
+        end = newton(case.problem, start, descent).estimate
         cost = case.cost_upper(end)
         bound = case.bound(end, cost, sharp=False, tight=True)
     except (NumericalError, np.linalg.LinAlgError):

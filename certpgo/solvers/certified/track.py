@@ -62,9 +62,11 @@ class Track:
         lost = [k for k in sorted(touched - reached) if labels[k] not in begin]
         if lost:
             raise GraphError(f"node {labels[lost[0]]} is not connected with those before it")
-        self.numbers = begin
+        self.numbers, old = begin, len(begin)
         for here, there, edge in steps:
             self._append(graph, labels, here, there, edge)
+        new = slice(old, len(self))
+        self._rotations[new] = so.project(self._rotations[new])
         numbers = [[begin[labels[node]] for node in edge] for edge in graph.edges.tolist()]
         return np.array(numbers, dtype=np.intp)
 
@@ -78,7 +80,7 @@ class Track:
             self._translations = _doubled(self._translations)
         rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
         R, forward = rotation.rotations[edge], graph.edges[edge, 0] == here
-        self._rotations[n] = so.project((self._rotations[known] @ (R if forward else R.T))[None])[0]
+        self._rotations[n] = self._rotations[known] @ (R if forward else R.T)
         if isinstance(graph, PoseGraph):
             t, back = graph.translations[edge], n if not forward else known
             step = self._rotations[back] @ t
