@@ -33,6 +33,7 @@ from certpgo.solvers.certified.robust import solve_robustly
 from certpgo.solvers.certified.settings import SolveSettings
 
 if TYPE_CHECKING:
+    from certpgo import plot as plot
     from certpgo.assess.assessment import certify_values
     from certpgo.certify.proof_file import check, write_proof
     from certpgo.costs.gtsam_graph import from_gtsam, to_gtsam
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from certpgo.linalg.distributed.schedulers import scheduler
     from certpgo.registry import get_solver
     from certpgo.solvers.certified.session import Session, Standing
+    from certpgo.view.show import show
 
 #: Imported on first use, to keep `import certpgo` fast.
 _LATER = {
@@ -55,10 +57,14 @@ _LATER = {
     "write": "io",
     "write_proof": "certify.proof_file",
     "get_solver": "registry",
+    "show": "view.show",
     "scheduler": "linalg.distributed.schedulers",
     "with_directions": "graph.priors",
     "with_priors": "graph.priors",
 }
+
+#: Subpackages to work with, imported on first use too.
+_ROOMS = ("plot",)
 
 __version__ = "0.1.0"
 
@@ -101,6 +107,7 @@ __all__ = [
     "read",
     "read_estimate",
     "scheduler",
+    "show",
     "solve",
     "solve_robustly",
     "with_directions",
@@ -111,10 +118,12 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    if name in _ROOMS:
+        return importlib.import_module(f"certpgo.{name}")
     if name not in _LATER:
         raise AttributeError(f"module 'certpgo' has no attribute {name!r}")
     return getattr(importlib.import_module(f"certpgo.{_LATER[name]}"), name)
 
 
 def __dir__() -> list[str]:
-    return sorted([*__all__, "__version__", "__doc__"])
+    return sorted([*__all__, *_ROOMS, "__version__", "__doc__"])

@@ -1245,13 +1245,14 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
 
 def _about(graph: Graph, claim: dict[str, Any]) -> str:
     """Describes F, as the reading options come from the proof."""
-    names = ("kappa", "tau") if claim["kind"] == "poses" else ("kappa",)
     said = [f"the {claim['kind']} of {graph.n} nodes from {len(graph.i)} measurements"]
     if claim.get("cost") is not None:
         edges = "EdgeSE2" if claim["d"] == 2 else "EdgeSE3:QUAT"
         said.insert(0, f"g2o's chi2 of {edges} with full information")
     else:
-        said += [f"{k} {'of the file' if claim[k] is None else repr(claim[k])}" for k in names]
+        for k in ("kappa", "tau")[: 1 + (claim["kind"] == "poses")]:
+            none = " (1 without information)" * bool((getattr(graph, k) == 1.0).any())
+            said.append(f"{k} {claim[k] or f'of the file{none}'}")
         said.append(f"rotational information read as {claim['rotation_information']}")
     if claim.get("landmarks"):
         said.append(f"with {0 if graph.points is None else int(graph.points.sum())} landmarks")
@@ -1259,8 +1260,7 @@ def _about(graph: Graph, claim: dict[str, Any]) -> str:
         said.append(f"with {graph.priors} priors")
     added = claim["keep"] == "all"
     said.append("parallel edges added" if added else f"only the {claim['keep']} of parallel edges")
-    if claim["component_sha256"] is not None:
-        said.append("nodes of cc.txt alone")
+    said += ["nodes of cc.txt alone"] * (claim["component_sha256"] is not None)
     return ", ".join(said)
 
 

@@ -48,10 +48,10 @@ class InputError(CertPGOError, ValueError):
     Examples
     --------
     >>> import certpgo
-    >>> certpgo.solve("sphere2500.g2o")
+    >>> certpgo.solve(2500)
     Traceback (most recent call last):
         ...
-    certpgo.errors.InputError: solve takes a graph, such as instance.graph, not a str
+    certpgo.errors.InputError: solve takes a graph, an instance or a path, not an int
     """
 
 

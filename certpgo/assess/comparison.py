@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 from certpgo import registry
-from certpgo.assess.metrics import f_ml
+from certpgo.assess.metrics import TrajectoryErrors, f_ml
 from certpgo.certify import Certificate, certify
 from certpgo.certify.certificate import CHORDAL as OF_F
 from certpgo.costs import CHORDAL, COSTS, InformationProblem, information_problem, problem_under
@@ -104,6 +104,7 @@ class MethodResult:
     cost : the objective of all measurements
     f_ml : the thesis' log-likelihood with unit weights; larger is better
     kept : share of the measurements that a robust method kept, or None
+    accuracy : as in `certpgo.assess.metrics.TrajectoryErrors`, if the truth was given; else empty
     verdict, lower_bound, gap, relative_gap : as in `certpgo.Certificate`, for the kept measurements
     """
 
@@ -128,6 +129,7 @@ class MethodResult:
     lower_bound: float | None = None
     gap: float | None = None
     relative_gap: float | None = None
+    accuracy: Mapping[str, float | None] = field(default_factory=dict)
 
 
 def methods_under(cost: str, methods: Iterable[Competitor] = METHODS) -> tuple[Competitor, ...]:
@@ -162,6 +164,7 @@ def compare(
     *,
     cost: str = CHORDAL,
     announce: Callable[[str], None] = lambda label: None,
+    errors: Callable[[Estimate], TrajectoryErrors] | None = None,
 ) -> Iterator[MethodResult]:
     """Run methods on a connected graph in turn and certify their estimates.
 
@@ -173,6 +176,7 @@ def compare(
     cost : the cost that judges all estimates, whichever each method minimises: ``"chordal"``, or
         for an instance with information matrices ``"g2o"`` or ``"gtsam"``, see `certpgo.costs`
     announce : called with the label of each method before it runs
+    errors : the errors of an estimate, if the truth is known
 
     Raises
     ------
@@ -201,7 +205,9 @@ def compare(
             method.cost,
         )
         try:
-            yield _result(blank, solution_of(method, problem, instance), judge)
+            solution = solution_of(method, problem, instance)
+            accuracy = {} if errors is None else asdict(errors(solution.estimate))
+            yield replace(_result(blank, solution, judge), accuracy=accuracy)
         except CertPGOError as error:
             yield replace(blank, error=str(error))
         except MemoryError:

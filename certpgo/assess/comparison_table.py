@@ -41,7 +41,21 @@ _OWN_NOTES = (
     *NOTES[2:],
 )
 #: Column titles of `cells`; see `columns`.
-COLUMNS = ("method", "F", "f_ML", "gap", "gap / F", "verdict", "kept, %", "seconds (by phase)")
+COLUMNS = (
+    "method",
+    "F",
+    "f_ML",
+    "gap",
+    "gap / F",
+    "verdict",
+    "kept, %",
+    "ATE",
+    "RPE",
+    "seconds",
+    "by phase",
+)
+#: Those that a narrow table leaves out, the least needed first.
+OPTIONAL = ("f_ML", "gap", "RPE", "kept, %", "seconds")
 
 
 def notes(labels: Iterable[str], cost: str = CHORDAL) -> tuple[str, ...]:
@@ -104,7 +118,10 @@ def cells(result: MethodResult) -> tuple[str, ...]:
         _number(result.relative_gap, ".1e"),
         result.verdict,
         _number(kept, ".1f"),
-        seconds_by_phase(result.seconds),
+        _accuracy(result.accuracy, "ate"),
+        _accuracy(result.accuracy, "rpe"),
+        f"{sum(result.seconds.values()):.3f}" if result.seconds else "",
+        _phases(result.seconds),
         result.error,
     )
 
@@ -113,9 +130,31 @@ def _number(value: float | None, form: str) -> str:
     return "" if value is None else format(value, form)
 
 
+def _accuracy(accuracy: Mapping[str, float | None], kind: str) -> str:
+    """An error of positions, or of rotations where there are none."""
+    metres, degrees = accuracy.get(f"{kind}_m"), accuracy.get(f"{kind}_deg")
+    if metres is not None:
+        return f"{metres:.4g} m"
+    return "" if degrees is None else f"{degrees:.4g} deg"
+
+
+def _phases(phases: Mapping[str, float]) -> str:
+    """Seconds of each phase, if there are several."""
+    return ", ".join(f"{k} {v:.3f}" for k, v in phases.items()) if len(phases) > 1 else ""
+
+
 def seconds_by_phase(phases: Mapping[str, float]) -> str:
     """Total seconds, and those of each phase if there are several."""
     if not phases:
         return ""
-    parts = ", ".join(f"{name} {value:.3f}" for name, value in phases.items())
-    return f"{sum(phases.values()):.3f}" + (f" ({parts})" if len(phases) > 1 else "")
+    parts = _phases(phases)
+    return f"{sum(phases.values()):.3f}" + (f" ({parts})" if parts else "")
+
+
+def in_a_line(result: MethodResult) -> str:
+    """A method's result in a line, as it is told while others run."""
+    said = f"{result.graph}: {result.method}: "
+    if result.cost is None or result.relative_gap is None:
+        return f"{said}{result.error}"
+    cost = f"cost {result.cost:.9g}, gap {result.relative_gap:.1e} of it"
+    return f"{said}{result.verdict}, {cost}, {sum(result.seconds.values()):.3f} s"

@@ -11,7 +11,6 @@ from certpgo.assess.consistency import inconsistency
 from certpgo.certify.bounds import alpha_max, fiedler_value, normalized_fiedler_value
 from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.graph.bridges import bridges
-from certpgo.io.plural import counted
 from certpgo.linalg.factor import default_engine, engines
 from certpgo.objective.problem import RotationProblem
 from certpgo.optimize import spectral
@@ -75,7 +74,7 @@ def structure(instance: Instance) -> Structure:
     """Counts and connectivity of an instance."""
     graph, ids = instance.graph, instance.ids
     rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
-    points, sightings, priors = kinds(instance)
+    points, sightings, priors = instance.kinds
     simple = len(np.unique(np.sort(graph.edges, axis=1), axis=0))
     return Structure(
         kind=graph.kind,
@@ -98,23 +97,9 @@ def structure(instance: Instance) -> Structure:
     )
 
 
-def kinds(instance: Instance) -> tuple[int, int, int]:
-    """Numbers of points, of sightings of these, and of priors."""
-    graph, world = instance.graph, instance.world
-    first, second = graph.edges.T
-    of_world = np.zeros(graph.num_edges, dtype=bool) if world is None else first == world
-    if not isinstance(graph, PoseGraph) or graph.points is None:
-        return 0, 0, int(of_world.sum())
-    seen = graph.points[second] & ~of_world
-    return int(graph.points.sum()), int(seen.sum()), int(of_world.sum())
-
-
 def kinds_in_words(instance: Instance) -> list[str]:
-    """The same, without those of which there are none."""
-    names = ("landmark{s}", "sighting{s}", "prior{s}")
-    return [
-        counted(number, name) for number, name in zip(kinds(instance), names, strict=True) if number
-    ]
+    """Numbers of points, of sightings of these, and of priors, where there are any."""
+    return instance.kinds_in_words
 
 
 def spectra(graph: Graph) -> Mapping[str, Spectrum]:

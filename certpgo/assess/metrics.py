@@ -12,6 +12,9 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 
+#: Share of the largest extent below which positions are on a line.
+STRAIGHT = 1e-9
+
 
 def f_ml(graph: RotationGraph | PoseGraph, estimate: Estimate) -> float:
     """The thesis' log-likelihood, section 5.1: unit weights, 1/2 before the translations only.
@@ -72,6 +75,24 @@ class PositionErrors:
     worst: float
 
 
+@dataclass(frozen=True)
+class TrajectoryErrors:
+    """Root mean square errors of a trajectory; metres are None without translations.
+
+    Attributes
+    ----------
+    poses : number of poses that were compared
+    ate_m, ate_deg : absolute errors of positions and rotations, after alignment of positions
+    rpe_m, rpe_deg : errors of the steps from each pose to the next, in the frame of the first
+    """
+
+    poses: int
+    ate_m: float | None
+    ate_deg: float
+    rpe_m: float | None
+    rpe_deg: float
+
+
 def align(estimate: Estimate, truth: Estimate, *, norm: Literal["l2", "l1"] = "l2") -> FloatArray:
     """The rotation S (d, d) that aligns S R_i with the truth.
 
@@ -112,6 +133,67 @@ def angular_errors(
         rmse_deg=float(np.sqrt(np.mean(angles**2))),
         worst_deg=float(angles.max()),
     )
+
+
+def trajectory_errors(estimate: Estimate, truth: Estimate) -> TrajectoryErrors:
+    """Absolute and relative errors of a trajectory, as evo gives them.
+
+    The estimate is first aligned by `align_positions`, without a change of scale; by its rotations
+    (`align`) where it has no translations, or positions on a line, which leave the turn open.
+
+    Parameters
+    ----------
+    estimate, truth : the same k poses or rotations, in the order of the trajectory
+
+    Raises
+    ------
+    InputError
+        The numbers of poses differ, or only one of them has translations.
+    """
+    moved = _aligned(estimate, truth)
+    step, true_step = _steps(moved), _steps(truth)
+    return TrajectoryErrors(
+        truth.num_nodes,
+        _rms_metres(moved, truth),
+        _rms_degrees(moved, truth),
+        _rms_metres(step, true_step),
+        _rms_degrees(step, true_step),
+    )
+
+
+def _aligned(estimate: Estimate, truth: Estimate) -> Estimate:
+    if estimate.translations is None and truth.translations is None:
+        return estimate.moved(align(estimate, truth))
+    given, true = _translations(estimate), _translations(truth)
+    if not (_is_on_a_line(given) or _is_on_a_line(true)):
+        return align_positions(estimate, truth)
+    S = align(estimate, truth)
+    return estimate.moved(S, (true - given @ S.T).mean(axis=0))
+
+
+def _steps(trajectory: Estimate) -> Estimate:
+    """Each pose in the frame of the one before."""
+    R, t = trajectory.rotations, trajectory.translations
+    back = np.swapaxes(R[:-1], 1, 2)
+    moved = None if t is None else np.einsum("nab,nb->na", back, t[1:] - t[:-1])
+    return Estimate.trusted(back @ R[1:], moved)
+
+
+def _is_on_a_line(t: FloatArray) -> bool:
+    spread = np.linalg.svd(t - t.mean(axis=0), compute_uv=False)
+    return len(spread) < 2 or bool(spread[1] <= STRAIGHT * spread[0])
+
+
+def _rms_metres(a: Estimate, b: Estimate) -> float | None:
+    if a.translations is None or b.translations is None:
+        return None
+    squares = ((a.translations - b.translations) ** 2).sum(axis=1)
+    return float(np.sqrt(squares.mean())) if len(squares) else 0.0
+
+
+def _rms_degrees(a: Estimate, b: Estimate) -> float:
+    angles = np.degrees(so.angle(np.swapaxes(a.rotations, 1, 2) @ b.rotations))
+    return float(np.sqrt(np.mean(angles**2))) if len(angles) else 0.0
 
 
 def f_gt(estimate: Estimate, truth: Estimate) -> float:

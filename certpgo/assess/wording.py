@@ -1,106 +1,49 @@
-"""A certificate in plain words."""
+"""A certificate in plain words, and what is known of its estimate."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 from certpgo.assess.assessment import Assessment
-from certpgo.certify import Certificate
-from certpgo.certify.certificate import CHORDAL
+from certpgo.assess.metrics import TrajectoryErrors
+from certpgo.certify.certificate import CHORDAL, Certificate
+from certpgo.certify.wording import meaning, numbers, objective, part, stated_objective, trusts
 from certpgo.graph import Instance
+from certpgo.graph.wording import counted, few, reading_sentence
 from certpgo.linalg.arrays import IntArray
 from certpgo.solvers.certified.disagreement import Disagreement
+
+__all__ = [
+    "accuracy",
+    "comparison",
+    "digits",
+    "distances",
+    "few_edges",
+    "hint",
+    "meaning",
+    "numbers",
+    "objective",
+    "provenance",
+    "reading_sentence",
+    "stated_objective",
+    "trusts",
+]
 
 #: Number of edges shown; --json has more.
 EDGES = 3
 #: Share of the tolerance above which the effect of a file's digits is reported.
 NOTABLE = 0.01
 
-_MEANINGS = {
-    "CERTIFIED": "no estimate can be better by more than the tolerance; this is proven",
-    "BOUNDED": "the gap to the best possible estimate is proven, but exceeds the tolerance",
-    "REFUTED": "a lower-cost estimate exists that local descent from this one does not reach",
-    "UNDECIDED": "nothing useful could be proven, for or against",
-}
-_RIGHT_BASIN = "not the optimum, but local descent from here reaches it; this is proven"
-_RIGHT_ROTATIONS = "not the optimum, but with its best translations it is; this is proven"
-_HINT = "a hint of the gap to the best possible estimate; this tier proves nothing"
-_TRUSTS = {
-    "screen": "a plain factorization whose rounding errors are not bounded: a hint, no proof",
-    "standard": (
-        "a factorization with bounded rounding errors, provided that the linear algebra library "
-        "keeps the usual error bound"
-    ),
-    "proof": (
-        "the residual of a factorization, measured in integers and exact products: only IEEE 754 "
-        "arithmetic, Python and NumPy's sums of products are trusted"
-    ),
-}
 
-
-_ANGLES = ", and its library's sine and arctangent to 4 units in the last place"
-
-
-def meaning(certificate: Certificate) -> str:
-    """What the verdict means."""
-    verdict = certificate.verdict.value
-    if certificate.tier.value == "screen" and verdict == "BOUNDED":
-        return _HINT
-    in_right_basin = verdict == "BOUNDED" and certificate.basin_is_global
-    if in_right_basin:
-        return _RIGHT_BASIN if certificate.descended else _RIGHT_ROTATIONS
-    return _MEANINGS[verdict]
-
-
-def trusts(certificate: Certificate) -> Iterable[tuple[str, str]]:
-    """The assumptions of the proof, unless nothing was proven."""
-    if certificate.verdict.value != "UNDECIDED":
-        angles = certificate.tier.value == "proof" and "EdgeSE2" in certificate.objective
-        yield "proof rests on", _TRUSTS[certificate.tier.value] + (_ANGLES if angles else "")
-
-
-def objective(reading: Mapping[str, str], certificate: Certificate | None = None) -> str:
-    """The cost that the verdict refers to."""
-    if certificate is not None and certificate.objective != CHORDAL:
-        return certificate.objective
-    return f"F with {reading_sentence(reading)}"
-
-
-def stated_objective(reading: Mapping[str, str], certificate: Certificate) -> str:
-    """The cost that the verdict refers to, and that others minimise others."""
-    others = " (other tools minimise other errors)" if certificate.objective == CHORDAL else ""
-    return f"{objective(reading, certificate)}{others}"
-
-
-def reading_sentence(reading: Mapping[str, str]) -> str:
-    """How a file was read, in words."""
-    if not reading:
-        return "as generated"
-    weights, information = reading.get("weights", "file"), reading.get("information", "all")
-    of_file = weights == "file" and information != "none"
-    if information == "none" and weights in ("file", "unit"):
-        sentence = "weights 1: the file has no information"
-    elif weights == "unit":
-        sentence = "all weights 1, ignoring those of the file"
-    elif weights == "mahalanobis":
-        sentence = "Mahalanobis weights from the file's information matrices"
-    elif of_file:
-        rest = ", 1 where it has none" if information == "some" else ""
-        sentence = f"weights from the file's information matrices{rest}"
-    else:
-        sentence = f"weights {weights}"
-    about = reading.get("rotation_information", "tangent")
-    if of_file and about != "tangent":
-        sentence += f" (rotational part read as {about})"
-    keep = reading.get("keep", "all")
-    parallel = "parallel edges added" if keep == "all" else f"only the {keep} of parallel edges"
-    return f"{sentence}; {parallel}"
-
-
-def part(share: float) -> str:
-    """A share in percent, or in scientific notation if it is small."""
-    return f"{100.0 * share:.3g} %" if share >= 1e-3 else f"{share:.2e}"
+def provenance(instance: Instance, certificate: Certificate) -> Iterable[tuple[str, str]]:
+    """What stands between the source and the verdict: averages, fixed nodes, what was skipped."""
+    if certificate.objective == CHORDAL and instance.averaged:
+        yield "averaged", f"information {instance.averaged}"
+    if instance.fixed:
+        yield "fixed", f"{few(instance.ids[list(instance.fixed)].tolist())} by the file"
+    for sentence in instance.notices:
+        yield "notice", sentence
 
 
 def hint(disagreement: Disagreement) -> str:
@@ -116,25 +59,16 @@ def few_edges(instance: Instance, edges: IntArray) -> str:
     return f"{named} and {more} more" if more else named
 
 
-def numbers(certificate: Certificate) -> Iterable[tuple[str, str]]:
-    """Cost, bound, gap and tolerance as names and values."""
-    yield "cost F, at most", f"{certificate.cost_upper:.12g}"
-    if math.isfinite(certificate.lower_bound):
-        claim = "no estimate of this graph costs less"
-        claim = f"likely: {claim}" if certificate.tier.value == "screen" else claim
-        yield "lower bound", f"{certificate.lower_bound:.12g}  ({claim})"
-        positive = certificate.cost_upper > 0.0
-        share = f"  ({part(certificate.relative_gap)} of the cost)" if positive else ""
-        yield "gap", f"{certificate.gap:.3g}{share}"
-    yield "tolerance", f"{certificate.tolerance:.3g}"
-    yield "largest residual", f"{math.degrees(certificate.max_residual_angle):.4g} degrees"
-    if certificate.refined_cost < certificate.cost_upper - certificate.tolerance:
-        name, what = ("after descent", "after local descent")
-        if not certificate.descended:
-            name, what = "translations", "with its best translations"
-        yield name, f"{certificate.refined_cost:.12g}  (its cost {what})"
-    if certificate.better_cost is not None:
-        yield "lower cost", f"{certificate.better_cost:.12g}"
+def accuracy(errors: TrajectoryErrors) -> Iterable[tuple[str, str]]:
+    """Absolute and relative trajectory errors as names and values."""
+    aligned, steps = "after alignment", "from each to the next"
+    over = counted(errors.poses, "pose{s}")
+    for name, metres, degrees, how in (
+        ("ATE", errors.ate_m, errors.ate_deg, aligned),
+        ("RPE", errors.rpe_m, errors.rpe_deg, steps),
+    ):
+        of_positions = "" if metres is None else f"{metres:.6g} m, "
+        yield name, f"{of_positions}{degrees:.6g} degrees  (root mean square, {over}, {how})"
 
 
 def comparison(a: Assessment) -> Iterable[tuple[str, str]]:

@@ -14,6 +14,7 @@ import numpy as np
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.graph.cycles import is_cycle, walk
+from certpgo.graph.speaking import Brief
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import scatter_sum
@@ -24,8 +25,8 @@ from certpgo.optimize import spectral
 SAME = 1e-6
 
 
-@dataclass(frozen=True)
-class Bounds:
+@dataclass(frozen=True, repr=False)
+class Bounds(Brief):
     """Bounds for stationary points of the rotation problem.
 
     Angles in radians. A stationary point whose residual angles are all within one of the angle

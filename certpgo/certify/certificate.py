@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import json
 import math
-from dataclasses import dataclass
-from enum import Enum
+from dataclasses import dataclass, fields
+from enum import StrEnum
+from typing import Any
 
 from certpgo.certify.bounds import Bounds
 from certpgo.certify.dual import Support
+from certpgo.certify.wording import CHORDAL, Statement
 from certpgo.graph import Estimate
+from certpgo.io.plain import plain
 from certpgo.linalg.arrays import FloatArray
 
-#: The cost F of isotropic weights.
-CHORDAL = "F"
+__all__ = ["CHORDAL", "Certificate", "Tier", "Verdict"]
+
+#: Fields that are no numbers or words.
+_ARRAYS = frozenset({"multipliers", "refined", "better", "bounds", "support"})
 
 
-class Verdict(Enum):
-    """The verdict on an estimate.
+class Verdict(StrEnum):
+    """The verdict on an estimate; equal to its name.
 
     Attributes
     ----------
@@ -28,8 +34,8 @@ class Verdict(Enum):
     Examples
     --------
     >>> from certpgo import Verdict
-    >>> Verdict("CERTIFIED") is Verdict.CERTIFIED
-    True
+    >>> Verdict("CERTIFIED") is Verdict.CERTIFIED, Verdict.CERTIFIED == "CERTIFIED"
+    (True, True)
     """
 
     CERTIFIED = "CERTIFIED"
@@ -38,7 +44,7 @@ class Verdict(Enum):
     UNDECIDED = "UNDECIDED"
 
 
-class Tier(Enum):
+class Tier(StrEnum):
     """What a certificate relies on, apart from mathematics.
 
     Attributes
@@ -67,8 +73,8 @@ class Tier(Enum):
     PROOF = "proof"
 
 
-@dataclass(frozen=True, eq=False)
-class Certificate:
+@dataclass(frozen=True, eq=False, repr=False)
+class Certificate(Statement):
     """The verdict on an estimate, with the bound that proves it.
 
     Costs and gaps are in units of F, which is dimensionless if kappa and tau are inverse variances.
@@ -115,6 +121,12 @@ class Certificate:
     True
     >>> print(f"{certificate.max_residual_angle:.3f}")  # theta / n at every edge, radians
     0.050
+    >>> print(certificate)
+    CERTIFIED: no estimate can be better by more than the tolerance; this is proven
+    cost F, at most   0.029993...
+    lower bound       0.029993...  (no estimate of this graph costs less)
+    ...
+    next              nothing: keep the estimate
     """
 
     verdict: Verdict
@@ -140,6 +152,28 @@ class Certificate:
     objective: str = CHORDAL
     descended: bool = True
     support: Support | None = None
+
+    def __repr__(self) -> str:
+        cost = f"{self.cost_upper:.9g}, gap {self.gap:.3g}"
+        return f"<Certificate: {self.verdict}, {self.objective} = {cost}>"
+
+    def as_data(self) -> dict[str, Any]:
+        """The fields without arrays, and the two that follow from them, for JSON."""
+        names = [field.name for field in fields(self) if field.name not in _ARRAYS]
+        shown = {name: getattr(self, name) for name in names}
+        return {**shown, "relative_gap": self.relative_gap, "tolerance": self.tolerance}
+
+    def to_json(self, indent: int | None = 2) -> str:
+        """Its numbers and words as a JSON object, without arrays; infinite numbers are null.
+
+        Parameters
+        ----------
+        indent : of the lines; None for a single one
+        """
+        return json.dumps(plain(self.as_data()), indent=indent, allow_nan=False)
+
+    def _picture(self) -> str:
+        return self.best._picture()
 
     @property
     def relative_gap(self) -> float:

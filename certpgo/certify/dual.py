@@ -19,6 +19,7 @@ import numpy as np
 from certpgo.certify.shifted import Shifted
 from certpgo.costs.edge_cost import Minorants
 from certpgo.graph.lift import Point
+from certpgo.graph.speaking import Brief
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, IntArray
 from certpgo.linalg.balls import U
 from certpgo.linalg.blocks import add_to_diagonal, pinned, scatter_sum
@@ -45,8 +46,8 @@ MARGIN = 1.25
 AMPLE = 4.0
 
 
-@dataclass(frozen=True, eq=False)
-class Support:
+@dataclass(frozen=True, eq=False, repr=False)
+class Support(Brief):
     """What a bound on the cost of another program rests on.
 
     Attributes
@@ -61,8 +62,8 @@ class Support:
     lowered: bool = False
 
 
-@dataclass(frozen=True, eq=False)
-class DualBound:
+@dataclass(frozen=True, eq=False, repr=False)
+class DualBound(Brief):
     """A lower bound on F* and the multipliers that prove it.
 
     Attributes

@@ -9,11 +9,13 @@ from certpgo.certify.case import ATOL, DESCENT, RTOL, Basin, Case
 from certpgo.certify.certificate import Certificate, Tier
 from certpgo.certify.own_cost import OwnCostCase
 from certpgo.certify.ranged import RangedCase
-from certpgo.costs import Certifiable
+from certpgo.costs import Certifiable, certifiable
 from certpgo.costs.problem import InformationProblem
 from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import InputError, NumericalError, kind_of
-from certpgo.graph import Estimate
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.io.opening import AnyPath, estimated, measured
+from certpgo.io.writing import AnyAnswer
 from certpgo.objective.base import Objective
 from certpgo.objective.problem import Problem
 from certpgo.optimize import spectral
@@ -21,9 +23,10 @@ from certpgo.optimize.newton import newton
 
 
 def certify(
-    problem: Certifiable,
-    estimate: Estimate,
+    problem: Certifiable | Graph | Instance | AnyPath,
+    estimate: Estimate | AnyAnswer | AnyPath,
     *,
+    cost: str | None = None,
     tier: Tier | str = Tier.STANDARD,
     rtol: float = RTOL,
     atol: float = ATOL,
@@ -37,8 +40,11 @@ def certify(
 
     Parameters
     ----------
-    problem : the measurements with their weights, which define F
-    estimate : n poses or rotations in the graph's order and units, from any source
+    problem : the measurements with their weights, which define F; or a graph, the instance that was
+        read, or the path of its file
+    estimate : n poses or rotations in the graph's order and units, from any source; or an answer of
+        `certpgo.solve`, or the path of a file, see `certpgo.read_estimate`
+    cost : the cost of a graph, an instance or a file, as in `certpgo.solve`
     tier : ``"standard"``, ``"proof"``, which trusts no factorization, or ``"screen"``, which never
         yields CERTIFIED
     rtol, atol : CERTIFIED means gap <= rtol F + atol W
@@ -65,7 +71,12 @@ def certify(
     >>> certify(problem, instance.truth).verdict.value
     'CERTIFIED'
     """
-    return Judge(problem, tier=tier, rtol=rtol, atol=atol, refine=refine).certify(estimate)
+    posed = measured(problem)
+    given = estimated(estimate, posed)
+    if cost is not None or isinstance(posed, Instance | PoseGraph | RotationGraph):
+        posed = certifiable(posed, cost)
+    judge = Judge(posed, tier=tier, rtol=rtol, atol=atol, refine=refine)
+    return judge.certify(given)
 
 
 class Judge:

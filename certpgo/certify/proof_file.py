@@ -32,6 +32,7 @@ from certpgo.certify.cost_proof import cost_evidence, problem_of_certificate
 from certpgo.certify.proof import Witness, proof_of, prove
 from certpgo.errors import FormatError, InputError, NumericalError
 from certpgo.graph import Estimate, Instance, PoseGraph
+from certpgo.io.compressed import is_compressed
 from certpgo.io.format import format_of
 from certpgo.io.writing import atomically
 from certpgo.linalg.arrays import FloatArray
@@ -209,6 +210,8 @@ def provable(source: str | Path) -> Path:
             f"{path}: a proof is about a g2o or 1DSfM file, not {form}; "
             "convert it first (certpgo convert)"
         )
+    if path.is_file() and is_compressed(path):
+        raise InputError(f"{path}: a proof is about a plain file: decompress it first (gunzip)")
     return path
 
 

@@ -54,16 +54,23 @@ def origin_of(
     environment = provenance(default_engine(), source())
     del environment["date"]
     return Origin(
-        graph=graph,
-        estimate="" if estimate is None else str(estimate),
+        graph=_portable(graph),
+        estimate=_portable(estimate),
         reading=tuple(_arguments(reading)),
-        proof="" if proof is None else str(proof),
+        proof=_portable(proof),
         method=method,
         remarks=tuple(remarks),
         partial=partial,
         settings=() if settings is None else tuple(_settings(settings)),
         environment=environment,
     )
+
+
+def _portable(path: str | Path | None) -> str:
+    """A path for readers of a page, who have other folders: as given, or the name if absolute."""
+    if path is None:
+        return ""
+    return Path(path).name if Path(path).is_absolute() else str(path)
 
 
 def write_page(

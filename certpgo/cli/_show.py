@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
+import textwrap
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,6 +15,8 @@ import typer
 
 #: Width of tables that are not printed to a terminal, in characters.
 WIDTH = 160
+#: Characters between columns.
+GUTTER = 3
 
 
 def notice(sentence: str) -> None:
@@ -44,17 +48,38 @@ def document(data: Any) -> None:
 
 
 def facts(pairs: Iterable[tuple[str, str]]) -> None:
-    """Print names and values, one pair per line."""
-    listed = list(pairs)
-    width = max(len(name) for name, _ in listed)
-    for name, value in listed:
-        typer.echo(f"{name:<{width}}  {value}")
+    """Print names and values: one pair per line, or in a terminal wrapped between words."""
+    from certpgo.graph.wording import aligned
+
+    for line in aligned(pairs, _terminal()):
+        typer.echo(line)
+
+
+def paragraph(text: str) -> None:
+    """Print a text, in a terminal wrapped between words."""
+    width = _terminal()
+    lines = [text] if width is None else textwrap.wrap(text, width, break_long_words=False)
+    typer.echo("\n".join(lines))
+
+
+def _terminal() -> int | None:
+    """The width of the terminal; None for pipes and files, whose lines stay whole."""
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
 
 
 def table(
-    title: str, header: Sequence[str], rows: Iterable[Sequence[str]], caption: str = ""
+    title: str,
+    header: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    caption: str = "",
+    *,
+    optional: Sequence[str] = (),
 ) -> None:
-    """Print a table on stdout, as wide as the terminal."""
+    """Print a table on stdout, as wide as the terminal, or as COLUMNS says.
+
+    Numbers and words are never split where the table fits; ``optional`` columns are left out, in
+    that order, until it does, and named below it.
+    """
     from rich import box
     from rich.console import Console
     from rich.table import Table
@@ -65,15 +90,39 @@ def table(
             """Leave it to the caller, which exits quietly; Rich would exit with an error."""
             raise BrokenPipeError
 
-    console = Piped() if sys.stdout.isatty() else Piped(width=WIDTH)
+    # COLUMNS counts in either case.
+    width = _terminal() or shutil.get_terminal_size((WIDTH, 0)).columns
+    console = Piped(width=width)
+    header, rows, left_out = _fitted(header, list(rows), console.width, optional)
     shown = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-    for name in header:
-        shown.add_column(Text(name), overflow="fold")
+    for column in zip(header, *rows, strict=True):
+        shown.add_column(Text(column[0]), overflow="fold", min_width=_longest_word(column))
     for row in rows:
         shown.add_row(*(Text(cell) for cell in row))
     console.print(shown)
+    if left_out:
+        console.print(Text(f"Not shown in this width: {', '.join(left_out)}."))
     if caption:
         console.print(Text(caption))
+
+
+def _fitted(
+    header: Sequence[str], rows: Sequence[Sequence[str]], width: int, optional: Sequence[str]
+) -> tuple[list[str], list[list[str]], list[str]]:
+    """The columns that fit side by side, their cells, and the titles of those left out."""
+    columns = [[title, *cells] for title, *cells in zip(header, *rows, strict=True)]
+    left_out: list[str] = []
+    for title in optional:
+        if sum(map(_longest_word, columns)) + GUTTER * len(columns) <= width:
+            break
+        left_out += [column[0] for column in columns if column[0] == title]
+        columns = [column for column in columns if column[0] != title]
+    titles, *shown = map(list, zip(*columns, strict=True))
+    return titles, shown, left_out
+
+
+def _longest_word(cells: Sequence[str]) -> int:
+    return max((len(word) for cell in cells for word in cell.split()), default=0)
 
 
 @contextmanager

@@ -13,8 +13,10 @@ from certpgo.cli._paging import origin_of, write_page
 from certpgo.cli._proving import prove
 from certpgo.cli._reading import Reading
 from certpgo.cli._show import facts, notice
+from certpgo.cli._truth import KnownPoses
 
 if TYPE_CHECKING:
+    from certpgo.assess.metrics import TrajectoryErrors
     from certpgo.certify import Certificate
     from certpgo.costs.problem import InformationProblem
     from certpgo.graph import Instance
@@ -42,6 +44,7 @@ class Solved:
     certificate: Certificate | None
     found: CertifiedSolution | None = None  # by the certified pipeline
     cost: str = "chordal"
+    truth: KnownPoses | None = None
 
     @property
     def interrupted(self) -> bool:
@@ -52,6 +55,11 @@ class Solved:
     def disagreement(self) -> Disagreement | None:
         """Measurements that disagree with the rest."""
         return None if self.found is None else self.found.disagreement
+
+    @property
+    def accuracy(self) -> TrajectoryErrors | None:
+        """Trajectory errors, if the truth is known."""
+        return None if self.truth is None else self.truth.errors(self.solution.estimate)
 
     @property
     def certified_cost(self) -> float:
@@ -69,7 +77,11 @@ class Solved:
         certificate, disagreement = self.certificate, self.disagreement
         return {
             **_verdict.as_json(
-                self.part, certificate, self.certified_cost, disagreement=disagreement
+                self.part,
+                certificate,
+                self.certified_cost,
+                disagreement=disagreement,
+                accuracy=self.accuracy,
             ),
             "solution": {
                 "method": self.method,
@@ -98,6 +110,7 @@ class Solved:
 
     def show(self, written: Path | None) -> None:
         """Print the result."""
+        from certpgo.assess import wording
         from certpgo.assess.provenance import peak_memory
         from certpgo.assess.wording import few_edges
 
@@ -121,6 +134,9 @@ class Solved:
         if self.found is not None and (chordal := self.found.chordal) is not None:
             verdict = f"{chordal.verdict.value}, F = {chordal.cost:.12g} at another estimate"
             lines.append(("chordal cost", verdict))
+        accuracy = self.accuracy
+        if accuracy is not None:
+            lines += wording.accuracy(accuracy)
         facts(lines)
         if self.certificate is None:
             notice(f"{self._own_bound()}; --certify certifies the estimate")
@@ -128,7 +144,7 @@ class Solved:
         typer.echo()
         if solution.kept is not None:
             typer.echo("The certificate is about the kept measurements, with their final weights:")
-        _verdict.show(self.certificate, part.options, disagreement=self.disagreement)
+        _verdict.show(self.certificate, part, disagreement=self.disagreement)
         uncertified = self.certificate.verdict.value != "CERTIFIED"
         if self.found is None and solution.kept is None and uncertified:
             notice("without --method, certpgo searches for the best estimate")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import asdict, fields
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +11,7 @@ from certpgo.errors import InputError
 
 if TYPE_CHECKING:
     from certpgo.assess.assessment import Assessment
+    from certpgo.assess.metrics import TrajectoryErrors
     from certpgo.certify import Certificate
     from certpgo.graph import Instance
     from certpgo.linalg.arrays import IntArray
@@ -46,11 +47,13 @@ def weakest(verdicts: Iterable[str]) -> int:
 
 def show(
     certificate: Certificate,
-    reading: Mapping[str, str],
+    part: Instance,
     assessment: Assessment | None = None,
     disagreement: Disagreement | None = None,
+    accuracy: TrajectoryErrors | None = None,
 ) -> None:
     """Print the verdict, its reason, the numbers behind it, and the objective."""
+    from certpgo.assess import wording
     from certpgo.assess.wording import (
         comparison,
         hint,
@@ -65,10 +68,12 @@ def show(
             (certificate.verdict.value, meaning(certificate)),
             ("reason", certificate.reason),
             *numbers(certificate),
+            *(() if accuracy is None else wording.accuracy(accuracy)),
             *(() if disagreement is None else [("outliers?", hint(disagreement))]),
             *(() if assessment is None else comparison(assessment)),
             *trusts(certificate),
-            ("objective", stated_objective(reading, certificate)),
+            ("objective", stated_objective(part.options, certificate)),
+            *wording.provenance(part, certificate),
         ]
     )
 
@@ -84,6 +89,7 @@ def as_json(
     *,
     disagreement: Disagreement | None = None,
     assessment: Assessment | None = None,
+    accuracy: TrajectoryErrors | None = None,
 ) -> dict[str, Any]:
     """An estimate of a connected graph: the verdict first, then its details.
 
@@ -110,7 +116,11 @@ def as_json(
         "gap": None if c is None else c.gap,
         "relative_gap": None if c is None else c.relative_gap,
         "certificate": None if c is None else _details(c),
+        "accuracy": None if accuracy is None else asdict(accuracy),
         "disagreement": None if disagreement is None else _disagreement(part, disagreement),
+        "averaged": _averaged(part, certificate),
+        "fixed_ids": [int(part.ids[node]) for node in part.fixed],
+        "notices": list(part.notices),
         **({} if assessment is None else _assessment(assessment)),
     }
 
@@ -119,6 +129,16 @@ def edges_as_json(instance: Instance, edges: IntArray) -> list[dict[str, Any]]:
     """Edges by index and node ids."""
     pairs = instance.ids[instance.graph.edges[edges]].tolist()
     return [{"edge": e, "ids": ids} for e, ids in zip(edges.tolist(), pairs, strict=True)]
+
+
+def _averaged(part: Instance, certificate: Certificate | None) -> dict[str, float] | None:
+    """The largest ratios of precisions that kappa and tau average; None where they do not."""
+    from certpgo.certify.certificate import CHORDAL
+
+    if part.information is None or certificate is None or certificate.objective != CHORDAL:
+        return None
+    translation, rotation = part.information.anisotropy
+    return {"translation": translation, "rotation": rotation}
 
 
 def _details(certificate: Certificate) -> dict[str, Any]:

@@ -25,6 +25,7 @@ from certpgo.cli._paging import origin_of, require_pages, write_page
 from certpgo.cli._proving import REFUSED, provable_source, prove
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, notice, noticing, working
+from certpgo.cli._truth import KnownPoses, TruthFile
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
 from certpgo.errors import InputError
 
@@ -60,6 +61,7 @@ def command(
         Path | None, typer.Option("--best", metavar="OUT", help="Write the best estimate found.")
     ] = None,
     timestamps: Timestamps = "ids",
+    truth: TruthFile = None,
     csv: Annotated[
         Path | None,
         typer.Option("--csv", metavar="OUT", help="Write a row per ESTIMATE."),
@@ -78,6 +80,8 @@ def command(
     from certpgo.costs import RangeProblem, certifiable
     from certpgo.io.format import format_to_write
 
+    if csv is not None and truth is not None:
+        raise InputError("--truth needs a single estimate, without --csv")
     if len(estimates) > 1 and csv is None:
         raise InputError("several estimates need --csv OUT")
     if csv is not None and not (best is None and proof is None and html is None):
@@ -89,7 +93,9 @@ def command(
         refuse_unwritable(out)
     require_pages(html)
     source = reading.resolve(graph)
-    refuse_overwriting([best, csv, proof, html], [source, *estimates, timestamps], reading.data)
+    refuse_overwriting(
+        [best, csv, proof, html], [source, *estimates, timestamps, truth], reading.data
+    )
     if proof is not None:
         _verdict.refuse_screening(tier)
     tier = tier or ("standard" if proof is None else "proof")
@@ -114,7 +120,8 @@ def command(
         return _batch(estimates, instance, parts, timestamps, csv, json, reading)
     path = reading.resolve(estimates[0]).path()
     given = _read(path, instance, parts, timestamps)
-    assessments, disagreements = _single(path, given, parts, json)
+    truths = [KnownPoses.of(truth, part.instance) for part in parts]
+    assessments, disagreements = _single(path, given, parts, truths, json)
     if best is not None:
         _write_best(best, parts[0], assessments[0])
     elif any(a.excess > a.certificate.tolerance for a in assessments):
@@ -150,14 +157,22 @@ def _may_gain(certificate: Certificate, problem: Certifiable) -> bool:
 
 
 def _single(
-    path: Path, given: Sequence[Estimate], parts: Sequence[JudgedGraph], json: bool
+    path: Path,
+    given: Sequence[Estimate],
+    parts: Sequence[JudgedGraph],
+    truths: Sequence[KnownPoses | None],
+    json: bool,
 ) -> tuple[list[Assessment], list[Disagreement | None]]:
     from certpgo.io.digits import writing_of
 
     writing = writing_of(path)
     assessments: list[Assessment] = []
     disagreements: list[Disagreement | None] = []
-    for part, estimate in zip(parts, given, strict=True):
+    accuracies = [
+        None if truth is None else truth.errors(estimate)
+        for truth, estimate in zip(truths, given, strict=True)
+    ]
+    for part, estimate, accuracy in zip(parts, given, accuracies, strict=True):
         with working(f"certifying {part.instance.name}"):
             found = part.assessed(estimate, writing)
             assessments.append(found)
@@ -165,7 +180,7 @@ def _single(
         if not json:
             if len(parts) > 1:
                 typer.echo(part.instance.name)
-            _verdict.show(found.certificate, part.instance.options, found, disagreements[-1])
+            _verdict.show(found.certificate, part.instance, found, disagreements[-1], accuracy)
     if json:
         reports = [
             _verdict.as_json(
@@ -174,8 +189,11 @@ def _single(
                 assessment.cost,
                 disagreement=disagreeing,
                 assessment=assessment,
+                accuracy=accuracy,
             )
-            for part, assessment, disagreeing in zip(parts, assessments, disagreements, strict=True)
+            for part, assessment, disagreeing, accuracy in zip(
+                parts, assessments, disagreements, accuracies, strict=True
+            )
         ]
         document(reports[0] if len(reports) == 1 else reports)
     return assessments, disagreements

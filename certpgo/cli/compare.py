@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,7 +12,8 @@ import typer
 
 from certpgo.cli._options import Cost, Json
 from certpgo.cli._reading import Reading, takes_reading
-from certpgo.cli._show import document, notice, table, working
+from certpgo.cli._show import document, notice, paragraph, table, working
+from certpgo.cli._truth import KnownPoses, TruthFile
 from certpgo.cli._verdict import INTERRUPTED
 from certpgo.errors import CertPGOError, InputError, SpecError
 from certpgo.io.plural import counted
@@ -34,9 +36,12 @@ USUAL = (
     "manhattan",
     "city10000",
 )
+FAILED = "not run or failed"
 #: Columns that are empty for most methods.
-_SPARSE = ("kept, %", "not run or failed")
+_SPARSE = ("kept, %", "ATE", "RPE", "by phase", FAILED)
 STAND_INS = ("sphere2500.txt", "w100", "w10000")
+#: Seconds of a method per byte of a file, certified, on one core of 2024; and what is not told.
+PACE, SHORT = 1.3e-6, 45.0
 QUICK = ("smallGrid3D", "MIT", "w100")
 
 
@@ -60,6 +65,10 @@ def command(
         Path, typer.Option("--out", metavar="DIR", help="Folder for the results.")
     ] = Path("compare-results"),
     quick: Annotated[bool, typer.Option("--quick", help="Only small graphs.")] = False,
+    phases: Annotated[
+        bool, typer.Option("--phases", help="Show the seconds of each phase.")
+    ] = False,
+    truth: TruthFile = None,
     json: Json = False,
     *,
     reading: Reading,
@@ -74,6 +83,10 @@ def command(
     sources = named or _usual(reading, quick)
     for source in sources:
         source.path()  # report missing files and download datasets before any work
+    if truth is not None and len(sources) > 1:
+        raise InputError("--truth is of one graph")
+    if (about := _duration(sources, len(chosen))) is not None:
+        notice(f"this takes about {about}")
     results = _Results(out, cost)
     left_out: list[str] = []
     interrupted = False
@@ -94,7 +107,8 @@ def command(
             for part in parts:
                 # A method requested by name is run anyway, and reports why it is unsuited.
                 suited = [method for method in chosen if methods or method.suits(part.graph)]
-                _compare(part, suited, cost, results, shown=not json)
+                known = KnownPoses.of(truth, part)
+                _compare(part, suited, results, known, None if json else phases)
         results.complete()
     except BaseException as error:
         if results.rows:
@@ -106,7 +120,7 @@ def command(
         document([as_data(result) for result in results.rows])
     else:
         for sentence in notes((result.method for result in results.rows), cost.value):
-            typer.echo(sentence)
+            paragraph(sentence)
     if interrupted:
         notice("interrupted")
     else:
@@ -159,12 +173,20 @@ class _Results:
 
 
 def _compare(
-    part: Instance, methods: Sequence[Competitor], cost: Cost, results: _Results, *, shown: bool
+    part: Instance,
+    methods: Sequence[Competitor],
+    results: _Results,
+    truth: KnownPoses | None,
+    phases: bool | None,
 ) -> None:
-    """Add the results on a connected graph; on interruption, show those so far."""
-    from certpgo.assess.comparison import compare
-    from certpgo.assess.comparison_table import TITLE
+    """Add the results on a connected graph, and show them, with phases or not; None for not at all.
 
+    On interruption those so far are shown. Where there is no spinner, each is told on stderr.
+    """
+    from certpgo.assess.comparison import compare
+    from certpgo.assess.comparison_table import OPTIONAL, TITLE, in_a_line
+
+    told = len(methods) > 1 and not sys.stderr.isatty()
     before = len(results.rows)
     try:
         with working(part.name) as status:
@@ -172,26 +194,40 @@ def _compare(
             def announce(label: str) -> None:
                 status.update(f"{part.name}: {label}")
 
-            for result in compare(part, methods, cost=cost.value, announce=announce):
+            errors = None if truth is None else truth.errors
+            judged = compare(
+                part, methods, cost=results.cost.value, announce=announce, errors=errors
+            )
+            for result in judged:
                 results.add(result)
+                if told:
+                    typer.echo(in_a_line(result), err=True)
     finally:
-        if shown and len(results.rows) > before:
+        rows = results.rows[before:]
+        if phases is not None and rows:
             is_first = not any(result.method for result in results.rows[:before])
             typer.echo(f"{TITLE}\n" if is_first else "")
-            table(*_section(results.rows[before:]))
+            hidden = (FAILED,) if phases else (FAILED, "by phase")
+            table(*_section(rows, hidden), optional=OPTIONAL)
+            for result in rows:
+                if result.error:
+                    paragraph(f"{result.method}: {FAILED}: {result.error}")
 
 
 def _section(
     results: Sequence[MethodResult],
+    hidden: Sequence[str] = (),
 ) -> tuple[str, Sequence[str], list[Sequence[str]], str]:
     """Title, header, rows and caption of the results on one graph."""
     from certpgo.assess.comparison_table import captions, cells, columns, title
 
     rows: list[Sequence[str]] = [cells(result) for result in results]
-    header: Sequence[str] = (*columns(results[0]), "not run or failed")
+    header: Sequence[str] = (*columns(results[0]), FAILED)
     # A column for a few methods is shown where it says something.
     shown = [
-        k for k, name in enumerate(header) if name not in _SPARSE or any(row[k] for row in rows)
+        k
+        for k, name in enumerate(header)
+        if name not in hidden and (name not in _SPARSE or any(row[k] for row in rows))
     ]
     header = [header[k] for k in shown]
     rows = [[row[k] for k in shown] for row in rows]
@@ -247,6 +283,15 @@ def _methods(names: Sequence[str], cost: Cost) -> tuple[Competitor, ...]:
     others = [Competitor(name) for name in names if name not in labelled]
     known_by = labelled | {method.label: method for method in methods_under(cost.value, others)}
     return tuple(known_by[name] for name in dict.fromkeys(names))
+
+
+def _duration(sources: Sequence[Source], methods: int) -> str | None:
+    """How long a comparison takes, roughly, from the size of the files; None if that is short."""
+    from certpgo.io.plural import counted
+
+    sizes = [path.stat().st_size for source in sources if (path := source.path()).is_file()]
+    seconds = PACE * methods * sum(sizes)
+    return None if seconds < SHORT else counted(max(round(seconds / 60.0), 1), "minute{s}")
 
 
 def _usual(reading: Reading, quick: bool) -> list[Source]:

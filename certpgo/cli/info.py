@@ -12,6 +12,7 @@ import typer
 from certpgo.cli._options import GraphName, Json
 from certpgo.cli._reading import Components, Reading, takes_reading
 from certpgo.cli._show import document, facts, working
+from certpgo.graph.wording import shown_path
 
 if TYPE_CHECKING:
     from certpgo.assess.diagnostics import Spectrum, Structure
@@ -71,7 +72,7 @@ def _as_json(
 ) -> dict[str, Any]:
     return {
         "name": instance.name,
-        "source": instance.source,
+        "source": shown_path(instance.source),
         **asdict(found),
         "options": dict(instance.options),
         "notices": list(instance.notices),
@@ -92,7 +93,7 @@ def _lines(instance: Instance, found: Structure, engine: str) -> Iterable[tuple[
     from certpgo.io.plural import counted
 
     yield "name", instance.name
-    yield "source", instance.source
+    yield "source", shown_path(instance.source)
     yield "problem", f"{found.kind} in {found.d}D"
     gaps = "" if found.consecutive else " with gaps"
     yield "nodes", f"{found.nodes}, ids {found.first_id} to {found.last_id}{gaps}"

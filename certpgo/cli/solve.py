@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -29,6 +30,7 @@ from certpgo.cli._proving import REFUSED, provable_source
 from certpgo.cli._reading import Reading, restricted_to, takes_reading
 from certpgo.cli._show import document, notice, noticing, working
 from certpgo.cli._solved import UNPROVABLE, Solved
+from certpgo.cli._truth import KnownPoses, TruthFile
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable, targets_of
 from certpgo.errors import InputError
 from certpgo.optimize.monitor import Iteration, Monitor, TableMonitor
@@ -60,6 +62,7 @@ def command(
     format: Annotated[
         str | None, typer.Option("--format", help="Format of --out; by default from its suffix.")
     ] = None,
+    truth: TruthFile = None,
     proof: ProofOut = None,
     html: HtmlOut = None,
     covariances: Annotated[
@@ -118,7 +121,6 @@ def command(
     from certpgo.certify.proof_file import refuse_unreadable
     from certpgo.io import read_estimate, write
     from certpgo.io.format import format_to_write
-    from certpgo.registry import build, parse_settings, refuse_unsuited
 
     _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank)
     refuse_chordal_only(cost, method=method, robust=robust)
@@ -134,7 +136,7 @@ def command(
         refuse_unwritable(written)
     require_pages(html)
     source = reading.resolve(graph)
-    refuse_overwriting([out, proof, html, covariances], [source, initial])
+    refuse_overwriting([out, proof, html, covariances], [source, initial, truth])
     provable = None if proof is None else provable_source(source)
     instance = reading.open(source, distances=True)
     refuse_with_distances(instance, method=method, robust=robust, proof=proof, html=html)
@@ -142,16 +144,13 @@ def command(
     whole = len(parts) == 1 and certify
     _refuse_parts(whole, proof=proof, html=html, covariances=covariances)
     targets = targets_of(out, parts)
-    refuse_overwriting(targets, [source, initial])
+    refuse_overwriting(targets, [source, initial, truth])
+    truths = [KnownPoses.of(truth, part) for part in parts]
     with noticing():
         start = None if initial is None else read_estimate(initial, instance)
-    solver = None
-    if method is not None:
-        solver = build(method, parse_settings(method, settings or ()))
-        for part in parts:
-            refuse_unsuited(method, solver, part.graph)
-        if initial is not None and not getattr(solver, "takes_initial", True):
-            raise InputError(f"{method} takes no initial estimate: not with --initial")
+    solver = None if method is None else _solver(method, settings, parts)
+    if initial is not None and not getattr(solver, "takes_initial", True):
+        raise InputError(f"{method} takes no initial estimate: not with --initial")
     own = chosen_cost(cost, instance, method=method, robust=robust)
     if provable is not None:
         refuse_unreadable(provable, instance, own)
@@ -160,16 +159,17 @@ def command(
     with ExitStack() as stack:
         if scheduler is not None:
             stack.enter_context(_distributed(scheduler))
-        for part, target in zip(parts, targets, strict=True):
+        for part, target, known in zip(parts, targets, truths, strict=True):
             begin = restricted_to(part, start, instance)
             with working(f"solving {part.name}") as status:
                 monitor = TableMonitor() if trace else _StatusLine(status)
                 if solver is None or method is None:
                     limits = SolveSettings(time_limit=time_limit, max_rank=max_rank, tier=tier)
-                    result = _certified(part, begin, limits, robust, monitor, own)
+                    found = _certified(part, begin, limits, robust, monitor, own)
                 else:
                     requested = (tier or "standard") if certify else None
-                    result = _by_method(part, method, solver, begin, requested, monitor, status)
+                    found = _by_method(part, method, solver, begin, requested, monitor, status)
+            result = replace(found, truth=known)
             if target is not None:
                 with noticing():
                     write(target, result.solution.estimate, instance=part, format=format)
@@ -194,6 +194,16 @@ def command(
         return _verdict.INTERRUPTED
     code = _verdict.exit_code(r.certificate for r in results if r.certificate is not None)
     return code if proven else code or REFUSED
+
+
+def _solver(method: str, settings: Sequence[str] | None, parts: Sequence[Instance]) -> Solver:
+    """The method with its settings; an InputError if it does not take the graphs."""
+    from certpgo.registry import build, parse_settings, refuse_unsuited
+
+    solver = build(method, parse_settings(method, settings or ()))
+    for part in parts:
+        refuse_unsuited(method, solver, part.graph)
+    return solver
 
 
 def _refuse_parts(whole: bool, **outputs: Path | None) -> None:

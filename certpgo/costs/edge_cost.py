@@ -15,13 +15,14 @@ from typing import ClassVar, Self
 import numpy as np
 
 from certpgo.graph.information import InformationGraph
+from certpgo.graph.speaking import Brief
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.balls import Ball
 from certpgo.linalg.so import rotation_defect
 
 
-@dataclass(frozen=True, eq=False)
-class Minorants:
+@dataclass(frozen=True, eq=False, repr=False)
+class Minorants(Brief):
     """Functions m_e(v, Q) = tau |v + Q a - b|^2 - 2 <N, Q> + constant, none above its edge's cost.
 
     They hold for all v and all rotations Q, for the stored doubles, despite rounding. They are

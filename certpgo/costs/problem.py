@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -14,6 +15,7 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.graph import require_connected
 from certpgo.graph.information import InformationGraph
 from certpgo.graph.lift import Point, translations_of
+from certpgo.graph.speaking import Speaking
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.balls import Ball
@@ -24,8 +26,8 @@ from certpgo.objective.operators import lever
 from certpgo.objective.problem import PoseProblem
 
 
-@dataclass(frozen=True, eq=False)
-class InformationProblem:
+@dataclass(frozen=True, eq=False, repr=False)
+class InformationProblem(Speaking):
     """Minimise the cost of another program, f = sum e^T Omega e over the edges, over SE(d)^n.
 
     Attributes
@@ -44,6 +46,17 @@ class InformationProblem:
 
     def __post_init__(self) -> None:
         require_connected(self.graph.isotropic)
+
+    @property
+    def _headline(self) -> str:
+        return f"{type(self).__name__}: {self.graph.isotropic.size_in_words}"
+
+    def _facts(self) -> Iterator[tuple[str, str]]:
+        yield "cost", self.edge_cost.title
+        yield "next", "certpgo.solve(problem); certpgo.certify(problem, estimate)"
+
+    def _picture(self) -> str:
+        return self.graph.isotropic._picture()
 
     @property
     def graph(self) -> InformationGraph:

@@ -28,6 +28,7 @@ from certpgo.graph.edges import components_of
 from certpgo.graph.lift import Point, translations_of
 from certpgo.graph.priors import require_held
 from certpgo.graph.ranges import Ranges
+from certpgo.graph.speaking import Brief
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.balls import U
@@ -43,8 +44,8 @@ FAINT = 1e-10
 SHORTEST = 1e-12
 
 
-@dataclass(frozen=True, eq=False)
-class RangeProblem:
+@dataclass(frozen=True, eq=False, repr=False)
+class RangeProblem(Brief):
     """Minimise F over poses and points, plus the terms of measured distances.
 
     Attributes

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from certpgo.errors import GraphError
+from certpgo.graph.picture import drawn
+from certpgo.graph.speaking import Speaking
+from certpgo.graph.wording import counted
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray, IntArray, frozen_floats
 
 
-@dataclass(frozen=True, eq=False)
-class Estimate:
+@dataclass(frozen=True, eq=False, repr=False)
+class Estimate(Speaking):
     """Absolute rotations, and translations if the problem has them.
 
     Attributes
@@ -70,6 +74,24 @@ class Estimate:
         object.__setattr__(new, "rotations", rotations)
         object.__setattr__(new, "translations", translations)
         return new
+
+    @property
+    def _headline(self) -> str:
+        what = "rotation{s}" if self.translations is None else "pose{s}"
+        return f"{type(self).__name__}: {counted(self.num_nodes, what)}, {self.d}D"
+
+    def _facts(self) -> Iterator[tuple[str, str]]:
+        t = self.translations
+        if t is not None and len(t):
+            yield "extent", " x ".join(f"{length:.4g}" for length in np.ptp(t, axis=0)) + " m"
+            steps = np.linalg.norm(np.diff(t, axis=0), axis=1)
+            yield "path", f"{steps.sum():.4g} m through all nodes in their order"
+        yield "next", "certpgo.certify(graph, estimate); certpgo.write(path, estimate)"
+
+    def _picture(self) -> str:
+        if self.translations is None:
+            return ""
+        return drawn(self.translations, np.empty((0, 2), np.intp), np.arange(self.num_nodes))
 
     @property
     def num_nodes(self) -> int:

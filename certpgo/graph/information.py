@@ -14,6 +14,7 @@ from certpgo.errors import GraphError
 from certpgo.graph.edges import symmetric
 from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.rotation_graph import RotationGraph
+from certpgo.graph.speaking import Brief
 from certpgo.linalg.arrays import (
     BoolArray,
     FloatArray,
@@ -27,8 +28,8 @@ from certpgo.linalg.balls import Ball, is_positive_definite
 _MARGIN = 2.0**-20
 
 
-@dataclass(frozen=True, eq=False)
-class Information:
+@dataclass(frozen=True, eq=False, repr=False)
+class Information(Brief):
     """The information matrices of a file, each distinct one stored once.
 
     Attributes
@@ -71,9 +72,32 @@ class Information:
         alone = np.asarray(~self.distinct[:, d:].any(axis=(1, 2)))
         return np.asarray(_definite(self.distinct, alone)[self.index])
 
+    @cached_property
+    def anisotropy(self) -> tuple[float, float]:
+        """How far matrices are from multiples of the identity, which kappa and tau stand for.
+
+        The largest ratio of two eigenvalues of a block, for translation and for rotation; 1 where
+        blocks are multiples of the identity, infinite for one that is singular.
+        """
+        d = 2 if self.distinct.shape[1] == 3 else 3
+        of_poses = self.distinct[:, d:, d:].any(axis=(1, 2))
+        blocks = (self.distinct[:, :d, :d], self.distinct[of_poses][:, d:, d:])
+        return _largest_ratio(blocks[0]), _largest_ratio(blocks[1])
+
     def subset(self, chosen: IntArray | BoolArray) -> Information:
         """The matrices of some edges, given by index or mask (m,)."""
         return Information(self.distinct, self.index[chosen], self.residual)
+
+
+def _largest_ratio(blocks: FloatArray) -> float:
+    """The largest ratio of two eigenvalues of one of these symmetric blocks (k, p, p)."""
+    if not len(blocks) or blocks.shape[1] == 1:
+        return 1.0
+    values = np.linalg.eigvalsh(blocks)
+    low, high = values[:, 0], values[:, -1]
+    if not (low > 0.0).all():
+        return math.inf
+    return float((high / low).max())
 
 
 def mahalanobis(graph: PoseGraph, information: Information, scale: float = 1.0) -> Mahalanobis:
@@ -111,8 +135,8 @@ class Mahalanobis(NamedTuple):
     clipped: int
 
 
-@dataclass(frozen=True, eq=False)
-class InformationGraph:
+@dataclass(frozen=True, eq=False, repr=False)
+class InformationGraph(Brief):
     """Relative poses between nodes, each with a full information matrix.
 
     Attributes

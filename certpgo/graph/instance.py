@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -12,7 +12,10 @@ from certpgo.errors import GraphError
 from certpgo.graph.estimate import Estimate
 from certpgo.graph.graph import Graph, PoseGraph
 from certpgo.graph.information import Information
+from certpgo.graph.picture import closures, drawn
 from certpgo.graph.ranges import Ranges
+from certpgo.graph.speaking import Speaking
+from certpgo.graph.wording import averaged, counted, few, reading_sentence, shown_path
 from certpgo.linalg.arrays import (
     BoolArray,
     FloatArray,
@@ -23,8 +26,8 @@ from certpgo.linalg.arrays import (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Instance:
+@dataclass(frozen=True, eq=False, repr=False)
+class Instance(Speaking):
     """A graph as read, with other information from its source.
 
     Attributes
@@ -107,6 +110,65 @@ class Instance:
         found = (len(information.index), *information.distinct.shape[1:])
         if found != expected:
             raise GraphError(f"information must be {expected}, a matrix per edge, not {found}")
+
+    @property
+    def kinds(self) -> tuple[int, int, int]:
+        """Numbers of points, of sightings of these, and of priors."""
+        graph, world = self.graph, self.world
+        first, second = graph.edges.T
+        of_world = np.zeros(graph.num_edges, dtype=bool) if world is None else first == world
+        if not isinstance(graph, PoseGraph) or graph.points is None:
+            return 0, 0, int(of_world.sum())
+        seen = graph.points[second] & ~of_world
+        return int(graph.points.sum()), int(seen.sum()), int(of_world.sum())
+
+    @property
+    def kinds_in_words(self) -> list[str]:
+        """The same, without those of which there are none."""
+        names = ("landmark{s}", "sighting{s}", "prior{s}")
+        return [counted(k, name) for k, name in zip(self.kinds, names, strict=True) if k]
+
+    @property
+    def averaged(self) -> str:
+        """What the weights kappa and tau leave out of the information matrices; or empty."""
+        return "" if self.information is None else averaged(self.information.anisotropy)
+
+    @property
+    def _headline(self) -> str:
+        return f"Instance {self.name}: {self.graph.size_in_words}"
+
+    def _facts(self) -> Iterator[tuple[str, str]]:
+        if self.source:
+            yield "source", shown_path(self.source)
+        if found := self.kinds_in_words:
+            yield "among these", ", ".join(found)
+        if self.ranges is not None:
+            yield "ranges", counted(self.ranges.num_edges, "distance{s}")
+        yield "weights", reading_sentence(self.options)
+        *weights, connected, _ = self.graph._facts()
+        yield from weights
+        if self.averaged:
+            yield "", f"kappa and tau average {self.averaged}"
+        yield connected
+        yield "initial", "values are in the source" if self.initial is not None else "no values"
+        yield "truth", "known" if self.truth is not None else "not known"
+        if self.fixed:
+            yield "fixed", f"{few(self.ids[list(self.fixed)].tolist())} in the source"
+        for sentence in self.notices:
+            yield "notice", sentence
+        yield "next", "certpgo.solve(instance); certpgo.certify(instance, estimate)"
+
+    def _picture(self) -> str:
+        from certpgo.graph.trees import tree_initialization
+
+        graph, known = self.graph, self.initial if self.truth is None else self.truth
+        if not isinstance(graph, PoseGraph):
+            return graph._picture()
+        if known is None and graph.is_connected and not graph.is_partial:
+            known = tree_initialization(graph)
+        if known is None or known.translations is None:
+            return graph._picture()
+        return drawn(known.translations, closures(graph.edges), self.poses)
 
     @property
     def poses(self) -> IntArray:

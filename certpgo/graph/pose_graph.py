@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Literal
@@ -19,12 +20,15 @@ from certpgo.graph.edges import (
     simple_edges,
     symmetric,
 )
+from certpgo.graph.picture import circle_of
 from certpgo.graph.rotation_graph import RotationGraph
+from certpgo.graph.speaking import Speaking
+from certpgo.graph.wording import components_in_words, ranges_of_weights, size_in_words
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_flags, frozen_floats
 
 
-@dataclass(frozen=True, eq=False)
-class PoseGraph:
+@dataclass(frozen=True, eq=False, repr=False)
+class PoseGraph(Speaking):
     """Relative poses between nodes.
 
     Attributes
@@ -131,6 +135,28 @@ class PoseGraph:
         moved = arms if self.arms is None else arms - self.arms
         turned = (rotation.rotations @ moved[:, :, None])[:, :, 0]
         return PoseGraph(rotation, self.translations + turned, tau, arms, self.points)
+
+    @property
+    def size_in_words(self) -> str:
+        """Such as ``216 poses and 30 points, 513 edges, 3D``."""
+        poses = len(self.pose_nodes)
+        return size_in_words(poses, self.num_nodes - poses, self.num_edges, self.d)
+
+    @property
+    def _headline(self) -> str:
+        return f"{type(self).__name__}: {self.size_in_words}"
+
+    def _facts(self) -> Iterator[tuple[str, str]]:
+        yield from ranges_of_weights(self.rotation.kappa, self.tau)
+        if self.arms is not None or self.rotation.is_general:
+            yield "", "these are means: edges have matrix weights"
+        if self.is_partial:
+            yield "partial", "some edges measure a rotation or a translation alone"
+        yield "connected", components_in_words(self.component_sizes)
+        yield "next", "certpgo.solve(graph)"
+
+    def _picture(self) -> str:
+        return circle_of(self.num_nodes, self.edges)
 
     @property
     def num_nodes(self) -> int:

@@ -8,11 +8,12 @@ import numpy as np
 
 from certpgo.errors import GraphError
 from certpgo.graph.edges import check_edges, check_weights, edge_name
+from certpgo.graph.speaking import Brief
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats, frozen_indices
 
 
-@dataclass(frozen=True, eq=False)
-class Ranges:
+@dataclass(frozen=True, eq=False, repr=False)
+class Ranges(Brief):
     """Distances between the positions of nodes, whose cost is weight (distance - |t_j - t_i|)^2.
 
     Attributes

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Literal
@@ -21,12 +22,15 @@ from certpgo.graph.edges import (
     polar_factors,
     simple_edges,
 )
+from certpgo.graph.picture import circle_of
+from certpgo.graph.speaking import Speaking
+from certpgo.graph.wording import components_in_words, ranges_of_weights, size_in_words
 from certpgo.linalg import so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats, frozen_indices
 
 
-@dataclass(frozen=True, eq=False)
-class RotationGraph:
+@dataclass(frozen=True, eq=False, repr=False)
+class RotationGraph(Speaking):
     """Relative rotations between nodes.
 
     Attributes
@@ -128,6 +132,25 @@ class RotationGraph:
             raise GraphError(f"{edge_name(self.edges, indefinite)}: K is not positive definite")
         kappa = np.trace(K, axis1=1, axis2=2) / self.d
         return replace(self, kappa=kappa, couplings=self.rotations @ K)
+
+    @property
+    def size_in_words(self) -> str:
+        """Such as ``9 rotations, 12 edges, 3D``."""
+        return size_in_words(self.num_nodes, 0, self.num_edges, self.d, kind=self.kind)
+
+    @property
+    def _headline(self) -> str:
+        return f"{type(self).__name__}: {self.size_in_words}"
+
+    def _facts(self) -> Iterator[tuple[str, str]]:
+        yield from ranges_of_weights(self.kappa, None)
+        if self.is_general:
+            yield "", "these are means: edges have matrix weights"
+        yield "connected", components_in_words(self.component_sizes)
+        yield "next", "certpgo.solve(graph)"
+
+    def _picture(self) -> str:
+        return circle_of(self.num_nodes, self.edges)
 
     @property
     def is_general(self) -> bool:

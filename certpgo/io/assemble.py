@@ -11,6 +11,7 @@ from certpgo.errors import FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import Information, of_positions
 from certpgo.io.chunks import text_lines
+from certpgo.io.compressed import uncompressed_name
 from certpgo.io.contents import TaggedLines
 from certpgo.io.format import LabelledPoses, ReadOptions
 from certpgo.io.landmarks import Landmarks, landmarks_of
@@ -19,6 +20,8 @@ from certpgo.io.plural import counted
 from certpgo.io.priors import anchored_graph, joined_information, numbered_priors
 from certpgo.linalg.arrays import FloatArray, IntArray, numbered
 
+#: What becomes of nodes that a file fixes: one chooses the frame, more are measurements.
+FREED = "all are estimated, and only differences between poses are measured"
 #: Largest translation, metres.
 FARTHEST = 1e90
 
@@ -58,6 +61,8 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
     fixed = numbered(ids, np.array(content.fixed, dtype=np.intp))
     if (fixed < 0).any():
         raise FormatError(path, None, f"FIX {content.fixed[int(np.argmin(fixed))]}: no such node")
+    if len(fixed) > 1:
+        notices.append(f"{len(fixed)} nodes fixed by the file: {FREED}")
     initial = None
     if len(vertices):
         values = LabelledPoses(*joined_edges.values, ids=vertices)
@@ -82,7 +87,7 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
     if stated != "information":
         notices.append(f"the numbers of a measurement's precision are read as its {stated}")
     instance = Instance(
-        name=path.stem,
+        name=uncompressed_name(path).stem,
         graph=graph,
         ids=ids,
         fixed=tuple(fixed.tolist()),

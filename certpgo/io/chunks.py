@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from certpgo.errors import FormatError, InputError
+from certpgo.io.compressed import opened
 from certpgo.io.format import Progress
 from certpgo.linalg.arrays import FloatArray, IntArray
 
@@ -85,12 +86,12 @@ def text_lines(path: Path) -> Iterator[tuple[int, bytes]]:
 def _chunks(path: Path, progress: Progress | None) -> Iterator[tuple[int, bytes]]:
     """Parts of a file as (number of the first line, lines without the last line end)."""
     total, number = path.stat().st_size, 1
-    with path.open("rb") as file:
+    with opened(path) as file:
         if file.read(len(BOM_UTF8)) != BOM_UTF8:
             file.seek(0)
         done, rest = file.tell(), b""
         while chunk := file.read(_CHUNK_BYTES):
-            done += len(chunk)
+            done = min(done + len(chunk), total)  # of a compressed file more is read
             text = rest + chunk
             end = text.rfind(b"\n") + 1
             whole, rest = text[:end], text[end:]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 from certpgo.errors import FormatError
 from certpgo.graph import Estimate
 from certpgo.io.chunks import without_comments
+from certpgo.io.compressed import opened
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Chart, format_of
 from certpgo.io.plural import counted
@@ -101,7 +102,7 @@ def writing_of(path: str | Path) -> Writing | None:
     if form.chart is None:
         return None
     try:
-        with path.open("rb") as lines:
+        with opened(path) as lines:
             digits = digits_of(list(chain.from_iterable(_sample(lines, form.chart))))
     except OSError as error:
         raise FormatError(path, None, f"cannot be read: {error.strerror}") from None
@@ -132,7 +133,7 @@ def digits_of(words: list[bytes]) -> Digits | None:
     return Digits(max(most, 1), False)
 
 
-def _sample(lines: Iterator[bytes], chart: Chart) -> Iterator[list[bytes]]:
+def _sample(lines: Iterable[bytes], chart: Chart) -> Iterator[list[bytes]]:
     """The numbers of the first pose lines."""
     texts = (words for line in lines if (words := without_comments(line).split()))
     return islice((numbers for words in texts if (numbers := chart.numbers(words))), SAMPLE)

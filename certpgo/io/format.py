@@ -13,12 +13,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import compress
+from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
 
-from certpgo.errors import FormatError, InputError, InputNotice, SpecError, UnusableFile
+from certpgo.errors import FormatError, InputError, InputNotice, SpecError, UnusableFile, kind_of
 from certpgo.graph import Estimate, Instance
+from certpgo.io.compressed import opened, uncompressed_name
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 RotationInformation = Literal["tangent", "quaternion", "rpy"]
@@ -187,6 +189,14 @@ def get_format(name: str) -> Format:
     return formats()[name]
 
 
+def file_of(given: object) -> Path:
+    """The path that is given to be read as an estimate; InputError if it is something else."""
+    if isinstance(given, str | PathLike):
+        return Path(given)
+    instead = "certify_values takes GTSAM's Values"
+    raise InputError(f"read_estimate reads a file, not {kind_of(given)}: {instead}")
+
+
 def format_of(path: Path, name: str | None = None) -> Format:
     """The format of an existing file or folder: as named, or by content, then by suffix.
 
@@ -209,7 +219,7 @@ def format_of(path: Path, name: str | None = None) -> Format:
     text = b"\0" not in head and bool(head)
     for form in formats().values():
         # The reader then reports which line is wrong.
-        if text and path.suffix in form.suffixes:
+        if text and uncompressed_name(path).suffix in form.suffixes:
             return form
     if path.is_dir():
         raise FormatError(path, None, "a folder must hold EGs.txt (1DSfM)")
@@ -220,7 +230,7 @@ def _head(path: Path) -> bytes:
     if path.is_dir():
         return b""
     try:
-        with path.open("rb") as file:
+        with opened(path) as file:
             head = file.read(_HEAD_BYTES).removeprefix(BOM_UTF8)
     except FileNotFoundError:
         raise FormatError(path, None, "no such file") from None

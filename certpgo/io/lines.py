@@ -26,6 +26,8 @@ from certpgo.linalg.arrays import FloatArray, IntArray
 
 #: Notice about edges without information, with their number.
 UNINFORMED = "edge{s} without information: kappa = tau = 1"
+#: How unknown tags begin that are of values, parameters and raw data, as other programs have them.
+_NO_MEASUREMENTS = (b"VERTEX", b"PARAM", b"DATA", b"ROBOTLASER", b"RAWLASER", b"FLASER")
 #: Rotations (k, d, d), translations (k, d), and how many quaternions are off norm 1.
 Poses = tuple[FloatArray, FloatArray, int]
 
@@ -163,6 +165,8 @@ class _Parser:
             raise InputError(self._dialect.refused[name])
         if name in self._dialect.tags:
             return self._dialect.tags[name]
+        if name.startswith(_NO_MEASUREMENTS):
+            return Tag("skip", what=f"no tag of {self._dialect.name}, and no measurement")
         known = ", ".join(tag.decode() for tag in self._dialect.tags)
         shown = name[:40].decode("ascii", "backslashreplace")
         raise InputError(f"{self._dialect.name} has no tag {shown!r}; known: {known}")

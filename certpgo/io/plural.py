@@ -1,6 +1,3 @@
-"""Counts in words."""
+"""Counts in words, from the room of graphs."""
 
-
-def counted(count: int, what: str) -> str:
-    """The count and what is counted, ``{s}`` marking its plural: 1 node, 2 nodes."""
-    return f"{count} {what.replace('{s}', '' if count == 1 else 's')}"
+from certpgo.graph.wording import counted as counted

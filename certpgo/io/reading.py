@@ -23,6 +23,7 @@ from certpgo.io.format import (
     ReadOptions,
     RotationInformation,
     WeightsAre,
+    file_of,
     format_of,
 )
 from certpgo.io.names import named_ids
@@ -159,6 +160,8 @@ def read_estimate(
     ------
     FormatError
         With path, line and what was expected there; or it is the estimate of another graph.
+    InputError
+        No path, but an object such as GTSAM's Values, which is for `certpgo.certify_values`.
 
     Examples
     --------
@@ -171,7 +174,7 @@ def read_estimate(
     >>> bool(abs(estimate.translations - instance.truth.translations).max() < 1e-12)
     True
     """
-    path = Path(path)
+    path = file_of(path)
     poses = _poses(path, format)
     try:
         poses = _labelled(poses, instance, timestamps)

@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,14 +25,22 @@ from certpgo.io.plural import counted
 from certpgo.io.timestamps import node_times
 from certpgo.linalg.arrays import IntArray
 
-Anchor = Literal["file", "identity", "prior", "none"]
 
-_WITH_GRAPH: tuple[type, ...] = (Instance, PoseGraph, RotationGraph)
+class AnyAnswer(Protocol):
+    """What has an estimate."""
+
+    @property
+    def estimate(self) -> Estimate:
+        """One pose or rotation per node."""
+        ...
+
+
+Anchor = Literal["file", "identity", "prior", "none"]
 
 
 def write(
     path: str | Path,
-    what: Estimate | Graph | Instance,
+    what: Estimate | AnyAnswer | Graph | Instance,
     *,
     instance: Instance | None = None,
     ids: ArrayLike | None = None,
@@ -49,8 +57,10 @@ def write(
     ----------
     path : .g2o, .npz or .pyfg for a graph; .g2o, .npz, .pyfg, .tum, .kitti, .rots or .ply for an
         estimate
-    what : an instance (graph, ids, initial values, fixed nodes), a graph, or an estimate
-    instance : for an estimate, the instance it solves: its ids, initial values and fixed nodes
+    what : an instance (graph, ids, initial values, fixed nodes), a graph, an estimate, or what has
+        one, such as an answer of `certpgo.solve`
+    instance : for an estimate, the instance it solves: its ids, initial values and fixed nodes; an
+        answer has its own
     ids : (n,) distinct node ids; the instance's by default, else 0 ... n-1
     format : name of the format, if the suffix does not determine it
     anchor : frame of an estimate: ``"file"``, the default with an instance, is the world where
@@ -79,6 +89,8 @@ def write(
     """
     path = Path(path)
     form = format_to_write(path, format)
+    if isinstance(estimate := getattr(what, "estimate", None), Estimate):
+        what, instance = estimate, instance or getattr(what, "instance", None)
     if isinstance(what, Estimate):
         if form.write_poses is None:
             raise InputError(f"{path}: {form.name} cannot be written for an estimate")
@@ -106,9 +118,8 @@ def write(
         labels = Labels(nodes, times, points, names)
         atomically(path, lambda temporary: writer(temporary, anchored, labels))
         return
-    if not isinstance(what, _WITH_GRAPH):
-        hint = "; its estimate may be meant" if hasattr(what, "estimate") else ""
-        raise InputError(f"a graph or an estimate is written, not {kind_of(what)}{hint}")
+    if not isinstance(what, Instance | PoseGraph | RotationGraph):
+        raise InputError(f"a graph or an estimate is written, not {kind_of(what)}")
     if form.write_graph is None:
         raise InputError(f"{path}: {form.name} cannot be written for a graph")
     graph_writer = form.write_graph

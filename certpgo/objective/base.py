@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
@@ -12,6 +13,7 @@ import numpy as np
 from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.lift import Point
+from certpgo.graph.speaking import Brief, Speaking
 from certpgo.linalg import factor, so
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, IntArray
 from certpgo.linalg.blocks import BlockPattern, Layout, pinned
@@ -23,8 +25,8 @@ AnyPoint = TypeVar("AnyPoint", bound=Point)
 AnyProblem = TypeVar("AnyProblem", bound="Objective")
 
 
-@dataclass(frozen=True, eq=False)
-class FirstOrder:
+@dataclass(frozen=True, eq=False, repr=False)
+class FirstOrder(Brief):
     """Cost and first derivatives at an estimate.
 
     Attributes
@@ -45,11 +47,24 @@ class FirstOrder:
     stationarity: float
 
 
-class Objective(ABC):
+class Objective(Speaking, ABC):
     """The base of rotation and pose problems."""
 
     graph: RotationGraph | PoseGraph
     engine: str
+
+    @property
+    def _headline(self) -> str:
+        return f"{type(self).__name__}: {self.graph.size_in_words}"
+
+    def _facts(self) -> Iterator[tuple[str, str]]:
+        *measured, _ = self.graph._facts()
+        yield "cost", "F, of residuals weighed by kappa and tau; problem.cost(estimate)"
+        yield from measured
+        yield "next", "certpgo.certify(problem, estimate); certpgo.solve(problem.graph)"
+
+    def _picture(self) -> str:
+        return self.graph._picture()
 
     @abstractmethod
     def first_order(self, estimate: Estimate) -> FirstOrder:

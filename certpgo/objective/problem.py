@@ -28,7 +28,7 @@ from certpgo.objective.rotation_problem import RotationProblem, RotationsOfPoses
 __all__ = ["PoseProblem", "Problem", "RotationProblem", "problem_of"]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PoseProblem(Objective):
     """Pose-graph optimization: minimise F(R, t) over SE(d)^n.
 

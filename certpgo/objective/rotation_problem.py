@@ -19,7 +19,7 @@ from certpgo.objective import operators
 from certpgo.objective.base import AnyPoint, FirstOrder, Objective, require_graph
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RotationProblem(Objective):
     """Rotation averaging: minimise F(R) = sum kappa ||R_j - R_i R_ij||_F^2 over SO(d)^n.
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from certpgo.errors import NumericalError
 from certpgo.graph.lift import Lift, Point, lifted
+from certpgo.graph.speaking import Brief
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal
@@ -36,8 +37,8 @@ SHIFT = 1e-8
 MAX_HALVINGS = 40
 
 
-@dataclass(frozen=True, eq=False)
-class Descent:
+@dataclass(frozen=True, eq=False, repr=False)
+class Descent(Brief):
     """The result of low-rank optimization."""
 
     point: Lift

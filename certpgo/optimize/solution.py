@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import Enum
+from enum import StrEnum
 from typing import ClassVar, Protocol, Self, TypeVar
 
 import numpy as np
 
 from certpgo.graph import Estimate
+from certpgo.graph.speaking import Brief
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.problem import Problem
 from certpgo.optimize.monitor import Iteration, Monitor, silent
@@ -26,7 +27,7 @@ class Reweighted(Protocol):
 AnyPosed = TypeVar("AnyPosed", bound=Reweighted)
 
 
-class Status(Enum):
+class Status(StrEnum):
     """How a method ended; the estimate is its best point in every case.
 
     Attributes
@@ -52,8 +53,8 @@ class Status(Enum):
     TIME_LIMIT = "time limit"
 
 
-@dataclass(frozen=True, eq=False)
-class Relaxation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Relaxation(Brief):
     """What a method found out about the convex relaxation, besides the rounded estimate.
 
     The relaxation is min tr(L Y) over positive semidefinite Y (dn, dn) with identities as diagonal
@@ -77,8 +78,8 @@ class Relaxation:
     rank: int | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
+@dataclass(frozen=True, eq=False, repr=False)
+class Solution(Brief):
     """What a method returns.
 
     Attributes

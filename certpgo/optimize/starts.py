@@ -8,6 +8,7 @@ import numpy as np
 
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
+from certpgo.graph.speaking import Brief
 from certpgo.graph.trees import tree_initialization
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize import spectral
@@ -25,8 +26,8 @@ HASTY, PATIENT, LARGE = 2, 20, 20_000
 Q_TOL, L_TOL = 1e-2, 1e-4
 
 
-@dataclass(frozen=True, eq=False)
-class Start:
+@dataclass(frozen=True, eq=False, repr=False)
+class Start(Brief):
     """An initial estimate.
 
     Attributes

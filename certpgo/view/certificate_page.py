@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,17 +13,11 @@ import numpy as np
 from certpgo.assess.assessment import Assessment, CostlyEdge
 from certpgo.assess.diagnostics import kinds_in_words
 from certpgo.assess.ladder import Rung, rungs_of_eigenvalues
-from certpgo.assess.wording import (
-    digits,
-    distances,
-    meaning,
-    numbers,
-    stated_objective,
-    trusts,
-)
+from certpgo.assess.wording import digits, distances
 from certpgo.certify.certificate import Certificate
 from certpgo.certify.curvature import smallest_eigenvalues
 from certpgo.certify.own_cost import has_proofs
+from certpgo.certify.wording import meaning, numbers, part, stated_objective, trusts
 from certpgo.costs import CHORDAL, InformationProblem, own_cost, surrogate
 from certpgo.errors import CertPGOError, NumericalError
 from certpgo.graph import Estimate, Instance, PoseGraph
@@ -31,9 +25,11 @@ from certpgo.io.plural import counted
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import Problem, RotationProblem
 from certpgo.optimize.monitor import Iteration
+from certpgo.view.advice import advice
+from certpgo.view.gather import scene_of, start
 from certpgo.view.page import page
-from certpgo.view.plots import Bars, Curve, Lines, bars, lines
-from certpgo.view.scene import scene
+from certpgo.view.page_scene import Data, page_scene
+from certpgo.view.plots import Bars, Curve, Lines, bars, histogram, lines
 
 #: Eigenvalues shown beyond the d of the gauge.
 EIGENVALUES = 5
@@ -94,8 +90,13 @@ def certificate_page(
         meaning=meaning(certificate),
         reason=certificate.reason[:1].upper() + certificate.reason[1:],
         remarks=[*_cost(problem), *origin.remarks],
+        figures=_figures(certificate),
+        advice=advice(
+            certificate, origin.graph, origin.estimate, searched=origin.method == "certified"
+        ),
         numbers=[*_head(instance, origin), *_facts(instance, assessment)],
-        scene=scene(problem, estimate, instance.ids, world=instance.world),
+        scene=_scene(instance, problem, estimate),
+        angles=_angles(problem, estimate),
         edge_header=_EDGE_HEADER[: -1 if isinstance(problem, RotationProblem) else None],
         edges=[_edge(edge, instance) for edge in assessment.edges],
         bounds=[
@@ -111,6 +112,46 @@ def certificate_page(
         settings=origin.settings,
         environment=dict(origin.environment or {}),
     )
+
+
+def _scene(instance: Instance, problem: Problem | InformationProblem, estimate: Estimate) -> Data:
+    """The estimate of the measurements that the certificate is about, and how it began."""
+    graph = (problem.chordal if isinstance(problem, InformationProblem) else problem).graph
+    judged = replace(instance, graph=graph, initial=None, information=None, outliers=None)
+    begun = start(replace(judged, initial=instance.initial))
+    if _is_same(begun[1], estimate):
+        begun = start(judged)
+    shown = scene_of(judged, begun, ("estimate", estimate))
+    return page_scene(shown, problem.edge_costs(estimate))
+
+
+def _is_same(a: Estimate, b: Estimate) -> bool:
+    """Whether two estimates of one graph hold the same numbers."""
+    same = np.array_equal(a.rotations, b.rotations)
+    if a.translations is None or b.translations is None:
+        return same
+    return same and np.array_equal(a.translations, b.translations)
+
+
+def _angles(problem: Problem | InformationProblem, estimate: Estimate) -> Bars | None:
+    """A histogram of the residual angles of a rotation graph, which has no positions to see."""
+    if not isinstance(problem, RotationProblem):
+        return None
+    return histogram(np.degrees(problem.residual_angles(estimate)).tolist(), "degrees")
+
+
+def _figures(certificate: Certificate) -> list[tuple[str, str, str]]:
+    """The three numbers of a verdict: their names, values, and what they mean."""
+    gap, relative = certificate.gap, certificate.relative_gap
+    return [
+        ("cost", f"{certificate.cost_upper:.7g}", "F of this estimate"),
+        ("bound", f"{certificate.lower_bound:.7g}", "no estimate costs less"),
+        (
+            "gap",
+            f"{gap:.2g}",
+            f"{part(relative)} of F" if math.isfinite(relative) else "between them",
+        ),
+    ]
 
 
 _EDGE_HEADER = ("edge", "nodes", "term of F", "share of F", "residual, degrees", "residual, m")

@@ -114,8 +114,7 @@ class _Axis:
                 return tuple(Mark(self(10.0**power), f"1e{power}") for power in powers)
             ends = (10.0**self._low, 10.0**self._high)
             return tuple(Mark(self(value), f"{value:.3g}") for value in ends)
-        unit = 10.0 ** math.floor(math.log10(span / MARKS))
-        step = next(k * unit for k in (1, 2, 5, 10) if span / (k * unit) <= MARKS)
+        step = _round_step(span, MARKS)
         first, last = math.ceil(self._low / step), math.floor(self._high / step)
         decimals = max(0, -math.floor(math.log10(step) + 1e-9))
         form = f",.{decimals}f" if decimals <= 6 and abs(last * step) < 1e7 else ".3g"
@@ -140,7 +139,7 @@ class Bars:
     bars: tuple[Bar, ...]
 
 
-def bars(values: Sequence[float], labels: Sequence[str]) -> Bars:
+def bars(values: Sequence[float], labels: Sequence[str], form: str = ".3g") -> Bars:
     """Bars for numbers of either sign."""
     low, high = min(0.0, *values), max(0.0, *values)
     span = high - low or 1.0
@@ -148,5 +147,26 @@ def bars(values: Sequence[float], labels: Sequence[str]) -> Bars:
     drawn = []
     for value, label in zip(values, labels, strict=True):
         end = 100.0 * (value - low) / span
-        drawn.append(Bar(min(zero, end), abs(end - zero), f"{value:.3g}", label))
+        drawn.append(Bar(min(zero, end), abs(end - zero), f"{value:{form}}", label))
     return Bars(zero, tuple(drawn))
+
+
+def histogram(values: Sequence[float], unit: str, bins: int = 12) -> Bars | None:
+    """Counts of positive numbers in ranges of a round width; None if there is nothing to count."""
+    finite = [value for value in values if math.isfinite(value)]
+    if not finite:
+        return None
+    step = _round_step(max(finite), bins)
+    # A value that rounding puts just below a mark is at the mark.
+    places = [math.floor(value / step + 1e-9) for value in finite]
+    counts = [places.count(k) for k in range(max(places) + 1)]
+    labels = [f"{k * step:.6g} to {(k + 1) * step:.6g} {unit}" for k in range(len(counts))]
+    return bars(list(map(float, counts)), labels, ",.0f")
+
+
+def _round_step(span: float, marks: int) -> float:
+    """1, 2 or 5 times a power of ten, of which at most ``marks`` fit into the span."""
+    if not span > 0.0:
+        return 1.0
+    unit = 10.0 ** math.floor(math.log10(span / marks))
+    return next(k * unit for k in (1, 2, 5, 10) if span / (k * unit) <= marks)

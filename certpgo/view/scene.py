@@ -1,173 +1,273 @@
-"""Data for the view of a trajectory: positions, edges and their residuals."""
+"""What there is to draw of a graph and its estimates, for pages and for the viewer."""
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
 
 import numpy as np
 
-from certpgo.assess.assessment import measured_parts, residual_lengths
-from certpgo.costs import InformationProblem
-from certpgo.graph import Estimate, PoseGraph
-from certpgo.io.plural import counted
-from certpgo.linalg import so
+from certpgo.graph import Graph, PoseGraph
+from certpgo.io.surfaces import Surface
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
-from certpgo.objective.problem import Problem
 
-#: Edges drawn at most: the costliest, and the others sampled evenly.
-EDGES = 20_000
-#: Share of these reserved for the costliest.
-COSTLIEST = 0.1
-#: Quantile of the residuals that gets the last colour; larger residuals share it.
-TOP = 0.98
-#: The residual, in data, of what an edge does not measure.
+#: The value of what an edge does not measure.
 NOT_MEASURED = -1.0
-#: Kinds of edges, in data.
-BETWEEN, SIGHTING, PRIOR = 0, 1, 2
+#: Quantile of values that gets the last colour; larger ones share it.
+TOP = 0.98
+#: Length of a frustum over the median step, and its least and largest share of the extent.
+FRUSTUM, LEAST, MOST = 0.4, 0.01, 0.05
+#: Poses drawn at most for each estimate.
+POSES = 600
+#: What positions are that were estimated.
+IN_METRES = "Nodes are drawn at their positions, in metres."
 
-Data = dict[str, Any]
+#: Corners and lines of a camera, which looks along z, and of an arrow along x.
+_CAMERA = np.array([[0, 0, 0], [-0.7, -0.5, 1], [0.7, -0.5, 1], [0.7, 0.5, 1], [-0.7, 0.5, 1]])
+_RAYS = np.array([[0, 1], [0, 2], [0, 3], [0, 4], [1, 2], [2, 3], [3, 4], [4, 1]])
+_ARROW = np.array([[1.2, 0, 0], [-0.4, 0.5, 0], [-0.4, -0.5, 0]])
+_SIDES = np.array([[0, 1], [1, 2], [2, 0]])
 
 
-def scene(
-    problem: Problem | InformationProblem,
-    estimate: Estimate,
-    ids: IntArray,
-    *,
-    world: int | None = None,
-    limit: int = EDGES,
-) -> Data:
-    """Positions, edges and residuals for the view's script.
+class Kind(IntEnum):
+    """What an edge is between."""
 
-    A rotation graph has no positions: nodes are drawn at their rotation vectors in the frame of
-    their mean, in 2D on the unit circle. The world is not drawn, and the view is in its frame; what
-    is measured from it is a mark at the pose.
+    STEP = 0  #: nodes whose ids are consecutive
+    LOOP = 1
+    SIGHTING = 2  #: a pose and a landmark
+    PRIOR = 3  #: the world and a node, which is both ends
 
-    Parameters
+
+@dataclass(frozen=True, eq=False)
+class Measure:
+    """A number of each edge, to colour it by.
+
+    Attributes
     ----------
-    ids : (n,) node ids
-    world : the node from which priors are measured, the last one; None for none
-    limit : maximal number of edges drawn
-
-    Returns
-    -------
-    ``dimensions``; ``points`` (k, 2 or 3) with ``ids``; ``edges`` (e, 2) into these, with their
-    ``numbers`` in the graph and whether each is a ``loop`` closure (between nodes whose ids are not
-    consecutive); ``measures``, each with ``unit``, ``values`` (e,), `NOT_MEASURED` for what an
-    edge does not measure, and the ``top`` of its colours; ``sentences`` on what is shown. Where
-    there are landmarks or a world, ``landmarks`` (k,) flags, and ``kinds`` (e,) of edges: the ends
-    of a `PRIOR` are both the measured node.
+    unit : what it is, such as ``"degrees"``
+    values : (m,); `NOT_MEASURED` where the edge does not measure it
     """
-    edges, landmarks, kinds = _kinds(problem, world)
-    measures = _residuals(problem, estimate)
-    drawn = _chosen(problem.edge_costs(estimate), limit)
-    nodes = np.unique(edges[drawn])
-    count = len(ids) if world is None else world
-    if count <= limit:
-        nodes = np.arange(count)
-    points, sentence = _positions(estimate if world is None else estimate.anchored(world))
-    sentences = [sentence, *_said(kinds, landmarks)]
-    if len(drawn) < len(edges):
-        sentences.append(
-            f"{len(drawn):,} of {len(edges):,} edges are drawn: the {int(COSTLIEST * limit):,} "
-            "costliest, and the others sampled evenly."
+
+    unit: str
+    values: FloatArray
+
+    @cached_property
+    def top(self) -> float:
+        """The value with the last colour, not dominated by a few outliers."""
+        finite = self.values[np.isfinite(self.values) & (self.values >= 0.0)]
+        if not len(finite):
+            return 0.0
+        return float(np.quantile(finite, TOP)) or float(finite.max())
+
+    @property
+    def shares(self) -> FloatArray:
+        """(m,) values over the top, from 0 to 1; 0 where nothing is measured."""
+        if not self.top > 0.0:
+            return np.zeros(len(self.values))
+        return np.clip(self.values / self.top, 0.0, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Where one estimate puts nodes.
+
+    Attributes
+    ----------
+    name : of the estimate
+    nodes : (k,) nodes of the scene, in the order of their ids
+    positions : (k, 3) in the world, metres, or the layout's; planar ones have z = 0
+    rotations : (k, 3, 3) world <- body; planar ones turn about z
+    measures : residuals of the scene's edges; none for a trajectory alone, or a truth
+    """
+
+    name: str
+    nodes: IntArray
+    positions: FloatArray
+    rotations: FloatArray
+    measures: tuple[Measure, ...] = ()
+
+    def spread(self, n: int) -> FloatArray:
+        """(n, 3) positions of all nodes; not a number where one is not placed."""
+        everywhere = np.full((n, 3), np.nan)
+        everywhere[self.nodes] = self.positions
+        return everywhere
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A box around points along their principal axes.
+
+    Attributes
+    ----------
+    centre : (3,) of the box
+    axes : (3, 3) rows right, up and towards the viewer, by falling extent; right-handed
+    half : (3,) half of the box's sides, along the axes
+    """
+
+    centre: FloatArray
+    axes: FloatArray
+    half: FloatArray
+
+    @property
+    def corner(self) -> FloatArray:
+        """(3,) the corner on the left, below and at the back."""
+        return np.asarray(self.centre - self.half @ self.axes)
+
+    @property
+    def extent(self) -> float:
+        """The longest side; 1 for a single point."""
+        return float(2.0 * self.half.max()) or 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What there is to draw of n nodes and m edges.
+
+    Everything is in the frame of the last placement; others are aligned with it.
+
+    Attributes
+    ----------
+    name : of the graph, or the file
+    d : dimension of space, 2 or 3
+    ids : (n,) node ids
+    edges : (m, 2) nodes that are joined; both ends of a prior are its node
+    kinds : (m,) a `Kind` each
+    rejected : (m,) measurements that the last estimate does without
+    landmarks : (n,) which nodes are points
+    placements : of each estimate, the answer last
+    truth : the truth's, aligned with the answer; None if it is not known
+    weights : of edges, where they differ
+    surfaces : clouds and meshes by name, in the answer's frame, metres
+    sentence : what positions are
+    metric : whether lengths are metres
+    """
+
+    name: str
+    d: int
+    ids: IntArray
+    edges: IntArray
+    kinds: IntArray
+    rejected: BoolArray
+    landmarks: BoolArray
+    placements: tuple[Placement, ...]
+    truth: Placement | None = None
+    weights: tuple[Measure, ...] = ()
+    surfaces: tuple[tuple[str, Surface], ...] = ()
+    sentence: str = IN_METRES
+    metric: bool = True
+
+    @cached_property
+    def frame(self) -> Frame:
+        """Around the last placement, and all surfaces."""
+        around = [placement.positions for placement in self.placements[-1:]]
+        around += [surface.points for _, surface in self.surfaces]
+        return frame_of(np.concatenate(around), self.d)
+
+    @cached_property
+    def frustum(self) -> float:
+        """Length at which a pose is drawn."""
+        steps = [self.steps(placement) for placement in self.placements[-1:]]
+        lengths = np.concatenate(
+            [np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) for ends in steps] or [np.zeros(0)]
         )
-    if len(nodes) < count:
-        sentences.append(f"Of {count:,} nodes, the {len(nodes):,} at these edges are drawn.")
-    ends = edges[drawn]
-    more = {"landmarks": landmarks[nodes].astype(int).tolist(), "kinds": kinds[drawn].tolist()}
-    return {
-        **(more if kinds.any() else {}),
-        "dimensions": estimate.d,
-        "points": _rounded(points[nodes]),
-        "ids": ids[nodes].tolist(),
-        "edges": np.searchsorted(nodes, ends).tolist(),
-        "numbers": drawn.tolist(),
-        "loop": (np.abs(ids[ends[:, 0]] - ids[ends[:, 1]]) != 1).astype(int).tolist(),
-        "measures": [
-            {
-                "unit": unit,
-                "values": [float(f"{value:.4g}") for value in values[drawn].tolist()],
-                "top": float(f"{_top(values):.3g}"),
-            }
-            for unit, values in measures
-        ],
-        "sentences": sentences,
-    }
+        moved = lengths[lengths > 0.0]
+        size = FRUSTUM * float(np.median(moved)) if len(moved) else 0.0
+        return float(np.clip(size, LEAST * self.frame.extent, MOST * self.frame.extent))
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether all is in a plane, which is then seen from straight above."""
+        return bool(self.frame.half[2] <= 1e-3 * self.frame.extent)
+
+    @property
+    def bar(self) -> float:
+        """A round length, 1, 2 or 5 times a power of ten, that is about a fifth of the extent."""
+        power = 10.0 ** np.floor(np.log10(0.2 * self.frame.extent))
+        return float(power * max(k for k in (1, 2, 5) if k * power <= 0.2 * self.frame.extent))
+
+    @property
+    def units(self) -> list[str]:
+        """What edges can be coloured by."""
+        measures = [*(m for p in self.placements[-1:] for m in p.measures), *self.weights]
+        return [measure.unit for measure in measures]
+
+    def measure(self, placement: Placement, unit: str) -> Measure | None:
+        """The measure of edges in a placement by its unit; None if there is none."""
+        found = [m for m in (*placement.measures, *self.weights) if m.unit == unit]
+        return found[0] if found else None
+
+    def joins(self, placement: Placement) -> BoolArray:
+        """(m,) which edges are between nodes that it places."""
+        placed = np.zeros(len(self.ids), dtype=bool)
+        placed[placement.nodes] = True
+        return np.asarray(placed[self.edges].all(axis=1))
+
+    def ends(self, placement: Placement, chosen: BoolArray) -> FloatArray:
+        """(e, 2, 3) both ends of the ``chosen`` edges (m,), as `joins` allows."""
+        return np.asarray(placement.spread(len(self.ids))[self.edges[chosen]])
+
+    def steps(self, placement: Placement) -> FloatArray:
+        """(s, 2, 3) both ends of the trajectory's steps, or without any, of all edges."""
+        if not len(self.edges):
+            return np.stack([placement.positions[:-1], placement.positions[1:]], axis=1)
+        steps = self.kinds == Kind.STEP
+        drawn = steps if steps.any() else self.kinds == Kind.LOOP
+        return self.ends(placement, drawn & self.joins(placement))
+
+    def poses(self, placement: Placement) -> IntArray:
+        """(k,) rows of the placement that are poses, in the order of their ids."""
+        return np.flatnonzero(~self.landmarks[placement.nodes])
+
+    @property
+    def frustum_lines(self) -> FloatArray:
+        """(s, 2, 3) lines of a pose in its frame: a camera's frustum along z, in 2D an arrow.
+
+        Rotations alone look along the axis that they turn most, so that a full turn can be seen.
+        """
+        corners, lines = (_ARROW, _SIDES) if self.d == 2 else (_CAMERA, _RAYS)
+        if self.d == 3 and not self.metric:
+            mean = self.placements[-1].rotations.mean(axis=0)
+            steadiness = np.linalg.norm(mean, axis=0).round(6)
+            corners = np.roll(corners, int(np.argmin(steadiness)) + 1, axis=1)
+        return np.asarray(self.frustum * corners[lines])
+
+    def frusta(self, placement: Placement, most: int = POSES) -> FloatArray:
+        """(s, 2, 3) lines of its poses, chosen evenly if there are more than ``most``."""
+        rows = self.poses(placement)
+        if len(rows) > most:
+            rows = rows[np.linspace(0, len(rows) - 1, most).round().astype(np.intp)]
+        turned = np.einsum("kab,seb->ksea", placement.rotations[rows], self.frustum_lines)
+        turned += placement.positions[rows, None, None]
+        return np.asarray(turned.reshape(-1, 2, 3))
 
 
-def _kinds(
-    problem: Problem | InformationProblem, world: int | None
-) -> tuple[IntArray, BoolArray, IntArray]:
-    """Edges (m, 2) as drawn, which nodes are landmarks (n,), and the kinds of edges (m,)."""
-    graph = (problem.chordal if isinstance(problem, InformationProblem) else problem).graph
-    edges, landmarks = graph.edges, np.zeros(graph.num_nodes, dtype=bool)
+def frame_of(points: FloatArray, d: int = 3) -> Frame:
+    """The box of points (p, 3) along their principal axes; planar ones are seen from above."""
+    centred = points - points.mean(axis=0)
+    values, vectors = np.linalg.eigh(centred.T @ centred)
+    axes = vectors.T[np.argsort(-values, kind="stable")]
+    if d == 2:
+        axes[2] = (0.0, 0.0, 1.0)
+        axes[0] = axes[0] - axes[0, 2] * axes[2]
+        length = float(np.linalg.norm(axes[0]))
+        axes[0] = axes[0] / length if length > 0.0 else (1.0, 0.0, 0.0)
+    for k in (0, 2):
+        axes[k] *= np.sign(axes[k, np.argmax(np.abs(axes[k]))])
+    axes[1] = np.cross(axes[2], axes[0])
+    along = points @ axes.T
+    low, high = along.min(axis=0), along.max(axis=0)
+    return Frame(0.5 * (low + high) @ axes, axes, 0.5 * (high - low))
+
+
+def kinds_of(graph: Graph, ids: IntArray, world: int | None) -> tuple[IntArray, IntArray]:
+    """Edges (m, 2) as drawn, without the world, and their kinds (m,)."""
+    edges = graph.edges
+    steps = np.abs(ids[edges[:, 0]] - ids[edges[:, 1]]) == 1
+    kinds = np.where(steps, Kind.STEP, Kind.LOOP)
     if isinstance(graph, PoseGraph) and graph.points is not None:
-        landmarks = graph.points
-    kinds = np.where(landmarks[edges[:, 1]], SIGHTING, BETWEEN)
+        kinds[graph.points[edges].any(axis=1)] = Kind.SIGHTING
     if world is not None:
-        kinds[edges[:, 0] == world] = PRIOR
-        edges = np.where((kinds == PRIOR)[:, None], edges[:, 1:], edges)
-    return edges, landmarks, kinds
-
-
-def _residuals(
-    problem: Problem | InformationProblem, estimate: Estimate
-) -> list[tuple[str, FloatArray]]:
-    """Units, and (m,) residuals of what edges measure."""
-    turned, moved = measured_parts(problem)
-    angles = np.degrees(problem.residual_angles(estimate))
-    measures = [("degrees", np.where(turned, angles, NOT_MEASURED))]
-    lengths = residual_lengths(problem, estimate)
-    if lengths is not None:
-        measures.append(("metres", np.where(moved, lengths, NOT_MEASURED)))
-    return measures if turned.any() else measures[1:]
-
-
-def _said(kinds: IntArray, landmarks: BoolArray) -> list[str]:
-    """How landmarks and priors are drawn, where there are any."""
-    said = []
-    if landmarks.any():
-        seen = counted(int((kinds == SIGHTING).sum()), "sighting{s}")
-        points = counted(int(landmarks.sum()), "landmark{s}")
-        said.append(f"Drawn as dots: {points}; as faint lines: {seen}.")
-    if (kinds == PRIOR).any():
-        priors = counted(int((kinds == PRIOR).sum()), "prior{s}")
-        said.append(f"Drawn as rings, at the nodes that they measure: {priors}.")
-    return said
-
-
-def _chosen(costs: FloatArray, limit: int) -> IntArray:
-    """Indices of the drawn edges, ascending."""
-    m = len(costs)
-    if m <= limit:
-        return np.arange(m)
-    order = np.argsort(-costs, kind="stable")
-    worst = int(COSTLIEST * limit)
-    others = np.sort(order[worst:])
-    evenly = others[np.linspace(0, len(others) - 1, limit - worst).round().astype(int)]
-    return np.sort(np.concatenate([order[:worst], evenly]))
-
-
-def _positions(estimate: Estimate) -> tuple[FloatArray, str]:
-    if estimate.translations is not None:
-        return estimate.translations, "Nodes are drawn at their positions, in metres."
-    mean = so.project(estimate.rotations.sum(axis=0)[None])[0]
-    turned = so.log(mean.T @ estimate.rotations)
-    if estimate.d == 3:
-        return turned, "Nodes are drawn at their rotation vectors from the mean, in radians."
-    angle = turned.reshape(-1)
-    return np.stack([np.cos(angle), np.sin(angle)], axis=1), "Nodes are drawn at their angles."
-
-
-def _rounded(points: FloatArray) -> list[list[float]]:
-    """Points rounded to about 1e-5 of their extent."""
-    extent = float(np.ptp(points, axis=0).max(initial=0.0))
-    decimals = 5 - int(np.floor(np.log10(extent))) if extent > 0.0 else 5
-    rows: list[list[float]] = (np.round(points, decimals) + 0.0).tolist()
-    return rows
-
-
-def _top(values: FloatArray) -> float:
-    """The residual with the last colour, not dominated by a few outliers."""
-    finite = values[np.isfinite(values) & (values >= 0.0)]
-    return float(np.quantile(finite, TOP)) or float(finite.max()) if len(finite) else 0.0
+        kinds[edges[:, 0] == world] = Kind.PRIOR
+        edges = np.where((kinds == Kind.PRIOR)[:, None], edges[:, 1:], edges)
+    return edges, kinds

@@ -6,20 +6,18 @@ import numpy as np
 
 from certpgo import Estimate, PoseGraph
 from certpgo.assess import metrics
-from certpgo.linalg.arrays import FloatArray
+from certpgo.graph import picture
+from certpgo.plot import scale_bar
 
 from . import _style
 
-#: How far the view looks down on the plane that positions lie nearest to, degrees.
-ELEVATION = 60.0
 #: Positions are kept to this part of the largest extent, far below a pixel.
 RESOLUTION = 1e-4
 
 
 def closures(graph: PoseGraph) -> list[list[int]]:
     """The edges that are no step from one pose to the next."""
-    edges = np.unique(np.sort(graph.edges, axis=1), axis=0)
-    return edges[edges[:, 1] - edges[:, 0] > 1].tolist()
+    return picture.closures(graph.edges).tolist()
 
 
 def positions(estimate: Estimate) -> list[list[float]]:
@@ -43,8 +41,8 @@ def draw_map(
     """
     from matplotlib.collections import LineCollection
 
-    frame = _frame(np.array(trajectories[0] if like is None else like))
-    flat = [_seen(np.array(t), frame) for t in trajectories]
+    frame = picture.principal_frame(np.array(trajectories[0] if like is None else like))
+    flat = [picture.seen(np.array(t), frame) for t in trajectories]
     if len(edges):
         lines = LineCollection(flat[0][np.array(edges)], colors=_style.GREY, linewidths=0.15)
         lines.set(rasterized=True, alpha=0.6)
@@ -53,27 +51,4 @@ def draw_map(
         axes.plot(*line.T, color=colour, linewidth=width, rasterized=True)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_axis_off()
-    _bar(axes, np.ptp(flat[0][:, 0]), flat[0].min(axis=0))
-
-
-def _seen(t: FloatArray, frame: FloatArray) -> FloatArray:
-    """Positions (n, 3) in the plane of the picture, (n, 2)."""
-    along, across, up = (t @ frame.T).T
-    tilt = np.radians(ELEVATION)
-    return np.stack([along, np.sin(tilt) * across + np.cos(tilt) * up], axis=1)
-
-
-def _frame(t: FloatArray) -> FloatArray:
-    """Principal axes of positions as rows, each with its largest component positive."""
-    axes = np.linalg.svd(t - t.mean(axis=0), full_matrices=False)[2]
-    largest = np.argmax(np.abs(axes), axis=1)
-    return axes * np.sign(axes[range(3), largest])[:, None]
-
-
-def _bar(axes, extent: float, corner: FloatArray) -> None:
-    """A length of 1, 2 or 5 times a power of ten, about a fifth of the picture."""
-    power = 10.0 ** np.floor(np.log10(extent / 5.0))
-    length = power * max(step for step in (1, 2, 5) if step * power <= extent / 5.0)
-    x, y = corner[0], corner[1] - 0.06 * extent
-    axes.plot([x, x + length], [y, y], color=_style.BLACK, linewidth=1.5, solid_capstyle="butt")
-    axes.text(x + 0.5 * length, y, f"{length:g} m\n", ha="center", va="center", fontsize=7)
+    scale_bar(axes, flat[0])

@@ -8,7 +8,8 @@ from certpgo import solve
 from certpgo.assess import metrics
 from certpgo.objective.problem import PoseProblem
 from certpgo.solvers.spanning_tree import SpanningTree
-from certpgo.view.scene import scene
+from certpgo.view.gather import scene_of
+from certpgo.view.page_scene import page_scene
 from reports.harness.experiments.figure import VIEWS, Data, Figure
 
 from . import _maps, _scenes, _style
@@ -45,7 +46,8 @@ def compute(quick: bool, data: Path | None) -> Data:
             }
         )
         if name in TURNED:
-            shown = scene(problem, best.estimate, instance.ids, limit=EDGES)
+            drawn = scene_of(instance, best)
+            shown = page_scene(drawn, problem.edge_costs(best.estimate), limit=EDGES)
             title = f"{name}: the certified optimum, edges by residual"
             views.append({"title": title, "scene": shown})
     return {

@@ -197,7 +197,8 @@ def test_a_better_point_in_hand_is_given_even_where_descent_did_not_settle():
     assert best <= certificate.refined_cost
 
 
-def test_problems_are_judged_and_not_graphs():
+def test_graphs_and_problems_are_judged_and_nothing_else():
     instance, wound = winding_cycle(5, 0.0, 0)
+    assert certify(instance.graph, wound).verdict == certify(instance, wound).verdict
     with pytest.raises(InputError, match="RotationProblem"):
-        certify(instance.graph, wound)
+        certify(wound, wound)

@@ -28,8 +28,9 @@ class Done:
 
 
 @pytest.fixture
-def certpgo(capsys):
-    """Runs a command line in this process."""
+def certpgo(capsys, monkeypatch):
+    """Runs a command line in this process; whoever runs the tests does not choose the width."""
+    monkeypatch.delenv("COLUMNS", raising=False)
 
     def run(*arguments):
         capsys.readouterr()

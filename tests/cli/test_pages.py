@@ -23,16 +23,17 @@ def test_solve_writes_a_page_the_same_each_time(certpgo, square, tmp_path):
     assert f"{done.json['cost']:.10g}"[:9] in page
     assert "Gap to the proven lower bound" in page
     assert scene_of(page)["ids"] == [0, 1, 2, 3]
-    assert f"certpgo solve {square} -o best.g2o" in page
+    assert f"certpgo solve {square.name} -o best.g2o" in page
     certpgo("solve", square, "--html", out)
     assert out.read_text() == page
+    assert str(tmp_path) not in page
 
 
 def test_the_page_says_how_to_check_a_proof(certpgo, square, tmp_path):
     out, proof = tmp_path / "page.html", tmp_path / "square.cert"
     done = certpgo("solve", square, "--proof", proof, "--html", out)
     assert done.code == 0
-    assert f"certpgo check {square} {proof}" in out.read_text()
+    assert f"certpgo check {square.name} {proof.name}" in out.read_text()
 
 
 def test_certify_writes_a_page_of_the_answer_as_given(certpgo, square, tmp_path):
@@ -42,7 +43,9 @@ def test_certify_writes_a_page_of_the_answer_as_given(certpgo, square, tmp_path)
     page = out.read_text()
     assert "<strong>BOUNDED</strong>" in page
     assert "The estimate came from a file" in page
-    assert f"certpgo certify {square} {square} --unit-weights --proof estimate.cert" in page
+    assert (
+        f"certpgo certify {square.name} {square.name} --unit-weights --proof estimate.cert" in page
+    )
     assert "all weights 1, ignoring those of the file" in page
 
 
@@ -56,7 +59,7 @@ def test_pages_of_another_cost(certpgo, square, tmp_path, cost):
     assert f"{done.json['cost']:.10g}"[:9] in page
     assert "Gap to the proven lower bound" in page
     chosen = " --cost gtsam\n" if cost == "gtsam" else " --proof"
-    assert f"certpgo certify {square} {solution}{chosen}" in page
+    assert f"certpgo certify {square.name} {solution.name}{chosen}" in page
     judged = certpgo("certify", square, square, "--cost", cost, "--html", out, "--json")
     given = out.read_text()
     assert "<strong>BOUNDED</strong>" in given
@@ -70,7 +73,7 @@ def test_a_method_that_keeps_no_trace(certpgo, square, tmp_path):
     assert done.code == 3
     page = out.read_text()
     assert "The method kept fewer than two iterations." in page
-    assert f"certpgo solve {square} --method eigen_ma --cost chordal -o best.g2o" in page
+    assert f"certpgo solve {square.name} --method eigen_ma --cost chordal -o best.g2o" in page
 
 
 def test_the_page_of_a_robust_method_is_of_what_it_kept(certpgo, square, tmp_path):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from certpgo import InputError, certify, registry
+from certpgo import InputError, certify, read_estimate, registry
 from certpgo.cli import BENCHMARKS
 from certpgo.datasets.synthetic import cycle
 from certpgo.objective.problem import problem_of
@@ -185,8 +185,10 @@ def test_files_that_are_not_there_are_named(certpgo, square, tmp_path):
 
 def test_what_is_no_estimate_is_told_where_to_go():
     problem = problem_of(cycle(5, 0.1, np.random.default_rng(0)).graph)
-    with pytest.raises(InputError, match="not a str: certify_values takes GTSAM's Values"):
-        certify(problem, "estimate.tum")
+    with pytest.raises(InputError, match="not an int: certify_values takes GTSAM's Values"):
+        certify(problem, 5)
+    with pytest.raises(InputError, match="not an object: certify_values takes GTSAM's Values"):
+        read_estimate(object())
 
 
 def test_without_a_checkout_reproduce_says_so(certpgo, tmp_path, monkeypatch):

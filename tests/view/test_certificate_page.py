@@ -16,7 +16,7 @@ import pytest
 from strategies import point_graph
 
 from certpgo.assess.assessment import assess
-from certpgo.certify import certify
+from certpgo.certify import Verdict, certify
 from certpgo.certify.curvature import smallest_eigenvalues
 from certpgo.costs import information_problem, surrogate
 from certpgo.datasets import synthetic
@@ -24,9 +24,11 @@ from certpgo.graph import Estimate, Instance, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.objective.problem import problem_of
 from certpgo.solvers.certified.interface import solve
+from certpgo.view.advice import advice
 from certpgo.view.certificate_page import Origin, certificate_page
+from certpgo.view.gather import scene_of
 from certpgo.view.page import embedded, numeric
-from certpgo.view.scene import scene
+from certpgo.view.page_scene import page_scene
 from reports.harness.experiments.absence import Absence
 from reports.harness.experiments.records import Record
 from reports.harness.experiments.spec import Column, Method, Row, Table
@@ -213,6 +215,41 @@ def test_a_refuted_answer_shows_a_negative_eigenvalue_and_its_cycle_bounds():
     assert "half a turn over the number of nodes 15 deg none: the largest residual is" in text
     assert "The estimate came from a file" in text
     assert "residual, m" not in text
+    assert "What to do next" in text
+    assert "certpgo certify c.g2o e.g2o --best better.g2o" in text
+    # All twelve angles are 30 degrees.
+    assert "30 to 35 degrees 12" in text
+
+
+def test_three_figures_come_first(solved):
+    certificate = solved[2].certificate
+    page = page_of(solved)
+    figures = re.search(r'<dl class="figures">(.*?)</dl>', page, re.DOTALL)[1]
+    shown = re.findall(r"<dd>([^<]*)</dd>", figures)
+    values = (certificate.cost_upper, certificate.lower_bound, certificate.gap)
+    assert [float(text) for text in shown] == pytest.approx(values, rel=0.1)
+    assert page.index("figures") < page.index("Numbers")
+    assert "What to do next" not in page
+
+
+def test_what_to_do_next_depends_on_the_verdict(solved):
+    certificate = solved[2].certificate
+    said = {}
+    for verdict in Verdict:
+        for basin in (True, False):
+            judged = replace(certificate, verdict=verdict, basin_is_global=basin)
+            steps = advice(judged, "a graph.g2o", "mine.tum")
+            said[verdict, basin] = " ".join(f"{sentence} {command}" for sentence, command in steps)
+    assert said[Verdict.CERTIFIED, True] == ""
+    assert "--best polished.g2o" in said[Verdict.BOUNDED, True]
+    assert "certpgo solve 'a graph.g2o' --initial mine.tum" in said[Verdict.BOUNDED, False]
+    assert "--best better.g2o" in said[Verdict.REFUTED, False]
+    assert "certpgo bounds" in said[Verdict.UNDECIDED, False]
+    judged = replace(certificate, verdict=Verdict.BOUNDED, basin_is_global=False)
+    again = advice(replace(judged, reason="rounding limits it"), "g.g2o", searched=True)
+    commands = [command for _, command in again]
+    assert "certpgo certify g.g2o best.g2o --tier proof" in commands
+    assert "certpgo solve g.g2o --time-limit 600" in commands
 
 
 @pytest.fixture(scope="module")
@@ -323,7 +360,8 @@ def test_a_report_is_whole(solved):
         cells={"reproduced": 2, "differs": 1},
         findings=[Section("Cells that differ", "", ("row", "why"), (("a", "too <i>few</i>"),))],
     )
-    view = SceneView("A view", scene(problem, found.estimate, instance.ids))
+    costs = problem.edge_costs(found.estimate)
+    view = SceneView("A view", page_scene(scene_of(instance, found), costs))
     figures = [FigurePart(DOCUMENT, SVG), FigurePart({**DOCUMENT, "figure": "g"}, SVG)]
     page = report_page([table], figures, summary=["Sentence <i>"], views=[view])
     reader = read(page)
@@ -450,3 +488,27 @@ def test_a_page_of_landmarks(d, poses, points):
     assert "some edges measure no rotation" in text.text
     assert "rotations cannot be averaged alone" in text.text
     assert problem.rotation.pattern.points is None
+
+
+#: Switches to the estimate before and back, and says which pictures are the same. A changed theme
+#: draws at once.
+SWITCHING = """<script>(() => {
+  const canvas = document.querySelector(".scene > canvas"), box = document.querySelector(".before");
+  const drawn = () => {
+    document.dispatchEvent(new Event("themechange"));
+    return canvas.toDataURL();
+  };
+  const first = drawn();
+  box.click();
+  const second = drawn();
+  box.click();
+  console.log("pictures " + JSON.stringify([first === second, first === drawn()]));
+})();</script>"""
+
+
+def test_before_and_after_are_other_pictures_in_a_browser(solved, chromium, tmp_path):
+    path = tmp_path / "page.html"
+    path.write_text(page_of(solved) + SWITCHING, encoding="utf-8")
+    opened = chromium(path)
+    assert any("pictures [false,true]" in line for line in opened.said), opened.log[-2000:]
+    assert not opened.errors

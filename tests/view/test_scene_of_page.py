@@ -14,9 +14,16 @@ from certpgo import read, solve
 from certpgo.datasets import synthetic
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.objective.problem import problem_of
+from certpgo.view.gather import scene_of
 from certpgo.view.page import TEMPLATES
-from certpgo.view.plots import Curve, bars, lines
-from certpgo.view.scene import scene
+from certpgo.view.page_scene import page_scene
+from certpgo.view.palette import colours
+from certpgo.view.plots import Curve, bars, histogram, lines
+
+
+def scene(graph, problem, estimate, **limit):
+    """The data of a page about an estimate."""
+    return page_scene(scene_of(graph, estimate), problem.edge_costs(estimate), **limit)
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +35,7 @@ def grid():
 
 def test_scene_of_poses(grid):
     instance, problem, truth = grid
-    drawn = scene(problem, truth, instance.ids)
+    drawn = scene(instance, problem, truth)
     n, m = instance.graph.num_nodes, instance.graph.num_edges
     assert np.shape(drawn["points"]) == (n, 3)
     assert np.array_equal(drawn["edges"], instance.graph.edges)
@@ -45,7 +52,7 @@ def test_scene_of_poses(grid):
 def test_many_edges_are_thinned_and_it_is_said(grid):
     instance, problem, truth = grid
     limit = 20
-    drawn = scene(problem, truth, instance.ids, limit=limit)
+    drawn = scene(instance, problem, truth, limit=limit)
     assert len(drawn["edges"]) == len(set(drawn["numbers"])) == limit
     costs = problem.edge_costs(truth)
     assert set(np.argsort(-costs, kind="stable")[:2].tolist()) <= set(drawn["numbers"])
@@ -57,19 +64,47 @@ def test_many_edges_are_thinned_and_it_is_said(grid):
     assert "nodes" in drawn["sentences"][2]
 
 
-def test_rotations_stand_at_their_vectors_or_angles():
+def test_rotations_without_positions_stand_around_their_cycle():
     edges = np.stack([np.arange(8), (np.arange(8) + 1) % 8], axis=1)
     angle = 2.0 * np.pi * np.arange(8) / 8
     turned = np.stack([np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)], axis=1)
     planar = RotationGraph(8, edges, np.tile(np.eye(2), (8, 1, 1)), np.ones(8))
-    flat = scene(problem_of(planar), Estimate(turned.reshape(8, 2, 2)), np.arange(8))
+    flat = scene(planar, problem_of(planar), Estimate(turned.reshape(8, 2, 2)))
     assert np.linalg.norm(flat["points"], axis=1) == pytest.approx(1.0, abs=1e-4)
     assert [measure["unit"] for measure in flat["measures"]] == ["degrees"]
     assert flat["measures"][0]["values"] == [45.0] * 8
+    assert np.shape(flat["frusta"]) == (24, 2, 2)
+    assert not flat["metric"]
     graph = RotationGraph(8, edges, np.tile(np.eye(3), (8, 1, 1)), np.ones(8))
-    solid = scene(problem_of(graph), Estimate(np.tile(np.eye(3), (8, 1, 1))), np.arange(8))
-    assert np.allclose(solid["points"], 0.0, rtol=0, atol=1e-12)
+    solid = scene(graph, problem_of(graph), Estimate(np.tile(np.eye(3), (8, 1, 1))))
+    assert np.shape(solid["points"]) == (8, 3)
+    assert solid["flat"]
     assert solid["measures"][0]["top"] == 0.0
+
+
+def test_before_and_truth_are_drawn_beside_the_answer(grid):
+    instance, problem, truth = grid
+    shown = scene_of(instance, ("early", truth.moved(np.eye(3), np.ones(3))), truth)
+    drawn = page_scene(shown, problem.edge_costs(truth))
+    assert drawn["before"]["name"] == "early"
+    assert np.allclose(drawn["before"]["points"], drawn["points"], rtol=0, atol=1e-4)
+    assert drawn["before"]["values"] == [measure["values"] for measure in drawn["measures"]]
+    steps = (np.abs(np.diff(instance.graph.edges, axis=1)) == 1).sum()
+    assert np.shape(drawn["truth"]) == (steps, 2, 3)
+    assert drawn["ends"] == [0, instance.graph.num_nodes - 1]
+    # The page's points, in the frame, are around the origin.
+    axes, centre = np.array(drawn["frame"]["axes"]), drawn["frame"]["centre"]
+    along = (np.array(drawn["points"]) - centre) @ axes.T
+    assert along.max(axis=0) == pytest.approx(-along.min(axis=0), abs=1e-3)
+
+
+def test_a_histogram_counts_all():
+    shown = histogram([0.0, 4.9, 5.0, 39.0, 40.0, float("nan")], "degrees")
+    assert [bar.label for bar in shown.bars][:2] == ["0 to 5 degrees", "5 to 10 degrees"]
+    assert [int(bar.text) for bar in shown.bars] == [2, 1, 0, 0, 0, 0, 0, 1, 1]
+    assert histogram([1.0] * 2000, "degrees").bars[-1].text == "2,000"
+    assert histogram([float("inf")], "degrees") is None
+    assert histogram([0.0], "degrees").bars[0].text == "1"
 
 
 def test_lines_and_bars():
@@ -141,6 +176,30 @@ def test_planar_points_fill_the_view_upright(node):
     assert y[2] < y[1] == pytest.approx(197)
 
 
+def test_points_in_a_frame_fill_the_view_from_above(node):
+    points = (np.random.default_rng(0).standard_normal((50, 3)) * [9, 3, 1]).tolist()
+    flat = node(
+        f"(() => {{ const p = {json.dumps(points)}, box = Scene.frame(p);"
+        " const from = Scene.start({dimensions: 3, frame: {}});"
+        " box.seen = Scene.seenFrom(p, box, from);"
+        " return [...Scene.project(p, box, from, 400, 300)]; })()"
+    )
+    places = np.reshape(flat, (-1, 2)) - [200, 150]
+    assert np.abs(places[:, 0]).max() == pytest.approx(188)
+    assert np.abs(places[:, 1]).max() <= 150
+    turned = node("Scene.framed([[3, 1]], {axes: [[0, 1], [-1, 0]], centre: [1, 1]})")
+    assert turned == [[0, -2]]
+    assert node("[0.07, 1, 3, 49].map(Scene.round)") == pytest.approx([0.05, 1, 2, 20])
+
+
+def test_python_and_the_script_have_the_same_colours(node):
+    shares = np.linspace(0.0, 1.0, 7)
+    for dark in (True, False):
+        drawn = node(f"{shares.tolist()}.map((s) => Scene.colour(s, {str(dark).lower()}))")
+        rgb = np.array([re.findall(r"\d+", shade) for shade in drawn], dtype=int)
+        assert np.abs(rgb - colours(shares, dark=dark)).max() <= 1
+
+
 def test_the_nearest_edge_is_named(node):
     data = json.dumps(
         {
@@ -201,7 +260,7 @@ def field(tmp_path_factory):
 
 def test_landmarks_and_priors_are_drawn_as_such(field):
     instance, answer = field
-    drawn = scene(answer.problem, answer.estimate, instance.ids, world=instance.world)
+    drawn = scene(instance, answer.problem, answer.estimate)
     assert drawn["ids"] == [0, 3, 4, 6]
     assert drawn["landmarks"] == [1, 0, 0, 0]
     assert drawn["kinds"] == [0, 0, 1, 1, 2, 2]
@@ -215,7 +274,7 @@ def test_landmarks_and_priors_are_drawn_as_such(field):
         "Drawn as dots: 1 landmark; as faint lines: 2 sightings.",
         "Drawn as rings, at the nodes that they measure: 2 priors.",
     ]
-    thinned = scene(answer.problem, answer.estimate, instance.ids, world=instance.world, limit=3)
+    thinned = scene(instance, answer.problem, answer.estimate, limit=3)
     assert instance.ids[instance.world] not in thinned["ids"]
     assert len(thinned["kinds"]) == 3
     assert thinned["sentences"][-1].startswith("3 of 6 edges are drawn")
@@ -224,7 +283,7 @@ def test_landmarks_and_priors_are_drawn_as_such(field):
 def test_a_view_without_measured_rotations(field):
     """Sightings alone have no residual angles to colour by."""
     graph, truth = point_graph(np.random.default_rng(0), 3, 5, 2, odometry=False)
-    drawn = scene(problem_of(graph), truth, np.arange(8))
+    drawn = scene(graph, problem_of(graph), truth)
     assert [measure["unit"] for measure in drawn["measures"]] == ["metres"]
     assert drawn["kinds"] == [1] * graph.num_edges
 

@@ -16,6 +16,7 @@ import numpy as np
 from certpgo.errors import FormatError, InputError
 from certpgo.graph import Instance, RotationGraph
 from certpgo.io.chunks import first_words, parsed
+from certpgo.io.compressed import uncompressed_name
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Chart, Format, LabelledPoses, Progress, ReadOptions
 from certpgo.io.names import name_numbers
@@ -45,7 +46,7 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
     rank = np.argsort(order)
     edges = rank[np.searchsorted(names, texts)]
     return Instance(
-        name=path.stem,
+        name=uncompressed_name(path).stem,
         graph=RotationGraph(len(names), edges, np.swapaxes(R, 1, 2), np.ones(len(edges))),
         ids=numbers[order],
         source=str(path),

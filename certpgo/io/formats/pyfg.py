@@ -31,6 +31,7 @@ from certpgo.errors import FormatError, NoMeasurements
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.graph.ranges import Ranges
+from certpgo.io.compressed import uncompressed_name
 from certpgo.io.contents import BODY, Priors
 from certpgo.io.format import Chart, Format, LabelledPoses, ReadOptions
 from certpgo.io.named_lines import (
@@ -140,7 +141,7 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
     if len(pairs):
         notices.append(counted(len(pairs), "range{s}"))
     instance = Instance(
-        name=path.stem,
+        name=uncompressed_name(path).stem,
         graph=graph,
         ids=np.arange(graph.num_nodes),
         source=str(path),

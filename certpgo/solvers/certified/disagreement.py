@@ -18,6 +18,7 @@ import numpy as np
 
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
+from certpgo.graph.speaking import Brief
 from certpgo.io.plural import counted
 from certpgo.linalg import so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
@@ -48,8 +49,8 @@ BELIEVABLE = 0.25
 ROUNDS, GAIN = 6, 0.2
 
 
-@dataclass(frozen=True, eq=False)
-class Disagreement:
+@dataclass(frozen=True, eq=False, repr=False)
+class Disagreement(Brief):
     """Measurements that disagree with the rest.
 
     Attributes
@@ -84,8 +85,8 @@ def ignore(disagreement: Disagreement) -> None:
     """Do nothing."""
 
 
-@dataclass(frozen=True, eq=False)
-class Selection:
+@dataclass(frozen=True, eq=False, repr=False)
+class Selection(Brief):
     """Measurements that agree with one another, and a fit to them.
 
     Attributes

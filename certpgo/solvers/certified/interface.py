@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from certpgo.costs import CHORDAL, COSTS, certifiable
@@ -11,6 +11,8 @@ from certpgo.costs.problem import InformationProblem
 from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.io.opening import AnyPath, estimated, measured
+from certpgo.io.writing import AnyAnswer
 from certpgo.objective.problem import Problem
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.solution import Solution
@@ -23,11 +25,11 @@ from certpgo.solvers.certified.settings import SolveSettings
 
 
 def solve(
-    graph: Graph | Instance | InformationProblem | RangeProblem,
+    graph: Graph | Instance | InformationProblem | RangeProblem | AnyPath,
     settings: SolveSettings | None = None,
     *,
     cost: str | None = None,
-    initial: Estimate | None = None,
+    initial: Estimate | AnyAnswer | AnyPath | None = None,
     monitor: Monitor = silent,
     on_disagreement: Callable[[Disagreement], object] = ignore,
     **options: Any,
@@ -39,12 +41,14 @@ def solve(
 
     Parameters
     ----------
-    graph : the measurements of n poses or rotations, connected, or the instance that was read
+    graph : the measurements of n poses or rotations, connected, or the instance that was read, or
+        the path of its file, see `certpgo.read`
     cost : ``"chordal"``, the F of this package; or for an instance with information matrices
         ``"g2o"`` or ``"gtsam"``, the cost that these programs minimise, see `certpgo.costs`. By
         default that of `certpgo.costs.own_cost` for an instance, and F for a graph
     settings : limits, tolerances and tuning, see `SolveSettings`
-    initial : initial estimate; n poses, in metres; by default one is computed
+    initial : initial estimate, n poses, in metres, or an answer, or the path of a file; by default
+        one is computed
     monitor : is called with each iteration, and may stop the search
     on_disagreement : is called with measurements that disagree with the rest, after the first
         descent
@@ -81,13 +85,19 @@ def solve(
     0.029994
     """
     chosen = (settings or SolveSettings()).changed(options)
+    posed: Any = measured(graph)
+    start = None if initial is None else estimated(initial, posed)
     known = (Instance, InformationProblem, RangeProblem, PoseGraph, RotationGraph)
-    if cost in (None, CHORDAL) and not isinstance(graph, known):
-        raise InputError(f"solve takes a graph, such as instance.graph, not {kind_of(graph)}")
-    problem = certifiable(graph, cost)
-    if isinstance(problem, RangeProblem):
-        return search_ranges(problem, chosen, initial, monitor)
-    return _searched(problem, chosen, initial, monitor, on_disagreement)
+    if cost in (None, CHORDAL) and not isinstance(posed, known):
+        raise InputError(f"solve takes a graph, an instance or a path, not {kind_of(posed)}")
+    source = posed if isinstance(posed, Instance) else None
+    problem = certifiable(posed, cost)
+    found = (
+        search_ranges(problem, chosen, start, monitor)
+        if isinstance(problem, RangeProblem)
+        else _searched(problem, chosen, start, monitor, on_disagreement)
+    )
+    return replace(found, instance=source)
 
 
 def _searched(

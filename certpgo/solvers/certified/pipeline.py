@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -11,9 +11,12 @@ from certpgo.certify.case import PROOF_GAIN, Basin, Case
 from certpgo.costs.problem import InformationProblem
 from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import InputError
-from certpgo.graph import Estimate, PoseGraph
+from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.graph import has_matrix_weights
+from certpgo.graph.picture import circle_of, closures, drawn
 from certpgo.graph.priors import handedness_is_open
+from certpgo.graph.speaking import Speaking, Text
+from certpgo.graph.wording import counted
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import Problem
 from certpgo.optimize.marginals import Marginals
@@ -42,9 +45,9 @@ PERHAPS_MIRRORED = (
 STOPPED = "stopped before a useful bound was found"
 
 
-@dataclass(frozen=True, eq=False)
-class CertifiedSolution:
-    """An estimate with its certificate.
+@dataclass(frozen=True, eq=False, repr=False)
+class CertifiedSolution(Speaking):
+    """An estimate with its certificate; printed, it says what was found and what is proven.
 
     Attributes
     ----------
@@ -58,6 +61,8 @@ class CertifiedSolution:
         `certpgo.solve_robustly` rejects them
     chordal : under the cost of another program, the result for the chordal cost F from which the
         search began; None for F itself, or from a given initial estimate
+    instance : what was solved, if it was read rather than a bare graph: `certpgo.write` takes the
+        node ids from it
 
     Examples
     --------
@@ -78,6 +83,7 @@ class CertifiedSolution:
     problem: Problem | InformationProblem | RangeProblem = field(repr=False)
     disagreement: Disagreement | None = None
     chordal: CertifiedSolution | None = None
+    instance: Instance | None = field(default=None, repr=False)
 
     @property
     def estimate(self) -> Estimate:
@@ -93,6 +99,44 @@ class CertifiedSolution:
     def verdict(self) -> Verdict:
         """The certificate's verdict."""
         return self.certificate.verdict
+
+    def summary(self) -> str:
+        """What was found, what is proven, and what to do next: the text that is printed."""
+        return Text(self)
+
+    @property
+    def graph(self) -> PoseGraph | RotationGraph:
+        """The measurements that the certificate is about."""
+        of = self.problem
+        return of.graph.isotropic if isinstance(of, InformationProblem) else of.graph
+
+    @property
+    def _headline(self) -> str:
+        return self.certificate._headline
+
+    def __repr__(self) -> str:
+        return f"<CertifiedSolution: {self.verdict}, cost {self.cost:.9g}, {self.estimate!r}>"
+
+    def _facts(self) -> Iterator[tuple[str, str]]:
+        solution, found = self.solution, self.disagreement
+        yield "graph", self.graph.size_in_words
+        if solution.kept is not None:
+            yield "kept", f"{solution.kept} measurements; the rest disagreed with them"
+        yield from self.certificate._proven()
+        steps, seconds = counted(solution.iterations, "iteration{s}"), solution.seconds.values()
+        yield "ended", f"{solution.status} after {steps}, {sum(seconds):.3g} s; {solution.note}"
+        if found is not None:
+            yield "outliers?", f"{found}: certpgo.solve_robustly(graph) rejects them"
+        if self.verdict in (Verdict.CERTIFIED, Verdict.BOUNDED):
+            yield "next", "certpgo.write(path, answer); answer.covariance(node)"
+        else:
+            yield "next", "the reason says what was in the way"
+
+    def _picture(self) -> str:
+        graph, t = self.graph, self.estimate.translations
+        if t is None or not isinstance(graph, PoseGraph):
+            return circle_of(graph.num_nodes, graph.edges)
+        return drawn(t, closures(graph.edges), graph.pose_nodes)
 
     @cached_property
     def marginals(self) -> Marginals:

@@ -9,7 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from certpgo.graph import Estimate, Graph
+from certpgo.graph import Estimate, Graph, Instance
+from certpgo.io.opening import AnyPath, measured
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.progress import stoppable
@@ -20,7 +21,7 @@ from certpgo.solvers.certified.settings import SolveSettings
 
 
 def solve_robustly(
-    graph: Graph,
+    graph: Graph | Instance | AnyPath,
     settings: SolveSettings | None = None,
     *,
     initial: Estimate | None = None,
@@ -34,8 +35,9 @@ def solve_robustly(
 
     Parameters
     ----------
+    graph : the measurements, an instance, or the path of its file; F is minimised in any case
     initial : initial estimate of the robust fit; n poses, in metres
-    graph, settings, monitor, options : as in `certpgo.solve`; the time limit covers the choice and
+    settings, monitor, options : as in `certpgo.solve`; the time limit covers the choice and
         the search together
 
     Returns
@@ -61,7 +63,9 @@ def solve_robustly(
     >>> result.verdict.value, bool(np.array_equal(result.solution.rejected, wrong))
     ('CERTIFIED', True)
     """
-    problem = problem_of(graph)
+    given = measured(graph)
+    source = given if isinstance(given, Instance) else None
+    problem = problem_of(given if source is None else source.graph)
     chosen = (settings or SolveSettings()).changed(options)
     limit = chosen.time_limit
     if initial is not None:
@@ -86,5 +90,10 @@ def solve_robustly(
         weights=selection.weights,
     )
     return replace(
-        found, solution=solution, start=selection.method, settings=chosen, disagreement=None
+        found,
+        solution=solution,
+        start=selection.method,
+        settings=chosen,
+        disagreement=None,
+        instance=source,
     )

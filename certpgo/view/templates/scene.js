@@ -8,6 +8,8 @@ const Scene = (function () {
     [39, 173, 129], [92, 200, 99], [170, 220, 50], [253, 231, 37],
   ];
   const COLOURS = 32;
+  // Share of the canvas that is filled.
+  const MARGIN = 0.94;
   // Radius of the ring of a prior, pixels.
   const RING = 4;
 
@@ -46,12 +48,33 @@ const Scene = (function () {
     return { centre: centre, half: half, radius: radius };
   }
 
-  // Pixels per unit at zoom 1: everything is visible, in 3D from any direction.
+  // Half the extent on the screen, right and up, of points seen from somewhere.
+  function seenFrom(points, box, view) {
+    const flat = project(points, { ...box, seen: [1, 1] }, { ...view, x: 0, y: 0, zoom: 1 }, 2, 2);
+    const most = (from) => flat.reduce((m, v, k) => (k % 2 === from ? Math.max(m, Math.abs(v - 1)) : m), 0);
+    return [most(0) / MARGIN, most(1) / MARGIN];
+  }
+
+  // Pixels per unit at zoom 1: everything is visible, in 3D from any direction, or from where the
+  // view starts if that is known.
   function fitted(box, width, height) {
-    const across = box.half.length === 3
+    const [a, b] = box.seen || box.half;
+    const across = box.half.length === 3 && !box.seen
       ? Math.min(width, height) / (2 * box.radius)
-      : Math.min(width / (2 * box.half[0]), height / (2 * box.half[1]));
-    return 0.94 * (Number.isFinite(across) ? across : Math.min(width, height) / 2);
+      : Math.min(width / (2 * a), height / (2 * b));
+    return MARGIN * (Number.isFinite(across) ? across : Math.min(width, height) / 2);
+  }
+
+  // Points in the frame of the scene's box: right, up, and in space towards the viewer.
+  function framed(points, frame) {
+    if (!frame) return points;
+    return points.map((p) => frame.axes.map((axis) => axis.reduce((sum, a, k) => sum + a * (p[k] - frame.centre[k]), 0)));
+  }
+
+  // The longest of 1, 2 or 5 times a power of ten below a length.
+  function round(length) {
+    const power = Math.pow(10, Math.floor(Math.log10(length)));
+    return power * [5, 2, 1].find((k) => k * power <= length * (1 + 1e-9));
   }
 
   // Screen coordinates of all points, x and y interleaved.
@@ -109,18 +132,31 @@ const Scene = (function () {
     return "Edge " + data.numbers[e] + ", " + ends + " (" + what + "): residual " + residuals + ".";
   }
 
+  // In a frame, from above: straight above if all is flat.
   function start(data) {
-    return { turn: data.dimensions === 3 ? 0.6 : 0, tilt: data.dimensions === 3 ? 0.6 : Math.PI / 2,
-      zoom: 1, x: 0, y: 0 };
+    const solid = data.dimensions === 3, tilt = data.frame ? 0.9 : 0.6;
+    return { turn: solid && !data.frame ? 0.6 : 0, tilt: solid && !data.flat ? tilt : Math.PI / 2, zoom: 1, x: 0, y: 0 };
   }
 
   function show(element) {
     const data = JSON.parse(element.querySelector("script").textContent);
     // JSON has no number for a residual that is not finite.
-    for (const m of data.measures) m.values = m.values.map((v) => (v === null ? Infinity : v));
+    const finite = (values) => values.map((v) => (v === null ? Infinity : v));
+    for (const m of data.measures) m.values = finite(m.values);
+    if (data.before) data.before.values = data.before.values.map(finite);
     const canvas = element.querySelector("canvas"), context = canvas.getContext("2d");
     const status = element.querySelector(".status"), select = element.querySelector(".measure");
-    const every = element.querySelector(".every"), box = frame(data.points);
+    const every = element.querySelector(".every");
+    const placements = [data, data.before].map((given) => given && {
+      points: framed(given.points, data.frame),
+      frusta: (given.frusta || []).map((line) => framed(line, data.frame)).flat(),
+    });
+    const truth = (data.truth || []).map((line) => framed(line, data.frame)).flat();
+    const all = placements[0].points.concat(placements[0].frusta), box = frame(all);
+    if (data.frame) box.seen = seenFrom(all, box, start(data));
+    if (data.metric === false) every.checked = true;
+    const early = element.querySelector(".before"), known = element.querySelector(".truth");
+    const shownPlacement = () => placements[early && early.checked ? 1 : 0];
     const seen = element.querySelector(".seen"), landmarks = data.landmarks || [];
     const isSeen = (e) => kind(data, e) === SIGHTING;
     const consecutive = data.loop.filter((loop, e) => !loop && kind(data, e) === 0).length;
@@ -130,7 +166,11 @@ const Scene = (function () {
     if (seen && sightings.length === 0) seen.parentElement.hidden = true;
     const shown = (e) => !isSeen(e) || !seen || seen.checked;
 
-    const measure = () => data.measures[Number(select.value) || 0];
+    // Before and after share a scale of colours.
+    const measure = () => {
+      const k = Number(select.value) || 0, after = data.measures[k];
+      return early && early.checked ? { ...after, values: data.before.values[k] } : after;
+    };
     const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
     // The background's lightness decides, however the theme was chosen.
     const isDark = () => parseInt(style("--paper").slice(1, 3), 16) < 128;
@@ -162,7 +202,8 @@ const Scene = (function () {
       context.setTransform(ratio, 0, 0, ratio, 0, 0);
       context.fillStyle = style("--paper");
       context.fillRect(0, 0, width, height);
-      flat = project(data.points, box, view, width, height);
+      const placed = shownPlacement();
+      flat = project(placed.points, box, view, width, height);
       const { values, top } = measure(), dark = isDark();
       const ink = style("--ink"), point = style("--c1");
       const plain = [], faint = [], buckets = Array.from({ length: COLOURS }, () => []);
@@ -177,9 +218,12 @@ const Scene = (function () {
         stroke(faint, style("--soft"), 0.6);
         context.globalAlpha = 1;
       }
+      if (truth.length && known.checked) segments(truth, style("--c2"), 1);
       // Large residuals last, on top.
       stroke(plain, style("--edge"), thin);
       buckets.forEach((list, k) => stroke(list, colour((k + 0.5) / COLOURS, dark), thin + 0.2));
+      buckets.forEach((list, k) => dot(list, colour((k + 0.5) / COLOURS, dark)));
+      segments(placed.frusta, style("--c0"), 0.8);
       const r = data.points.length <= 300 ? 2.2 : 1.2;
       const few = data.points.length <= 2000;
       for (let n = 0; n < data.points.length; n++) {
@@ -190,10 +234,84 @@ const Scene = (function () {
         else context.rect(flat[2 * n] - r / 2, flat[2 * n + 1] - r / 2, r, r);
         context.fill();
       }
+      marks(style("--ink"), style("--paper"));
+      if (data.metric) ruler(width, height, style("--ink"));
       if (picked >= 0) {
         stroke([picked], style("--paper"), 6);
         stroke([picked], style("--bad"), 3);
       }
+    }
+
+    // Lines between consecutive pairs of points.
+    function segments(points, paint, thickness) {
+      const at = project(points, box, view, canvas.clientWidth, canvas.clientHeight);
+      context.beginPath();
+      for (let k = 0; k < at.length; k += 4) {
+        context.moveTo(at[k], at[k + 1]);
+        context.lineTo(at[k + 2], at[k + 3]);
+      }
+      context.strokeStyle = paint;
+      context.lineWidth = thickness;
+      context.stroke();
+    }
+
+    // Loop closures that are too short to see have a dot.
+    function dot(list, paint) {
+      context.fillStyle = paint;
+      for (const e of list) {
+        const a = 2 * data.edges[e][0], b = 2 * data.edges[e][1];
+        if (!data.loop[e] || kind(data, e) !== 0 || Math.hypot(flat[a] - flat[b], flat[a + 1] - flat[b + 1]) > 5) continue;
+        context.beginPath();
+        context.arc((flat[a] + flat[b]) / 2, (flat[a + 1] + flat[b + 1]) / 2, 2.2, 0, 2 * Math.PI);
+        context.fill();
+      }
+    }
+
+    // The first and the last pose, by name.
+    function marks(ink, paper) {
+      context.font = "12px system-ui, sans-serif";
+      (data.ends || []).forEach((n, k) => {
+        const x = flat[2 * n], y = flat[2 * n + 1];
+        context.beginPath();
+        context.arc(x, y, 4, 0, 2 * Math.PI);
+        context.fillStyle = k ? paper : ink;
+        context.strokeStyle = ink;
+        context.lineWidth = 1.5;
+        context.fill();
+        context.stroke();
+        context.fillStyle = ink;
+        context.fillText(k ? "end" : "start", x + 7, y - 5);
+      });
+    }
+
+    // The world's axes, and a bar of a round length.
+    function ruler(width, height, ink) {
+      const scale = view.zoom * fitted(box, width, height), length = round(120 / scale);
+      const [x, y] = [16, height - 16], [right, up] = camera(view.turn, view.tilt);
+      context.strokeStyle = context.fillStyle = ink;
+      context.lineWidth = 2;
+      context.beginPath();
+      context.moveTo(x, y - 5);
+      context.lineTo(x, y);
+      context.lineTo(x + scale * length, y);
+      context.lineTo(x + scale * length, y - 5);
+      context.stroke();
+      context.font = "12px system-ui, sans-serif";
+      context.fillText(length + " m", x + scale * length + 6, y + 1);
+      if (!data.frame) return;
+      const [ox, oy] = [x + 34, y - 48];
+      data.frame.axes[0].forEach((_, k) => {
+        const axis = data.frame.axes.map((row) => row[k]);
+        const dot = (row) => axis.reduce((sum, a, i) => sum + a * row[i], 0);
+        const [dx, dy] = axis.length === 3 ? [dot(right), dot(up)] : axis;
+        context.lineWidth = 1.5;
+        context.strokeStyle = context.fillStyle = style(["--bad", "--good", "--link"][k]);
+        context.beginPath();
+        context.moveTo(ox, oy);
+        context.lineTo(ox + 26 * dx, oy - 26 * dy);
+        context.stroke();
+        if (Math.hypot(dx, dy) > 0.2) context.fillText("xyz"[k], ox + 34 * dx - 3, oy - 34 * dy + 4);
+      });
     }
 
     function legend() {
@@ -294,6 +412,8 @@ const Scene = (function () {
     select.addEventListener("change", () => { place = -1; legend(); redraw(); });
     every.addEventListener("change", redraw);
     if (seen) seen.addEventListener("change", redraw);
+    if (known) known.addEventListener("change", redraw);
+    if (early) early.addEventListener("change", redraw);
     const repaint = () => { legend(); draw(); };
     document.addEventListener("themechange", repaint);
     window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", repaint);
@@ -303,6 +423,6 @@ const Scene = (function () {
     draw();
   }
 
-  return { bucket, camera, colour, distance, fitted, frame, nearest, project, ranking, sentence, start, show };
+  return { bucket, camera, colour, distance, fitted, frame, framed, nearest, project, ranking, round, seenFrom, sentence, start, show };
 })();
 if (typeof document !== "undefined") document.querySelectorAll(".scene").forEach(Scene.show);

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 Data = dict[str, Any]
 
 #: Where a record keeps views for the report: a list of ``title`` and ``scene``, which is of
-#: `certpgo.view.scene.scene`.
+#: `certpgo.view.page_scene.page_scene`.
 VIEWS = "views"
 
 #: Matplotlib's settings for every figure: small type that stays legible in a column of 8.8 cm, thin

@@ -77,7 +77,7 @@ class FigurePart:
 
 @dataclass(frozen=True)
 class SceneView:
-    """A trajectory to look at: its title, and what `certpgo.view.scene.scene` made."""
+    """A trajectory to look at: its title, and what `certpgo.view.page_scene.page_scene` made."""
 
     title: str
     scene: Mapping[str, Any]

@@ -1,0 +1,115 @@
+"""certpgo view: look at graphs, estimates, clouds and meshes in the browser."""
+
+from __future__ import annotations
+
+import time
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from certpgo.cli._options import Data
+from certpgo.cli._show import notice, noticing, working
+from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
+from certpgo.errors import InputError
+
+if TYPE_CHECKING:
+    from certpgo.graph import Instance
+    from certpgo.solvers.certified import CertifiedSolution
+    from certpgo.view.scene import Scene
+
+
+class Colour(StrEnum):
+    """The numbers that colour edges."""
+
+    DEGREES = "degrees"
+    METRES = "metres"
+    ROTATION = "rotation-weight"
+    TRANSLATION = "translation-weight"
+
+
+def command(
+    files: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="FILE...",
+            help="At most one graph, its estimates in the order before, after; or trajectories; "
+            "PLY clouds and meshes. Dataset names too.",
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="HTML", help="Write one page that works offline."),
+    ] = None,
+    truth: Annotated[
+        Path | None, typer.Option("--truth", metavar="FILE", help="Ground truth to compare with.")
+    ] = None,
+    solve: Annotated[
+        bool, typer.Option("--solve", help="Solve the graph, and show before and after.")
+    ] = False,
+    robust: Annotated[
+        bool, typer.Option("--robust", help="Solve it robustly, and show what is rejected.")
+    ] = False,
+    colour: Annotated[
+        Colour | None,
+        typer.Option("--colour", help="Residuals or weights that colour edges."),
+    ] = None,
+    dark: Annotated[bool, typer.Option("--dark", help="Draw on a dark background.")] = False,
+    play: Annotated[
+        bool, typer.Option("--play", help="In the page of -o, walk along the trajectory.")
+    ] = False,
+    port: Annotated[
+        int, typer.Option("--port", min=1, max=65535, help="Port to serve at; else the next ones.")
+    ] = 8080,
+    data: Data = None,
+) -> None:
+    """Look at graphs, trajectories, clouds and meshes: live in the browser, or as one HTML file.
+
+    Without -o the scene is live at the printed address, on this machine, until Ctrl-C.
+    """
+    from certpgo.view.show import View
+
+    refuse_unwritable(out)
+    refuse_overwriting([out], [*files, truth], data)
+    if play and out is None:
+        raise InputError("--play is for -o; the live view has a box to play")
+    scene = _scene(files, truth, data, solve=solve, robust=robust)
+    view = View(scene, dark, None if colour is None else colour.value.replace("-", " "))
+    if out is not None:
+        with working(f"drawing {scene.name}"):
+            view.save(out, play=play)
+        notice(f"scene written to {out}")
+        return
+    with view.serve(port=port) as address:
+        typer.echo(f"{address} shows {scene.name}; Ctrl-C ends")
+        try:
+            while True:
+                time.sleep(1.0)
+        except KeyboardInterrupt:
+            typer.echo()
+
+
+def _robust(instance: Instance) -> CertifiedSolution:
+    from certpgo import solve_robustly
+
+    return solve_robustly(instance.graph)
+
+
+def _scene(
+    files: list[str], truth: Path | None, data: Path | None, *, solve: bool, robust: bool
+) -> Scene:
+    """The scene of the files, with an answer if one is asked for."""
+    import certpgo
+    from certpgo.datasets.source import resolve
+    from certpgo.view.gather import scene_of
+
+    if not (solve or robust):
+        with noticing():
+            return scene_of(*files, truth=truth, data=data)
+    with noticing():
+        instance = resolve(files[0], data).graph(quiet=True)
+        with working(f"solving {instance.name}"):
+            answer = _robust(instance) if robust else certpgo.solve(instance)
+        notice(f"{instance.name}: {answer.verdict.value}, F = {answer.cost:.10g}")
+        return scene_of(instance, *files[1:], answer, truth=truth, data=data)

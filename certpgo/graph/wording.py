@@ -1,0 +1,104 @@
+"""Counts, weights and sources in words, and names and values in lines."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+from certpgo.linalg.arrays import FloatArray
+
+#: Characters left of a value, at least, however long its name.
+ROOM = 24
+#: Ratio of a matrix's eigenvalues from which its average is another weight in some direction.
+ROUND = 1.01
+
+
+def counted(count: int, what: str) -> str:
+    """The count and what is counted, ``{s}`` marking its plural: 1 node, 2 nodes."""
+    return f"{count} {what.replace('{s}', '' if count == 1 else 's')}"
+
+
+def aligned(pairs: Iterable[tuple[str, str]], width: int | None = None) -> Iterator[str]:
+    """Lines of names and values in two columns; words wrap within ``width`` characters, if any."""
+    listed = list(pairs)
+    column = max((len(name) for name, _ in listed), default=0) + 2
+    for name, value in listed:
+        room = len(value) if width is None else max(width - column, ROOM)
+        # Words alone are broken: never a number, a path or a verdict.
+        parts = textwrap.wrap(value, max(room, 1), break_long_words=False, break_on_hyphens=False)
+        yield f"{name:<{column}}{parts[0] if parts else ''}".rstrip()
+        yield from (" " * column + part for part in parts[1:])
+
+
+def size_in_words(poses: int, points: int, edges: int, d: int, *, kind: str = "poses") -> str:
+    """The size of a graph."""
+    of_points = f" and {counted(points, 'point{s}')}" if points else ""
+    return f"{counted(poses, f'{kind[:-1]}{{s}}')}{of_points}, {counted(edges, 'edge{s}')}, {d}D"
+
+
+def ranges_of_weights(kappa: FloatArray, tau: FloatArray | None) -> Iterator[tuple[str, str]]:
+    """The ranges of the concentrations (m,); those of edges without are left out."""
+    units = (("kappa", kappa, "(rotational weights)"), ("tau", tau, "per m^2 (translational)"))
+    for name, weights, unit in units:
+        if weights is not None and len(known := weights[weights > 0.0]):
+            low, high = f"{known.min():.6g}", f"{known.max():.6g}"
+            yield name, f"{low if low == high else f'{low} to {high}'} {unit}"
+
+
+def reading_sentence(reading: Mapping[str, str]) -> str:
+    """How a file was read, in words."""
+    if not reading:
+        return "as generated"
+    weights, information = reading.get("weights", "file"), reading.get("information", "all")
+    of_file = weights == "file" and information != "none"
+    if information == "none" and weights in ("file", "unit"):
+        sentence = "weights 1: the file has no information"
+    elif weights == "unit":
+        sentence = "all weights 1, ignoring those of the file"
+    elif weights == "mahalanobis":
+        sentence = "Mahalanobis weights from the file's information matrices"
+    elif of_file:
+        rest = ", 1 where it has none" if information == "some" else ""
+        sentence = f"weights from the file's information matrices{rest}"
+    else:
+        sentence = f"weights {weights}"
+    about = reading.get("rotation_information", "tangent")
+    if of_file and about != "tangent":
+        sentence += f" (rotational part read as {about})"
+    keep = reading.get("keep", "all")
+    parallel = "parallel edges added" if keep == "all" else f"only the {keep} of parallel edges"
+    return f"{sentence}; {parallel}"
+
+
+def averaged(anisotropy: tuple[float, float]) -> str:
+    """What averaging matrices over directions left out, from `Information.anisotropy`; or empty."""
+    parts = [
+        f"{ratio:.3g} in {what}"
+        for ratio, what in zip(anisotropy, ("translation", "rotation"), strict=True)
+        if ratio > ROUND
+    ]
+    if not parts:
+        return ""
+    return f"over directions, whose precisions differ by factors of up to {' and '.join(parts)}"
+
+
+def shown_path(path: str | Path) -> str:
+    """A path below the working folder relative to it, else the file's name: never absolute."""
+    given = Path(path)
+    if not given.is_absolute():
+        return str(path)
+    here = Path.cwd()
+    return str(given.relative_to(here)) if given.is_relative_to(here) else given.name
+
+
+def components_in_words(sizes: Sequence[int]) -> str:
+    """Whether a graph is connected, and else the sizes of its components."""
+    if len(sizes) == 1:
+        return "yes"
+    return f"no: {len(sizes)} components of {few(sorted(sizes, reverse=True))} nodes"
+
+
+def few(items: Sequence[object], count: int = 8) -> str:
+    """The first items, separated by commas."""
+    return ", ".join(map(str, items[:count])) + (", ..." if len(items) > count else "")

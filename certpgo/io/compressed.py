@@ -1,0 +1,52 @@
+"""Files as they are, or compressed with gzip: told apart by their first bytes."""
+
+from __future__ import annotations
+
+import gzip
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BufferedIOBase
+from pathlib import Path
+
+from certpgo.errors import FormatError
+
+_MAGIC = b"\x1f\x8b"
+_SUFFIX = ".gz"
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[BufferedIOBase]:
+    """The content of a file, without its compression.
+
+    Raises
+    ------
+    FormatError
+        It is compressed, and damaged.
+    OSError
+        It cannot be read.
+    """
+    with path.open("rb") as file:
+        if not _begins_compressed(file.peek(len(_MAGIC))):
+            yield file
+            return
+        try:
+            with gzip.GzipFile(fileobj=file) as content:
+                yield content
+        except (EOFError, zlib.error, gzip.BadGzipFile):
+            raise FormatError(path, None, "the compressed file is damaged or incomplete") from None
+
+
+def is_compressed(path: Path) -> bool:
+    """Whether a file begins as gzip's do; OSError if it cannot be read."""
+    with path.open("rb") as file:
+        return _begins_compressed(file.peek(len(_MAGIC)))
+
+
+def uncompressed_name(path: Path) -> Path:
+    """The path without the suffix of compression."""
+    return path.with_suffix("") if path.suffix == _SUFFIX else path
+
+
+def _begins_compressed(head: bytes) -> bool:
+    return head.startswith(_MAGIC)

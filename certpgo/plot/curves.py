@@ -1,0 +1,214 @@
+"""Residuals, eigenvalues, bounds and convergence of an answer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from certpgo.assess.ladder import rungs_of_eigenvalues
+from certpgo.certify import Certificate
+from certpgo.certify.curvature import smallest_eigenvalues
+from certpgo.costs.problem import InformationProblem, surrogate
+from certpgo.costs.ranges import RangeProblem
+from certpgo.errors import InputError, kind_of
+from certpgo.graph import Estimate
+from certpgo.objective.problem import Problem
+from certpgo.optimize.monitor import Iteration
+from certpgo.optimize.solution import Solution
+from certpgo.plot.axes import GREY, given_or_current
+from certpgo.solvers.certified.pipeline import CertifiedSolution
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def residuals(
+    of: CertifiedSolution | Problem | InformationProblem,
+    estimate: Estimate | None = None,
+    *,
+    bins: int = 50,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the distribution of residual angles, degrees, over the measurements.
+
+    Parameters
+    ----------
+    of : an answer of `certpgo.solve`; or a problem, with an ``estimate`` from elsewhere
+    bins : number of bars
+    ax : axes to draw on; by default the current ones
+
+    Examples
+    --------
+    A cycle that is wound up has the same residual on every edge:
+
+    >>> from matplotlib.figure import Figure
+    >>> from certpgo import RotationProblem, plot
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> instance, around = winding_cycle(9, 0.0, 1)
+    >>> problem = RotationProblem(instance.graph)
+    >>> ax = plot.residuals(problem, around, ax=Figure().add_subplot())
+    >>> ax.get_title()
+    '9 edges, at most 40 degrees'
+    """
+    if isinstance(of, CertifiedSolution):
+        problem, at = of.problem, estimate or of.estimate
+    elif estimate is None:
+        raise InputError("residuals are of an answer, or of a problem and an estimate")
+    else:
+        problem, at = of, estimate
+    angles = np.degrees(problem.residual_angles(at))
+    ax = given_or_current(ax)
+    ax.hist(angles, bins=bins, range=(0.0, max(1.05 * float(angles.max()), 1e-9)))
+    ax.set_yscale("log")
+    ax.set(xlabel="residual angle, degrees", ylabel="measurements")
+    ax.set_title(f"{len(angles)} edges, at most {angles.max():.3g} degrees")
+    return ax
+
+
+def spectrum(
+    of: CertifiedSolution | Problem | InformationProblem,
+    certificate: Certificate | None = None,
+    *,
+    count: int = 8,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the smallest eigenvalues of the certificate matrix: none is negative at an optimum.
+
+    Those of the gauge, d of them, are zero. Computed eigenvalues illustrate; they prove nothing.
+
+    Parameters
+    ----------
+    of : an answer of `certpgo.solve`; or a problem, with a ``certificate`` of it
+    count : number of eigenvalues
+    ax : axes to draw on; by default the current ones
+
+    Raises
+    ------
+    InputError
+        There is no certificate matrix, as no lower bound was found.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> import certpgo
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> answer = certpgo.solve(winding_cycle(9, 0.3, 0)[0])
+    >>> ax = certpgo.plot.spectrum(answer, count=5, ax=Figure().add_subplot())
+    >>> len(ax.patches)
+    5
+    """
+    problem, proven = _certified(of, certificate)
+    if isinstance(problem, InformationProblem):
+        below = surrogate(problem, proven.refined).problem
+        problem, multipliers = below, below.multipliers(below.settled(proven.refined))
+    elif proven.multipliers is None or isinstance(problem, RangeProblem):
+        raise InputError("there is no certificate matrix to draw")
+    else:
+        multipliers = proven.multipliers
+    values = smallest_eigenvalues(problem, multipliers, count)
+    ax = given_or_current(ax)
+    ax.bar(np.arange(1, len(values) + 1), values)
+    ax.axhline(0.0, color=GREY, linewidth=0.8)
+    ax.set(xlabel="number", ylabel="eigenvalue of the certificate matrix")
+    return ax
+
+
+def bounds(
+    of: CertifiedSolution | Problem | InformationProblem,
+    certificate: Certificate | None = None,
+    *,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the cost and the lower bounds below it: of eigenvalues, and the proven one.
+
+    Parameters
+    ----------
+    of : an answer of `certpgo.solve`; or a problem, with a ``certificate`` of it
+    ax : axes to draw on; by default the current ones
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> import certpgo
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> answer = certpgo.solve(winding_cycle(9, 0.3, 0)[0])
+    >>> ax = certpgo.plot.bounds(answer, ax=Figure().add_subplot())
+    >>> [label.get_text() for label in ax.get_yticklabels()][-2:]
+    ['proven bound', 'cost']
+    """
+    problem, proven = _certified(of, certificate)
+    shown: list[tuple[str, float]] = []
+    if not isinstance(problem, InformationProblem | RangeProblem):
+        rungs = rungs_of_eigenvalues(problem, proven.refined, proven)
+        shown = [(r.title, r.value) for r in rungs if r.about == "cost" and r.value is not None]
+    shown = [(title, value) for title, value in shown if value != proven.lower_bound]
+    shown += [("proven bound", proven.lower_bound), ("cost", proven.cost_upper)]
+    ax = given_or_current(ax)
+    places = np.arange(len(shown))
+    bars = ax.barh(places, [max(value, 0.0) for _, value in shown])
+    ax.bar_label(bars, [f"{value:.6g}" for _, value in shown], padding=3)
+    ax.set_yticks(places, [title for title, _ in shown])
+    ax.margins(x=0.2)
+    ax.set(xlabel=proven.objective, title=f"{proven.verdict}, gap {proven.gap:.3g}")
+    return ax
+
+
+def convergence(
+    of: CertifiedSolution | Solution | Sequence[Iteration],
+    *,
+    lower_bound: float | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw how far the cost is above a lower bound, iteration by iteration.
+
+    Parameters
+    ----------
+    of : an answer of `certpgo.solve`, a solution with a trace, or iterations that a monitor kept
+    lower_bound : by default the answer's or solution's own; without one the cost itself is drawn
+    ax : axes to draw on; by default the current ones
+
+    Raises
+    ------
+    InputError
+        There are no iterations.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from matplotlib.figure import Figure
+    >>> import certpgo
+    >>> from certpgo.datasets.synthetic import helix
+    >>> answer = certpgo.solve(helix(4, np.random.default_rng(0)))
+    >>> ax = certpgo.plot.convergence(answer, ax=Figure().add_subplot())
+    >>> ax.get_ylabel()
+    'cost above the lower bound'
+    """
+    solution = of.solution if isinstance(of, CertifiedSolution) else of
+    if isinstance(solution, Solution):
+        trace: Sequence[Iteration] = solution.trace
+        lower_bound = solution.lower_bound if lower_bound is None else lower_bound
+    else:
+        trace = solution
+    if not len(trace):
+        raise InputError("no iterations to draw: the method recorded none")
+    ax = given_or_current(ax)
+    costs = np.array([iteration.cost for iteration in trace])
+    numbers = [iteration.number for iteration in trace]
+    above = costs if lower_bound is None else np.maximum(costs - lower_bound, 0.0)
+    ax.semilogy(numbers, np.where(above > 0.0, above, np.nan), marker="o", markersize=3.0)
+    label = "cost" if lower_bound is None else "cost above the lower bound"
+    ax.set(xlabel="iteration", ylabel=label)
+    return ax
+
+
+def _certified(
+    of: object, certificate: Certificate | None
+) -> tuple[Problem | InformationProblem | RangeProblem, Certificate]:
+    """The problem, and a certificate about it."""
+    if isinstance(of, CertifiedSolution):
+        return of.problem, certificate or of.certificate
+    if certificate is None:
+        raise InputError(f"an answer, or a problem and its certificate expected, not {kind_of(of)}")
+    return of, certificate  # type: ignore[return-value]

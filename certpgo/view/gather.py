@@ -1,0 +1,360 @@
+"""Scenes of graphs, estimates, clouds and meshes, from files or objects."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from certpgo.datasets.source import Source, resolve
+from certpgo.errors import FormatError, GraphError, InputError, NoMeasurements, kind_of
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.io import read_estimate, read_truth
+from certpgo.io.format import format_of
+from certpgo.io.surfaces import Surface, is_ply, read_surface
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.objective.problem import problem_of
+from certpgo.optimize.solution import Solution
+from certpgo.optimize.starts import start_of
+from certpgo.solvers.certified.pipeline import CertifiedSolution
+from certpgo.solvers.spanning_tree import SpanningTree
+from certpgo.view.layout import Arrangement, layout
+from certpgo.view.placing import aligned, in_space, placement, residuals, weights
+from certpgo.view.scene import IN_METRES, Placement, Scene, kinds_of
+
+#: What there is to look at: a path, the name of a dataset, or an object.
+Thing: TypeAlias = (
+    str
+    | Path
+    | Graph
+    | Instance
+    | Estimate
+    | tuple[str, Estimate]
+    | Solution
+    | CertifiedSolution
+    | Surface
+)
+
+#: Name of the estimate that comes with a graph's file.
+INITIAL_VALUES = "initial values"
+#: What a file may hold.
+_HOLDS = "a graph, a trajectory or other estimate, or a PLY cloud or mesh expected"
+
+
+def scene_of(
+    *things: Thing,
+    truth: str | Path | Estimate | None = None,
+    rejected: ArrayLike | None = None,
+    data: Path | None = None,
+) -> Scene:
+    """The scene of a graph with estimates, of trajectories, or of clouds and meshes alone.
+
+    Parameters
+    ----------
+    things : at most one graph, its estimates in the order before, after (or pairs of a name and
+        an estimate), and clouds or meshes in the frame of the last of them. Without a graph,
+        estimates are trajectories, which are matched by ids or times. A file with a graph adds its
+        initial values as an estimate that comes first; without any estimate, one is composed along
+        the odometry.
+    truth : of a graph, by default the one that it was read with
+    rejected : indices or flags of measurements that the last estimate does without; by default
+        those of a robust answer, or the outliers that are known
+    data : folder to search first for datasets
+
+    Raises
+    ------
+    InputError
+        There is nothing to draw, or a second graph; an estimate of another graph.
+    FormatError
+        A file that cannot be read, with its path and what was expected.
+    """
+    found = _Found(data)
+    # The graph first: what other files mean may depend on it.
+    for thing in things:
+        found.add(thing)
+    if found.instance is not None:
+        return _of_graph(found, found.instance, truth, rejected)
+    if rejected is not None:
+        raise InputError("rejected measurements need their graph")
+    return _of_trajectories(found, truth)
+
+
+@dataclass
+class _Found:
+    """What was named, by kind."""
+
+    data: Path | None
+    instance: Instance | None = None
+    estimates: list[tuple[str, Path | Estimate]] = field(default_factory=list)
+    surfaces: list[tuple[str, Surface]] = field(default_factory=list)
+    rejected: IntArray | None = None
+
+    def add(self, thing: Thing) -> None:
+        """Read and keep a thing."""
+        match thing:
+            case str() | Path():
+                self._add_file(resolve(str(thing), self.data))
+            case Instance():
+                self._add_graph(thing)
+            case PoseGraph() | RotationGraph():
+                self._add_graph(Instance("graph", thing, np.arange(thing.num_nodes)))
+            case Estimate():
+                self.estimates.append((self._fresh("estimate"), thing))
+            case Solution():
+                self.rejected = thing.rejected
+                self.estimates.append((self._fresh("answer"), thing.estimate))
+            case CertifiedSolution():
+                self.add(thing.solution)
+            case (str() as name, Estimate() as estimate):
+                self.estimates.append((self._fresh(name), estimate))
+            case Surface():
+                self.surfaces.append((self._fresh("mesh" if len(thing.faces) else "cloud"), thing))
+            case _:
+                raise InputError(
+                    "a path, graph, instance, estimate, answer, cloud or mesh is shown, not "
+                    f"{kind_of(thing)}"
+                )
+
+    def _add_file(self, source: Source) -> None:
+        path = source.path()
+        if path.is_file() and is_ply(path):
+            self.surfaces.append((self._fresh(path.stem), read_surface(path)))
+            return
+        form = format_of(path)
+        if form.read_graph is not None:
+            try:
+                self._add_graph(source.graph(quiet=True))
+                return
+            except NoMeasurements:
+                pass
+            except InputError:
+                if self.instance is None or form.read_poses is None:
+                    raise
+        if form.read_poses is None:
+            raise FormatError(path, None, f"{_HOLDS}, not {form.holds}")
+        self.estimates.append((self._fresh(path.stem), path))
+
+    def _add_graph(self, instance: Instance) -> None:
+        if self.instance is not None:
+            raise InputError(f"{instance.source or instance.name}: a second graph; one is shown")
+        self.instance = instance
+
+    def _fresh(self, name: str) -> str:
+        """The name, with a number if something has it; no slash, which would nest."""
+        taken = {other for other, _ in [*self.estimates, *self.surfaces]}
+        name = name.replace("/", " ")
+        numbered = (f"{name} {k}" for k in range(2, len(taken) + 3))
+        return name if name not in taken else next(n for n in numbered if n not in taken)
+
+
+def _of_graph(
+    found: _Found,
+    instance: Instance,
+    truth: str | Path | Estimate | None,
+    rejected: ArrayLike | None,
+) -> Scene:
+    graph = instance.graph
+    named = [
+        (name, read_estimate(what, instance) if isinstance(what, Path) else what)
+        for name, what in found.estimates
+    ]
+    estimates = [(name, _whole(instance, what)) for name, what in named]
+    if not estimates or _is_spread(instance.initial):
+        estimates.insert(0, start(instance))
+    places = None if isinstance(graph, PoseGraph) else layout(graph)
+    poses = instance.poses
+    last = estimates[-1][1]
+    drawn = []
+    for name, estimate in estimates:
+        moved = estimate if estimate is last else aligned(estimate, last, poses, poses)
+        drawn.append(_placed(instance, name, moved, places))
+    edges, kinds = kinds_of(graph, instance.ids, instance.world)
+    flags = np.zeros(graph.num_nodes, dtype=bool)
+    return Scene(
+        instance.name,
+        graph.d,
+        instance.ids,
+        edges,
+        kinds,
+        _flags(rejected, found.rejected, instance),
+        graph.points if isinstance(graph, PoseGraph) and graph.points is not None else flags,
+        tuple(drawn),
+        _truth(instance, truth, last, places),
+        weights(graph),
+        tuple(found.surfaces),
+        IN_METRES if places is None else places.sentence,
+        places is None,
+    )
+
+
+def _placed(
+    instance: Instance, name: str, estimate: Estimate, places: Arrangement | None
+) -> Placement:
+    """The placement of all nodes but the world, with the residuals of all edges."""
+    there = instance.in_world(estimate)
+    nodes = np.arange(there.num_nodes)
+    order = nodes[np.argsort(instance.ids[nodes], kind="stable")]
+    return placement(
+        name,
+        order,
+        there.subset(order),
+        None if places is None else places.places,
+        residuals(instance.graph, estimate),
+    )
+
+
+def _whole(instance: Instance, estimate: Estimate) -> Estimate:
+    """An estimate of all nodes, with the world if that was left out."""
+    graph, n = instance.graph, instance.graph.num_nodes
+    if instance.world is not None and estimate.num_nodes == n - 1:
+        estimate = instance.with_world(estimate)
+    if (estimate.num_nodes, estimate.d) != (n, graph.d):
+        raise InputError(
+            f"{instance.name}: an estimate of {n} nodes in {graph.d}D expected, not of "
+            f"{estimate.num_nodes} in {estimate.d}D"
+        )
+    if isinstance(graph, PoseGraph) and estimate.translations is None:
+        raise InputError(f"{instance.name}: an estimate with positions expected")
+    return estimate
+
+
+def start(instance: Instance) -> tuple[str, Estimate]:
+    """The initial values of a graph with their name; without any, or all at a point, others.
+
+    Raises
+    ------
+    InputError
+        There are none, and the graph is not connected.
+    """
+    if instance.initial is not None and _is_spread(instance.initial):
+        return INITIAL_VALUES, instance.initial
+    if not instance.graph.is_connected:
+        raise InputError(
+            f"{instance.source or instance.name}: an estimate is needed to draw a graph that is "
+            "not connected and has no initial values"
+        )
+    problem = problem_of(instance.graph)
+    if isinstance(instance.graph, PoseGraph) and instance.graph.is_partial:
+        return "start", start_of(problem).estimate
+    return "dead reckoning", SpanningTree(tree="odometry").solve(problem).estimate
+
+
+def _is_spread(initial: Estimate | None) -> bool:
+    """Whether there are initial values, not all at one point, as some programs write them."""
+    if initial is None or initial.translations is None:
+        return initial is not None
+    return bool(np.ptp(initial.translations, axis=0).any())
+
+
+def _truth(
+    instance: Instance,
+    given: str | Path | Estimate | None,
+    answer: Estimate,
+    places: Arrangement | None,
+) -> Placement | None:
+    """The truth's placement, in the answer's frame."""
+    if given is None:
+        given = instance.truth
+    if given is None:
+        return None
+    if isinstance(given, Estimate):
+        truth = instance.in_world(_whole(instance, given))
+        known: IntArray = np.arange(truth.num_nodes)
+    else:
+        known, truth = read_truth(given, instance)
+    kept = np.flatnonzero(known != instance.world)
+    nodes, truth = known[kept], truth.subset(kept)
+    common = np.flatnonzero(np.isin(nodes, instance.poses))
+    moved = aligned(truth, instance.in_world(answer), common, nodes[common])
+    order = np.argsort(instance.ids[nodes], kind="stable")
+    where = None if places is None else places.places
+    return placement("truth", nodes[order], moved.subset(order), where)
+
+
+def _flags(given: ArrayLike | None, answered: IntArray | None, instance: Instance) -> BoolArray:
+    """(m,) rejected measurements: as given, or of the answer, or known outliers."""
+    m = instance.graph.num_edges
+    flags = np.zeros(m, dtype=bool)
+    if given is None:
+        if answered is not None:
+            flags[answered] = True
+        elif instance.outliers is not None:
+            flags |= instance.outliers
+        return flags
+    try:
+        flags[np.asarray(given, dtype=None if np.size(given) else np.intp)] = True
+    except IndexError:
+        raise InputError(f"rejected must be {m} flags, or indices from 0 to {m - 1}") from None
+    return flags
+
+
+def _of_trajectories(found: _Found, truth: str | Path | Estimate | None) -> Scene:
+    """Trajectories without measurements, aligned with the last where they share poses."""
+    tracks = [_track(name, what) for name, what in found.estimates]
+    if truth is not None:
+        tracks.append(_track("truth", Path(truth) if isinstance(truth, str) else truth))
+    if not tracks and not found.surfaces:
+        raise InputError("nothing to show: a graph, an estimate, a cloud or a mesh expected")
+    if len({track.estimate.d for track in tracks}) > 1:
+        tracks = [replace(track, estimate=in_space(track.estimate)) for track in tracks]
+    keys = np.unique(np.concatenate([np.zeros(0), *(track.keys for track in tracks)]))
+    placed = [track.placed(keys, tracks[len(found.estimates) - 1]) for track in tracks]
+    last = len(placed) if truth is None else len(placed) - 1
+    none = np.zeros(0, dtype=np.intp)
+    return Scene(
+        ", ".join(name for name, _ in [*found.estimates, *found.surfaces]) or "truth",
+        tracks[0].estimate.d if tracks else 3,
+        np.arange(len(keys)) if (keys % 1.0).any() else keys.astype(np.intp),
+        none.reshape(0, 2),
+        none,
+        none.astype(bool),
+        np.zeros(len(keys), dtype=bool),
+        tuple(placed[:last]),
+        placed[-1] if truth is not None else None,
+        surfaces=tuple(found.surfaces),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Track:
+    """A trajectory; ``keys`` (k,) are ids, times or places of its poses, ascending."""
+
+    name: str
+    keys: FloatArray
+    estimate: Estimate
+
+    def placed(self, keys: FloatArray, like: _Track) -> Placement:
+        """The placement among the poses of all trajectories, aligned with another."""
+        _, mine, others = np.intersect1d(self.keys, like.keys, return_indices=True)
+        moved = self.estimate
+        if self is not like:
+            moved = aligned(moved, like.estimate, mine, others)
+        return placement(self.name, np.searchsorted(keys, self.keys), moved)
+
+
+def _track(name: str, what: Path | Estimate) -> _Track:
+    track = _Track(name, *_keyed(what))
+    if track.estimate.translations is None:
+        raise InputError(f"{name}: rotations without positions are drawn with their graph alone")
+    return track
+
+
+def _keyed(what: Path | Estimate) -> tuple[FloatArray, Estimate]:
+    if isinstance(what, Estimate):
+        return np.arange(what.num_nodes, dtype=float), what
+    form = format_of(what)
+    if form.read_poses is None:
+        raise FormatError(what, None, f"a trajectory expected, not {form.holds}")
+    poses = form.read_poses(what).without_points()
+    try:
+        estimate = Estimate(poses.rotations, poses.translations)
+    except GraphError as error:
+        raise FormatError(what, None, str(error)) from None
+    keys = poses.times if poses.ids is None else poses.ids.astype(float)
+    if keys is None:
+        keys = np.arange(estimate.num_nodes, dtype=float)
+    keys, first = np.unique(keys, return_index=True)
+    return keys, estimate.subset(first)

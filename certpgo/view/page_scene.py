@@ -1,0 +1,152 @@
+"""A scene as data for the pages' script."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from certpgo.io.plural import counted
+from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.view.scene import Kind, Placement, Scene
+
+#: Edges drawn at most: the costliest, and the others sampled evenly.
+EDGES = 20_000
+#: Share of these reserved for the costliest.
+COSTLIEST = 0.1
+#: Poses drawn at most with a frustum.
+FRUSTA = 150
+#: Kinds of edges, in data.
+BETWEEN, SIGHTING, PRIOR = 0, 1, 2
+
+Data = dict[str, Any]
+
+
+def page_scene(scene: Scene, costs: FloatArray, *, limit: int = EDGES) -> Data:
+    """Positions, edges and residuals of a scene's answer for the pages' script.
+
+    Parameters
+    ----------
+    scene : of a graph; the last placement is the answer, the first is "before"
+    costs : (m,) terms of F of its edges at the answer
+    limit : maximal number of edges drawn
+
+    Returns
+    -------
+    ``dimensions``; ``points`` (k, 2 or 3) with ``ids``; ``frame``, the ``centre`` and the ``axes``
+    of the box; ``edges`` (e, 2) into the points, with their ``numbers`` in the graph and whether
+    each is a ``loop`` closure (between nodes whose ids are not consecutive); ``measures``, each
+    with ``unit``, ``values`` (e,), `NOT_MEASURED` for what an edge does not measure, and the
+    ``top`` of its colours; ``ends``, the first and the last pose; ``frusta`` (s, 2, 2 or 3);
+    ``metric``, whether lengths are metres; ``flat``, whether all is in a plane; ``sentences`` on
+    what is shown. Where there is another estimate, ``before`` with its name, points, values and
+    frusta; where the truth is known, ``truth``, its steps (s, 2, 2 or 3). Where there are landmarks
+    or a world, ``landmarks`` (k,) flags, and ``kinds`` (e,) of edges: the ends of a `PRIOR` are
+    both the measured node.
+    """
+    answer = scene.placements[-1]
+    drawn = _chosen(costs, limit)
+    nodes = np.unique(scene.edges[drawn])
+    count = len(answer.nodes)
+    if count <= limit:
+        nodes = np.arange(count)
+    kinds = np.select([scene.kinds == Kind.SIGHTING, scene.kinds == Kind.PRIOR], [1, 2], BETWEEN)
+    sentences = [scene.sentence, *_said(scene)]
+    if len(drawn) < len(scene.edges):
+        sentences.append(
+            f"{len(drawn):,} of {len(scene.edges):,} edges are drawn: the "
+            f"{int(COSTLIEST * limit):,} costliest, and the others sampled evenly."
+        )
+    if len(nodes) < count:
+        sentences.append(f"Of {count:,} nodes, the {len(nodes):,} at these edges are drawn.")
+    # A layout of planar rotations is planar, as the graph is; one in space may be flat too.
+    d = scene.d
+    rounding = _decimals(answer.positions)
+    poses = answer.nodes[scene.poses(answer)]
+    more: Data = {}
+    if (kinds != BETWEEN).any():
+        more["landmarks"] = scene.landmarks[nodes].astype(int).tolist()
+        more["kinds"] = kinds[drawn].tolist()
+    if len(scene.placements) > 1:
+        before = scene.placements[0]
+        more["before"] = {
+            "name": before.name,
+            "points": _rounded(before.spread(len(scene.ids))[nodes, :d], rounding),
+            "values": [_values(m.values, drawn) for m in before.measures],
+            "frusta": _frusta(scene, before, rounding),
+        }
+    if scene.truth is not None and scene.metric:
+        sentences.append("The thin line is the ground truth, aligned with the estimate.")
+        more["truth"] = _rounded(scene.steps(scene.truth)[:limit, :, :d], rounding)
+    return {
+        **more,
+        "dimensions": d,
+        "points": _rounded(answer.spread(len(scene.ids))[nodes, :d], rounding),
+        "frame": {
+            "centre": _rounded(scene.frame.centre[:d], rounding),
+            "axes": _rounded(scene.frame.axes[:d, :d], 6),
+        },
+        "ids": scene.ids[nodes].tolist(),
+        "edges": np.searchsorted(nodes, scene.edges[drawn]).tolist(),
+        "numbers": drawn.tolist(),
+        "loop": (scene.kinds[drawn] != Kind.STEP).astype(int).tolist(),
+        "measures": [
+            {
+                "unit": measure.unit,
+                "values": _values(measure.values, drawn),
+                "top": float(f"{measure.top:.3g}"),
+            }
+            for measure in answer.measures
+        ],
+        "ends": np.flatnonzero(np.isin(nodes, poses[[0, -1]])).tolist(),
+        "frusta": _frusta(scene, answer, rounding),
+        "metric": scene.metric,
+        "flat": scene.is_flat,
+        "sentences": sentences,
+    }
+
+
+def _frusta(scene: Scene, placement: Placement, decimals: int) -> Any:
+    """Lines (s, 2, 2 or 3) of few poses; of graphs of positions only where there are few."""
+    if scene.metric and len(placement.nodes) > FRUSTA:
+        return []
+    return _rounded(scene.frusta(placement, FRUSTA)[..., : scene.d], decimals)
+
+
+def _said(scene: Scene) -> list[str]:
+    """How landmarks and priors are drawn, where there are any."""
+    said = []
+    if scene.landmarks.any():
+        seen = counted(int((scene.kinds == Kind.SIGHTING).sum()), "sighting{s}")
+        points = counted(int(scene.landmarks.sum()), "landmark{s}")
+        said.append(f"Drawn as dots: {points}; as faint lines: {seen}.")
+    if (scene.kinds == Kind.PRIOR).any():
+        priors = counted(int((scene.kinds == Kind.PRIOR).sum()), "prior{s}")
+        said.append(f"Drawn as rings, at the nodes that they measure: {priors}.")
+    return said
+
+
+def _chosen(costs: FloatArray, limit: int) -> IntArray:
+    """Indices of the drawn edges, ascending."""
+    m = len(costs)
+    if m <= limit:
+        return np.arange(m)
+    order = np.argsort(-costs, kind="stable")
+    worst = int(COSTLIEST * limit)
+    others = np.sort(order[worst:])
+    evenly = others[np.linspace(0, len(others) - 1, limit - worst).round().astype(int)]
+    return np.sort(np.concatenate([order[:worst], evenly]))
+
+
+def _values(values: FloatArray, drawn: IntArray) -> list[float]:
+    return [float(f"{value:.4g}") for value in values[drawn].tolist()]
+
+
+def _decimals(points: FloatArray) -> int:
+    """Decimals for about 1e-5 of the extent of points."""
+    extent = float(np.ptp(points, axis=0).max(initial=0.0))
+    return 5 - int(np.floor(np.log10(extent))) if extent > 0.0 else 5
+
+
+def _rounded(points: FloatArray, decimals: int) -> Any:
+    return (np.round(points, decimals) + 0.0).tolist()

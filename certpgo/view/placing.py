@@ -1,0 +1,97 @@
+"""Placements of estimates: their positions, residuals and alignment."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from certpgo.assess import metrics
+from certpgo.graph import Estimate, Graph, PoseGraph
+from certpgo.io.exact import quaternion
+from certpgo.linalg import so
+from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.view.scene import NOT_MEASURED, Measure, Placement
+
+#: Second singular value over the first from which on positions fix a rotation.
+_WIDE = 1e-6
+
+
+def placement(
+    name: str,
+    nodes: IntArray,
+    estimate: Estimate,
+    places: FloatArray | None = None,
+    measures: tuple[Measure, ...] = (),
+) -> Placement:
+    """Where an estimate (k,) puts ``nodes`` (k,), at ``places`` (n, 3) if it has no positions."""
+    there = in_space(estimate)
+    positions = there.translations
+    if positions is None or places is not None:
+        positions = np.zeros((len(nodes), 3)) if places is None else places[nodes]
+    return Placement(name, nodes, positions, there.rotations, measures)
+
+
+def in_space(estimate: Estimate) -> Estimate:
+    """An estimate in 3D; a planar one lies at z = 0."""
+    t = quaternion.embedded_translations(estimate.translations)
+    return Estimate(quaternion.embedded(estimate.rotations), t)
+
+
+def residuals(graph: Graph, estimate: Estimate) -> tuple[Measure, ...]:
+    """Residual angles, degrees, and lengths, metres, of the edges of any graph.
+
+    Unlike those of a problem, they need no connected graph.
+    """
+    R, (i, j) = estimate.rotations, graph.edges.T
+    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    angles = np.degrees(so.angle(np.swapaxes(R[j], 1, 2) @ R[i] @ rotation.rotations))
+    found = []
+    if (rotation.kappa > 0.0).any():
+        found.append(Measure("degrees", np.where(rotation.kappa > 0.0, angles, NOT_MEASURED)))
+    if isinstance(graph, PoseGraph) and estimate.translations is not None:
+        steps = np.einsum("mab,mb->ma", R[i], graph.translations)
+        if graph.arms is not None:
+            steps -= np.einsum("mab,mb->ma", R[j], graph.arms)
+        t = estimate.translations
+        lengths = np.linalg.norm(t[j] - t[i] - steps, axis=1)
+        found.append(Measure("metres", np.where(graph.tau > 0.0, lengths, NOT_MEASURED)))
+    return tuple(found)
+
+
+def weights(graph: Graph) -> tuple[Measure, ...]:
+    """The weights of edges, where they differ."""
+    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    listed = [("rotation weight", rotation.kappa)]
+    if isinstance(graph, PoseGraph):
+        listed.append(("translation weight", graph.tau))
+    return tuple(
+        Measure(name, np.where(values > 0.0, values, NOT_MEASURED))
+        for name, values in listed
+        if np.ptp(values) > 0.0
+    )
+
+
+def aligned(estimate: Estimate, like: Estimate, common: IntArray, in_like: IntArray) -> Estimate:
+    """An estimate moved to where it is nearest to another.
+
+    Parameters
+    ----------
+    common, in_like : (c,) nodes of the one and of the other that are the same poses
+    """
+    given, target = estimate.subset(common), like.subset(in_like)
+    if not len(common):
+        return estimate
+    t, goal = given.translations, target.translations
+    if t is None or goal is None:
+        return estimate.moved(metrics.align(given, target))
+    if _is_wide(t) and _is_wide(goal):
+        there = metrics.align_positions(given, target)
+        S = there.rotations[0] @ given.rotations[0].T
+        return estimate.moved(S, there.translations[0] - S @ t[0])  # type: ignore[index]
+    S = metrics.align(given, target)
+    return estimate.moved(S, goal.mean(axis=0) - S @ t.mean(axis=0))
+
+
+def _is_wide(t: FloatArray) -> bool:
+    """Whether positions (k, d) are not all on a line."""
+    values = np.linalg.svd(t - t.mean(axis=0), compute_uv=False)
+    return len(t) > 2 and bool(values[1] > _WIDE * values[0])
