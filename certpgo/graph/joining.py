@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -14,13 +13,20 @@ from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 
-def joined(graphs: Sequence[Graph], num_nodes: int, points: BoolArray | None = None) -> Graph:
+def joined(
+    graphs: Sequence[Graph],
+    num_nodes: int,
+    points: BoolArray | None = None,
+    edges: Sequence[IntArray] | None = None,
+) -> Graph:
     """The graph of all their edges, in order.
 
     Parameters
     ----------
-    graphs : at least one; nodes have the same numbers in all of them
+    graphs : at least one
     points : (num_nodes,) which nodes are points, if any is
+    edges : (m, 2) pairs of nodes for the edges of each graph; by default its own, if nodes have the
+        same numbers in all of them
 
     Raises
     ------
@@ -31,7 +37,7 @@ def joined(graphs: Sequence[Graph], num_nodes: int, points: BoolArray | None = N
     rotations = [graph.rotation if isinstance(graph, PoseGraph) else graph for graph in graphs]
     rotation = RotationGraph(
         num_nodes,
-        np.concatenate([r.edges for r in rotations]),
+        np.concatenate([r.edges for r in rotations] if edges is None else edges),
         np.concatenate([r.rotations for r in rotations]),
         np.concatenate([r.kappa for r in rotations]),
         _all([r.couplings for r in rotations]),
@@ -48,22 +54,15 @@ def joined(graphs: Sequence[Graph], num_nodes: int, points: BoolArray | None = N
     )
 
 
-def renumbered(graph: Graph, num_nodes: int, edges: IntArray) -> Graph:
-    """The same measurements between other nodes: edges (m, 2) of ``num_nodes`` nodes, no points."""
-    if isinstance(graph, PoseGraph):
-        rotation = replace(graph.rotation, num_nodes=num_nodes, edges=edges)
-        return replace(graph, rotation=rotation, points=None)
-    return replace(graph, num_nodes=num_nodes, edges=edges)
-
-
 def require_one_make(graphs: Sequence[Graph]) -> None:
     """Refuse graphs that cannot be joined, by a GraphError, as `joined`."""
-    makes = sorted({_make(graph) for graph in graphs})
+    makes = sorted({make_of(graph) for graph in graphs})
     if len(makes) > 1:
         raise GraphError(f"measurements of one kind are expected, not {' and '.join(makes)}")
 
 
-def _make(graph: Graph) -> str:
+def make_of(graph: Graph) -> str:
+    """What it measures, such as ``poses in 3D``: only graphs of one make can be joined."""
     poses = isinstance(graph, PoseGraph)
     rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
     extras = ["couplings"] if rotation.is_general else []

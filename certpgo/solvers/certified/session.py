@@ -27,7 +27,7 @@ from certpgo.certify.rounding import measured_upper
 from certpgo.certify.units import scaled_down, scaled_up
 from certpgo.errors import InputError, NumericalError, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
-from certpgo.graph.joining import joined, renumbered, require_one_make
+from certpgo.graph.joining import joined, make_of, require_one_make
 from certpgo.linalg.arrays import IntArray
 from certpgo.objective import operators
 from certpgo.objective.problem import Problem, problem_of
@@ -42,8 +42,8 @@ from certpgo.solvers.certified.track import Track
 UNNOTICED = 0.5
 #: Share of measurements that may be new for a descent from the last optimum; else from scratch.
 NEW = 0.5
-#: Stationarity, radians, at which a descent from the last optimum ends: F is then exact to 1e-14.
-SETTLED = 1e-9
+#: Share of F that a descent from the last optimum leaves, a tenth of what batches differ by.
+ENOUGH = 1e-10
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,9 @@ class Standing:
     --------
     >>> import certpgo
     >>> from certpgo.datasets.synthetic import winding_cycle
-    >>> standing = certpgo.Session().add(winding_cycle(6, 0.3, 0)[0].graph)
-    >>> standing.edges, standing.gap <= standing.cost
+    >>> session = certpgo.Session()
+    >>> session.add(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> session.standing.edges, session.standing.gap <= session.standing.cost
     (6, True)
     """
 
@@ -100,8 +101,9 @@ class Session:
     >>> graph = winding_cycle(6, 0.3, 0)[0].graph
     >>> session = certpgo.Session()
     >>> for k in range(6):
-    ...     standing = session.add(graph.with_edges([k]))
-    >>> standing.verdict.value, standing.lower_bound  # valid at once; the estimate is not the best
+    ...     session.add(graph.with_edges([k]))
+    >>> standing = session.standing  # valid at once; the estimate is not the best
+    >>> standing.verdict.value, standing.lower_bound
     ('UNDECIDED', 0.0)
     >>> session.certificate.verdict.value, f"{session.standing.cost:.6f}"
     ('CERTIFIED', '0.029994')
@@ -117,8 +119,9 @@ class Session:
         self.settings = (settings or SolveSettings()).changed(options)
         self.every = every
         self._tier = tier_called(self.settings.tier or Tier.STANDARD)
-        self._whole: Graph | None = None  # the measurements, but for those that came since
-        self._new: list[Graph] = []
+        self._parts: list[Graph] = []  # the measurements in order, but for those that came since
+        self._new: list[tuple[Graph, IntArray]] = []  # with the numbers of their nodes
+        self._make = ""
         self._edges: list[int] = []  # their numbers
         self._count = 0  # of all measurements that ever came
         self._track: Track | None = None
@@ -132,7 +135,7 @@ class Session:
 
     def add(
         self, measurements: Graph | Instance, nodes: Sequence[Hashable] | None = None
-    ) -> Standing:
+    ) -> None:
         """Add measurements, perhaps of new nodes, whose poses are composed from them.
 
         Parameters
@@ -152,25 +155,20 @@ class Session:
         """
         graph, labels = _labelled(measurements, nodes)
         track = self._track or Track(graph.d)
-        if self._track is not None:
+        if self._track is None:
+            self._make = make_of(graph)
+        elif make_of(graph) != self._make:
             require_one_make([self._last, graph])
         known = len(track)
-        edges = track.extend(graph, labels)
+        self._new.append((graph, track.extend(graph, labels)))
         self._track = track
         self._mark_points(graph, labels, known)
-        added = renumbered(graph, len(track), edges)
-        self._new.append(added)
-        ends = np.unique(edges)
-        rise = measured_upper(added.subgraph(ends), self.estimate.subset(ends))
-        self._cost = _sum_up(self._cost, rise)
-        self._scale += operators.scale(added)
         self._edges += range(self._count, self._count + graph.num_edges)
         self._count += graph.num_edges
         self._pending += graph.num_edges
         self._found = None
         if self.every is not None and self._pending >= self.every:
-            return self.refresh()
-        return self.standing
+            self.refresh()
 
     def remove(self, edges: Iterable[int]) -> Standing:
         """Remove measurements; the estimate stays until the next refresh.
@@ -197,7 +195,7 @@ class Session:
             raise InputError("a session keeps at least one measurement")
         graph = self.graph.with_edges(kept)
         problem_of(graph)  # refuses a graph that does not determine its nodes
-        self._whole = graph
+        self._parts = [graph]
         self._edges = np.asarray(self._edges)[kept].tolist()
         self._bounds = [(k, bound) for k, bound in self._bounds if k <= removed[0]]
         self._cost = measured_upper(graph, self.estimate)
@@ -223,13 +221,16 @@ class Session:
     @property
     def standing(self) -> Standing:
         """What is proven now, without any factorization."""
+        if self._new:
+            self._measure()
         cost, lower = self._cost, self.lower_bound
         gap = difference_up(cost, lower)
         tolerance = self.settings.rtol * cost + self.settings.atol * self._scale
         verdict = Verdict.BOUNDED if lower > 0.0 else Verdict.UNDECIDED
         if self._tier is not Tier.SCREEN and gap <= tolerance < math.inf:
             verdict = Verdict.CERTIFIED
-        return Standing(len(self.nodes), len(self._edges), cost, lower, gap, tolerance, verdict)
+        nodes = 0 if self._track is None else len(self._track)
+        return Standing(nodes, len(self._edges), cost, lower, gap, tolerance, verdict)
 
     @property
     def lower_bound(self) -> float:
@@ -261,19 +262,30 @@ class Session:
     def graph(self) -> Graph:
         """All measurements, between nodes in the order of `nodes`."""
         n = len(self._poses)
-        if self._new or self._whole is None or self._whole.num_nodes < n:
+        if self._new:
+            self._measure()
+        if len(self._parts) > 1 or self._parts[0].num_nodes < n:
             points = np.array(self._points) if any(self._points) else None
-            parts = ([] if self._whole is None else [self._whole]) + self._new
-            self._whole, self._new = joined(parts, n, points), []
-        return self._whole
+            self._parts = [joined(self._parts, n, points)]
+        return self._parts[0]
+
+    def _measure(self) -> None:
+        """Add the terms of what came since to F of the estimate, which was extended by it."""
+        graphs, edges = zip(*self._new, strict=True)
+        added = joined(graphs, len(self._poses), None, edges)
+        ends = np.unique(added.edges)
+        rise = measured_upper(added.subgraph(ends), self.estimate.subset(ends))
+        self._cost = _sum_up(self._cost, rise)
+        self._scale += operators.scale(added)
+        self._parts.append(added)
+        self._new = []
 
     @property
     def _last(self) -> Graph:
         """Some measurements, which tell the kind of all."""
-        graph = self._new[-1] if self._new else self._whole
-        if graph is None:
+        if not (self._new or self._parts):
             raise InputError("the session has no measurements yet")
-        return graph
+        return self._new[-1][0] if self._new else self._parts[0]
 
     @property
     def _poses(self) -> Track:
@@ -332,7 +344,7 @@ def _descended(problem: Problem, start: Estimate, settings: SolveSettings) -> _F
     """The end of descent from an estimate, if that is certified."""
     case = Case.of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
     try:
-        descent = replace(settings.newton, tolerance=max(SETTLED, settings.newton.tolerance))
+        descent = replace(settings.newton, enough=max(ENOUGH, settings.newton.enough))
         end = newton(case.problem, start, descent).estimate
         cost = case.cost_upper(end)
         bound = case.bound(end, cost, sharp=False, tight=True)

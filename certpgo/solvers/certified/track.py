@@ -28,6 +28,7 @@ class Track:
         self.numbers: dict[Hashable, int] = {}
         self._rotations = np.tile(np.eye(d), (FIRST, 1, 1))
         self._translations = np.zeros((FIRST, d))
+        self._projected = 0  # poses whose rotations are such to rounding
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -35,7 +36,10 @@ class Track:
     @property
     def estimate(self) -> Estimate:
         """All poses; never changed later."""
-        n = len(self)
+        n, new = len(self), slice(self._projected, len(self))
+        if self._projected < n:
+            self._rotations[new] = so.project(self._rotations[new])
+            self._projected = n
         return Estimate.trusted(self._rotations[:n], self._translations[:n])
 
     @estimate.setter
@@ -46,6 +50,7 @@ class Track:
         self._rotations[: len(self)] = better.rotations
         if better.translations is not None:
             self._translations[: len(self)] = better.translations
+        self._projected = len(self)
 
     def extend(self, graph: Graph, labels: Sequence[Hashable]) -> IntArray:
         """Number the nodes of measurements, compose the poses of new ones; edges (m, 2) by number.
@@ -62,11 +67,9 @@ class Track:
         lost = [k for k in sorted(touched - reached) if labels[k] not in begin]
         if lost:
             raise GraphError(f"node {labels[lost[0]]} is not connected with those before it")
-        self.numbers, old = begin, len(begin)
+        self.numbers = begin
         for here, there, edge in steps:
             self._append(graph, labels, here, there, edge)
-        new = slice(old, len(self))
-        self._rotations[new] = so.project(self._rotations[new])
         numbers = [[begin[labels[node]] for node in edge] for edge in graph.edges.tolist()]
         return np.array(numbers, dtype=np.intp)
 
