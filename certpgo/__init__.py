@@ -41,13 +41,17 @@ if TYPE_CHECKING:
     from certpgo.io import read, read_estimate, write
     from certpgo.linalg.distributed.schedulers import scheduler
     from certpgo.registry import get_solver
+    from certpgo.solvers.certified.rejecting import RobustSession
     from certpgo.solvers.certified.session import Session, Standing
+    from certpgo.solvers.certified.suspicion import Suspicion
     from certpgo.view.show import show
 
 #: Imported on first use, to keep `import certpgo` fast.
 _LATER = {
+    "RobustSession": "solvers.certified.rejecting",
     "Session": "solvers.certified.session",
     "Standing": "solvers.certified.session",
+    "Suspicion": "solvers.certified.suspicion",
     "check": "certify.proof_file",
     "certify_values": "assess.assessment",
     "from_gtsam": "costs.gtsam_graph",
@@ -88,6 +92,7 @@ __all__ = [
     "PoseGraph",
     "PoseProblem",
     "Ranges",
+    "RobustSession",
     "RotationGraph",
     "RotationProblem",
     "Session",
@@ -96,6 +101,7 @@ __all__ = [
     "SpecError",
     "Standing",
     "Status",
+    "Suspicion",
     "Tier",
     "Verdict",
     "certify",

@@ -14,36 +14,32 @@ All sums are rounded outward. Hence the gap is at most what it was, plus the ter
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Iterable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Hashable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from certpgo.certify import Certificate, Tier, Verdict
-from certpgo.certify.case import FLOOR, Basin, Case, difference_up, tier_called
+from certpgo.certify.case import FLOOR, difference_up, tier_called
 from certpgo.certify.rounding import measured_upper
-from certpgo.certify.units import scaled_down, scaled_up
-from certpgo.errors import InputError, NumericalError, kind_of
+from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.joining import joined, make_of, require_one_make
 from certpgo.linalg.arrays import IntArray
 from certpgo.objective import operators
-from certpgo.objective.problem import Problem, problem_of
-from certpgo.optimize.monitor import silent
-from certpgo.optimize.newton import newton
+from certpgo.objective.problem import problem_of
 from certpgo.optimize.starts import Start
-from certpgo.solvers.certified.pipeline import GIVEN, search_and_certify
+from certpgo.solvers.certified.pipeline import GIVEN
+from certpgo.solvers.certified.renewal import Found, descended, searched
 from certpgo.solvers.certified.settings import SolveSettings
+from certpgo.solvers.certified.suspicion import Suspicion, suspicion
 from certpgo.solvers.certified.track import Track
 
 #: Share of `SolveSettings.same_cost` by which new measurements may raise F before a new descent.
 UNNOTICED = 0.5
 #: Share of measurements that may be new for a descent from the last optimum; else from scratch.
 NEW = 0.5
-#: Share of F that a descent from the last optimum leaves, a tenth of what batches differ by.
-ENOUGH = 1e-10
 
 
 @dataclass(frozen=True)
@@ -130,12 +126,10 @@ class Session:
         self._bounds: list[tuple[int, float]] = []  # of the measurements before number k; ascending
         # The last descent: how many measurements there were, F there, and its verdict.
         self._settled, self._optimum, self._verdict = 0, 0.0, Verdict.CERTIFIED
-        self._found: _Found | None = None  # if nothing changed since
+        self._found: Found | None = None  # if nothing changed since
         self._pending = 0  # measurements since the last refresh
 
-    def add(
-        self, measurements: Graph | Instance, nodes: Sequence[Hashable] | None = None
-    ) -> None:
+    def add(self, measurements: Graph | Instance, nodes: Sequence[Hashable] | None = None) -> None:
         """Add measurements, perhaps of new nodes, whose poses are composed from them.
 
         Parameters
@@ -154,6 +148,14 @@ class Session:
             These are no measurements, or have distances, or not one name per node.
         """
         graph, labels = _labelled(measurements, nodes)
+        self._take(graph, labels, range(self._count, self._count + graph.num_edges))
+        self._count += graph.num_edges
+        self._pending += graph.num_edges
+        if self.every is not None and self._pending >= self.every:
+            self.refresh()
+
+    def _take(self, graph: Graph, labels: Sequence[Hashable], numbers: Iterable[int]) -> None:
+        """Keep measurements with these numbers, and compose the poses of new nodes."""
         track = self._track or Track(graph.d)
         if self._track is None:
             self._make = make_of(graph)
@@ -163,12 +165,8 @@ class Session:
         self._new.append((graph, track.extend(graph, labels)))
         self._track = track
         self._mark_points(graph, labels, known)
-        self._edges += range(self._count, self._count + graph.num_edges)
-        self._count += graph.num_edges
-        self._pending += graph.num_edges
+        self._edges += numbers
         self._found = None
-        if self.every is not None and self._pending >= self.every:
-            self.refresh()
 
     def remove(self, edges: Iterable[int]) -> Standing:
         """Remove measurements; the estimate stays until the next refresh.
@@ -242,6 +240,14 @@ class Session:
         """The certificate of the estimate for all measurements, which is refreshed if necessary."""
         return (self._found or self._solve()).certificate
 
+    def suspicion(self) -> Suspicion | None:
+        """Measurements that disagree with the rest, and the certified answer without them.
+
+        None if all terms of F are within the law of their weights, as `certpgo.Disagreement` says.
+        """
+        problem, proven = problem_of(self.graph), self.certificate
+        return suspicion(problem, self.estimate, proven, self.edges, self.nodes, self.settings)
+
     @property
     def estimate(self) -> Estimate:
         """The poses of `nodes`: optimal at the last refresh, those of newer nodes composed."""
@@ -299,6 +305,13 @@ class Session:
         numbers = {self._poses.numbers.get(label) for label in seen}
         self._points += [k in numbers for k in range(known, len(self._poses))]
 
+    def _adopt(self, better: Estimate) -> None:
+        """Go on from this estimate of the measurements."""
+        graph = self.graph
+        self._poses.estimate = better
+        self._cost = measured_upper(graph, better)
+        self._found, self._optimum = None, -math.inf
+
     def _is_settled(self, standing: Standing) -> bool:
         """Whether new measurements agree with the estimate, so that it is still the optimum."""
         settings = self.settings
@@ -307,16 +320,16 @@ class Session:
         )
         return standing.cost - self._optimum <= allowed and standing.verdict is self._verdict
 
-    def _solve(self) -> _Found:
+    def _solve(self) -> Found:
         """A descent from the estimate; a search from scratch where that is not certified."""
         problem = problem_of(self.graph)
         fresh = problem.graph.num_edges - self._settled
         found = None
         if fresh <= NEW * problem.graph.num_edges:
-            found = _descended(problem, self.estimate, self.settings)
+            found = descended(problem, self.estimate, self.settings)
         if found is None:
             begin = Start(self.estimate, GIVEN) if self._settled else None
-            found = _searched(problem, self.settings, begin)
+            found = searched(problem, self.settings, begin)
         self._poses.estimate = found.estimate
         self._cost, self._found = found.cost, found
         if found.lower_bound > self.lower_bound:
@@ -324,49 +337,6 @@ class Session:
         self._settled, self._optimum = len(self._edges), found.cost
         self._verdict, self._pending = self.standing.verdict, 0
         return found
-
-
-@dataclass(eq=False)
-class _Found:
-    """The end of a search, in the units of the graph; the certificate is made when asked for."""
-
-    estimate: Estimate
-    cost: float
-    lower_bound: float
-    judge: Callable[[], Certificate]
-
-    @cached_property
-    def certificate(self) -> Certificate:
-        return self.judge()
-
-
-def _descended(problem: Problem, start: Estimate, settings: SolveSettings) -> _Found | None:
-    """The end of descent from an estimate, if that is certified."""
-    case = Case.of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
-    try:
-        descent = replace(settings.newton, enough=max(ENOUGH, settings.newton.enough))
-        end = newton(case.problem, start, descent).estimate
-        cost = case.cost_upper(end)
-        bound = case.bound(end, cost, sharp=False, tight=True)
-    except (NumericalError, np.linalg.LinAlgError):
-        return None
-    basin = Basin(end, cost, True, bound)
-    if not cost - basin.value <= case.tolerance(cost):
-        return None
-    unit = case.unit
-    return _Found(
-        end,
-        scaled_up(unit, cost),
-        scaled_down(unit, basin.value),
-        lambda: case.certificate(end, basin),
-    )
-
-
-def _searched(problem: Problem, settings: SolveSettings, start: Start | None) -> _Found:
-    """The end of the whole search of `certpgo.solve`."""
-    result = search_and_certify(problem, settings, start, silent)
-    proven = result.certificate
-    return _Found(result.estimate, proven.cost_upper, proven.lower_bound, lambda: proven)
 
 
 def _labelled(
