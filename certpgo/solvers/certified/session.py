@@ -127,7 +127,8 @@ class Session:
         # The last descent: how many measurements there were, F there, and its verdict.
         self._settled, self._optimum, self._verdict = 0, 0.0, Verdict.CERTIFIED
         self._found: Found | None = None  # if nothing changed since
-        self._pending = 0  # measurements since the last refresh
+        #: Measurements since the last refresh.
+        self.pending = 0
 
     def add(self, measurements: Graph | Instance, nodes: Sequence[Hashable] | None = None) -> None:
         """Add measurements, perhaps of new nodes, whose poses are composed from them.
@@ -150,8 +151,8 @@ class Session:
         graph, labels = _labelled(measurements, nodes)
         self._take(graph, labels, range(self._count, self._count + graph.num_edges))
         self._count += graph.num_edges
-        self._pending += graph.num_edges
-        if self.every is not None and self._pending >= self.every:
+        self.pending += graph.num_edges
+        if self.every is not None and self.pending >= self.every:
             self.refresh()
 
     def _take(self, graph: Graph, labels: Sequence[Hashable], numbers: Iterable[int]) -> None:
@@ -210,7 +211,7 @@ class Session:
         NumericalError
             No estimate could be computed.
         """
-        self._pending = 0
+        self.pending = 0
         standing = self.standing
         if not self._is_settled(standing):
             self._solve()
@@ -335,7 +336,7 @@ class Session:
         if found.lower_bound > self.lower_bound:
             self._bounds.append((self._count, found.lower_bound))
         self._settled, self._optimum = len(self._edges), found.cost
-        self._verdict, self._pending = self.standing.verdict, 0
+        self._verdict, self.pending = self.standing.verdict, 0
         return found
 
 
