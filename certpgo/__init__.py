@@ -40,6 +40,9 @@ if TYPE_CHECKING:
     from certpgo.graph.priors import with_directions, with_priors
     from certpgo.io import read, read_estimate, write
     from certpgo.linalg.distributed.schedulers import scheduler
+    from certpgo.registration.reconstruct import reconstruct
+    from certpgo.registration.register import register
+    from certpgo.registration.sequences import read_sequence
     from certpgo.registry import get_solver
     from certpgo.solvers.certified.rejecting import RobustSession
     from certpgo.solvers.certified.session import Session, Standing
@@ -58,9 +61,12 @@ _LATER = {
     "to_gtsam": "costs.gtsam_graph",
     "read": "io",
     "read_estimate": "io",
+    "read_sequence": "registration.sequences",
+    "reconstruct": "registration.reconstruct",
     "write": "io",
     "write_proof": "certify.proof_file",
     "get_solver": "registry",
+    "register": "registration.register",
     "show": "view.show",
     "scheduler": "linalg.distributed.schedulers",
     "with_directions": "graph.priors",
@@ -112,6 +118,9 @@ __all__ = [
     "get_solver",
     "read",
     "read_estimate",
+    "read_sequence",
+    "reconstruct",
+    "register",
     "scheduler",
     "show",
     "solve",

@@ -36,8 +36,8 @@ RANKS = {
     "registration": 9,
     "view": 9,
     "__init__": 10,
-    "cli": 10,
-    "__main__": 11,
+    "cli": 11,
+    "__main__": 12,
 }
 HARNESS_RANKS = {
     "experiments": 0,

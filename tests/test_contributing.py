@@ -57,7 +57,7 @@ def test_it_is_thirty_lines(printed):
 def test_it_is_listed(checkout, capsys):
     assert main(["list", "methods"]) == 0
     [line] = [line for line in capsys.readouterr().out.splitlines() if NAME in line]
-    assert "poses, rotations" in line
+    assert "both" in line
     assert "Damped Jacobi sweeps" in line
 
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from certpgo.assess.comparison import OF_THE_FILE, MethodResult
-from certpgo.assess.wording import reading_sentence
 from certpgo.certify.certificate import CHORDAL as OF_F
 from certpgo.costs import CHORDAL
-from certpgo.io.plural import counted
+from certpgo.graph.wording import counted, reading_sentence
 
 TITLE = "Methods side by side, every estimate certified by the same procedure"
 _ON_COSTS = (

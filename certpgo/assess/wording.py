@@ -8,27 +8,11 @@ from collections.abc import Iterable
 from certpgo.assess.assessment import Assessment
 from certpgo.assess.metrics import TrajectoryErrors
 from certpgo.certify.certificate import CHORDAL, Certificate
-from certpgo.certify.wording import meaning, numbers, objective, part, stated_objective, trusts
+from certpgo.certify.wording import part
 from certpgo.graph import Instance
-from certpgo.graph.wording import counted, few, reading_sentence
+from certpgo.graph.wording import counted, few
 from certpgo.linalg.arrays import IntArray
 from certpgo.solvers.certified.disagreement import Disagreement
-
-__all__ = [
-    "accuracy",
-    "comparison",
-    "digits",
-    "distances",
-    "few_edges",
-    "hint",
-    "meaning",
-    "numbers",
-    "objective",
-    "provenance",
-    "reading_sentence",
-    "stated_objective",
-    "trusts",
-]
 
 #: Number of edges shown; --json has more.
 EDGES = 3

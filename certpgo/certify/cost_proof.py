@@ -14,7 +14,7 @@ from certpgo.costs import COSTS, InformationProblem, information_problem
 from certpgo.costs.problem import Surrogate, surrogate_of
 from certpgo.errors import NumericalError
 from certpgo.graph import Instance
-from certpgo.io.plural import counted
+from certpgo.graph.wording import counted
 from certpgo.linalg.arrays import FloatArray
 
 #: Shares of an edge's weights by which its constant is lowered until the checker accepts it.

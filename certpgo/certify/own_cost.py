@@ -29,7 +29,7 @@ from certpgo.errors import GraphError, InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.lift import Point
-from certpgo.io.plural import counted
+from certpgo.graph.wording import counted
 from certpgo.linalg.arrays import FloatArray
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.solution import Solution

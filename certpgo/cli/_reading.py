@@ -154,7 +154,7 @@ class Reading:
         Commands that take no ``distances`` leave them out, which a notice says.
         """
         from certpgo.graph.components import rotations_alone
-        from certpgo.io.plural import counted
+        from certpgo.graph.wording import counted
 
         with _reading_progress() as progress:
             instance = source.graph(progress=progress, quiet=True, **self.options)
@@ -175,7 +175,7 @@ class Reading:
             The graph is not connected, and ``--components`` is ``refuse``.
         """
         from certpgo.graph.components import connected_parts
-        from certpgo.io.plural import counted
+        from certpgo.graph.wording import counted
 
         try:
             parts = connected_parts(instance, self.components.value)

@@ -54,14 +54,8 @@ def show(
 ) -> None:
     """Print the verdict, its reason, the numbers behind it, and the objective."""
     from certpgo.assess import wording
-    from certpgo.assess.wording import (
-        comparison,
-        hint,
-        meaning,
-        numbers,
-        stated_objective,
-        trusts,
-    )
+    from certpgo.assess.wording import comparison, hint
+    from certpgo.certify.wording import meaning, numbers, stated_objective, trusts
 
     facts(
         [
@@ -100,7 +94,7 @@ def as_json(
     certificate : the certificate, or None if none was requested
     cost : F of the estimate, as computed, for the certified measurements
     """
-    from certpgo.assess.wording import objective
+    from certpgo.certify.wording import objective
 
     c = certificate
     return {

@@ -87,7 +87,7 @@ def _show(part: Instance, found: Ladder) -> None:
 
 
 def _head(part: Instance, found: Ladder) -> Iterable[tuple[str, str]]:
-    from certpgo.assess.wording import objective
+    from certpgo.certify.wording import objective
 
     yield "graph", part.name
     source = "of the given estimate" if found.given else "of the best estimate found"

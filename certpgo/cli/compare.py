@@ -16,7 +16,7 @@ from certpgo.cli._show import document, notice, paragraph, table, working
 from certpgo.cli._truth import KnownPoses, TruthFile
 from certpgo.cli._verdict import INTERRUPTED
 from certpgo.errors import CertPGOError, InputError, SpecError
-from certpgo.io.plural import counted
+from certpgo.graph.wording import counted
 
 if TYPE_CHECKING:
     from certpgo.assess.comparison import Competitor, MethodResult
@@ -287,7 +287,7 @@ def _methods(names: Sequence[str], cost: Cost) -> tuple[Competitor, ...]:
 
 def _duration(sources: Sequence[Source], methods: int) -> str | None:
     """How long a comparison takes, roughly, from the size of the files; None if that is short."""
-    from certpgo.io.plural import counted
+    from certpgo.graph.wording import counted
 
     sizes = [path.stat().st_size for source in sources if (path := source.path()).is_file()]
     seconds = PACE * methods * sum(sizes)

@@ -89,8 +89,7 @@ def _as_json(
 
 
 def _lines(instance: Instance, found: Structure, engine: str) -> Iterable[tuple[str, str]]:
-    from certpgo.assess.wording import reading_sentence
-    from certpgo.io.plural import counted
+    from certpgo.graph.wording import counted, reading_sentence
 
     yield "name", instance.name
     yield "source", shown_path(instance.source)

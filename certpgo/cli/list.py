@@ -50,7 +50,8 @@ def command(
             typer.echo(f"{name}: {_NONE.get(name, 'none')}\n")
             continue
         header = list(rows[0])
-        table(name, header, [list(row.values()) for row in rows], _CAPTIONS.get(name, ""))
+        cells = [list(row.values()) for row in rows]
+        table(name, header, cells, _CAPTIONS.get(name, ""), optional=["settings"])
 
 
 #: Why a list is empty.
@@ -81,14 +82,19 @@ def _method(name: str, get_solver: Callable[[str], type[Solver]]) -> dict[str, s
         solver = get_solver(name)
     except CertPGOError as error:  # a broken file must not hide the others
         return {"name": name, "takes": "", "here": "no", "what": str(error), "settings": ""}
-    takes = [kind for kind in ("poses", "rotations") if getattr(solver, kind)]
     return {
         "name": name,
-        "takes": ", ".join(takes),
+        "takes": _kinds(solver),
         "here": _missing_package(name) or "yes",
         "what": _summary(solver),
         "settings": _settings(solver),
     }
+
+
+def _kinds(solver: type[Solver]) -> str:
+    if solver.poses and solver.rotations:
+        return "both"
+    return "poses" if solver.poses else "rotations"
 
 
 def _summary(solver: type) -> str:

@@ -216,7 +216,7 @@ def _refuse_parts(whole: bool, **outputs: Path | None) -> None:
 def _distributed(address: str) -> Iterator[None]:
     """The scheduler; at the end, what it was used for is said."""
     from certpgo import scheduler
-    from certpgo.io.plural import counted
+    from certpgo.graph.wording import counted
     from certpgo.linalg.distributed import schedulers
 
     with scheduler(address):

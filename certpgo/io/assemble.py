@@ -10,13 +10,13 @@ import numpy as np
 from certpgo.errors import FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import Information, of_positions
+from certpgo.graph.wording import counted
 from certpgo.io.chunks import text_lines
 from certpgo.io.compressed import uncompressed_name
 from certpgo.io.contents import TaggedLines
 from certpgo.io.format import LabelledPoses, ReadOptions
 from certpgo.io.landmarks import Landmarks, landmarks_of
 from certpgo.io.lines import UNINFORMED, Dialect, read_lines
-from certpgo.io.plural import counted
 from certpgo.io.priors import anchored_graph, joined_information, numbered_priors
 from certpgo.linalg.arrays import FloatArray, IntArray, numbered
 

@@ -12,11 +12,11 @@ import numpy as np
 
 from certpgo.errors import FormatError
 from certpgo.graph import Estimate
+from certpgo.graph.wording import counted
 from certpgo.io.chunks import without_comments
 from certpgo.io.compressed import opened
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Chart, format_of
-from certpgo.io.plural import counted
 from certpgo.linalg.arrays import FloatArray
 
 #: Pose lines to examine.

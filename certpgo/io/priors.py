@@ -11,8 +11,8 @@ from certpgo.errors import FormatError
 from certpgo.graph import PoseGraph
 from certpgo.graph.information import Information
 from certpgo.graph.priors import origin_of, with_priors
+from certpgo.graph.wording import counted
 from certpgo.io.contents import BODY, Priors, TaggedLines
-from certpgo.io.plural import counted
 from certpgo.linalg.arrays import FloatArray, IntArray, numbered
 
 

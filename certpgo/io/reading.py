@@ -15,6 +15,7 @@ from certpgo.graph import Estimate, Graph, Instance, PoseGraph
 from certpgo.graph.edges import Keep, simple_edges
 from certpgo.graph.information import mahalanobis as mahalanobis_weights
 from certpgo.graph.points import with_points
+from certpgo.graph.wording import counted
 from certpgo.io.assemble import estimate_for, truth_for
 from certpgo.io.dead_reckoning import integrated
 from certpgo.io.format import (
@@ -27,7 +28,6 @@ from certpgo.io.format import (
     format_of,
 )
 from certpgo.io.names import named_ids
-from certpgo.io.plural import counted
 from certpgo.io.timestamps import with_node_ids
 from certpgo.linalg.arrays import IntArray
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import FormatError, InputError
+from certpgo.graph.wording import counted
 from certpgo.io.format import LabelledPoses
-from certpgo.io.plural import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 # Larger integers are not exact in double precision.

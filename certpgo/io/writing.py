@@ -20,8 +20,8 @@ from numpy.typing import ArrayLike
 from certpgo.errors import InputError, InputNotice, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.graph import has_matrix_weights
+from certpgo.graph.wording import counted
 from certpgo.io.format import Labels, format_to_write
-from certpgo.io.plural import counted
 from certpgo.io.timestamps import node_times
 from certpgo.linalg.arrays import IntArray
 

@@ -49,6 +49,7 @@ class GraduatedNonConvexity(Iterative):
     rate : factor of mu in each step; 1.4 in the paper
     tolerance : distance of the weights from 0 and 1 at which to stop
     max_iterations : stop anyway
+    trusted : indices of measurements that are known to be right: their weights stay 1
 
     Examples
     --------
@@ -67,6 +68,7 @@ class GraduatedNonConvexity(Iterative):
     rate: float = 1.4
     tolerance: float = 1e-3
     max_iterations: int = 200
+    trusted: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -86,10 +88,11 @@ class GraduatedNonConvexity(Iterative):
         r = np.sqrt(problem.edge_costs(point))
         mu = 1.0 / float(np.clip(2.0 * (r / c).max() ** 2 - 1.0, 1e-6, CONVEX))
         progress = Progress(monitor, self.tolerance, self.max_iterations, watch)
-        undecided = np.inf
+        undecided, trusted = np.inf, np.array(self.trusted, dtype=np.intp)
         while progress.advance(problem.cost(point), undecided, undecided):
             with watch.phase("descent"):
                 weights = surrogate_weights(r, c, mu)
+                weights[trusted] = 1.0
                 weighted = problem.reweighted(np.maximum(weights, FAINT))
                 point = newton(
                     weighted, point, NewtonSettings(tolerance=1e-9, max_iterations=STEPS)
@@ -99,7 +102,9 @@ class GraduatedNonConvexity(Iterative):
                 if mu >= 1.0:
                     undecided = float(np.minimum(weights, 1.0 - weights).max())
                 mu *= self.rate
-        return fitted(problem, r <= c, point, progress, note=_threshold(problem, float(c.max())))
+        kept = r <= c
+        kept[trusted] = True
+        return fitted(problem, kept, point, progress, note=_threshold(problem, float(c.max())))
 
 
 def _start(problem: Problem) -> Estimate:

@@ -21,7 +21,7 @@ from certpgo.certify.wording import meaning, numbers, part, stated_objective, tr
 from certpgo.costs import CHORDAL, InformationProblem, own_cost, surrogate
 from certpgo.errors import CertPGOError, NumericalError
 from certpgo.graph import Estimate, Instance, PoseGraph
-from certpgo.io.plural import counted
+from certpgo.graph.wording import counted
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import Problem, RotationProblem
 from certpgo.optimize.monitor import Iteration

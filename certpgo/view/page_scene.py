@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from certpgo.io.plural import counted
+from certpgo.graph.wording import counted
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.view.scene import Kind, Placement, Scene
 

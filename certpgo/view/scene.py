@@ -95,7 +95,7 @@ class Placement:
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class Box:
     """A box around points along their principal axes.
 
     Attributes
@@ -158,7 +158,7 @@ class Scene:
     metric: bool = True
 
     @cached_property
-    def frame(self) -> Frame:
+    def frame(self) -> Box:
         """Around the last placement, and all surfaces."""
         around = [placement.positions for placement in self.placements[-1:]]
         around += [surface.points for _, surface in self.surfaces]
@@ -242,7 +242,7 @@ class Scene:
         return np.asarray(turned.reshape(-1, 2, 3))
 
 
-def frame_of(points: FloatArray, d: int = 3) -> Frame:
+def frame_of(points: FloatArray, d: int = 3) -> Box:
     """The box of points (p, 3) along their principal axes; planar ones are seen from above."""
     centred = points - points.mean(axis=0)
     values, vectors = np.linalg.eigh(centred.T @ centred)
@@ -257,7 +257,7 @@ def frame_of(points: FloatArray, d: int = 3) -> Frame:
     axes[1] = np.cross(axes[2], axes[0])
     along = points @ axes.T
     low, high = along.min(axis=0), along.max(axis=0)
-    return Frame(0.5 * (low + high) @ axes, axes, 0.5 * (high - low))
+    return Box(0.5 * (low + high) @ axes, axes, 0.5 * (high - low))
 
 
 def kinds_of(graph: Graph, ids: IntArray, world: int | None) -> tuple[IntArray, IntArray]:

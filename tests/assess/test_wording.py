@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from certpgo import PoseProblem, certify, io
-from certpgo.assess.wording import meaning, numbers, reading_sentence, trusts
 from certpgo.certify import Verdict
+from certpgo.certify.wording import meaning, numbers, trusts
 from certpgo.graph import Estimate
+from certpgo.graph.wording import reading_sentence
 
 EDGES = ("EDGE_SE2 0 1 1 0 0.1", "EDGE_SE2 1 2 1 0 0.1", "EDGE_SE2 2 0 1 0 0.1")
 INFORMATION = " 2 0 0 2 0 3"

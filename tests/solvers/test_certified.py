@@ -857,8 +857,8 @@ def test_the_work_stays_small(name, factorizations, products, dataset):
 
 
 def test_what_is_no_graph_is_refused():
-    with pytest.raises(InputError, match=r"such as instance\.graph, not a str"):
-        solve("sphere2500.g2o")
+    with pytest.raises(InputError, match=r"such as instance\.graph, not an int"):
+        solve(2500)
 
 
 def test_the_proof_tier_is_asked_where_rounding_is_all_that_is_missing():

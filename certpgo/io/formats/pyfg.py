@@ -31,6 +31,7 @@ from certpgo.errors import FormatError, NoMeasurements
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.graph.ranges import Ranges
+from certpgo.graph.wording import counted
 from certpgo.io.compressed import uncompressed_name
 from certpgo.io.contents import BODY, Priors
 from certpgo.io.format import Chart, Format, LabelledPoses, ReadOptions
@@ -45,7 +46,6 @@ from certpgo.io.named_lines import (
     read_named,
 )
 from certpgo.io.named_writing import write_graph, write_poses
-from certpgo.io.plural import counted
 from certpgo.io.priors import anchored_graph, joined_information
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 

@@ -18,9 +18,9 @@ import numpy as np
 
 from certpgo.errors import FormatError, InputError
 from certpgo.graph import Instance, PoseGraph, RotationGraph
+from certpgo.graph.wording import counted
 from certpgo.io.chunks import first_row, read_rows, whole
 from certpgo.io.format import Format, ReadOptions
-from certpgo.io.plural import counted
 from certpgo.linalg.arrays import FloatArray, IntArray, numbered
 
 _NAME, _CALIBRATION = "stereo_factors", "calibration"

@@ -19,7 +19,7 @@ import numpy as np
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.speaking import Brief
-from certpgo.io.plural import counted
+from certpgo.graph.wording import counted
 from certpgo.linalg import so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.problem import Problem, RotationProblem
@@ -204,6 +204,7 @@ def select(
     *,
     fit: Estimate | None = None,
     initial: Estimate | None = None,
+    trusted: IntArray | None = None,
     monitor: Monitor = silent,
 ) -> Selection:
     """The measurements that agree with one another, by a robust fit.
@@ -217,6 +218,7 @@ def select(
     ----------
     fit : fit to all measurements, if already computed
     initial : initial estimate
+    trusted : (k,) measurements that are known to be right, such as odometry, and never rejected
     monitor : may stop the fits
 
     Raises
@@ -242,19 +244,26 @@ def select(
         scale = 1.0 if confirmed else WIDER * _noise_kept(problem, found)
     else:
         name = "graduated_non_convexity"
-        found, scale = _graduated(problem, fit, initial, monitor)
+        known = () if trusted is None else tuple(np.asarray(trusted).tolist())
+        found, scale = _graduated(problem, fit, initial, known, monitor)
     costs = problem.edge_costs(found.estimate)
     kept = ~outlying(problem, costs, scale)
+    if trusted is not None:
+        kept[trusted] = True
     weights = connected(problem, np.where(kept, 1.0, 0.0), costs)
     return Selection(weights, found.estimate, name, scale)
 
 
 def _graduated(
-    problem: Problem, fit: Estimate | None, initial: Estimate | None, monitor: Monitor
+    problem: Problem,
+    fit: Estimate | None,
+    initial: Estimate | None,
+    trusted: tuple[int, ...],
+    monitor: Monitor,
 ) -> tuple[Solution, float]:
     """The fit by graduated non-convexity, and the noise scale for its residuals."""
     if states_noise(problem):
-        solver = GraduatedNonConvexity(probability=_probability(problem))
+        solver = GraduatedNonConvexity(probability=_probability(problem), trusted=trusted)
         found = solver.solve(problem, initial=initial, monitor=monitor)
         if _confirms_weights(problem, found):
             return found, 1.0
@@ -263,12 +272,12 @@ def _graduated(
         fit = newton(problem, start.estimate, near=start.near, monitor=monitor).estimate
     scale = noise_scale(problem, problem.edge_costs(fit))
     for _ in range(ROUNDS):
-        solver = GraduatedNonConvexity(scale=scale)
+        solver = GraduatedNonConvexity(scale=scale, trusted=trusted)
         found = solver.solve(problem, initial=initial, monitor=monitor)
         before, scale = scale, _noise_kept(problem, found)
         if scale > (1.0 - GAIN) * before:
             break
-    solver = GraduatedNonConvexity(scale=WIDER * scale)
+    solver = GraduatedNonConvexity(scale=WIDER * scale, trusted=trusted)
     found = solver.solve(problem, initial=found.estimate, monitor=monitor)
     return found, WIDER * _noise_kept(problem, found)
 

@@ -19,7 +19,7 @@ from certpgo.costs.descent import descend
 from certpgo.costs.problem import InformationProblem
 from certpgo.graph import Estimate
 from certpgo.graph.lift import Lift, rounded
-from certpgo.io.plural import counted
+from certpgo.graph.wording import counted
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.progress import Stop, stoppable
 from certpgo.optimize.solution import Level, Solution, Status

@@ -11,6 +11,7 @@ from typing import Any
 
 from certpgo.graph import Estimate, Graph, Instance
 from certpgo.io.opening import AnyPath, measured
+from certpgo.linalg.arrays import IntArray
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.progress import stoppable
@@ -25,6 +26,7 @@ def solve_robustly(
     settings: SolveSettings | None = None,
     *,
     initial: Estimate | None = None,
+    trusted: IntArray | None = None,
     monitor: Monitor = silent,
     **options: Any,
 ) -> CertifiedSolution:
@@ -37,6 +39,8 @@ def solve_robustly(
     ----------
     graph : the measurements, an instance, or the path of its file; F is minimised in any case
     initial : initial estimate of the robust fit; n poses, in metres
+    trusted : (k,) indices of measurements that are known to be right, such as those of odometry:
+        they are never rejected, and lead the choice among the others
     settings, monitor, options : as in `certpgo.solve`; the time limit covers the choice and
         the search together
 
@@ -72,7 +76,7 @@ def solve_robustly(
         problem.check(initial)
     with stoppable(monitor, 1.0, limit) as stop:
         with stop.watch.phase("select"):
-            selection = select(problem, initial=initial, monitor=stop)
+            selection = select(problem, initial=initial, trusted=trusted, monitor=stop)
         left = None if limit is None else limit - min(limit, stop.watch.total)
         ended = stop.ended_by
         found = search_and_certify(

@@ -10,8 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from certpgo.assess.comparison_table import remarks, seconds_by_phase, sizes
-from certpgo.assess.wording import reading_sentence
-from certpgo.io.plural import counted
+from certpgo.graph.wording import counted, reading_sentence
 from certpgo.view.markdown_tables import markdown_table
 from reports.harness.experiments.averages import LOWER, UPPER, summarized
 from reports.harness.experiments.journal import latest

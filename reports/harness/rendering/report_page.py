@@ -9,7 +9,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from certpgo.io.plural import counted
+from certpgo.graph.wording import counted
 from certpgo.view.page import data_uri, page
 from certpgo.view.plots import Curve, Lines, lines
 from reports.harness.experiments.records import Record

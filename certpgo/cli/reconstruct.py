@@ -1,0 +1,235 @@
+"""certpgo reconstruct: RGB-D frames to a certified trajectory and the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from certpgo.cli import _verdict
+from certpgo.cli._options import Json
+from certpgo.cli._show import document, facts, notice, noticing, working
+from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
+from certpgo.errors import InputError
+
+if TYPE_CHECKING:
+    from certpgo.registration.reconstruct import Reconstruction
+    from certpgo.registration.sequences import FrameSequence
+    from certpgo.registration.stages import Progress
+
+#: Rejected edges that are named; the others are counted.
+NAMED = 10
+#: Voxels of a mesh, metres.
+MESH = 0.02
+
+
+def command(
+    folder: Annotated[
+        Path | None,
+        typer.Argument(metavar="[FOLDER]", help="Frames of TUM, ICL-NUIM, Open3D or 7-Scenes."),
+    ] = None,
+    synthetic: Annotated[
+        bool, typer.Option("--synthetic", help="Frames of an embedded room in place of a folder.")
+    ] = False,
+    wallpaper: Annotated[
+        bool, typer.Option("--wallpaper", help="With --synthetic: one pattern on all walls.")
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Write the scene to this .ply file.")
+    ] = None,
+    trajectory: Annotated[
+        Path | None, typer.Option("--trajectory", help="Write the poses, by default as .tum.")
+    ] = None,
+    graph: Annotated[
+        Path | None, typer.Option("--graph", help="Write all measured edges to this .g2o file.")
+    ] = None,
+    mesh: Annotated[
+        bool, typer.Option("--mesh", help="Write a mesh to --out, not points.")
+    ] = False,
+    camera: Annotated[
+        str | None, typer.Option("--camera", help="fx,fy,cx,cy in pixels, or a file of them.")
+    ] = None,
+    depth_scale: Annotated[
+        float | None,
+        typer.Option("--depth-scale", help="Units of a metre in depth images.", show_default=False),
+    ] = None,
+    every: Annotated[int, typer.Option("--every", min=1, help="Use every K-th frame.")] = 1,
+    cutoff: Annotated[
+        float, typer.Option("--cutoff", metavar="M", help="Largest depth, metres.")
+    ] = 4.0,
+    grid: Annotated[
+        float | None,
+        typer.Option(
+            "--grid", metavar="M", help="Voxels of the scene, metres.", show_default="0.01"
+        ),
+    ] = None,
+    gate: Annotated[
+        bool,
+        typer.Option("--gate/--no-gate", help="Leave out loops that contradict dead reckoning."),
+    ] = True,
+    consistent: Annotated[
+        bool,
+        typer.Option("--consistent", help="Keep only loops that agree with one another in pairs."),
+    ] = False,
+    calibrate: Annotated[
+        bool,
+        typer.Option(
+            "--calibrate", help="Estimate the colour camera, if not depth's, from frames."
+        ),
+    ] = False,
+    cache: Annotated[
+        Path | None,
+        typer.Option("--cache", help="Folder of results to resume from; the user's by default."),
+    ] = None,
+    no_cache: Annotated[bool, typer.Option("--no-cache", help="Keep no results.")] = False,
+    json: Json = False,
+) -> int:
+    """Reconstruct a scene from RGB-D frames, and certify the trajectory.
+
+    Frames are registered in pairs by keypoints and generalized ICP, and the pose graph is solved
+    with a certificate. It says that no trajectory fits the kept measurements better, and not that
+    images were matched to the right places: how well loops agree is printed beside it.
+    """
+    from certpgo.io import write
+    from certpgo.io.surfaces import Surface, write_surface
+    from certpgo.registration.fuse import GRID
+    from certpgo.registration.reconstruct import ReconstructSettings, reconstruct
+    from certpgo.registration.stages import user_cache
+
+    if (folder is None) != synthetic:
+        raise InputError("give a folder of frames, or --synthetic")
+    if wallpaper and not synthetic:
+        raise InputError("--wallpaper needs --synthetic")
+    if no_cache and cache is not None:
+        raise InputError("--cache and --no-cache exclude one another")
+    outputs = [out, trajectory, graph]
+    for written in outputs:
+        refuse_unwritable(written)
+    refuse_overwriting(outputs, [])
+    if out is not None and out.suffix != ".ply":
+        raise InputError(f"{out}: the scene is written as .ply")
+    if mesh and out is None:
+        raise InputError("--mesh needs --out")
+    frames = _frames(folder, wallpaper, camera, depth_scale)
+    if every > 1:
+        frames = frames.chosen(range(0, len(frames), every))
+    kept = None if no_cache or (synthetic and cache is None) else cache or user_cache()
+    settings = ReconstructSettings(
+        cutoff=cutoff,
+        grid=GRID if grid is None else grid,
+        gate=gate,
+        consistent=consistent,
+        calibrate=calibrate,
+    )
+    with noticing(), _reporting() as progress:
+        found = reconstruct(frames, settings, cache=kept, progress=progress)
+    if out is not None:
+        if mesh:
+            _write_mesh(out, found, settings.cutoff)
+        else:
+            write_surface(out, Surface(found.scene.points.astype(float), found.scene.colours))
+    if trajectory is not None:
+        write(trajectory, found.estimate, ids=found.nodes, format=_format(trajectory))
+    if graph is not None:
+        write(graph, found.instance)
+    if json:
+        document(_report(found))
+    else:
+        _show(found, [path for path in outputs if path is not None])
+    return _verdict.exit_code([found.answer.certificate])
+
+
+def _frames(
+    folder: Path | None, wallpaper: bool, camera: str | None, depth_scale: float | None
+) -> FrameSequence:
+    from certpgo.registration.sequences import read_sequence
+    from certpgo.registration.synthetic import synthetic_sequence
+
+    if folder is None:
+        if camera is not None or depth_scale is not None:
+            raise InputError("--camera and --depth-scale are for frames in a folder")
+        return synthetic_sequence(wallpaper=wallpaper)
+    return read_sequence(folder, camera=camera, depth_scale=depth_scale)
+
+
+def _format(path: Path) -> str | None:
+    return "tum" if path.suffix in ("", ".txt") else None
+
+
+@contextmanager
+def _reporting() -> Iterator[Progress]:
+    """A spinner on a terminal, and a line at the end of each stage elsewhere."""
+    with working("reading frames") as status:
+
+        def progress(stage: str, done: int, total: int) -> None:
+            status.update(f"{stage}: {done} of {total}")
+
+        yield progress
+
+
+def _write_mesh(out: Path, found: Reconstruction, cutoff: float) -> None:
+    import numpy as np
+
+    from certpgo.io.surfaces import Surface, write_surface
+    from certpgo.registration.tsdf import integrate, mesh
+
+    def seen() -> Iterator[tuple[Any, Any]]:
+        for k in found.nodes.tolist():
+            frame = found.frames.frame(k)
+            yield frame.colour, np.where(frame.depth <= cutoff, frame.depth, 0.0)
+
+    with working("fusing the mesh"):
+        volume = integrate(seen(), found.estimate, found.frames.camera, voxel=MESH)
+        vertices, faces, colours = mesh(volume)
+    write_surface(out, Surface(vertices, colours, faces))
+
+
+def _show(found: Reconstruction, written: list[Path]) -> None:
+    from certpgo.certify.wording import meaning
+
+    certificate = found.answer.certificate
+    facts(
+        [
+            (
+                certificate.verdict.value,
+                f"{meaning(certificate)}; in g2o's cost, of the kept edges",
+            ),
+            *found.consistency(),
+            *(("written", str(path)) for path in written),
+        ]
+    )
+    rejected = found.rejected
+    for pair in rejected[:NAMED]:
+        notice(f"rejected: {found.named(pair)}")
+    if len(rejected) > NAMED:
+        notice(f"and {len(rejected) - NAMED} more rejected edges: --json lists all")
+
+
+def _report(found: Reconstruction) -> dict[str, Any]:
+    certificate = found.answer.certificate
+    return {
+        "schema": 1,
+        "sequence": found.frames.name,
+        "frames": len(found.frames),
+        "used": found.nodes.tolist(),
+        "skipped": list(found.skipped),
+        "verdict": certificate.verdict.value,
+        "reason": certificate.reason,
+        "cost": found.answer.cost,
+        "lower_bound": certificate.lower_bound,
+        "objective": "g2o",
+        "edges": len(found.pairs),
+        "odometry": found.odometry,
+        "consistency": dict(found.consistency()),
+        "rejected": [
+            {
+                "frames": [pair.i, pair.j],
+                "names": [found.frames.names[pair.i], found.frames.names[pair.j]],
+            }
+            for pair in found.rejected
+        ],
+        "points": len(found.scene),
+    }

@@ -1,0 +1,189 @@
+"""certpgo register: bring scans of one scene into one frame, with a certificate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from certpgo.cli import _verdict
+from certpgo.cli._options import Json
+from certpgo.cli._show import document, facts, notice, working
+from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
+from certpgo.errors import InputError
+
+if TYPE_CHECKING:
+    from certpgo.registration.register import Registration
+    from certpgo.registration.scans import Scan
+
+#: What the verdict leaves open.
+LIMITS = (
+    "the verdict is about the measured pairs: that no poses fit them better, not that the right "
+    "surfaces were matched"
+)
+
+
+def command(
+    scans: Annotated[
+        list[Path], typer.Argument(metavar="SCANS...", help="Point clouds: PLY, PCD or XYZ files.")
+    ],
+    out: Annotated[
+        Path, typer.Option("-o", "--out", help="Write all points to this PLY file, in one frame.")
+    ],
+    initial: Annotated[
+        Path | None,
+        typer.Option(
+            "--initial", help="About where each scan was taken: bun.conf, or a trajectory (TUM)."
+        ),
+    ] = None,
+    method: Annotated[
+        str, typer.Option("--method", help="pose_graph, or global_icp without a certificate.")
+    ] = "pose_graph",
+    voxel: Annotated[
+        float | None,
+        typer.Option(
+            "--voxel",
+            metavar="METRES",
+            show_default="about 10,000 points a scan",
+            help="Edge of the voxels whose points are averaged.",
+        ),
+    ] = None,
+    reach: Annotated[
+        float | None,
+        typer.Option(
+            "--reach",
+            metavar="METRES",
+            show_default="20 voxels",
+            help="How far points may be misplaced to begin with.",
+        ),
+    ] = None,
+    graph: Annotated[
+        Path | None, typer.Option("--graph", help="Write the pose graph to this g2o file.")
+    ] = None,
+    trajectory: Annotated[
+        Path | None, typer.Option("--trajectory", help="Write the poses to this TUM file.")
+    ] = None,
+    json: Json = False,
+) -> int:
+    """Bring overlapping scans of one scene into one frame.
+
+    Global ICP moves all scans at once; generalized ICP measures each pair that overlaps; the pose
+    graph of these measurements is solved and certified. Ctrl-C ends the command, and nothing is
+    written.
+    """
+    from certpgo import register, write
+    from certpgo.io.format import format_to_write
+    from certpgo.registration.scans import read_initial, read_scan
+
+    for written in (out, graph, trajectory):
+        refuse_unwritable(written)
+    for written in (graph, trajectory):
+        if written is not None:
+            format_to_write(written, None)  # report a wrong suffix before any work
+    refuse_overwriting([out, graph, trajectory], [*scans, initial])
+    if graph is not None and method == "global_icp":
+        raise InputError("global_icp has no pose graph: not with --graph")
+    with working("reading scans") as status:
+        read = [read_scan(path) for path in scans]
+        start = None if initial is None else read_initial(initial, [scan.name for scan in read])
+        found = register(
+            read,
+            start,
+            method=method,  # type: ignore[arg-type] # refused there
+            voxel=voxel,
+            reach=reach,
+            told=status.update,
+        )
+        status.update("writing")
+        _write_cloud(out, read, found)
+        if graph is not None and found.instance is not None:
+            write(graph, found.instance)
+        if trajectory is not None:
+            write(trajectory, found.estimate)
+    if json:
+        document(_report(read, found, out))
+    else:
+        _show(read, found, out)
+    if not found.coarse.converged:
+        notice("global ICP ended at its limit of rounds: look at the scene")
+    if found.solution is None:
+        notice("global ICP proves nothing: --method pose_graph does")
+        return 0
+    notice(LIMITS)
+    return _verdict.exit_code([found.solution.certificate])
+
+
+def _write_cloud(out: Path, scans: list[Scan], found: Registration) -> None:
+    """All points in the world, in their own colours, or in one for each scan."""
+    import colorsys
+
+    import numpy as np
+
+    from certpgo.io.surfaces import Surface, write_surface
+
+    points, colours = [], []
+    translations = found.estimate.translations
+    if translations is None:
+        raise InputError("an estimate of scans has translations")
+    for k, (scan, R, t) in enumerate(
+        zip(scans, found.estimate.rotations, translations, strict=True)
+    ):
+        points.append(scan.points @ R.T + t)
+        own = np.rint(255 * np.array(colorsys.hsv_to_rgb(k / len(scans), 0.5, 0.9)))
+        painted = np.tile(own.astype(np.uint8), (len(scan.points), 1))
+        colours.append(painted if scan.colours is None else scan.colours)
+    write_surface(out, Surface(np.concatenate(points), np.concatenate(colours)))
+
+
+def _show(scans: list[Scan], found: Registration, out: Path) -> None:
+    count = sum(len(scan.points) for scan in scans)
+    coarse = found.coarse
+    lines = [
+        ("scans", f"{len(scans)}, of {count} points"),
+        ("voxel", f"{found.voxel:.3g} m"),
+        ("global ICP", f"{coarse.rounds} rounds, {coarse.groups} groups, rms {coarse.rmse:.2g} m"),
+    ]
+    if found.disagreement is not None:
+        overlaps = [pair.found.overlap for pair in found.pairs]
+        rmse = max(pair.found.rmse for pair in found.pairs)
+        lines += [
+            ("pairs", f"{len(found.pairs)} kept, {len(found.sliding)} contradict the others"),
+            ("overlap", f"{min(overlaps):.0%} to {max(overlaps):.0%} of the smaller scan"),
+            ("surfaces", f"at most {rmse:.2g} m apart, rms of a pair"),
+            ("disagreement", f"at most {found.disagreement.max():.2g} m, of a pair with the poses"),
+        ]
+    facts([*lines, ("written", str(out))])
+    if found.solution is not None and found.instance is not None:
+        typer.echo()
+        _verdict.show(found.solution.certificate, found.instance)
+
+
+def _report(scans: list[Scan], found: Registration, out: Path) -> dict[str, Any]:
+    names = [scan.name for scan in scans]
+    solved, instance = found.solution, found.instance
+    verdict: dict[str, Any] = {"verdict": None}
+    if solved is not None and instance is not None:
+        verdict = _verdict.as_json(instance, solved.certificate, solved.cost)
+    disagreement = [] if found.disagreement is None else found.disagreement.tolist()
+    return {
+        **verdict,
+        "registration": {
+            "scans": names,
+            "voxel": found.voxel,
+            "converged": found.coarse.converged,
+            "rounds": found.coarse.rounds,
+            "pairs": [
+                {
+                    "scans": [names[pair.i], names[pair.j]],
+                    "overlap": pair.found.overlap,
+                    "rmse": pair.found.rmse,
+                    "disagreement": metres,
+                }
+                for pair, metres in zip(found.pairs, disagreement, strict=True)
+            ],
+            "sliding": [[names[pair.i], names[pair.j]] for pair in found.sliding],
+            "limits": LIMITS,
+            "written": str(out),
+        },
+    }

@@ -1,0 +1,176 @@
+"""The relative pose of two frames: matched keypoints, then both clouds added to them."""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from dataclasses import dataclass, replace
+from threading import Lock
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from certpgo.linalg import so
+from certpgo.linalg.arrays import FloatArray
+from certpgo.registration.camera import Camera
+from certpgo.registration.dense import PreparedCloud, align, prepare
+from certpgo.registration.features import Features, match
+from certpgo.registration.ransac import Motion, RansacSettings, register
+
+#: Standard deviations that no measurement goes below, radians and metres: what keypoints share,
+#: such as the camera's calibration, no number of them averages out.
+FLOORS = math.radians(0.03), 0.0005
+#: Edges of the voxels of a target and of a source, and the distance of partners, metres: time goes
+#: with the points of the source.
+VOXEL, COARSE, REACH = 0.03, 0.06, 0.08
+#: Standard deviation of partners' distances, metres: above the measured one, as the errors of
+#: neighbouring depths are alike. And steps at which alignment ends, far below it: radians, metres.
+SIGMA, SETTLED, ITERATIONS = 0.01, (1e-3, 5e-4), 10
+#: How far clouds may move what keypoints say: radians, metres. They slide along planes.
+TURNED, MOVED = math.radians(1.5), 0.03
+#: Share of a cloud that must lie on the other.
+OVERLAP = 0.3
+#: Clouds that are kept prepared.
+RECENT = 100
+#: What is kept of a pair.
+STORED = ("R", "t", "covariance", "matches", "inliers", "chi2", "dense")
+
+
+@dataclass(frozen=True, eq=False)
+class Keyframe:
+    """What is kept of a frame.
+
+    Attributes
+    ----------
+    features : its keypoints
+    cloud : (k, 3) points, a mean for each voxel, metres
+    """
+
+    features: Features
+    cloud: NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class FramePair:
+    """A measured edge (i, j): p_i ~ R p_j + t.
+
+    Attributes
+    ----------
+    i, j : numbers of the frames
+    R, t : relative pose, metres
+    covariance : (6, 6) of the tangent (rotation, translation) in the frame of j, rad^2 and m^2
+    matches, inliers : of keypoints
+    chi2 : of the inliers, 1 for the stated noise
+    dense : whether the clouds were added
+    """
+
+    i: int
+    j: int
+    R: FloatArray
+    t: FloatArray
+    covariance: FloatArray
+    matches: int
+    inliers: int
+    chi2: float
+    dense: bool
+
+    @property
+    def share(self) -> float:
+        """Share of the matches that agree."""
+        return self.inliers / self.matches
+
+
+class Clouds:
+    """The frames' clouds, prepared when they are needed, and the recent ones kept."""
+
+    def __init__(self, views: list[Keyframe | None]) -> None:
+        self._views, self._lock = views, Lock()
+        self._recent: OrderedDict[int, tuple[PreparedCloud, PreparedCloud]] = OrderedDict()
+
+    def __getitem__(self, k: int) -> tuple[PreparedCloud, PreparedCloud]:
+        """The cloud of a frame as a target, and as a source."""
+        with self._lock:
+            if k in self._recent:
+                self._recent.move_to_end(k)
+                return self._recent[k]
+        view = self._views[k]
+        points = np.empty((0, 3)) if view is None else view.cloud.astype(np.float64)
+        made = prepare(points, voxel=VOXEL), prepare(points, voxel=COARSE)
+        with self._lock:
+            self._recent[k] = made
+            while len(self._recent) > RECENT:
+                self._recent.popitem(last=False)
+        return made
+
+
+def measure(
+    i: int,
+    j: int,
+    a: Features,
+    b: Features,
+    camera: Camera,
+    settings: RansacSettings,
+    clouds: Clouds | None,
+) -> FramePair | None:
+    """The edge between two frames; None if they do not match.
+
+    Parameters
+    ----------
+    a, b : keypoints of frames i and j
+    camera : of the keypoints, for their noise
+    clouds : of all frames, or None to use keypoints alone
+    """
+    m, n = match(a, b)
+    p, q = a.points[m], b.points[n]
+    noise = camera.covariances(p), camera.covariances(q)
+    motion = register(p, q, noise, np.random.default_rng([i, j]), settings)
+    if motion is None:
+        return None
+    inliers = int(motion.inliers.sum())
+    joined = None
+    if clouds is not None and _is_loose(motion):
+        joined = _with_clouds(motion, clouds[i][0], clouds[j][1])
+    final = motion if joined is None else joined
+    floors = np.diag(np.repeat(FLOORS, 3) ** 2)
+    covariance = np.asarray(np.linalg.inv(final.information) + floors, dtype=np.float64)
+    counts = len(m), inliers, motion.chi2
+    return FramePair(i, j, final.R, final.t, covariance, *counts, joined is not None)
+
+
+def _is_loose(motion: Motion) -> bool:
+    """Whether keypoints leave more open than what no number of them averages out."""
+    variances = np.diag(np.linalg.inv(motion.information)).reshape(2, 3).mean(axis=1)
+    return bool((variances > np.square(FLOORS)).any())
+
+
+def _with_clouds(motion: Motion, target: PreparedCloud, source: PreparedCloud) -> Motion | None:
+    """The most likely motion for keypoints and clouds together; None if they disagree."""
+    start = motion.R, motion.t
+    limits: dict[str, Any] = {"settled": SETTLED, "iterations": ITERATIONS}
+    found = align(target, source, start, reach=REACH, sigma=SIGMA, **limits)
+    if found is None or found.overlap < OVERLAP:
+        return None
+    # To first order both are Gaussian about their own motion.
+    xi = np.concatenate([so.log(motion.R.T @ found.R), motion.R.T @ (found.t - motion.t)])
+    if np.linalg.norm(xi[:3]) > TURNED or np.linalg.norm(xi[3:]) > MOVED:
+        return None
+    information = motion.information + found.information
+    step = np.linalg.solve(information, found.information @ xi)
+    R = so.project((motion.R @ so.exp(step[:3]))[None])[0]
+    return replace(motion, R=R, t=motion.t + motion.R @ step[3:], information=information)
+
+
+def stored(pair: FramePair | None) -> dict[str, NDArray[Any]]:
+    """A pair as arrays, to keep on disk; nothing for frames that do not match."""
+    if pair is None:
+        return {}
+    return {name: np.asarray(getattr(pair, name)) for name in STORED}
+
+
+def restored(i: int, j: int, arrays: dict[str, NDArray[Any]]) -> FramePair | None:
+    """The pair of frames i and j that `stored` made."""
+    if not arrays:
+        return None
+    numbers = (arrays[name].item() for name in STORED[3:])
+    return FramePair(i, j, arrays["R"], arrays["t"], arrays["covariance"], *numbers)

@@ -1,0 +1,377 @@
+"""From RGB-D frames to a certified trajectory and the scene."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from threading import Lock
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from certpgo.errors import FormatError, InputError, InputNotice, SpecError
+from certpgo.graph import Estimate, Instance
+from certpgo.graph.wording import counted
+from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.registration import features as keypoints
+from certpgo.registration.averaging import Averaged, averaged, composed
+from certpgo.registration.calibration import calibrated
+from certpgo.registration.features import ColourCamera, Features
+from certpgo.registration.fuse import GRID, ColouredCloud, VoxelGrid, denoised, voxel_means
+from certpgo.registration.loops import DeadReckoning, adjacent, consistent, overlapping, retrieved
+from certpgo.registration.pairs import VOXEL, Clouds, FramePair, Keyframe, measure, restored, stored
+from certpgo.registration.ransac import RansacSettings
+from certpgo.registration.sequences import FrameSequence
+from certpgo.registration.stages import Arrays, Cache, Progress, digest, each, silent
+from certpgo.solvers.certified.pipeline import CertifiedSolution
+
+#: Pixels of which a cloud takes one, of images this wide.
+STEP, WIDE = 2, 640
+#: Keypoints with a depth from which on a frame can be matched.
+FEWEST = 30
+#: What is said beside every verdict.
+UNPROVEN = (
+    "that images were matched to the right places: repeated patterns that agree with one another "
+    "are certified too"
+)
+#: Share of inliers, and residuals of keypoints and of edges over their noise, that are suspicious.
+FEW_INLIERS, LOUD = 0.65, 1.5
+#: Shares of depths past the cutoff at which to warn, and to refuse.
+MUCH_PAST, ALL_PAST = 0.5, 0.9
+#: Median depths below this are suspicious, metres.
+CLOSE = 0.25
+#: Points in a voxel of the scene at least.
+SEEN_TWICE = 2
+
+
+@dataclass(frozen=True)
+class ReconstructSettings:
+    """How frames are reconstructed.
+
+    Attributes
+    ----------
+    cutoff : largest depth that is used, metres
+    grid : edge of the scene's voxels, metres
+    dense : whether clouds are added to keypoints, by generalized ICP
+    gate : whether loops that contradict dead reckoning are left out
+    consistent : whether only loops are kept that agree with one another in pairs
+    calibrate : whether the colour camera is estimated from the frames, if it is not given
+    ransac : when two frames match
+    """
+
+    cutoff: float = 4.0
+    grid: float = GRID
+    dense: bool = True
+    gate: bool = True
+    consistent: bool = False
+    calibrate: bool = False
+    ransac: RansacSettings = field(default_factory=RansacSettings)
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.cutoff < np.inf and 0.0 < self.grid < np.inf):
+            raise SpecError("cutoff and grid are metres, positive")
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """A trajectory with its certificate, and the scene.
+
+    Attributes
+    ----------
+    frames : the sequence
+    nodes : (n,) numbers of the frames whose poses are estimated
+    pairs : (m) the measured edges, odometry first
+    odometry : how many of them are odometry
+    averaged : the graph, its certified solution, and the rejected edges
+    dead_reckoning : poses by odometry alone, composed
+    skipped : frames that could not be used, each with the reason
+    scene : the fused cloud, in the frame of the first pose
+    """
+
+    frames: FrameSequence
+    nodes: IntArray
+    pairs: tuple[FramePair, ...]
+    odometry: int
+    averaged: Averaged
+    dead_reckoning: Estimate
+    skipped: tuple[str, ...]
+    scene: ColouredCloud
+
+    @property
+    def instance(self) -> Instance:
+        """The pose graph of all edges; ids are numbers of frames."""
+        return self.averaged.instance
+
+    @property
+    def answer(self) -> CertifiedSolution:
+        """The certified solution for the edges that were kept."""
+        return self.averaged.answer
+
+    @property
+    def estimate(self) -> Estimate:
+        """Poses of the frames ``nodes``; the first is the identity."""
+        return self.averaged.estimate
+
+    @property
+    def rejected(self) -> tuple[FramePair, ...]:
+        """The pairs that disagree with the rest, and the certificate is not about."""
+        return tuple(self.pairs[k] for k in self.averaged.rejected.tolist())
+
+    def named(self, pair: FramePair) -> str:
+        """A pair in words, with its images."""
+        names = self.frames.names
+        agreeing = f"{pair.inliers} of {pair.matches} matches agree"
+        return f"{names[pair.i]} and {names[pair.j]}, {agreeing}"
+
+    def consistency(self) -> list[tuple[str, str]]:
+        """What a certificate does not say: how well images, loops and odometry agree."""
+        a, n = self.averaged, len(self.frames)
+        squares = a.squares()
+        steps = a.chosen < self.odometry
+        loops, kept = int((~steps).sum()), int((a.kept & ~steps).sum())
+        shares = np.array([self.pairs[k].share for k in a.chosen[a.kept].tolist()])
+        return [
+            ("frames", f"{len(self.nodes)} of {n}"),
+            ("edges", f"{int(a.kept.sum())} of {len(a.kept)} kept, {int(steps.sum())} of odometry"),
+            ("loops", f"{kept} of {loops} agree with the rest"),
+            ("chi^2", f"{squares.mean():.2f} per degree of freedom of the kept edges"),
+            ("inliers", f"{100.0 * np.median(shares):.0f} % of the matches of a kept edge, median"),
+            ("not proven", UNPROVEN),
+        ]
+
+
+def reconstruct(
+    frames: FrameSequence,
+    settings: ReconstructSettings | None = None,
+    *,
+    colour: ColourCamera | None = None,
+    cache: str | Path | None = None,
+    progress: Progress = silent,
+) -> Reconstruction:
+    """The trajectory of a camera with its certificate, and the scene that it saw.
+
+    Neighbouring frames are registered by keypoints (SIFT, RANSAC) and, where these leave something
+    open, generalized ICP; then frames that look alike, and those that overlap at the estimate so
+    far. Loops that contradict dead reckoning are left out, a robust fit rejects others, and the
+    rest is solved and certified under g2o's cost, with the full information matrices. The verdict
+    is about these measurements: it does not say that images were matched to the right places.
+
+    Parameters
+    ----------
+    frames : such as `certpgo.read_sequence` reads
+    settings : see `ReconstructSettings`
+    colour : the colour camera, if depth images are not registered to colour
+    cache : folder in which what is computed of frames and pairs is kept, by content, so that an
+        interrupted run resumes; None to keep nothing
+    progress : is called with the stage, and how many of how many items are done
+
+    Raises
+    ------
+    InputError
+        No usable frame, frames that do not overlap, depths that are nearly all past the cutoff.
+    MissingDependency
+        opencv-python-headless or small_gicp is not installed.
+
+    Warns
+    -----
+    InputNotice
+        Frames that are left out, each with its file; frames that nothing joins; signs of a wrong
+        camera or depth scale.
+
+    Examples
+    --------
+    >>> import certpgo
+    >>> from certpgo.registration.synthetic import synthetic_sequence
+    >>> found = certpgo.reconstruct(synthetic_sequence(30).chosen(range(4)))
+    >>> found.answer.verdict.value, found.estimate.num_nodes
+    ('CERTIFIED', 4)
+    """
+    chosen = settings or ReconstructSettings()
+    if colour is None and chosen.calibrate:
+        colour = calibrated(frames, progress)
+    work = _Work(frames, chosen, colour, Cache(None if cache is None else Path(cache)), progress)
+    views, skipped, size = work.views()
+    steps = work.measured("odometry", adjacent(len(frames)))
+    if not steps:
+        raise InputError(f"{frames.name}: no frame matches the next one: they do not overlap")
+    nodes, reckoning = composed(steps, frames.names, frames.name)
+    reckoned = DeadReckoning(nodes, reckoning, steps)
+    tried = set(adjacent(len(frames)))
+    alike = retrieved([view.features if view else None for view in views], np.random.default_rng(0))
+    loops = work.plausible(work.measured("loops", alike), reckoned)
+    pairs = [*steps, *loops]
+    first = averaged(pairs, frames.names, frames.name, reckoning)
+    clouds = {k: view.cloud for k in first.nodes.tolist() if (view := views[k])}
+    overlaps = overlapping(clouds, first.estimate, frames.camera, size, tried | set(alike))
+    more = work.measured("overlaps", overlaps)
+    pairs = [*steps, *work.plausible([*loops, *more], reckoned)]
+    final = averaged(pairs, frames.names, frames.name, first.estimate)
+    scene = work.scene(final)
+    found = Reconstruction(
+        frames, final.nodes, tuple(pairs), len(steps), final, reckoning, skipped, scene
+    )
+    _judge(found)
+    return found
+
+
+def _judge(found: Reconstruction) -> None:
+    """Warn of what a wrong camera or depth scale explains, and of frames that nothing joins."""
+    name, n = found.frames.name, len(found.frames)
+    missing = n - len(found.nodes) - len(found.skipped)
+    if missing:
+        few = counted(missing, "frame{s}")
+        said = f"{name}: {few} could not be joined to the others, and are left out"
+        warnings.warn(said, InputNotice, stacklevel=3)
+    shares = np.median([pair.share for pair in found.pairs[: found.odometry]])
+    noise = np.median([pair.chi2 for pair in found.pairs[: found.odometry]])
+    if shares < FEW_INLIERS or noise > LOUD:
+        said = f"{100.0 * shares:.0f} % of the matches of neighbouring frames agree"
+        said = f"{name}: only {said}, with {noise:.2g} times the noise of depth cameras (squared)"
+        warnings.warn(f"{said}: are camera and depth scale right?", InputNotice, stacklevel=3)
+
+
+class _Looked(NamedTuple):
+    """A frame's view or the reason why there is none, its key, size, and what its depths are."""
+
+    view: Keyframe | None
+    key: str
+    reason: str
+    size: tuple[int, int] | None = None
+    depths: FloatArray | None = None
+
+
+def _about(depth: NDArray[np.float32], cutoff: float) -> FloatArray:
+    """The share of depths past the cutoff, and the median depth."""
+    known = depth[depth > 0.0]
+    if not len(known):
+        return np.zeros(2)
+    return np.array([np.mean(known > cutoff), np.median(known)])
+
+
+class _Work:
+    """The stages over frames and pairs, with what they share."""
+
+    def __init__(
+        self,
+        frames: FrameSequence,
+        settings: ReconstructSettings,
+        colour: ColourCamera | None,
+        cache: Cache,
+        progress: Progress,
+    ) -> None:
+        self.frames, self.settings, self.colour = frames, settings, colour
+        self.cache, self.progress = cache, progress
+        self._views: list[Keyframe | None] = []
+        self._keys: list[str] = []
+
+    def views(self) -> tuple[list[Keyframe | None], tuple[str, ...], tuple[int, int]]:
+        """What is kept of each frame, why others are left out, and the size of images."""
+        found = each("frames", self._view, range(len(self.frames)), self.progress)
+        self._views = [one.view for one in found]
+        self._keys = [one.key for one in found]
+        skipped = tuple(one.reason for one in found if one.reason)
+        self._judge_depths([one.depths for one in found if one.depths is not None])
+        for reason in skipped:
+            warnings.warn(f"frame left out: {reason}", InputNotice, stacklevel=3)
+        sizes = {one.size for one in found if one.size is not None}
+        if not any(self._views):
+            raise InputError(f"{self.frames.name}: no usable frame: {skipped[0]}")
+        if len(sizes) > 1:
+            raise InputError(f"{self.frames.name}: images of several sizes: {sorted(sizes)}")
+        return self._views, skipped, sizes.pop()
+
+    def _judge_depths(self, about: list[FloatArray]) -> None:
+        """Refuse, or warn of, depths that a wrong scale explains."""
+        if not about:
+            return
+        past, middle = np.median(about, axis=0)
+        said = f"{self.frames.name}: {100.0 * past:.0f} % of the depths are past the cutoff of "
+        said += f"{self.settings.cutoff:g} m: is the depth scale right?"
+        if past > ALL_PAST:
+            raise InputError(said)
+        if past > MUCH_PAST:
+            warnings.warn(said, InputNotice, stacklevel=4)
+        if 0.0 < middle < CLOSE:
+            said = f"{self.frames.name}: half of the depths are below {middle:.2g} m"
+            warnings.warn(f"{said}: is the depth scale right?", InputNotice, stacklevel=4)
+
+    def _view(self, k: int) -> _Looked:
+        key = digest(self.frames.key(k), self.settings.cutoff, self.colour)
+        try:
+            arrays = self.cache.arrays(("view", key), lambda: self._seen(k))
+        except FormatError as error:
+            return _Looked(None, key, str(error))
+        width, height = arrays["size"].tolist()
+        features = Features(arrays["pixels"], arrays["points"], arrays["descriptors"])
+        found: tuple[tuple[int, int], FloatArray] = (width, height), arrays["depths"]
+        if len(features) < FEWEST:
+            few = counted(len(features), "keypoint{s} with a depth")
+            return _Looked(None, key, f"{self.frames.names[k]}: {few}, {FEWEST} needed", *found)
+        return _Looked(Keyframe(features, arrays["cloud"]), key, "", *found)
+
+    def _seen(self, k: int) -> Arrays:
+        frame, camera = self.frames.frame(k), self.frames.camera
+        cutoff = self.settings.cutoff
+        found = keypoints.place(
+            *keypoints.detect(frame), frame.depth, camera, colour=self.colour, cutoff=cutoff
+        )
+        height, width = frame.depth.shape
+        near = np.where(frame.depth <= cutoff, frame.depth, np.float32(0.0))
+        cloud = camera.cloud(near, step=STEP if width >= WIDE else 1)
+        return {
+            "size": np.array([width, height]),
+            "pixels": found.pixels,
+            "points": found.points,
+            "descriptors": found.descriptors,
+            "cloud": voxel_means(cloud, VOXEL).astype(np.float32),
+            "depths": _about(frame.depth, cutoff),
+        }
+
+    def measured(self, stage: str, candidates: list[tuple[int, int]]) -> list[FramePair]:
+        """The pairs that match, in the order of the candidates."""
+        usable = [(i, j) for i, j in candidates if self._views[i] and self._views[j]]
+        clouds = Clouds(self._views) if self.settings.dense else None
+        work = partial(self._pair, clouds)
+        return [pair for pair in each(stage, work, usable, self.progress) if pair]
+
+    def plausible(self, loops: list[FramePair], reckoned: DeadReckoning) -> list[FramePair]:
+        """The loops to believe, by the settings."""
+        if self.settings.gate:
+            loops = [pair for pair in loops if reckoned.allows(pair)]
+        return consistent(loops, reckoned) if self.settings.consistent else loops
+
+    def _pair(self, clouds: Clouds | None, ends: tuple[int, int]) -> FramePair | None:
+        i, j = ends
+        a, b = self._views[i], self._views[j]
+        if a is None or b is None:
+            return None
+        camera = self.frames.camera if self.colour is None else self.colour.camera
+        settings = self.settings.ransac
+        key = ("pair", i, j, self._keys[i], self._keys[j], settings, clouds is not None)
+        arrays = self.cache.arrays(
+            key,
+            lambda: stored(measure(i, j, a.features, b.features, camera, settings, clouds)),
+        )
+        return restored(i, j, arrays)
+
+    def scene(self, final: Averaged) -> ColouredCloud:
+        """All clouds in the frame of the first pose, as means over voxels."""
+        grid, lock = VoxelGrid(self.settings.grid), Lock()
+        estimate, camera = final.estimate, self.frames.camera
+
+        def add(node: int) -> None:
+            frame = self.frames.frame(int(final.nodes[node]))
+            near = np.where(frame.depth <= self.settings.cutoff, frame.depth, np.float32(0.0))
+            step = STEP if near.shape[1] >= WIDE else 1
+            points = camera.cloud(near, step)
+            colours = frame.colour[::step, ::step][near[::step, ::step] > 0.0]
+            if estimate.translations is not None:
+                points = points @ estimate.rotations[node].T + estimate.translations[node]
+            with lock:
+                grid.add(points, colours)
+
+        each("fusion", add, range(len(final.nodes)), self.progress)
+        return denoised(grid.cloud(SEEN_TWICE))

@@ -1,0 +1,164 @@
+"""`certpgo.register`: scans of one scene, brought into one frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+
+from certpgo.errors import InputError, SpecError
+from certpgo.graph import Estimate, Instance
+from certpgo.linalg.arrays import FloatArray
+from certpgo.registration.dense import PreparedCloud, prepare
+from certpgo.registration.global_icp import GlobalRegistration, global_icp
+from certpgo.registration.pairwise import Pair, aligned_pairs, pose_graph
+from certpgo.registration.scans import Scan, read_scan
+from certpgo.solvers.certified.interface import solve
+from certpgo.solvers.certified.pipeline import CertifiedSolution
+
+Method = Literal["pose_graph", "global_icp"]
+#: Points of a scan that the default voxel leaves, about.
+ENOUGH = 10_000
+#: In voxels: how far scans may be misplaced, the voxels of the coarse search, and the reach of the
+#: pairs.
+FAR, COARSE, NEAR = 20.0, 2.0, 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """Scans in one frame.
+
+    Attributes
+    ----------
+    estimate : a pose for each scan, p_world = R p + t; the first is where it was
+    voxel : edge of the voxels that were matched, metres
+    coarse : the global ICP that came first, or was all
+    pairs, sliding : those that were kept, and those that contradict the rest; both empty for
+        global ICP alone
+    disagreement : (m,) how far the estimate puts a scan of each kept pair from where the pair alone
+        does, rms, metres
+    instance, solution : the pose graph and its certified solution; None for global ICP alone
+    """
+
+    estimate: Estimate
+    voxel: float
+    coarse: GlobalRegistration
+    pairs: tuple[Pair, ...] = ()
+    sliding: tuple[Pair, ...] = ()
+    disagreement: FloatArray | None = None
+    instance: Instance | None = None
+    solution: CertifiedSolution | None = None
+
+
+def register(
+    scans: Sequence[Scan | str | Path],
+    initial: Estimate | None = None,
+    *,
+    method: Method = "pose_graph",
+    voxel: float | None = None,
+    reach: float | None = None,
+    told: Callable[[str], object] = lambda _: None,
+) -> Registration:
+    """Bring scans of one scene into one frame, from about where they are.
+
+    Global ICP moves all scans at once. Then, unless it is all, generalized ICP measures each pair
+    that overlaps, and the graph of these measurements with their information matrices is solved and
+    certified. The certificate is about the measured pairs: whether the right surfaces were matched
+    is for the overlap, the pairs that slid away and the disagreement to say.
+
+    Parameters
+    ----------
+    scans : two or more, or their files
+    initial : a pose for each; by default all are in one frame already
+    method : ``"pose_graph"``, or ``"global_icp"`` for that alone, without a certificate
+    voxel : points within such a cube are averaged, metres; by default about 10,000 are left
+    reach : how far points may be misplaced to begin with, metres; by default 20 voxels
+    told : is called with a sentence at each stage
+
+    Raises
+    ------
+    GraphError
+        Scans do not overlap with the others; they are named.
+    InputError
+        Fewer than two scans, another number of poses, or lengths that are not positive.
+    MissingDependency
+        small_gicp is not installed.
+    SpecError
+        An unknown method.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import certpgo
+    >>> from certpgo.registration.scans import Scan
+    >>> x, y = np.random.default_rng(0).uniform(-1.0, 1.0, (2, 4000))
+    >>> hills = np.stack([x, y, 0.3 * np.sin(3.0 * x) * np.cos(2.0 * y)], axis=1)
+    >>> scans = [Scan("left", hills[x < 0.5]), Scan("right", hills[x > -0.5] + [0.02, 0.0, 0.0])]
+    >>> found = certpgo.register(scans)
+    >>> found.solution.verdict.value
+    'CERTIFIED'
+    >>> bool(np.abs(found.estimate.translations[1] - [-0.02, 0.0, 0.0]).max() < 1e-4)
+    True
+    """
+    if method not in get_args(Method):
+        raise SpecError.unknown("method", method, get_args(Method))
+    read = [scan if isinstance(scan, Scan) else read_scan(scan) for scan in scans]
+    if len(read) < 2:
+        raise InputError("two or more scans are registered")
+    if initial is None:
+        n = len(read)
+        initial = Estimate(np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3)))
+    voxel = default_voxel(read) if voxel is None else voxel
+    fine = [prepare(scan.points, voxel=voxel) for scan in read]
+    alone = method == "global_icp"
+    finest = voxel if alone else COARSE * voxel
+    clouds = fine if alone else [prepare(scan.points, voxel=finest) for scan in read]
+    _refuse_few(read, clouds)
+    coarse = global_icp(
+        clouds,
+        initial,
+        reach=FAR * voxel if reach is None else reach,
+        finest=finest,
+        monitor=lambda r: told(
+            f"round {r.number}: {r.groups} groups, {r.rmse:.2g} m apart, reach {r.reach:.2g} m"
+        ),
+    )
+    if alone:
+        return Registration(coarse.estimate, voxel, coarse)
+    pairs, sliding = aligned_pairs(
+        fine,
+        coarse.estimate,
+        reach=NEAR * voxel,
+        told=lambda done, total: told(f"pair {done + 1} of {total}"),
+    )
+    instance = pose_graph(pairs, [scan.name for scan in read], coarse.estimate)
+    told("solving")
+    solution = solve(instance)
+    estimate = solution.estimate.anchored(0, initial)
+    disagreement = np.array([pair.disagreement(fine, estimate) for pair in pairs])
+    return Registration(
+        estimate, voxel, coarse, tuple(pairs), tuple(sliding), disagreement, instance, solution
+    )
+
+
+def default_voxel(scans: Sequence[Scan]) -> float:
+    """The edge of voxels that leave about `ENOUGH` points of a scan of middle size, metres."""
+    extent = np.median([np.ptp(scan.points, axis=0).max() for scan in scans])
+    scan = sorted(scans, key=lambda scan: len(scan.points))[len(scans) // 2]
+    if not extent > 0.0:
+        raise InputError(f"{scan.name}: all points are one")
+    voxel = float(extent) / 100.0
+    for _ in range(4):  # surfaces: half the edge leaves four times as many
+        places = np.floor(scan.points / voxel).astype(np.int64)
+        left = len(np.unique(places, axis=0))
+        voxel *= float(np.sqrt(left / min(ENOUGH, max(len(scan.points) // 2, 1))))
+    return voxel
+
+
+def _refuse_few(scans: Sequence[Scan], clouds: Sequence[PreparedCloud]) -> None:
+    for scan, cloud in zip(scans, clouds, strict=True):
+        if len(cloud.points) < 30:
+            raise InputError(f"{scan.name}: {len(cloud.points)} voxels are too few to register")

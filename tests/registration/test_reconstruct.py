@@ -1,0 +1,204 @@
+"""Frames to a certified trajectory: the synthetic room, real frames, and what goes wrong."""
+
+import numpy as np
+import pytest
+
+import certpgo
+from certpgo.assess.metrics import angular_errors, position_errors
+from certpgo.cli import main
+from certpgo.errors import InputError, InputNotice
+from certpgo.linalg import so
+from certpgo.registration.fuse import ColouredCloud, VoxelGrid, denoised, voxel_means
+from certpgo.registration.loops import DeadReckoning, adjacent, consistent
+from certpgo.registration.pairs import FramePair
+from certpgo.registration.reconstruct import ReconstructSettings
+from certpgo.registration.sequences import FolderSequence
+from certpgo.registration.synthetic import synthetic_sequence
+
+cv2 = pytest.importorskip("cv2")
+pytest.importorskip("small_gicp")
+
+
+@pytest.fixture(scope="module")
+def frames():
+    return synthetic_sequence(30)
+
+
+@pytest.fixture(scope="module")
+def found(frames):
+    return certpgo.reconstruct(frames)
+
+
+def test_the_room_is_certified_and_accurate(frames, found):
+    assert found.answer.verdict.value == "CERTIFIED"
+    assert found.nodes.tolist() == list(range(30))
+    assert position_errors(found.estimate, frames.truth).rmse < 0.002
+    assert angular_errors(found.estimate, frames.truth).rmse_deg < 0.12
+    for k in found.averaged.chosen[found.averaged.kept]:
+        pair, R, t = found.pairs[k], frames.truth.rotations, frames.truth.translations
+        assert np.degrees(so.angle(pair.R.T @ R[pair.i].T @ R[pair.j])) < 0.5
+        assert np.linalg.norm(R[pair.i].T @ (t[pair.j] - t[pair.i]) - pair.t) < 0.02
+
+
+def test_the_scene_lies_on_the_room(frames, found):
+    """Points are near a face of the room or of a box, but for noise."""
+    first = frames.truth
+    points = found.scene.points @ first.rotations[0].T + first.translations[0]
+    off = []
+    for low, high in frames.room.boxes:
+        outside = np.maximum(np.maximum(low - points, points - high), 0.0)
+        inside = np.minimum(points - low, high - points).min(axis=1)
+        off.append(np.maximum(np.linalg.norm(outside, axis=1), np.maximum(inside, 0.0)))
+    assert np.median(np.min(off, axis=0)) < 0.01
+    assert len(found.scene) > 50_000
+
+
+def test_the_graph_keeps_its_information(found, tmp_path):
+    """The g2o file's own cost is the one that was certified."""
+    path = tmp_path / "graph.g2o"
+    certpgo.write(path, found.instance)
+    again = certpgo.read(path)
+    assert again.information is not None
+    a, b = again.information.matrices, found.instance.information.matrices
+    assert np.abs(a - b).max() < 1e-9 * np.abs(b).max()
+    if len(found.rejected) == 0:
+        answer = certpgo.solve(again)
+        assert answer.cost == pytest.approx(found.answer.cost, rel=1e-6)
+
+
+def test_the_output_says_what_is_not_proven(found):
+    said = dict(found.consistency())
+    assert said["frames"] == "30 of 30"
+    assert "right places" in said["not proven"]
+    assert "frame " in found.named(found.pairs[0])
+
+
+def test_results_are_resumed(frames, tmp_path, monkeypatch):
+    few, folder = frames.chosen(range(6)), tmp_path / "kept"
+    first = certpgo.reconstruct(few, cache=folder)
+    monkeypatch.setattr("certpgo.registration.features.detect", None)
+    monkeypatch.setattr("certpgo.registration.reconstruct.measure", None)
+    again = certpgo.reconstruct(few, cache=folder)
+    assert np.array_equal(again.estimate.translations, first.estimate.translations)
+    for path in folder.iterdir():
+        path.write_bytes(b"damaged")
+    with pytest.raises(TypeError):
+        certpgo.reconstruct(few, cache=folder)
+
+
+@pytest.fixture
+def folder(frames, tmp_path):
+    """Six frames of the room as Open3D has them."""
+    path = tmp_path / "frames"
+    for name in ("color", "depth"):
+        (path / name).mkdir(parents=True)
+    for k in range(6):
+        frame = frames.frame(k)
+        cv2.imwrite(str(path / f"color/{k}.png"), frame.colour[:, :, ::-1])
+        millimetres = np.rint(1000 * frame.depth).astype(np.uint16)
+        cv2.imwrite(str(path / f"depth/{k}.png"), millimetres)
+    c = frames.camera
+    (path / "camera.param").write_text(f"{c.fx} {c.fy} {c.cx} {c.cy}\n")
+    return path
+
+
+def test_the_command_writes_scene_trajectory_and_graph(folder, tmp_path, capsys):
+    out = [tmp_path / name for name in ("scene.ply", "t.tum", "g.g2o")]
+    line = ["reconstruct", folder, "-o", out[0], "--trajectory", out[1], "--graph", out[2]]
+    assert main([*map(str, line), "--no-cache"]) == 0
+    assert capsys.readouterr().out.startswith("CERTIFIED")
+    assert out[0].read_bytes().startswith(b"ply\n")
+    assert certpgo.read_estimate(out[1]).num_nodes == 6
+    assert certpgo.read(out[2]).graph.num_nodes == 6
+
+
+def test_damaged_frames_leave_gaps_that_are_named(folder):
+    blank = folder / "color/2.png"
+    cv2.imwrite(str(blank), np.zeros((240, 320, 3), np.uint8))
+    (folder / "depth/4.png").write_bytes((folder / "depth/4.png").read_bytes()[:-30])
+    with pytest.warns(InputNotice) as caught:
+        found = certpgo.reconstruct(certpgo.read_sequence(folder))
+    said = " ".join(str(one.message) for one in caught)
+    assert "2.png" in said
+    assert "0 keypoints with a depth" in said
+    assert "truncated" in said
+    assert found.nodes.tolist() == [0, 1, 3, 5]
+
+
+def test_depths_past_the_cutoff_are_refused(folder):
+    with pytest.raises(InputError, match="depths are past the cutoff"):
+        certpgo.reconstruct(certpgo.read_sequence(folder, depth_scale=100.0))
+
+
+def test_a_wrong_focal_length_is_noticed(folder):
+    frames = certpgo.read_sequence(folder)
+    wrong = FolderSequence(**{**vars(frames), "camera": frames.camera.scaled(1.5)})
+    with pytest.warns(InputNotice, match="are camera and depth scale right"):
+        certpgo.reconstruct(wrong, ReconstructSettings(dense=False))
+
+
+def test_frames_that_do_not_overlap_are_refused(frames):
+    with pytest.raises(InputError, match="overlap"):
+        certpgo.reconstruct(frames.chosen([0, 12, 24]))
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("", "give a folder of frames, or --synthetic"),
+        ("nowhere --synthetic", "give a folder of frames, or --synthetic"),
+        ("nowhere", "nowhere: no such folder"),
+        ("--synthetic -o scene.obj", "scene.obj: the scene is written as .ply"),
+        ("--synthetic --mesh", "--mesh needs --out"),
+        ("--synthetic -o nowhere/scene.ply", "nowhere/scene.ply: cannot be written"),
+        ("--synthetic --camera 1,1,1,1", "--camera and --depth-scale are for frames in a folder"),
+    ],
+)
+def test_the_command_refuses(line, said, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["reconstruct", *line.split()]) == 1
+    assert said in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def step(i, j, R, t, sigma=0.001):
+    return FramePair(i, j, R, t, sigma**2 * np.eye(6), 100, 90, 1.0, False)
+
+
+def test_dead_reckoning_contradicts_a_wrong_loop_and_pairs_of_loops_agree():
+    n = 40
+    angle = np.linspace(0, 2 * np.pi, n)
+    truth = certpgo.Estimate(
+        so.exp(np.stack([0 * angle, 0 * angle, angle], 1)),
+        np.stack([np.cos(angle), np.sin(angle), 0 * angle], 1),
+    )
+    R, t = truth.rotations, truth.translations
+    between = {(i, j): (R[i].T @ R[j], R[i].T @ (t[j] - t[i])) for i in range(n) for j in range(n)}
+    steps = [step(k, k + 1, *between[k, k + 1]) for k in range(n - 1)]
+    reckoning = DeadReckoning(np.arange(n), truth, steps)
+    right = [step(i, j, *between[i, j]) for i, j in ((0, 20), (1, 30), (5, 39))]
+    wrong = step(2, 25, between[2, 25][0], between[2, 25][1] + [0.6, 0, 0])
+    assert all(map(reckoning.allows, right))
+    assert not reckoning.allows(wrong)
+    assert consistent([*right, wrong], reckoning) == right
+    assert adjacent(3) == [(0, 1), (0, 2), (1, 2)]
+
+
+def test_voxels_average_what_falls_into_them():
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-1, 1, (1000, 3))
+    grid = VoxelGrid(0.5)
+    for part in np.array_split(points, 7):
+        grid.add(part, np.full((len(part), 3), 7, np.uint8))
+    cloud = grid.cloud()
+    assert np.abs(cloud.points - voxel_means(points, 0.5)).max() < 1e-6
+    assert len(cloud) == 64
+    assert (cloud.colours == 7).all()
+
+
+def test_lonely_points_are_noise():
+    rng = np.random.default_rng(0)
+    points = np.vstack([rng.uniform(0, 1, (500, 3)), [[9.0, 9, 9]]]).astype(np.float32)
+    cleaned = denoised(ColouredCloud(points, np.zeros((501, 3), np.uint8)))
+    assert cleaned.points.max() < 1.0
+    assert len(cleaned) > 450
