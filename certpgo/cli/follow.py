@@ -142,7 +142,7 @@ class _Followed:
     @property
     def sentence(self) -> str:
         """What is proven, in a line."""
-        from certpgo.io.plural import counted
+        from certpgo.graph.wording import counted
 
         s = self.standing
         if s is None:
