@@ -44,6 +44,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.mathjax",
     "extensions.docstrings",
+    "extensions.example",
     "extensions.generated",
     "extensions.pictures",
 ]

@@ -14,9 +14,8 @@ from certpgo.cli._show import notice, working
 if TYPE_CHECKING:
     from certpgo.assess.assessment import Assessment
     from certpgo.cli._reading import Reading
-    from certpgo.costs import InformationProblem
+    from certpgo.costs import Certifiable
     from certpgo.graph import Estimate, Instance
-    from certpgo.objective.problem import Problem
     from certpgo.optimize.monitor import Iteration
     from certpgo.solvers.certified.settings import SolveSettings
     from certpgo.view.certificate_page import Origin
@@ -76,13 +75,14 @@ def _portable(path: str | Path | None) -> str:
 def write_page(
     out: Path,
     instance: Instance,
-    problem: Problem | InformationProblem,
+    problem: Certifiable,
     estimate: Estimate,
     assessment: Assessment,
     origin: Origin,
     trace: Sequence[Iteration] = (),
+    **seen: Any,
 ) -> None:
-    """Write the page of a certificate.
+    """Write the page of a certificate; ``seen`` is the cloud and the rejected edges, if any.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def write_page(
     from certpgo.view.certificate_page import certificate_page
 
     with working(f"drawing {instance.name}"):
-        text = certificate_page(instance, problem, estimate, assessment, origin, trace)
+        text = certificate_page(instance, problem, estimate, assessment, origin, trace, **seen)
     atomically(out, lambda temporary: temporary.write_text(text, encoding="utf-8", newline="\n"))
     notice(f"page written to {out}")
 

@@ -18,9 +18,8 @@ from certpgo.cli._truth import KnownPoses
 if TYPE_CHECKING:
     from certpgo.assess.metrics import TrajectoryErrors
     from certpgo.certify import Certificate
-    from certpgo.costs.problem import InformationProblem
+    from certpgo.costs import Certifiable
     from certpgo.graph import Instance
-    from certpgo.objective.problem import Problem
     from certpgo.optimize.solution import Solution
     from certpgo.solvers.certified import CertifiedSolution
     from certpgo.solvers.certified.disagreement import Disagreement
@@ -190,11 +189,12 @@ class Solved:
             typer.echo(f"covariances: {out}, in {frames}, with {fixed} fixed")
 
     @property
-    def _problem(self) -> Problem | InformationProblem:
+    def _problem(self) -> Certifiable:
         """The problem that the estimate solves."""
-        from certpgo.costs import problem_under
+        from certpgo.costs import RangeProblem, certifiable
 
-        return self.solution.judged(problem_under(self.part, self.cost))
+        posed = certifiable(self.part, self.cost)
+        return posed if isinstance(posed, RangeProblem) else self.solution.judged(posed)
 
     def write_page(
         self, out: Path, graph: str, written: Path | None, proof: Path | None, reading: Reading

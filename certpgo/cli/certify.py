@@ -77,7 +77,7 @@ def command(
     from certpgo.assess.wording import hint
     from certpgo.certify.judge import Judge
     from certpgo.certify.proof_file import refuse_unreadable
-    from certpgo.costs import RangeProblem, certifiable
+    from certpgo.costs import certifiable
     from certpgo.io.format import format_to_write
 
     if csv is not None and truth is not None:
@@ -101,7 +101,7 @@ def command(
     tier = tier or ("standard" if proof is None else "proof")
     provable = None if proof is None else provable_source(source)
     instance = reading.open(source, distances=True)
-    refuse_with_distances(instance, proof=proof, html=html)
+    refuse_with_distances(instance, proof=proof)
     own = chosen_cost(cost, instance)
     if provable is not None:
         refuse_unreadable(provable, instance, own)
@@ -135,9 +135,8 @@ def command(
     if proof and provable:
         certificate = assessments[0].certificate
         proven = prove(proof, provable, parts[0].instance, given[0], certificate, json=json)
-    problem = parts[0].problem
-    if html is not None and not isinstance(problem, RangeProblem):  # which was refused
-        part = parts[0]
+    if html is not None:
+        part, problem = parts[0], parts[0].problem
         written = proof if proven else None
         remarks = [f"{hint(found)}." for found in disagreements if found is not None]
         origin = origin_of(graph, reading, estimate=estimates[0], proof=written, remarks=remarks)

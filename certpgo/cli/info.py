@@ -52,7 +52,10 @@ def command(
         said = "eigenvalues need edges that all measure rotations"
         typer.echo(f"\n{said}{': ' * bool(skipping)}{', '.join(skipping)}")
     elif not spectra:
-        typer.echo("\neigenvalues need a connected graph: use --components largest or each")
+        cure = ": use --components largest or each"
+        if instance.ranges is not None:
+            cure = "; distances do not count"
+        typer.echo(f"\neigenvalues need a connected graph{cure}")
 
 
 _WEIGHTS = {"unit": "all weights 1", "weighted": "weights kappa"}
@@ -100,6 +103,8 @@ def _lines(instance: Instance, found: Structure, engine: str) -> Iterable[tuple[
     if found.points:
         yield "landmarks", f"{counted(found.points, 'point{s}')} among the nodes"
         yield "sightings", f"{found.sightings} among the edges"
+    if instance.ranges is not None:
+        yield "ranges", counted(instance.ranges.num_edges, "measured distance{s}")
     if found.priors:
         yield "priors", f"{found.priors} among the edges"
     yield "bridges", f"{found.bridges} (edges in no cycle, which no other measurement checks)"

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from certpgo.cli import _verdict
-from certpgo.cli._options import Json
+from certpgo.cli._fusing import NAMED, Fused, fused_at, write_reconstruction, write_scene
+from certpgo.cli._options import HtmlOut, Json
+from certpgo.cli._paging import require_pages
 from certpgo.cli._show import document, facts, notice, noticing, working
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
 from certpgo.errors import InputError
@@ -20,16 +22,20 @@ if TYPE_CHECKING:
     from certpgo.registration.sequences import FrameSequence
     from certpgo.registration.stages import Progress
 
-#: Rejected edges that are named; the others are counted.
-NAMED = 10
-#: Voxels of a mesh, metres.
-MESH = 0.02
-
 
 def command(
     folder: Annotated[
         Path | None,
-        typer.Argument(metavar="[FOLDER]", help="Frames of TUM, ICL-NUIM, Open3D or 7-Scenes."),
+        typer.Argument(
+            metavar="[FOLDER]",
+            help="Frames of TUM, ICL-NUIM, Open3D or 7-Scenes; with --frames, a pose graph.",
+        ),
+    ] = None,
+    of_graph: Annotated[
+        Path | None,
+        typer.Option(
+            "--frames", metavar="FOLDER", help="Fuse these frames at the poses of a given graph."
+        ),
     ] = None,
     synthetic: Annotated[
         bool, typer.Option("--synthetic", help="Frames of an embedded room in place of a folder.")
@@ -46,6 +52,7 @@ def command(
     graph: Annotated[
         Path | None, typer.Option("--graph", help="Write all measured edges to this .g2o file.")
     ] = None,
+    html: HtmlOut = None,
     mesh: Annotated[
         bool, typer.Option("--mesh", help="Write a mesh to --out, not points.")
     ] = False,
@@ -80,6 +87,9 @@ def command(
             "--calibrate", help="Estimate the colour camera, if not depth's, from frames."
         ),
     ] = False,
+    method: Annotated[
+        str, typer.Option("--method", help="pose_graph; scans have global_icp in certpgo register.")
+    ] = "pose_graph",
     cache: Annotated[
         Path | None,
         typer.Option("--cache", help="Folder of results to resume from; the user's by default."),
@@ -92,9 +102,11 @@ def command(
     Frames are registered in pairs by keypoints and generalized ICP, and the pose graph is solved
     with a certificate. It says that no trajectory fits the kept measurements better, and not that
     images were matched to the right places: how well loops agree is printed beside it.
+
+    With --frames, the pose graph in place of FOLDER is solved and certified, and frames are fused
+    at its poses: ids of nodes are numbers of frames.
     """
     from certpgo.io import write
-    from certpgo.io.surfaces import Surface, write_surface
     from certpgo.registration.fuse import GRID
     from certpgo.registration.reconstruct import ReconstructSettings, reconstruct
     from certpgo.registration.stages import user_cache
@@ -105,15 +117,20 @@ def command(
         raise InputError("--wallpaper needs --synthetic")
     if no_cache and cache is not None:
         raise InputError("--cache and --no-cache exclude one another")
-    outputs = [out, trajectory, graph]
+    if method != "pose_graph":
+        raise InputError(_refusal(method))
+    outputs = [out, trajectory, graph, html]
     for written in outputs:
         refuse_unwritable(written)
+    require_pages(html)
     refuse_overwriting(outputs, [])
     if out is not None and out.suffix != ".ply":
         raise InputError(f"{out}: the scene is written as .ply")
     if mesh and out is None:
         raise InputError("--mesh needs --out")
-    frames = _frames(folder, wallpaper, camera, depth_scale)
+    if of_graph is not None and (graph is not None or every > 1):
+        raise InputError("--frames takes the poses of a graph: without --graph and --every")
+    frames = _frames(folder if of_graph is None else of_graph, wallpaper, camera, depth_scale)
     if every > 1:
         frames = frames.chosen(range(0, len(frames), every))
     kept = None if no_cache or (synthetic and cache is None) else cache or user_cache()
@@ -124,17 +141,20 @@ def command(
         consistent=consistent,
         calibrate=calibrate,
     )
+    found: Reconstruction | Fused
     with noticing(), _reporting() as progress:
-        found = reconstruct(frames, settings, cache=kept, progress=progress)
-    if out is not None:
-        if mesh:
-            _write_mesh(out, found, settings.cutoff)
+        if of_graph is None or folder is None:
+            found = reconstruct(frames, settings, cache=kept, progress=progress)
         else:
-            write_surface(out, Surface(found.scene.points.astype(float), found.scene.colours))
+            found = fused_at(folder, frames, settings.grid, cutoff, progress)
+    if out is not None:
+        write_scene(out, found, cutoff, mesh=mesh)
     if trajectory is not None:
         write(trajectory, found.estimate, ids=found.nodes, format=_format(trajectory))
     if graph is not None:
-        write(graph, found.instance)
+        write(graph, found.averaged.instance)
+    if html is not None:
+        write_reconstruction(html, found, graph if of_graph is None else folder)
     if json:
         document(_report(found))
     else:
@@ -170,46 +190,41 @@ def _reporting() -> Iterator[Progress]:
         yield progress
 
 
-def _write_mesh(out: Path, found: Reconstruction, cutoff: float) -> None:
-    import numpy as np
-
-    from certpgo.io.surfaces import Surface, write_surface
-    from certpgo.registration.tsdf import integrate, mesh
-
-    def seen() -> Iterator[tuple[Any, Any]]:
-        for k in found.nodes.tolist():
-            frame = found.frames.frame(k)
-            yield frame.colour, np.where(frame.depth <= cutoff, frame.depth, 0.0)
-
-    with working("fusing the mesh"):
-        volume = integrate(seen(), found.estimate, found.frames.camera, voxel=MESH)
-        vertices, faces, colours = mesh(volume)
-    write_surface(out, Surface(vertices, colours, faces))
+def _refusal(method: str) -> str:
+    """Why frames are not reconstructed by a method."""
+    if method != "global_icp":
+        return f"no method {method!r}: pose_graph is known here"
+    return (
+        "global_icp moves scans that nearly all overlap, and begins near the answer, which frames "
+        "of a moving camera do not: certpgo register SCANS --method global_icp is for scans"
+    )
 
 
-def _show(found: Reconstruction, written: list[Path]) -> None:
+def _show(found: Reconstruction | Fused, written: list[Path]) -> None:
     from certpgo.certify.wording import meaning
 
     certificate = found.answer.certificate
+    cost = "g2o's cost" if found.averaged.instance.information is not None else "F"
     facts(
         [
             (
                 certificate.verdict.value,
-                f"{meaning(certificate)}; in g2o's cost, of the kept edges",
+                f"{meaning(certificate)}; in {cost}, of the kept edges",
             ),
             *found.consistency(),
             *(("written", str(path)) for path in written),
         ]
     )
-    rejected = found.rejected
+    rejected = found.rejected_named()
     for pair in rejected[:NAMED]:
-        notice(f"rejected: {found.named(pair)}")
+        notice(f"rejected: {pair}")
     if len(rejected) > NAMED:
         notice(f"and {len(rejected) - NAMED} more rejected edges: --json lists all")
 
 
-def _report(found: Reconstruction) -> dict[str, Any]:
-    certificate = found.answer.certificate
+def _report(found: Reconstruction | Fused) -> dict[str, Any]:
+    certificate, kept = found.answer.certificate, found.averaged.kept
+    numbers = found.averaged.instance.ids[found.averaged.instance.graph.edges[~kept]]
     return {
         "schema": 1,
         "sequence": found.frames.name,
@@ -220,16 +235,13 @@ def _report(found: Reconstruction) -> dict[str, Any]:
         "reason": certificate.reason,
         "cost": found.answer.cost,
         "lower_bound": certificate.lower_bound,
-        "objective": "g2o",
-        "edges": len(found.pairs),
+        "objective": "F" if found.averaged.instance.information is None else "g2o",
+        "edges": len(kept),
         "odometry": found.odometry,
         "consistency": dict(found.consistency()),
         "rejected": [
-            {
-                "frames": [pair.i, pair.j],
-                "names": [found.frames.names[pair.i], found.frames.names[pair.j]],
-            }
-            for pair in found.rejected
+            {"frames": pair, "names": [found.frames.names[k] for k in pair]}
+            for pair in numbers.tolist()
         ],
         "points": len(found.scene),
     }

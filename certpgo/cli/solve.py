@@ -139,7 +139,7 @@ def command(
     refuse_overwriting([out, proof, html, covariances], [source, initial, truth])
     provable = None if proof is None else provable_source(source)
     instance = reading.open(source, distances=True)
-    refuse_with_distances(instance, method=method, robust=robust, proof=proof, html=html)
+    refuse_with_distances(instance, method=method, robust=robust, proof=proof)
     parts = reading.parts(instance)
     whole = len(parts) == 1 and certify
     _refuse_parts(whole, proof=proof, html=html, covariances=covariances)

@@ -143,6 +143,38 @@ def helix(
     )
 
 
+def sphere(
+    rings: int,
+    rng: np.random.Generator,
+    *,
+    rotation_noise: float = 0.05,
+    translation_noise: float = 0.05,
+) -> Instance:
+    """A spiral of 2 rings^2 poses around a sphere: odometry, and edges to the ring above.
+
+    Rings are 1 m apart, and cameras look outward with the way ahead to their right. kappa =
+    1/noise^2 per axis, tau likewise (400 for the default noise).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from certpgo.datasets.synthetic import sphere
+    >>> sphere(6, np.random.default_rng(0)).graph.num_edges
+    131
+    """
+    at_least(3, rings)
+    around, n = 2 * rings, 2 * rings**2
+    turn = 2.0 * np.pi * np.arange(n) / around
+    polar = np.pi * (np.arange(n) + 0.5) / n
+    out = np.stack([np.cos(turn), np.sin(turn), np.zeros(n)], axis=1) * np.sin(polar)[:, None]
+    out[:, 2] = -np.cos(polar)
+    ahead = np.stack([-np.sin(turn), np.cos(turn), np.zeros(n)], axis=1)
+    R = np.stack([ahead, np.cross(out, ahead), out], axis=2)
+    t = rings / np.pi * out
+    edges = _at_distances(n, (1, around))
+    return _poses(f"sphere-{rings}", t, edges, rotation_noise, translation_noise, rng, R)
+
+
 def corridor(
     n: int,
     rng: np.random.Generator,
@@ -234,8 +266,9 @@ def _poses(
     rotation_noise: float,
     translation_noise: float,
     rng: np.random.Generator,
+    R: FloatArray | None = None,
 ) -> Instance:
-    R = so.random(rng, *t.shape)
+    R = so.random(rng, *t.shape) if R is None else R
     noise = rotation_noise, translation_noise
     kappa, tau = (1.0 / sigma**2 for sigma in noise)
     graph = _measured_poses(R, t, edges, noise, (kappa, tau), rng)

@@ -71,4 +71,5 @@ def restricted(instance: Instance, nodes: IntArray, name: str) -> Instance:
         names=tuple(instance.names[node] for node in nodes) if instance.names else (),
         outliers=None if instance.outliers is None else instance.outliers[inside],
         information=instance.information and instance.information.subset(inside),
+        ranges=instance.ranges and instance.ranges.between(nodes),
     )

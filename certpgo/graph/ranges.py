@@ -9,7 +9,7 @@ import numpy as np
 from certpgo.errors import GraphError
 from certpgo.graph.edges import check_edges, check_weights, edge_name
 from certpgo.graph.speaking import Brief
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats, frozen_indices
+from certpgo.linalg.arrays import FloatArray, IntArray, frozen_floats, frozen_indices
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -60,8 +60,15 @@ class Ranges(Brief):
         """Number k of distances."""
         return len(self.edges)
 
-    def subset(self, chosen: IntArray | BoolArray) -> Ranges:
-        """Some of them, by index or mask (k,)."""
-        return Ranges(
-            self.num_nodes, self.edges[chosen], self.distances[chosen], self.weights[chosen]
-        )
+    def lengths(self, positions: FloatArray) -> FloatArray:
+        """(k,) distances |t_j - t_i| between positions (n, d), metres."""
+        i, j = self.edges.T
+        return np.asarray(np.linalg.norm(positions[j] - positions[i], axis=1))
+
+    def between(self, nodes: IntArray) -> Ranges | None:
+        """Those between some nodes (k,), ascending, which are numbered 0 ... k-1; None if none."""
+        inside = np.asarray(np.isin(self.edges, nodes).all(axis=1))
+        if not inside.any():
+            return None
+        edges = np.searchsorted(nodes, self.edges[inside])
+        return Ranges(len(nodes), edges, self.distances[inside], self.weights[inside])

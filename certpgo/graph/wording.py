@@ -46,21 +46,32 @@ def ranges_of_weights(kappa: FloatArray, tau: FloatArray | None) -> Iterator[tup
             yield name, f"{low if low == high else f'{low} to {high}'} {unit}"
 
 
+#: What the numbers in a file are, by the option that says so.
+_STATED = {
+    "information": "information matrices",
+    "covariance": "covariances",
+    "sqrt-information": "square roots of information matrices",
+}
+
+
 def reading_sentence(reading: Mapping[str, str]) -> str:
     """How a file was read, in words."""
     if not reading:
         return "as generated"
     weights, information = reading.get("weights", "file"), reading.get("information", "all")
+    stated = _STATED[reading.get("weights_are", "information")]
     of_file = weights == "file" and information != "none"
     if information == "none" and weights in ("file", "unit"):
         sentence = "weights 1: the file has no information"
+    elif weights == "synthetic":
+        sentence = "weights as generated"
     elif weights == "unit":
         sentence = "all weights 1, ignoring those of the file"
     elif weights == "mahalanobis":
-        sentence = "Mahalanobis weights from the file's information matrices"
+        sentence = f"Mahalanobis weights from the file's {stated}"
     elif of_file:
         rest = ", 1 where it has none" if information == "some" else ""
-        sentence = f"weights from the file's information matrices{rest}"
+        sentence = f"weights from the file's {stated}{rest}"
     else:
         sentence = f"weights {weights}"
     about = reading.get("rotation_information", "tangent")

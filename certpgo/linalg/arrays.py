@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -41,3 +42,10 @@ def numbered(ids: IntArray, queries: IntArray) -> IntArray:
     """Position in ``ids`` (ascending) of each of ``queries``; -1 if absent."""
     place = np.minimum(np.searchsorted(ids, queries), len(ids) - 1)
     return np.asarray(np.where(ids[place] == queries, place, -1), dtype=np.intp)
+
+
+def round_below(number: float) -> float:
+    """The largest of 1, 2 and 5 times a power of ten that is at most a positive number."""
+    power = 10.0 ** math.floor(math.log10(number))
+    # The logarithm may be rounded up.
+    return power * max(k for k in (0.5, 1.0, 2.0, 5.0) if k * power <= number)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from certpgo.errors import MissingDependency
-from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.arrays import FloatArray, round_below
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,8 +51,7 @@ def scale_bar(ax: Axes, at: FloatArray) -> None:
     extent, corner = float(np.ptp(at[:, 0])), at.min(axis=0)
     if extent == 0.0:
         return
-    power = 10.0 ** np.floor(np.log10(extent / 5.0))
-    length = power * max(step for step in (1, 2, 5) if step * power <= extent / 5.0)
+    length = round_below(extent / 5.0)
     x, y = float(corner[0]), float(corner[1]) - 0.06 * extent
     ax.plot([x, x + length], [y, y], color="black", linewidth=1.5, solid_capstyle="butt")
     ax.text(x + 0.5 * length, y, f"{length:g} m\n", ha="center", va="center", fontsize=7)

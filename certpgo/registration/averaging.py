@@ -15,6 +15,7 @@ import numpy as np
 from certpgo.costs import InformationProblem
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
+from certpgo.graph.graph import require_connected
 from certpgo.graph.information import Information
 from certpgo.graph.trees import compose, spanning_tree
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
@@ -111,27 +112,66 @@ def composed(
 
 
 def averaged(
-    pairs: Sequence[FramePair], names: Sequence[str], name: str, initial: Estimate | None = None
+    pairs: Sequence[FramePair],
+    names: Sequence[str],
+    name: str,
+    initial: Estimate | None = None,
+    *,
+    trust: bool = True,
 ) -> Averaged:
     """The certified trajectory of the frames that most pairs join.
 
     Parameters
     ----------
     initial : poses of these frames, from which the robust fit begins
+    trust : whether the steps to the next frame are known to be right; if not, the robust fit begins
+        at the least squares of all pairs
     """
     instance, chosen = pose_graph(pairs, names, name)
-    graph = instance.graph
-    if not isinstance(graph, PoseGraph) or instance.information is None:
-        raise InputError(f"{name}: no poses")
-    steps = np.array([pairs[k].j - pairs[k].i == 1 for k in chosen.tolist()])
-    start = initial if initial is not None and initial.num_nodes == graph.num_nodes else None
-    robust = solve_robustly(graph, initial=start, trusted=np.flatnonzero(steps))
+    start = initial if initial is not None and initial.num_nodes == len(instance.ids) else None
+    return averaged_graph(instance, start, trust=trust, chosen=chosen)
+
+
+def averaged_graph(
+    instance: Instance,
+    initial: Estimate | None = None,
+    *,
+    trust: bool = True,
+    chosen: IntArray | None = None,
+) -> Averaged:
+    """The certified trajectory of a pose graph whose ids are numbers of frames.
+
+    Parameters
+    ----------
+    instance : the graph; certified under g2o's cost if it has information matrices, else under F
+    initial, trust : as in `averaged`
+    chosen : (m,) what its edges are called; their indices by default
+
+    Raises
+    ------
+    InputError
+        No graph of poses in space.
+    GraphError
+        It is not connected.
+    """
+    graph, information = instance.graph, instance.information
+    if not isinstance(graph, PoseGraph) or graph.d != 3:
+        raise InputError(f"{instance.name}: no poses in space")
+    require_connected(graph)
+    start, trusted = initial, None
+    if trust:
+        numbers = instance.ids[graph.edges]
+        trusted = np.flatnonzero(np.abs(numbers[:, 1] - numbers[:, 0]) == 1)
+    else:
+        start = solve(graph).estimate
+    robust = solve_robustly(graph, initial=start, trusted=trusted)
     weights = robust.solution.weights
-    kept = np.ones(len(chosen), dtype=bool) if weights is None else weights > 0.0
+    kept = np.ones(graph.num_edges, dtype=bool) if weights is None else weights > 0.0
     certified = replace(
         instance,
         graph=graph.with_edges(kept),
-        information=instance.information.subset(kept),
+        information=None if information is None else information.subset(kept),
     )
     answer = solve(certified, initial=robust.estimate)
-    return Averaged(instance, instance.ids, chosen, kept, robust, answer)
+    edges = np.arange(graph.num_edges) if chosen is None else chosen
+    return Averaged(instance, instance.ids, edges, kept, robust, answer)

@@ -150,13 +150,17 @@ def match(a: Features, b: Features) -> tuple[IntArray, IntArray]:
     if len(a) < 2 or len(b) < 2:
         return np.empty(0, np.intp), np.empty(0, np.intp)
     products = _unit(a) @ _unit(b).T
-    forward, backward = products.argmax(axis=1), products.argmax(axis=0)
-    index = np.flatnonzero(backward[forward] == np.arange(len(a)))
-    best = products[index, forward[index]]
-    second = np.partition(products[index], -2, axis=1)[:, -2]
+    rows = np.arange(len(a))
+    forward = products.argmax(axis=1)
+    best = products[rows, forward]
+    mutual = best == products.max(axis=0)[forward]
+    # Of equal ones, the first.
+    mutual &= np.isin(rows, np.unique(np.where(mutual, forward, -1), return_index=True)[1])
+    products[rows, forward] = -np.inf
     # Squared distances of unit vectors.
-    clear = 1.0 - best < RATIO**2 * (1.0 - second)
-    return index[clear], forward[index[clear]]
+    clear = 1.0 - best < RATIO**2 * (1.0 - products.max(axis=1))
+    index = np.flatnonzero(mutual & clear)
+    return index, forward[index]
 
 
 def _unit(features: Features) -> NDArray[Any]:

@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from certpgo.errors import GraphError
+from certpgo.graph import Estimate
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.registration.sequences import FrameSequence
+from certpgo.registration.stages import Progress, each, silent
 
 #: Edge of a voxel, metres, and neighbours by which a point is judged; 0.007 and 30 in the thesis,
 #: Table D.1.
 GRID, NEIGHBOURS = 0.01, 12
 #: Standard deviations beyond the mean of all points at which a point's neighbours are too far.
 FAR = 2.0
+#: Pixels of which a cloud takes one, of images this wide.
+STEP, WIDE = 2, 640
+#: Points in a voxel of the scene at least.
+SEEN_TWICE = 2
 #: Bits of a voxel's number in each direction.
 BITS = 21
 
@@ -86,6 +95,48 @@ class VoxelGrid:
         return ColouredCloud(means[:, :3].astype(np.float32), colours)
 
 
+def fused(
+    frames: FrameSequence,
+    nodes: IntArray,
+    estimate: Estimate,
+    *,
+    grid: float = GRID,
+    cutoff: float = 4.0,
+    progress: Progress = silent,
+) -> ColouredCloud:
+    """The scene that frames saw, as means over voxels, denoised.
+
+    Parameters
+    ----------
+    nodes : (n,) numbers of the frames
+    estimate : n poses, world <- camera, metres; the scene is in their world
+    grid : edge of a voxel, metres
+    cutoff : largest depth that is used, metres
+    progress : is called with the stage, and how many of how many frames are done
+
+    Raises
+    ------
+    GraphError
+        The poses are not in space.
+    """
+    R, t = estimate.rotations, estimate.translations
+    if t is None or R.shape[1] != 3:
+        raise GraphError("a scene needs poses in space, with positions")
+    voxels, lock = VoxelGrid(grid), Lock()
+
+    def add(node: int) -> None:
+        frame = frames.frame(int(nodes[node]))
+        near = np.where(frame.depth <= cutoff, frame.depth, np.float32(0.0))
+        step = STEP if near.shape[1] >= WIDE else 1
+        colours = frame.colour[::step, ::step][near[::step, ::step] > 0.0]
+        points = frames.camera.cloud(near, step) @ R[node].T + t[node]
+        with lock:
+            voxels.add(points, colours)
+
+    each("fusion", add, range(len(nodes)), progress)
+    return denoised(voxels.cloud(SEEN_TWICE))
+
+
 def voxel_keys(points: FloatArray, size: float) -> NDArray[np.int64]:
     """(k,) a number for the voxel of each point, for grids of up to 2^21 voxels a side."""
     cells = np.floor(points / size).astype(np.int64) + (1 << (BITS - 1))
@@ -104,9 +155,11 @@ def _grouped(keys: NDArray[np.int64], values: FloatArray) -> tuple[NDArray[np.in
     if len(keys) == 0:
         return keys, values
     order = np.argsort(keys, kind="stable")
-    keys, values = keys[order], values[order]
-    first = np.flatnonzero(np.r_[True, keys[1:] != keys[:-1]])
-    return keys[first], np.add.reduceat(values, first, axis=0)
+    first = np.r_[True, np.diff(keys[order]) != 0]
+    number = np.empty(len(keys), dtype=np.intp)
+    number[order] = np.cumsum(first) - 1
+    sums = [np.bincount(number, column) for column in values.T]
+    return keys[order][first], np.stack(sums, axis=1)
 
 
 def denoised(cloud: ColouredCloud, neighbours: int = NEIGHBOURS) -> ColouredCloud:

@@ -19,8 +19,8 @@ from certpgo.linalg.arrays import BoolArray, FloatArray
 STEPS, SETTLED = 10, 1e-3
 #: Variance of unit weight at least: exact points have none.
 LEAST = 0.01
-#: Hypotheses whose inliers are counted together.
-BATCH = 128
+#: Triples that are drawn together.
+BATCH = 256
 #: Matches by which hypotheses are compared.
 JUDGES = 200
 
@@ -153,27 +153,26 @@ def _search(
 ) -> tuple[FloatArray, FloatArray] | None:
     """The hypothesis of most inliers, by distances in units of isotropic noise sigma (k,)."""
     k = len(target)
-    triples = rng.integers(k, size=(settings.iterations, 3))
-    triples = triples[_congruent(target[triples], source[triples], 2.0 * sigma[triples])]
     judges = np.arange(k) if k <= JUDGES else rng.permutation(k)[:JUDGES]
     limit = settings.gate**2 * 3.0 * sigma[judges] ** 2
     if settings.threshold_m2 is not None:
         limit = np.full(len(judges), 3.0 * settings.threshold_m2)
-    best, most, seen = None, 2, 0
+    best, most = None, 2
     p, q = target[judges].T, source[judges].T
-    for first in range(0, len(triples), BATCH):
-        batch = triples[first : first + BATCH]
-        R, t = procrustes(target[batch], source[batch])
-        off = R @ q + t[:, :, None] - p
-        counts = (np.einsum("bak,bak->bk", off, off) < limit).sum(axis=1)
-        seen += len(batch)
-        if counts.max() > most:
-            winner = int(counts.argmax())
-            most, best = int(counts[winner]), (R[winner], t[winner])
-        # All triples that were drawn count: pruned ones cannot be three inliers.
-        drawn = settings.iterations * seen / len(triples)
+    for drawn in range(0, settings.iterations, BATCH):
+        # Triples that are pruned cannot be three inliers: all that were drawn count.
         if drawn * (most / len(judges)) ** 3 > -math.log1p(-settings.confidence):
             break
+        triples = rng.integers(k, size=(min(BATCH, settings.iterations - drawn), 3))
+        triples = triples[_congruent(target[triples], source[triples], 2.0 * sigma[triples])]
+        if not len(triples):
+            continue
+        R, t = procrustes(target[triples], source[triples])
+        off = R @ q + t[:, :, None] - p
+        counts = (np.einsum("bak,bak->bk", off, off) < limit).sum(axis=1)
+        winner = int(counts.argmax())
+        if counts[winner] > most:
+            most, best = int(counts[winner]), (R[winner], t[winner])
     return best
 
 

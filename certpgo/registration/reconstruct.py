@@ -6,7 +6,6 @@ import warnings
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +19,7 @@ from certpgo.registration import features as keypoints
 from certpgo.registration.averaging import Averaged, averaged, composed
 from certpgo.registration.calibration import calibrated
 from certpgo.registration.features import ColourCamera, Features
-from certpgo.registration.fuse import GRID, ColouredCloud, VoxelGrid, denoised, voxel_means
+from certpgo.registration.fuse import GRID, STEP, WIDE, ColouredCloud, fused, voxel_means
 from certpgo.registration.loops import DeadReckoning, adjacent, consistent, overlapping, retrieved
 from certpgo.registration.pairs import VOXEL, Clouds, FramePair, Keyframe, measure, restored, stored
 from certpgo.registration.ransac import RansacSettings
@@ -28,8 +27,6 @@ from certpgo.registration.sequences import FrameSequence
 from certpgo.registration.stages import Arrays, Cache, Progress, digest, each, silent
 from certpgo.solvers.certified.pipeline import CertifiedSolution
 
-#: Pixels of which a cloud takes one, of images this wide.
-STEP, WIDE = 2, 640
 #: Keypoints with a depth from which on a frame can be matched.
 FEWEST = 30
 #: What is said beside every verdict.
@@ -43,8 +40,6 @@ FEW_INLIERS, LOUD = 0.65, 1.5
 MUCH_PAST, ALL_PAST = 0.5, 0.9
 #: Median depths below this are suspicious, metres.
 CLOSE = 0.25
-#: Points in a voxel of the scene at least.
-SEEN_TWICE = 2
 
 
 @dataclass(frozen=True)
@@ -57,6 +52,8 @@ class ReconstructSettings:
     grid : edge of the scene's voxels, metres
     dense : whether clouds are added to keypoints, by generalized ICP
     gate : whether loops that contradict dead reckoning are left out
+    trust : whether the robust fit begins at odometry and takes its steps for right; if not, they
+        are measurements like others
     consistent : whether only loops are kept that agree with one another in pairs
     calibrate : whether the colour camera is estimated from the frames, if it is not given
     ransac : when two frames match
@@ -66,6 +63,7 @@ class ReconstructSettings:
     grid: float = GRID
     dense: bool = True
     gate: bool = True
+    trust: bool = True
     consistent: bool = False
     calibrate: bool = False
     ransac: RansacSettings = field(default_factory=RansacSettings)
@@ -125,6 +123,10 @@ class Reconstruction:
         names = self.frames.names
         agreeing = f"{pair.inliers} of {pair.matches} matches agree"
         return f"{names[pair.i]} and {names[pair.j]}, {agreeing}"
+
+    def rejected_named(self) -> list[str]:
+        """The rejected pairs in words."""
+        return [self.named(pair) for pair in self.rejected]
 
     def consistency(self) -> list[tuple[str, str]]:
         """What a certificate does not say: how well images, loops and odometry agree."""
@@ -203,13 +205,20 @@ def reconstruct(
     alike = retrieved([view.features if view else None for view in views], np.random.default_rng(0))
     loops = work.plausible(work.measured("loops", alike), reckoned)
     pairs = [*steps, *loops]
-    first = averaged(pairs, frames.names, frames.name, reckoning)
+    first = averaged(pairs, frames.names, frames.name, reckoning, trust=chosen.trust)
     clouds = {k: view.cloud for k in first.nodes.tolist() if (view := views[k])}
     overlaps = overlapping(clouds, first.estimate, frames.camera, size, tried | set(alike))
     more = work.measured("overlaps", overlaps)
     pairs = [*steps, *work.plausible([*loops, *more], reckoned)]
-    final = averaged(pairs, frames.names, frames.name, first.estimate)
-    scene = work.scene(final)
+    final = averaged(pairs, frames.names, frames.name, first.estimate, trust=chosen.trust)
+    scene = fused(
+        frames,
+        final.nodes,
+        final.estimate,
+        grid=chosen.grid,
+        cutoff=chosen.cutoff,
+        progress=progress,
+    )
     found = Reconstruction(
         frames, final.nodes, tuple(pairs), len(steps), final, reckoning, skipped, scene
     )
@@ -356,22 +365,3 @@ class _Work:
             lambda: stored(measure(i, j, a.features, b.features, camera, settings, clouds)),
         )
         return restored(i, j, arrays)
-
-    def scene(self, final: Averaged) -> ColouredCloud:
-        """All clouds in the frame of the first pose, as means over voxels."""
-        grid, lock = VoxelGrid(self.settings.grid), Lock()
-        estimate, camera = final.estimate, self.frames.camera
-
-        def add(node: int) -> None:
-            frame = self.frames.frame(int(final.nodes[node]))
-            near = np.where(frame.depth <= self.settings.cutoff, frame.depth, np.float32(0.0))
-            step = STEP if near.shape[1] >= WIDE else 1
-            points = camera.cloud(near, step)
-            colours = frame.colour[::step, ::step][near[::step, ::step] > 0.0]
-            if estimate.translations is not None:
-                points = points @ estimate.rotations[node].T + estimate.translations[node]
-            with lock:
-                grid.add(points, colours)
-
-        each("fusion", add, range(len(final.nodes)), self.progress)
-        return denoised(grid.cloud(SEEN_TWICE))

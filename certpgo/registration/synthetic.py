@@ -154,13 +154,11 @@ class Room:
 
     @cached_property
     def textures(self) -> NDArray[np.uint8]:
-        """(6 b, side, side, 3) colours of the faces, by box, axis and side."""
+        """(6 b, side, side, 3) colours of the faces, by box, axis and side; or of one tile."""
         rng = np.random.default_rng([self.seed, 3])
         faces = 6 * len(self.boxes)
         if self.wallpaper:
-            tile = _texture(rng, TILE)
-            repeated = np.tile(tile, (SIDE // TILE + 1, SIDE // TILE + 1, 1))[:SIDE, :SIDE]
-            return np.broadcast_to(repeated, (faces, SIDE, SIDE, 3))
+            return _texture(rng, TILE)[None]
         atlas = [_texture(rng, SIDE) for _ in range(6)]
         # What stands in the room is cut from one more texture, each at another place.
         cut = _texture(rng, SIDE)
@@ -174,44 +172,56 @@ class Room:
         """Exact depths (h, w), metres, and colours (h, w, 3) from a pose."""
         width, height = size
         grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=2)
-        rays = camera.rays(grid.reshape(-1, 2).astype(np.float64)) @ R.T
+        # By coordinates, as operations over the last axis are fast where that is long.
+        rays = R @ camera.rays(grid.reshape(-1, 2).astype(np.float64)).T
         rays[rays == 0.0] = 1e-12
-        z = np.full(len(rays), np.inf)
-        face = np.zeros(len(rays), dtype=np.intp)
-        everywhere, squares = np.arange(len(rays)), (rays * rays).sum(axis=1)
+        z = np.full(rays.shape[1], np.inf)
+        face = np.zeros(rays.shape[1], dtype=np.intp)
+        everywhere, squares = np.arange(rays.shape[1]), (rays * rays).sum(axis=0)
+        inverse = 1.0 / rays
         for number, (low, high) in enumerate(self.boxes):
             # Rays that miss the ball around a box miss the box.
             towards = 0.5 * (low + high) - t
-            along, far = rays @ towards, towards @ towards - 0.25 * ((high - low) ** 2).sum()
+            along, far = towards @ rays, towards @ towards - 0.25 * ((high - low) ** 2).sum()
             near = (along > 0.0) & (along**2 >= far * squares)
             few = everywhere if number == 0 else np.flatnonzero(near)
-            ends = (low - t) / rays[few], (high - t) / rays[few]
+            slopes = inverse if number == 0 else inverse[:, few]
+            ends = (low - t)[:, None] * slopes, (high - t)[:, None] * slopes
             enter, leave = np.minimum(*ends), np.maximum(*ends)
             # Of the room, where rays leave it; of a box, where they enter it.
-            reached = leave if number == 0 else -enter
-            axis = reached.argmin(axis=1)
-            depth = np.abs(reached.min(axis=1))
-            hit = (enter.max(axis=1) < leave.min(axis=1)) & (depth < z[few])
+            x, y, w = leave if number == 0 else -enter
+            reached = np.minimum(np.minimum(x, y), w)
+            axis = np.where(reached == x, 0, np.where(reached == y, 1, 2))
+            depth = np.abs(reached)
+            hit = (enter.max(axis=0) < leave.min(axis=0)) & (depth < z[few])
             seen, turned = few[hit], axis[hit]
             z[seen] = depth[hit]
-            face[seen] = 6 * number + 2 * turned + (rays[seen, turned] > 0.0)
-        colours = self._colours(t + z[:, None] * rays, face)
+            face[seen] = 6 * number + 2 * turned + (rays[turned, seen] > 0.0)
+        colours = self._colours(t[:, None] + z * rays, face)
         return z.reshape(height, width), colours.reshape(height, width, 3)
 
     def _colours(self, places: FloatArray, face: IntArray) -> FloatArray:
-        """(k, 3) colours at places (k, 3) on faces, between texels."""
+        """(k, 3) colours at places (3, k) on faces, between texels."""
         axis = face % 6 // 2
         u = TEXELS * (places + 2.0 * ROOM[0])
-        across = np.where(axis == 0, u[:, 1], u[:, 0])
-        up = np.where(axis == 2, u[:, 1], u[:, 2])
+        across, up = np.where(axis == 0, u[1], u[0]), np.where(axis == 2, u[1], u[2])
         x, y = np.floor(across).astype(np.intp), np.floor(up).astype(np.intp)
-        fx, fy = (across - x)[:, None], (up - y)[:, None]
-        period = SIDE // TILE * TILE if self.wallpaper else SIDE
-        x0, y0, x1, y1 = x % period, y % period, (x + 1) % period, (y + 1) % period
+        fx, fy = (across - x).astype(np.float32), (up - y).astype(np.float32)
         T = self.textures
-        low = (1.0 - fx) * T[face, y0, x0] + fx * T[face, y0, x1]
-        high = (1.0 - fx) * T[face, y1, x0] + fx * T[face, y1, x1]
-        return np.asarray((1.0 - fy) * low + fy * high)
+        period = T.shape[1]
+        first = np.zeros_like(face) if self.wallpaper else face * period
+        x0, x1 = x % period, (x + 1) % period
+        low, high = ((first + rows % period) * period for rows in (y, y + 1))
+        texels = T.reshape(-1, 3)
+        colours = np.zeros((len(face), 3), dtype=np.float32)
+        for row, column, share in (
+            (low, x0, (1.0 - fx) * (1.0 - fy)),
+            (low, x1, fx * (1.0 - fy)),
+            (high, x0, (1.0 - fx) * fy),
+            (high, x1, fx * fy),
+        ):
+            colours += share[:, None] * texels.take(row + column, axis=0)
+        return colours.astype(np.float64)
 
 
 def _texture(rng: np.random.Generator, side: int) -> NDArray[np.uint8]:

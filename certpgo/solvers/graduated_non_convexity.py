@@ -17,7 +17,7 @@ from scipy import stats
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate
 from certpgo.linalg import so
-from certpgo.linalg.arrays import BoolArray, FloatArray
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
@@ -49,7 +49,6 @@ class GraduatedNonConvexity(Iterative):
     rate : factor of mu in each step; 1.4 in the paper
     tolerance : distance of the weights from 0 and 1 at which to stop
     max_iterations : stop anyway
-    trusted : indices of measurements that are known to be right: their weights stay 1
 
     Examples
     --------
@@ -68,7 +67,6 @@ class GraduatedNonConvexity(Iterative):
     rate: float = 1.4
     tolerance: float = 1e-3
     max_iterations: int = 200
-    trusted: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -78,9 +76,19 @@ class GraduatedNonConvexity(Iterative):
             raise SpecError(f"scale must be positive and less extreme than {self.scale}")
 
     def solve(
-        self, problem: Problem, *, initial: Estimate | None = None, monitor: Monitor = silent
+        self,
+        problem: Problem,
+        *,
+        initial: Estimate | None = None,
+        trusted: IntArray | None = None,
+        monitor: Monitor = silent,
     ) -> Solution:
-        """The estimate, and weights: 1 for the measurements kept, 0 for the others."""
+        """The estimate, and weights: 1 for the measurements kept, 0 for the others.
+
+        Parameters
+        ----------
+        trusted : (k,) measurements that are known to be right: their weights stay 1
+        """
         watch = Stopwatch()
         point = initial or _start(problem)
         problem.check(point)
@@ -88,11 +96,12 @@ class GraduatedNonConvexity(Iterative):
         r = np.sqrt(problem.edge_costs(point))
         mu = 1.0 / float(np.clip(2.0 * (r / c).max() ** 2 - 1.0, 1e-6, CONVEX))
         progress = Progress(monitor, self.tolerance, self.max_iterations, watch)
-        undecided, trusted = np.inf, np.array(self.trusted, dtype=np.intp)
+        undecided = np.inf
+        known = np.zeros(0, dtype=np.intp) if trusted is None else trusted
         while progress.advance(problem.cost(point), undecided, undecided):
             with watch.phase("descent"):
                 weights = surrogate_weights(r, c, mu)
-                weights[trusted] = 1.0
+                weights[known] = 1.0
                 weighted = problem.reweighted(np.maximum(weights, FAINT))
                 point = newton(
                     weighted, point, NewtonSettings(tolerance=1e-9, max_iterations=STEPS)
@@ -103,7 +112,7 @@ class GraduatedNonConvexity(Iterative):
                     undecided = float(np.minimum(weights, 1.0 - weights).max())
                 mu *= self.rate
         kept = r <= c
-        kept[trusted] = True
+        kept[known] = True
         return fitted(problem, kept, point, progress, note=_threshold(problem, float(c.max())))
 
 

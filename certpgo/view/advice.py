@@ -57,10 +57,11 @@ def _after_bounded(
         )
     else:
         yield "Search further from it.", f"certpgo solve {graph} --initial {given}"
-    yield (
-        "If measurements may be wrong, reject those that disagree.",
-        f"certpgo solve {graph} --robust",
-    )
+    if "distances" not in certificate.objective:
+        yield (
+            "If measurements may be wrong, reject those that disagree.",
+            f"certpgo solve {graph} --robust",
+        )
     yield "If the gap stays, it is still a guarantee, and may be small enough to act on.", ""
 
 

@@ -18,11 +18,19 @@ from certpgo.certify.certificate import Certificate
 from certpgo.certify.curvature import smallest_eigenvalues
 from certpgo.certify.own_cost import has_proofs
 from certpgo.certify.wording import meaning, numbers, part, stated_objective, trusts
-from certpgo.costs import CHORDAL, InformationProblem, own_cost, surrogate
+from certpgo.costs import (
+    CHORDAL,
+    Certifiable,
+    InformationProblem,
+    RangeProblem,
+    own_cost,
+    surrogate,
+)
 from certpgo.errors import CertPGOError, NumericalError
-from certpgo.graph import Estimate, Instance, PoseGraph
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph
 from certpgo.graph.wording import counted
-from certpgo.linalg.arrays import FloatArray
+from certpgo.io.surfaces import Surface
+from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.problem import Problem, RotationProblem
 from certpgo.optimize.monitor import Iteration
 from certpgo.view.advice import advice
@@ -65,11 +73,14 @@ class Origin:
 @np.errstate(over="ignore", invalid="ignore")  # infinite costs are shown without warnings
 def certificate_page(
     instance: Instance,
-    problem: Problem | InformationProblem,
+    problem: Certifiable,
     estimate: Estimate,
     assessment: Assessment,
     origin: Origin,
     trace: Sequence[Iteration] = (),
+    *,
+    cloud: Surface | None = None,
+    rejected: IntArray | None = None,
 ) -> str:
     """The page as one HTML file; the same bytes for the same arguments.
 
@@ -79,6 +90,8 @@ def certificate_page(
         its cost
     assessment : assessment of the estimate, with its certificate
     trace : iterations of the method that found it, if it kept them
+    cloud : points that were seen from the estimate's poses, in its frame, metres
+    rejected : (r, 2) nodes of measurements that the problem does without
     """
     certificate = assessment.certificate
     spectrum, spectrum_note = _spectrum(problem, certificate)
@@ -95,7 +108,7 @@ def certificate_page(
             certificate, origin.graph, origin.estimate, searched=origin.method == "certified"
         ),
         numbers=[*_head(instance, origin), *_facts(instance, assessment)],
-        scene=_scene(instance, problem, estimate),
+        scene=_scene(instance, problem, estimate, cloud, rejected),
         angles=_angles(problem, estimate),
         edge_header=_EDGE_HEADER[: -1 if isinstance(problem, RotationProblem) else None],
         edges=[_edge(edge, instance) for edge in assessment.edges],
@@ -114,15 +127,32 @@ def certificate_page(
     )
 
 
-def _scene(instance: Instance, problem: Problem | InformationProblem, estimate: Estimate) -> Data:
+def _scene(
+    instance: Instance,
+    problem: Certifiable,
+    estimate: Estimate,
+    cloud: Surface | None,
+    rejected: IntArray | None,
+) -> Data:
     """The estimate of the measurements that the certificate is about, and how it began."""
-    graph = (problem.chordal if isinstance(problem, InformationProblem) else problem).graph
-    judged = replace(instance, graph=graph, initial=None, information=None, outliers=None)
+    judged = replace(
+        instance, graph=_measured(problem), initial=None, information=None, outliers=None
+    )
+    if not judged.graph.is_connected and instance.initial is None:  # joined by distances
+        return page_scene(scene_of(judged, ("estimate", estimate)), problem.edge_costs(estimate))
     begun = start(replace(judged, initial=instance.initial))
     if _is_same(begun[1], estimate):
         begun = start(judged)
-    shown = scene_of(judged, begun, ("estimate", estimate))
-    return page_scene(shown, problem.edge_costs(estimate))
+    clouds = () if cloud is None else (cloud,)
+    shown = scene_of(judged, begun, ("estimate", estimate), *clouds)
+    return page_scene(shown, problem.edge_costs(estimate), rejected=rejected)
+
+
+def _measured(problem: Certifiable) -> Graph:
+    """The measurements that a problem is about, without distances."""
+    if isinstance(problem, RangeProblem):
+        return problem.measured
+    return (problem.chordal if isinstance(problem, InformationProblem) else problem).graph
 
 
 def _is_same(a: Estimate, b: Estimate) -> bool:
@@ -133,7 +163,7 @@ def _is_same(a: Estimate, b: Estimate) -> bool:
     return same and np.array_equal(a.translations, b.translations)
 
 
-def _angles(problem: Problem | InformationProblem, estimate: Estimate) -> Bars | None:
+def _angles(problem: Certifiable, estimate: Estimate) -> Bars | None:
     """A histogram of the residual angles of a rotation graph, which has no positions to see."""
     if not isinstance(problem, RotationProblem):
         return None
@@ -157,16 +187,16 @@ def _figures(certificate: Certificate) -> list[tuple[str, str, str]]:
 _EDGE_HEADER = ("edge", "nodes", "term of F", "share of F", "residual, degrees", "residual, m")
 
 
-def _cost(problem: Problem | InformationProblem) -> Iterable[str]:
+def _cost(problem: Certifiable) -> Iterable[str]:
     if isinstance(problem, InformationProblem):
         yield f"The cost F is {problem.edge_cost.title} on this page."
+    if isinstance(problem, RangeProblem):
+        yield f"The cost is {problem.title} on this page."
 
 
-def _rungs(
-    problem: Problem | InformationProblem, estimate: Estimate, certificate: Certificate
-) -> tuple[Rung, ...]:
+def _rungs(problem: Certifiable, estimate: Estimate, certificate: Certificate) -> tuple[Rung, ...]:
     """The bounds by eigenvalues and angles, which are about isotropic weights."""
-    if isinstance(problem, InformationProblem):
+    if isinstance(problem, (InformationProblem, RangeProblem)):
         return ()
     return rungs_of_eigenvalues(problem, estimate, certificate)
 
@@ -247,10 +277,10 @@ def _multipliers(
     )
 
 
-def _spectrum(
-    problem: Problem | InformationProblem, certificate: Certificate
-) -> tuple[Bars | None, str]:
+def _spectrum(problem: Certifiable, certificate: Certificate) -> tuple[Bars | None, str]:
     """A chart with its explanation, or the reason why there is none."""
+    if isinstance(problem, RangeProblem):
+        return None, "The bound is that of a relaxation above this space, which is not drawn."
     source = _multipliers(problem, certificate)
     if source is None:
         return None, "There is no certificate matrix: no lower bound was found."
@@ -290,7 +320,7 @@ def _no_trace(origin: Origin) -> str:
 def _recheck(
     instance: Instance,
     origin: Origin,
-    problem: Problem | InformationProblem,
+    problem: Certifiable,
     certificate: Certificate,
 ) -> tuple[str, list[str]]:
     quoted = shlex.quote
@@ -298,7 +328,7 @@ def _recheck(
         note = "An independent program, which shares no code with certpgo, checks the proof file:"
         return note, [f"certpgo check {quoted(origin.graph)} {quoted(origin.proof)}"]
     cost = problem.edge_cost.name if isinstance(problem, InformationProblem) else CHORDAL
-    chosen = () if cost == own_cost(instance) else ("--cost", cost)
+    chosen = () if instance.ranges or cost == own_cost(instance) else ("--cost", cost)
     options = " ".join(quoted(option) for option in (*chosen, *origin.reading))
     estimate = origin.estimate or "best.g2o"
     named = f" --method {quoted(origin.method)}"

@@ -171,7 +171,7 @@ def _of_graph(
     for name, estimate in estimates:
         moved = estimate if estimate is last else aligned(estimate, last, poses, poses)
         drawn.append(_placed(instance, name, moved, places))
-    edges, kinds = kinds_of(graph, instance.ids, instance.world)
+    edges, kinds = kinds_of(instance)
     flags = np.zeros(graph.num_nodes, dtype=bool)
     return Scene(
         instance.name,
@@ -183,7 +183,7 @@ def _of_graph(
         graph.points if isinstance(graph, PoseGraph) and graph.points is not None else flags,
         tuple(drawn),
         _truth(instance, truth, last, places),
-        weights(graph),
+        weights(instance),
         tuple(found.surfaces),
         IN_METRES if places is None else places.sentence,
         places is None,
@@ -202,7 +202,7 @@ def _placed(
         order,
         there.subset(order),
         None if places is None else places.places,
-        residuals(instance.graph, estimate),
+        residuals(instance, estimate),
     )
 
 
@@ -275,17 +275,17 @@ def _truth(
 
 
 def _flags(given: ArrayLike | None, answered: IntArray | None, instance: Instance) -> BoolArray:
-    """(m,) rejected measurements: as given, or of the answer, or known outliers."""
-    m = instance.graph.num_edges
-    flags = np.zeros(m, dtype=bool)
+    """(m,) rejected measurements: as given, or of the answer, or known outliers; no distances."""
+    m, ranges = instance.graph.num_edges, instance.ranges
+    flags = np.zeros(m + (0 if ranges is None else ranges.num_edges), dtype=bool)
     if given is None:
         if answered is not None:
             flags[answered] = True
         elif instance.outliers is not None:
-            flags |= instance.outliers
+            flags[:m] = instance.outliers
         return flags
     try:
-        flags[np.asarray(given, dtype=None if np.size(given) else np.intp)] = True
+        flags[:m][np.asarray(given, dtype=None if np.size(given) else np.intp)] = True
     except IndexError:
         raise InputError(f"rejected must be {m} flags, or indices from 0 to {m - 1}") from None
     return flags

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from certpgo.graph.wording import counted
+from certpgo.io.surfaces import Surface
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.view.scene import Kind, Placement, Scene
 
@@ -16,13 +18,20 @@ EDGES = 20_000
 COSTLIEST = 0.1
 #: Poses drawn at most with a frustum.
 FRUSTA = 150
+#: Points of a cloud drawn at most.
+CLOUD = 15_000
+#: Of points without a colour.
+GREY = 128
 #: Kinds of edges, in data.
-BETWEEN, SIGHTING, PRIOR = 0, 1, 2
+BETWEEN, SIGHTING, PRIOR, RANGE = 0, 1, 2, 3
+_CODES = {Kind.SIGHTING: SIGHTING, Kind.PRIOR: PRIOR, Kind.RANGE: RANGE}
 
 Data = dict[str, Any]
 
 
-def page_scene(scene: Scene, costs: FloatArray, *, limit: int = EDGES) -> Data:
+def page_scene(
+    scene: Scene, costs: FloatArray, *, limit: int = EDGES, rejected: IntArray | None = None
+) -> Data:
     """Positions, edges and residuals of a scene's answer for the pages' script.
 
     Parameters
@@ -30,6 +39,7 @@ def page_scene(scene: Scene, costs: FloatArray, *, limit: int = EDGES) -> Data:
     scene : of a graph; the last placement is the answer, the first is "before"
     costs : (m,) terms of F of its edges at the answer
     limit : maximal number of edges drawn
+    rejected : (r, 2) nodes of measurements that the answer does without, which are not its edges
 
     Returns
     -------
@@ -41,8 +51,9 @@ def page_scene(scene: Scene, costs: FloatArray, *, limit: int = EDGES) -> Data:
     ``metric``, whether lengths are metres; ``flat``, whether all is in a plane; ``sentences`` on
     what is shown. Where there is another estimate, ``before`` with its name, points, values and
     frusta; where the truth is known, ``truth``, its steps (s, 2, 2 or 3). Where there are landmarks
-    or a world, ``landmarks`` (k,) flags, and ``kinds`` (e,) of edges: the ends of a `PRIOR` are
-    both the measured node.
+    or a world or distances, ``landmarks`` (k,) flags, and ``kinds`` (e,) of edges: the ends of a
+    `PRIOR` are both the measured node. Where there are clouds or meshes, ``cloud``, a sample of
+    their points (p, 3) with ``colours`` (p,); of rejected measurements, ``rejected`` (r, 2, 3).
     """
     answer = scene.placements[-1]
     drawn = _chosen(costs, limit)
@@ -50,7 +61,7 @@ def page_scene(scene: Scene, costs: FloatArray, *, limit: int = EDGES) -> Data:
     count = len(answer.nodes)
     if count <= limit:
         nodes = np.arange(count)
-    kinds = np.select([scene.kinds == Kind.SIGHTING, scene.kinds == Kind.PRIOR], [1, 2], BETWEEN)
+    kinds = np.select([scene.kinds == kind for kind in _CODES], list(_CODES.values()), BETWEEN)
     sentences = [scene.sentence, *_said(scene)]
     if len(drawn) < len(scene.edges):
         sentences.append(
@@ -67,6 +78,12 @@ def page_scene(scene: Scene, costs: FloatArray, *, limit: int = EDGES) -> Data:
     if (kinds != BETWEEN).any():
         more["landmarks"] = scene.landmarks[nodes].astype(int).tolist()
         more["kinds"] = kinds[drawn].tolist()
+    if scene.surfaces:
+        more["cloud"] = _cloud([surface for _, surface in scene.surfaces], rounding)
+        sentences.append(f"Of points, {len(more['cloud']['points']):,} are drawn at most.")
+    if rejected is not None and len(rejected):
+        more["rejected"] = _rounded(answer.spread(len(scene.ids))[rejected, :d], rounding)
+        sentences.append(f"Red: {counted(len(rejected), 'rejected edge{s}')}.")
     if len(scene.placements) > 1:
         before = scene.placements[0]
         more["before"] = {
@@ -106,6 +123,22 @@ def page_scene(scene: Scene, costs: FloatArray, *, limit: int = EDGES) -> Data:
     }
 
 
+def _cloud(surfaces: Sequence[Surface], decimals: int) -> Data:
+    """Points (p, 3) sampled evenly, with colours as CSS has them; grey where there are none."""
+    points = np.concatenate([surface.points for surface in surfaces])
+    colours = np.concatenate(
+        [
+            np.full((len(s.points), 3), GREY, np.uint8) if s.colours is None else s.colours
+            for s in surfaces
+        ]
+    )
+    drawn = np.random.default_rng(0).permutation(len(points))[:CLOUD]
+    return {
+        "points": _rounded(points[drawn], decimals),
+        "colours": [bytes(colour).hex() for colour in colours[drawn].astype(np.uint8)],
+    }
+
+
 def _frusta(scene: Scene, placement: Placement, decimals: int) -> Any:
     """Lines (s, 2, 2 or 3) of few poses; of graphs of positions only where there are few."""
     if scene.metric and len(placement.nodes) > FRUSTA:
@@ -114,15 +147,17 @@ def _frusta(scene: Scene, placement: Placement, decimals: int) -> Any:
 
 
 def _said(scene: Scene) -> list[str]:
-    """How landmarks and priors are drawn, where there are any."""
+    """How landmarks, priors and distances are drawn, where there are any."""
     said = []
     if scene.landmarks.any():
-        seen = counted(int((scene.kinds == Kind.SIGHTING).sum()), "sighting{s}")
-        points = counted(int(scene.landmarks.sum()), "landmark{s}")
-        said.append(f"Drawn as dots: {points}; as faint lines: {seen}.")
+        said.append(f"Drawn as dots: {counted(int(scene.landmarks.sum()), 'landmark{s}')}.")
     if (scene.kinds == Kind.PRIOR).any():
         priors = counted(int((scene.kinds == Kind.PRIOR).sum()), "prior{s}")
         said.append(f"Drawn as rings, at the nodes that they measure: {priors}.")
+    faint = {Kind.SIGHTING: "sighting{s}", Kind.RANGE: "distance{s}"}
+    counts = {what: int((scene.kinds == kind).sum()) for kind, what in faint.items()}
+    if drawn := [counted(count, what) for what, count in counts.items() if count]:
+        said.append(f"Drawn as faint lines: {', '.join(drawn)}.")
     return said
 
 

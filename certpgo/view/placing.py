@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from certpgo.assess import metrics
-from certpgo.graph import Estimate, Graph, PoseGraph
+from certpgo.graph import Estimate, Instance, PoseGraph
+from certpgo.graph.ranges import Ranges
 from certpgo.io.exact import quaternion
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray, IntArray
@@ -36,38 +37,57 @@ def in_space(estimate: Estimate) -> Estimate:
     return Estimate(quaternion.embedded(estimate.rotations), t)
 
 
-def residuals(graph: Graph, estimate: Estimate) -> tuple[Measure, ...]:
-    """Residual angles, degrees, and lengths, metres, of the edges of any graph.
+def residuals(instance: Instance, estimate: Estimate) -> tuple[Measure, ...]:
+    """Residual angles, degrees, and lengths, metres, of edges, then of distances.
 
     Unlike those of a problem, they need no connected graph.
     """
+    graph, ranges = instance.graph, instance.ranges
     R, (i, j) = estimate.rotations, graph.edges.T
     rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
     angles = np.degrees(so.angle(np.swapaxes(R[j], 1, 2) @ R[i] @ rotation.rotations))
     found = []
     if (rotation.kappa > 0.0).any():
-        found.append(Measure("degrees", np.where(rotation.kappa > 0.0, angles, NOT_MEASURED)))
+        angles = np.where(rotation.kappa > 0.0, angles, NOT_MEASURED)
+        found.append(Measure("degrees", _followed(angles, ranges)))
     if isinstance(graph, PoseGraph) and estimate.translations is not None:
         steps = np.einsum("mab,mb->ma", R[i], graph.translations)
         if graph.arms is not None:
             steps -= np.einsum("mab,mb->ma", R[j], graph.arms)
         t = estimate.translations
         lengths = np.linalg.norm(t[j] - t[i] - steps, axis=1)
-        found.append(Measure("metres", np.where(graph.tau > 0.0, lengths, NOT_MEASURED)))
+        lengths = np.where(graph.tau > 0.0, lengths, NOT_MEASURED)
+        errors = None if ranges is None else np.abs(ranges.distances - ranges.lengths(t))
+        found.append(Measure("metres", _followed(lengths, ranges, errors)))
     return tuple(found)
 
 
-def weights(graph: Graph) -> tuple[Measure, ...]:
-    """The weights of edges, where they differ."""
+def weights(instance: Instance) -> tuple[Measure, ...]:
+    """The weights of edges and of distances, where they differ."""
+    graph, ranges = instance.graph, instance.ranges
     rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
     listed = [("rotation weight", rotation.kappa)]
     if isinstance(graph, PoseGraph):
         listed.append(("translation weight", graph.tau))
-    return tuple(
-        Measure(name, np.where(values > 0.0, values, NOT_MEASURED))
+    found = [
+        Measure(name, _followed(np.where(values > 0.0, values, NOT_MEASURED), ranges))
         for name, values in listed
         if np.ptp(values) > 0.0
-    )
+    ]
+    if ranges is not None and np.ptp(ranges.weights) > 0.0:
+        none = np.full(graph.num_edges, NOT_MEASURED)
+        found.append(Measure("distance weight", _followed(none, ranges, ranges.weights)))
+    return tuple(found)
+
+
+def _followed(
+    values: FloatArray, ranges: Ranges | None, of_ranges: FloatArray | None = None
+) -> FloatArray:
+    """Values of measurements (m,), then those of distances, if there are any."""
+    if ranges is None:
+        return values
+    none = np.full(ranges.num_edges, NOT_MEASURED)
+    return np.concatenate([values, none if of_ranges is None else of_ranges])
 
 
 def aligned(estimate: Estimate, like: Estimate, common: IntArray, in_like: IntArray) -> Estimate:

@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from certpgo.graph import Graph, PoseGraph
+from certpgo.graph import Instance, PoseGraph
 from certpgo.io.surfaces import Surface
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, round_below
 
 #: The value of what an edge does not measure.
 NOT_MEASURED = -1.0
@@ -37,6 +37,7 @@ class Kind(IntEnum):
     LOOP = 1
     SIGHTING = 2  #: a pose and a landmark
     PRIOR = 3  #: the world and a node, which is both ends
+    RANGE = 4  #: nodes whose distance is measured
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +123,7 @@ class Box:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What there is to draw of n nodes and m edges.
+    """What there is to draw of n nodes and m edges: measurements, then distances.
 
     Everything is in the frame of the last placement; others are aligned with it.
 
@@ -183,8 +184,7 @@ class Scene:
     @property
     def bar(self) -> float:
         """A round length, 1, 2 or 5 times a power of ten, that is about a fifth of the extent."""
-        power = 10.0 ** np.floor(np.log10(0.2 * self.frame.extent))
-        return float(power * max(k for k in (1, 2, 5) if k * power <= 0.2 * self.frame.extent))
+        return round_below(0.2 * self.frame.extent)
 
     @property
     def units(self) -> list[str]:
@@ -260,8 +260,9 @@ def frame_of(points: FloatArray, d: int = 3) -> Box:
     return Box(0.5 * (low + high) @ axes, axes, 0.5 * (high - low))
 
 
-def kinds_of(graph: Graph, ids: IntArray, world: int | None) -> tuple[IntArray, IntArray]:
-    """Edges (m, 2) as drawn, without the world, and their kinds (m,)."""
+def kinds_of(instance: Instance) -> tuple[IntArray, IntArray]:
+    """Edges (m, 2) as drawn, without the world, and their kinds (m,); distances come last."""
+    graph, ids, world = instance.graph, instance.ids, instance.world
     edges = graph.edges
     steps = np.abs(ids[edges[:, 0]] - ids[edges[:, 1]]) == 1
     kinds = np.where(steps, Kind.STEP, Kind.LOOP)
@@ -270,4 +271,7 @@ def kinds_of(graph: Graph, ids: IntArray, world: int | None) -> tuple[IntArray, 
     if world is not None:
         kinds[edges[:, 0] == world] = Kind.PRIOR
         edges = np.where((kinds == Kind.PRIOR)[:, None], edges[:, 1:], edges)
+    if instance.ranges is not None:
+        edges = np.concatenate([edges, instance.ranges.edges])
+        kinds = np.r_[kinds, np.full(instance.ranges.num_edges, Kind.RANGE)]
     return edges, kinds

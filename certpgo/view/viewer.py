@@ -33,9 +33,14 @@ STEPS, SECONDS = 300, 15.0
 #: Port that is tried first.
 PORT = 8080
 
-_LAYERS = {Kind.STEP: "steps", Kind.LOOP: "loop closures", Kind.SIGHTING: "sightings"}
+_LAYERS = {
+    Kind.STEP: "steps",
+    Kind.LOOP: "loop closures",
+    Kind.SIGHTING: "sightings",
+    Kind.RANGE: "distances",
+}
 #: Widths of lines, pixels.
-_WIDTHS = {Kind.STEP: 2.5, Kind.LOOP: 1.5, Kind.SIGHTING: 0.5}
+_WIDTHS = {Kind.STEP: 2.5, Kind.LOOP: 1.5, Kind.SIGHTING: 0.5, Kind.RANGE: 0.5}
 
 Rgb = tuple[int, int, int]
 

@@ -34,6 +34,8 @@ SHORT = {
 }
 GROUPS = {"named": "named families", "random": "random instances"}
 COLOURS = {"named": _style.BLUE, "random": _style.ORANGE}
+#: Share from which on cells are dark, percent.
+DARK = 50.0
 #: Families of points that are shown.
 WORST = 14
 
@@ -84,29 +86,25 @@ def _most(outcomes: dict[str, dict[str, int]]) -> float:
 
 def draw(figure, record: Data) -> None:
     """Shares of false certificates by certifier, and of falsely certified points by family."""
-    figure.set_size_inches(_style.PAGE, 0.55 * _style.PAGE)
-    left, right = figure.subplots(1, 2, width_ratios=(1.3, 0.7))
+    figure.set_size_inches(_style.PAGE, 0.95 * _style.PAGE)
+    shares, by_family = figure.subplots(2, 1, height_ratios=(1.0, 1.3))
     names = list(record["certifiers"])
     for shift, (group, label) in zip((-0.19, 0.19), GROUPS.items(), strict=True):
         for row, name in enumerate(names):
             counts = record["certifiers"][name][group]
             share = 100.0 * counts["false"] / max(counts["certified"], 1)
             named = label if row == 0 else None
-            left.barh(row + shift, share, 0.34, color=COLOURS[group], label=named)
+            shares.barh(row + shift, share, 0.34, color=COLOURS[group], label=named)
             said = f"{counts['false']:,} of {counts['certified']:,}"
-            left.text(share + 0.8, row + shift, said, va="center", fontsize=6.5)
-    left.set_yticks(range(len(names)), [LABELS.get(name, name) for name in names])
-    left.invert_yaxis()
-    left.set(xlabel="% of its certificates")
-    left.set_xlim(0.0, left.get_xlim()[1] * 1.4)
+            shares.text(share + 0.8, row + shift, said, va="center", fontsize=6.5)
+    shares.set_yticks(range(len(names)), [LABELS.get(name, name) for name in names])
+    shares.invert_yaxis()
+    shares.set(xlabel="% of its certificates")
+    shares.set_xlim(0.0, shares.get_xlim()[1] * 1.4)
     figure.legend(loc="outside upper left", ncols=2)
-    _style.panel(left, "a", "certificates that are false")
-    _families(right, record["families"], names)
-    _style.panel(right, "b", "points certified falsely")
-    shades = right.images[0]
-    bar = figure.colorbar(shades, ax=right, fraction=0.05, pad=0.02)
-    bar.set_label("% of the family's points")
-    bar.outline.set_visible(False)
+    _style.panel(shares, "a", "certificates that are false")
+    _families(by_family, record["families"], names)
+    _style.panel(by_family, "b", "points certified falsely, % of the family's")
 
 
 def _families(axes, families: Data, names: list[str]) -> None:
@@ -117,9 +115,11 @@ def _families(axes, families: Data, names: list[str]) -> None:
         for row in families.values()
     ]
     axes.imshow(shares, aspect="auto", cmap="Blues", vmin=0.0, vmax=100.0)
-    for i, j in np.argwhere(np.isnan(shares)):
-        axes.text(j, i, "–", ha="center", va="center", color=_style.GREY)  # noqa: RUF001
-    axes.set_xticks(range(len(names)), [SHORT.get(name, name) for name in names], rotation=90)
+    for (i, j), share in np.ndenumerate(shares):
+        said = "–" if np.isnan(share) else f"{share:.0f}"  # noqa: RUF001
+        ink = "white" if share > DARK else "black" if share > 0.0 else _style.GREY
+        axes.text(j, i, said, ha="center", va="center", color=ink, fontsize=7)
+    axes.set_xticks(range(len(names)), [SHORT.get(name, name) for name in names])
     axes.set_yticks(range(len(families)), list(families))
     axes.tick_params(length=0)
     axes.spines[:].set_visible(False)

@@ -28,6 +28,8 @@ def test_weights_are_the_files_only_where_it_has_some(tmp_path):
     assert sentence(path, [informed[0], *EDGES[1:]]) == f"{of_file}, 1 where it has none; {added}"
     none = f"weights 1: the file has no information; {added}"
     assert sentence(path, EDGES) == none
+    stated = sentence(path, informed, weights_are="covariance")
+    assert stated == f"weights from the file's covariances; {added}"
     ignored = f"all weights 1, ignoring those of the file; {added}"
     assert sentence(path, informed, unit_weights=True) == ignored
     assert sentence(path, EDGES, kappa=2.0, tau=3.0) == f"weights kappa=2.0,tau=3.0; {added}"

@@ -125,3 +125,30 @@ def test_several_components_have_no_page(certpgo, square, tmp_path):
     done = certpgo("solve", graph, "--components", "largest", "--html", out)
     assert done.code == 0
     assert "--components largest" in out.read_text()
+
+
+#: Three corners of a rectangle, and a beacon that seems nearer to each than they allow.
+BEACON = """\
+VERTEX_SE2 0.0 A0 0 0 0
+VERTEX_SE2 1.0 A1 6 0 0
+VERTEX_SE2 2.0 A2 6 8 0
+VERTEX_XY L0 3 4
+EDGE_SE2 0.5 A0 A1 6 0 0.01 0.01 0 0 0.01 0 0.0001
+EDGE_SE2 1.5 A1 A2 0 8 0 0.01 0 0 0.01 0 0.0001
+EDGE_RANGE 0.0 A0 L0 4.9 0.01
+EDGE_RANGE 1.0 A1 L0 4.8 0.01
+EDGE_RANGE 2.0 A2 L0 4.7 0.01
+"""
+
+
+def test_pages_of_distances(certpgo, tmp_path):
+    graph, estimate, page = tmp_path / "beacon.pyfg", tmp_path / "best.pyfg", tmp_path / "page.html"
+    graph.write_text(BEACON)
+    assert certpgo("solve", graph, "-o", estimate, "--html", page).code == 0
+    text = page.read_text()
+    assert "F and squared errors of distances" in text
+    assert "--robust" not in text
+    assert scene_of(text)["kinds"][-3:] == [3, 3, 3]
+    again = tmp_path / "again.html"
+    assert certpgo("certify", graph, estimate, "--html", again).code == 0
+    assert scene_of(again.read_text())["edges"] == scene_of(text)["edges"]

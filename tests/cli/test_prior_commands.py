@@ -121,7 +121,7 @@ def test_landmarks_and_priors_together(certpgo, tmp_path):
     text = page.read_text()
     assert "1 landmark, 2 sightings, 3 priors" in text
     assert "the world to " in text
-    assert "sightings of landmarks</label>" in text
+    assert "sightings and distances</label>" in text
     # A wrong rotation of the landmark is no distance: only poses have one.
     done = certpgo("certify", path, out, "--json")
     assert done.json["best"]["worst_deg"] < 1e-3

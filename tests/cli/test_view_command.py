@@ -63,7 +63,7 @@ def test_files_are_told_apart_by_what_they_hold(certpgo, square, tmp_path, monke
         (("{graph}", "-o", "{graph}"), "lost|overwritten"),
         (("{graph}", "{graph}.x"), "no such file"),
         (("{text}",), "text.txt: no known format"),
-        (("{cloud}",), "cloud.ply: vertices with properties x, y and z expected"),
+        (("{cloud}",), "cloud.ply: at least one vertex with x, y and z expected"),
         (("{graph}", "--colour", "rotation-weight", "-o", "{out}"), "not by rotation weight"),
     ],
 )

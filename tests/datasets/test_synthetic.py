@@ -123,6 +123,18 @@ def test_steps_of_the_helix_and_of_the_grid_have_unit_length():
     np.testing.assert_allclose(np.linalg.norm(grid.translations, axis=1), 1.0, rtol=1e-7, atol=0)
 
 
+def test_cameras_on_a_sphere_look_outward_and_ahead_is_to_their_right():
+    instance = synthetic.sphere(10, rng())
+    assert (instance.graph.num_nodes, instance.graph.num_edges) == (200, 199 + 180)
+    R, t = instance.truth.rotations, instance.truth.translations
+    assert so.rotation_defect(R) < ROUNDING
+    np.testing.assert_allclose(R[:, :, 2], t * np.pi / 10, atol=ROUNDING)
+    ahead = np.einsum("kab,ka->kb", R[:-1], np.diff(t, axis=0))
+    assert np.all(ahead[:, 0] > 0.0)
+    above = np.linalg.norm(t[20:] - t[:-20], axis=1)
+    np.testing.assert_allclose(above, 1.0, rtol=5e-3)
+
+
 def test_a_corridor_costs_a_hundred_billionth_of_its_weight():
     instance = synthetic.corridor(1316, rng())
     graph = instance.graph
@@ -158,6 +170,7 @@ def test_a_grid_may_be_as_thin_as_a_tree():
         (lambda: synthetic.orbital(9, 0.1, rng(), closures=1, reach=1), "half of the 9 cameras"),
         (lambda: synthetic.orbital(9, 0.1, rng(), closures=-1), "closures must not be negative"),
         (lambda: synthetic.helix(2, rng()), "at least 3"),
+        (lambda: synthetic.sphere(2, rng()), "at least 3"),
         (lambda: synthetic.complete(1, 0.1, rng()), "at least 2"),
         (lambda: synthetic.random_graph(10, 1.0, 0.1, rng()), "mean degree of 1.8 to 9"),
         (lambda: synthetic.random_graph(10, 10.0, 0.1, rng()), "mean degree of 1.8 to 9"),

@@ -392,3 +392,17 @@ def test_a_graph_of_matrix_weights_has_no_format(tmp_path):
 def test_what_is_neither_graph_nor_estimate_is_refused_by_name(tmp_path):
     with pytest.raises(InputError, match=r"is written, not a str$"):
         io.write(tmp_path / "x.g2o", "graph")
+
+
+def test_full_information_of_another_text_is_written_to_g2o(tmp_path):
+    """In the plane the rotational part is one angle's, whatever a format calls it."""
+    given, path = tmp_path / "given.txt", tmp_path / "written.g2o"
+    given.write_text(
+        "ODOMETRY 0 1 1 0 0.1 50 1 2 60 3 70\nODOMETRY 1 2 1 0 0.1 50 1 2 60 3 70\n"
+        "LANDMARK 0 5 2 1 8 0.5 9\nLANDMARK 2 5 0 1 8 0.5 9\n"
+    )
+    whole = io.read(given, quiet=True)
+    io.write(path, whole)
+    again = io.read(path, quiet=True)
+    np.testing.assert_array_equal(again.information.matrices, whole.information.matrices)
+    np.testing.assert_array_equal(again.graph.tau, whole.graph.tau)

@@ -1,5 +1,8 @@
 """Frames to a certified trajectory: the synthetic room, real frames, and what goes wrong."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -7,13 +10,16 @@ import certpgo
 from certpgo.assess.metrics import angular_errors, position_errors
 from certpgo.cli import main
 from certpgo.errors import InputError, InputNotice
+from certpgo.io.surfaces import read_surface
 from certpgo.linalg import so
+from certpgo.registration.averaging import averaged_graph
+from certpgo.registration.calibration import calibrated
 from certpgo.registration.fuse import ColouredCloud, VoxelGrid, denoised, voxel_means
 from certpgo.registration.loops import DeadReckoning, adjacent, consistent
 from certpgo.registration.pairs import FramePair
 from certpgo.registration.reconstruct import ReconstructSettings
 from certpgo.registration.sequences import FolderSequence
-from certpgo.registration.synthetic import synthetic_sequence
+from certpgo.registration.synthetic import SyntheticSequence, synthetic_sequence
 
 cv2 = pytest.importorskip("cv2")
 pytest.importorskip("small_gicp")
@@ -112,6 +118,64 @@ def test_the_command_writes_scene_trajectory_and_graph(folder, tmp_path, capsys)
     assert certpgo.read(out[2]).graph.num_nodes == 6
 
 
+def test_a_page_shows_points_and_a_given_graph_is_fused_again(folder, tmp_path, capsys):
+    """The graph that was written gives the same scene; its page has points, in the same place."""
+    out = [tmp_path / name for name in ("a.ply", "a.html", "g.g2o", "b.ply", "b.html")]
+    a, page, graph, b, again = map(str, out)
+    line = ["reconstruct", str(folder), "-o", a, "--html", page, "--graph", graph, "--no-cache"]
+    assert main(line) == 0
+    line = ["reconstruct", graph, "--frames", str(folder), "-o", b, "--html", again]
+    assert main(line) == 0
+    said = capsys.readouterr().out
+    assert said.count("CERTIFIED") == 2
+    assert said.count("not proven") == 2
+    first, second = (read_surface(Path(path)) for path in (a, b))
+    assert abs(len(first.points) - len(second.points)) < 0.01 * len(first.points)
+    assert np.abs(first.points.mean(axis=0) - second.points.mean(axis=0)).max() < 1e-3
+    for text in (path.read_text(encoding="utf-8") for path in (out[1], out[4])):
+        assert "CERTIFIED" in text
+        assert "not proven: that images" in text
+        assert '"cloud": {' in text.replace('"cloud":{', '"cloud": {')
+
+
+def test_a_graph_of_other_frames_is_refused(folder, tmp_path, capsys):
+    graph = tmp_path / "g.g2o"
+    graph.write_text("EDGE_SE3:QUAT 0 9 1 0 0 0 0 0 1 1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 1 0 0 1 0 1\n")
+    assert main(["reconstruct", str(graph), "--frames", str(folder)]) == 1
+    assert "node 9 is no frame: frames has frames 0 to 5" in capsys.readouterr().err
+    graph.write_text("EDGE_SE2 0 1 1 0 0.1 1 0 0 1 0 1\n")
+    with pytest.raises(InputError, match="no poses in space"):
+        averaged_graph(certpgo.read(graph))
+
+
+def test_a_mesh_is_written(folder, tmp_path, capsys):
+    pytest.importorskip("skimage")
+    out = tmp_path / "mesh.ply"
+    line = ["reconstruct", str(folder), "--every", "2", "-o", str(out), "--mesh", "--calibrate"]
+    assert main([*line, "--no-cache"]) == 0
+    assert capsys.readouterr().out.startswith("CERTIFIED")
+    surface = read_surface(out)
+    assert len(surface.faces) > 1000
+
+
+class TwoLenses(SyntheticSequence):
+    """Frames whose colour camera has a longer lens than the depth camera."""
+
+    @property
+    def lens(self):
+        return self.camera.scaled(1.08)
+
+    def frame(self, k):
+        longer = SyntheticSequence(**{**vars(self), "camera": self.lens})
+        return replace(super().frame(k), colour=longer.frame(k).colour)
+
+
+def test_the_colour_camera_is_estimated_where_it_is_another_one(frames):
+    mixed = TwoLenses(**vars(frames.chosen(range(6))))
+    found = calibrated(mixed)
+    assert found.camera.fx == pytest.approx(mixed.lens.fx, rel=0.02)
+
+
 def test_damaged_frames_leave_gaps_that_are_named(folder):
     blank = folder / "color/2.png"
     cv2.imwrite(str(blank), np.zeros((240, 320, 3), np.uint8))
@@ -151,6 +215,9 @@ def test_frames_that_do_not_overlap_are_refused(frames):
         ("--synthetic -o scene.obj", "scene.obj: the scene is written as .ply"),
         ("--synthetic --mesh", "--mesh needs --out"),
         ("--synthetic -o nowhere/scene.ply", "nowhere/scene.ply: cannot be written"),
+        ("--synthetic --method global_icp", "certpgo register SCANS --method global_icp"),
+        ("--synthetic --method horn", "no method 'horn': pose_graph is known here"),
+        ("g.g2o --frames f --every 2", "without --graph and --every"),
         ("--synthetic --camera 1,1,1,1", "--camera and --depth-scale are for frames in a folder"),
     ],
 )

@@ -219,6 +219,14 @@ def test_laws(seed):
     assert cost_upper(problem, answer.estimate) >= problem.cost(answer.estimate)
 
 
+def test_distances_between_some_nodes_are_renumbered():
+    ranges = Ranges(5, [[0, 4], [2, 3], [4, 2]], [1.0, 2.0, 3.0], [4.0, 5.0, 6.0])
+    some = ranges.between(np.array([0, 2, 4]))
+    assert some.edges.tolist() == [[0, 2], [2, 1]]
+    assert (some.distances.tolist(), some.weights.tolist()) == ([1.0, 3.0], [4.0, 6.0])
+    assert ranges.between(np.array([1, 3])) is None
+
+
 def test_distances_that_fit_exactly_or_are_tiny_cost_no_bound():
     """Met exactly they have no weight, and near zero the tangent would be vertical."""
     rng = rng_of(2)

@@ -5,12 +5,14 @@ import math
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from strategies import point_graph
 
-from certpgo import read, solve
+from certpgo import Ranges, read, solve
+from certpgo.costs import certifiable
 from certpgo.datasets import synthetic
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.objective.problem import problem_of
@@ -271,13 +273,32 @@ def test_landmarks_and_priors_are_drawn_as_such(field):
     assert [value == -1.0 for value in degrees["values"]] == [False, False, True, True, False, True]
     assert min(metres["values"]) >= 0.0
     assert drawn["sentences"][1:] == [
-        "Drawn as dots: 1 landmark; as faint lines: 2 sightings.",
+        "Drawn as dots: 1 landmark.",
         "Drawn as rings, at the nodes that they measure: 2 priors.",
+        "Drawn as faint lines: 2 sightings.",
     ]
     thinned = scene(instance, answer.problem, answer.estimate, limit=3)
     assert instance.ids[instance.world] not in thinned["ids"]
     assert len(thinned["kinds"]) == 3
     assert thinned["sentences"][-1].startswith("3 of 6 edges are drawn")
+
+
+def test_distances_are_drawn_with_their_errors(grid):
+    plain, _, truth = grid
+    lengths = np.linalg.norm(truth.translations[[26, 20]] - truth.translations[[0, 1]], axis=1)
+    ranges = Ranges(
+        27, np.array([[0, 26], [1, 20]]), lengths + np.array([0.25, 0.5]), np.array([1.0, 2.0])
+    )
+    instance = replace(plain, ranges=ranges)
+    drawn = scene(instance, certifiable(instance), truth)
+    assert drawn["edges"][-2:] == [[0, 26], [1, 20]]
+    assert drawn["kinds"][-3:] == [0, 3, 3]
+    degrees, metres = drawn["measures"]
+    assert degrees["values"][-2:] == [-1.0, -1.0]
+    assert metres["values"][-2:] == pytest.approx([0.25, 0.5])
+    assert len(metres["values"]) == plain.graph.num_edges + 2
+    assert "Drawn as faint lines: 2 distances." in drawn["sentences"]
+    assert scene_of(instance, truth).units[-1] == "distance weight"
 
 
 def test_a_view_without_measured_rotations(field):

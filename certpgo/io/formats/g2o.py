@@ -118,14 +118,28 @@ def _position(pose: str, d: int) -> str:
     return " ".join(pose.split()[:d])
 
 
+def _weights(instance: Instance) -> tuple[list[str], list[str]]:
+    """The upper triangles of the information of all edges, and of their positions alone."""
+    graph, d = instance.graph, instance.graph.d
+    about = instance.options.get("rotation_information", "tangent")
+    if instance.information is not None and (d == 2 or about == DIALECT.rotation_information):
+        return _full(instance.information), _full(instance.information, d)
+    if isinstance(graph, PoseGraph):
+        kappa, tau = graph.rotation.kappa.tolist(), graph.tau.tolist()
+    else:
+        kappa, tau = graph.kappa.tolist(), [1.0] * graph.num_edges
+    whole = [_isotropic(d, *pair) for pair in zip(kappa, tau, strict=True)]
+    return whole, [_multiple(d, number) for number in tau]
+
+
 def _multiple(d: int, tau: float) -> str:
     """The upper triangle of tau I."""
     return f"{tau!r} 0 {tau!r}" if d == 2 else f"{tau!r} 0 0 {tau!r} 0 {tau!r}"
 
 
-def _full(information: Information) -> list[str]:
-    """The upper triangle of each edge's matrix, row by row."""
-    row, column = np.triu_indices(information.distinct.shape[-1])
+def _full(information: Information, size: int | None = None) -> list[str]:
+    """The upper triangle of each edge's matrix, or of its first rows, row by row."""
+    row, column = np.triu_indices(size or information.distinct.shape[-1])
     texts = [" ".join(map(repr, M)) for M in information.distinct[:, row, column].tolist()]
     return [texts[k] for k in information.index.tolist()]
 
@@ -138,7 +152,7 @@ def _isotropic(d: int, kappa: float, tau: float) -> str:
     return f"{a} 0 0 0 0 0 {a} 0 0 0 0 {a} 0 0 0 {b} 0 0 {b} 0 {b}"
 
 
-def _prior(graph: PoseGraph, k: int, node: int, pose: str, weight: str) -> str:
+def _prior(graph: PoseGraph, k: int, node: int, pose: str, weight: str, of_position: str) -> str:
     """The line of an edge from the world."""
     d = graph.d
     sensor = " 0" if d == 3 else ""
@@ -146,15 +160,13 @@ def _prior(graph: PoseGraph, k: int, node: int, pose: str, weight: str) -> str:
         return f"{_PRIORS[d][0]} {node}{sensor} {pose} {weight}\n"
     if graph.rotation.kappa[k] > 0.0:
         raise InputError("g2o has no measurements of an attitude alone")
-    upper = _multiple(d, float(graph.tau[k]))
-    return f"{_POSITIONS[d][0]} {node}{sensor} {_position(pose, d)} {upper}\n"
+    return f"{_POSITIONS[d][0]} {node}{sensor} {_position(pose, d)} {of_position}\n"
 
 
-def _sighting(graph: PoseGraph, k: int, pair: list[int], pose: str) -> str:
+def _sighting(d: int, pair: list[int], pose: str, of_position: str) -> str:
     """The line of an edge to a point."""
-    d = graph.d
     where = f"{pair[0]} {pair[1]}{' 0' if d == 3 else ''} {_position(pose, d)}"
-    return f"{_SIGHTINGS[d]} {where} {_multiple(d, float(graph.tau[k]))}\n"
+    return f"{_SIGHTINGS[d]} {where} {of_position}\n"
 
 
 def _write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
@@ -165,22 +177,14 @@ def _write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
 def _write_graph(path: Path, instance: Instance) -> None:
     graph, ids = instance.graph, instance.ids
     tag = "EDGE_SE3:QUAT" if graph.d == 3 else "EDGE_SE2"
-    if isinstance(graph, PoseGraph):
-        rotation, t, tau = graph.rotation, graph.translations, graph.tau
-    else:
-        rotation, t, tau = graph, None, np.ones(graph.num_edges)
+    rotation, t = (
+        (graph.rotation, graph.translations) if isinstance(graph, PoseGraph) else (graph, None)
+    )
     if t is not None and instance.origin is not None:
         t = t + np.where(graph.edges[:, :1] == instance.world, instance.origin, 0.0)
     numbers = _pose_numbers(rotation.rotations, t)
     pairs = ids[graph.edges].tolist()
-    about = instance.options.get("rotation_information", "tangent")
-    if instance.information is not None and about == DIALECT.rotation_information:
-        weights = _full(instance.information)
-    else:
-        weights = [
-            _isotropic(graph.d, *pair)
-            for pair in zip(rotation.kappa.tolist(), tau.tolist(), strict=True)
-        ]
+    weights, of_positions = _weights(instance)
     lines = [
         f"{tag} {i} {j} {pose} {weight}\n"
         for (i, j), pose, weight in zip(pairs, numbers, weights, strict=True)
@@ -189,10 +193,11 @@ def _write_graph(path: Path, instance: Instance) -> None:
     if isinstance(graph, PoseGraph) and graph.points is not None:
         points = graph.points
         for k in np.flatnonzero(points[graph.edges[:, 1]]).tolist():
-            lines[k] = _sighting(graph, k, pairs[k], numbers[k])
+            lines[k] = _sighting(graph.d, pairs[k], numbers[k], of_positions[k])
     if isinstance(graph, PoseGraph) and instance.world is not None:
         for k in np.flatnonzero((graph.edges == instance.world).any(axis=1)).tolist():
-            lines[k] = _prior(graph, k, ids[graph.edges[k, 1]], numbers[k], weights[k])
+            node, given = ids[graph.edges[k, 1]], (weights[k], of_positions[k])
+            lines[k] = _prior(graph, k, node, numbers[k], *given)
     known = slice(instance.world)
     with path.open("w", encoding="ascii") as file:
         if points.any() and graph.d == 3:

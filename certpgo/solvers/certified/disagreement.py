@@ -244,8 +244,7 @@ def select(
         scale = 1.0 if confirmed else WIDER * _noise_kept(problem, found)
     else:
         name = "graduated_non_convexity"
-        known = () if trusted is None else tuple(np.asarray(trusted).tolist())
-        found, scale = _graduated(problem, fit, initial, known, monitor)
+        found, scale = _graduated(problem, fit, initial, trusted, monitor)
     costs = problem.edge_costs(found.estimate)
     kept = ~outlying(problem, costs, scale)
     if trusted is not None:
@@ -258,13 +257,16 @@ def _graduated(
     problem: Problem,
     fit: Estimate | None,
     initial: Estimate | None,
-    trusted: tuple[int, ...],
+    trusted: IntArray | None,
     monitor: Monitor,
 ) -> tuple[Solution, float]:
     """The fit by graduated non-convexity, and the noise scale for its residuals."""
+
+    def fitted(solver: GraduatedNonConvexity, start: Estimate | None) -> Solution:
+        return solver.solve(problem, initial=start, trusted=trusted, monitor=monitor)
+
     if states_noise(problem):
-        solver = GraduatedNonConvexity(probability=_probability(problem), trusted=trusted)
-        found = solver.solve(problem, initial=initial, monitor=monitor)
+        found = fitted(GraduatedNonConvexity(probability=_probability(problem)), initial)
         if _confirms_weights(problem, found):
             return found, 1.0
     if fit is None:
@@ -272,13 +274,11 @@ def _graduated(
         fit = newton(problem, start.estimate, near=start.near, monitor=monitor).estimate
     scale = noise_scale(problem, problem.edge_costs(fit))
     for _ in range(ROUNDS):
-        solver = GraduatedNonConvexity(scale=scale, trusted=trusted)
-        found = solver.solve(problem, initial=initial, monitor=monitor)
+        found = fitted(GraduatedNonConvexity(scale=scale), initial)
         before, scale = scale, _noise_kept(problem, found)
         if scale > (1.0 - GAIN) * before:
             break
-    solver = GraduatedNonConvexity(scale=WIDER * scale, trusted=trusted)
-    found = solver.solve(problem, initial=found.estimate, monitor=monitor)
+    found = fitted(GraduatedNonConvexity(scale=WIDER * scale), found.estimate)
     return found, WIDER * _noise_kept(problem, found)
 
 

@@ -117,8 +117,8 @@ const Scene = (function () {
   // Edges by descending residual.
   const ranking = (values) => values.map((_, e) => e).sort((a, b) => values[b] - values[a] || a - b);
 
-  // Sightings of landmarks, and priors, which have no second end.
-  const SIGHTING = 1, PRIOR = 2;
+  // Sightings of landmarks, priors, which have no second end, and distances.
+  const SIGHTING = 1, PRIOR = 2, RANGE = 3;
   const kind = (data, e) => (data.kinds ? data.kinds[e] : 0);
 
   function sentence(data, e) {
@@ -127,7 +127,7 @@ const Scene = (function () {
     const measured = data.measures.filter((m) => m.values[e] >= 0);
     const residuals = measured.map((m) => m.values[e] + " " + m.unit).join(", ");
     const between = data.loop[e] ? "loop closure" : "consecutive nodes";
-    const what = [between, "landmark seen", "prior"][kind(data, e)];
+    const what = [between, "landmark seen", "prior", "distance"][kind(data, e)];
     const ends = kind(data, e) === PRIOR ? "at " + data.ids[i] : data.ids[i] + " to " + data.ids[j];
     return "Edge " + data.numbers[e] + ", " + ends + " (" + what + "): residual " + residuals + ".";
   }
@@ -152,13 +152,16 @@ const Scene = (function () {
       frusta: (given.frusta || []).map((line) => framed(line, data.frame)).flat(),
     });
     const truth = (data.truth || []).map((line) => framed(line, data.frame)).flat();
-    const all = placements[0].points.concat(placements[0].frusta), box = frame(all);
+    const cloud = framed(data.cloud ? data.cloud.points : [], data.frame);
+    const rejected = (data.rejected || []).map((line) => framed(line, data.frame)).flat();
+    const clouded = element.querySelector(".cloud"), refused = element.querySelector(".rejected");
+    const all = placements[0].points.concat(placements[0].frusta, cloud), box = frame(all);
     if (data.frame) box.seen = seenFrom(all, box, start(data));
     if (data.metric === false) every.checked = true;
     const early = element.querySelector(".before"), known = element.querySelector(".truth");
     const shownPlacement = () => placements[early && early.checked ? 1 : 0];
     const seen = element.querySelector(".seen"), landmarks = data.landmarks || [];
-    const isSeen = (e) => kind(data, e) === SIGHTING;
+    const isSeen = (e) => kind(data, e) === SIGHTING || kind(data, e) === RANGE;
     const consecutive = data.loop.filter((loop, e) => !loop && kind(data, e) === 0).length;
     let view = start(data), flat = null, picked = -1, place = -1, waiting = false;
     if (consecutive === 0) every.parentElement.hidden = true;
@@ -212,6 +215,7 @@ const Scene = (function () {
         else if (values[e] >= 0 && (data.loop[e] || kind(data, e) === PRIOR || every.checked)) buckets[bucket(values[e], top)].push(e);
         else plain.push(e);
       }
+      if (cloud.length && clouded.checked) spots(cloud, data.cloud.colours);
       const thin = data.edges.length > 5000 ? 0.7 : 1.2;
       if (!seen || seen.checked) {
         context.globalAlpha = faint.length > 5000 ? 0.08 : 0.3;
@@ -223,6 +227,7 @@ const Scene = (function () {
       stroke(plain, style("--edge"), thin);
       buckets.forEach((list, k) => stroke(list, colour((k + 0.5) / COLOURS, dark), thin + 0.2));
       buckets.forEach((list, k) => dot(list, colour((k + 0.5) / COLOURS, dark)));
+      if (rejected.length && refused.checked) segments(rejected, style("--bad"), 1);
       segments(placed.frusta, style("--c0"), 0.8);
       const r = data.points.length <= 300 ? 2.2 : 1.2;
       const few = data.points.length <= 2000;
@@ -239,6 +244,14 @@ const Scene = (function () {
       if (picked >= 0) {
         stroke([picked], style("--paper"), 6);
         stroke([picked], style("--bad"), 3);
+      }
+    }
+
+    function spots(points, colours) {
+      const at = project(points, box, view, canvas.clientWidth, canvas.clientHeight);
+      for (let k = 0; k < points.length; k++) {
+        context.fillStyle = "#" + colours[k];
+        context.fillRect(at[2 * k], at[2 * k + 1], 1.5, 1.5);
       }
     }
 

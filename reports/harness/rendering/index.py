@@ -14,39 +14,52 @@ from reports.harness.rendering.cells import Cell
 from reports.harness.rendering.citations import citation
 from reports.harness.rendering.results import FigureResult, TableResult
 
-INTRODUCTION = """\
+#: Figures that the page opens with.
+OPENING = ("gallery_trajectories", "gallery_zoo", "gallery_bounds")
+RULES = """\
 Rendered by `certpgo report`, a pure function of the records; it also writes each table as CSV and
-LaTeX. A printed value is
-reproduced when ours rounds to the printed digits or, of a mean over seeds, when it lies within two
-standard errors of our mean; it is better where lower or higher numbers are, and ours is. Where
-several of our readings correspond to one value, the nearest counts. Every value of the papers'
-tables is counted, whether or not it could be run, except times and what says what a row is of: for
-times the claimed order is checked, among the claims. Where a claim names no tolerance, the one in
-its sentence is ours. What own_cost is compared with are values of a prototype, which are not
-counted among the papers'."""
+LaTeX. A printed value is reproduced when ours rounds to the printed digits or, of a mean over
+seeds, when it lies within two standard errors of our mean; it is better where lower or higher
+numbers are, and ours is. Where several of our readings correspond to one value, the nearest counts.
+Every value of the papers' tables is counted, whether or not it could be run, except times and what
+says what a row is of: for times the claimed order is checked, among the claims. Where a claim names
+no tolerance, the one in its sentence is ours. What own_cost is compared with are values of a
+prototype, which are not counted among the papers'."""
 
 
 def index(tables: Sequence[TableResult], figures: Sequence[FigureResult]) -> str:
     """The page as Markdown."""
     lines = ["# Tables and figures: the papers' numbers and ours", ""]
-    lines += [f"**{summary(tables, figures)}**", "", INTRODUCTION, ""]
+    lines += [f"**{summary(tables, figures)}**", "", *_opening(figures)]
     if any(getattr(r, "profile", "") == "quick" for t in tables for r in t.records):
         lines += ["**Results of the quick profile: of a part of the rows alone.**", ""]
+    lines += ["## Claims", "", *_claims(tables, figures), ""]
     lines += ["## Printed values by table", "", *_by_table(tables), ""]
     lines += ["## Printed values that differ", "", *_reasons(tables, cells.CellStatus.DIFFERS), ""]
-    lines += ["## Printed values not run", "", *_reasons(tables, cells.CellStatus.NOT_RUN), ""]
-    lines += ["## Claims", "", *_claims(tables, figures), ""]
     lines += ["## Tables", "", *_tables(tables), ""]
     lines += ["## Figures", "", *_figures(figures), ""]
+    lines += ["## How values are counted", "", RULES, ""]
+    lines += ["## Printed values not run", "", *_reasons(tables, cells.CellStatus.NOT_RUN), ""]
     lines += ["## Environment", "", *_environment(tables, figures), ""]
     return "\n".join(lines)
 
 
 def summary(tables: Sequence[TableResult], figures: Sequence[FigureResult]) -> str:
-    """The outcomes of the papers' printed values and claims, in two sentences."""
+    """The outcomes of the papers' printed values and claims, in three sentences."""
     found = [cell for result in tables if result.table.paper for cell in result.cells]
     outcomes = [outcome for _, about in _named(tables, figures) for outcome in about]
-    return f"{_of_cells(found)} {_of_claims(outcomes)}"
+    open_ = cells.tally(found)[cells.CellStatus.NOT_RUN], _tally(outcomes)[2]
+    values, claims = counted(open_[0], "printed value{s}"), counted(open_[1], "claim{s}")
+    return f"{_of_cells(found)} {_of_claims(outcomes)} Not run: {values} and {claims}."
+
+
+def _opening(figures: Sequence[FigureResult]) -> Iterator[str]:
+    """The pictures that the page opens with, where they were made."""
+    made = {result.figure.name: result for result in figures if result.drawing is not None}
+    for name in OPENING:
+        if name in made:
+            yield f"![{made[name].figure.title}]({name}.svg)"
+            yield ""
 
 
 def _of_cells(found: Sequence[Cell]) -> str:
@@ -58,18 +71,15 @@ def _of_cells(found: Sequence[Cell]) -> str:
     ran = reproduced + better + differing
     share = f" ({100 * (reproduced + better) / ran:.0f} %)" if ran else ""
     return (
-        f"Of {counted(len(found), 'value{s}')} printed in the papers' tables {ran} were run: "
-        f"{reproduced} reproduced and {better} better{share}, "
-        f"{differing} different{why if differing else ''}; "
-        f"{counts[cells.CellStatus.NOT_RUN]} were not run."
+        f"Of {counted(ran, 'value{s}')} of the papers' tables that were run, {reproduced} are "
+        f"reproduced and {better} better{share}, {differing} different{why if differing else ''}."
     )
 
 
 def _of_claims(outcomes: Sequence[ClaimOutcome]) -> str:
-    held, differ, open_ = _tally(outcomes)
+    held, differ, _ = _tally(outcomes)
     return (
-        f"Of {counted(len(outcomes), 'claim{s}')} of the papers {held} hold, {differ} differ and "
-        f"{open_} were not run."
+        f"Of {counted(held + differ, 'claim{s}')} that were tried, {held} hold and {differ} differ."
     )
 
 

@@ -1,0 +1,164 @@
+"""Scenes from a given pose graph, and what a reconstruction writes: points, mesh and page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from certpgo.cli._paging import origin_of, write_page
+from certpgo.cli._reading import Reading
+from certpgo.cli._show import working
+from certpgo.errors import InputError
+
+if TYPE_CHECKING:
+    from certpgo.graph import Estimate
+    from certpgo.linalg.arrays import IntArray
+    from certpgo.registration.averaging import Averaged
+    from certpgo.registration.fuse import ColouredCloud
+    from certpgo.registration.reconstruct import Reconstruction
+    from certpgo.registration.sequences import FrameSequence
+    from certpgo.registration.stages import Progress
+    from certpgo.solvers.certified.pipeline import CertifiedSolution
+
+#: Voxels of a mesh, metres.
+MESH = 0.02
+#: Rejected edges that are named; the others are counted.
+NAMED = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Fused:
+    """Frames fused at the poses of a given graph; as a `Reconstruction`, without its pairs."""
+
+    frames: FrameSequence
+    averaged: Averaged
+    scene: ColouredCloud
+    skipped: tuple[str, ...] = ()
+
+    @property
+    def answer(self) -> CertifiedSolution:
+        """The certified solution for the kept edges."""
+        return self.averaged.answer
+
+    @property
+    def estimate(self) -> Estimate:
+        """Poses; the first is the identity."""
+        return self.averaged.estimate
+
+    @property
+    def nodes(self) -> IntArray:
+        """Numbers of the frames."""
+        return self.averaged.nodes
+
+    @property
+    def odometry(self) -> int:
+        """How many edges are between neighbouring frames."""
+        a = self.averaged
+        numbers = a.instance.ids[a.instance.graph.edges]
+        return int((abs(numbers[:, 1] - numbers[:, 0]) == 1).sum())
+
+    def rejected_named(self) -> list[str]:
+        """The rejected edges, by their images."""
+        a, names = self.averaged, self.frames.names
+        ends = a.instance.ids[a.instance.graph.edges[~a.kept]].tolist()
+        return [f"{names[i]} and {names[j]}" for i, j in ends]
+
+    def consistency(self) -> list[tuple[str, str]]:
+        """What was measured of how well edges agree, and what is not proven."""
+        from certpgo.registration.reconstruct import UNPROVEN
+
+        a, squares = self.averaged, self.averaged.squares()
+        said = [
+            ("frames", f"{len(a.nodes)} of {len(self.frames)}"),
+            ("edges", f"{int(a.kept.sum())} of {len(a.kept)} kept, {self.odometry} of odometry"),
+        ]
+        if len(squares):
+            chi2 = f"{squares.mean():.2f} per degree of freedom of the kept edges"
+            said.append(("chi^2", chi2))
+        return [*said, ("not proven", UNPROVEN)]
+
+
+def fused_at(
+    graph: Path, frames: FrameSequence, grid: float, cutoff: float, progress: Progress
+) -> Fused:
+    """The frames at the certified poses of a graph's file.
+
+    Raises
+    ------
+    InputError
+        A node whose id is no number of a frame.
+    """
+    from certpgo.io import read
+    from certpgo.registration.averaging import averaged_graph
+    from certpgo.registration.fuse import fused
+
+    instance = read(graph)
+    last = len(frames) - 1
+    outside = [node for node in instance.ids.tolist() if not 0 <= node <= last]
+    if outside:
+        raise InputError(
+            f"{graph}: node {outside[0]} is no frame: {frames.name} has frames 0 to {last}"
+        )
+    averaged = averaged_graph(instance, instance.initial)
+    scene = fused(
+        frames, averaged.nodes, averaged.estimate, grid=grid, cutoff=cutoff, progress=progress
+    )
+    return Fused(frames, averaged, scene)
+
+
+def write_scene(out: Path, found: Reconstruction | Fused, cutoff: float, *, mesh: bool) -> None:
+    """Write the points, or a mesh of the frames, as PLY."""
+    import numpy as np
+
+    from certpgo.io.surfaces import Surface, write_surface
+
+    if not mesh:
+        write_surface(out, Surface(found.scene.points.astype(float), found.scene.colours))
+        return
+    from certpgo.registration import tsdf
+
+    def seen() -> Iterator[tuple[Any, Any]]:
+        for k in found.nodes.tolist():
+            frame = found.frames.frame(k)
+            yield frame.colour, np.where(frame.depth <= cutoff, frame.depth, 0.0)
+
+    with working("fusing the mesh"):
+        volume = tsdf.integrate(seen(), found.estimate, found.frames.camera, voxel=MESH)
+        vertices, faces, colours = tsdf.mesh(volume)
+    write_surface(out, Surface(vertices, colours, faces))
+
+
+def write_reconstruction(out: Path, found: Reconstruction | Fused, graph: Path | None) -> None:
+    """Write the page of the certificate, with the points and the rejected edges."""
+    from certpgo.assess.assessment import assess
+    from certpgo.io.surfaces import Surface
+
+    averaged, answer = found.averaged, found.answer
+    given, problem, kept = averaged.instance, answer.problem, averaged.kept
+    information = None if given.information is None else given.information.subset(kept)
+    instance = replace(given, graph=given.graph.with_edges(kept), information=information)
+    assessment = assess(problem, found.estimate, answer.certificate, ids=instance.ids)
+    remarks = [f"{name}: {said}." for name, said in found.consistency()]
+    if rejected := found.rejected_named():
+        more = f"; and {len(rejected) - NAMED} more" if len(rejected) > NAMED else ""
+        remarks.append(f"Rejected: {'; '.join(rejected[:NAMED])}{more}.")
+    origin = origin_of(
+        found.frames.name if graph is None else str(graph),
+        Reading(),
+        method="certified",
+        remarks=remarks,
+        partial=not kept.all(),
+        settings=answer.settings,
+    )
+    write_page(
+        out,
+        instance,
+        problem,
+        found.estimate,
+        assessment,
+        origin,
+        cloud=Surface(found.scene.points.astype(float), found.scene.colours),
+        rejected=given.graph.edges[~kept],
+    )
