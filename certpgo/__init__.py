@@ -44,10 +44,19 @@ if TYPE_CHECKING:
     from certpgo.registration.register import register
     from certpgo.registration.sequences import read_sequence
     from certpgo.registry import get_solver
+    from certpgo.solvers.certified.merging import Merged, merge
+    from certpgo.solvers.certified.rejecting import RobustSession
+    from certpgo.solvers.certified.session import Session, Standing
+    from certpgo.solvers.certified.suspicion import Suspicion
     from certpgo.view.show import show
 
 #: Imported on first use, to keep `import certpgo` fast.
 _LATER = {
+    "Merged": "solvers.certified.merging",
+    "RobustSession": "solvers.certified.rejecting",
+    "Session": "solvers.certified.session",
+    "Standing": "solvers.certified.session",
+    "Suspicion": "solvers.certified.suspicion",
     "check": "certify.proof_file",
     "certify_values": "assess.assessment",
     "from_gtsam": "costs.gtsam_graph",
@@ -59,6 +68,7 @@ _LATER = {
     "write": "io",
     "write_proof": "certify.proof_file",
     "get_solver": "registry",
+    "merge": "solvers.certified.merging",
     "register": "registration.register",
     "show": "view.show",
     "scheduler": "linalg.distributed.schedulers",
@@ -84,6 +94,7 @@ __all__ = [
     "Instance",
     "Iteration",
     "Marginals",
+    "Merged",
     "MissingDependency",
     "Monitor",
     "NewtonSettings",
@@ -91,12 +102,16 @@ __all__ = [
     "PoseGraph",
     "PoseProblem",
     "Ranges",
+    "RobustSession",
     "RotationGraph",
     "RotationProblem",
+    "Session",
     "Solution",
     "SolveSettings",
     "SpecError",
+    "Standing",
     "Status",
+    "Suspicion",
     "Tier",
     "Verdict",
     "certify",
@@ -105,6 +120,7 @@ __all__ = [
     "from_gtsam",
     "to_gtsam",
     "get_solver",
+    "merge",
     "read",
     "read_estimate",
     "read_sequence",

@@ -253,7 +253,7 @@ class Case:
         cost = own.cost if estimate is own.point else self.cost_upper(estimate)
         tolerance = self.tolerance(cost)
         best = other if other is not None and other.value > own.value else own
-        gap = _difference_up(cost, best.value)
+        gap = difference_up(cost, best.value)
         finite = math.isfinite(cost) and math.isfinite(tolerance)
         basin_is_global = self.rigorous and own.cost - best.value <= self.tolerance(own.cost)
         better, elsewhere = None, False
@@ -297,7 +297,7 @@ class Case:
         return replace(scaled, reason=_reason(scaled))
 
 
-def _difference_up(high: float, low: float) -> float:
+def difference_up(high: float, low: float) -> float:
     """A double not below the difference."""
     gap = high - low
     short = math.isfinite(gap) and Fraction(gap) < Fraction(high) - Fraction(low)

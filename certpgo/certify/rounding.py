@@ -8,19 +8,25 @@ from __future__ import annotations
 
 import numpy as np
 
-from certpgo.graph import Estimate
+from certpgo.graph import Estimate, Graph, PoseGraph
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.balls import U
 from certpgo.linalg.so import rotation_defect
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective import operators
+from certpgo.objective.problem import Problem
 
 
 def cost_upper(problem: Problem, estimate: Estimate) -> float:
     """An upper bound on F of the estimate, whose translations are taken as stored."""
-    if problem.graph.is_general:
-        cost, error = _general(problem, estimate)
+    return measured_upper(problem.graph, estimate)
+
+
+def measured_upper(graph: Graph, estimate: Estimate) -> float:
+    """The same for measurements that need not connect the nodes."""
+    if graph.is_general:
+        cost, error = _general(graph, estimate)
         return cost + error
-    weights, sizes, errors = _residuals(problem, estimate)
+    weights, sizes, errors = _residuals(graph, estimate)
     terms = weights * (sizes * (1.0 + 32.0 * U) + errors) ** 2
     return float(np.sum(terms) * (1.0 + _of_a_sum(terms)))
 
@@ -28,51 +34,51 @@ def cost_upper(problem: Problem, estimate: Estimate) -> float:
 def cost_lower(problem: Problem, estimate: Estimate) -> float:
     """A lower bound on F of the estimate, also for quaternions rounded from its rotations."""
     if problem.graph.is_general:
-        cost, error = _general(problem, estimate)
+        cost, error = _general(problem.graph, estimate)
         return max(cost - 2.0 * error, 0.0)
-    weights, sizes, errors = _residuals(problem, estimate)
+    weights, sizes, errors = _residuals(problem.graph, estimate)
     terms = weights * np.maximum(sizes * (1.0 - 32.0 * U) - 2.0 * errors, 0.0) ** 2
     return float(np.sum(terms) * (1.0 - _of_a_sum(terms)))
 
 
-def _residuals(problem: Problem, estimate: Estimate) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _residuals(graph: Graph, estimate: Estimate) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Weights, computed norms and their absolute errors, of rotations, then of translations."""
-    graph = problem.rotation.graph
-    E = problem.rotation.residuals(estimate.rotations)
+    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    E = operators.rotation_residuals(rotation, estimate.rotations)
     norm = np.sqrt(np.einsum("mab,mab->m", E, E))
     # R_j - R_i R_ij: three matrices near rotations, and a product of d terms.
-    own, measured = rotation_defect(estimate.rotations), rotation_defect(graph.rotations)
+    own, measured = rotation_defect(estimate.rotations), rotation_defect(rotation.rotations)
     error = np.full(len(norm), 2.0 * own + measured + 32.0 * U)
-    if not isinstance(problem, PoseProblem) or estimate.translations is None:
-        return graph.kappa, norm, error
-    r = np.linalg.norm(problem.translation_residuals(estimate), axis=1)
+    if not isinstance(graph, PoseGraph) or estimate.translations is None:
+        return rotation.kappa, norm, error
+    r = np.linalg.norm(operators.translation_residuals(graph, estimate), axis=1)
     # The rounding of t_j - t_i is relative to its size, at most r plus the lever.
-    lever = np.linalg.norm(problem.graph.translations, axis=1)
-    weights = np.concatenate([graph.kappa, problem.graph.tau])
+    lever = np.linalg.norm(graph.translations, axis=1)
+    weights = np.concatenate([rotation.kappa, graph.tau])
     errors = np.concatenate([error, (own + 32.0 * U) * lever])
     return weights, np.concatenate([norm, r]), errors
 
 
-def _general(problem: Problem, estimate: Estimate) -> tuple[float, float]:
+def _general(graph: Graph, estimate: Estimate) -> tuple[float, float]:
     """F and a bound on its error, for edges with couplings or arms."""
-    graph = problem.rotation.graph
-    _, K, _ = graph.polar
+    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    _, K, _ = rotation.polar
     nuclear = np.trace(K, axis1=1, axis2=2)
     own = rotation_defect(estimate.rotations)
-    E = problem.rotation.residuals(estimate.rotations)
+    E = operators.rotation_residuals(rotation, estimate.rotations)
     size = np.sqrt(np.einsum("mab,mab->m", E, E))
     # Residuals are off by `off`; the polar factors reproduce the couplings up to rounding.
     off = 2.0 * own + 64.0 * U
     errors = nuclear * (2.0 * off * size + off**2 + 64.0 * U)
     terms = np.einsum("mab,mab->m", E @ K, E)
-    if isinstance(problem, PoseProblem) and estimate.translations is not None:
-        r = np.linalg.norm(problem.translation_residuals(estimate), axis=1)
-        lever = np.linalg.norm(problem.graph.translations, axis=1)
-        if problem.graph.arms is not None:
-            lever = lever + np.linalg.norm(problem.graph.arms, axis=1)
+    if isinstance(graph, PoseGraph) and estimate.translations is not None:
+        r = np.linalg.norm(operators.translation_residuals(graph, estimate), axis=1)
+        lever = np.linalg.norm(graph.translations, axis=1)
+        if graph.arms is not None:
+            lever = lever + np.linalg.norm(graph.arms, axis=1)
         off = (own + 32.0 * U) * lever + 32.0 * U * r
-        terms = np.concatenate([terms, problem.graph.tau * r**2])
-        errors = np.concatenate([errors, problem.graph.tau * off * (2.0 * r + off)])
+        terms = np.concatenate([terms, graph.tau * r**2])
+        errors = np.concatenate([errors, graph.tau * off * (2.0 * r + off)])
     error = float(errors.sum() + _of_a_sum(terms) * np.abs(terms).sum())
     return float(terms.sum()), 1.001 * error
 

@@ -100,6 +100,43 @@ def data_matrix(blocks: BlockPattern, graph: PoseGraph) -> CSC:
     return blocks.assemble(diagonal, upper, 1)
 
 
+def scale(graph: RotationGraph | PoseGraph) -> float:
+    """W = sum(kappa), of poses plus sum(tau |t_ij|^2) and sum(tau |a|^2)."""
+    if not isinstance(graph, PoseGraph):
+        return float(graph.kappa.sum())
+    return scale(graph.rotation) + sum(float(lever.sum()) for lever in levers(graph))
+
+
+def levers(graph: PoseGraph) -> list[FloatArray]:
+    """(m,) values tau |t_ij|^2, and tau |a|^2 if there are arms."""
+    arms = (graph.translations, *(() if graph.arms is None else (graph.arms,)))
+    return [graph.tau * np.einsum("ma,ma->m", arm, arm) for arm in arms]
+
+
+def rotation_residuals(graph: RotationGraph, R: FloatArray) -> FloatArray:
+    """(m, r, d) matrices R_j - R_i R_ij, for rotations (n, r, d); R_j - R_i P if N = P K."""
+    i, j = graph.edges.T
+    measured = graph.polar[0] if graph.is_general else graph.rotations
+    return np.asarray(R[j] - R[i] @ measured)
+
+
+def steps(graph: PoseGraph, point: Point) -> FloatArray:
+    """(m, r) vectors R_i t_ij, minus R_j a where an edge has an arm a."""
+    i, j = graph.edges.T
+    R = point.rotations
+    steps = (R[i] @ graph.translations[:, :, None])[:, :, 0]
+    if graph.arms is not None:
+        steps = steps - (R[j] @ graph.arms[:, :, None])[:, :, 0]
+    return np.asarray(steps)
+
+
+def translation_residuals(graph: PoseGraph, point: Point) -> FloatArray:
+    """(m, r) vectors t_j - t_i - R_i t_ij, plus R_j a where an edge has an arm a."""
+    i, j = graph.edges.T
+    t = translations_of(point)
+    return np.asarray(t[j] - t[i] - steps(graph, point))
+
+
 def multipliers(gradient: FloatArray, R: FloatArray) -> FloatArray:
     """Blocks Lam_i = sym(G_i^T R_i), (n, d, d), of half the Euclidean gradient G in the rotations.
 

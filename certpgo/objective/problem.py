@@ -80,7 +80,7 @@ class PoseProblem(Objective):
     @cached_property
     def scale(self) -> float:
         """W = sum(kappa) + sum(tau |t_ij|^2), the scale of the objective."""
-        return self.rotation.scale + float(self.lever_weights.sum())
+        return operators.scale(self.graph)
 
     @cached_property
     def data_matrix(self) -> CSC:
@@ -135,7 +135,7 @@ class PoseProblem(Objective):
 
     def _eliminated(self, point: Point) -> FloatArray:
         graph = self.graph
-        steps = self._steps(point)
+        steps = operators.steps(graph, point)
         known = graph.tau > 0.0
         measured = graph.edges[known], graph.tau[known], steps[known]
         t = network.positions(self.n, *measured, self.order)
@@ -155,18 +155,7 @@ class PoseProblem(Objective):
 
     def translation_residuals(self, point: Point) -> FloatArray:
         """(m, r) vectors t_j - t_i - R_i t_ij, plus R_j a where an edge has an arm a."""
-        i, j = self.graph.edges.T
-        t = translations_of(point)
-        return np.asarray(t[j] - t[i] - self._steps(point))
-
-    def _steps(self, point: Point) -> FloatArray:
-        """(m, r) vectors R_i t_ij, minus R_j a where an edge has an arm a."""
-        i, j = self.graph.edges.T
-        R = point.rotations
-        steps = (R[i] @ self.graph.translations[:, :, None])[:, :, 0]
-        if self.graph.arms is not None:
-            steps = steps - (R[j] @ self.graph.arms[:, :, None])[:, :, 0]
-        return np.asarray(steps)
+        return operators.translation_residuals(self.graph, point)
 
     def cost(self, point: Point) -> float:
         """F of the point."""
@@ -208,13 +197,8 @@ class PoseProblem(Objective):
     @cached_property
     def lever_weights(self) -> FloatArray:
         """(n,) sums of tau |t_ij|^2 over the edges that leave each node, and of tau |a|^2."""
-        t, a = self.graph.translations, self.graph.arms
-        lever = self.graph.tau * np.einsum("ma,ma->m", t, t)
-        levers = scatter_sum(self.graph.edges[:, 0], lever, self.n)
-        if a is not None:
-            lever = self.graph.tau * np.einsum("ma,ma->m", a, a)
-            levers += scatter_sum(self.graph.edges[:, 1], lever, self.n)
-        return levers
+        ends = zip(self.graph.edges.T, operators.levers(self.graph), strict=False)
+        return sum((scatter_sum(*end, self.n) for end in ends), np.zeros(self.n))
 
     def scaled(self, factor: float) -> PoseProblem:
         """The same measurements with all weights times ``factor``; pattern and order are shared."""

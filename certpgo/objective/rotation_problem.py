@@ -80,7 +80,7 @@ class RotationProblem(Objective):
     @property
     def scale(self) -> float:
         """W = sum(kappa), the scale of the objective in absolute tolerances."""
-        return float(self.graph.kappa.sum())
+        return operators.scale(self.graph)
 
     @cached_property
     def connection_laplacian(self) -> CSC:
@@ -99,9 +99,7 @@ class RotationProblem(Objective):
 
     def residuals(self, R: FloatArray) -> FloatArray:
         """(m, r, d) matrices R_j - R_i R_ij, for rotations (n, r, d); R_j - R_i P if N = P K."""
-        i, j = self.graph.edges.T
-        measured = self.graph.polar[0] if self.graph.is_general else self.graph.rotations
-        return np.asarray(R[j] - R[i] @ measured)
+        return operators.rotation_residuals(self.graph, R)
 
     def cost(self, point: Point) -> float:
         """F of the point's rotations."""

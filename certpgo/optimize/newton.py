@@ -58,6 +58,7 @@ class NewtonSettings(Iterative):
     loosest, tightest : relative residuals of conjugate gradients preconditioned by an old factor
     max_products : products at most before a new factor; fewer where that costs less
     large : nodes from which any old factor is tried first
+    enough : stop, too, where the last factor predicts that F can fall by at most this fraction
 
     Examples
     --------
@@ -81,6 +82,7 @@ class NewtonSettings(Iterative):
     tightest: float = 1e-6
     max_products: int = 30
     large: int = 20_000
+    enough: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -91,7 +93,7 @@ class NewtonSettings(Iterative):
         dampings = (self.smallest_damping, self.second_damping, self.first_damping)
         if not all(0.0 < damping < self.largest_damping < math.inf for damping in dampings):
             raise SpecError("dampings must be positive and finite, and largest_damping the largest")
-        others = ("slow_decrease", "near", "stagnation", "max_products", "large")
+        others = ("slow_decrease", "near", "stagnation", "max_products", "large", "enough")
         for name in others:
             if not getattr(self, name) >= 0:
                 raise SpecError(f"{name} must not be negative: {getattr(self, name)}")
@@ -128,8 +130,19 @@ def newton(
             progress.status = Status.STALLED
             break
         state = following
+        if settings.enough > 0.0 and _left(problem, state, work) <= settings.enough * state.cost:
+            progress.status = Status.CONVERGED
+            break
     estimate = Estimate(state.point.rotations, state.point.translations)
     return progress.solution(estimate, state.cost, counts=dict(work.counts))
+
+
+def _left(problem: Problem, state: _State, work: _Work) -> float:
+    """The decrease of F that the last factor predicts for another exact step."""
+    if work.factor is None or not state.exact or state.damping > 0.0:
+        return math.inf
+    g = problem.tangent_layout.pack(state.first.tangent)
+    return float(g @ work.factor.solve(g))
 
 
 def forcing_term(

@@ -12,7 +12,7 @@ from strategies import pose_graph
 
 from certpgo.certify import Tier, Verdict
 from certpgo.certify import case as module
-from certpgo.certify.case import FLOOR, Basin, Case, _difference_up, _reason
+from certpgo.certify.case import FLOOR, Basin, Case, _reason, difference_up
 from certpgo.certify.dual import DualBound
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import InputError
@@ -26,13 +26,13 @@ positive = st.floats(min_value=1e-300, max_value=1e300)
 @given(positive, positive)
 def test_differences_are_rounded_up_by_at_most_a_unit(high, low):
     difference = Fraction(high) - Fraction(low)
-    up = _difference_up(high, low)
+    up = difference_up(high, low)
     assert Fraction(math.nextafter(up, -math.inf)) < difference <= Fraction(up)
 
 
 def test_a_difference_that_rounds_down_is_the_next_double():
-    assert _difference_up(1.0 + 2.0**-52, 3.0 * 2.0**-54) == 1.0 + 2.0**-52
-    assert _difference_up(math.inf, 1.0) == math.inf
+    assert difference_up(1.0 + 2.0**-52, 3.0 * 2.0**-54) == 1.0 + 2.0**-52
+    assert difference_up(math.inf, 1.0) == math.inf
 
 
 def case_of_a_triangle(tier=Tier.STANDARD, rtol=0.5, atol=0.0, scale=1.0):

@@ -148,7 +148,7 @@ def disagreement(
         return None
     stated = states_noise(problem)
     angles = problem.residual_angles(estimate)
-    found = _outlying(problem, problem.edge_costs(estimate), WIDER * _noise(problem, estimate))
+    found = outlying(problem, problem.edge_costs(estimate), WIDER * _noise(problem, estimate))
     hidden = stated and not found.any() and angles.max() > math.pi / 2.0
     if refit or hidden:
         with suppress(NumericalError, np.linalg.LinAlgError):
@@ -167,8 +167,8 @@ def agrees(problem: Problem, estimate: Estimate) -> bool:
     if not np.isfinite(costs).all():
         return True  # cannot be decided
     if states_noise(problem):
-        return not _outlying(problem, costs, 1.0).any()
-    consistent = not _outlying(problem, costs, _noise(problem, estimate)).any()
+        return not outlying(problem, costs, 1.0).any()
+    consistent = not outlying(problem, costs, _noise(problem, estimate)).any()
     return consistent or bool(problem.residual_angles(estimate).max() <= UNREMARKABLE)
 
 
@@ -246,7 +246,7 @@ def select(
         name = "graduated_non_convexity"
         found, scale = _graduated(problem, fit, initial, trusted, monitor)
     costs = problem.edge_costs(found.estimate)
-    kept = ~_outlying(problem, costs, scale)
+    kept = ~outlying(problem, costs, scale)
     if trusted is not None:
         kept[trusted] = True
     weights = connected(problem, np.where(kept, 1.0, 0.0), costs)
@@ -294,8 +294,8 @@ def _confirms_weights(problem: Problem, found: Solution) -> bool:
     return found.kept is None or found.kept - tree >= BELIEVABLE * (m - tree)
 
 
-def _outlying(problem: Problem, costs: FloatArray, scale: float) -> BoolArray:
-    """(m,) which terms of F are too large for noise of this scale."""
+def outlying(problem: Problem, costs: FloatArray, scale: float) -> BoolArray:
+    """(m,) which terms of F, ``costs`` (m,), are too large for noise of this scale."""
     return np.asarray(costs > scale**2 * quantiles(problem, _probability(problem)))
 
 

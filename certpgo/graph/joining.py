@@ -1,0 +1,76 @@
+"""Measurements of the same nodes, taken together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from certpgo.errors import GraphError
+from certpgo.graph.graph import Graph
+from certpgo.graph.pose_graph import PoseGraph
+from certpgo.graph.rotation_graph import RotationGraph
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+
+
+def joined(
+    graphs: Sequence[Graph],
+    num_nodes: int,
+    points: BoolArray | None = None,
+    edges: Sequence[IntArray] | None = None,
+) -> Graph:
+    """The graph of all their edges, in order.
+
+    Parameters
+    ----------
+    graphs : at least one
+    points : (num_nodes,) which nodes are points, if any is
+    edges : (m, 2) pairs of nodes for the edges of each graph; by default its own, if nodes have the
+        same numbers in all of them
+
+    Raises
+    ------
+    GraphError
+        They are of different dimensions or kinds, or only some have couplings or arms.
+    """
+    require_one_make(graphs)
+    rotations = [graph.rotation if isinstance(graph, PoseGraph) else graph for graph in graphs]
+    rotation = RotationGraph(
+        num_nodes,
+        np.concatenate([r.edges for r in rotations] if edges is None else edges),
+        np.concatenate([r.rotations for r in rotations]),
+        np.concatenate([r.kappa for r in rotations]),
+        _all([r.couplings for r in rotations]),
+    )
+    poses = [graph for graph in graphs if isinstance(graph, PoseGraph)]
+    if not poses:
+        return rotation
+    return PoseGraph(
+        rotation,
+        np.concatenate([graph.translations for graph in poses]),
+        np.concatenate([graph.tau for graph in poses]),
+        _all([graph.arms for graph in poses]),
+        points,
+    )
+
+
+def require_one_make(graphs: Sequence[Graph]) -> None:
+    """Refuse graphs that cannot be joined, by a GraphError, as `joined`."""
+    makes = sorted({make_of(graph) for graph in graphs})
+    if len(makes) > 1:
+        raise GraphError(f"measurements of one kind are expected, not {' and '.join(makes)}")
+
+
+def make_of(graph: Graph) -> str:
+    """What it measures, such as ``poses in 3D``: only graphs of one make can be joined."""
+    poses = isinstance(graph, PoseGraph)
+    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    extras = ["couplings"] if rotation.is_general else []
+    extras += ["arms"] if isinstance(graph, PoseGraph) and graph.arms is not None else []
+    said = f"{'poses' if poses else 'rotations'} in {graph.d}D"
+    return " with ".join([said, " and ".join(extras)]) if extras else said
+
+
+def _all(arrays: Sequence[FloatArray | None]) -> FloatArray | None:
+    known = [array for array in arrays if array is not None]
+    return np.concatenate(known) if known else None

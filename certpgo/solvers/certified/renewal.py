@@ -1,0 +1,71 @@
+"""The two ways to an optimum with its certificate: descent from the last one, and a new search."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from certpgo.certify import Certificate, Tier
+from certpgo.certify.case import Basin, Case
+from certpgo.certify.units import scaled_down, scaled_up
+from certpgo.errors import NumericalError
+from certpgo.graph import Estimate
+from certpgo.objective.problem import Problem
+from certpgo.optimize.monitor import silent
+from certpgo.optimize.newton import newton
+from certpgo.optimize.solution import Status
+from certpgo.optimize.starts import Start
+from certpgo.solvers.certified.pipeline import search_and_certify
+from certpgo.solvers.certified.settings import SolveSettings
+
+#: Share of F that a descent from the last optimum leaves, a tenth of what batches differ by.
+ENOUGH = 1e-10
+
+
+@dataclass(eq=False)
+class Found:
+    """The end of a search, in the units of the graph; the certificate is made when asked for."""
+
+    estimate: Estimate
+    cost: float
+    lower_bound: float
+    judge: Callable[[], Certificate]
+
+    @cached_property
+    def certificate(self) -> Certificate:
+        """What is proven about the estimate."""
+        return self.judge()
+
+
+def descended(problem: Problem, start: Estimate, settings: SolveSettings) -> Found | None:
+    """The end of descent from an estimate, if that is certified."""
+    case = Case.of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
+    try:
+        descent = replace(settings.newton, enough=max(ENOUGH, settings.newton.enough))
+        end = newton(case.problem, start, descent).estimate
+        cost = case.cost_upper(end)
+        bound = case.bound(end, cost, sharp=False, tight=True)
+    except (NumericalError, np.linalg.LinAlgError):
+        return None
+    basin = Basin(end, cost, True, bound)
+    if not cost - basin.value <= case.tolerance(cost):
+        return None
+    unit = case.unit
+    return Found(
+        end,
+        scaled_up(unit, cost),
+        scaled_down(unit, basin.value),
+        lambda: case.certificate(end, basin),
+    )
+
+
+def searched(problem: Problem, settings: SolveSettings, start: Start | None) -> Found:
+    """The end of the whole search of `certpgo.solve`; Ctrl-C ends it, and is passed on."""
+    result = search_and_certify(problem, settings, start, silent)
+    if result.solution.status is Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    proven = result.certificate
+    return Found(result.estimate, proven.cost_upper, proven.lower_bound, lambda: proven)

@@ -1,0 +1,363 @@
+"""A graph that grows and shrinks, with an estimate and a certificate that keep up.
+
+What stays proven between certificates, in exact arithmetic:
+
+- terms of F are never negative, so that F*, the optimum, never falls when measurements are added,
+  not even with new nodes: a lower bound stays one;
+- F of the estimate, extended by the new nodes' poses, rises by the new measurements' own terms;
+- a bound of a graph without some measurements holds for every graph that contains it. So when
+  measurements are removed, the best bound holds that was proven before the first of them came.
+
+All sums are rounded outward. Hence the gap is at most what it was, plus the terms added since.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from certpgo.certify import Certificate, Tier, Verdict
+from certpgo.certify.case import FLOOR, difference_up, tier_called
+from certpgo.certify.rounding import measured_upper
+from certpgo.errors import InputError, kind_of
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph.joining import joined, make_of, require_one_make
+from certpgo.linalg.arrays import IntArray
+from certpgo.objective import operators
+from certpgo.objective.problem import problem_of
+from certpgo.optimize.starts import Start
+from certpgo.solvers.certified.pipeline import GIVEN
+from certpgo.solvers.certified.renewal import Found, descended, searched
+from certpgo.solvers.certified.settings import SolveSettings
+from certpgo.solvers.certified.suspicion import Suspicion, suspicion
+from certpgo.solvers.certified.track import Track
+
+#: Share of `SolveSettings.same_cost` by which new measurements may raise F before a new descent.
+UNNOTICED = 0.5
+#: Share of measurements that may be new for a descent from the last optimum; else from scratch.
+NEW = 0.5
+
+
+@dataclass(frozen=True)
+class Standing:
+    """What is proven about a session's estimate and its measurements of the moment.
+
+    Attributes
+    ----------
+    nodes, edges : how many there are
+    cost : F of the estimate, rounded up
+    lower_bound : no estimate has a smaller F
+    gap : ``cost - lower_bound``, rounded up
+    tolerance : rtol F + atol W, the gap up to which the estimate counts as optimal
+    verdict : CERTIFIED, BOUNDED or UNDECIDED, see `Verdict`
+
+    Examples
+    --------
+    >>> import certpgo
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> session = certpgo.Session()
+    >>> session.add(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> session.standing.edges, session.standing.gap <= session.standing.cost
+    (6, True)
+    """
+
+    nodes: int
+    edges: int
+    cost: float
+    lower_bound: float
+    gap: float
+    tolerance: float
+    verdict: Verdict
+
+
+class Session:
+    """Measurements that come one after another, their best estimate, and its certificate.
+
+    Parameters
+    ----------
+    settings : see `SolveSettings`
+    every : number of new measurements after which `add` refreshes; None for never
+    options : single settings instead, as for `certpgo.solve`
+
+    Raises
+    ------
+    InputError
+        ``every`` is not positive; a setting out of its range.
+
+    Examples
+    --------
+    Five steps along a hexagon, then the measurement that closes it, 0.3 radians off:
+
+    >>> import certpgo
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> graph = winding_cycle(6, 0.3, 0)[0].graph
+    >>> session = certpgo.Session()
+    >>> for k in range(6):
+    ...     session.add(graph.with_edges([k]))
+    >>> standing = session.standing  # valid at once; the estimate is not the best
+    >>> standing.verdict.value, standing.lower_bound
+    ('UNDECIDED', 0.0)
+    >>> session.certificate.verdict.value, f"{session.standing.cost:.6f}"
+    ('CERTIFIED', '0.029994')
+    >>> session.remove([5]).cost < 1e-3, session.refresh().verdict.value
+    (False, 'CERTIFIED')
+    """
+
+    def __init__(
+        self, settings: SolveSettings | None = None, *, every: int | None = 100, **options: Any
+    ) -> None:
+        if every is not None and every < 1:
+            raise InputError(f"certificates are refreshed every k measurements, not every {every}")
+        self.settings = (settings or SolveSettings()).changed(options)
+        self.every = every
+        self._tier = tier_called(self.settings.tier or Tier.STANDARD)
+        self._parts: list[Graph] = []  # the measurements in order, but for those that came since
+        self._new: list[tuple[Graph, IntArray]] = []  # with the numbers of their nodes
+        self._make = ""
+        self._edges: list[int] = []  # their numbers
+        self._count = 0  # of all measurements that ever came
+        self._track: Track | None = None
+        self._points: list[bool] = []
+        self._cost = self._scale = 0.0
+        self._bounds: list[tuple[int, float]] = []  # of the measurements before number k; ascending
+        # The last descent: how many measurements there were, F there, and its verdict.
+        self._settled, self._optimum, self._verdict = 0, 0.0, Verdict.CERTIFIED
+        self._found: Found | None = None  # if nothing changed since
+        #: Measurements since the last refresh.
+        self.pending = 0
+
+    def add(self, measurements: Graph | Instance, nodes: Sequence[Hashable] | None = None) -> None:
+        """Add measurements, perhaps of new nodes, whose poses are composed from them.
+
+        Parameters
+        ----------
+        measurements : a graph, or an instance, whose nodes have its ids. Nodes without edges do not
+            count
+        nodes : the names of the graph's nodes in this session: ids, for example; by default their
+            numbers 0, 1, ...
+
+        Raises
+        ------
+        GraphError
+            A node is not connected with those that came before, or the measurements are of another
+            kind or dimension; the session is as before.
+        InputError
+            These are no measurements, or have distances, or not one name per node.
+        """
+        graph, labels = _labelled(measurements, nodes)
+        self._take(graph, labels, range(self._count, self._count + graph.num_edges))
+        self._count += graph.num_edges
+        self.pending += graph.num_edges
+        if self.every is not None and self.pending >= self.every:
+            self.refresh()
+
+    def _take(self, graph: Graph, labels: Sequence[Hashable], numbers: Iterable[int]) -> None:
+        """Keep measurements with these numbers, and compose the poses of new nodes."""
+        track = self._track or Track(graph.d)
+        if self._track is None:
+            self._make = make_of(graph)
+        elif make_of(graph) != self._make:
+            require_one_make([self._last, graph])
+        known = len(track)
+        self._new.append((graph, track.extend(graph, labels)))
+        self._track = track
+        self._mark_points(graph, labels, known)
+        self._edges += numbers
+        self._found = None
+
+    def remove(self, edges: Iterable[int]) -> Standing:
+        """Remove measurements; the estimate stays until the next refresh.
+
+        Parameters
+        ----------
+        edges : their numbers, in the order in which they came: 0, 1, ...
+
+        Raises
+        ------
+        InputError
+            There is no such measurement.
+        GraphError
+            The others do not determine all nodes; the session is as before.
+        """
+        removed = sorted(set(edges))
+        absent = sorted(set(removed) - set(self._edges))
+        if absent:
+            raise InputError(f"there is no measurement {absent[0]}")
+        if not removed:
+            return self.standing
+        kept = ~np.isin(self._edges, removed)
+        if not kept.any():
+            raise InputError("a session keeps at least one measurement")
+        graph = self.graph.with_edges(kept)
+        problem_of(graph)  # refuses a graph that does not determine its nodes
+        self._parts = [graph]
+        self._edges = np.asarray(self._edges)[kept].tolist()
+        self._bounds = [(k, bound) for k, bound in self._bounds if k <= removed[0]]
+        self._cost = measured_upper(graph, self.estimate)
+        self._scale = operators.scale(graph)
+        self._found, self._optimum = None, -math.inf
+        self._settled = min(self._settled, graph.num_edges)
+        return self.standing
+
+    def refresh(self) -> Standing:
+        """Descend to the optimum of all measurements and prove it, unless that changes nothing.
+
+        Raises
+        ------
+        NumericalError
+            No estimate could be computed.
+        """
+        self.pending = 0
+        standing = self.standing
+        if not self._is_settled(standing):
+            self._solve()
+        return self.standing
+
+    @property
+    def standing(self) -> Standing:
+        """What is proven now, without any factorization."""
+        if self._new:
+            self._measure()
+        cost, lower = self._cost, self.lower_bound
+        gap = difference_up(cost, lower)
+        tolerance = self.settings.rtol * cost + self.settings.atol * self._scale
+        verdict = Verdict.BOUNDED if lower > 0.0 else Verdict.UNDECIDED
+        if self._tier is not Tier.SCREEN and gap <= tolerance < math.inf:
+            verdict = Verdict.CERTIFIED
+        nodes = 0 if self._track is None else len(self._track)
+        return Standing(nodes, len(self._edges), cost, lower, gap, tolerance, verdict)
+
+    @property
+    def lower_bound(self) -> float:
+        """No estimate of the measurements has a smaller F; 0 before the first certificate."""
+        return self._bounds[-1][1] if self._bounds else 0.0
+
+    @property
+    def certificate(self) -> Certificate:
+        """The certificate of the estimate for all measurements, which is refreshed if necessary."""
+        return (self._found or self._solve()).certificate
+
+    def suspicion(self) -> Suspicion | None:
+        """Measurements that disagree with the rest, and the certified answer without them.
+
+        None if all terms of F are within the law of their weights, as `certpgo.Disagreement` says.
+        """
+        problem, proven = problem_of(self.graph), self.certificate
+        return suspicion(problem, self.estimate, proven, self.edges, self.nodes, self.settings)
+
+    @property
+    def estimate(self) -> Estimate:
+        """The poses of `nodes`: optimal at the last refresh, those of newer nodes composed."""
+        found = self._poses.estimate
+        return found if isinstance(self._last, PoseGraph) else found.with_translations(None)
+
+    @property
+    def nodes(self) -> tuple[Hashable, ...]:
+        """The names of the nodes, in the order of the estimate."""
+        return () if self._track is None else tuple(self._track.numbers)
+
+    @property
+    def edges(self) -> IntArray:
+        """(m,) numbers of the measurements that were not removed, in the order of `graph`."""
+        return np.array(self._edges, dtype=np.intp)
+
+    @property
+    def graph(self) -> Graph:
+        """All measurements, between nodes in the order of `nodes`."""
+        n = len(self._poses)
+        if self._new:
+            self._measure()
+        if len(self._parts) > 1 or self._parts[0].num_nodes < n:
+            points = np.array(self._points) if any(self._points) else None
+            self._parts = [joined(self._parts, n, points)]
+        return self._parts[0]
+
+    def _measure(self) -> None:
+        """Add the terms of what came since to F of the estimate, which was extended by it."""
+        graphs, edges = zip(*self._new, strict=True)
+        added = joined(graphs, len(self._poses), None, edges)
+        ends = np.unique(added.edges)
+        rise = measured_upper(added.subgraph(ends), self.estimate.subset(ends))
+        self._cost = _sum_up(self._cost, rise)
+        self._scale += operators.scale(added)
+        self._parts.append(added)
+        self._new = []
+
+    @property
+    def _last(self) -> Graph:
+        """Some measurements, which tell the kind of all."""
+        if not (self._new or self._parts):
+            raise InputError("the session has no measurements yet")
+        return self._new[-1][0] if self._new else self._parts[0]
+
+    @property
+    def _poses(self) -> Track:
+        if self._track is None:
+            raise InputError("the session has no measurements yet")
+        return self._track
+
+    def _mark_points(self, graph: Graph, labels: Sequence[Hashable], known: int) -> None:
+        points = graph.points if isinstance(graph, PoseGraph) else None
+        seen = () if points is None else (labels[k] for k in np.flatnonzero(points).tolist())
+        numbers = {self._poses.numbers.get(label) for label in seen}
+        self._points += [k in numbers for k in range(known, len(self._poses))]
+
+    def _adopt(self, better: Estimate) -> None:
+        """Go on from this estimate of the measurements."""
+        graph = self.graph
+        self._poses.estimate = better
+        self._cost = measured_upper(graph, better)
+        self._found, self._optimum = None, -math.inf
+
+    def _is_settled(self, standing: Standing) -> bool:
+        """Whether new measurements agree with the estimate, so that it is still the optimum."""
+        settings = self.settings
+        allowed = (
+            UNNOTICED * settings.same_cost * self._optimum + FLOOR * settings.atol * self._scale
+        )
+        return standing.cost - self._optimum <= allowed and standing.verdict is self._verdict
+
+    def _solve(self) -> Found:
+        """A descent from the estimate; a search from scratch where that is not certified."""
+        problem = problem_of(self.graph)
+        fresh = problem.graph.num_edges - self._settled
+        found = None
+        if fresh <= NEW * problem.graph.num_edges:
+            found = descended(problem, self.estimate, self.settings)
+        if found is None:
+            begin = Start(self.estimate, GIVEN) if self._settled else None
+            found = searched(problem, self.settings, begin)
+        self._poses.estimate = found.estimate
+        self._cost, self._found = found.cost, found
+        if found.lower_bound > self.lower_bound:
+            self._bounds.append((self._count, found.lower_bound))
+        self._settled, self._optimum = len(self._edges), found.cost
+        self._verdict, self.pending = self.standing.verdict, 0
+        return found
+
+
+def _labelled(
+    measurements: Graph | Instance, nodes: Sequence[Hashable] | None
+) -> tuple[Graph, Sequence[Hashable]]:
+    """The measurements and the names of their nodes."""
+    if isinstance(measurements, Instance):
+        if measurements.ranges is not None:
+            raise InputError("a session takes no distances between nodes")
+        graph, own = measurements.graph, measurements.ids.tolist()
+    elif isinstance(measurements, PoseGraph | RotationGraph):
+        graph, own = measurements, range(measurements.num_nodes)
+    else:
+        raise InputError(f"a session takes graphs and instances, not {kind_of(measurements)}")
+    names = own if nodes is None else nodes
+    if len(names) != graph.num_nodes or len(set(names)) < len(names):
+        raise InputError(f"{graph.num_nodes} different names are expected, one per node")
+    return graph, names
+
+
+def _sum_up(a: float, b: float) -> float:
+    """A double not below the sum."""
+    return math.nextafter(a + b, math.inf)

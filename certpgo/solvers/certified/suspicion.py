@@ -1,0 +1,89 @@
+"""Measurements of a session that disagree with the rest, beside the answer without them."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from certpgo.certify import Certificate
+from certpgo.graph import Estimate
+from certpgo.graph.speaking import Brief
+from certpgo.linalg.arrays import IntArray
+from certpgo.objective.problem import Problem
+from certpgo.optimize.monitor import silent
+from certpgo.optimize.starts import Start
+from certpgo.solvers._robust import connected
+from certpgo.solvers.certified.disagreement import Disagreement, disagreement
+from certpgo.solvers.certified.pipeline import CertifiedSolution, search_and_certify
+from certpgo.solvers.certified.settings import SolveSettings
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Suspicion(Brief):
+    """Measurements that disagree with the rest; taking them out is the caller's decision.
+
+    Attributes
+    ----------
+    edges : (k,) their numbers in the session, for `certpgo.Session.remove`
+    nodes : names of the two nodes of each
+    disagreement : how they were found, with their indices in ``session.graph``
+    certificate : of the optimum with them
+    without : the certified answer without them
+    """
+
+    edges: IntArray
+    nodes: tuple[tuple[Hashable, Hashable], ...]
+    disagreement: Disagreement
+    certificate: Certificate
+    without: CertifiedSolution
+
+    def __str__(self) -> str:
+        """Which they are, and F with and without them, with both verdicts."""
+        pairs = ", ".join(f"{i}-{j}" for i, j in self.nodes[:SHOWN])
+        more = ", ..." if len(self.nodes) > SHOWN else ""
+        here, there = self.certificate, self.without.certificate
+        return (
+            f"{self.disagreement} ({pairs}{more}): F is {here.cost_upper:.6g}, "
+            f"{here.verdict.value}, with them, {there.cost_upper:.6g}, {there.verdict.value}, "
+            "without"
+        )
+
+
+#: Pairs of nodes that a sentence names.
+SHOWN = 5
+
+
+def suspicion(
+    problem: Problem,
+    estimate: Estimate,
+    certificate: Certificate,
+    numbers: IntArray,
+    names: Sequence[Hashable],
+    settings: SolveSettings,
+) -> Suspicion | None:
+    """The measurements of a problem that disagree with the rest; None if there are none.
+
+    Parameters
+    ----------
+    estimate, certificate : the optimum of all measurements
+    numbers : (m,) of the measurements, to name them
+    names : of the nodes
+    settings : of the search without them
+    """
+    found = disagreement(problem, estimate, refit=True)
+    if found is None:
+        return None
+    weights = np.ones(problem.graph.num_edges)
+    weights[found.edges] = 0.0
+    # What nothing else connects stays.
+    weights = connected(problem, weights, problem.edge_costs(estimate))
+    out = np.flatnonzero(weights == 0.0)
+    if len(out) == 0:
+        return None
+    start = Start(estimate, "the optimum with them")
+    without = search_and_certify(problem.reweighted(weights), settings, start, silent)
+    pairs = problem.graph.edges[out].tolist()
+    nodes = tuple((names[i], names[j]) for i, j in pairs)
+    return Suspicion(numbers[out], nodes, found, certificate, without)

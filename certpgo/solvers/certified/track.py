@@ -1,0 +1,115 @@
+"""Poses that grow at the end, as measurements of new nodes arrive."""
+
+from __future__ import annotations
+
+from collections import defaultdict, deque
+from collections.abc import Hashable, Sequence
+
+import numpy as np
+
+from certpgo.errors import GraphError
+from certpgo.graph import Estimate, Graph, PoseGraph
+from certpgo.linalg import so
+from certpgo.linalg.arrays import FloatArray, IntArray
+
+#: Room for so many poses at first.
+FIRST = 64
+
+
+class Track:
+    """Labelled nodes and their poses; the first node is the identity.
+
+    Attributes
+    ----------
+    numbers : the number of each label, in the order in which they came
+    """
+
+    def __init__(self, d: int) -> None:
+        self.numbers: dict[Hashable, int] = {}
+        self._rotations = np.tile(np.eye(d), (FIRST, 1, 1))
+        self._translations = np.zeros((FIRST, d))
+        self._projected = 0  # poses whose rotations are such to rounding
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    @property
+    def estimate(self) -> Estimate:
+        """All poses; never changed later."""
+        n, new = len(self), slice(self._projected, len(self))
+        if self._projected < n:
+            self._rotations[new] = so.project(self._rotations[new])
+            self._projected = n
+        return Estimate.trusted(self._rotations[:n], self._translations[:n])
+
+    @estimate.setter
+    def estimate(self, better: Estimate) -> None:
+        room = FIRST + 2 * len(self)
+        self._rotations = np.tile(np.eye(better.d), (room, 1, 1))
+        self._translations = np.zeros((room, better.d))
+        self._rotations[: len(self)] = better.rotations
+        if better.translations is not None:
+            self._translations[: len(self)] = better.translations
+        self._projected = len(self)
+
+    def extend(self, graph: Graph, labels: Sequence[Hashable]) -> IntArray:
+        """Number the nodes of measurements, compose the poses of new ones; edges (m, 2) by number.
+
+        Raises
+        ------
+        GraphError
+            A node is not connected with those that are known; then nothing changes.
+        """
+        begin = self.numbers if self.numbers else {labels[int(graph.edges[0, 0])]: 0}
+        steps = _steps(graph, labels, begin)
+        touched = set(graph.edges.ravel().tolist())
+        reached = {node for _, node, _ in steps}
+        lost = [k for k in sorted(touched - reached) if labels[k] not in begin]
+        if lost:
+            raise GraphError(f"node {labels[lost[0]]} is not connected with those before it")
+        self.numbers = begin
+        for here, there, edge in steps:
+            self._append(graph, labels, here, there, edge)
+        numbers = [[begin[labels[node]] for node in edge] for edge in graph.edges.tolist()]
+        return np.array(numbers, dtype=np.intp)
+
+    def _append(
+        self, graph: Graph, labels: Sequence[Hashable], here: int, there: int, edge: int
+    ) -> None:
+        """The pose of a new node from that of a known one and the measurement between them."""
+        n, known = len(self), self.numbers[labels[here]]
+        if n == len(self._rotations):
+            self._rotations = _doubled(self._rotations)
+            self._translations = _doubled(self._translations)
+        rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+        R, forward = rotation.rotations[edge], graph.edges[edge, 0] == here
+        self._rotations[n] = self._rotations[known] @ (R if forward else R.T)
+        if isinstance(graph, PoseGraph):
+            t, back = graph.translations[edge], n if not forward else known
+            step = self._rotations[back] @ t
+            self._translations[n] = self._translations[known] + (step if forward else -step)
+        self.numbers[labels[there]] = n
+
+
+def _steps(
+    graph: Graph, labels: Sequence[Hashable], known: dict[Hashable, int]
+) -> list[tuple[int, int, int]]:
+    """Edges (from, to, edge) that reach new nodes from known ones, breadth first."""
+    leaving = defaultdict(list)
+    for edge, (i, j) in enumerate(graph.edges.tolist()):
+        leaving[i].append((j, edge))
+        leaving[j].append((i, edge))
+    found = {node for node in leaving if labels[node] in known}
+    queue, steps = deque(sorted(found)), []
+    while queue:
+        here = queue.popleft()
+        for there, edge in leaving[here]:
+            if there not in found:
+                found.add(there)
+                queue.append(there)
+                steps.append((here, there, edge))
+    return steps
+
+
+def _doubled(array: FloatArray) -> FloatArray:
+    return np.concatenate([array, np.zeros_like(array)])

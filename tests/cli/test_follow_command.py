@@ -1,0 +1,93 @@
+"""certpgo follow: a stream from a file or a pipe, and a last line about the whole."""
+
+import io
+import sys
+
+import numpy as np
+import pytest
+
+import certpgo as package
+from certpgo.datasets.synthetic import helix
+
+
+@pytest.fixture
+def lines(tmp_path):
+    """The g2o file of a helix."""
+    path = tmp_path / "helix.g2o"
+    package.write(path, helix(6, np.random.default_rng(0)))
+    return path
+
+
+def pipe(monkeypatch, data):
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(data)))
+
+
+def test_a_file_ends_with_the_verdict_of_the_whole(certpgo, lines, tmp_path):
+    best = package.solve(package.read(lines).graph)
+    done = certpgo("follow", lines, "--every", 20, "--trace", "-o", tmp_path / "last.g2o")
+    assert done.code == 0
+    last = done.out.splitlines()[-1]
+    assert last.startswith("CERTIFIED: F ")
+    assert float(last.split()[2].strip(",")) == pytest.approx(best.cost, rel=1e-9)
+    assert f"{best.graph.num_nodes} nodes, {best.graph.num_edges} measurements" in last
+    assert len(done.out.splitlines()) == best.graph.num_edges // 20 + 1
+    again = package.read_estimate(tmp_path / "last.g2o", package.read(lines))
+    assert package.PoseProblem(best.graph).cost(again) == pytest.approx(best.cost, rel=1e-9)
+
+
+def test_a_pipe_is_read_as_its_lines_come(certpgo, lines, monkeypatch):
+    best = package.solve(package.read(lines).graph)
+    pipe(monkeypatch, lines.read_bytes())
+    report = certpgo("follow", "-", "--every", 20, "--json").json
+    assert report["verdict"] == "CERTIFIED"
+    assert report["cost"] == pytest.approx(best.cost, rel=1e-9)
+    assert report["edges"] == best.graph.num_edges
+    assert not report["interrupted"]
+
+
+def test_an_error_in_a_pipe_names_its_line(certpgo, lines, monkeypatch):
+    text = [line for line in lines.read_bytes().splitlines() if line.startswith(b"EDGE")]
+    text[44] = b"EDGE_SE3:QUAT 1 2 x"
+    pipe(monkeypatch, b"\n".join(text))
+    done = certpgo("follow", "-", "--every", 20)
+    assert done.code == 1
+    assert "standard input:45: " in done.err
+
+
+def test_an_empty_pipe_is_refused(certpgo, monkeypatch):
+    pipe(monkeypatch, b"")
+    done = certpgo("follow", "-")
+    assert done.code == 1
+    assert "no measurements" in done.err
+
+
+def test_wrong_measurements_are_named_or_put_aside(certpgo, lines):
+    with lines.open("a") as file:
+        file.write(f"EDGE_SE3:QUAT 0 30 9 9 9 1 0 0 0 {WEIGHTS}\n")
+    named = certpgo("follow", lines)
+    assert "0-30)" in named.err
+    assert "--robust" in named.err
+    aside = certpgo("follow", lines, "--robust")
+    assert aside.code == 0
+    assert aside.out.endswith(" put aside\n")
+
+
+#: Of a measurement to a decimetre and a few degrees.
+WEIGHTS = "100 0 0 0 0 0 100 0 0 0 0 100 0 0 0 400 0 0 400 0 400"
+
+
+def test_ctrl_c_ends_with_what_is_proven(certpgo, lines, monkeypatch):
+    refresh, calls = package.Session.refresh, []
+
+    def interrupted(session):
+        calls.append(1)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return refresh(session)
+
+    monkeypatch.setattr(package.Session, "refresh", interrupted)
+    done = certpgo("follow", lines, "--every", 20)
+    assert done.code == 130
+    assert done.out.startswith("interrupted; so far: CERTIFIED: F ")
+    assert "40 measurements" in done.out
+    assert len(done.out.splitlines()) == 1

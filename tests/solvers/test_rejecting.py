@@ -1,0 +1,102 @@
+"""Wrong measurements in a stream: named, rejected, and taken back when the evidence returns."""
+
+import numpy as np
+import pytest
+
+import certpgo
+from certpgo import PoseGraph, RobustSession, RotationGraph, Session, Verdict
+from certpgo.datasets.synthetic import helix
+from certpgo.graph.streaming import streamed
+from certpgo.linalg import so
+
+#: Weight of the wrong loop's rotation.
+KAPPA = 1e4
+
+
+def steps(n=12, kappa=400.0):
+    """A chain of exact steps in the plane, of ``n`` poses, 0.05 radians each stated as noise."""
+    edges = np.stack([np.arange(n - 1), np.arange(1, n)], axis=1)
+    rotation = RotationGraph(n, edges, np.tile(np.eye(2), (n - 1, 1, 1)), np.full(n - 1, kappa))
+    return PoseGraph(rotation, np.tile([1.0, 0.0], (n - 1, 1)), np.full(n - 1, 100.0))
+
+
+def closing(angle, shift, kappa=400.0):
+    """A loop closure from the first to the last pose of the chain."""
+    rotation = RotationGraph(2, [[0, 1]], so.exp(np.array([[angle]])), [kappa])
+    return PoseGraph(rotation, [[11.0 + shift, 0.0]], [100.0])
+
+
+@pytest.fixture(scope="module")
+def wrong_loop():
+    """A helix and the number of a wrong loop after all its edges."""
+    graph = helix(4, np.random.default_rng(0)).graph
+    assert graph.rotation.kappa.max() <= KAPPA
+    wrong = RotationGraph(
+        2, [[0, 1]], [np.diag([1.0, -1.0, -1.0])], [float(graph.rotation.kappa.max())]
+    )
+    return graph, PoseGraph(wrong, [[5.0, 5.0, 5.0]], [float(graph.tau.max())]), graph.num_edges
+
+
+def test_a_wrong_loop_is_named_and_the_graph_without_it_is_offered(wrong_loop):
+    graph, bad, number = wrong_loop
+    session = Session()
+    session.add(graph)
+    session.refresh()
+    assert session.suspicion() is None
+    clean = session.certificate
+    session.add(bad, [0, graph.num_nodes - 1])
+    found = session.suspicion()
+    assert found.edges.tolist() == [number]
+    assert found.nodes == ((0, graph.num_nodes - 1),)
+    assert found.without.verdict is Verdict.CERTIFIED
+    assert found.without.cost == pytest.approx(clean.cost_upper, rel=1e-9)
+    assert found.certificate.lower_bound > found.without.cost
+    assert "1 of" in str(found)
+    assert f"(0-{graph.num_nodes - 1})" in str(found)
+    assert len(session.edges) == number + 1  # nothing was removed
+    session.remove(found.edges)
+    assert session.suspicion() is None
+
+
+def test_a_wrong_loop_never_enters_where_the_rest_contradicts_it(wrong_loop):
+    graph, bad, number = wrong_loop
+    session = RobustSession(every=50)
+    for one in streamed(graph):
+        session.add(*one)
+    session.add(bad, [0, graph.num_nodes - 1])
+    standing = session.refresh()
+    assert session.rejected.tolist() == [number]
+    assert standing.verdict is Verdict.CERTIFIED
+    assert standing.cost == pytest.approx(certpgo.solve(graph).cost, rel=1e-9)
+    batch = certpgo.solve_robustly(session.graph)
+    assert session.settle().cost == pytest.approx(batch.cost, rel=1e-9)
+
+
+def test_what_was_accepted_too_early_goes():
+    session = RobustSession(every=None)
+    session.add(steps())
+    session.add(closing(0.9, 1.0), [0, 11])  # alone, it is within the noise of eleven steps
+    session.refresh()
+    assert session.rejected.size == 0
+    assert 11 in session.edges
+    for _ in range(6):
+        session.add(closing(0.0, 0.0), [0, 11])
+    session.refresh()
+    assert session.rejected.tolist() == [11]
+    assert session.standing.cost == pytest.approx(0.0, abs=1e-9)
+    assert session.settle().verdict is Verdict.CERTIFIED
+    assert session.edges.tolist() == [k for k in range(18) if k != 11]
+
+
+def test_what_is_put_aside_returns_without_a_new_fit(monkeypatch):
+    session = RobustSession(every=None)
+    session.add(steps())
+    for _ in range(3):
+        session.add(closing(0.0, 0.0), [0, 11])
+    session.refresh()
+    session._keep(set(range(13)))
+    assert session.rejected.tolist() == [13]
+    monkeypatch.setattr("certpgo.solvers.certified.rejecting.select", None)
+    session.refresh()
+    assert session.rejected.size == 0
+    assert session.edges.tolist() == list(range(14))
