@@ -78,9 +78,9 @@ def record(row, cost):
 def test_the_index_says_first_what_was_reproduced(results):
     text = dict(publication.report_files(gather(results)))["index.md"].decode()
     assert text.split("\n")[2] == (
-        "**Of 2 values printed in the papers' tables 2 were run: 1 reproduced and 0 better (50 %), "
-        "1 different, each explained; 0 were not run. Of 3 claims of the papers 1 hold, 2 differ "
-        "and 0 were not run.**"
+        "**Of 2 values of the papers' tables that were run, 1 are reproduced and 0 better (50 %), "
+        "1 different, each explained. Of 3 claims that were tried, 1 hold and 2 differ. "
+        "Not run: 0 printed values and 0 claims.**"
     )
     for line in (
         "| [paper_table1](paper_table1.md) | 2 | 1 | 0 | 1 | 0 |",
@@ -132,7 +132,7 @@ def test_what_was_not_run_is_counted_and_said(results):
     (results / "paper_table1.jsonl").unlink()
     files = dict(publication.report_files(gather(results)))
     text = files["index.md"].decode()
-    assert "0 different; 2 were not run. Of 3 claims of the papers 1 hold, 0 differ and 2" in text
+    assert "Of 1 claim that were tried, 1 hold and 0 differ. Not run: 2 printed values and 2" in text
     assert "| paper_table1 | 2 | no record |" in text
     assert "| paper_table1 | A small table | not run |" in text
     assert "paper_table1.md" not in files
@@ -142,14 +142,14 @@ def test_what_differs_without_explanation_is_said(results):
     path = registry.repository() / "reports/tables/paper_table1.py"
     path.write_text(TABLE.replace("another b", ""))
     text = dict(publication.report_files(gather(results)))["index.md"].decode()
-    assert "1 different, 1 of them unexplained; 0" in text
+    assert "1 different, 1 of them unexplained. Of" in text
     assert "| paper_table1 | 1 | not explained |" in text
 
 
 def test_the_command_writes_the_report(results, tmp_path, certpgo):
     done = certpgo("report", "--results", results, "--out", tmp_path / "out")
     assert done.code == 0
-    assert done.out.startswith("Of 2 values printed in the papers' tables 2 were run: 1 reproduced")
+    assert done.out.startswith("Of 2 values of the papers' tables that were run, 1 are reproduced")
     names = {path.name for path in (tmp_path / "out").iterdir()}
     tables = {f"paper_table1.{suffix}" for suffix in ("md", "csv", "tex")}
     assert names == tables | {"index.md", "paper_figure1.svg", "sources.bib"}

@@ -41,6 +41,21 @@ class Merged(Speaking):
     terms : (k,) their terms of F at the optimum: chi^2 where weights state the noise
     tails : (k,) probabilities that a correct measurement has such a term or a larger one
     disagreeing : indices in the merged graph of those between maps that disagree with the rest
+
+    Examples
+    --------
+    Two halves of a square that is exactly measured: what lies between them costs nothing.
+
+    >>> import numpy as np
+    >>> import certpgo
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> graph = winding_cycle(4, 0.0, 0)[0].graph
+    >>> halves = [graph.subgraph([0, 1]), graph.subgraph([2, 3])]
+    >>> joints = certpgo.Instance("joints", graph.with_edges([1, 3]).subgraph([1, 2, 3, 0]),
+    ...                           np.array([1, 10, 11, 0]))
+    >>> merged = certpgo.merge(halves, joints, offset=10)
+    >>> bool(abs(merged.raised) < 1e-9), merged.between.tolist(), merged.disagreeing.tolist()
+    (True, [2, 3], [])
     """
 
     instance: Instance
