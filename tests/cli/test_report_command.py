@@ -79,7 +79,7 @@ def test_the_index_says_first_what_was_reproduced(results):
     text = dict(publication.report_files(gather(results)))["index.md"].decode()
     assert text.split("\n")[2] == (
         "**Of 2 values of the papers' tables that were run, 1 are reproduced and 0 better (50 %), "
-        "1 different, each explained. Of 3 claims that were tried, 1 hold and 2 differ. "
+        "1 different, each explained. Of 3 claims tried, 1 hold and 2 differ. "
         "Not run: 0 printed values and 0 claims.**"
     )
     for line in (
@@ -132,7 +132,7 @@ def test_what_was_not_run_is_counted_and_said(results):
     (results / "paper_table1.jsonl").unlink()
     files = dict(publication.report_files(gather(results)))
     text = files["index.md"].decode()
-    assert "Of 1 claim that were tried, 1 hold and 0 differ. Not run: 2 printed values and 2" in text
+    assert "Of 1 claim tried, 1 hold and 0 differ. Not run: 2 printed values and 2" in text
     assert "| paper_table1 | 2 | no record |" in text
     assert "| paper_table1 | A small table | not run |" in text
     assert "paper_table1.md" not in files

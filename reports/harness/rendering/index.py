@@ -78,9 +78,7 @@ def _of_cells(found: Sequence[Cell]) -> str:
 
 def _of_claims(outcomes: Sequence[ClaimOutcome]) -> str:
     held, differ, _ = _tally(outcomes)
-    return (
-        f"Of {counted(held + differ, 'claim{s}')} that were tried, {held} hold and {differ} differ."
-    )
+    return f"Of {counted(held + differ, 'claim{s}')} tried, {held} hold and {differ} differ."
 
 
 def _tally(outcomes: Iterable[ClaimOutcome]) -> tuple[int, int, int]:
