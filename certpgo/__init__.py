@@ -35,6 +35,7 @@ from certpgo.solvers.certified.settings import SolveSettings
 if TYPE_CHECKING:
     from certpgo import plot as plot
     from certpgo.assess.assessment import certify_values
+    from certpgo.assess.sparsifying import Sparsified, SuggestedLoops, sparsify, suggest_loops
     from certpgo.certify.proof_file import check, write_proof
     from certpgo.costs.gtsam_graph import from_gtsam, to_gtsam
     from certpgo.graph.priors import with_directions, with_priors
@@ -53,6 +54,8 @@ if TYPE_CHECKING:
 #: Imported on first use, to keep `import certpgo` fast.
 _LATER = {
     "Merged": "solvers.certified.merging",
+    "Sparsified": "assess.sparsifying",
+    "SuggestedLoops": "assess.sparsifying",
     "RobustSession": "solvers.certified.rejecting",
     "Session": "solvers.certified.session",
     "Standing": "solvers.certified.session",
@@ -69,6 +72,8 @@ _LATER = {
     "write_proof": "certify.proof_file",
     "get_solver": "registry",
     "merge": "solvers.certified.merging",
+    "sparsify": "assess.sparsifying",
+    "suggest_loops": "assess.sparsifying",
     "register": "registration.register",
     "show": "view.show",
     "scheduler": "linalg.distributed.schedulers",
@@ -108,9 +113,11 @@ __all__ = [
     "Session",
     "Solution",
     "SolveSettings",
+    "Sparsified",
     "SpecError",
     "Standing",
     "Status",
+    "SuggestedLoops",
     "Suspicion",
     "Tier",
     "Verdict",
@@ -130,6 +137,8 @@ __all__ = [
     "show",
     "solve",
     "solve_robustly",
+    "sparsify",
+    "suggest_loops",
     "with_directions",
     "with_priors",
     "write",

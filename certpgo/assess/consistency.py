@@ -60,7 +60,8 @@ def consistency(problem: RotationProblem, k: int = 2) -> Consistency:
     """
     if not 2 <= k <= problem.n:
         raise InputError(f"2 to {problem.n} eigenvalues of the graph can be compared, not {k}")
-    others = spectral.deflated_eigenvalues(problem, problem.laplacian, np.ones(problem.n), k - 1)
+    ones = np.ones(problem.n)
+    others = spectral.deflated_eigenpairs(problem, problem.laplacian, ones, k - 1).values
     pairs = spectral.smallest_eigenpairs(
         problem, k * problem.d, tol=1e-8, shift=1e-3 * float(others[0])
     )

@@ -102,9 +102,8 @@ def fiedler_value(problem: RotationProblem) -> float:
         Some edges measure no rotation, or the eigenvalue was not found.
     """
     _require_rotations(problem)
-    return float(
-        spectral.deflated_eigenvalues(problem, problem.laplacian, np.ones(problem.n), 1)[0]
-    )
+    found = spectral.deflated_eigenpairs(problem, problem.laplacian, np.ones(problem.n), 1)
+    return float(found.values[0])
 
 
 def _require_rotations(problem: RotationProblem) -> None:
@@ -119,7 +118,7 @@ def normalized_fiedler_value(problem: RotationProblem) -> float:
     root = np.sqrt(problem.node_weights)
     column = np.repeat(np.arange(problem.n), np.diff(L.indptr))
     scaled = CSC((L.data / (root[L.indices] * root[column]), L.indices, L.indptr), shape=L.shape)
-    return float(spectral.deflated_eigenvalues(problem, scaled, root, 1)[0])
+    return float(spectral.deflated_eigenpairs(problem, scaled, root, 1).values[0])
 
 
 def row_bound(problem: RotationProblem, estimate: Estimate) -> FloatArray:

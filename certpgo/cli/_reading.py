@@ -221,7 +221,10 @@ class Reading:
 
 
 def takes_reading(command: Callable[..., int | None]) -> Callable[..., int | None]:
-    """Replace a command's parameter ``reading`` by the options of `Reading`."""
+    """Replace a command's parameter ``reading`` by the options of `Reading`.
+
+    A command's own option takes the place of one for reading that has its name.
+    """
     hints = get_type_hints(command, include_extras=True)
     own = [
         parameter.replace(annotation=hints[name])
@@ -232,6 +235,7 @@ def takes_reading(command: Callable[..., int | None]) -> Callable[..., int | Non
     shared = [
         parameter.replace(annotation=kinds[name], kind=inspect.Parameter.KEYWORD_ONLY)
         for name, parameter in inspect.signature(Reading).parameters.items()
+        if name not in hints
     ]
 
     @functools.wraps(command)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -176,6 +176,15 @@ class Instance(Speaking):
         graph = self.graph
         nodes = graph.pose_nodes if isinstance(graph, PoseGraph) else np.arange(graph.num_nodes)
         return nodes if self.world is None else nodes[nodes != self.world]
+
+    def with_edges(self, chosen: IntArray | BoolArray) -> Instance:
+        """The instance with only the chosen measurements, by index or flag, of all nodes."""
+        return replace(
+            self,
+            graph=self.graph.with_edges(chosen),
+            outliers=None if self.outliers is None else self.outliers[chosen],
+            information=self.information and self.information.subset(chosen),
+        )
 
     def in_world(self, estimate: Estimate) -> Estimate:
         """An estimate's poses in the world's frame, without the world; as it is without priors."""

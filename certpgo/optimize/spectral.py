@@ -52,14 +52,24 @@ def smallest_eigenpairs(
     return krylov_schur(A, factor.solve, k, shift=shift, tol=tol, start=_block(start))
 
 
-def deflated_eigenvalues(problem: RotationProblem, A: CSC, null: FloatArray, k: int) -> FloatArray:
-    """The k smallest eigenvalues, without the zero, of a semidefinite n x n matrix.
+def deflated_eigenpairs(
+    problem: RotationProblem,
+    A: CSC,
+    null: FloatArray,
+    k: int,
+    *,
+    start: FloatArray | None = None,
+    tol: float = 1e-8,
+) -> Eigenpairs:
+    """The k smallest eigenpairs, without the zero, of a semidefinite n x n matrix.
 
     Parameters
     ----------
     A : with the graph's pattern, such as the graph Laplacian
     null : (n,) its null vector, such as ones
     k : at most n - 1
+    start : (n, b) first block of the iteration; by default random
+    tol : relative accuracy, as residual of the inverse
 
     Raises
     ------
@@ -76,10 +86,11 @@ def deflated_eigenvalues(problem: RotationProblem, A: CSC, null: FloatArray, k: 
         X = solve(B - unit @ (unit.T @ B))
         return np.asarray(X - unit @ (unit.T @ X))
 
-    start = np.random.default_rng(0).standard_normal((problem.n, k + 1))
-    start -= unit @ (unit.T @ start)
+    if start is None:
+        start = np.random.default_rng(0).standard_normal((problem.n, k + 1))
+    start = start - unit @ (unit.T @ start)
     start = start[:, : problem.n - 1]
-    return krylov_schur(shifted, deflated, k, shift=shift, start=start, tol=1e-8).values
+    return krylov_schur(shifted, deflated, k, shift=shift, start=start, tol=tol)
 
 
 def eliminated_eigenpairs(

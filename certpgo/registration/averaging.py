@@ -8,7 +8,7 @@ certified under g2o's cost, which weighs with the matrices themselves.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -154,7 +154,7 @@ def averaged_graph(
     GraphError
         It is not connected.
     """
-    graph, information = instance.graph, instance.information
+    graph = instance.graph
     if not isinstance(graph, PoseGraph) or graph.d != 3:
         raise InputError(f"{instance.name}: no poses in space")
     require_connected(graph)
@@ -167,11 +167,6 @@ def averaged_graph(
     robust = solve_robustly(graph, initial=start, trusted=trusted)
     weights = robust.solution.weights
     kept = np.ones(graph.num_edges, dtype=bool) if weights is None else weights > 0.0
-    certified = replace(
-        instance,
-        graph=graph.with_edges(kept),
-        information=None if information is None else information.subset(kept),
-    )
-    answer = solve(certified, initial=robust.estimate)
+    answer = solve(instance.with_edges(kept), initial=robust.estimate)
     edges = np.arange(graph.num_edges) if chosen is None else chosen
     return Averaged(instance, instance.ids, edges, kept, robust, answer)

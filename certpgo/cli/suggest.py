@@ -1,0 +1,61 @@
+"""certpgo suggest: which loop closures would help a graph most."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from certpgo.cli._options import GraphName, Json
+from certpgo.cli._reading import Reading, takes_reading
+from certpgo.cli._show import document, table, working
+
+
+@takes_reading
+def command(
+    graph: GraphName,
+    count: Annotated[
+        int, typer.Option("-n", "--count", min=1, help="Loop closures to suggest.")
+    ] = 5,
+    within: Annotated[
+        float | None,
+        typer.Option(
+            "--within",
+            metavar="METRES",
+            help="Only between places at most this far from each other in the best estimate.",
+        ),
+    ] = None,
+    json: Json = False,
+    *,
+    reading: Reading,
+) -> None:
+    """Name the pairs of nodes whose loop closures would connect a graph best.
+
+    Each raises the algebraic connectivity most, after those before it; a loop closure is assumed to
+    be as precise as the median of those the graph has.
+    """
+    from certpgo.assess.sparsifying import suggest_loops
+
+    instance = reading.open(reading.resolve(graph))
+    with working(f"connectivity of {instance.name}"):
+        found = suggest_loops(instance, count, within=within)
+    pairs, values = found.named.tolist(), found.connectivity.tolist()
+    if json:
+        document(
+            {
+                "graph": instance.name,
+                "connectivity": values[0],
+                "kappa": found.kappa,
+                "suggested": [
+                    {"ids": pair, "connectivity": value}
+                    for pair, value in zip(pairs, values[1:], strict=True)
+                ],
+            }
+        )
+        return
+    rows = [
+        [f"{i}-{j}", f"{value:.4g}", f"{value / before:.3g}"]
+        for (i, j), before, value in zip(pairs, values, values[1:], strict=False)
+    ]
+    table("Loop closures that would help most", ["nodes", "connectivity", "times before"], rows)
+    typer.echo(str(found).splitlines()[0])

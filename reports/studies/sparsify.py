@@ -1,0 +1,86 @@
+"""Loop closures chosen in several ways: connectivity, and what the optimum loses.
+
+    python -m reports.studies.sparsify [DATASET ...] [--keep SHARE] [--out FILE]
+
+Choices of as many loop closures, odometry always kept: `certpgo.sparsify`'s; the largest fractions
+of the same relaxation after 20 Frank-Wolfe steps, the rounding that MAC (arXiv 2403.19879) was
+published with; the heaviest; evenly spread ones; random ones. Printed as CSV: lambda_2, its share
+of the bound on all choices, by how much F of all measurements exceeds its optimum, the verdict of
+the sparse graph, and the root mean square distance to the whole graph's optimum.
+"""
+
+import argparse
+import csv
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from unittest import mock
+
+import numpy as np
+
+from certpgo import datasets, solve, sparsify
+from certpgo.assess.metrics import trajectory_errors
+from certpgo.objective.problem import problem_of
+from certpgo.optimize import connectivity
+
+GRAPHS = ("sphere2500", "city10000")
+
+
+def others(
+    measure: connectivity.Connectivity, kappa: np.ndarray, loops: np.ndarray, count: int
+) -> Iterator[tuple[str, np.ndarray]]:
+    """Other choices of ``count`` loop closures, by name."""
+    among = np.flatnonzero(loops)
+    with mock.patch.object(connectivity, "STEPS", 20):
+        fractions, _ = connectivity.relaxed(measure, loops, count)
+    yield "MAC, nearest", among[np.argsort(-fractions[among], kind="stable")[:count]]
+    yield "heaviest", among[np.argsort(-kappa[among], kind="stable")[:count]]
+    yield "even", among[(np.arange(count) + 0.5).astype(int) * len(among) // count]
+    yield "random", np.random.default_rng(0).choice(among, count, replace=False)
+
+
+def rows(name: str, keep: float) -> Iterator[dict[str, object]]:
+    """One row for each way to choose."""
+    instance = datasets.load(name)
+    graph = instance.graph
+    found = sparsify(instance, keep)
+    problem = problem_of(graph)
+    measure = connectivity.Connectivity(problem.rotation)
+    loops = np.ones(graph.num_edges, dtype=bool)
+    loops[np.setdiff1d(found.kept, found.chosen)] = False
+    choices = [("certpgo", found.chosen)]
+    choices += others(measure, problem.rotation.graph.kappa, loops, len(found.chosen))
+    for method, chosen in choices:
+        flags = np.where(loops, 0.0, 1.0)
+        flags[chosen] = 1.0
+        value = measure(flags)[0]
+        answer = solve(graph.with_edges(flags > 0.0))
+        moved = trajectory_errors(answer.estimate, found.whole.estimate)
+        yield {
+            "dataset": name,
+            "kept": f"{len(found.chosen)} of {found.loops}",
+            "choice": method,
+            "lambda_2": f"{value:.4g}",
+            "of bound": f"{100.0 * value / found.bound:.1f} %",
+            "loss": f"{100.0 * (problem.cost(answer.estimate) / found.whole.cost - 1.0):.4g} %",
+            "verdict": answer.verdict.value,
+            "moved m": f"{moved.ate_m:.4g}",
+        }
+
+
+def main() -> None:
+    """Run the study."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("datasets", nargs="*", default=GRAPHS)
+    parser.add_argument("--keep", type=float, default=0.2, help="share of the loop closures")
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    lines = [row for name in options.datasets for row in rows(name, options.keep)]
+    with options.out.open("w", newline="") if options.out else sys.stdout as stream:
+        writer = csv.DictWriter(stream, list(lines[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(lines)
+
+
+if __name__ == "__main__":
+    main()
