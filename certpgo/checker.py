@@ -841,9 +841,9 @@ def certificate_matrix(graph: Graph, proof: Proof) -> Blocks:
         np.add.at(diagonal[:, 0, 0], j, mass)
         np.add.at(diagonal[:, 0, 1:], i, moment)
         diagonal[:, 1:, 0] = diagonal[:, 0, 1:]
-        inertia = (lever << (unit - et - 2 * es))[:, :, None] * t[:, None, :]
-        np.add.at(diagonal[:, 1:, 1:], i, inertia)
         upper[:, 0, 0], upper[:, 1:, 0] = -mass, -moment
+        lever <<= unit - et - 2 * es
+        np.add.at(diagonal[:, 1:, 1:], i, lever[:, :, None] * t[:, None, :])
     for k, (a, c) in enumerate(zip(*np.triu_indices(d), strict=True)):
         diagonal[:, a - d, c - d] -= Lam[:, k] << (unit - el)
         diagonal[:, c - d, a - d] = diagonal[:, a - d, c - d]
@@ -934,11 +934,11 @@ class Front(NamedTuple):
     children: list[int]
 
 
-def fronts(n: int, pairs: Ints, allowance: int = 32) -> list[Front]:
+def fronts(n: int, pairs: Ints, allowance: int = 32, widest: int = 128) -> list[Front]:
     """The fronts of eliminating 0 ... n-1 in order, children before parents.
 
     ``pairs`` are (k, 2) with p < q. A node joins a child's front if that adds at most ``allowance``
-    blocks of zeros, or an eighth of the front.
+    blocks of zeros, or an eighth of the front, until that eliminates ``widest`` nodes.
     """
     later: list[set[int]] = [set() for _ in range(n)]
     for p, q in pairs.tolist():
@@ -950,7 +950,7 @@ def fronts(n: int, pairs: Ints, allowance: int = 32) -> list[Front]:
         reach = later[p].union(*(reaches[c] for c in waiting[p]))
         reach.discard(p)
         home, zeros = -1, math.inf
-        for c in waiting[p]:
+        for c in (c for c in waiting[p] if len(found[c].pivots) < widest):
             added = (len(reach) + 1 - len(reaches[c])) * len(found[c].pivots)
             home, zeros = (c, added) if added < zeros else (home, zeros)
         size = len(found[home].pivots) * len(reaches[home]) if home >= 0 else 0

@@ -311,8 +311,14 @@ def test_parts_are_the_nearest_multiple_and_the_rest(entry, shift):
 # --- The order of elimination
 
 
-@given(seeds, st.integers(2, 30), st.integers(0, 40), st.sampled_from([0, 3, 64]))
-def test_fronts_eliminate_every_node_and_hold_its_fill(seed, n, extra, allowance):
+@given(
+    seeds,
+    st.integers(2, 30),
+    st.integers(0, 40),
+    st.sampled_from([0, 3, 64]),
+    st.sampled_from([1, 4, 128]),
+)
+def test_fronts_eliminate_every_node_and_hold_its_fill(seed, n, extra, allowance, widest):
     edges = np.sort(random_edges(rng_of(seed), n, extra), axis=1)
     pairs = np.unique(edges, axis=0)
     reach = [set() for _ in range(n)]
@@ -321,7 +327,8 @@ def test_fronts_eliminate_every_node_and_hold_its_fill(seed, n, extra, allowance
     for p in range(n):  # elimination, by the definition
         if reach[p]:
             reach[min(reach[p])] |= reach[p] - {min(reach[p])}
-    found = checker.fronts(n, pairs, allowance)
+    found = checker.fronts(n, pairs, allowance, widest)
+    assert all(len(front.pivots) <= widest for front in found)
     assert sorted(p for front in found for p in front.pivots) == list(range(n))
     parents = {}
     for k, front in enumerate(found):

@@ -122,11 +122,31 @@ def write_proof(
     True
     """
     source = provable(source)
+    claim, proof = _proof(source, instance, estimate, certificate)
+    found: list[checker.Answer] = []
+
+    def accepted(beside: Path) -> None:
+        header = np.frombuffer(json.dumps(claim).encode(), dtype=np.uint8)
+        with beside.open("wb") as file:
+            np.savez(file, claim=header, **_arrays(proof))
+        try:
+            found.append(checker.check(source, beside))
+        except (checker.Refused, checker.Unreadable) as reason:
+            raise NumericalError(f"the checker does not accept the proof: {reason}") from None
+
+    atomically(Path(path), accepted)
+    return found[0]
+
+
+def _proof(
+    source: Path, instance: Instance, estimate: Estimate, certificate: Certificate
+) -> tuple[dict[str, Any], checker.Proof]:
+    """What the proof is about, and its content."""
+    minorants = None
     if certificate.objective == CHORDAL:
         _refuse_map(instance, costs.CHORDAL)
         claim, graph = _claim(source, instance)
         multipliers, witness = _evidence(instance, graph, certificate)
-        minorants = None
     else:
         _refuse_map(instance, "another program")
         problem = problem_of_certificate(instance, certificate)
@@ -135,20 +155,7 @@ def write_proof(
         multipliers, witness = evidence.multipliers, evidence.witness
         minorants = evidence.minorants
     claim |= {"pin": witness.pin, "exponent": witness.exponent}
-    arrays = _arrays(proof_of(estimate, multipliers, witness, minorants))
-    found: list[checker.Answer] = []
-
-    def accepted(beside: Path) -> None:
-        header = np.frombuffer(json.dumps(claim).encode(), dtype=np.uint8)
-        with beside.open("wb") as file:
-            np.savez(file, claim=header, **arrays)
-        try:
-            found.append(checker.check(source, beside))
-        except (checker.Refused, checker.Unreadable) as reason:
-            raise NumericalError(f"the checker does not accept the proof: {reason}") from None
-
-    atomically(Path(path), accepted)
-    return found[0]
+    return claim, proof_of(estimate, multipliers, witness, minorants)
 
 
 class RefusedProof(NumericalError, checker.Refused):  # noqa: N818 - the condition is the name
