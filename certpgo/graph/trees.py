@@ -83,22 +83,21 @@ def compose(graph: RotationGraph | PoseGraph, parents: IntArray) -> Estimate:
     n, d = rotation.num_nodes, rotation.d
     children = np.flatnonzero(parents >= 0)
     edge, forward = _edges_between(rotation, parents[children], children)
-    R = np.tile(np.eye(d), (n, 1, 1))
-    t = np.zeros((n, d))
+    R, t = np.tile(np.eye(d), (n, 1, 1)), None
     measured = rotation.rotations[edge]
     R[children] = np.where(forward[:, None, None], measured, np.swapaxes(measured, 1, 2))
     if isinstance(graph, PoseGraph):
-        step = graph.translations[edge]
+        step, t = graph.translations[edge], np.zeros((n, d))
         back = -np.einsum("mba,mb->ma", measured, step)
         t[children] = np.where(forward[:, None], step, back)
     ancestor = np.where(parents >= 0, parents, np.arange(n))
-    while not np.array_equal(ancestor, ancestor[ancestor]):
-        t = t[ancestor] + np.einsum("nab,nb->na", R[ancestor], t)
-        R = R[ancestor] @ R
-        ancestor = ancestor[ancestor]
-    t = t[ancestor] + np.einsum("nab,nb->na", R[ancestor], t)
-    R = so.project(R[ancestor] @ R)
-    return Estimate(R, t if isinstance(graph, PoseGraph) else None)
+    while len(below := np.flatnonzero(parents[ancestor] >= 0)):
+        above = ancestor[below]
+        if t is not None:
+            t[below] = t[above] + np.einsum("nab,nb->na", R[above], t[below])
+        R[below] = R[above] @ R[below]
+        ancestor[below] = ancestor[above]
+    return Estimate(so.project(R), t)
 
 
 def _edges_between(

@@ -187,7 +187,10 @@ class RotationsOfPoses(RotationProblem):
 
     def require_joined(self) -> None:
         """As in the base class."""
-        labels = components_of(self.n, self.graph.edges[self.graph.kappa > 0.0])
+        turned = self.graph.kappa > 0.0
+        if turned.all():  # the graph is connected
+            return
+        labels = components_of(self.n, self.graph.edges[turned])
         if labels.any():
             node = int(np.argmax(labels != np.argmax(np.bincount(labels))))
             raise NumericalError(

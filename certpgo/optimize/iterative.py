@@ -26,7 +26,7 @@ class Settings:
 
     def __post_init__(self) -> None:
         refuse_mistyped(self)
-        for name, hint in _types(self).items():
+        for name, hint in _types_of(_kind(self)).items():
             if get_origin(hint) is Literal and getattr(self, name) not in get_args(hint):
                 raise SpecError.unknown(name, getattr(self, name), get_args(hint))
         tol, seed = getattr(self, "tol", None), getattr(self, "seed", None)
@@ -65,23 +65,31 @@ def refuse_mistyped(settings: Any) -> None:
     SpecError
         One is not.
     """
-    hints = _types(settings)
-    for name in (field.name for field in fields(settings)):
-        value, hint = getattr(settings, name), hints[name]
-        kinds = get_args(hint) if type(None) in get_args(hint) else (hint,)
-        if not any(_is_of(kind, value) for kind in kinds):
+    for name, kinds in _kinds_of(_kind(settings)).items():
+        value = getattr(settings, name)
+        if type(value) not in kinds and not any(_is_of(kind, value) for kind in kinds):
             wanted = " or ".join("None" if kind is type(None) else _words(kind) for kind in kinds)
             raise SpecError(f"{name} must be {wanted}, not {value!r}")
 
 
-def _types(settings: Any) -> dict[str, Any]:
-    kind: Any = type(settings)
-    return _types_of(kind)
+def _kind(settings: Any) -> Any:
+    return type(settings)
 
 
 @cache
-def _types_of(kind: Any) -> dict[str, Any]:
-    return get_type_hints(kind)
+def _kinds_of(settings: Any) -> dict[str, tuple[Any, ...]]:
+    """The types that each setting may have."""
+    hints = _types_of(settings)
+    options = {field.name: hints[field.name] for field in fields(settings)}
+    return {
+        name: get_args(hint) if type(None) in get_args(hint) else (hint,)
+        for name, hint in options.items()
+    }
+
+
+@cache
+def _types_of(settings: Any) -> dict[str, Any]:
+    return get_type_hints(settings)
 
 
 def _is_of(kind: Any, value: Any) -> bool:

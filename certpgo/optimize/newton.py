@@ -269,7 +269,7 @@ def _proposals(problem: Problem, state: _State, work: _Work) -> Iterator[_Propos
     reusable = (state.exact or large) and state.damping == 0.0
     if work.factor is not None and reusable and expected <= work.most:
         H = model.hessian if exact else model.gauss_newton
-        solved = _iterated(problem.symbolic(H), H, g, work.factor, tol, work)
+        solved = _iterated(problem.symbolic(H), H, g, work.factor, tol, work, work.most)
         if solved.end is End.CONVERGED:
             predicted = float(solved.x @ (solved.residual - g))
             yield _Proposal(solved.x, predicted, exact, 0.0, reused=True)
@@ -309,7 +309,9 @@ def _solved(
         if precision == "double":
             work.factor, work.single, step = factor, False, -factor.solve(g)
             return step, float(step @ (damped * step - g))
-        solved = _iterated(symbolic, A, g, factor, tol, work)
+        # A factor in double precision takes as long as two in single precision.
+        most = max(work.most, min(2 * work.most + 1, work.settings.max_products))
+        solved = _iterated(symbolic, A, g, factor, tol, work, most)
         enough = (End.CONVERGED, End.LIMIT) if precision == "mixed" else (End.CONVERGED,)
         predicted = float(solved.x @ (damped * solved.x + solved.residual - g))
         if solved.end in enough and predicted > 0.0:
@@ -320,11 +322,11 @@ def _solved(
 
 
 def _iterated(
-    symbolic: Symbolic, A: CSC, g: FloatArray, factor: Factor, tol: float, work: _Work
+    symbolic: Symbolic, A: CSC, g: FloatArray, factor: Factor, tol: float, work: _Work, most: int
 ) -> Truncated:
-    """Conjugate gradients for A x = -g, as long as they cost less than a new factor."""
+    """Conjugate gradients for A x = -g, with at most ``most`` products."""
     multiply = partial(symbolic.multiply, A)
-    solved = conjugate_gradients(multiply, -g, factor.solve, tol=tol, max_iterations=work.most)
+    solved = conjugate_gradients(multiply, -g, factor.solve, tol=tol, max_iterations=most)
     work.counts["products"] += solved.products
     if solved.end is End.CONVERGED:
         work.pace = -math.log(tol) / solved.products
