@@ -16,8 +16,8 @@ from certpgo.graph import Estimate, RotationGraph
 from certpgo.graph.cycles import is_cycle, walk
 from certpgo.graph.speaking import Brief
 from certpgo.linalg import so
-from certpgo.linalg.arrays import CSC, FloatArray
-from certpgo.linalg.blocks import scatter_sum
+from certpgo.linalg.arrays import FloatArray
+from certpgo.linalg.blocks import scatter_sum, with_entries
 from certpgo.objective.problem import RotationProblem
 from certpgo.optimize import spectral
 
@@ -117,7 +117,7 @@ def normalized_fiedler_value(problem: RotationProblem) -> float:
     L = problem.laplacian
     root = np.sqrt(problem.node_weights)
     column = np.repeat(np.arange(problem.n), np.diff(L.indptr))
-    scaled = CSC((L.data / (root[L.indices] * root[column]), L.indices, L.indptr), shape=L.shape)
+    scaled = with_entries(L, L.data / (root[L.indices] * root[column]))
     return float(spectral.deflated_eigenpairs(problem, scaled, root, 1).values[0])
 
 

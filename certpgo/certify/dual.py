@@ -22,7 +22,7 @@ from certpgo.graph.lift import Point
 from certpgo.graph.speaking import Brief
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, IntArray
 from certpgo.linalg.balls import U
-from certpgo.linalg.blocks import add_to_diagonal, pinned, scatter_sum
+from certpgo.linalg.blocks import add_to_diagonal, pinned, scatter_sum, with_entries
 from certpgo.linalg.rounding_bound import OTHERS
 from certpgo.linalg.so import rotation_defect
 from certpgo.objective.operators import degrees
@@ -144,7 +144,7 @@ class _Attempts:
     def foretold(self) -> FloatArray:
         """(N,) predicted `rounding_of`, from the lengths of L's rows, for |L| |L|^T about |A|."""
         M = self.problem.matrix
-        sizes = CSC((np.abs(M.data), M.indices, M.indptr), shape=M.shape) @ self.weights
+        sizes = with_entries(M, np.abs(M.data)) @ self.weights
         foreseen = U * (self.symbolic.lengths + OTHERS) * sizes / self.weights
         if self.pin is not None:
             foreseen[self.pin] = 0.0

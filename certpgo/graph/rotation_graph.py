@@ -204,7 +204,10 @@ class RotationGraph(Speaking):
         couplings = graph.couplings
         if couplings is not None:
             couplings = factors[:, None, None] * couplings
-        return replace(graph, kappa=factors * graph.kappa, couplings=couplings)
+        other = replace(graph, kappa=factors * graph.kappa, couplings=couplings)
+        if kept.all():
+            other.__dict__["components"] = self.components
+        return other
 
     def without_parallel_edges(self, keep: Keep) -> RotationGraph:
         """Keep ``"all"`` parallel edges, or the ``"first"`` or ``"last"`` of each pair {i, j}."""

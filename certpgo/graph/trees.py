@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csgraph, csr_array
 
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
-from certpgo.linalg import so
+from certpgo.linalg import compiled, so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.blocks import adjacency
 
@@ -27,10 +27,11 @@ def spanning_tree(
         breadth-first, with the shortest paths
     root : a node, or ``"center"`` for one in the middle: errors accumulate along paths
     """
-    if lengths is None:
-        tree = _simple(graph, np.ones(graph.num_edges))
-    else:
-        tree = minimum_spanning_tree(graph, lengths)
+    if lengths is None and root == "center" and compiled.AVAILABLE:
+        parents = np.empty(graph.num_nodes, dtype=np.int64)
+        compiled.kernel.central_tree(np.ascontiguousarray(graph.edges, dtype=np.int64), parents)
+        return parents
+    tree = _neighbours(graph) if lengths is None else minimum_spanning_tree(graph, lengths)
     start = _center(tree) if root == "center" else root
     return _breadth_first(tree, start)[1]
 
@@ -43,6 +44,12 @@ def tree_initialization(graph: RotationGraph | PoseGraph) -> Estimate:
 def minimum_spanning_tree(graph: RotationGraph | PoseGraph, lengths: FloatArray) -> csr_array:
     """(n, n) lengths of the edges of a minimum spanning tree, for positive lengths (m,)."""
     return csgraph.minimum_spanning_tree(_simple(graph, lengths))
+
+
+def _neighbours(graph: RotationGraph | PoseGraph) -> csr_array:
+    """(n, n) adjacency, in which each node's neighbours ascend."""
+    (i, j), m = graph.edges.T, graph.num_edges
+    return adjacency(graph.num_nodes, np.r_[i, j], np.r_[j, i], np.ones(2 * m))
 
 
 def _simple(graph: RotationGraph | PoseGraph, lengths: FloatArray) -> csr_array:
@@ -75,9 +82,6 @@ def compose(graph: RotationGraph | PoseGraph, parents: IntArray) -> Estimate:
     Parameters
     ----------
     parents : (n,) parent of each node, negative for the root
-
-    By pointer jumping: each round composes every node's pose with its ancestor's, then moves on to
-    the ancestor's ancestor, so that log2(n) rounds suffice.
     """
     rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
     n, d = rotation.num_nodes, rotation.d
@@ -90,14 +94,26 @@ def compose(graph: RotationGraph | PoseGraph, parents: IntArray) -> Estimate:
         step, t = graph.translations[edge], np.zeros((n, d))
         back = -np.einsum("mba,mb->ma", measured, step)
         t[children] = np.where(forward[:, None], step, back)
-    ancestor = np.where(parents >= 0, parents, np.arange(n))
+    if compiled.AVAILABLE:
+        compiled.kernel.compose(np.ascontiguousarray(parents, dtype=np.int64), d, R, t)
+    else:
+        _jump(parents, R, t)
+    return Estimate(so.project(R), t)
+
+
+def _jump(parents: IntArray, R: FloatArray, t: FloatArray | None) -> None:
+    """Poses in their parents' frames, composed in place by pointer jumping.
+
+    Each round composes every node's pose with its ancestor's, then moves on to the ancestor's
+    ancestor, so that log2(n) rounds suffice.
+    """
+    ancestor = np.where(parents >= 0, parents, np.arange(len(parents)))
     while len(below := np.flatnonzero(parents[ancestor] >= 0)):
         above = ancestor[below]
         if t is not None:
             t[below] = t[above] + np.einsum("nab,nb->na", R[above], t[below])
         R[below] = R[above] @ R[below]
         ancestor[below] = ancestor[above]
-    return Estimate(so.project(R), t)
 
 
 def _edges_between(

@@ -5,6 +5,7 @@ Nodes are poses or points. The blocks of points are smaller, the leading part of
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -122,7 +123,7 @@ class BlockPattern:
             data = self._assembled(layout, diagonal, upper)
         if layout._kept is not None:
             data = data[layout._kept]
-        return CSC((data, layout.indices, layout.indptr), shape=(layout.size,) * 2)
+        return with_entries(layout.template, data)
 
     @cached_property
     def _places(self) -> tuple[IntArray, ...]:
@@ -233,6 +234,12 @@ class Layout:
         return np.asarray(place[rows[self._kept]])
 
     @cached_property
+    def template(self) -> CSC:
+        """A matrix of this pattern, for `with_entries`; its own entries take no memory."""
+        none = np.broadcast_to(0.0, len(self.indices))
+        return CSC((none, self.indices, self.indptr), shape=(self.size,) * 2)
+
+    @cached_property
     def whole(self) -> IntArray:
         """The nodes with whole blocks."""
         return np.flatnonzero(self.sizes == self._b)
@@ -297,6 +304,16 @@ def scatter_sum(index: IntArray, values: FloatArray, n: int) -> FloatArray:
     return out.reshape(n, *values.shape[1:])
 
 
+def with_entries(A: CSC, data: FloatArray) -> CSC:
+    """The matrix with the pattern of A and entries ``data``, in the order of ``A.data``.
+
+    SciPy's constructor checks the pattern, which in small graphs takes longer than assembly.
+    """
+    other = copy(A)
+    other.data = data
+    return other
+
+
 def diagonal_places(A: CSC) -> IntArray:
     """(N,) positions of the diagonal entries in ``A.data``; all must be stored."""
     if compiled.AVAILABLE and A.indices.dtype == A.indptr.dtype == np.int32:
@@ -311,7 +328,7 @@ def add_to_diagonal(A: CSC, values: FloatArray | float) -> CSC:
     """A + diag(values), with the pattern of A."""
     data = A.data.copy()
     data[diagonal_places(A)] += values
-    return CSC((data, A.indices, A.indptr), shape=A.shape)
+    return with_entries(A, data)
 
 
 def pinned(A: CSC, rows: IntArray) -> CSC:
@@ -329,7 +346,7 @@ def pinned(A: CSC, rows: IntArray) -> CSC:
     others = _entries(A, np.unique(A.indices[own]))
     data[others[cut[A.indices[others]]]] = 0.0
     data[diagonal] = kept
-    return CSC((data, A.indices, A.indptr), shape=A.shape)
+    return with_entries(A, data)
 
 
 def _entries(A: CSC, columns: IntArray) -> IntArray:

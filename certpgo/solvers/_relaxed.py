@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.linalg.arrays import CSC, FloatArray
+from certpgo.linalg.blocks import with_entries
 from certpgo.linalg.eigen import krylov_schur
 from certpgo.linalg.factor import Factor
 from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
@@ -55,7 +56,7 @@ class Scaled:
         L = self.problem.connection_laplacian
         root = np.sqrt(np.repeat(self.weights, self.problem.d))
         column = np.repeat(np.arange(L.shape[0]), np.diff(L.indptr))
-        return CSC((L.data / (root[L.indices] * root[column]), L.indices, L.indptr), shape=L.shape)
+        return with_entries(L, L.data / (root[L.indices] * root[column]))
 
     def multipliers(self, scaled: FloatArray) -> FloatArray:
         """Lam (n, d, d) from the scaled program's D Lam D."""

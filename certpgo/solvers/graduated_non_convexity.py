@@ -12,7 +12,7 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate
@@ -159,7 +159,8 @@ def quantiles(problem: Problem, probability: float) -> FloatArray:
         if chosen.any():
             terms = np.r_[axes[: len(axes) * whether[0]], np.ones(problem.d * whether[1])]
             unit = float((terms**2).sum() / terms.sum())
-            found[chosen] = unit * stats.chi2.ppf(probability, float(terms.sum()) / unit)
+            half = 0.5 * float(terms.sum()) / unit  # of the degrees of freedom
+            found[chosen] = unit * 2.0 * special.gammaincinv(half, probability)
     return found
 
 

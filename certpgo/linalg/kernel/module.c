@@ -846,7 +846,81 @@ done:
     return result;
 }
 
+/* ------------------------------------------------------------------ trees */
+
+#include "trees.h"
+
+/* central_tree(pairs, parents): the breadth-first tree of a node in the middle of a long path */
+static PyObject *central_tree(PyObject *self, PyObject *args)
+{
+    PyObject *objects[2], *result = NULL;
+    Buffers held = {.count = 0};
+    Py_ssize_t ends, n;
+    if (!PyArg_ParseTuple(args, "OO", &objects[0], &objects[1])) return NULL;
+    const Int *pairs = borrow(&held, objects[0], 0, INTS, &ends);
+    Int *parents = pairs ? borrow(&held, objects[1], 1, INTS, &n) : NULL;
+    if (!parents) goto done;
+    if (n < 1 || ends % 2 || !all_below(pairs, ends, n)) {
+        refuse("pairs of the nodes that have parents expected");
+        goto done;
+    }
+    Int *work = malloc((size_t)(2 * n + 1 + 2 * ends) * sizeof(Int));
+    if (!work) {
+        PyErr_NoMemory();
+        goto done;
+    }
+    Int *queue = work, *start = work + n, *to = start + n + 1, *arcs = to + ends;
+    list_neighbours(n, ends / 2, pairs, start, to, queue, arcs);
+    Int end = breadth_first(n, start, to, 0, parents, queue);
+    Int middle = breadth_first(n, start, to, end, parents, queue), length = 0;
+    for (Int i = middle; i != end; i = parents[i]) length++;
+    for (Int k = 0; k < (length + 1) / 2; k++) middle = parents[middle];
+    breadth_first(n, start, to, middle, parents, queue);
+    free(work);
+    result = Py_NewRef(Py_None);
+done:
+    give_back(&held);
+    return result;
+}
+
+/* compose(parents, d, R, t | None): poses in their parents' frames, in place */
+static PyObject *compose(PyObject *self, PyObject *args)
+{
+    PyObject *objects[3], *result = NULL;
+    Buffers held = {.count = 0};
+    Py_ssize_t n, size, positions = 0;
+    int d, is_forest;
+    if (!PyArg_ParseTuple(args, "OiOO", &objects[0], &d, &objects[1], &objects[2])) return NULL;
+    const Int *parents = borrow(&held, objects[0], 0, INTS, &n);
+    double *t = NULL, *R = parents ? borrow(&held, objects[1], 1, DOUBLES, &size) : NULL;
+    if (!R) goto done;
+    if (objects[2] != Py_None && !(t = borrow(&held, objects[2], 1, DOUBLES, &positions)))
+        goto done;
+    int is_known = 1;
+    for (Int i = 0; i < n; i++) is_known &= parents[i] < n;
+    if (d < 2 || d > 3 || size != n * d * d || (t && positions != n * d) || !is_known) {
+        refuse("parents and poses in 2 or 3 dimensions of the same nodes expected");
+        goto done;
+    }
+    Int *above = malloc((size_t)(n + 1) * (sizeof(Int) + 1));
+    if (!above) {
+        PyErr_NoMemory();
+        goto done;
+    }
+    char *composed = (char *)(above + n);
+    is_forest = d == 3 ? compose_poses(n, parents, 3, R, t, above, composed)
+                       : compose_poses(n, parents, 2, R, t, above, composed);
+    free(above);
+    result = is_forest ? Py_NewRef(Py_None) : NULL;
+    if (!is_forest) refuse("parents are not those of trees");
+done:
+    give_back(&held);
+    return result;
+}
+
 static PyMethodDef methods[] = {
+    {"central_tree", central_tree, METH_VARARGS, "Parents in the tree of a central node."},
+    {"compose", compose, METH_VARARGS, "Poses composed along a tree."},
     {"worst_defect", worst_defect, METH_VARARGS, "The matrix farthest from being a rotation."},
     {"gradient", gradient, METH_VARARGS, "Half the gradient, and the edges' terms."},
     {"coupling", coupling, METH_VARARGS, "The edges' blocks of the Hessian."},

@@ -1,0 +1,69 @@
+/* Spanning trees, and poses composed along them.
+ *
+ * `certpgo.graph.trees` has the same in NumPy and SciPy.
+ */
+
+/* The neighbours of each node, ascending: `start` (n + 1,) and `to` (2 m,). `next` (n,) and `arcs`
+ * (2 m,) are room for work. */
+static void list_neighbours(Int n, Int m, const Int *pairs, Int *start, Int *to, Int *next, Int *arcs)
+{
+    memset(start, 0, (size_t)(n + 1) * sizeof(Int));
+    for (Int a = 0; a < 2 * m; a++) start[pairs[a] + 1]++;
+    for (Int i = 0; i < n; i++) start[i + 1] += start[i];
+    memcpy(next, start, (size_t)n * sizeof(Int));
+    for (Int a = 0; a < 2 * m; a++) arcs[next[pairs[a ^ 1]]++] = a;
+    memcpy(next, start, (size_t)n * sizeof(Int));
+    for (Int k = 0; k < 2 * m; k++) to[next[pairs[arcs[k]]]++] = pairs[arcs[k] ^ 1];
+}
+
+/* Parents (n,) in the breadth-first tree of a root, -1 for the root and for nodes that it does not
+ * reach; returns the last node that it reaches. `queue` (n,) is room for work. */
+static Int breadth_first(Int n, const Int *start, const Int *to, Int root, Int *parents, Int *queue)
+{
+    Int read = 0, write = 0;
+    for (Int i = 0; i < n; i++) parents[i] = -1;
+    for (queue[write++] = root; read < write; read++) {
+        Int i = queue[read];
+        for (Int e = start[i]; e < start[i + 1]; e++)
+            if (parents[to[e]] < 0 && to[e] != root) parents[to[e]] = i, queue[write++] = to[e];
+    }
+    return queue[write - 1];
+}
+
+/* Each node's pose in the frame of its parent becomes the one in the frame of its root. t may be
+ * NULL. `above` (n,) and `done` (n,) are room for work. 0 if the parents are not a forest. */
+static inline int compose_poses(Int n, const Int *parents, Int d, double *R, double *t, Int *above,
+                                char *done)
+{
+    memset(done, 0, (size_t)n);
+    for (Int start = 0; start < n; start++) {
+        Int count = 0;
+        for (Int i = start; !done[i] && parents[i] >= 0; i = parents[i]) {
+            if (count == n) return 0;
+            above[count++] = i;
+        }
+        while (count--) {
+            Int i = above[count];
+            const double *P = R + parents[i] * d * d;
+            double own[9], *to = R + i * d * d;
+            memcpy(own, to, (size_t)(d * d) * sizeof(double));
+            for (Int a = 0; a < d; a++)
+                for (Int c = 0; c < d; c++) {
+                    double sum = 0.0;
+                    for (Int b = 0; b < d; b++) sum += P[a * d + b] * own[b * d + c];
+                    to[a * d + c] = sum;
+                }
+            if (t) {
+                double step[3];
+                memcpy(step, t + i * d, (size_t)d * sizeof(double));
+                for (Int a = 0; a < d; a++) {
+                    double sum = t[parents[i] * d + a];
+                    for (Int b = 0; b < d; b++) sum += P[a * d + b] * step[b];
+                    t[i * d + a] = sum;
+                }
+            }
+            done[i] = 1;
+        }
+    }
+    return 1;
+}
