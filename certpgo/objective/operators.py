@@ -142,13 +142,24 @@ def multipliers(gradient: FloatArray, R: FloatArray) -> FloatArray:
 
     G_i^T is the block (M X^T)_i; Eriksson et al. eq. 16 is deg_i I - Lam_i.
     """
-    product = np.swapaxes(gradient, 1, 2) @ R
-    return np.asarray(0.5 * (product + np.swapaxes(product, 1, 2)))
+    return _symmetric(np.swapaxes(gradient, 1, 2) @ R)
 
 
 def tangent_gradient(gradient: FloatArray, R: FloatArray) -> FloatArray:
     """(n, p) Riemannian gradient of F/2 over body-frame tangents, from the Euclidean half."""
     return 2.0 * so.vee(np.swapaxes(R, 1, 2) @ gradient)
+
+
+def tangent_gradient_and_multipliers(
+    gradient: FloatArray, R: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Both, the skew and the symmetric parts of one product."""
+    product = np.swapaxes(gradient, 1, 2) @ R
+    return 2.0 * so.vee(np.swapaxes(product, 1, 2)), _symmetric(product)
+
+
+def _symmetric(S: FloatArray) -> FloatArray:
+    return np.asarray(0.5 * (S + np.swapaxes(S, 1, 2)))
 
 
 def gradient(graph: RotationGraph | PoseGraph, point: Point) -> tuple[FloatArray, FloatArray]:

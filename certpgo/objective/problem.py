@@ -178,7 +178,8 @@ class PoseProblem(Objective):
         """Cost, gradient, multipliers and stationarity at an estimate."""
         R = estimate.rotations
         G, terms = self._sums.gradient(estimate)
-        move, turn = G[:, :, 0], operators.tangent_gradient(G[:, :, 1:], R)
+        turn, multipliers = operators.tangent_gradient_and_multipliers(G[:, :, 1:], R)
+        move = G[:, :, 0]
         poses = self.poses
         largest = float((np.linalg.norm(turn, axis=1)[poses] / self.curvature[poses]).max())
         length = np.sqrt(self.lever_weights.sum() / self.graph.tau.sum())
@@ -186,7 +187,6 @@ class PoseProblem(Objective):
             size = np.linalg.norm(move, axis=1) / (self.translation_weights * length)
             largest = max(largest, float(size.max()))
         tangent = np.concatenate([move, turn], axis=1)
-        multipliers = operators.multipliers(G[:, :, 1:], R)
         return FirstOrder(float(terms.sum()), tangent, multipliers, largest)
 
     @cached_property

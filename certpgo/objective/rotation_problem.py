@@ -144,9 +144,9 @@ class RotationProblem(Objective):
         """Cost, gradient, multipliers and stationarity at an estimate."""
         R = estimate.rotations
         G, terms = self._sums.gradient(estimate)
-        turn = operators.tangent_gradient(G, R)
+        turn, multipliers = operators.tangent_gradient_and_multipliers(G, R)
         largest = float((np.linalg.norm(turn, axis=1) / self.curvature).max())
-        return FirstOrder(float(terms.sum()), turn, operators.multipliers(G, R), largest)
+        return FirstOrder(float(terms.sum()), turn, multipliers, largest)
 
     def scaled(self, factor: float) -> RotationProblem:
         """The same measurements with all weights times ``factor``; pattern and order are shared."""
