@@ -23,6 +23,8 @@ from certpgo.solvers.certified.settings import SolveSettings
 
 #: Share of F that a descent from the last optimum leaves, a tenth of what batches differ by.
 ENOUGH = 1e-10
+#: Stationarity, radians, from which the exact Hessian is tried: the last optimum is not far.
+NEAR = 0.1
 
 
 @dataclass(eq=False)
@@ -44,7 +46,8 @@ def descended(problem: Problem, start: Estimate, settings: SolveSettings) -> Fou
     """The end of descent from an estimate, if that is certified."""
     case = Case.of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
     try:
-        descent = replace(settings.newton, enough=max(ENOUGH, settings.newton.enough))
+        enough, near = max(ENOUGH, settings.newton.enough), max(NEAR, settings.newton.near)
+        descent = replace(settings.newton, enough=enough, near=near)
         end = newton(case.problem, start, descent).estimate
         cost = case.cost_upper(end)
         bound = case.bound(end, cost, sharp=False, tight=True)
