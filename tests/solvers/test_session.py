@@ -40,7 +40,7 @@ def test_a_cycle_that_closes_has_its_closed_form():
 
 
 def test_an_open_chain_is_optimal_without_a_factorization(monkeypatch, graph):
-    monkeypatch.setattr("certpgo.solvers.certified.session.problem_of", None)
+    monkeypatch.setattr("certpgo.solvers.certified.terms.problem_of", None)
     session = Session(every=1)
     for one, nodes in stream(graph):
         if nodes[1] == nodes[0] + 1 and len(session.nodes) <= nodes[1]:
