@@ -13,7 +13,7 @@ from certpgo.cli import _verdict
 from certpgo.cli._options import Cost, chosen_cost
 from certpgo.cli._reading import Reading
 from certpgo.cli._show import document, notice
-from certpgo.errors import InputError
+from certpgo.errors import GraphError, InputError
 
 if TYPE_CHECKING:
     from certpgo import Session, Standing
@@ -48,7 +48,10 @@ class Followed:
 
     def take(self, part: Instance, names: Sequence[Hashable], every: int, status: Any) -> None:
         """Add measurements, and refresh if as many are new."""
-        self.session.add(part, names)
+        try:
+            self.session.add(part, names)
+        except GraphError as error:
+            raise GraphError(f"{self.name}: {error}") from None
         if self.session.pending >= every:
             self.refresh(status)
 
@@ -190,9 +193,16 @@ class Stream:
 
 
 def _piped(every: int, reading: Reading) -> Iterator[tuple[Instance, Sequence[Hashable]]]:
+    """Measurements from the pipe; what is left out of it is said once."""
     from certpgo.graph.components import rotations_alone
     from certpgo.io.piped import piped
 
+    said = set()
     for part in piped(sys.stdin.buffer, every, **reading.options):
+        for sentence in part.notices:
+            kind = sentence.lstrip("0123456789 ")
+            if kind not in said:
+                said.add(kind)
+                notice(f"standard input: {sentence}, and further ones")
         piece = rotations_alone(part) if reading.rotations else part
         yield piece, piece.ids.tolist()
