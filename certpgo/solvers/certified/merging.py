@@ -85,6 +85,7 @@ class Merged(Speaking):
             "between",
             f"{counted(len(self.between), 'measurement{s}')}, whose terms are {own:.4g}",
         )
+        yield "cost", "F, the chordal cost"
         if len(self.disagreeing):
             yield "disagree", ", ".join(self.named(edge) for edge in self.disagreeing[:5].tolist())
 
