@@ -1,9 +1,11 @@
 """Wrong loop closures in streams: which are rejected, beside the batch method.
 
-    python -m reports.studies.rejection [GRAPH[+K] ...] [--out FILE]
+    python -m reports.studies.rejection [GRAPH[@FRAMES][+K] ...] [--out FILE]
 
 Graphs are datasets or files; with +K, as many wrong loop closures are added, whose relative poses
-are random, with the median weights of the graph. Measurements without labels count as correct.
+are random, with the median weights of the graph. With @FRAMES, a folder of a depth camera's frames
+that has their poses, measurements beyond `WRONG` of these are wrong (the graph is what `certpgo
+reconstruct FRAMES --graph` writes). Other measurements without labels count as correct.
 Measurements come one by one, by larger node, then by place in the file; a robust session refreshes
 after every 100th and judges all again after the last. By the labels: precision, of the
 rejected measurements the share that is wrong, and recall, of the wrong ones the share rejected, at
@@ -20,7 +22,15 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import Instance, PoseGraph, RobustSession, RotationGraph, solve_robustly
+from certpgo import (
+    Estimate,
+    Instance,
+    PoseGraph,
+    RobustSession,
+    RotationGraph,
+    read_sequence,
+    solve_robustly,
+)
 from certpgo.datasets.source import resolve
 from certpgo.graph.joining import joined
 from certpgo.graph.streaming import arrivals, streamed
@@ -30,6 +40,8 @@ from certpgo.linalg.arrays import BoolArray, IntArray
 GRAPHS = (*(f"grid1000_{share}p_outliers" for share in (10, 30, 50)), "kitti_00+20", "kitti_05+20")
 #: Nodes that a wrong loop closure is apart at least.
 APART = 50
+#: Metres and degrees beyond which a measurement of frames is wrong.
+WRONG = 0.1, 3.0
 
 
 def quality(rejected: IntArray, wrong: BoolArray) -> tuple[str, str]:
@@ -40,13 +52,27 @@ def quality(rejected: IntArray, wrong: BoolArray) -> tuple[str, str]:
 
 def read(name: str) -> Instance:
     """A graph with labels, and the wrong loop closures that are asked for."""
-    source, _, count = name.partition("+")
+    rest, _, count = name.partition("+")
+    source, _, frames = rest.partition("@")
     found = resolve(source).graph(quiet=True)
     labels = found.outliers
     if labels is None:
         labels = np.zeros(found.graph.num_edges, dtype=bool)
-    instance = Instance(name, found.graph, found.ids, outliers=labels)
+    if frames:
+        labels = beyond(found, read_sequence(frames).truth.subset(found.ids))
+    named = f"{Path(source).stem}{'+' if count else ''}{count}"
+    instance = Instance(named, found.graph, found.ids, outliers=labels)
     return with_wrong_loops(instance, int(count)) if count else instance
+
+
+def beyond(instance: Instance, truth: Estimate) -> BoolArray:
+    """Which measurements are further than `WRONG` from true poses."""
+    graph, (i, j) = instance.graph, instance.graph.edges.T
+    back = np.swapaxes(truth.rotations[i], 1, 2)
+    moved = (back @ (truth.translations[j] - truth.translations[i])[:, :, None])[:, :, 0]
+    shift = np.linalg.norm(moved - graph.translations, axis=1)
+    turn = np.swapaxes(graph.rotation.rotations, 1, 2) @ back @ truth.rotations[j]
+    return (shift > WRONG[0]) | (so.angle(turn) > np.radians(WRONG[1]))
 
 
 def with_wrong_loops(instance: Instance, count: int) -> Instance:
@@ -86,7 +112,7 @@ def row(name: str) -> dict[str, object]:
     place = np.argsort(order)
     ours, theirs = quality(session.rejected, wrong), quality(place[batch.solution.rejected], wrong)
     return {
-        "graph": name,
+        "graph": instance.name,
         "edges": len(wrong),
         "wrong": int(wrong.sum()),
         "precision": ours[0],

@@ -53,6 +53,20 @@ def test_a_wrong_joint_is_named_and_left_out(graph):
     assert merged.answer.cost <= certpgo.solve(graph).cost * (1 + 1e-9)
 
 
+def test_the_merged_graph_keeps_the_information_of_its_files(graph, tmp_path):
+    maps, joints = cut(graph, 2)
+    paths = [tmp_path / f"{name}.g2o" for name in ("first", "second", "joints")]
+    ids = [np.arange(one.num_nodes) for one in maps]
+    for path, one, own in zip(paths, [*maps, joints.graph], [*ids, joints.ids], strict=True):
+        certpgo.write(path, Instance("part", one, own))
+    *read, between = (certpgo.read(path) for path in paths)
+    merged = certpgo.merge(read, between, offset=100).instance
+    stated = np.concatenate([part.information.matrices for part in (*read, between)])
+    assert np.array_equal(merged.information.matrices, stated)
+    assert certpgo.solve(merged).certificate.objective.startswith("g2o's chi2")
+    assert certpgo.merge([maps[0], read[1]], between, offset=100).instance.information is None
+
+
 def test_maps_that_cannot_be_merged_are_refused(graph):
     maps, joints = cut(graph, 2)
     with pytest.raises(InputError, match="node 0 is in several maps"):

@@ -68,7 +68,6 @@ class RobustSession(Session):
 
     def refresh(self) -> Standing:
         """Judge what is new, then prove the optimum of what is kept, as `Session.refresh`."""
-        self.pending = 0
         problem = problem_of(self.graph)
         self._adopt(newton(problem, self.estimate, TRIAL).estimate)
         if not agrees(problem, self.estimate):

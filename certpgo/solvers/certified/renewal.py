@@ -30,6 +30,9 @@ from certpgo.solvers.certified.settings import SolveSettings
 ENOUGH = 1e-10
 #: Stationarity, radians, from which the exact Hessian is tried: the last optimum is not far.
 NEAR = 0.1
+#: Products that must cost less than a factor for single precision to be tried: a step that is
+#: exact saves another.
+SINGLE_FROM = 2
 
 
 @dataclass(eq=False)
@@ -76,8 +79,14 @@ def _descent(case: Case, start: Estimate, settings: SolveSettings) -> Estimate:
     """The end of a descent that begins near it."""
     if isinstance(case, OwnCostCase):
         return descend(case.problem, start).estimate
-    enough, near = max(ENOUGH, settings.newton.enough), max(NEAR, settings.newton.near)
-    return newton(case.problem, start, replace(settings.newton, enough=enough, near=near)).estimate
+    newtons = settings.newton
+    nearer = replace(
+        newtons,
+        enough=max(ENOUGH, newtons.enough),
+        near=max(NEAR, newtons.near),
+        single_from=max(SINGLE_FROM, newtons.single_from),
+    )
+    return newton(case.problem, start, nearer).estimate
 
 
 def searched(

@@ -229,10 +229,9 @@ class Session:
         NumericalError
             No estimate could be computed.
         """
-        self.pending = 0
-        standing = self.standing
-        if not self._is_settled(standing):
+        if not self._is_settled(self.standing):
             self._solve()
+        self.pending = 0
         return self.standing
 
     @property
