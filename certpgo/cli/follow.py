@@ -57,7 +57,8 @@ def command(
     """Keep the best estimate of a growing graph, with a certificate.
 
     Measurements come as a robot makes them: from a pipe in the order of its lines, from a file by
-    their later pose. The last line is about all of them; Ctrl-C ends with what is proven so far.
+    their later pose. The last line is about all of them. Ctrl-C ends with what is proven and
+    estimated so far.
     """
     from certpgo import RobustSession, Session, SolveSettings
     from certpgo.io import write
@@ -78,21 +79,27 @@ def command(
     )
     followed = Followed(session, graph, stream.whole, trace and not json)
     with _shown(port) if view else _unseen() as followed.on_refresh:
-        try:
-            with working("waiting for measurements") as status:
-                for part, names in stream.parts:
-                    followed.take(part, names, every, status)
-                followed.end(status)
-        except KeyboardInterrupt:
-            return followed.tell(json, interrupted=True)
-        if out is not None:
+        interrupted = _fed(followed, stream, every)
+        if out is not None and session.nodes:
             with noticing():
                 instance, estimate = followed.best()
                 write(out, estimate, instance=instance)
-        code = followed.tell(json)
-        if view:
+        code = followed.tell(json, interrupted=interrupted)
+        if view and not interrupted:
             _wait()
     return code
+
+
+def _fed(followed: Followed, stream: Stream, every: int) -> bool:
+    """Give all measurements to a session; whether Ctrl-C ended that."""
+    try:
+        with working("waiting for measurements") as status:
+            for part, names in stream.parts:
+                followed.take(part, names, every, status)
+            followed.end(status)
+    except KeyboardInterrupt:
+        return True
+    return False
 
 
 @contextmanager

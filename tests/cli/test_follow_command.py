@@ -133,7 +133,7 @@ def test_wrong_measurements_are_named_or_put_aside(certpgo, lines):
 WEIGHTS = "100 0 0 0 0 0 100 0 0 0 0 100 0 0 0 400 0 0 400 0 400"
 
 
-def test_ctrl_c_ends_with_what_is_proven(certpgo, lines, monkeypatch):
+def test_ctrl_c_ends_with_what_is_proven(certpgo, lines, monkeypatch, tmp_path):
     refresh, calls = package.Session.refresh, []
 
     def interrupted(session):
@@ -143,8 +143,9 @@ def test_ctrl_c_ends_with_what_is_proven(certpgo, lines, monkeypatch):
         return refresh(session)
 
     monkeypatch.setattr(package.Session, "refresh", interrupted)
-    done = certpgo("follow", lines, "--every", 20)
+    done = certpgo("follow", lines, "--every", 20, "-o", tmp_path / "so_far.g2o")
     assert done.code == 130
+    assert package.read_estimate(tmp_path / "so_far.g2o").num_nodes > 20
     assert done.out.startswith("interrupted; so far: CERTIFIED: F ")
     assert "40 measurements" in done.out
     assert len(done.out.splitlines()) == 1
