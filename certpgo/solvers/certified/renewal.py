@@ -30,6 +30,8 @@ from certpgo.solvers.certified.settings import SolveSettings
 ENOUGH = 1e-10
 #: Stationarity, radians, from which the exact Hessian is tried: the last optimum is not far.
 NEAR = 0.1
+#: Stationarity at which a descent on another program's cost ends; F is then exact to rounding.
+STATIONARY = 1e-8
 #: Products that must cost less than a factor for single precision to be tried: a step that is
 #: exact saves another.
 SINGLE_FROM = 2
@@ -78,7 +80,7 @@ def descended(
 def _descent(case: Case, start: Estimate, settings: SolveSettings) -> Estimate:
     """The end of a descent that begins near it."""
     if isinstance(case, OwnCostCase):
-        return descend(case.problem, start).estimate
+        return descend(case.problem, start, tolerance=STATIONARY).estimate
     newtons = settings.newton
     nearer = replace(
         newtons,
