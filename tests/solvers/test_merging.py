@@ -14,11 +14,11 @@ def graph():
     return helix(6, np.random.default_rng(0)).graph
 
 
-def cut(graph, parts):
+def cut(graph, parts, offset=100):
     """Maps of consecutive nodes with ids of their own, and what lies between them."""
     groups = np.array_split(np.arange(graph.num_nodes), parts)
     owner = np.repeat(np.arange(parts), [len(group) for group in groups])
-    ids = np.concatenate([100 * k + np.arange(len(group)) for k, group in enumerate(groups)])
+    ids = np.concatenate([offset * k + np.arange(len(group)) for k, group in enumerate(groups)])
     across = owner[graph.edges[:, 0]] != owner[graph.edges[:, 1]]
     nodes = np.unique(graph.edges[across])
     joints = Instance("joints", graph.with_edges(across).subgraph(nodes), ids[nodes])
@@ -34,6 +34,16 @@ def test_the_parts_have_the_optimum_of_the_whole(graph, parts):
     assert merged.raised >= merged.terms.sum() * (1 - 1e-9)  # the maps' own terms cannot fall
     assert len(merged.between) == joints.graph.num_edges
     assert ((merged.tails >= 0.0) & (merged.tails <= 1.0)).all()
+
+
+def test_eight_maps_have_the_optimum_of_the_sphere(dataset):
+    graph = dataset("sphere2500").graph
+    maps, joints = cut(graph, 8, offset=1000)
+    merged = certpgo.merge(maps, joints, offset=1000)
+    assert merged.answer.verdict is Verdict.CERTIFIED
+    assert merged.answer.cost == pytest.approx(1687.0058, rel=1e-7)
+    assert {part.verdict for part in merged.parts} == {Verdict.CERTIFIED}
+    assert len(merged.disagreeing) == 0
 
 
 def test_a_wrong_joint_is_named_and_left_out(graph):
