@@ -82,7 +82,11 @@ class FormatError(InputError):
         super().__init__(f"{place}: {expected}")
 
 
-class NoMeasurements(FormatError):  # noqa: N818 - the condition is the name
+class NoEdges(FormatError):  # noqa: N818 - the condition is the name
+    """A file holds no measurements."""
+
+
+class NoMeasurements(NoEdges):
     """A file holds an estimate where measurements are expected."""
 
 

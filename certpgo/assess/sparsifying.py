@@ -100,6 +100,7 @@ class Sparsified(Speaking):
         yield "loss", f"F of all measurements {self.cost:.10g}, {100.0 * self.loss:.3g} % more"
         metres = "" if self.moved.ate_m is None else f"{self.moved.ate_m:.4g} m and "
         yield "moved", f"{metres}{self.moved.ate_deg:.4g} degrees (root mean square)"
+        yield "cost", "F, the chordal cost"
 
     def _picture(self) -> str:
         return self.instance._picture()

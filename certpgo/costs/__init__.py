@@ -28,6 +28,7 @@ __all__ = [
     "RangeProblem",
     "Surrogate",
     "certifiable",
+    "edge_cost",
     "information_problem",
     "own_cost",
     "problem_under",
@@ -132,13 +133,17 @@ def information_problem(instance: Instance, cost: str) -> InformationProblem:
         needed = f"--cost {cost} needs poses with information matrices on every edge"
         raise InputError(f"{source}: {needed}; {_lack(instance)}")
     graph = InformationGraph(instance.graph, instance.information.matrices)
-    positions = instance.graph.rotation.kappa == 0.0
-    if positions.all():
+    if not graph.rotation.kappa.any():
         raise InputError(f"{source}: --cost {cost} needs relative poses, not positions alone")
-    of_edges = WithPositions(graph, COSTS[cost]) if positions.any() else COSTS[cost](graph)
-    problem = InformationProblem(of_edges)
+    problem = InformationProblem(edge_cost(graph, cost))
     problem.refuse_indefinite(instance.name)  # no path, as tables keep it
     return problem
+
+
+def edge_cost(graph: InformationGraph, cost: str) -> EdgeCost:
+    """The cost of a program, ``"g2o"`` or ``"gtsam"``, for measurements of poses or positions."""
+    positions = (graph.rotation.kappa == 0.0).any()
+    return WithPositions(graph, COSTS[cost]) if positions else COSTS[cost](graph)
 
 
 def _lack(instance: Instance) -> str:

@@ -7,6 +7,7 @@ leaves unexplained, in the frame of the measured pose.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -14,7 +15,9 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from certpgo.graph.estimate import Estimate
 from certpgo.graph.information import InformationGraph
+from certpgo.graph.lift import translations_of
 from certpgo.graph.speaking import Brief
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.balls import Ball
@@ -114,6 +117,16 @@ class EdgeCost(ABC):
     def on(self, graph: InformationGraph | None) -> Self | None:
         """The same cost on another graph, if there is one."""
         return None if graph is None else replace(self, graph=graph)
+
+    def enclosure(self, estimate: Estimate) -> tuple[float, float]:
+        """Lower and upper bounds on the sum of the costs, with translations taken as stored."""
+        i, j = self.graph.edges.T
+        R = Ball.within(estimate.rotations, rotation_defect(estimate.rotations))
+        t = Ball.exact(translations_of(estimate))
+        v = R.T[i].apply(t[j] - t[i])
+        found = self.enclosures(v, R.T[i] @ R[j])
+        low, high = math.fsum(found.lower), math.fsum(found.upper)
+        return math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
 
     def costs(self, v: FloatArray, Q: FloatArray) -> FloatArray:
         """(m,) costs."""

@@ -46,7 +46,7 @@ class WithPositions(EdgeCost):
     @property
     def title(self) -> str:
         """What it is, in the words of the program's users."""
-        return f"{self._poses.title}, and of positions"
+        return f"{self.between(self.graph).title}, and of positions"
 
     @cached_property
     def _positions(self) -> BoolArray:
@@ -93,6 +93,8 @@ class WithPositions(EdgeCost):
         T, _, _ = blocks(self.graph.information[here], self.graph.d)
         y = v[here] - self.graph.translations[here]
         of_positions = y.dot(Ball.exact(T).apply(y))
+        if here.all():
+            return of_positions
         of_poses = self._poses.enclosures(v[whole], Q[whole])
         mid = self._joined(of_poses.mid, of_positions.mid)
         return Ball(mid, self._joined(of_poses.radius, of_positions.radius))

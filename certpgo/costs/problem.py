@@ -18,10 +18,8 @@ from certpgo.graph.lift import Point, translations_of
 from certpgo.graph.speaking import Speaking
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
-from certpgo.linalg.balls import Ball
 from certpgo.linalg.blocks import Layout, scatter_sum
 from certpgo.linalg.factor import Symbolic, default_engine
-from certpgo.linalg.so import rotation_defect
 from certpgo.objective.operators import lever
 from certpgo.objective.problem import PoseProblem
 
@@ -80,12 +78,8 @@ class InformationProblem(Speaking):
 
     @cached_property
     def scale(self) -> float:
-        """W_f: the sum of the mean rotational and, times |t_ij|^2, translational information."""
-        d = self.d
-        information, t = self.graph.information, self.graph.translations
-        diagonal = np.abs(np.diagonal(information, axis1=1, axis2=2))
-        squares = np.einsum("ma,ma->m", t, t)
-        return float((diagonal[:, d:].mean(axis=1) + squares * diagonal[:, :d].mean(axis=1)).sum())
+        """W_f, see `InformationGraph.scale`."""
+        return self.graph.scale
 
     def scaled(self, factor: float) -> InformationProblem:
         """The same measurements with all weights times ``factor``."""
@@ -135,13 +129,7 @@ class InformationProblem(Speaking):
 
     def enclosure(self, estimate: Estimate) -> tuple[float, float]:
         """Lower and upper bounds on f of an estimate, whose translations are taken as stored."""
-        i, j = self.graph.edges.T
-        R = Ball.within(estimate.rotations, rotation_defect(estimate.rotations))
-        t = Ball.exact(translations_of(estimate))
-        v = R.T[i].apply(t[j] - t[i])
-        found = self.edge_cost.enclosures(v, R.T[i] @ R[j])
-        low, high = math.fsum(found.lower), math.fsum(found.upper)
-        return math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
+        return self.edge_cost.enclosure(estimate)
 
     def residual_angles(self, estimate: Estimate) -> FloatArray:
         """(m,) angles between R_i R_ij and R_j, radians."""

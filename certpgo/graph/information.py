@@ -11,7 +11,7 @@ import numpy as np
 
 from certpgo.checker import FAR
 from certpgo.errors import GraphError
-from certpgo.graph.edges import symmetric
+from certpgo.graph.edges import induced, symmetric
 from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.graph.speaking import Brief
@@ -217,6 +217,14 @@ class InformationGraph(Brief):
         """(m,) which matrices are proven to be positive definite, on positions if on them alone."""
         return _definite(self.information, self.rotation.kappa == 0.0)
 
+    @cached_property
+    def scale(self) -> float:
+        """W_f: the sum of the mean rotational and, times |t_ij|^2, translational information."""
+        d, t = self.d, self.translations
+        diagonal = np.abs(np.diagonal(self.information, axis1=1, axis2=2))
+        squares = np.einsum("ma,ma->m", t, t)
+        return float((diagonal[:, d:].mean(axis=1) + squares * diagonal[:, :d].mean(axis=1)).sum())
+
     def scaled(self, factor: float) -> InformationGraph:
         """The same measurements with all weights times ``factor``."""
         isotropic = self.isotropic.reweighted(np.full(self.num_edges, factor))
@@ -234,6 +242,11 @@ class InformationGraph(Brief):
     def with_edges(self, chosen: IntArray | BoolArray) -> InformationGraph:
         """All nodes with only the ``chosen`` edges, given by index or mask (m,)."""
         return InformationGraph(self.isotropic.with_edges(chosen), self.information[chosen])
+
+    def subgraph(self, nodes: IntArray) -> InformationGraph:
+        """The graph induced on ``nodes``, renumbered in that order."""
+        _, chosen = induced(self.num_nodes, self.edges, nodes)
+        return InformationGraph(self.isotropic.subgraph(nodes), self.information[chosen])
 
 
 def of_positions(T: FloatArray) -> FloatArray:

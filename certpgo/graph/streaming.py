@@ -7,16 +7,29 @@ from collections.abc import Iterator
 import numpy as np
 
 from certpgo.graph.graph import Graph
+from certpgo.graph.information import Information
 from certpgo.graph.instance import Instance
+from certpgo.graph.pose_graph import PoseGraph
 from certpgo.linalg.arrays import IntArray
 
 
-def arrivals(graph: Graph) -> IntArray:
-    """(m,) edges by their larger node, then by place: each loop when its later pose is there."""
-    return np.argsort(graph.edges.max(axis=1), kind="stable")
+def arrivals(measured: Graph | Instance) -> IntArray:
+    """(m,) edges by their later pose, then by place: a loop when both its poses are there.
+
+    Priors and sightings of landmarks are there with their pose.
+    """
+    graph = measured.graph if isinstance(measured, Instance) else measured
+    order = np.arange(graph.num_nodes)
+    if isinstance(graph, PoseGraph) and graph.points is not None:
+        order[graph.points] = -1
+    if isinstance(measured, Instance) and measured.world is not None:
+        order[measured.world] = -1
+    return np.argsort(order[graph.edges].max(axis=1), kind="stable")
 
 
-def streamed(measured: Graph | Instance, size: int = 1) -> Iterator[tuple[Graph, list[int]]]:
+def streamed(
+    measured: Graph | Instance, size: int = 1
+) -> Iterator[tuple[Graph | Instance, list[int]]]:
     """The measurements in that order, for `certpgo.Session.add`.
 
     Parameters
@@ -25,7 +38,8 @@ def streamed(measured: Graph | Instance, size: int = 1) -> Iterator[tuple[Graph,
 
     Yields
     ------
-    A graph of ``size`` edges, and the names of its nodes: ids of an instance, else numbers.
+    A graph of ``size`` edges, or an instance with their information; and the names of its nodes:
+    ids of an instance, else numbers.
 
     Examples
     --------
@@ -35,9 +49,16 @@ def streamed(measured: Graph | Instance, size: int = 1) -> Iterator[tuple[Graph,
     [[0, 1], [1, 2], [2, 3], [0, 3]]
     """
     graph = measured.graph if isinstance(measured, Instance) else measured
-    names = measured.ids if isinstance(measured, Instance) else np.arange(graph.num_nodes)
-    order = arrivals(graph)
+    order = arrivals(measured)
     for first in range(0, len(order), size):
         edges = order[first : first + size]
         nodes = np.unique(graph.edges[edges])
-        yield graph.with_edges(edges).subgraph(nodes), names[nodes].tolist()
+        part = graph.with_edges(edges).subgraph(nodes)
+        if not isinstance(measured, Instance):
+            yield part, nodes.tolist()
+            continue
+        ids, stated = measured.ids[nodes], measured.information
+        if stated is not None:
+            matrices = stated.distinct[stated.index[edges]]
+            stated = Information(matrices, np.arange(len(edges)), stated.residual)
+        yield Instance(measured.name, part, ids, information=stated), ids.tolist()

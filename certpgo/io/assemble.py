@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo.errors import FormatError, InputError, NoMeasurements
+from certpgo.errors import FormatError, InputError, NoEdges, NoMeasurements
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import Information, of_positions
 from certpgo.graph.wording import counted
@@ -39,7 +39,7 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
     if not (content.edges or content.sightings):
         if content.vertices:
             raise NoMeasurements(path, None, "no edges: this is an estimate, not a graph")
-        raise FormatError(path, None, "no edges")
+        raise NoEdges(path, None, "no edges")
     joined_edges = _all_edges(path, content, dialect.residual)
     pairs, (R, t), (kappa, tau) = joined_edges.pairs, joined_edges.measured, joined_edges.weights
     _refuse_far(path, pairs, t)

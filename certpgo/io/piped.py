@@ -8,7 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO
 
-from certpgo.errors import FormatError, NoMeasurements
+from certpgo.errors import FormatError, NoEdges
 from certpgo.graph import Instance
 from certpgo.io.format import format_of
 from certpgo.io.reading import read
@@ -32,7 +32,7 @@ def piped(stream: BinaryIO, most: int, **options: Any) -> Iterator[Instance]:
     ------
     FormatError
         As `certpgo.read`, with the line of the stream.
-    NoMeasurements
+    NoEdges
         The stream ended without any.
 
     Examples
@@ -53,13 +53,13 @@ def piped(stream: BinaryIO, most: int, **options: Any) -> Iterator[Instance]:
             # Lines are numbered from the beginning of the stream.
             path.write_bytes(b"\n" * number + b"".join(lines))
             try:
-                with suppress(NoMeasurements):
+                with suppress(NoEdges):
                     yield read(path, format=form, **chosen)
                     found = True
             except FormatError as error:
                 raise FormatError(NAME, error.line, error.expected) from None
     if not found:
-        raise NoMeasurements(Path(NAME), None, "no measurements")
+        raise NoEdges(Path(NAME), None, "no measurements")
 
 
 def _pieces(stream: BinaryIO, most: int) -> Iterator[tuple[int, list[bytes]]]:

@@ -58,6 +58,7 @@ class NewtonSettings(Iterative):
     loosest, tightest : relative residuals of conjugate gradients preconditioned by an old factor
     max_products : products at most before a new factor; fewer where that costs less
     large : nodes from which any old factor is tried first
+    single_from : products that must cost less than a factor for single precision to be tried
     enough : stop, too, where the last factor predicts that F can fall by at most this fraction
 
     Examples
@@ -82,6 +83,7 @@ class NewtonSettings(Iterative):
     tightest: float = 1e-6
     max_products: int = 30
     large: int = 20_000
+    single_from: int = 1
     enough: float = 0.0
 
     def __post_init__(self) -> None:
@@ -94,7 +96,7 @@ class NewtonSettings(Iterative):
         if not all(0.0 < damping < self.largest_damping < math.inf for damping in dampings):
             raise SpecError("dampings must be positive and finite, and largest_damping the largest")
         others = ("slow_decrease", "near", "stagnation", "max_products", "large", "enough")
-        for name in others:
+        for name in (*others, "single_from"):
             if not getattr(self, name) >= 0:
                 raise SpecError(f"{name} must not be negative: {getattr(self, name)}")
 
@@ -301,7 +303,8 @@ def _solved(
     symbolic = problem.symbolic(A)
     work.most = max(1, int(min(work.settings.max_products, symbolic.products)))
     last: Precision = "mixed" if symbolic.is_heavy else "double"
-    for precision in ("single", last) if work.single else (last,):
+    tried = work.single and work.most >= work.settings.single_from
+    for precision in ("single", last) if tried else (last,):
         factor = symbolic.factor(A, precision)
         work.counts["factorizations"] += 1
         if factor is None:

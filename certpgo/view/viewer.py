@@ -63,7 +63,7 @@ def offline(
     MissingDependency
         viser is not installed.
     """
-    with _serving("127.0.0.1", PORT) as server:
+    with serving("127.0.0.1", PORT) as server:
         drawing = Drawing(server, scene, dark=dark, colour=colour)
         recording = server.get_scene_serializer()
         if play:
@@ -99,14 +99,15 @@ def live(
     MissingDependency
         viser is not installed.
     """
-    with _serving(host, port) as server:
+    with serving(host, port) as server:
         drawing = Drawing(server, scene, dark=dark, colour=colour)
         with drawing.controls():
             yield f"http://{host}:{server.get_port()}"
 
 
 @contextmanager
-def _serving(host: str, port: int) -> Iterator[Any]:
+def serving(host: str, port: int) -> Iterator[Any]:
+    """A server of viser's while the block runs, which prints nothing."""
     try:
         import viser
     except ImportError:

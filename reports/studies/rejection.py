@@ -1,9 +1,13 @@
 """Wrong loop closures in streams: which are rejected, beside the batch method.
 
-    python -m reports.studies.rejection [DATASET ...] [--out FILE]
+    python -m reports.studies.rejection [GRAPH[@FRAMES][+K] ...] [--out FILE]
 
+Graphs are datasets or files; with +K, as many wrong loop closures are added, whose relative poses
+are random, with the median weights of the graph. With @FRAMES, a folder of a depth camera's frames
+that has their poses, measurements beyond `WRONG` of these are wrong (the graph is what `certpgo
+reconstruct FRAMES --graph` writes). Other measurements without labels count as correct.
 Measurements come one by one, by larger node, then by place in the file; a robust session refreshes
-after every 100th and judges all again after the last. By the labels of the files: precision, of the
+after every 100th and judges all again after the last. By the labels: precision, of the
 rejected measurements the share that is wrong, and recall, of the wrong ones the share rejected, at
 the end, and of `certpgo.solve_robustly` for the whole graph. "early": wrong measurements that were
 kept after some refresh; "left": those still there at the end; "back": correct ones that were
@@ -18,11 +22,26 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import RobustSession, datasets, solve_robustly
+from certpgo import (
+    Estimate,
+    Instance,
+    PoseGraph,
+    RobustSession,
+    RotationGraph,
+    read_sequence,
+    solve_robustly,
+)
+from certpgo.datasets.source import resolve
+from certpgo.graph.joining import joined
 from certpgo.graph.streaming import arrivals, streamed
+from certpgo.linalg import so
 from certpgo.linalg.arrays import BoolArray, IntArray
 
-GRAPHS = tuple(f"grid1000_{share}p_outliers" for share in (10, 30, 50))
+GRAPHS = (*(f"grid1000_{share}p_outliers" for share in (10, 30, 50)), "kitti_00+20", "kitti_05+20")
+#: Nodes that a wrong loop closure is apart at least.
+APART = 50
+#: Metres and degrees beyond which a measurement of frames is wrong.
+WRONG = 0.1, 3.0
 
 
 def quality(rejected: IntArray, wrong: BoolArray) -> tuple[str, str]:
@@ -31,9 +50,49 @@ def quality(rejected: IntArray, wrong: BoolArray) -> tuple[str, str]:
     return f"{true / max(len(rejected), 1):.3f}", f"{true / max(wrong.sum(), 1):.3f}"
 
 
+def read(name: str) -> Instance:
+    """A graph with labels, and the wrong loop closures that are asked for."""
+    rest, _, count = name.partition("+")
+    source, _, frames = rest.partition("@")
+    found = resolve(source).graph(quiet=True)
+    labels = found.outliers
+    if labels is None:
+        labels = np.zeros(found.graph.num_edges, dtype=bool)
+    if frames:
+        labels = beyond(found, read_sequence(frames).truth.subset(found.ids))
+    named = f"{Path(source).stem}{'+' if count else ''}{count}"
+    instance = Instance(named, found.graph, found.ids, outliers=labels)
+    return with_wrong_loops(instance, int(count)) if count else instance
+
+
+def beyond(instance: Instance, truth: Estimate) -> BoolArray:
+    """Which measurements are further than `WRONG` from true poses."""
+    graph, (i, j) = instance.graph, instance.graph.edges.T
+    back = np.swapaxes(truth.rotations[i], 1, 2)
+    moved = (back @ (truth.translations[j] - truth.translations[i])[:, :, None])[:, :, 0]
+    shift = np.linalg.norm(moved - graph.translations, axis=1)
+    turn = np.swapaxes(graph.rotation.rotations, 1, 2) @ back @ truth.rotations[j]
+    return (shift > WRONG[0]) | (so.angle(turn) > np.radians(WRONG[1]))
+
+
+def with_wrong_loops(instance: Instance, count: int) -> Instance:
+    """The graph with random measurements between random nodes."""
+    rng, graph = np.random.default_rng(0), instance.graph
+    n, d, q = graph.num_nodes, graph.d, so.tangent_dim(graph.d)
+    first = rng.integers(0, n - APART, count)
+    edges = np.column_stack([first, rng.integers(first + APART, n)])
+    length = np.median(np.linalg.norm(graph.translations, axis=1))
+    median = np.median(graph.rotation.kappa), np.median(graph.tau)
+    kappa, tau = (np.full(count, value) for value in median)
+    R, t = so.exp(rng.uniform(-2, 2, (count, q))), 5.0 * length * rng.standard_normal((count, d))
+    wrong = PoseGraph(RotationGraph(n, edges, R, kappa), t, tau)
+    labels = np.concatenate([instance.outliers, np.ones(count, dtype=bool)])
+    return Instance(instance.name, joined([graph, wrong], n), instance.ids, outliers=labels)
+
+
 def row(name: str) -> dict[str, object]:
-    """The results for a dataset."""
-    instance = datasets.load(name, download=False, quiet=True)
+    """The results for a graph."""
+    instance = read(name)
     order = arrivals(instance.graph)
     wrong = np.asarray(instance.outliers)[order]
     session, begin = RobustSession(), time.process_time()
@@ -53,7 +112,7 @@ def row(name: str) -> dict[str, object]:
     place = np.argsort(order)
     ours, theirs = quality(session.rejected, wrong), quality(place[batch.solution.rejected], wrong)
     return {
-        "graph": name,
+        "graph": instance.name,
         "edges": len(wrong),
         "wrong": int(wrong.sum()),
         "precision": ours[0],
@@ -74,7 +133,7 @@ def row(name: str) -> dict[str, object]:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", default=GRAPHS, metavar="DATASET")
+    parser.add_argument("names", nargs="*", default=GRAPHS, metavar="GRAPH")
     parser.add_argument("--out", type=Path, help="write the table to this file, too")
     options = parser.parse_args()
     table = [row(name) for name in options.names]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import certpgo as package
+from certpgo.costs import problem_under
 from certpgo.datasets.synthetic import helix
 
 
@@ -23,7 +24,8 @@ def pipe(monkeypatch, data):
 
 
 def test_a_file_ends_with_the_verdict_of_the_whole(certpgo, lines, tmp_path):
-    best = package.solve(package.read(lines).graph)
+    read = package.read(lines)
+    best = package.solve(read)
     done = certpgo("follow", lines, "--every", 20, "--trace", "-o", tmp_path / "last.g2o")
     assert done.code == 0
     last = done.out.splitlines()[-1]
@@ -31,12 +33,23 @@ def test_a_file_ends_with_the_verdict_of_the_whole(certpgo, lines, tmp_path):
     assert float(last.split()[2].strip(",")) == pytest.approx(best.cost, rel=1e-9)
     assert f"{best.graph.num_nodes} nodes, {best.graph.num_edges} measurements" in last
     assert len(done.out.splitlines()) == best.graph.num_edges // 20 + 1
-    again = package.read_estimate(tmp_path / "last.g2o", package.read(lines))
-    assert package.PoseProblem(best.graph).cost(again) == pytest.approx(best.cost, rel=1e-9)
+    assert last.endswith("F is g2o's chi2 of EdgeSE3:QUAT with full information")
+    again = package.read_estimate(tmp_path / "last.g2o", read)
+    assert problem_under(read).cost(again) == pytest.approx(best.cost, rel=1e-9)
+
+
+def test_the_chordal_cost_is_followed_if_asked(certpgo, lines):
+    best = package.solve(package.read(lines).graph)
+    said = certpgo("follow", lines, "--cost", "chordal").out
+    assert said.endswith("; F is the chordal cost\n")
+    assert float(said.split()[2].strip(",")) == pytest.approx(best.cost, rel=1e-9)
+    both = certpgo("follow", lines, "--robust", "--cost", "g2o")
+    assert both.code == 1
+    assert "--robust is for --cost chordal" in both.err
 
 
 def test_a_pipe_is_read_as_its_lines_come(certpgo, lines, monkeypatch):
-    best = package.solve(package.read(lines).graph)
+    best = package.solve(package.read(lines))
     pipe(monkeypatch, lines.read_bytes())
     report = certpgo("follow", "-", "--every", 20, "--json").json
     assert report["verdict"] == "CERTIFIED"
@@ -54,6 +67,50 @@ def test_an_error_in_a_pipe_names_its_line(certpgo, lines, monkeypatch):
     assert "standard input:45: " in done.err
 
 
+def test_landmarks_of_a_pipe_are_left_out_and_that_is_said(certpgo, monkeypatch):
+    steps = [f"EDGE_SE2 {k} {k + 1} 1 0 0 1 0 0 1 0 1" for k in range(4)]
+    seen = [f"LANDMARK2 {k} 9 1 1 1 0 1" for k in range(4)]
+    pipe(monkeypatch, "\n".join([*steps, *seen]).encode())
+    done = certpgo("follow", "-", "--every", 3)
+    assert done.code == 0
+    assert "5 nodes, 4 measurements" in done.out
+    assert "LANDMARK2" in done.err
+
+
+def test_landmarks_of_a_file_come_with_the_poses_that_see_them(certpgo, tmp_path):
+    path = tmp_path / "seen.g2o"
+    steps = [f"EDGE_SE2 {k} {k + 1} 1 0 0.1 100 0 0 100 0 100" for k in range(8)]
+    seen = [f"EDGE_SE2_XY {k} {20 + k % 3} 1.0{k} 0.5 50 0 50" for k in range(9)]
+    path.write_text("\n".join([*seen, *steps]))
+    best = package.solve(package.read(path, quiet=True))
+    done = certpgo("follow", path, "--every", 4, "--trace")
+    assert done.out.splitlines()[0].count("CERTIFIED") == 1
+    assert float(done.out.splitlines()[-1].split()[2].strip(",")) == pytest.approx(best.cost)
+
+
+def test_the_map_is_shown_as_it_grows(certpgo, lines, monkeypatch):
+    pytest.importorskip("viser", reason="viser is not installed: pip install 'certpgo[view]'")
+    scenes = []
+
+    class Drawn:
+        def __init__(self, server, scene, **options):
+            scenes.append(scene)
+
+    def interrupt(seconds):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("certpgo.view.growing.Drawing", Drawn)
+    monkeypatch.setattr("certpgo.view.growing.PAUSE", 0.0)
+    monkeypatch.setattr("certpgo.cli.follow.time.sleep", interrupt)
+    done = certpgo("follow", lines, "--view", "--every", 40, "--port", "8150")
+    assert done.code == 0
+    assert "shows the map; Ctrl-C ends" in done.err
+    assert done.out.startswith("CERTIFIED")
+    sizes = [len(scene.ids) for scene in scenes]
+    assert sizes == sorted(sizes)
+    assert sizes[0] < sizes[-1] == package.read(lines).graph.num_nodes
+
+
 def test_an_empty_pipe_is_refused(certpgo, monkeypatch):
     pipe(monkeypatch, b"")
     done = certpgo("follow", "-")
@@ -69,14 +126,14 @@ def test_wrong_measurements_are_named_or_put_aside(certpgo, lines):
     assert "--robust" in named.err
     aside = certpgo("follow", lines, "--robust")
     assert aside.code == 0
-    assert aside.out.endswith(" put aside\n")
+    assert " put aside; F is the chordal cost" in aside.out
 
 
 #: Of a measurement to a decimetre and a few degrees.
 WEIGHTS = "100 0 0 0 0 0 100 0 0 0 0 100 0 0 0 400 0 0 400 0 400"
 
 
-def test_ctrl_c_ends_with_what_is_proven(certpgo, lines, monkeypatch):
+def test_ctrl_c_ends_with_what_is_proven(certpgo, lines, monkeypatch, tmp_path):
     refresh, calls = package.Session.refresh, []
 
     def interrupted(session):
@@ -86,8 +143,9 @@ def test_ctrl_c_ends_with_what_is_proven(certpgo, lines, monkeypatch):
         return refresh(session)
 
     monkeypatch.setattr(package.Session, "refresh", interrupted)
-    done = certpgo("follow", lines, "--every", 20)
+    done = certpgo("follow", lines, "--every", 20, "-o", tmp_path / "so_far.g2o")
     assert done.code == 130
+    assert package.read_estimate(tmp_path / "so_far.g2o").num_nodes > 20
     assert done.out.startswith("interrupted; so far: CERTIFIED: F ")
     assert "40 measurements" in done.out
     assert len(done.out.splitlines()) == 1

@@ -14,11 +14,11 @@ def graph():
     return helix(6, np.random.default_rng(0)).graph
 
 
-def cut(graph, parts):
+def cut(graph, parts, offset=100):
     """Maps of consecutive nodes with ids of their own, and what lies between them."""
     groups = np.array_split(np.arange(graph.num_nodes), parts)
     owner = np.repeat(np.arange(parts), [len(group) for group in groups])
-    ids = np.concatenate([100 * k + np.arange(len(group)) for k, group in enumerate(groups)])
+    ids = np.concatenate([offset * k + np.arange(len(group)) for k, group in enumerate(groups)])
     across = owner[graph.edges[:, 0]] != owner[graph.edges[:, 1]]
     nodes = np.unique(graph.edges[across])
     joints = Instance("joints", graph.with_edges(across).subgraph(nodes), ids[nodes])
@@ -36,6 +36,16 @@ def test_the_parts_have_the_optimum_of_the_whole(graph, parts):
     assert ((merged.tails >= 0.0) & (merged.tails <= 1.0)).all()
 
 
+def test_eight_maps_have_the_optimum_of_the_sphere(dataset):
+    graph = dataset("sphere2500").graph
+    maps, joints = cut(graph, 8, offset=1000)
+    merged = certpgo.merge(maps, joints, offset=1000)
+    assert merged.answer.verdict is Verdict.CERTIFIED
+    assert merged.answer.cost == pytest.approx(1687.0058, rel=1e-7)
+    assert {part.verdict for part in merged.parts} == {Verdict.CERTIFIED}
+    assert len(merged.disagreeing) == 0
+
+
 def test_a_wrong_joint_is_named_and_left_out(graph):
     maps, joints = cut(graph, 2)
     turned = RotationGraph(2, [[0, 1]], [np.diag([1.0, -1.0, -1.0])], [1e4])
@@ -51,6 +61,20 @@ def test_a_wrong_joint_is_named_and_left_out(graph):
     assert graph.num_edges in merged.disagreeing
     assert merged.answer.verdict is Verdict.CERTIFIED
     assert merged.answer.cost <= certpgo.solve(graph).cost * (1 + 1e-9)
+
+
+def test_the_merged_graph_keeps_the_information_of_its_files(graph, tmp_path):
+    maps, joints = cut(graph, 2)
+    paths = [tmp_path / f"{name}.g2o" for name in ("first", "second", "joints")]
+    ids = [np.arange(one.num_nodes) for one in maps]
+    for path, one, own in zip(paths, [*maps, joints.graph], [*ids, joints.ids], strict=True):
+        certpgo.write(path, Instance("part", one, own))
+    *read, between = (certpgo.read(path) for path in paths)
+    merged = certpgo.merge(read, between, offset=100).instance
+    stated = np.concatenate([part.information.matrices for part in (*read, between)])
+    assert np.array_equal(merged.information.matrices, stated)
+    assert certpgo.solve(merged).certificate.objective.startswith("g2o's chi2")
+    assert certpgo.merge([maps[0], read[1]], between, offset=100).instance.information is None
 
 
 def test_maps_that_cannot_be_merged_are_refused(graph):

@@ -1,12 +1,17 @@
 """A session: the batch's optimum and verdict, and bounds that hold at every moment between."""
 
+import contextlib
+
 import numpy as np
 import pytest
 
 import certpgo
-from certpgo import PoseGraph, RotationGraph, Session, Verdict
+from certpgo import Instance, PoseGraph, RotationGraph, Session, Verdict
+from certpgo.costs import problem_under
 from certpgo.datasets.synthetic import helix, winding_cycle
-from certpgo.errors import GraphError, InputError
+from certpgo.errors import GraphError, InputError, SpecError
+from certpgo.graph.information import Information
+from certpgo.graph.streaming import streamed
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +45,7 @@ def test_a_cycle_that_closes_has_its_closed_form():
 
 
 def test_an_open_chain_is_optimal_without_a_factorization(monkeypatch, graph):
-    monkeypatch.setattr("certpgo.solvers.certified.session.problem_of", None)
+    monkeypatch.setattr("certpgo.solvers.certified.terms.problem_of", None)
     session = Session(every=1)
     for one, nodes in stream(graph):
         if nodes[1] == nodes[0] + 1 and len(session.nodes) <= nodes[1]:
@@ -143,3 +148,111 @@ def test_the_screen_never_certifies(graph):
     session = Session(tier="screen")
     session.add(graph)
     assert session.refresh().verdict is not Verdict.CERTIFIED
+
+
+def stated(rng):
+    """A helix whose edges have full information matrices."""
+    graph = helix(3, rng, rotation_noise=0.1, translation_noise=0.1).graph
+    A = rng.standard_normal((graph.num_edges, 6, 6))
+    matrices = np.diag([30.0, 40, 50, 80, 90, 100]) + A @ np.swapaxes(A, 1, 2)
+    matrices = 0.5 * (matrices + np.swapaxes(matrices, 1, 2))
+    information = Information(matrices, np.arange(graph.num_edges), "g2o")
+    return Instance("helix", graph, np.arange(graph.num_nodes), information=information)
+
+
+def with_fixes(rng):
+    """A helix with measured positions of some poses, from the world."""
+    made = helix(3, rng)
+    nodes = np.arange(0, made.graph.num_nodes, 3)
+    fixes = made.truth.translations[nodes] + 0.1 * rng.standard_normal((len(nodes), 3))
+    graph = certpgo.with_priors(made.graph, nodes, translations=fixes, tau=100.0)
+    world = graph.num_nodes - 1
+    return Instance("fixes", graph, np.arange(graph.num_nodes), world=world)
+
+
+def with_points(rng):
+    """A chain of poses in the plane, two of which close a loop, that see points."""
+    n, k = 12, 5
+    chain = np.stack([np.arange(n - 1), np.arange(1, n)], axis=1)
+    seen = np.array([(i, n + (i + j) % k) for i in range(n) for j in range(2)])
+    edges = np.concatenate([chain, [[0, n - 1]], seen])
+    places = np.concatenate([np.c_[np.arange(n), np.zeros(n)], rng.uniform(0, n, (k, 2))])
+    t = np.diff(places[edges], axis=1)[:, 0] + 0.05 * rng.standard_normal((len(edges), 2))
+    kappa = np.where(edges[:, 1] < n, 100.0, 0.0)
+    rotation = RotationGraph(n + k, edges, np.tile(np.eye(2), (len(edges), 1, 1)), kappa)
+    points = np.arange(n + k) >= n
+    graph = PoseGraph(rotation, t, np.full(len(edges), 50.0), None, points)
+    return Instance("points", graph, 3 * np.arange(n + k))
+
+
+@pytest.mark.parametrize(
+    ("made", "cost"),
+    [
+        (stated, "chordal"),
+        (stated, "g2o"),
+        (stated, "gtsam"),
+        (with_fixes, "chordal"),
+        (with_points, "chordal"),
+    ],
+)
+def test_bounds_hold_whatever_comes_and_goes(made, cost):
+    rng = np.random.default_rng(5)
+    instance = made(rng)
+    session, parts = Session(every=None, cost=cost), {}
+    for number, (one, names) in enumerate(streamed(instance)):
+        session.add(one, names)
+        parts[number] = one
+        chance = rng.random()
+        if chance < 0.15:
+            session.refresh()
+        elif chance < 0.4:
+            with contextlib.suppress(GraphError, InputError):
+                session.remove(rng.choice(session.edges, 1 + rng.integers(2)))
+        if number % 4 and number + 1 < instance.graph.num_edges:
+            continue
+        places = np.searchsorted(instance.ids, np.array(session.nodes))
+        order = certpgo.graph.streaming.arrivals(instance)[session.edges]
+        now = instance.with_edges(order)
+        part = Instance(
+            "part", now.graph.subgraph(places), instance.ids[places], information=now.information
+        )
+        try:
+            problem = problem_under(part, cost)
+        except GraphError:  # a single fix determines no rotation of the world
+            continue
+        best = certpgo.solve(part, cost=cost).certificate
+        standing = session.standing
+        assert standing.objective == best.objective
+        assert standing.lower_bound <= best.cost_upper
+        assert standing.cost >= problem.cost(session.estimate) * (1 - 1e-12)
+        assert standing.tolerance == pytest.approx(1e-5 * standing.cost + 1e-12 * best.scale)
+        if standing.verdict is Verdict.CERTIFIED:
+            assert standing.cost <= best.cost_upper + standing.tolerance
+    last = session.refresh()
+    assert last.cost == pytest.approx(certpgo.solve(part, cost=cost).cost, rel=1e-9)
+    assert last.verdict is session.certificate.verdict
+
+
+def test_a_file_is_followed_under_the_cost_of_its_program(dataset):
+    instance = dataset("MIT")
+    session = Session(every=300)
+    for one in streamed(instance, 20):
+        session.add(*one)
+    best = certpgo.solve(instance)
+    assert session.refresh().objective == best.certificate.objective
+    assert session.standing.cost == pytest.approx(best.cost, rel=1e-9)
+    assert session.certificate.verdict is Verdict.CERTIFIED
+
+
+def test_measurements_without_what_the_cost_needs_are_refused(graph):
+    session, instance = Session(), stated(np.random.default_rng(0))
+    session.add(instance)
+    with pytest.raises(InputError, match="needs poses with information matrices"):
+        session.add(graph)
+    bad = Information(-np.eye(6)[None], np.zeros(1, dtype=int), "g2o")
+    one = Instance("bad", graph.with_edges([0]).subgraph([0, 1]), [0, 1], information=bad)
+    with pytest.raises(InputError, match="matrix of 0-1 is not positive definite"):
+        session.add(one)
+    assert session.standing.edges == instance.graph.num_edges
+    with pytest.raises(SpecError, match="nothing"):
+        Session(cost="nothing").add(graph)

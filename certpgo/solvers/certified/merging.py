@@ -8,7 +8,7 @@ those of the maps; what it is more is what the measurements between them cost.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from scipy import stats
 
 from certpgo.errors import InputError
 from certpgo.graph import Graph, Instance, PoseGraph
+from certpgo.graph.information import Information
 from certpgo.graph.joining import joined
 from certpgo.graph.speaking import Speaking
 from certpgo.graph.wording import counted
@@ -85,6 +86,7 @@ class Merged(Speaking):
             "between",
             f"{counted(len(self.between), 'measurement{s}')}, whose terms are {own:.4g}",
         )
+        yield "cost", "F, the chordal cost"
         if len(self.disagreeing):
             yield "disagree", ", ".join(self.named(edge) for edge in self.disagreeing[:5].tolist())
 
@@ -144,6 +146,7 @@ def merge(
     chosen = (settings or SolveSettings()).changed(options)
     graphs, ids = _numbered(maps, offset)
     whole, first = _joined(graphs, ids, between)
+    whole = replace(whole, information=_information([*maps, between]))
     parts = tuple(search_and_certify(problem_of(graph), chosen, None, silent) for graph in graphs)
     across = np.arange(first, whole.graph.num_edges)
     problem = problem_of(whole.graph)
@@ -187,6 +190,18 @@ def _numbered(
         shared = known[count > 1][0]
         raise InputError(f"node {shared} is in several maps: an offset tells them apart")
     return graphs, ids
+
+
+def _information(parts: Sequence[Instance | Graph]) -> Information | None:
+    """The information matrices of all measurements; None where some have none."""
+    stated = [part.information if isinstance(part, Instance) else None for part in parts]
+    known = [one for one in stated if one is not None]
+    if len(known) < len(parts) or len({one.residual for one in known}) > 1:
+        return None
+    starts = np.cumsum([0, *(len(one.distinct) for one in known)])
+    index = [one.index + start for one, start in zip(known, starts, strict=False)]
+    matrices = np.concatenate([one.distinct for one in known])
+    return Information(matrices, np.concatenate(index), known[0].residual)
 
 
 def _joined(

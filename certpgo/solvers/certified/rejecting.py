@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from certpgo.costs import CHORDAL
 from certpgo.graph import Graph, PoseGraph
 from certpgo.graph.joining import joined
 from certpgo.linalg.arrays import IntArray
@@ -56,7 +57,7 @@ class RobustSession(Session):
     def __init__(
         self, settings: SolveSettings | None = None, *, every: int | None = 100, **options: Any
     ) -> None:
-        super().__init__(settings, every=every, **options)
+        super().__init__(settings, every=every, cost=CHORDAL, **options)
         #: Each rejected measurement, with the names of its nodes.
         self._put_aside: dict[int, tuple[Graph, list[Hashable]]] = {}
 
@@ -67,7 +68,6 @@ class RobustSession(Session):
 
     def refresh(self) -> Standing:
         """Judge what is new, then prove the optimum of what is kept, as `Session.refresh`."""
-        self.pending = 0
         problem = problem_of(self.graph)
         self._adopt(newton(problem, self.estimate, TRIAL).estimate)
         if not agrees(problem, self.estimate):

@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from certpgo.certify import Certificate, Tier
 from certpgo.certify.case import Basin, Case
+from certpgo.certify.own_cost import OwnCostCase
 from certpgo.certify.units import scaled_down, scaled_up
+from certpgo.costs.descent import descend
+from certpgo.costs.problem import InformationProblem
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.objective.problem import Problem
@@ -18,11 +22,19 @@ from certpgo.optimize.monitor import silent
 from certpgo.optimize.newton import newton
 from certpgo.optimize.solution import Status
 from certpgo.optimize.starts import Start
-from certpgo.solvers.certified.pipeline import search_and_certify
+from certpgo.solvers.certified.own_cost import search_own_cost
+from certpgo.solvers.certified.pipeline import CertifiedSolution, search_and_certify
 from certpgo.solvers.certified.settings import SolveSettings
 
 #: Share of F that a descent from the last optimum leaves, a tenth of what batches differ by.
 ENOUGH = 1e-10
+#: Stationarity, radians, from which the exact Hessian is tried: the last optimum is not far.
+NEAR = 0.1
+#: Stationarity at which a descent on another program's cost ends; F is then exact to rounding.
+STATIONARY = 1e-8
+#: Products that must cost less than a factor for single precision to be tried: a step that is
+#: exact saves another.
+SINGLE_FROM = 2
 
 
 @dataclass(eq=False)
@@ -40,14 +52,17 @@ class Found:
         return self.judge()
 
 
-def descended(problem: Problem, start: Estimate, settings: SolveSettings) -> Found | None:
+def descended(
+    problem: Problem | InformationProblem, start: Estimate, settings: SolveSettings
+) -> Found | None:
     """The end of descent from an estimate, if that is certified."""
-    case = Case.of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
+    own = isinstance(problem, InformationProblem)
+    kind: Any = OwnCostCase if own else Case
+    case: Case = kind.of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
     try:
-        descent = replace(settings.newton, enough=max(ENOUGH, settings.newton.enough))
-        end = newton(case.problem, start, descent).estimate
+        end = _descent(case, start, settings)
         cost = case.cost_upper(end)
-        bound = case.bound(end, cost, sharp=False, tight=True)
+        bound = case.bound(end, cost, sharp=False, tight=True, refine=not own)
     except (NumericalError, np.linalg.LinAlgError):
         return None
     basin = Basin(end, cost, True, bound)
@@ -62,10 +77,35 @@ def descended(problem: Problem, start: Estimate, settings: SolveSettings) -> Fou
     )
 
 
-def searched(problem: Problem, settings: SolveSettings, start: Start | None) -> Found:
+def _descent(case: Case, start: Estimate, settings: SolveSettings) -> Estimate:
+    """The end of a descent that begins near it."""
+    if isinstance(case, OwnCostCase):
+        return descend(case.problem, start, tolerance=STATIONARY).estimate
+    newtons = settings.newton
+    nearer = replace(
+        newtons,
+        enough=max(ENOUGH, newtons.enough),
+        near=max(NEAR, newtons.near),
+        single_from=max(SINGLE_FROM, newtons.single_from),
+    )
+    return newton(case.problem, start, nearer).estimate
+
+
+def searched(
+    problem: Problem | InformationProblem, settings: SolveSettings, start: Start | None
+) -> Found:
     """The end of the whole search of `certpgo.solve`; Ctrl-C ends it, and is passed on."""
-    result = search_and_certify(problem, settings, start, silent)
+    result = found_anew(problem, settings, start)
     if result.solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     proven = result.certificate
     return Found(result.estimate, proven.cost_upper, proven.lower_bound, lambda: proven)
+
+
+def found_anew(
+    problem: Problem | InformationProblem, settings: SolveSettings, start: Start | None
+) -> CertifiedSolution:
+    """The answer of the whole search; that on F alone begins from an estimate."""
+    if isinstance(problem, InformationProblem):
+        return search_own_cost(problem, settings, None, silent)
+    return search_and_certify(problem, settings, start, silent)

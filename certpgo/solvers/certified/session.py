@@ -2,8 +2,8 @@
 
 What stays proven between certificates, in exact arithmetic:
 
-- terms of F are never negative, so that F*, the optimum, never falls when measurements are added,
-  not even with new nodes: a lower bound stays one;
+- terms of F, the cost of whatever name, are never negative, so that F*, the optimum, never falls
+  when measurements are added, not even with new nodes: a lower bound stays one;
 - F of the estimate, extended by the new nodes' poses, rises by the new measurements' own terms;
 - a bound of a graph without some measurements holds for every graph that contains it. So when
   measurements are removed, the best bound holds that was proven before the first of them came.
@@ -22,18 +22,17 @@ import numpy as np
 
 from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.case import FLOOR, difference_up, tier_called
-from certpgo.certify.rounding import measured_upper
+from certpgo.costs import CHORDAL
 from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
-from certpgo.graph.joining import joined, make_of, require_one_make
-from certpgo.linalg.arrays import IntArray
-from certpgo.objective import operators
-from certpgo.objective.problem import problem_of
+from certpgo.graph.joining import make_of, require_one_make
+from certpgo.linalg.arrays import BoolArray, IntArray
 from certpgo.optimize.starts import Start
 from certpgo.solvers.certified.pipeline import GIVEN
 from certpgo.solvers.certified.renewal import Found, descended, searched
 from certpgo.solvers.certified.settings import SolveSettings
 from certpgo.solvers.certified.suspicion import Suspicion, suspicion
+from certpgo.solvers.certified.terms import Part, Terms, gathered, measurements_of, scale_of
 from certpgo.solvers.certified.track import Track
 
 #: Share of `SolveSettings.same_cost` by which new measurements may raise F before a new descent.
@@ -54,6 +53,7 @@ class Standing:
     gap : ``cost - lower_bound``, rounded up
     tolerance : rtol F + atol W, the gap up to which the estimate counts as optimal
     verdict : CERTIFIED, BOUNDED or UNDECIDED, see `Verdict`
+    objective : the cost that F stands for
 
     Examples
     --------
@@ -72,6 +72,7 @@ class Standing:
     gap: float
     tolerance: float
     verdict: Verdict
+    objective: str
 
 
 class Session:
@@ -81,12 +82,16 @@ class Session:
     ----------
     settings : see `SolveSettings`
     every : number of new measurements after which `add` refreshes; None for never
+    cost : as for `certpgo.solve`: by default that of the program of the first instance's file, and
+        the chordal F for graphs
     options : single settings instead, as for `certpgo.solve`
 
     Raises
     ------
     InputError
         ``every`` is not positive; a setting out of its range.
+    SpecError
+        An unknown setting.
 
     Examples
     --------
@@ -108,15 +113,21 @@ class Session:
     """
 
     def __init__(
-        self, settings: SolveSettings | None = None, *, every: int | None = 100, **options: Any
+        self,
+        settings: SolveSettings | None = None,
+        *,
+        every: int | None = 100,
+        cost: str | None = None,
+        **options: Any,
     ) -> None:
         if every is not None and every < 1:
             raise InputError(f"certificates are refreshed every k measurements, not every {every}")
         self.settings = (settings or SolveSettings()).changed(options)
         self.every = every
+        self._asked, self._terms = cost, Terms(CHORDAL)
         self._tier = tier_called(self.settings.tier or Tier.STANDARD)
-        self._parts: list[Graph] = []  # the measurements in order, but for those that came since
-        self._new: list[tuple[Graph, IntArray]] = []  # with the numbers of their nodes
+        self._parts: list[Part] = []  # the measurements in order, but for those that came since
+        self._new: list[tuple[Part, IntArray]] = []  # with the numbers of their nodes
         self._make = ""
         self._edges: list[int] = []  # their numbers
         self._count = 0  # of all measurements that ever came
@@ -146,24 +157,31 @@ class Session:
             A node is not connected with those that came before, or the measurements are of another
             kind or dimension; the session is as before.
         InputError
-            These are no measurements, or have distances, or not one name per node.
+            These are no measurements, or have distances, or not one name per node, or lack what
+            the cost needs.
+        SpecError
+            There is no cost of the session's name.
         """
-        graph, labels = _labelled(measurements, nodes)
-        self._take(graph, labels, range(self._count, self._count + graph.num_edges))
-        self._count += graph.num_edges
-        self.pending += graph.num_edges
+        labels = _labels(measurements, nodes)
+        if self._track is None:
+            self._terms = Terms.chosen(self._asked, measurements)
+        part = self._terms.part(measurements)
+        self._take(part, labels, range(self._count, self._count + part.num_edges))
+        self._count += part.num_edges
+        self.pending += part.num_edges
         if self.every is not None and self.pending >= self.every:
             self.refresh()
 
-    def _take(self, graph: Graph, labels: Sequence[Hashable], numbers: Iterable[int]) -> None:
+    def _take(self, part: Part, labels: Sequence[Hashable], numbers: Iterable[int]) -> None:
         """Keep measurements with these numbers, and compose the poses of new nodes."""
+        graph = measurements_of(part)
         track = self._track or Track(graph.d)
         if self._track is None:
             self._make = make_of(graph)
         elif make_of(graph) != self._make:
-            require_one_make([self._last, graph])
+            require_one_make([measurements_of(self._last), graph])
         known = len(track)
-        self._new.append((graph, track.extend(graph, labels)))
+        self._new.append((part, track.extend(graph, labels)))
         self._track = track
         self._mark_points(graph, labels, known)
         self._edges += numbers
@@ -192,15 +210,15 @@ class Session:
         kept = ~np.isin(self._edges, removed)
         if not kept.any():
             raise InputError("a session keeps at least one measurement")
-        graph = self.graph.with_edges(kept)
-        problem_of(graph)  # refuses a graph that does not determine its nodes
-        self._parts = [graph]
+        part = self._all.with_edges(kept)
+        self._terms.problem(part)  # refuses measurements that do not determine their nodes
+        self._parts = [part]
         self._edges = np.asarray(self._edges)[kept].tolist()
         self._bounds = [(k, bound) for k, bound in self._bounds if k <= removed[0]]
-        self._cost = measured_upper(graph, self.estimate)
-        self._scale = operators.scale(graph)
+        self._cost = self._terms.upper(part, self.estimate)
+        self._scale = scale_of(part)
         self._found, self._optimum = None, -math.inf
-        self._settled = min(self._settled, graph.num_edges)
+        self._settled = min(self._settled, part.num_edges)
         return self.standing
 
     def refresh(self) -> Standing:
@@ -211,10 +229,9 @@ class Session:
         NumericalError
             No estimate could be computed.
         """
-        self.pending = 0
-        standing = self.standing
-        if not self._is_settled(standing):
+        if not self._is_settled(self.standing):
             self._solve()
+        self.pending = 0
         return self.standing
 
     @property
@@ -229,7 +246,8 @@ class Session:
         if self._tier is not Tier.SCREEN and gap <= tolerance < math.inf:
             verdict = Verdict.CERTIFIED
         nodes = 0 if self._track is None else len(self._track)
-        return Standing(nodes, len(self._edges), cost, lower, gap, tolerance, verdict)
+        title = self._terms.title(self._parts)
+        return Standing(nodes, len(self._edges), cost, lower, gap, tolerance, verdict, title)
 
     @property
     def lower_bound(self) -> float:
@@ -246,14 +264,15 @@ class Session:
 
         None if all terms of F are within the law of their weights, as `certpgo.Disagreement` says.
         """
-        problem, proven = problem_of(self.graph), self.certificate
+        problem, proven = self._terms.problem(self._all), self.certificate
         return suspicion(problem, self.estimate, proven, self.edges, self.nodes, self.settings)
 
     @property
     def estimate(self) -> Estimate:
         """The poses of `nodes`: optimal at the last refresh, those of newer nodes composed."""
         found = self._poses.estimate
-        return found if isinstance(self._last, PoseGraph) else found.with_translations(None)
+        moved = not isinstance(self._last, RotationGraph)
+        return found if moved else found.with_translations(None)
 
     @property
     def nodes(self) -> tuple[Hashable, ...]:
@@ -268,27 +287,35 @@ class Session:
     @property
     def graph(self) -> Graph:
         """All measurements, between nodes in the order of `nodes`."""
+        return measurements_of(self._all)
+
+    @property
+    def _all(self) -> Part:
+        """All measurements, with what the cost needs."""
         n = len(self._poses)
         if self._new:
             self._measure()
         if len(self._parts) > 1 or self._parts[0].num_nodes < n:
-            points = np.array(self._points) if any(self._points) else None
-            self._parts = [joined(self._parts, n, points)]
+            self._parts = [gathered(self._parts, n, self._are_points)]
         return self._parts[0]
 
     def _measure(self) -> None:
         """Add the terms of what came since to F of the estimate, which was extended by it."""
-        graphs, edges = zip(*self._new, strict=True)
-        added = joined(graphs, len(self._poses), None, edges)
+        parts, edges = zip(*self._new, strict=True)
+        added = gathered(parts, len(self._poses), self._are_points, edges)
         ends = np.unique(added.edges)
-        rise = measured_upper(added.subgraph(ends), self.estimate.subset(ends))
+        rise = self._terms.upper(added.subgraph(ends), self.estimate.subset(ends))
         self._cost = _sum_up(self._cost, rise)
-        self._scale += operators.scale(added)
+        self._scale += scale_of(added)
         self._parts.append(added)
         self._new = []
 
     @property
-    def _last(self) -> Graph:
+    def _are_points(self) -> BoolArray | None:
+        return np.array(self._points) if any(self._points) else None
+
+    @property
+    def _last(self) -> Part:
         """Some measurements, which tell the kind of all."""
         if not (self._new or self._parts):
             raise InputError("the session has no measurements yet")
@@ -308,9 +335,9 @@ class Session:
 
     def _adopt(self, better: Estimate) -> None:
         """Go on from this estimate of the measurements."""
-        graph = self.graph
+        part = self._all
         self._poses.estimate = better
-        self._cost = measured_upper(graph, better)
+        self._cost = self._terms.upper(part, better)
         self._found, self._optimum = None, -math.inf
 
     def _is_settled(self, standing: Standing) -> bool:
@@ -323,7 +350,7 @@ class Session:
 
     def _solve(self) -> Found:
         """A descent from the estimate; a search from scratch where that is not certified."""
-        problem = problem_of(self.graph)
+        problem = self._terms.problem(self._all)
         fresh = problem.graph.num_edges - self._settled
         found = None
         if fresh <= NEW * problem.graph.num_edges:
@@ -340,22 +367,21 @@ class Session:
         return found
 
 
-def _labelled(
-    measurements: Graph | Instance, nodes: Sequence[Hashable] | None
-) -> tuple[Graph, Sequence[Hashable]]:
-    """The measurements and the names of their nodes."""
+def _labels(measurements: object, nodes: Sequence[Hashable] | None) -> Sequence[Hashable]:
+    """The names of the nodes of measurements."""
+    own: Sequence[Hashable]
     if isinstance(measurements, Instance):
         if measurements.ranges is not None:
             raise InputError("a session takes no distances between nodes")
-        graph, own = measurements.graph, measurements.ids.tolist()
+        own = measurements.ids.tolist()
     elif isinstance(measurements, PoseGraph | RotationGraph):
-        graph, own = measurements, range(measurements.num_nodes)
+        own = range(measurements.num_nodes)
     else:
         raise InputError(f"a session takes graphs and instances, not {kind_of(measurements)}")
     names = own if nodes is None else nodes
-    if len(names) != graph.num_nodes or len(set(names)) < len(names):
-        raise InputError(f"{graph.num_nodes} different names are expected, one per node")
-    return graph, names
+    if len(names) != len(own) or len(set(names)) < len(names):
+        raise InputError(f"{len(own)} different names are expected, one per node")
+    return names
 
 
 def _sum_up(a: float, b: float) -> float:

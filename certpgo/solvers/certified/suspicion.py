@@ -8,15 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.certify import Certificate
+from certpgo.costs.problem import InformationProblem
 from certpgo.graph import Estimate
 from certpgo.graph.speaking import Brief
 from certpgo.linalg.arrays import IntArray
 from certpgo.objective.problem import Problem
-from certpgo.optimize.monitor import silent
 from certpgo.optimize.starts import Start
 from certpgo.solvers._robust import connected
 from certpgo.solvers.certified.disagreement import Disagreement, disagreement
-from certpgo.solvers.certified.pipeline import CertifiedSolution, search_and_certify
+from certpgo.solvers.certified.pipeline import CertifiedSolution
+from certpgo.solvers.certified.renewal import found_anew
 from certpgo.solvers.certified.settings import SolveSettings
 
 
@@ -71,7 +72,7 @@ SHOWN = 5
 
 
 def suspicion(
-    problem: Problem,
+    problem: Problem | InformationProblem,
     estimate: Estimate,
     certificate: Certificate,
     numbers: IntArray,
@@ -87,18 +88,20 @@ def suspicion(
     names : of the nodes
     settings : of the search without them
     """
-    found = disagreement(problem, estimate, refit=True)
+    # The law that residuals follow is that of the chordal weights, whatever the cost.
+    chordal = problem.chordal if isinstance(problem, InformationProblem) else problem
+    found = disagreement(chordal, estimate, refit=True)
     if found is None:
         return None
-    weights = np.ones(problem.graph.num_edges)
+    weights = np.ones(chordal.graph.num_edges)
     weights[found.edges] = 0.0
     # What nothing else connects stays.
-    weights = connected(problem, weights, problem.edge_costs(estimate))
+    weights = connected(chordal, weights, chordal.edge_costs(estimate))
     out = np.flatnonzero(weights == 0.0)
     if len(out) == 0:
         return None
     start = Start(estimate, "the optimum with them")
-    without = search_and_certify(problem.reweighted(weights), settings, start, silent)
-    pairs = problem.graph.edges[out].tolist()
+    without = found_anew(problem.reweighted(weights), settings, start)
+    pairs = chordal.graph.edges[out].tolist()
     nodes = tuple((names[i], names[j]) for i, j in pairs)
     return Suspicion(numbers[out], nodes, found, certificate, without)

@@ -1,0 +1,208 @@
+"""A session that a command feeds, and what it says at each certificate."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from certpgo.cli import _verdict
+from certpgo.cli._options import Cost, chosen_cost
+from certpgo.cli._reading import Reading
+from certpgo.cli._show import document, notice
+from certpgo.errors import GraphError, InputError
+
+if TYPE_CHECKING:
+    from certpgo import Session, Standing
+    from certpgo.datasets.source import Source
+    from certpgo.graph import Estimate, Instance
+
+#: The name of a graph that comes from a pipe.
+PIPE = "-"
+
+
+@dataclass
+class Followed:
+    """A session, and what was proven at its last certificate.
+
+    Attributes
+    ----------
+    session : robust, or not
+    name : of the graph
+    whole : the graph, if it is read from a file
+    trace : whether each certificate is printed
+    on_refresh : is called after each certificate
+    """
+
+    session: Session
+    name: str
+    whole: Instance | None
+    trace: bool
+    on_refresh: Callable[[Followed], object] = lambda followed: None
+    standing: Standing | None = None
+    rejected: int = 0
+    ended: bool = False
+
+    def take(self, part: Instance, names: Sequence[Hashable], every: int, status: Any) -> None:
+        """Add measurements, and refresh if as many are new."""
+        try:
+            self.session.add(part, names)
+        except GraphError as error:
+            raise GraphError(f"{self.name}: {error}") from None
+        if self.session.pending >= every:
+            self.refresh(status)
+
+    def refresh(self, status: Any) -> None:
+        """Renew the certificate, and say where the verdict turned."""
+        before = self.standing
+        self.standing = self.session.refresh()
+        self._note()
+        status.update(self.sentence)
+        if self.trace:
+            typer.echo(self.sentence)
+        turned = before is not None and before.verdict.value == "CERTIFIED"
+        if turned and self.standing.verdict.value != "CERTIFIED" and not self._is_robust:
+            self.warn()
+        self.on_refresh(self)
+
+    def end(self, status: Any) -> None:
+        """The certificate of the whole, and a warning of what disagrees in it."""
+        from certpgo import RobustSession
+
+        if not self.session.nodes:
+            return
+        status.update(f"{self.name}: the certificate of the whole")
+        if isinstance(self.session, RobustSession):
+            self.standing = self.session.settle()
+            self._note()
+        else:
+            self.standing = self.session.refresh()
+            self.warn()
+        self.ended = True
+        self.on_refresh(self)
+
+    def warn(self) -> None:
+        """Name what disagrees, with both certificates."""
+        found = self.session.suspicion()
+        if found is not None:
+            notice(f"{found}; --robust puts such measurements aside")
+
+    def tell(self, json: bool, *, interrupted: bool = False) -> int:
+        """Print the last line; returns the exit code."""
+        standing = self.standing
+        if json:
+            document(self._report(interrupted))
+        elif standing is None:
+            typer.echo(f"{self.name}: nothing is proven yet")
+        else:
+            typer.echo(f"{'interrupted; so far: ' if interrupted else ''}{self.sentence}")
+        if interrupted:
+            return _verdict.INTERRUPTED
+        return 0 if standing is None else _verdict.weakest([standing.verdict.value])
+
+    @property
+    def sentence(self) -> str:
+        """What is proven, in a line."""
+        from certpgo.certify.certificate import CHORDAL
+        from certpgo.graph.wording import counted
+
+        s = self.standing
+        if s is None:
+            return ""
+        aside = f"; {self.rejected} put aside" if self.rejected else ""
+        size = f"{counted(s.nodes, 'node{s}')}, {counted(s.edges, 'measurement{s}')}"
+        proven = f"{s.verdict.value}: F {s.cost:.10g}, at most {s.gap:.2g} above F*"
+        cost = "the chordal cost" if s.objective == CHORDAL else s.objective
+        return f"{proven}; {size}{aside}; F is {cost}"
+
+    def best(self) -> tuple[Instance, Estimate]:
+        """The graph so far and its estimate, nodes by id; the whole graph once all are there."""
+        import numpy as np
+
+        from certpgo.graph import Instance
+
+        ids, whole = np.array(self.session.nodes), self.whole
+        if whole is not None and len(ids) == whole.graph.num_nodes:
+            place = np.argsort(ids)[np.argsort(np.argsort(whole.ids))]
+            return whole, self.session.estimate.subset(place)
+        world = None if whole is None or whole.world is None else whole.ids[whole.world]
+        order = np.lexsort([ids, ids == world])  # the world comes last
+        there = world is not None and bool((ids == world).any())
+        graph = self.session.graph.subgraph(order)
+        part = Instance(self.name, graph, ids[order], world=len(ids) - 1 if there else None)
+        return part, self.session.estimate.subset(order)
+
+    @property
+    def _is_robust(self) -> bool:
+        return hasattr(self.session, "rejected")
+
+    def _note(self) -> None:
+        self.rejected = len(getattr(self.session, "rejected", ()))
+
+    def _report(self, interrupted: bool) -> dict[str, Any]:
+        from dataclasses import asdict
+
+        proven = {} if self.standing is None else asdict(self.standing)
+        return {"graph": self.name, **proven, "rejected": self.rejected, "interrupted": interrupted}
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Measurements as they come, and the cost that they are judged by.
+
+    Attributes
+    ----------
+    whole : the graph that is read from a file; None for a pipe
+    parts : measurements with the ids of their nodes
+    cost : None where the first measurements of a pipe tell it
+    """
+
+    whole: Instance | None
+    parts: Iterator[tuple[Instance, Sequence[Hashable]]]
+    cost: str | None
+
+    @classmethod
+    def of(
+        cls, source: Source | None, every: int, reading: Reading, cost: Cost | None, robust: bool
+    ) -> Stream:
+        """Open a file, or the pipe if there is none.
+
+        Raises
+        ------
+        InputError
+            The file has several components, or an option is for files alone.
+        """
+        from certpgo.costs import CHORDAL
+        from certpgo.graph.streaming import streamed
+
+        if source is not None:
+            parts = reading.parts(reading.open(source))
+            if len(parts) != 1:
+                raise InputError("follow takes one component: --components largest")
+            own = chosen_cost(cost, parts[0], robust=robust)
+            return cls(parts[0], streamed(parts[0], every), own)  # type: ignore[arg-type]
+        if reading.keep.value != "all":
+            kept = f"--keep {reading.keep.value}"
+            raise InputError(f"{kept} is for files: a pipe keeps all measurements")
+        asked = None if cost is None else cost.value
+        chordal = robust or reading.rotations
+        return cls(None, _piped(every, reading), CHORDAL if chordal else asked)
+
+
+def _piped(every: int, reading: Reading) -> Iterator[tuple[Instance, Sequence[Hashable]]]:
+    """Measurements from the pipe; what is left out of it is said once."""
+    from certpgo.graph.components import rotations_alone
+    from certpgo.io.piped import piped
+
+    said = set()
+    for part in piped(sys.stdin.buffer, every, **reading.options):
+        for sentence in part.notices:
+            kind = sentence.lstrip("0123456789 ")
+            if kind not in said:
+                said.add(kind)
+                notice(f"standard input: {sentence}, and further ones")
+        piece = rotations_alone(part) if reading.rotations else part
+        yield piece, piece.ids.tolist()

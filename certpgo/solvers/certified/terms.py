@@ -1,0 +1,125 @@
+"""The cost whose terms a session adds up: F, or that of g2o or GTSAM."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from certpgo.certify import certificate
+from certpgo.certify.rounding import measured_upper
+from certpgo.costs import CHORDAL, COSTS, edge_cost, own_cost
+from certpgo.costs.problem import InformationProblem
+from certpgo.errors import InputError, SpecError
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph
+from certpgo.graph.information import InformationGraph
+from certpgo.graph.joining import joined
+from certpgo.linalg.arrays import BoolArray, IntArray
+from certpgo.objective import operators
+from certpgo.objective.problem import Problem, problem_of
+
+#: Measurements with what their cost needs.
+Part = Graph | InformationGraph
+
+
+@dataclass(frozen=True)
+class Terms:
+    """A cost by name, for measurements that need not connect their nodes.
+
+    Attributes
+    ----------
+    cost : ``"chordal"``, ``"g2o"`` or ``"gtsam"``
+    """
+
+    cost: str
+
+    @classmethod
+    def chosen(cls, cost: str | None, first: Graph | Instance) -> Terms:
+        """The cost of this name; by default that of `certpgo.costs.own_cost`, F for graphs.
+
+        Raises
+        ------
+        SpecError
+            There is no such cost.
+        """
+        if cost is None:
+            return cls(own_cost(first) if isinstance(first, Instance) else CHORDAL)
+        if cost not in (CHORDAL, *COSTS):
+            raise SpecError.unknown("cost", cost, [CHORDAL, *COSTS])
+        return cls(cost)
+
+    def part(self, measured: Graph | Instance) -> Part:
+        """Measurements with what the cost needs.
+
+        Raises
+        ------
+        InputError
+            They have no information matrices, or some that are not positive definite.
+        """
+        graph = measured.graph if isinstance(measured, Instance) else measured
+        if self.cost == CHORDAL:
+            return graph
+        information = measured.information if isinstance(measured, Instance) else None
+        if information is None or not isinstance(graph, PoseGraph):
+            needed = "poses with information matrices on every edge"
+            raise InputError(f"cost={self.cost!r} needs {needed}, as certpgo.read gives them")
+        bad = np.flatnonzero(~information.is_definite)
+        if len(bad):
+            i, j = graph.edges[bad[0]].tolist()
+            ids = measured.ids if isinstance(measured, Instance) else np.arange(graph.num_nodes)
+            raise InputError(
+                f"the information matrix of {ids[i]}-{ids[j]} is not positive definite: the cost "
+                f"of {self.cost} has no lower bound there, the chordal cost has"
+            )
+        return InformationGraph(graph, information.matrices)
+
+    def upper(self, part: Part, estimate: Estimate) -> float:
+        """The cost of an estimate, rounded up."""
+        if isinstance(part, InformationGraph):
+            return edge_cost(part, self.cost).enclosure(estimate)[1]
+        return measured_upper(part, estimate)
+
+    def problem(self, part: Part) -> Problem | InformationProblem:
+        """The problem of measurements.
+
+        Raises
+        ------
+        GraphError
+            They do not determine all nodes.
+        """
+        if isinstance(part, InformationGraph):
+            return InformationProblem(edge_cost(part, self.cost))
+        return problem_of(part)
+
+    def title(self, parts: Sequence[Part]) -> str:
+        """The cost in words."""
+        own = [part for part in parts if isinstance(part, InformationGraph)]
+        if not own:
+            return certificate.CHORDAL
+        with_positions = (part for part in own if not part.rotation.kappa.all())
+        return edge_cost(next(with_positions, own[0]), self.cost).title
+
+
+def measurements_of(part: Part) -> Graph:
+    """The graph alone."""
+    return part.isotropic if isinstance(part, InformationGraph) else part
+
+
+def scale_of(part: Part) -> float:
+    """W, the sum of the weights."""
+    return part.scale if isinstance(part, InformationGraph) else operators.scale(part)
+
+
+def gathered(
+    parts: Sequence[Part],
+    num_nodes: int,
+    points: BoolArray | None = None,
+    edges: Sequence[IntArray] | None = None,
+) -> Part:
+    """All measurements, see `certpgo.graph.joining.joined`."""
+    graph = joined([measurements_of(part) for part in parts], num_nodes, points, edges)
+    matrices = [part.information for part in parts if isinstance(part, InformationGraph)]
+    if not (matrices and isinstance(graph, PoseGraph)):
+        return graph
+    return InformationGraph(graph, np.concatenate(matrices))
