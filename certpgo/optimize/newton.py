@@ -83,7 +83,7 @@ class NewtonSettings(Iterative):
     tightest: float = 1e-6
     max_products: int = 30
     large: int = 20_000
-    single_from: int = 1
+    single_from: int = 2
     enough: float = 0.0
 
     def __post_init__(self) -> None:
