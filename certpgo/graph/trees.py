@@ -47,9 +47,9 @@ def minimum_spanning_tree(graph: RotationGraph | PoseGraph, lengths: FloatArray)
 
 
 def _neighbours(graph: RotationGraph | PoseGraph) -> csr_array:
-    """(n, n) adjacency, in which each node's neighbours ascend."""
-    (i, j), m = graph.edges.T, graph.num_edges
-    return adjacency(graph.num_nodes, np.r_[i, j], np.r_[j, i], np.ones(2 * m))
+    """(n, n) adjacency, above the diagonal."""
+    low, high = np.sort(graph.edges, axis=1).T
+    return adjacency(graph.num_nodes, low, high, np.ones(graph.num_edges))
 
 
 def _simple(graph: RotationGraph | PoseGraph, lengths: FloatArray) -> csr_array:

@@ -3,8 +3,8 @@
  * `certpgo.graph.trees` has the same in NumPy and SciPy.
  */
 
-/* The neighbours of each node, ascending: `start` (n + 1,) and `to` (2 m,). `next` (n,) and `arcs`
- * (2 m,) are room for work. */
+/* The neighbours of each node, those with higher numbers first, either ascending: `start` (n + 1,)
+ * and `to` (2 m,). `next` (n,) and `arcs` (2 m,) are room for work. */
 static void list_neighbours(Int n, Int m, const Int *pairs, Int *start, Int *to, Int *next, Int *arcs)
 {
     memset(start, 0, (size_t)(n + 1) * sizeof(Int));
@@ -13,7 +13,11 @@ static void list_neighbours(Int n, Int m, const Int *pairs, Int *start, Int *to,
     memcpy(next, start, (size_t)n * sizeof(Int));
     for (Int a = 0; a < 2 * m; a++) arcs[next[pairs[a ^ 1]]++] = a;
     memcpy(next, start, (size_t)n * sizeof(Int));
-    for (Int k = 0; k < 2 * m; k++) to[next[pairs[arcs[k]]]++] = pairs[arcs[k] ^ 1];
+    for (int lower = 0; lower < 2; lower++)
+        for (Int k = 0; k < 2 * m; k++) {
+            Int i = pairs[arcs[k]], j = pairs[arcs[k] ^ 1];
+            if ((j < i) == lower) to[next[i]++] = j;
+        }
 }
 
 /* Parents (n,) in the breadth-first tree of a root, -1 for the root and for nodes that it does not
