@@ -40,7 +40,7 @@ FAILED = "not run or failed"
 #: Columns that are empty for most methods.
 _SPARSE = ("kept, %", "ATE", "RPE", "by phase", FAILED)
 STAND_INS = ("sphere2500.txt", "w100", "w10000")
-#: Seconds of a method per byte of a file, certified, on one core of 2024; and what is not told.
+#: Seconds of a method per byte of a file, certified, on one core of 2024; and the least said.
 PACE, SHORT = 1.3e-6, 45.0
 QUICK = ("smallGrid3D", "MIT", "w100")
 
@@ -119,6 +119,7 @@ def command(
     if json:
         document([as_data(result) for result in results.rows])
     else:
+        typer.echo()
         for sentence in notes((result.method for result in results.rows), cost.value):
             paragraph(sentence)
     if interrupted:
@@ -181,12 +182,12 @@ def _compare(
 ) -> None:
     """Add the results on a connected graph, and show them, with phases or not; None for not at all.
 
-    On interruption those so far are shown. Where there is no spinner, each is told on stderr.
+    On interruption those so far are shown. Without a spinner, each is printed on stderr.
     """
     from certpgo.assess.comparison import compare
     from certpgo.assess.comparison_table import OPTIONAL, TITLE, in_a_line
 
-    told = len(methods) > 1 and not sys.stderr.isatty()
+    in_lines = len(methods) > 1 and not sys.stderr.isatty()
     before = len(results.rows)
     try:
         with working(part.name) as status:
@@ -200,7 +201,7 @@ def _compare(
             )
             for result in judged:
                 results.add(result)
-                if told:
+                if in_lines:
                     typer.echo(in_a_line(result), err=True)
     finally:
         rows = results.rows[before:]

@@ -179,7 +179,7 @@ def command(
             if trace and not result.solution.trace:
                 notice(f"{result.method} reports no iterations: nothing to --trace")
             if not json:
-                result.show(target)
+                result.show(target, graph, reading)
             if proof and provable and not result.interrupted:
                 proven = result.prove(proof, provable, json=json)
             if covariances is not None:

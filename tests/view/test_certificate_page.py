@@ -248,8 +248,15 @@ def test_what_to_do_next_depends_on_the_verdict(solved):
     judged = replace(certificate, verdict=Verdict.BOUNDED, basin_is_global=False)
     again = advice(replace(judged, reason="rounding limits it"), "g.g2o", searched=True)
     commands = [command for _, command in again]
-    assert "certpgo certify g.g2o best.g2o --tier proof" in commands
+    assert "certpgo solve g.g2o --tier proof" in commands
     assert "certpgo solve g.g2o --time-limit 600" in commands
+    refuted = replace(certificate, verdict=Verdict.REFUTED)
+    chosen = advice(refuted, "g.g2o", "e.tum", reading=["--kappa", "3"], cost=["--cost", "gtsam"])
+    assert "certpgo solve g.g2o --cost gtsam --kappa 3 -o start.g2o" in dict(chosen).values()
+    certified = replace(certificate, verdict=Verdict.CERTIFIED)
+    assert [c for _, c in advice(certified, "g.g2o", disagreeing=True)] == [
+        "certpgo solve g.g2o --robust"
+    ]
 
 
 @pytest.fixture(scope="module")
