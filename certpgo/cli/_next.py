@@ -13,12 +13,16 @@ if TYPE_CHECKING:
 
 
 class Asked(NamedTuple):
-    """What was asked: names as typed, the cost that judges, and how the graph was read."""
+    """What was asked: names as typed, the cost that judges, and how the graph was read.
+
+    ``writes_best`` is whether the better estimate is written anyway.
+    """
 
     graph: str
     cost: str
     reading: Reading
     estimate: str = ""
+    writes_best: bool = False
 
 
 def steps_after(
@@ -51,4 +55,5 @@ def steps_after(
     return [
         f"{sentence.removesuffix('.')}: {command}" if command else sentence
         for sentence, command in steps
+        if not (asked.writes_best and "--best" in command.split())
     ]

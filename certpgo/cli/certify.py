@@ -121,7 +121,7 @@ def command(
     path = reading.resolve(estimates[0]).path()
     given = _read(path, instance, parts, timestamps, reading)
     truths = [KnownPoses.of(truth, part.instance, reading) for part in parts]
-    asked = None if json else Asked(graph, own, reading, estimates[0])
+    asked = None if json else Asked(graph, own, reading, estimates[0], best is not None)
     assessments, disagreements = _single(path, given, parts, truths, asked)
     if best is not None:
         _write_best(best, parts[0], assessments[0])

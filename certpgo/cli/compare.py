@@ -41,7 +41,7 @@ FAILED = "not run or failed"
 _SPARSE = ("kept, %", "ATE", "RPE", "by phase", FAILED)
 STAND_INS = ("sphere2500.txt", "w100", "w10000")
 #: Seconds of a method per byte of a file, certified, on one core of 2024; and the least said.
-PACE, SHORT = 1.3e-6, 45.0
+PACE, SHORT = 4e-7, 15.0
 QUICK = ("smallGrid3D", "MIT", "w100")
 
 
@@ -292,7 +292,14 @@ def _duration(sources: Sequence[Source], methods: int) -> str | None:
 
     sizes = [path.stat().st_size for source in sources if (path := source.path()).is_file()]
     seconds = PACE * methods * sum(sizes)
-    return None if seconds < SHORT else counted(max(round(seconds / 60.0), 1), "minute{s}")
+    if seconds < SHORT:
+        return None
+    short = seconds < 100.0
+    return (
+        f"{round(seconds, -1):.0f} seconds"
+        if short
+        else counted(round(seconds / 60.0), "minute{s}")
+    )
 
 
 def _usual(reading: Reading, quick: bool) -> list[Source]:

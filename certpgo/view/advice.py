@@ -87,8 +87,8 @@ def cost_options(instance: Instance, cost: str) -> tuple[str, ...]:
 def _after_certified(given: _Given) -> Iterator[Step]:
     if given.disagreeing:
         yield (
-            "This is the best estimate of all measurements. Some disagree with the rest: if they "
-            "may be wrong, reject them.",
+            "This is the best estimate of all measurements, of which some disagree with the rest. "
+            "If they may be wrong, reject them.",
             given.reject(),
         )
 
@@ -96,7 +96,7 @@ def _after_certified(given: _Given) -> Iterator[Step]:
 def _after_bounded(certificate: Certificate, given: _Given) -> Iterator[Step]:
     if certificate.basin_is_global:
         yield (
-            "The basin is right: take the estimate that descent ends at, which is optimal.",
+            "The basin is right. Take the estimate that descent ends at, which is optimal.",
             given.certify("--best", "polished.g2o"),
         )
         yield (
@@ -123,7 +123,7 @@ def _after_bounded(certificate: Certificate, given: _Given) -> Iterator[Step]:
 
 def _after_refuted(given: _Given) -> Iterator[Step]:
     yield (
-        "The estimate is in the wrong basin: take the better one that was found.",
+        "The estimate is in the wrong basin. Take the better one that was found.",
         given.certify("--best", "better.g2o"),
     )
     yield (
