@@ -45,6 +45,7 @@ extensions = [
     "sphinx.ext.mathjax",
     "extensions.docstrings",
     "extensions.generated",
+    "extensions.numbers",
     "extensions.pictures",
     "extensions.scenes",
 ]
