@@ -15,7 +15,7 @@ from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, notice, paragraph, table, working
 from certpgo.cli._truth import KnownPoses, TruthFile
 from certpgo.cli._verdict import INTERRUPTED
-from certpgo.errors import CertPGOError, InputError, SpecError
+from certpgo.errors import CertPGOError, InputError
 from certpgo.graph.wording import counted
 
 if TYPE_CHECKING:
@@ -280,7 +280,7 @@ def _methods(names: Sequence[str], cost: Cost) -> tuple[Competitor, ...]:
     known = {*labelled, *registry.solver_names()}
     for name in names:
         if name not in known:
-            raise SpecError.unknown("method", name, known)
+            raise registry.unknown_method(name, known)
     others = [Competitor(name) for name in names if name not in labelled]
     known_by = labelled | {method.label: method for method in methods_under(cost.value, others)}
     return tuple(known_by[name] for name in dict.fromkeys(names))
