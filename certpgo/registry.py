@@ -73,7 +73,7 @@ def get_solver(name: str) -> type[Solver]:
     elif name in names_in("baselines"):
         module = load_file("baselines", name)
     else:
-        raise SpecError.unknown("method", name, solver_names())
+        raise unknown_method(name, solver_names())
     solver = exposed(module, "SOLVER")
     path = module.__file__ or name
     if not (isinstance(solver, type) and is_dataclass(solver)):
@@ -181,6 +181,14 @@ def _converted(what: str, text: str, kind: Any) -> Any:
             number = "an integer" if kind is int else "a number"
             raise SpecError(f"{what} must be {number}, not {text!r}") from None
     return text
+
+
+def unknown_method(name: str, known: Iterable[str]) -> SpecError:
+    """The error for an unknown method, which says where those of other programs are."""
+    error = SpecError.unknown("method", name, known)
+    if checkout() is not None:
+        return error
+    return SpecError(f"{error}; methods of other programs, such as GTSAM's, need a checkout")
 
 
 # --- The checkout

@@ -44,9 +44,10 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.mathjax",
     "extensions.docstrings",
-    "extensions.example",
     "extensions.generated",
+    "extensions.numbers",
     "extensions.pictures",
+    "extensions.scenes",
 ]
 include_patterns = ["**.md", "**.rst", "lessons/*.py"]  # other Python here is not a page
 smartquotes = False  # they would turn -- of --method into a dash

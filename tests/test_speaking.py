@@ -48,6 +48,16 @@ def test_every_object_is_a_screen_without_arrays(objects):
         assert "array" not in repr(thing) + str(thing)
 
 
+def test_a_session_says_where_it_stands(cycle):
+    session = certpgo.Session()
+    assert repr(session) == "<Session, CERTIFIED: 0 nodes, 0 measurements, F 0>"
+    session.add(cycle[0].graph)
+    session.refresh()
+    assert repr(session).startswith("<Session, CERTIFIED: 9 nodes, 9 measurements, F ")
+    assert "\nlower bound" in str(session.standing)
+    assert "\npending" in str(session)
+
+
 def test_the_rest_shows_the_shape_of_arrays(answer, made):
     assert "estimate=<Estimate: 27 poses, 3D>" in repr(answer.solution)
     ranges = certpgo.Ranges(3, np.array([[0, 2]]), np.array([5.0]), np.ones(1))

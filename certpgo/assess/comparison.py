@@ -54,7 +54,7 @@ class Competitor:
 
 
 #: The label of the method that reads the graph's file itself.
-OF_THE_FILE = "gtsam_gauss_newton (file's information)"
+OF_THE_FILE = "gtsam_gauss_newton (file)"
 _CERTIFIED = Competitor("certified")
 _EIGEN_MA = Competitor("eigen_ma", takes="poses")
 _EIGEN_RA = Competitor("eigen_ra", takes="rotations")

@@ -20,7 +20,9 @@ _ON_COSTS = (
 #: Notes printed below the tables; see `notes`.
 NOTES = (
     _ON_COSTS.format(
-        cost="F is the weighted squared error that is minimised", name="F", tolerance="1e-5 F"
+        cost="F is the weighted squared error that is minimised",
+        name="F",
+        tolerance="1e-5 F plus 1e-12 of the total weight",
     ),
     "GTSAM gets the weights of F: its own error then differs from F by terms of fourth order in "
     "the residuals.",
@@ -35,7 +37,7 @@ _OWN_NOTES = (
     _ON_COSTS.format(
         cost="The cost is that of each table's title, whatever a method minimises",
         name="the cost",
-        tolerance="the tolerance, 1e-5 of the cost and a little of the total information",
+        tolerance="1e-5 of the cost plus 1e-12 of the total weight",
     ),
     *NOTES[2:],
 )
@@ -151,7 +153,7 @@ def seconds_by_phase(phases: Mapping[str, float]) -> str:
 
 
 def in_a_line(result: MethodResult) -> str:
-    """A method's result in a line, as it is told while others run."""
+    """A method's result in a line, as it is printed while others run."""
     said = f"{result.graph}: {result.method}: "
     if result.cost is None or result.relative_gap is None:
         return f"{said}{result.error}"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import importlib
+import inspect
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -75,8 +76,15 @@ def application(names: Sequence[str]) -> typer.Typer:
     )
     app.callback()(_root)
     for name in names:
-        app.command(name)(_guarded(_function(name)))
+        function = _function(name)
+        app.command(name, help=_paragraphs(function))(_guarded(function))
     return app
+
+
+def _paragraphs(function: Command) -> str:
+    """The docstring with a line a paragraph, so that its own line ends do not show in the help."""
+    paragraphs = inspect.cleandoc(function.__doc__ or "").split("\n\n")
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
 
 
 def command_names() -> tuple[str, ...]:

@@ -42,6 +42,7 @@ def origin_of(
     method: str = "",
     remarks: Sequence[str] = (),
     partial: bool = False,
+    disagreeing: bool = False,
     settings: SolveSettings | None = None,
 ) -> Origin:
     """Where an estimate came from; without the date, so that pages are reproducible."""
@@ -55,11 +56,12 @@ def origin_of(
     return Origin(
         graph=_portable(graph),
         estimate=_portable(estimate),
-        reading=tuple(_arguments(reading)),
+        reading=tuple(arguments(reading)),
         proof=_portable(proof),
         method=method,
         remarks=tuple(remarks),
         partial=partial,
+        disagreeing=disagreeing,
         settings=() if settings is None else tuple(_settings(settings)),
         environment=environment,
     )
@@ -108,7 +110,7 @@ def _settings(settings: Any, prefix: str = "") -> Iterator[str]:
             yield f"{prefix}{field.name}={value.value if isinstance(value, Enum) else value}"
 
 
-def _arguments(reading: Reading) -> Iterator[str]:
+def arguments(reading: Reading) -> Iterator[str]:
     """The command-line options for this way of reading a graph."""
     for field in fields(reading):
         value = getattr(reading, field.name)

@@ -104,7 +104,7 @@ class Reading:
         Stated | None,
         _option(
             "--weights-are",
-            help="What the file's precisions are, which nothing in it tells: information by "
+            help="What the file's precisions are, which the file does not say: information by "
             "default.",
         ),
     ] = None

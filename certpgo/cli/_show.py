@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import sys
 import textwrap
@@ -56,8 +57,8 @@ def facts(pairs: Iterable[tuple[str, str]]) -> None:
 
 
 def paragraph(text: str) -> None:
-    """Print a text, in a terminal wrapped between words."""
-    width = _terminal()
+    """Print a text, wrapped between words in a terminal, or where COLUMNS says how wide."""
+    width = shutil.get_terminal_size().columns if "COLUMNS" in os.environ else _terminal()
     lines = [text] if width is None else textwrap.wrap(text, width, break_long_words=False)
     typer.echo("\n".join(lines))
 
@@ -77,8 +78,8 @@ def table(
 ) -> None:
     """Print a table on stdout, as wide as the terminal, or as COLUMNS says.
 
-    Numbers and words are never split where the table fits; ``optional`` columns are left out, in
-    that order, until it does, and named below it.
+    Numbers, words and the names in the first column are never split where the table fits;
+    ``optional`` columns are left out, in that order, until it does, and named below it.
     """
     from rich import box
     from rich.console import Console
@@ -95,13 +96,14 @@ def table(
     console = Piped(width=width)
     header, rows, left_out = _fitted(header, list(rows), console.width, optional)
     shown = Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-    for column in zip(header, *rows, strict=True):
-        shown.add_column(Text(column[0]), overflow="fold", min_width=_longest_word(column))
+    columns = list(zip(header, *rows, strict=True))
+    for column, needed in zip(columns, _needed(columns, width), strict=True):
+        shown.add_column(Text(column[0]), overflow="fold", min_width=needed)
     for row in rows:
         shown.add_row(*(Text(cell) for cell in row))
     console.print(shown)
     if left_out:
-        console.print(Text(f"Not shown in this width: {', '.join(left_out)}."))
+        console.print(Text(f"Not shown at this width: {', '.join(left_out)}."))
     if caption:
         console.print(Text(caption))
 
@@ -113,12 +115,19 @@ def _fitted(
     columns = [[title, *cells] for title, *cells in zip(header, *rows, strict=True)]
     left_out: list[str] = []
     for title in optional:
-        if sum(map(_longest_word, columns)) + GUTTER * len(columns) <= width:
+        if sum(_needed(columns, width)) + GUTTER * len(columns) <= width:
             break
         left_out += [column[0] for column in columns if column[0] == title]
         columns = [column for column in columns if column[0] != title]
     titles, *shown = map(list, zip(*columns, strict=True))
     return titles, shown, left_out
+
+
+def _needed(columns: Sequence[Sequence[str]], width: int) -> list[int]:
+    """The least width of each column: of its longest word, or in the first one of the names."""
+    needed = [_longest_word(column) for column in columns]
+    names = max(map(len, columns[0]), default=0)
+    return [max(needed[0], min(names, width // 2)), *needed[1:]]
 
 
 def _longest_word(cells: Sequence[str]) -> int:

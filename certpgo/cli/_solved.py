@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from certpgo.cli import _verdict
+from certpgo.cli._next import Asked, steps_after
 from certpgo.cli._paging import origin_of, write_page
 from certpgo.cli._proving import prove
 from certpgo.cli._reading import Reading
@@ -107,8 +108,8 @@ class Solved:
             return "the gap to the optimum is not known"
         return f"the method's own lower bound, which ignores rounding, is {bound:.12g}"
 
-    def show(self, written: Path | None) -> None:
-        """Print the result."""
+    def show(self, written: Path | None, graph: str, reading: Reading) -> None:
+        """Print the result of a graph that was read by this name, and what to do next."""
         from certpgo.assess import wording
         from certpgo.assess.provenance import peak_memory
         from certpgo.assess.wording import few_edges
@@ -143,7 +144,13 @@ class Solved:
         typer.echo()
         if solution.kept is not None:
             typer.echo("The certificate is about the kept measurements, with their final weights:")
-        _verdict.show(self.certificate, part, disagreement=self.disagreement)
+        steps: list[str] = []
+        if self.method == "certified":
+            asked = Asked(graph, self.cost, reading, "" if written is None else str(written))
+            steps = steps_after(
+                self.certificate, part, asked, searched=True, disagreement=self.disagreement
+            )
+        _verdict.show(self.certificate, part, disagreement=self.disagreement, steps=steps)
         uncertified = self.certificate.verdict.value != "CERTIFIED"
         if self.found is None and solution.kept is None and uncertified:
             notice("without --method, certpgo searches for the best estimate")
@@ -201,7 +208,6 @@ class Solved:
     ) -> None:
         """Write the page of the certificate."""
         from certpgo.assess.assessment import assess
-        from certpgo.assess.wording import hint
 
         solution, part = self.solution, self.part
         if self.certificate is None:
@@ -213,7 +219,7 @@ class Solved:
                 "that the method kept, with their final weights; the view shows these."
             )
         if self.disagreement is not None:
-            remarks.append(f"{hint(self.disagreement)}.")
+            remarks.append(f"{self.disagreement}.")
         problem = self._problem
         assessment = assess(
             problem, solution.estimate, self.certificate, ids=part.ids, nodes=part.poses
@@ -226,6 +232,7 @@ class Solved:
             method=self.method,
             remarks=remarks,
             partial=len(solution.rejected) > 0,
+            disagreeing=self.disagreement is not None,
             settings=None if self.found is None else self.found.settings,
         )
         write_page(out, part, problem, solution.estimate, assessment, origin, solution.trace)

@@ -21,8 +21,8 @@ TruthFile = Annotated[
     typer.Option(
         "--truth",
         metavar="FILE",
-        help="Ground truth of the poses, by node id: print the absolute and relative trajectory "
-        "errors (ATE, RPE).",
+        help="Ground truth of the poses, by node id, a file or dataset: print the absolute and "
+        "relative trajectory errors (ATE, RPE).",
     ),
 ]
 
@@ -36,7 +36,7 @@ class KnownPoses:
 
     @classmethod
     def of(cls, path: Path | None, part: Instance, reading: Reading) -> KnownPoses | None:
-        """The truth in a file, of the poses of a graph; None without a file.
+        """The truth in a file or dataset, of the poses of a graph; None without a file.
 
         Raises
         ------
@@ -49,6 +49,7 @@ class KnownPoses:
 
         if path is None:
             return None
+        path = reading.resolve(str(path)).path()
         with noticing():
             nodes, poses = read_truth(path, part, topic=reading.topic_of(path))
         of_poses = np.isin(nodes, part.poses)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, fields
 from typing import TYPE_CHECKING, Any
 
@@ -51,8 +51,9 @@ def show(
     assessment: Assessment | None = None,
     disagreement: Disagreement | None = None,
     accuracy: TrajectoryErrors | None = None,
+    steps: Sequence[str] = (),
 ) -> None:
-    """Print the verdict, its reason, the numbers behind it, and the objective."""
+    """Print the verdict, its reason, the numbers behind it, the objective, and what to do next."""
     from certpgo.assess import wording
     from certpgo.assess.wording import comparison, hint
     from certpgo.certify.wording import meaning, numbers, stated_objective, trusts
@@ -68,6 +69,7 @@ def show(
             *trusts(certificate),
             ("objective", stated_objective(part.options, certificate)),
             *wording.provenance(part, certificate),
+            *(("" if k else "next", step) for k, step in enumerate(steps)),
         ]
     )
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from certpgo.cli import _verdict
+from certpgo.cli._next import Asked, steps_after
 from certpgo.cli._options import (
     CostOption,
     GraphName,
@@ -74,7 +75,6 @@ def command(
 ) -> int:
     """Certify estimates of a graph: prove how far each can be from the optimum."""
     from certpgo.assess.batch import JudgedGraph
-    from certpgo.assess.wording import hint
     from certpgo.certify.judge import Judge
     from certpgo.certify.proof_file import refuse_unreadable
     from certpgo.costs import certifiable
@@ -121,10 +121,11 @@ def command(
     path = reading.resolve(estimates[0]).path()
     given = _read(path, instance, parts, timestamps, reading)
     truths = [KnownPoses.of(truth, part.instance, reading) for part in parts]
-    assessments, disagreements = _single(path, given, parts, truths, json)
+    asked = None if json else Asked(graph, own, reading, estimates[0], best is not None)
+    assessments, disagreements = _single(path, given, parts, truths, asked)
     if best is not None:
         _write_best(best, parts[0], assessments[0])
-    elif any(a.excess > a.certificate.tolerance for a in assessments):
+    elif any(_is_better_known(a, json) for a in assessments):
         notice("--best OUT writes the lower-cost estimate")
     if any(
         _may_gain(a.certificate, part.problem) for a, part in zip(assessments, parts, strict=True)
@@ -138,10 +139,24 @@ def command(
     if html is not None:
         part, problem = parts[0], parts[0].problem
         written = proof if proven else None
-        remarks = [f"{hint(found)}." for found in disagreements if found is not None]
-        origin = origin_of(graph, reading, estimate=estimates[0], proof=written, remarks=remarks)
+        remarks = [f"{found}." for found in disagreements if found is not None]
+        origin = origin_of(
+            graph,
+            reading,
+            estimate=estimates[0],
+            proof=written,
+            remarks=remarks,
+            disagreeing=bool(remarks),
+        )
         write_page(html, part.instance, problem, given[0], assessments[0], origin)
     return code if proven else code or REFUSED
+
+
+def _is_better_known(found: Assessment, json: bool) -> bool:
+    """Whether a better estimate was found that no printed step says how to write."""
+    certificate = found.certificate
+    said = certificate.basin_is_global or certificate.verdict.value == "REFUTED"
+    return found.excess > certificate.tolerance and (json or not said)
 
 
 def _may_gain(certificate: Certificate, problem: Certifiable) -> bool:
@@ -160,8 +175,9 @@ def _single(
     given: Sequence[Estimate],
     parts: Sequence[JudgedGraph],
     truths: Sequence[KnownPoses | None],
-    json: bool,
+    asked: Asked | None,
 ) -> tuple[list[Assessment], list[Disagreement | None]]:
+    """Certify the estimate of each part; printed as text, or as JSON without ``asked``."""
     from certpgo.io.digits import writing_of
 
     writing = writing_of(path)
@@ -176,11 +192,16 @@ def _single(
             found = part.assessed(estimate, writing)
             assessments.append(found)
             disagreements.append(_disagreement(part.problem, found))
-        if not json:
+        if asked is not None:
             if len(parts) > 1:
                 typer.echo(part.instance.name)
-            _verdict.show(found.certificate, part.instance, found, disagreements[-1], accuracy)
-    if json:
+            steps = steps_after(
+                found.certificate, part.instance, asked, disagreement=disagreements[-1]
+            )
+            _verdict.show(
+                found.certificate, part.instance, found, disagreements[-1], accuracy, steps
+            )
+    if asked is None:
         reports = [
             _verdict.as_json(
                 part.instance,

@@ -101,7 +101,7 @@ def command(
 
     Frames are registered in pairs by keypoints and generalized ICP, and the pose graph is solved
     with a certificate. It says that no trajectory fits the kept measurements better, and not that
-    images were matched to the right places: how well loops agree is printed beside it.
+    images were matched to the right places: how well loops agree is printed with it.
 
     With --frames, the pose graph in place of FOLDER is solved and certified, and frames are fused
     at its poses: ids of nodes are numbers of frames.

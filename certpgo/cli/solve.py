@@ -55,7 +55,10 @@ def command(
         typer.Option("--set", metavar="KEY=VALUE", help="Setting of --method."),
     ] = None,
     cost: CostOption = None,
-    initial: Annotated[Path | None, typer.Option("--initial", help="Initial estimate.")] = None,
+    initial: Annotated[
+        Path | None,
+        typer.Option("--initial", metavar="FILE", help="Initial estimate: a file or dataset."),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="Write the estimate to this file.")
     ] = None,
@@ -149,7 +152,8 @@ def command(
     with noticing():
         start = None
         if initial is not None:
-            start = read_estimate(initial, instance, topic=reading.topic_of(initial))
+            begun = reading.resolve(str(initial)).path()
+            start = read_estimate(begun, instance, topic=reading.topic_of(begun))
     solver = None if method is None else _solver(method, settings, parts)
     if initial is not None and not getattr(solver, "takes_initial", True):
         raise InputError(f"{method} takes no initial estimate: not with --initial")
@@ -179,7 +183,7 @@ def command(
             if trace and not result.solution.trace:
                 notice(f"{result.method} reports no iterations: nothing to --trace")
             if not json:
-                result.show(target)
+                result.show(target, graph, reading)
             if proof and provable and not result.interrupted:
                 proven = result.prove(proof, provable, json=json)
             if covariances is not None:

@@ -144,7 +144,7 @@ class Instance(Speaking):
             yield "among these", ", ".join(found)
         if self.ranges is not None:
             yield "ranges", counted(self.ranges.num_edges, "distance{s}")
-        yield "weights", reading_sentence(self.options)
+        yield "read with", reading_sentence(self.options)
         *weights, connected, _ = self.graph._facts()
         yield from weights
         if self.averaged:

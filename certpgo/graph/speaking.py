@@ -76,7 +76,7 @@ class Speaking:
 
     def _repr_html_(self) -> str:
         rows = "".join(
-            f'<tr><th style="{_CELL}">{html.escape(name)}</th>'
+            f'<tr><th style="{_CELL};white-space:nowrap">{html.escape(name)}</th>'
             f'<td style="{_CELL}">{html.escape(value)}</td></tr>'
             for name, value in self._facts()
         )

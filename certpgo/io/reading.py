@@ -107,7 +107,7 @@ def read(
     path = Path(path)
     form = format_of(path, format, topic)
     if form.read_graph is None:
-        raise FormatError(path, None, f"a {form.name} file holds {form.holds}, no measurements")
+        raise FormatError(path, None, f"{form.name} files hold {form.holds}, no measurements")
     weights = ChosenWeights(kappa, tau, unit_weights, mahalanobis)
     _check_choice("keep", keep, ("all", "first", "last"))
     if rotation_information is not None:
@@ -224,7 +224,7 @@ def read_truth(
     elif form.read_graph is not None:
         poses = integrated(form.read_graph(path, ReadOptions(ignore_information=True)))
     else:
-        raise FormatError(path, None, f"a {form.name} file holds {form.holds}, no truth")
+        raise FormatError(path, None, f"{form.name} files hold {form.holds}, no truth")
     try:
         poses = _labelled(poses, instance, "ids")
         found = truth_for(instance, _in_dimension(poses, instance.graph.d))
@@ -247,7 +247,7 @@ def _warn(path: Path, notices: Iterable[str]) -> None:
 def _poses(path: Path, name: str | None, topic: str | None) -> LabelledPoses:
     form = format_of(path, name, topic)
     if form.read_poses is None:
-        raise FormatError(path, None, f"a {form.name} file holds {form.holds}, no estimate")
+        raise FormatError(path, None, f"{form.name} files hold {form.holds}, no estimate")
     return form.read_poses(path)
 
 

@@ -109,10 +109,10 @@ def write(
         if points.any() and not form.holds_points:
             poses = np.flatnonzero(~points)
             anchored, nodes, points = anchored.subset(poses), nodes[poses], points[poses]
-            lost = f"a {form.name} file holds poses only: points are not written"
+            lost = f"{form.name} files hold poses only: points are not written"
             warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
         if what.translations is not None and not form.holds_translations:
-            lost = f"a {form.name} file holds rotations only: translations are not written"
+            lost = f"{form.name} files hold rotations only: translations are not written"
             warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
         times = node_times(nodes, timestamps) if form.name == "tum" else nodes.astype(float)
         labels = Labels(nodes, times, points, names)
@@ -135,7 +135,7 @@ def write(
     if not form.holds_ranges:
         _refuse_ranges(path, whole)
     if whole.fixed and form.name == "pyfg":
-        lost = "a pyfg file holds no fixed nodes: they are not written"
+        lost = "pyfg files hold no fixed nodes: they are not written"
         warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
     if form.name == "open3d" and (whole.ids != np.arange(graph.num_nodes)).any():
         lost = "an open3d file numbers nodes from 0: their ids are not written"

@@ -1,88 +1,143 @@
-"""What to do after a verdict that is not CERTIFIED; the quickstart's table, for one certificate."""
+"""What to do after a verdict; the quickstart's table, for one certificate."""
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 from certpgo.certify import Certificate, Verdict
+from certpgo.costs import own_cost
+from certpgo.graph import Instance
+
+#: A sentence, and a command or an empty text.
+Step = tuple[str, str]
+_REJECT = "If measurements may be wrong, reject those that disagree."
+
+
+class _Given(NamedTuple):
+    """What commands are about: files, and the options of reading and cost."""
+
+    graph: str
+    estimate: str
+    reading: tuple[str, ...]
+    cost: tuple[str, ...]
+    searched: bool
+    disagreeing: bool
+
+    @property
+    def _named(self) -> str:
+        return self.estimate or "best.g2o"
+
+    def solve(self, *options: str) -> str:
+        return shlex.join(("certpgo", "solve", self.graph, *self.cost, *self.reading, *options))
+
+    def search_on(self) -> str:
+        return self.solve("--initial", self._named)
+
+    def reject(self) -> str:
+        return shlex.join(("certpgo", "solve", self.graph, *self.reading, "--robust"))
+
+    def certify(self, *options: str) -> str:
+        files = ("certpgo", "certify", self.graph, self._named)
+        return shlex.join((*files, *self.cost, *self.reading, *options))
+
+    def look(self, command: str) -> str:
+        return shlex.join(("certpgo", command, self.graph, *self.reading))
 
 
 def advice(
-    certificate: Certificate, graph: str, estimate: str = "", *, searched: bool = False
-) -> list[tuple[str, str]]:
+    certificate: Certificate,
+    graph: str,
+    estimate: str = "",
+    *,
+    reading: Sequence[str] = (),
+    cost: Sequence[str] = (),
+    searched: bool = False,
+    disagreeing: bool = False,
+) -> list[Step]:
     """Sentences on what to do next, each with a command or an empty text.
 
     Parameters
     ----------
     graph, estimate : their files, as named in commands
+    reading, cost : the command-line options with which they were read and judged
     searched : whether the certified search found the estimate, not another program
+    disagreeing : whether some measurements disagree with the rest
     """
+    given = _Given(graph, estimate, tuple(reading), tuple(cost), searched, disagreeing)
     match certificate.verdict:
         case Verdict.CERTIFIED:
-            return []
+            steps = _after_certified(given)
         case Verdict.REFUTED:
-            steps = _after_refuted(shlex.quote(graph), shlex.quote(estimate))
+            steps = _after_refuted(given)
         case Verdict.UNDECIDED:
-            steps = _after_undecided(shlex.quote(graph), searched)
+            steps = _after_undecided(given)
         case _:
-            steps = _after_bounded(certificate, shlex.quote(graph), shlex.quote(estimate), searched)
+            steps = _after_bounded(certificate, given)
     return list(steps)
 
 
-def _after_bounded(
-    certificate: Certificate, graph: str, estimate: str, searched: bool
-) -> Iterator[tuple[str, str]]:
-    given = estimate if estimate != "''" else "best.g2o"
+def cost_options(instance: Instance, cost: str) -> tuple[str, ...]:
+    """The options with which a graph is judged by a cost: none where it is the graph's own."""
+    is_usual = instance.ranges is not None or cost == own_cost(instance)
+    return () if is_usual else ("--cost", cost)
+
+
+def _after_certified(given: _Given) -> Iterator[Step]:
+    if given.disagreeing:
+        yield (
+            "This is the best estimate of all measurements, of which some disagree with the rest. "
+            "If they may be wrong, reject them.",
+            given.reject(),
+        )
+
+
+def _after_bounded(certificate: Certificate, given: _Given) -> Iterator[Step]:
     if certificate.basin_is_global:
         yield (
-            "The basin is right: take the estimate that descent ends at, which is optimal.",
-            f"certpgo certify {graph} {given} --best polished.g2o",
+            "The basin is right. Take the estimate that descent ends at, which is optimal.",
+            given.certify("--best", "polished.g2o"),
         )
         yield (
-            "Or keep yours: the distance below is how far it is from the best one. If the gap is a "
+            "Or keep yours: the distance says how far it is from the best one. If the gap is a "
             "surprise, compare the objective with what your solver minimises.",
             "",
         )
         return
     if "round" in certificate.reason:
-        yield (
-            "Rounding limits this proof; the tier proof has less of it.",
-            (f"certpgo certify {graph} {given} --tier proof"),
-        )
-    if searched:
-        yield (
-            "Search longer, if the time limit ended it.",
-            f"certpgo solve {graph} --time-limit 600",
-        )
+        proof = ("--tier", "proof")
+        command = given.solve(*proof) if given.searched else given.certify(*proof)
+        yield "Rounding limits this proof; the tier proof has less of it.", command
+    rejects = "distances" not in certificate.objective
+    if rejects and given.disagreeing:
+        yield _REJECT, given.reject()
+    if given.searched:
+        yield "Search longer, if the time limit ended it.", given.solve("--time-limit", "600")
     else:
-        yield "Search further from it.", f"certpgo solve {graph} --initial {given}"
-    if "distances" not in certificate.objective:
-        yield (
-            "If measurements may be wrong, reject those that disagree.",
-            f"certpgo solve {graph} --robust",
-        )
+        yield "Search further from it.", given.search_on()
+    if rejects and not given.disagreeing:
+        yield _REJECT, given.reject()
     yield "If the gap stays, it is still a guarantee, and may be small enough to act on.", ""
 
 
-def _after_refuted(graph: str, estimate: str) -> Iterator[tuple[str, str]]:
-    given = estimate if estimate != "''" else "best.g2o"
+def _after_refuted(given: _Given) -> Iterator[Step]:
     yield (
-        "The estimate is in the wrong basin: take the better one that was found.",
-        f"certpgo certify {graph} {given} --best better.g2o",
+        "The estimate is in the wrong basin. Take the better one that was found.",
+        given.certify("--best", "better.g2o"),
     )
     yield (
         "Start your solver from the certified search instead of odometry.",
-        f"certpgo solve {graph} -o start.g2o",
+        given.solve("-o", "start.g2o"),
     )
 
 
-def _after_undecided(graph: str, searched: bool) -> Iterator[tuple[str, str]]:
+def _after_undecided(given: _Given) -> Iterator[Step]:
     yield (
         "Read the reason above. If a time limit ended the search, raise it.",
-        (f"certpgo solve {graph} --time-limit 600"),
+        given.solve("--time-limit", "600"),
     )
-    yield "If costs are not finite, look at the weights.", f"certpgo info {graph}"
-    if not searched:
-        yield "Let the certified search begin elsewhere.", f"certpgo solve {graph}"
-    yield "Weaker bounds may still hold.", f"certpgo bounds {graph}"
+    yield "If costs are not finite, look at the weights.", given.look("info")
+    if not given.searched:
+        yield "Let the certified search begin elsewhere.", given.solve()
+    yield "Weaker bounds may still hold.", given.look("bounds")

@@ -13,7 +13,7 @@ import numpy as np
 from certpgo.assess.assessment import Assessment, CostlyEdge
 from certpgo.assess.diagnostics import kinds_in_words
 from certpgo.assess.ladder import Rung, rungs_of_eigenvalues
-from certpgo.assess.wording import digits, distances
+from certpgo.assess.wording import digits, distances, provenance
 from certpgo.certify.certificate import Certificate
 from certpgo.certify.curvature import smallest_eigenvalues
 from certpgo.certify.own_cost import has_proofs
@@ -23,7 +23,6 @@ from certpgo.costs import (
     Certifiable,
     InformationProblem,
     RangeProblem,
-    own_cost,
     surrogate,
 )
 from certpgo.errors import CertPGOError, NumericalError
@@ -33,7 +32,7 @@ from certpgo.io.surfaces import Surface
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.problem import Problem, RotationProblem
 from certpgo.optimize.monitor import Iteration
-from certpgo.view.advice import advice
+from certpgo.view.advice import advice, cost_options
 from certpgo.view.gather import scene_of, start
 from certpgo.view.page import page
 from certpgo.view.page_scene import Data, page_scene
@@ -55,6 +54,7 @@ class Origin:
     method : the method that found the estimate, or empty
     remarks : sentences shown below the verdict
     partial : whether the verdict is only about the measurements that the method kept
+    disagreeing : whether some measurements disagree with the rest
     settings : settings of the search that found the estimate, one text each
     environment : versions, machine and engine
     """
@@ -66,6 +66,7 @@ class Origin:
     method: str = ""
     remarks: tuple[str, ...] = ()
     partial: bool = False
+    disagreeing: bool = False
     settings: tuple[str, ...] = ()
     environment: Mapping[str, str] | None = None
 
@@ -104,9 +105,7 @@ def certificate_page(
         reason=certificate.reason[:1].upper() + certificate.reason[1:],
         remarks=[*_cost(problem), *origin.remarks],
         figures=_figures(certificate),
-        advice=advice(
-            certificate, origin.graph, origin.estimate, searched=origin.method == "certified"
-        ),
+        advice=_advice(instance, origin, problem, certificate),
         numbers=[*_head(instance, origin), *_facts(instance, assessment)],
         scene=_scene(instance, problem, estimate, cloud, rejected),
         angles=_angles(problem, estimate),
@@ -125,6 +124,27 @@ def certificate_page(
         settings=origin.settings,
         environment=dict(origin.environment or {}),
     )
+
+
+def _advice(
+    instance: Instance, origin: Origin, problem: Certifiable, certificate: Certificate
+) -> list[tuple[str, str]]:
+    """What to do next; nothing about measurements that another method chose."""
+    if origin.partial:
+        return []
+    return advice(
+        certificate,
+        origin.graph,
+        origin.estimate,
+        reading=origin.reading,
+        cost=cost_options(instance, _cost_name(problem)),
+        searched=origin.method == "certified",
+        disagreeing=origin.disagreeing,
+    )
+
+
+def _cost_name(problem: Certifiable) -> str:
+    return problem.edge_cost.name if isinstance(problem, InformationProblem) else CHORDAL
 
 
 def _scene(
@@ -178,7 +198,7 @@ def _figures(certificate: Certificate) -> list[tuple[str, str, str]]:
         ("bound", f"{certificate.lower_bound:.7g}", "no estimate costs less"),
         (
             "gap",
-            f"{gap:.2g}",
+            f"{gap:.3g}",
             f"{part(relative)} of F" if math.isfinite(relative) else "between them",
         ),
     ]
@@ -220,6 +240,7 @@ def _facts(instance: Instance, assessment: Assessment) -> Iterable[tuple[str, st
     yield from digits(assessment)
     yield from trusts(certificate)
     yield "objective", stated_objective(instance.options, certificate)
+    yield from provenance(instance, certificate)
 
 
 def _edge(edge: CostlyEdge, instance: Instance) -> tuple[str, ...]:
@@ -327,8 +348,7 @@ def _recheck(
     if origin.proof:
         note = "An independent program, which shares no code with certpgo, checks the proof file:"
         return note, [f"certpgo check {quoted(origin.graph)} {quoted(origin.proof)}"]
-    cost = problem.edge_cost.name if isinstance(problem, InformationProblem) else CHORDAL
-    chosen = () if instance.ranges or cost == own_cost(instance) else ("--cost", cost)
+    chosen = cost_options(instance, _cost_name(problem))
     options = " ".join(quoted(option) for option in (*chosen, *origin.reading))
     estimate = origin.estimate or "best.g2o"
     named = f" --method {quoted(origin.method)}"

@@ -47,13 +47,14 @@ def page_scene(
     of the box; ``edges`` (e, 2) into the points, with their ``numbers`` in the graph and whether
     each is a ``loop`` closure (between nodes whose ids are not consecutive); ``measures``, each
     with ``unit``, ``values`` (e,), `NOT_MEASURED` for what an edge does not measure, and the
-    ``top`` of its colours; ``ends``, the first and the last pose; ``frusta`` (s, 2, 2 or 3);
-    ``metric``, whether lengths are metres; ``flat``, whether all is in a plane; ``sentences`` on
-    what is shown. Where there is another estimate, ``before`` with its name, points, values and
-    frusta; where the truth is known, ``truth``, its steps (s, 2, 2 or 3). Where there are landmarks
-    or a world or distances, ``landmarks`` (k,) flags, and ``kinds`` (e,) of edges: the ends of a
-    `PRIOR` are both the measured node. Where there are clouds or meshes, ``cloud``, a sample of
-    their points (p, 3) with ``colours`` (p,); of rejected measurements, ``rejected`` (r, 2, 3).
+    ``top`` of its colours; ``ends``, the first and the last pose if positions are measured;
+    ``frusta`` (s, 2, 2 or 3); ``metric``, whether lengths are metres; ``flat``, whether all is in a
+    plane; ``sentences`` on what is shown. Where there is another estimate, ``before`` with its
+    name, points, values and frusta; where the truth is known, ``truth``, its steps (s, 2, 2 or 3).
+    Where there are landmarks or a world or distances, ``landmarks`` (k,) flags, and ``kinds`` (e,)
+    of edges: the ends of a `PRIOR` are both the measured node. Where there are clouds or meshes,
+    ``cloud``, a sample of their points (p, 3) with ``colours`` (p,); of rejected measurements,
+    ``rejected`` (r, 2, 3).
     """
     answer = scene.placements[-1]
     drawn = _chosen(costs, limit)
@@ -115,7 +116,7 @@ def page_scene(
             }
             for measure in answer.measures
         ],
-        "ends": np.flatnonzero(np.isin(nodes, poses[[0, -1]])).tolist(),
+        "ends": np.flatnonzero(np.isin(nodes, poses[[0, -1]])).tolist() if scene.metric else [],
         "frusta": _frusta(scene, answer, rounding),
         "metric": scene.metric,
         "flat": scene.is_flat,

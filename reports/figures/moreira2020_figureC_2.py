@@ -65,7 +65,7 @@ def draw(figure, record: Data) -> None:
 
 FIGURE = Figure(
     name="moreira2020_figureC_2",
-    title="EigenMA beside Gauss-Newton (Moreira 2020, Figure C.2)",
+    title="EigenMA and Gauss-Newton (Moreira 2020, Figure C.2)",
     source="G. Moreira, A Unified Approach for Pose Graph Optimization, 2020, Figure C.2",
     compute=compute,
     draw=draw,

@@ -6,7 +6,7 @@ from ._sets import rows
 
 TABLE = Table(
     name="certifiers",
-    title="Certifying rotation averagers, each answer judged alike",
+    title="Certifying rotation averagers, each answer judged by the same procedure",
     rows=(
         *rows("smallGrid3D", "sphere2500", "parking-garage", rotations=True),
         Row(generator="cycle", label="cycle of 100", arguments={"n": 100, "sigma": 0.05}),

@@ -131,16 +131,16 @@ TABLE = Table(
         "Means over 50 instances, as in the paper. Cameras go once "
         "around the z axis; each measurement is turned about a random axis by a normally "
         "distributed angle. Sigma is its standard deviation here; the paper speaks of variance. "
-        "Instances, machines and years differ: printed figures stand beside ours and are not "
-        "compared. SeDuMi's stand beside Clarabel's without its chordal decomposition.",
+        "Instances, machines and years differ: printed figures stand next to ours and are not "
+        "compared; SeDuMi's are next to Clarabel's without its chordal decomposition.",
         "The error is F less the proven optimum's F; the paper takes the lowest value found. "
         "Global: F within 1e-6 of the optimum. Levenberg-Marquardt (GTSAM on the chordal cost) "
         "starts at one random turn a camera; what it misses is wound around the cycle. It has no "
         "bound, nor have rotation_coordinate_descent and riemannian_gradient. The others end with "
         "one: Algorithm 1 when its own duality gap is small, Clarabel by multipliers made "
         "feasible, the staircase by a proof, which it reaches in most rows before "
-        "Levenberg-Marquardt is done. The verdicts are the judge's, on each answer alike, and "
-        "their time is nobody's.",
+        "Levenberg-Marquardt is done. The verdicts are the judge's, by the same procedure "
+        "for each answer, and their time is nobody's.",
         "On long cycles Algorithm 1 is slow, as the paper's own times say: a change at one camera "
         "travels one camera an update. Like rotation_coordinate_descent it stops at 10,000 sweeps: "
         "where it ended at that limit, its seconds are not those to a small gap, and it has no "
@@ -152,5 +152,5 @@ TABLE = Table(
         "by Theorem 4.2.",
     ),
     claims=CLAIMS,
-    explained={LM: "instances are drawn anew, and GTSAM's Levenberg-Marquardt is another program"},
+    explained={LM: "other instances are drawn, and GTSAM's Levenberg-Marquardt is another program"},
 )

@@ -103,7 +103,7 @@ TABLE = Table(
     seeds=30,
     quick=("sigma_R 0.5 deg, 15% outliers",),
     notes=(
-        "Medians over the seeds, and quartiles: outliers are drawn anew for each. The printed "
+        "Medians over the seeds, and quartiles: each draws its own outliers. The printed "
         "numbers are single draws. Measurements are of Lang(I, 1/sigma_R^2), as section 5.2 says; "
         "with that noise and no outliers no estimator is expected to do better than EigenRA, which "
         "is close to the most likely rotations, so that a smaller printed number is a lucky draw.",

@@ -140,7 +140,7 @@ TABLE = Table(
         "F, of the measurements that were read, weighs every edge 1 too; bounds are proven by the "
         "standard tier. Few closed forms are optimal to its tolerance of 1e-5.",
         "The chordal relaxation holds the first camera and solves a linear system (Appendix B.6), "
-        "with translations that minimise F; GTSAM's stands beside it. The thesis' Gauss-Newton is "
+        "with translations that minimise F; GTSAM's is next to it. The thesis' Gauss-Newton is "
         "g2o with at most 10 iterations, so that its numbers need not agree with GTSAM's.",
         "EIG-SE(3) takes the leading eigenvectors of the block matrix with identities on its "
         "diagonal, normalized by degrees, which gives the printed digits of "

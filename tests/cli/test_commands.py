@@ -623,7 +623,7 @@ def test_certify_says_how_far_the_best_answer_is_and_where_the_cost_sits(certpgo
     assert "the optimum is" in done.out
     assert "rounding to the file's 3 decimals raises even the best F by" in done.out
     assert done.out.count("% of F, residual") == 3
-    assert "--best" in done.err
+    assert "Take the estimate that descent ends at, which is optimal: certpgo certify" in done.out
     report = certpgo("certify", square, rounded, "--cost", "chordal", "--json").json
     assert report["objective"].startswith("F with weights from the file")
     assert report["best"]["is_optimal"]
@@ -680,7 +680,7 @@ def test_an_estimate_of_the_largest_component_alone(certpgo, tmp_path):
 
 
 def test_what_an_output_has_no_room_for_is_said(certpgo, square, tmp_path):
-    said = "holds rotations only: translations are not written"
+    said = "hold rotations only: translations are not written"
     assert said in certpgo("solve", square, "-o", tmp_path / "a.rots").err
     assert said in certpgo("convert", square, tmp_path / "b.rots").err
     assert said in certpgo("certify", square, square, "--best", tmp_path / "c.rots").err

@@ -62,6 +62,10 @@ def test_what_was_averaged_skipped_and_fixed_stands_in_every_output(certpgo, tmp
     assert "factors of up to 100 in translation" in done.out
     assert "1 EDGE_BEARING_SE2_XY line skipped: landmarks" in done.out
     assert "fixed             0, 2 by the file" in done.out
+    page = tmp_path / "page.html"
+    assert certpgo("solve", path, "--cost", "chordal", "--html", page).code == 0
+    for word in ("factors of up to 100", "line skipped: landmarks", "0, 2 by the file"):
+        assert word in page.read_text()
     data = certpgo("solve", path, "--cost", "chordal", "--json").json
     assert data["averaged"] == {"translation": 100.0, "rotation": 1.0}
     assert (data["fixed_ids"], len(data["notices"])) == ([0, 2], 2)
@@ -101,5 +105,5 @@ def test_a_narrow_table_leaves_columns_out_and_says_so(capsys, monkeypatch):
     out = capsys.readouterr().out
     assert ("gtsam_levenberg " in out, "CERTIFIED" in out) == (True, True)
     assert "862.9492" not in out
-    assert "Not shown in this width: f_ML, F." in out
+    assert "Not shown at this width: f_ML, F." in out
     assert max(map(len, out.splitlines())) <= 40

@@ -136,14 +136,13 @@ def test_a_certificate_page_is_whole(solved):
     reader = read(page)
     headings = re.findall(r"<h2[^>]*>([^<]*)</h2>", page)
     assert headings == [
-        "Numbers",
         "Where the residuals are",
+        "Numbers",
         "Costliest edges",
         "Bounds by eigenvalues and angles",
         "Smallest eigenvalues of the certificate matrix",
         "Cost and gap over iterations",
         "How to check this again",
-        "Environment",
     ]
     certificate = solved[2].certificate
     assert certificate.verdict.value == "CERTIFIED"
@@ -248,8 +247,15 @@ def test_what_to_do_next_depends_on_the_verdict(solved):
     judged = replace(certificate, verdict=Verdict.BOUNDED, basin_is_global=False)
     again = advice(replace(judged, reason="rounding limits it"), "g.g2o", searched=True)
     commands = [command for _, command in again]
-    assert "certpgo certify g.g2o best.g2o --tier proof" in commands
+    assert "certpgo solve g.g2o --tier proof" in commands
     assert "certpgo solve g.g2o --time-limit 600" in commands
+    refuted = replace(certificate, verdict=Verdict.REFUTED)
+    chosen = advice(refuted, "g.g2o", "e.tum", reading=["--kappa", "3"], cost=["--cost", "gtsam"])
+    assert "certpgo solve g.g2o --cost gtsam --kappa 3 -o start.g2o" in dict(chosen).values()
+    certified = replace(certificate, verdict=Verdict.CERTIFIED)
+    assert [c for _, c in advice(certified, "g.g2o", disagreeing=True)] == [
+        "certpgo solve g.g2o --robust"
+    ]
 
 
 @pytest.fixture(scope="module")

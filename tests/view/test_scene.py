@@ -142,6 +142,13 @@ def test_cycles_are_circles_and_other_rotations_stand_by_their_neighbours():
     graph = RotationGraph(20, path, np.tile(np.eye(3), (19, 1, 1)), np.ones(19))
     first = layout(graph).places[:, 0]
     assert (np.diff(first) > 0).all() or (np.diff(first) < 0).all()
+    # A clique with a tail of three nodes is not drawn as a point.
+    clique = np.stack(np.triu_indices(24, 1), axis=1)[::3]
+    edges = np.concatenate(
+        [clique, [[0, 24], [24, 25], [25, 26]], np.stack([np.arange(23), np.arange(1, 24)], 1)]
+    )
+    tailed = RotationGraph(27, edges, np.tile(np.eye(3), (len(edges), 1, 1)), np.ones(len(edges)))
+    assert np.median(np.abs(layout(tailed).places).max(axis=1)) > 0.3
     apart = RotationGraph(4, np.array([[0, 1], [2, 3]]), np.tile(np.eye(2), (2, 1, 1)), np.ones(2))
     assert np.linalg.norm(layout(apart).places, axis=1) == pytest.approx(1.0)
 

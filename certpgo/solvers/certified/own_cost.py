@@ -66,6 +66,8 @@ def search_own_cost(
     if chordal is not None:
         certified = chordal.verdict is Verdict.CERTIFIED
         name = f"the {'optimum' if certified else 'best estimate found'} under the chordal cost"
+    surrogates = counted(search.surrogates, "surrogate{s}")
+    minimised = f"; {surrogates} minimised" if search.surrogates else ""
     solution = Solution(
         estimate=search.best.point,
         cost=problem.cost(search.best.point),
@@ -74,7 +76,7 @@ def search_own_cost(
         lower_bound=certificate.lower_bound,
         seconds=stop.watch.seconds,
         trace=tuple(stop.trace),
-        note=f"initialized by {name}; {counted(search.surrogates, 'surrogate{s}')} minimised",
+        note=f"initialized by {name}{minimised}",
     )
     level = Level(problem.d, solution.cost, ended)
     disagreement = None if chordal is None else chordal.disagreement

@@ -14,7 +14,7 @@ All sums are rounded outward. Hence the gap is at most what it was, plus the ter
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,6 +26,8 @@ from certpgo.costs import CHORDAL
 from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.joining import make_of, require_one_make
+from certpgo.graph.speaking import Speaking
+from certpgo.graph.wording import counted
 from certpgo.linalg.arrays import BoolArray, IntArray
 from certpgo.optimize.starts import Start
 from certpgo.solvers.certified.pipeline import GIVEN
@@ -41,8 +43,8 @@ UNNOTICED = 0.5
 NEW = 0.5
 
 
-@dataclass(frozen=True)
-class Standing:
+@dataclass(frozen=True, repr=False)
+class Standing(Speaking):
     """What is proven about a session's estimate and its measurements of the moment.
 
     Attributes
@@ -74,8 +76,19 @@ class Standing:
     verdict: Verdict
     objective: str
 
+    @property
+    def _headline(self) -> str:
+        size = f"{counted(self.nodes, 'node{s}')}, {counted(self.edges, 'measurement{s}')}"
+        return f"{self.verdict.value}: {size}, F {self.cost:.9g}"
 
-class Session:
+    def _facts(self) -> Iterator[tuple[str, str]]:
+        yield "cost F, at most", f"{self.cost:.12g}"
+        yield "lower bound", f"{self.lower_bound:.12g}"
+        yield "gap", f"{self.gap:.3g}"
+        yield "tolerance", f"{self.tolerance:.3g}"
+
+
+class Session(Speaking):
     """Measurements that come one after another, their best estimate, and its certificate.
 
     Parameters
@@ -140,6 +153,15 @@ class Session:
         self._found: Found | None = None  # if nothing changed since
         #: Measurements since the last refresh.
         self.pending = 0
+
+    @property
+    def _headline(self) -> str:
+        return f"{type(self).__name__}, {self.standing._headline}"
+
+    def _facts(self) -> Iterator[tuple[str, str]]:
+        yield from self.standing._facts()
+        yield "pending", f"{counted(self.pending, 'measurement{s}')} since the last certificate"
+        yield "next", "session.add(graph); session.refresh(); session.certificate"
 
     def add(self, measurements: Graph | Instance, nodes: Sequence[Hashable] | None = None) -> None:
         """Add measurements, perhaps of new nodes, whose poses are composed from them.

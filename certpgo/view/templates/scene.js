@@ -10,6 +10,8 @@ const Scene = (function () {
   const COLOURS = 32;
   // Share of the canvas that is filled.
   const MARGIN = 0.94;
+  // Height of the strip below the scene that has the axes and the scale, pixels.
+  const STRIP = 64;
   // Radius of the ring of a prior, pixels.
   const RING = 4;
 
@@ -159,6 +161,8 @@ const Scene = (function () {
     if (data.frame) box.seen = seenFrom(all, box, start(data));
     if (data.metric === false) every.checked = true;
     const early = element.querySelector(".before"), known = element.querySelector(".truth");
+    // Of the canvas above the strip.
+    const tall = () => canvas.clientHeight - (data.metric ? STRIP : 0);
     const shownPlacement = () => placements[early && early.checked ? 1 : 0];
     const seen = element.querySelector(".seen"), landmarks = data.landmarks || [];
     const isSeen = (e) => kind(data, e) === SIGHTING || kind(data, e) === RANGE;
@@ -206,7 +210,7 @@ const Scene = (function () {
       context.fillStyle = style("--paper");
       context.fillRect(0, 0, width, height);
       const placed = shownPlacement();
-      flat = project(placed.points, box, view, width, height);
+      flat = project(placed.points, box, view, width, tall());
       const { values, top } = measure(), dark = isDark();
       const ink = style("--ink"), point = style("--c1");
       const plain = [], faint = [], buckets = Array.from({ length: COLOURS }, () => []);
@@ -218,13 +222,14 @@ const Scene = (function () {
       if (cloud.length && clouded.checked) spots(cloud, data.cloud.colours);
       const thin = data.edges.length > 5000 ? 0.7 : 1.2;
       if (!seen || seen.checked) {
-        context.globalAlpha = faint.length > 5000 ? 0.08 : 0.3;
+        // Many lines one upon another are as dark as a few.
+        context.globalAlpha = Math.min(0.3, Math.max(0.03, 150 / faint.length));
         stroke(faint, style("--soft"), 0.6);
         context.globalAlpha = 1;
       }
       if (truth.length && known.checked) segments(truth, style("--c2"), 1);
       // Large residuals last, on top.
-      stroke(plain, style("--edge"), thin);
+      stroke(plain, style(faint.length ? "--ink" : "--edge"), thin);
       buckets.forEach((list, k) => stroke(list, colour((k + 0.5) / COLOURS, dark), thin + 0.2));
       buckets.forEach((list, k) => dot(list, colour((k + 0.5) / COLOURS, dark)));
       if (rejected.length && refused.checked) segments(rejected, style("--bad"), 1);
@@ -248,7 +253,7 @@ const Scene = (function () {
     }
 
     function spots(points, colours) {
-      const at = project(points, box, view, canvas.clientWidth, canvas.clientHeight);
+      const at = project(points, box, view, canvas.clientWidth, tall());
       for (let k = 0; k < points.length; k++) {
         context.fillStyle = "#" + colours[k];
         context.fillRect(at[2 * k], at[2 * k + 1], 1.5, 1.5);
@@ -257,7 +262,7 @@ const Scene = (function () {
 
     // Lines between consecutive pairs of points.
     function segments(points, paint, thickness) {
-      const at = project(points, box, view, canvas.clientWidth, canvas.clientHeight);
+      const at = project(points, box, view, canvas.clientWidth, tall());
       context.beginPath();
       for (let k = 0; k < at.length; k += 4) {
         context.moveTo(at[k], at[k + 1]);
@@ -280,10 +285,24 @@ const Scene = (function () {
       }
     }
 
-    // The first and the last pose, by name.
+    // A name near a point, readable on lines and within the canvas.
+    function label(text, x, y, ink, paper) {
+      const wide = context.measureText(text).width, width = canvas.clientWidth;
+      const left = x + 7 + wide > width ? x - 7 - wide : x + 7;
+      context.lineJoin = "round";
+      context.lineWidth = 3;
+      context.strokeStyle = paper;
+      context.strokeText(text, left, y);
+      context.fillStyle = ink;
+      context.fillText(text, left, y);
+    }
+
+    // The first and the last pose, by name; the names apart where the poses are near.
     function marks(ink, paper) {
       context.font = "12px system-ui, sans-serif";
-      (data.ends || []).forEach((n, k) => {
+      const ends = data.ends || [], [a, b] = ends.map((n) => [flat[2 * n], flat[2 * n + 1]]);
+      const near = b !== undefined && Math.abs(a[0] - b[0]) < 45 && Math.abs(a[1] - b[1]) < 16;
+      ends.forEach((n, k) => {
         const x = flat[2 * n], y = flat[2 * n + 1];
         context.beginPath();
         context.arc(x, y, 4, 0, 2 * Math.PI);
@@ -292,15 +311,15 @@ const Scene = (function () {
         context.lineWidth = 1.5;
         context.fill();
         context.stroke();
-        context.fillStyle = ink;
-        context.fillText(k ? "end" : "start", x + 7, y - 5);
+        const below = near && (k ? b[1] >= a[1] : a[1] > b[1]);
+        label(k ? "end" : "start", x, below ? y + 15 : y - 5, ink, paper);
       });
     }
 
     // The world's axes, and a bar of a round length.
     function ruler(width, height, ink) {
-      const scale = view.zoom * fitted(box, width, height), length = round(120 / scale);
-      const [x, y] = [16, height - 16], [right, up] = camera(view.turn, view.tilt);
+      const scale = view.zoom * fitted(box, width, tall()), length = round(120 / scale);
+      const [x, y] = [data.frame ? 88 : 16, height - 16], [right, up] = camera(view.turn, view.tilt);
       context.strokeStyle = context.fillStyle = ink;
       context.lineWidth = 2;
       context.beginPath();
@@ -312,7 +331,7 @@ const Scene = (function () {
       context.font = "12px system-ui, sans-serif";
       context.fillText(length + " m", x + scale * length + 6, y + 1);
       if (!data.frame) return;
-      const [ox, oy] = [x + 34, y - 48];
+      const [ox, oy] = [40, height - 36];
       data.frame.axes[0].forEach((_, k) => {
         const axis = data.frame.axes.map((row) => row[k]);
         const dot = (row) => axis.reduce((sum, a, i) => sum + a * row[i], 0);
@@ -321,9 +340,9 @@ const Scene = (function () {
         context.strokeStyle = context.fillStyle = style(["--bad", "--good", "--link"][k]);
         context.beginPath();
         context.moveTo(ox, oy);
-        context.lineTo(ox + 26 * dx, oy - 26 * dy);
+        context.lineTo(ox + 20 * dx, oy - 20 * dy);
         context.stroke();
-        if (Math.hypot(dx, dy) > 0.2) context.fillText("xyz"[k], ox + 34 * dx - 3, oy - 34 * dy + 4);
+        if (Math.hypot(dx, dy) > 0.2) context.fillText("xyz"[k], ox + 27 * dx - 3, oy - 27 * dy + 4);
       });
     }
 
@@ -353,14 +372,14 @@ const Scene = (function () {
 
     function zoom(factor, x, y) {
       const bounded = Math.min(1e4, Math.max(0.1, view.zoom * factor)) / view.zoom;
-      const cx = canvas.clientWidth / 2, cy = canvas.clientHeight / 2;
+      const cx = canvas.clientWidth / 2, cy = tall() / 2;
       view.x = x - cx - bounded * (x - cx - view.x);
       view.y = y - cy - bounded * (y - cy - view.y);
       view.zoom *= bounded;
       redraw();
     }
 
-    const middle = () => [canvas.clientWidth / 2, canvas.clientHeight / 2];
+    const middle = () => [canvas.clientWidth / 2, tall() / 2];
     const turns = (event) => data.dimensions === 3 && !event.shiftKey && event.buttons !== 2;
     function drag(dx, dy, turning) {
       if (turning) {

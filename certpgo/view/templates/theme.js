@@ -23,5 +23,6 @@
   // Print on white, including what scripts have drawn.
   window.addEventListener("beforeprint", () => paint("light"));
   window.addEventListener("afterprint", () => paint(button.dataset.name));
+  if (location.hash === "#scene") document.documentElement.classList.add("framed");
   apply(names.includes(read()) ? read() : "system");
 })();

@@ -46,6 +46,11 @@ STYLE = {
     "grid.linewidth": 0.4,
     "savefig.dpi": 130,
 }
+#: Light on dark, hues kept; the background is nearly black, as that of dark pages.
+DARK = (
+    "<style>@media (prefers-color-scheme: dark) "
+    "{ svg { filter: invert(.92) hue-rotate(180deg) } }</style>"
+)
 
 
 @dataclass(frozen=True)
@@ -142,7 +147,14 @@ def figure_bytes(figure: Figure, record: Data, form: str = "svg") -> bytes:
         figure.draw(canvas, record)
         dated: Mapping[str, Any] = {"Date": None} if form == "svg" else {}
         canvas.savefig(stream, format=form, metadata={**dated, "Title": figure.title})
-    return stream.getvalue()
+    drawing = stream.getvalue()
+    return dark_too(drawing) if form == "svg" else drawing
+
+
+def dark_too(drawing: bytes) -> bytes:
+    """An SVG that is light on dark where its reader prefers that."""
+    at = drawing.index(b">", drawing.index(b"<svg")) + 1
+    return drawing[:at] + b"\n " + DARK.encode() + drawing[at:]
 
 
 def read_figure(figure: Figure, folder: Path) -> Data | None:

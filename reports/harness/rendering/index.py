@@ -53,6 +53,20 @@ def summary(tables: Sequence[TableResult], figures: Sequence[FigureResult]) -> s
     return f"{_of_cells(found)} {_of_claims(outcomes)} Not run: {values} and {claims}."
 
 
+def headline(
+    tables: Sequence[TableResult], figures: Sequence[FigureResult]
+) -> list[tuple[str, str, str]]:
+    """The outcomes in numbers, with their names and what they mean."""
+    counts = cells.tally([c for result in tables if result.table.paper for c in result.cells])
+    agreeing = counts[cells.CellStatus.REPRODUCED] + counts[cells.CellStatus.BETTER]
+    ran = agreeing + counts[cells.CellStatus.DIFFERS]
+    held, differ, _ = _tally([o for _, about in _named(tables, figures) for o in about])
+    return [
+        ("printed values", f"{agreeing} of {ran}", "that were run are reproduced or better"),
+        ("claims", f"{held} of {held + differ}", "that were tried hold"),
+    ]
+
+
 def _opening(figures: Sequence[FigureResult]) -> Iterator[str]:
     """The pictures that the page opens with, where they were made."""
     made = {result.figure.name: result for result in figures if result.drawing is not None}

@@ -13,7 +13,7 @@ from reports.harness.rendering import cells, citations
 from reports.harness.rendering.cells import Cell
 from reports.harness.rendering.findings import DIFFERING, differing
 from reports.harness.rendering.formats import csv, forms
-from reports.harness.rendering.index import index, summary
+from reports.harness.rendering.index import OPENING, headline, index, summary
 from reports.harness.rendering.render import Section
 from reports.harness.rendering.report_page import (
     ClaimPart,
@@ -84,7 +84,14 @@ def report_html(report: Report) -> str:
         for view in figure.document["data"].get(VIEWS, ())
     ]
     said = [summary(report.tables, report.figures)]
-    return report_page(tables, figures, summary=said, views=views)
+    return report_page(
+        tables,
+        figures,
+        summary=said,
+        headline=headline(report.tables, report.figures),
+        opening=OPENING,
+        views=views,
+    )
 
 
 def _differing(found: Iterable[Cell]) -> tuple[Section, ...]:

@@ -12,6 +12,7 @@ from markupsafe import Markup
 from certpgo.graph.wording import counted
 from certpgo.view.page import data_uri, page
 from certpgo.view.plots import Curve, Lines, lines
+from reports.harness.experiments.figure import DARK
 from reports.harness.experiments.records import Record
 from reports.harness.experiments.spec import Table
 from reports.harness.rendering.render import Section, sections
@@ -89,6 +90,8 @@ def report_page(
     *,
     title: str = "Tables and figures reproduced by certpgo",
     summary: Sequence[str] = (),
+    headline: Sequence[tuple[str, str, str]] = (),
+    opening: Sequence[str] = (),
     views: Sequence[SceneView] = (),
     environment: Mapping[str, str] | None = None,
 ) -> str:
@@ -97,6 +100,8 @@ def report_page(
     Parameters
     ----------
     summary : sentences at the top; by default, the outcomes of the claims
+    headline : the numbers above them: their names, values, and what they mean
+    opening : figures that come first, by name, with the views; the others follow the tables
     environment : what made the page; by default, what made the first results that say so
     """
     shown = [_table(results) for results in tables]
@@ -106,9 +111,11 @@ def report_page(
         "report.html",
         title=title,
         summary=summary or [*_claims_said([*tables, *figures])],
+        headline=headline,
         index=[*shown, *drawn],
         tables=shown,
-        figures=drawn,
+        opening=[part for name in opening for part in drawn if part["name"] == name],
+        figures=[part for part in drawn if part["name"] not in opening],
         views=views,
         environment=dict(environment or (made[0] if made else {})),
     )
@@ -191,7 +198,7 @@ def _curve(record: Record, above: float = 0.0) -> Curve:
 def inlined(svg: str, name: str, title: str) -> Markup:
     """A drawing of Matplotlib as part of a page: its ids and styles stay its own."""
     prefix = re.sub(r"\W", "-", name)
-    body = svg[svg.index("<svg") :]
+    body = svg[svg.index("<svg") :].replace(DARK, "")  # the page has a theme of its own
     body = re.sub(r"<metadata>.*?</metadata>\s*", "", body, flags=re.DOTALL)
     body = re.sub(r'\bid="([^"]*)"', rf'id="{prefix}-\1"', body)
     body = re.sub(r'\bxlink:href="#', f'xlink:href="#{prefix}-', body)
