@@ -526,8 +526,7 @@ def _check_map(claim: dict[str, Any]) -> None:
     landmarks, priors = (claim.get(name, False) for name in ("landmarks", "priors"))
     if type(landmarks) is not bool or type(priors) is not bool:
         raise Unreadable("landmarks and priors are true or false")
-    whole = claim["kind"] == "poses" and claim["component_sha256"] is None
-    if (landmarks or priors) and not whole:
+    if (landmarks or priors) and (claim["kind"], claim["component_sha256"]) != ("poses", None):
         raise Unreadable("landmarks and priors are for poses, all of a file's")
     origin = claim.get("origin")
     if origin is not None and not (priors and [*map(type, origin)] == [float] * claim["d"]):
