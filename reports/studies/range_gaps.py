@@ -38,7 +38,7 @@ from certpgo.linalg import so
 from certpgo.optimize.monitor import silent
 from certpgo.optimize.progress import stoppable
 
-DATASETS = ("goats_15", "goats_16", "mrclam5a", "plaza2", "single_drone")
+DATASETS = ("goats_15", "goats_16", "mrclam5a", "plaza2")
 ROW = "{:14}{:>12}{:>9}{:>9}{:>8}{:>11}{:>9}"
 #: Starts of the descent on several maps, its steps, and the relative decrease at which it ends.
 STARTS, STEPS, CLOSE = 3, 200, 1e-9
