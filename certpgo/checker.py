@@ -193,13 +193,19 @@ def read_graph(text: bytes, claim: dict[str, Any], component: bytes | None) -> G
     graph = Graph(len(ids), i, j, R, t, weights[0], weights[1], points=seen, priors=sum(prior))
     if R is not None:
         return graph
-    p = 3 if claim["d"] == 2 else 6
-    information, (a, b) = np.full((len(edges), p, p), np.nan), np.triu_indices(p)
-    if all(upper):
-        information[:, a, b] = information[:, b, a] = np.array(upper)
+    return graph._replace(q=np.array(q), information=_information(upper, turned, claim["d"]))
+
+
+def _information(upper: Sequence[Numbers], turned: Bools, d: int) -> Array:
+    """(m, p, p) matrices of upper triangles; zero in rows of rotations, where not ``turned``."""
+    information = np.zeros((len(upper), 3 * d - 3, 3 * d - 3))
+    for p, kind in ((3 * d - 3, turned), (d, ~turned)):
+        a, b = np.triu_indices(p)
+        for k in np.flatnonzero(kind).tolist():
+            information[k, a, b] = information[k, b, a] = upper[k] or np.nan
     if not (abs(information) < FAR).all():
         raise Unreadable("information expected on every measurement, finite and not huge")
-    return graph._replace(q=np.array(q), information=information)
+    return information
 
 
 def _with_own_ids(edges: list[Edge]) -> tuple[list[Edge], set[int]]:
@@ -333,12 +339,14 @@ def _map_edge(
     if whole:
         edge = _g2o_edge(b" ".join([b"-1", words[0], *words[ids:]]), d, claim, weigh)
         return edge._replace(what=what, sensor=sensor)
-    tau, position = 1.0, tuple(map(float, words[ids:first]))
-    if len(words) > first and claim["tau"] is None:
+    tau, position, upper = 1.0, tuple(map(float, words[ids:first])), Numbers()
+    if claim.get("cost") is not None:
+        upper = tuple(map(float, words[first:]))
+    elif len(words) > first and claim["tau"] is None:
         tau = harmonic_mean(words[first:], 1)
     ends = (-1, int(words[0])) if what == "prior" else (int(words[0]), int(words[1]))
     identity = (0.0, 0.0, 0.0, 1.0) if d == 3 else (1.0, 0.0)
-    return Edge(*ends, identity, position, None, tau, (), what, sensor)
+    return Edge(*ends, identity, position, None, tau, upper, what, sensor)
 
 
 def _sensor(text: bytes) -> tuple[int, bool]:
@@ -518,9 +526,8 @@ def _check_map(claim: dict[str, Any]) -> None:
     landmarks, priors = (claim.get(name, False) for name in ("landmarks", "priors"))
     if type(landmarks) is not bool or type(priors) is not bool:
         raise Unreadable("landmarks and priors are true or false")
-    whole = claim["version"] == 1 and claim["kind"] == "poses"
-    if (landmarks or priors) and not (whole and claim["component_sha256"] is None):
-        raise Unreadable("landmarks and priors are for poses, all of a file's, in version 1")
+    if (landmarks or priors) and (claim["kind"], claim["component_sha256"]) != ("poses", None):
+        raise Unreadable("landmarks and priors are for poses, all of a file's")
     origin = claim.get("origin")
     if origin is not None and not (priors and [*map(type, origin)] == [float] * claim["d"]):
         raise Unreadable("an origin is a list of d numbers, for priors")
@@ -687,15 +694,20 @@ def minorants_hold(graph: Graph, given: EdgeBounds) -> Bools:
 
     With v = R_i^T (t_j - t_i) and Q = R_i^T R_j. The minimum over y of e^T Omega e - tau |y - y'|^2
     is x^T S x + 2 beta.x + gamma, fractions of integers, rounded down to multiples of 2^-unit.
+    Terms of positions alone are completed by a multiple of |x|^2, which is zero for some Q.
     """
-    (m, d), p = graph.t.shape, graph.information.shape[1]
+    (m, d), p, alone = graph.t.shape, graph.information.shape[1], graph.kappa == 0.0
     full, e = integers(np.c_[graph.information.reshape(m, p * p), given.tau])
     Omega, tau = full[:, :-1].reshape(m, p, p), full[:, -1, None, None]
+    Omega[alone, d:, d:] = Omega[alone, :1, :1] * np.eye(p - d, dtype=int)
     T, P, W = Omega[:, :d, :d], Omega[:, :d, d:], Omega[:, d:, d:]
     A = T - tau * np.eye(d, dtype=int)
     inverse = _adjugate(A)
     det = (A[:, :1] @ inverse[:, :, :1])[:, 0, 0]
-    fits = _definite(Omega) & _definite(A)
+    definite = _definite(Omega)
+    same = definite & alone & (given.arms == graph.t).all(axis=1) & (given.constants <= 0.0)
+    same &= ~A.any(axis=(1, 2))
+    fits = definite & _definite(A)
     det = np.where(fits, det, 1)
     R, norm = exact_rotations(graph.q)
     (b, t), et = integers(np.stack([given.arms, graph.t]))
@@ -707,6 +719,7 @@ def minorants_hold(graph: Graph, given: EdgeBounds) -> Bools:
     gamma = -(tau * (det[:, None, None] * (yT @ y) + tau * (yT @ inverse @ y)))[:, 0, 0]
 
     unit = POINT - math.frexp(float(abs(graph.information).max()))[1]
+    unturned = ~(alone & ((given.kappa != 0.0) | given.couplings.any(axis=(1, 2))))
     (kappa, constant), ec = integers(np.stack([given.kappa, given.constants]))
     wanted = -_floored(-2 * d * kappa - constant, unit - ec)
     N, en = integers(given.couplings)
@@ -715,7 +728,8 @@ def minorants_hold(graph: Graph, given: EdgeBounds) -> Bools:
         wanted -= _floored(gamma, unit - e - 2 * et, det * norm**2)
         S = _floored(S, unit - e, det[:, None, None])
         linear = _floored(2 * beta, unit - e - et, (det * norm)[:, None])
-        return fits & _spatial_hold(S, linear, N, given.touching, wanted, unit)
+        fits &= _spatial_hold(S, linear, N, given.touching, wanted, unit)
+        return np.asarray((same | fits) & unturned)
     S, beta = S[:, 0, 0], beta[:, 0]
     fits &= S > 0
     S = np.where(fits, S, 1)
@@ -724,7 +738,8 @@ def minorants_hold(graph: Graph, given: EdgeBounds) -> Bools:
     s, turned = _floored(S, unit - e, det), _floored(beta, FINE - et, S * norm)
     (alpha, ea), u, v = integers(given.touching), N[:, 0, 0] + N[:, 1, 1], N[:, 1, 0] - N[:, 0, 1]
     terms = zip(s, turned, u, v, _floored(alpha[:, 0], FINE - ea), wanted, strict=True)
-    return fits & [_planar_holds(*term) for term in terms]
+    fits &= [_planar_holds(*term) for term in terms]
+    return np.asarray((same | fits) & unturned)
 
 
 def _adjugate(A: Any) -> Any:
@@ -849,6 +864,8 @@ def certificate_matrix(graph: Graph, proof: Proof) -> Blocks:
         diagonal[:, c - d, a - d] = diagonal[:, a - d, c - d]
     if graph.points is not None:
         _refuse_turned_points(graph, graph.points, proof)
+        if unit + normal < 0:
+            raise Refused("the weights are too uneven")
         for k in range(b - d, b):
             diagonal[graph.points, k, k] = 1 << (unit + normal)
 
@@ -873,7 +890,9 @@ def certificate_matrix(graph: Graph, proof: Proof) -> Blocks:
 
 def _refuse_turned_points(graph: Graph, points: Bools, proof: Proof) -> None:
     """Refuse a graph or a proof in which the rotation of a point occurs."""
-    turned = (graph.kappa != 0.0) if graph.N is None else np.ones_like(graph.i, dtype=bool)
+    turned = graph.kappa != 0.0
+    if graph.N is not None:
+        turned = turned | graph.N.any(axis=(1, 2))
     if (points[graph.i] | (points[graph.j] & turned)).any():
         raise Refused("the rotation of a point is measured")
     if proof.multipliers[points].any():
@@ -1249,6 +1268,7 @@ def _about(graph: Graph, claim: dict[str, Any]) -> str:
     if claim.get("cost") is not None:
         edges = "EdgeSE2" if claim["d"] == 2 else "EdgeSE3:QUAT"
         said.insert(0, f"g2o's chi2 of {edges} with full information")
+        said[1:1] = ["and of positions"] * bool((graph.kappa == 0.0).any())
     else:
         for k in ("kappa", "tau")[: 1 + (claim["kind"] == "poses")]:
             none = " (1 without information)" * bool((getattr(graph, k) == 1.0).any())
@@ -1258,6 +1278,7 @@ def _about(graph: Graph, claim: dict[str, Any]) -> str:
         said.append(f"with {0 if graph.points is None else int(graph.points.sum())} landmarks")
     if claim.get("priors"):
         said.append(f"with {graph.priors} priors")
+    said += ["numbers read as information"] * any(map(claim.get, ("landmarks", "priors")))
     added = claim["keep"] == "all"
     said.append("parallel edges added" if added else f"only the {claim['keep']} of parallel edges")
     said += ["nodes of cc.txt alone"] * (claim["component_sha256"] is not None)

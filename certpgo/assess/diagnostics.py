@@ -9,11 +9,15 @@ import numpy as np
 
 from certpgo.assess.consistency import inconsistency
 from certpgo.certify.bounds import alpha_max, fiedler_value, normalized_fiedler_value
-from certpgo.graph import Graph, Instance, PoseGraph
+from certpgo.costs import CHORDAL, certifiable
+from certpgo.errors import GraphError
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph
 from certpgo.graph.bridges import bridges
+from certpgo.linalg import so
 from certpgo.linalg.factor import default_engine, engines
 from certpgo.objective.problem import RotationProblem
 from certpgo.optimize import spectral
+from certpgo.optimize.undetermined import undetermined
 
 
 @dataclass(frozen=True)
@@ -100,6 +104,28 @@ def structure(instance: Instance) -> Structure:
 def kinds_in_words(instance: Instance) -> list[str]:
     """Numbers of points, of sightings of these, and of priors, where there are any."""
     return instance.kinds_in_words
+
+
+def open_in_words(instance: Instance) -> str | None:
+    """What the measurements leave open wherever the nodes are; None if nothing, or not joined.
+
+    They are linearized at random poses, at which as much is determined as anywhere.
+    """
+    graph = instance.graph
+    if not isinstance(graph, PoseGraph) or not (graph.is_partial or instance.ranges is not None):
+        return None
+    if not graph.is_connected and instance.ranges is None:
+        return None
+    try:
+        problem = certifiable(instance, CHORDAL)
+    except GraphError as error:
+        return str(error)
+    rng = np.random.default_rng(0)
+    turns = rng.standard_normal((graph.num_nodes, so.tangent_dim(graph.d)))
+    estimate = Estimate(so.exp(turns), rng.standard_normal((graph.num_nodes, graph.d)))
+    anchor = int(graph.pose_nodes[0]) if instance.world is None else instance.world
+    found = undetermined(problem, estimate, anchor)
+    return None if found is None else found.in_words(instance.named)
 
 
 def spectra(graph: Graph) -> Mapping[str, Spectrum]:

@@ -23,6 +23,7 @@ from certpgo.certify.proof import proven_surrogate
 from certpgo.costs import Certifiable
 from certpgo.costs.descent import descend
 from certpgo.costs.g2o import G2oCost
+from certpgo.costs.positions import WithPositions
 from certpgo.costs.problem import InformationProblem, Surrogate, surrogate_at, surrogate_of
 from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import GraphError, InputError, NumericalError
@@ -50,8 +51,9 @@ class Reached:
 
 
 def is_provable(problem: InformationProblem) -> bool:
-    """Whether the checker knows the problem's cost: not with landmarks or positions."""
-    return isinstance(problem.edge_cost, G2oCost)
+    """Whether the checker knows the problem's cost."""
+    cost = problem.edge_cost
+    return issubclass(cost.between if isinstance(cost, WithPositions) else type(cost), G2oCost)
 
 
 def has_proofs(problem: Certifiable) -> bool:
@@ -97,7 +99,7 @@ class OwnCostCase(Case):
         """
         if not is_provable(problem):
             raise InputError(
-                "proofs and their tier are for the chordal cost and g2o's of relative poses, "
+                "proofs and their tier are for the chordal cost and g2o's, "
                 f"not for {problem.edge_cost.title}"
             )
 

@@ -53,25 +53,18 @@ def refuse_unreadable(source: Path, instance: Instance, cost: str) -> None:
     Raises
     ------
     InputError
-        The instance has some, and the cost is not F; or the checker cannot read them.
+        The checker cannot read them, or rotations alone have priors.
     """
-    _refuse_map(instance, cost)
+    _refuse_priors_of_rotations(instance)
     if _map_of(instance):
-        _claim(source, instance)
+        _claim(source, instance, None if cost == costs.CHORDAL else cost)
 
 
-def _refuse_map(instance: Instance, cost: str) -> None:
-    said = _map_of(instance)
-    if not isinstance(instance.graph, PoseGraph) and said:
+def _refuse_priors_of_rotations(instance: Instance) -> None:
+    if not isinstance(instance.graph, PoseGraph) and _map_of(instance):
         raise InputError(
             f"{instance.source}: a proof about rotations alone is of a graph without priors "
             "(--no-priors)"
-        )
-    if cost != costs.CHORDAL and said:
-        about = " and ".join(name for name in ("landmarks", "priors") if name in said)
-        raise InputError(
-            f"{instance.source}: with {about}, a proof is about F, not about the cost of {cost}: "
-            "add --cost chordal"
         )
 
 
@@ -103,7 +96,7 @@ def write_proof(
     ------
     InputError
         The source has another format, or the instance is only a part of it; or the certificate is
-        about a cost for which there are no proofs, or none with landmarks and priors.
+        about a cost for which there are no proofs.
     NumericalError
         There is no proof, or the checker refuses it.
 
@@ -142,13 +135,12 @@ def _proof(
     source: Path, instance: Instance, estimate: Estimate, certificate: Certificate
 ) -> tuple[dict[str, Any], checker.Proof]:
     """What the proof is about, and its content."""
+    _refuse_priors_of_rotations(instance)
     minorants = None
     if certificate.objective == CHORDAL:
-        _refuse_map(instance, costs.CHORDAL)
         claim, graph = _claim(source, instance)
         multipliers, witness = _evidence(instance, graph, certificate)
     else:
-        _refuse_map(instance, "another program")
         problem = problem_of_certificate(instance, certificate)
         claim, graph = _claim(source, instance, problem.edge_cost.name)
         evidence = cost_evidence(problem, graph, certificate)

@@ -104,6 +104,9 @@ def chosen_cost(cost: Cost | None, instance: Instance, **options: Any) -> str:
             return CHORDAL
     if own == CHORDAL and information is not None and information.residual is not None:
         bad = int((~information.is_definite).sum())
+        if not bad:
+            notice("without relative poses the cost is F, with isotropic weights (chordal)")
+            return own
         notice(
             f"{bad} of {len(information.index)} information matrices are not positive definite: "
             "the cost is F, with isotropic weights (chordal)"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -93,6 +93,7 @@ class Solved:
                 "counts": dict(solution.counts),
                 "seconds": dict(solution.seconds),
                 "note": solution.note,
+                "undetermined": self._undetermined,
                 "kept": solution.kept,
                 "rejected": _verdict.edges_as_json(self.part, solution.rejected),
                 "own_bound": solution.lower_bound,
@@ -134,6 +135,8 @@ class Solved:
         if self.found is not None and (chordal := self.found.chordal) is not None:
             verdict = f"{chordal.verdict.value}, F = {chordal.cost:.12g} at another estimate"
             lines.append(("chordal cost", verdict))
+        if self._undetermined is not None:
+            lines.append(("undetermined", self._undetermined))
         accuracy = self.accuracy
         if accuracy is not None:
             lines += wording.accuracy(accuracy)
@@ -194,6 +197,12 @@ class Solved:
             if points.any():
                 frames = "each pose's frame, and of points in the world's"
             typer.echo(f"covariances: {out}, in {frames}, with {fixed} fixed")
+
+    @property
+    def _undetermined(self) -> str | None:
+        """What the measurements leave open, in words."""
+        found = None if self.found is None else replace(self.found, instance=self.part).undetermined
+        return None if found is None else found.in_words(self.part.named)
 
     @property
     def _problem(self) -> Certifiable:

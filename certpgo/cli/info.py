@@ -36,10 +36,11 @@ def command(
         for part in _parts(reading, instance):
             spectra[part.name] = dict(diagnostics.spectra(part.graph))
     engine = diagnostics.engines_in_words()
+    left_open = diagnostics.open_in_words(instance)
     if json:
-        document(_as_json(instance, found, spectra, engine))
+        document({**_as_json(instance, found, spectra, engine), "undetermined": left_open})
         return
-    facts(_lines(instance, found, engine))
+    facts(_lines(instance, found, engine, left_open))
     for name, by_weights in spectra.items():
         for weights, spectrum in by_weights.items():
             typer.echo(f"\n{name}, {_WEIGHTS[weights]}")
@@ -91,7 +92,9 @@ def _as_json(
     }
 
 
-def _lines(instance: Instance, found: Structure, engine: str) -> Iterable[tuple[str, str]]:
+def _lines(
+    instance: Instance, found: Structure, engine: str, left_open: str | None
+) -> Iterable[tuple[str, str]]:
     from certpgo.graph.wording import counted, reading_sentence
 
     yield "name", instance.name
@@ -111,6 +114,8 @@ def _lines(instance: Instance, found: Structure, engine: str) -> Iterable[tuple[
     sizes = found.component_sizes
     shown = ", ".join(map(str, sizes[:8])) + (", ..." if len(sizes) > 8 else "")
     yield "components", f"{len(sizes)}" + ("" if len(sizes) == 1 else f" of {shown} nodes")
+    if left_open is not None:
+        yield "undetermined", left_open
     yield "kappa", f"{found.kappa[0]:.6g} to {found.kappa[1]:.6g} (rotational weights)"
     if found.tau is not None:
         yield "tau", f"{found.tau[0]:.6g} to {found.tau[1]:.6g} per m^2 (translational weights)"

@@ -11,6 +11,7 @@ from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import InputError, SpecError
 from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.graph.information import InformationGraph
+from certpgo.graph.priors import require_determined, require_held
 from certpgo.objective.problem import Problem, problem_of
 
 #: What estimates are certified for.
@@ -72,8 +73,10 @@ def problem_under(
             f"{posed.source or posed.name}: graphs with distances are for certpgo solve and "
             "certify alone, in the cost F"
         )
-    if cost is None and isinstance(posed, Instance):
-        cost = own_cost(posed)
+    if isinstance(posed, Instance):
+        cost = own_cost(posed) if cost is None else cost
+        if isinstance(posed.graph, PoseGraph) and posed.graph.is_partial:
+            require_determined(posed.graph, posed.named)
     if cost not in (None, CHORDAL, *COSTS):
         raise SpecError.unknown("cost", str(cost), [CHORDAL, *COSTS])
     if cost not in (None, CHORDAL):
@@ -108,6 +111,7 @@ def range_problem(instance: Instance, cost: str | None = None) -> RangeProblem:
         raise InputError(f"{source}: no distances between poses")
     if cost not in (None, CHORDAL):
         raise InputError(f"{source}: with distances there is only the cost F (--cost chordal)")
+    require_held(instance.graph, instance.named)
     return RangeProblem(instance.graph, instance.ranges)
 
 

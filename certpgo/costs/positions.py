@@ -9,7 +9,7 @@ y = -lam (T - lam)^-1 (b - m), so minorants lam |v - b|^2 + constant are those o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -105,9 +105,13 @@ class WithPositions(EdgeCost):
         of_poses = self._poses.minorants(v[whole], Q[whole])
         of_positions = _minorants_of_positions(self.graph.with_edges(here), v[here])
         names = ("tau", "a", "b", "N", "constant")
-        return Minorants(
+        joined = Minorants(
             *(self._joined(getattr(of_poses, name), getattr(of_positions, name)) for name in names)
         )
+        if of_poses.touching is None:
+            return joined
+        none = np.zeros((int(here.sum()), of_poses.touching.shape[1]))
+        return replace(joined, touching=self._joined(of_poses.touching, none))
 
     def relaxed(self) -> WithPositions | None:
         """Of the edges between poses, with all of the positions' information."""

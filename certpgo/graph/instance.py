@@ -170,6 +170,10 @@ class Instance(Speaking):
             return graph._picture()
         return drawn(known.translations, closures(graph.edges), self.poses)
 
+    def named(self, node: int) -> str:
+        """What a node is called: ``"node 7"`` by its id, or ``"the world"``."""
+        return "the world" if node == self.world else f"node {self.ids[node]}"
+
     @property
     def poses(self) -> IntArray:
         """The nodes that are poses of the trajectory, ascending: no points, and not the world."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -215,24 +216,39 @@ def origin_of(positions: FloatArray) -> FloatArray:
     return np.where(np.abs(middle) > FARAWAY * unit, np.rint(middle / unit) * unit, 0.0)
 
 
-def require_determined(graph: PoseGraph) -> None:
-    """Refuse a graph whose measurements leave a node free, by a GraphError that names it."""
+def require_determined(graph: PoseGraph, named: Callable[[int], str] = "node {}".format) -> None:
+    """Refuse a graph whose measurements leave a node free.
+
+    Parameters
+    ----------
+    named : what a node is called
+
+    Raises
+    ------
+    GraphError
+        Its message names the node, and the measurements that would determine it.
+    """
     joined = components_of(graph.num_nodes, graph.edges[graph.tau > 0.0])
     if joined.max(initial=0) > 0:
         sizes = np.bincount(joined)
-        node = int(np.argmax(joined != np.argmax(sizes)))
+        most = int(np.argmax(sizes))
+        node, other = int(np.argmax(joined != most)), int(np.argmax(joined == most))
         raise GraphError(
             f"translations are measured within {len(sizes)} parts of the graph, but not between "
-            f"them: the position of node {node} is free"
+            f"them: the position of {named(node)} is free; one measured between its part and that "
+            f"of {named(other)} would determine it"
         )
-    require_held(graph)
+    require_held(graph, named)
 
 
-def require_held(graph: PoseGraph) -> None:
-    """Refuse a graph that leaves a rotation free, by a GraphError that names its node."""
+def require_held(graph: PoseGraph, named: Callable[[int], str] = "node {}".format) -> None:
+    """Refuse a graph that leaves a rotation free, by a GraphError as of `require_determined`."""
     free = free_rotations(graph)
     if free.any():
-        raise GraphError(f"no measurement determines the rotation of node {int(np.argmax(free))}")
+        raise GraphError(
+            f"no measurement determines the rotation of {named(int(np.argmax(free)))}: a rotation "
+            "measured between it and another node would, or positions seen from it"
+        )
 
 
 def free_rotations(graph: PoseGraph, kept: BoolArray | None = None) -> BoolArray:

@@ -68,18 +68,14 @@ def test_converting(certpgo, field, tmp_path):
 @pytest.mark.parametrize("command", ["solve", "certify"])
 def test_proofs_with_priors(certpgo, field, tmp_path, command):
     proof, estimate = tmp_path / "p.cert", tmp_path / "e.g2o"
-    certpgo("solve", field, "--cost", "chordal", "-o", estimate)
-    given = [estimate] if command == "certify" else []
-    done = certpgo(command, field, *given, "--proof", proof)
-    assert done.code == 1
-    assert (
-        "with priors, a proof is about F, not about the cost of g2o: add --cost chordal" in done.err
-    )
-    assert not proof.exists()
-    assert certpgo(command, field, *given, "--cost", "chordal", "--proof", proof).code == 0
-    done = certpgo("check", field, proof)
-    assert done.code == 0
-    assert "with 3 priors" in done.out
+    for cost in ("g2o", "chordal"):
+        certpgo("solve", field, "--cost", cost, "-o", estimate)
+        given = [estimate] if command == "certify" else []
+        assert certpgo(command, field, *given, "--cost", cost, "--proof", proof).code == 0
+        done = certpgo("check", field, proof)
+        assert done.code == 0
+        assert "with 3 priors" in done.out
+        assert ("g2o's chi2" in done.out) == (cost == "g2o")
     assert certpgo("solve", field, "--no-priors", "--proof", proof).code == 0
     assert "priors" not in certpgo("check", field, proof).out
 
@@ -127,3 +123,23 @@ def test_landmarks_and_priors_together(certpgo, tmp_path):
     assert done.json["best"]["worst_deg"] < 1e-3
     assert done.json["costliest_edges"][0].keys() >= {"angle", "metres"}
     assert None in [edge["angle"] for edge in done.json["costliest_edges"]]
+
+
+def test_what_is_not_determined_is_said(certpgo, tmp_path):
+    graph = tmp_path / "one.g2o"
+    lines = [f"EDGE_SE2 {10 * k} {10 * k + 10} 1 0 0.1 1 0 0 1 0 1" for k in (1, 2)]
+    graph.write_text("\n".join([*lines, "EDGE_PRIOR_SE2_XY 20 5 0 4 0 4"]) + "\n")
+    for command in ("info", "solve"):
+        done = certpgo(command, graph)
+        assert (
+            "relative to the world, in 1 way: measurements of the rotation of node 10" in done.out
+        )
+        assert "node 10, node 20 and node 30 move freely" in done.out
+        found = json.loads(certpgo(command, graph, "--json").out)
+        said = found["undetermined"] if command == "info" else found["solution"]["undetermined"]
+        assert said.startswith("node 10")
+    graph.write_text("EDGE_SE2_XY 10 50 1 0 4 0 4\nEDGE_SE2_XY 30 50 0 0 4 0 4\n")
+    done = certpgo("solve", graph)
+    assert done.code == 1
+    assert "determines the rotation of node 30" in done.err
+    assert "without relative poses the cost is F" in done.err

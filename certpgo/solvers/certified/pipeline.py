@@ -24,6 +24,7 @@ from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.progress import stoppable
 from certpgo.optimize.solution import Level, Solution
 from certpgo.optimize.starts import Start
+from certpgo.optimize.undetermined import Undetermined, undetermined
 from certpgo.solvers.certified.disagreement import Disagreement, agrees, disagreement
 from certpgo.solvers.certified.settings import SolveSettings
 from certpgo.solvers.certified.staircase import Staircase
@@ -125,6 +126,9 @@ class CertifiedSolution(Speaking):
         yield from self.certificate._proven()
         steps, seconds = counted(solution.iterations, "iteration{s}"), solution.seconds.values()
         yield "ended", f"{solution.status} after {steps}, {sum(seconds):.3g} s; {solution.note}"
+        if self.undetermined is not None:
+            named = "node {}".format if self.instance is None else self.instance.named
+            yield "undetermined", self.undetermined.in_words(named)
         if found is not None:
             yield "outliers?", f"{found}: certpgo.solve_robustly(graph) rejects them"
         if self.verdict in (Verdict.CERTIFIED, Verdict.BOUNDED):
@@ -137,6 +141,15 @@ class CertifiedSolution(Speaking):
         if t is None or not isinstance(graph, PoseGraph):
             return circle_of(graph.num_nodes, graph.edges)
         return drawn(t, closures(graph.edges), graph.pose_nodes)
+
+    @cached_property
+    def undetermined(self) -> Undetermined | None:
+        """What the measurements leave open there; None if they determine all nodes."""
+        if not isinstance(self.graph, PoseGraph) or not self.graph.is_partial:
+            return None  # it is connected
+        world = None if self.instance is None else self.instance.world
+        anchor = int(self.problem.tangent_layout.whole[0]) if world is None else world
+        return undetermined(self.problem, self.estimate, anchor)
 
     @cached_property
     def marginals(self) -> Marginals:
