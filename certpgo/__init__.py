@@ -47,7 +47,8 @@ if TYPE_CHECKING:
     from certpgo.registry import get_solver
     from certpgo.solvers.certified.merging import Merged, merge
     from certpgo.solvers.certified.rejecting import RobustSession
-    from certpgo.solvers.certified.session import Session, Standing
+    from certpgo.solvers.certified.session import Session
+    from certpgo.solvers.certified.standing import Standing
     from certpgo.solvers.certified.suspicion import Suspicion
     from certpgo.view.show import show
 
@@ -58,7 +59,7 @@ _LATER = {
     "SuggestedLoops": "assess.sparsifying",
     "RobustSession": "solvers.certified.rejecting",
     "Session": "solvers.certified.session",
-    "Standing": "solvers.certified.session",
+    "Standing": "solvers.certified.standing",
     "Suspicion": "solvers.certified.suspicion",
     "check": "certify.proof_file",
     "certify_values": "assess.assessment",

@@ -20,8 +20,9 @@ from certpgo.solvers.certified.disagreement import (
     select,
     states_noise,
 )
-from certpgo.solvers.certified.session import Session, Standing
+from certpgo.solvers.certified.session import Session
 from certpgo.solvers.certified.settings import SolveSettings
+from certpgo.solvers.certified.standing import Standing
 
 #: A descent that shows whether new measurements agree; outliers would make it long.
 TRIAL = NewtonSettings(tolerance=1e-6, max_iterations=30)

@@ -1,0 +1,56 @@
+"""Where a session stands between two certificates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from certpgo.certify import Verdict
+from certpgo.graph.speaking import Speaking
+from certpgo.graph.wording import counted
+
+
+@dataclass(frozen=True, repr=False)
+class Standing(Speaking):
+    """What is proven about a session's estimate and its measurements of the moment.
+
+    Attributes
+    ----------
+    nodes, edges : how many there are
+    cost : F of the estimate, rounded up
+    lower_bound : no estimate has a smaller F
+    gap : ``cost - lower_bound``, rounded up
+    tolerance : rtol F + atol W, the gap up to which the estimate counts as optimal
+    verdict : CERTIFIED, BOUNDED or UNDECIDED, see `Verdict`
+    objective : the cost that F stands for
+
+    Examples
+    --------
+    >>> import certpgo
+    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> session = certpgo.Session()
+    >>> session.add(winding_cycle(6, 0.3, 0)[0].graph)
+    >>> session.standing.edges, session.standing.gap <= session.standing.cost
+    (6, True)
+    """
+
+    nodes: int
+    edges: int
+    cost: float
+    lower_bound: float
+    gap: float
+    tolerance: float
+    verdict: Verdict
+    objective: str
+
+    @property
+    def _headline(self) -> str:
+        size = f"{counted(self.nodes, 'node{s}')}, {counted(self.edges, 'measurement{s}')}"
+        return f"{self.verdict.value}: {size}, F {self.cost:.9g}"
+
+    def _facts(self) -> Iterator[tuple[str, str]]:
+        yield "cost F, at most", f"{self.cost:.12g}"
+        yield "lower bound", f"{self.lower_bound:.12g}"
+        yield "gap", f"{self.gap:.3g}"
+        yield "tolerance", f"{self.tolerance:.3g}"
+        yield "objective", self.objective
