@@ -164,11 +164,12 @@ def reconstruct(
 ) -> Reconstruction:
     """The trajectory of a camera with its certificate, and the scene that it saw.
 
-    Neighbouring frames are registered by keypoints (SIFT, RANSAC) and, where these leave something
-    open, generalized ICP; then frames that look alike, and those that overlap at the estimate so
-    far. Loops that contradict dead reckoning are left out, a robust fit rejects others, and the
-    rest is solved and certified under g2o's cost, with the full information matrices. The verdict
-    is about these measurements: it does not say that images were matched to the right places.
+    Neighbouring frames are registered by keypoints (SIFT, RANSAC) and generalized ICP, which are
+    weighed by how far they disagree; then frames that look alike, and those that overlap at the
+    estimate so far. Loops that contradict dead reckoning are left out, a robust fit rejects others,
+    and the rest is solved and certified under g2o's cost, with the full information matrices. The
+    verdict is about these measurements: it does not say that images were matched to the right
+    places.
 
     Parameters
     ----------
