@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from certpgo.graph import Estimate
     from certpgo.linalg.arrays import IntArray
     from certpgo.registration.averaging import Averaged
+    from certpgo.registration.features import ColourCamera
     from certpgo.registration.fuse import ColouredCloud
-    from certpgo.registration.reconstruct import Reconstruction
+    from certpgo.registration.reconstruct import Reconstruction, ReconstructSettings
     from certpgo.registration.sequences import FrameSequence
     from certpgo.registration.stages import Progress
     from certpgo.solvers.certified.pipeline import CertifiedSolution
@@ -35,6 +36,7 @@ class Fused:
     frames: FrameSequence
     averaged: Averaged
     scene: ColouredCloud
+    colour: ColourCamera | None
     skipped: tuple[str, ...] = ()
 
     @property
@@ -81,7 +83,11 @@ class Fused:
 
 
 def fused_at(
-    graph: Path, frames: FrameSequence, grid: float, cutoff: float, progress: Progress
+    graph: Path,
+    frames: FrameSequence,
+    settings: ReconstructSettings,
+    cache: Path | None,
+    progress: Progress,
 ) -> Fused:
     """The frames at the certified poses of a graph's file.
 
@@ -93,6 +99,8 @@ def fused_at(
     from certpgo.io import read
     from certpgo.registration.averaging import averaged_graph
     from certpgo.registration.fuse import fused
+    from certpgo.registration.reconstruct import colour_camera
+    from certpgo.registration.stages import Cache
 
     instance = read(graph)
     last = len(frames) - 1
@@ -102,10 +110,17 @@ def fused_at(
             f"{graph}: node {outside[0]} is no frame: {frames.name} has frames 0 to {last}"
         )
     averaged = averaged_graph(instance, instance.initial)
+    colour = colour_camera(frames, settings.calibrate, Cache(cache), progress)
     scene = fused(
-        frames, averaged.nodes, averaged.estimate, grid=grid, cutoff=cutoff, progress=progress
+        frames,
+        averaged.nodes,
+        averaged.estimate,
+        grid=settings.grid,
+        cutoff=settings.cutoff,
+        colour=colour,
+        progress=progress,
     )
-    return Fused(frames, averaged, scene)
+    return Fused(frames, averaged, scene, colour)
 
 
 def write_scene(out: Path, found: Reconstruction | Fused, cutoff: float, *, mesh: bool) -> None:
@@ -121,8 +136,9 @@ def write_scene(out: Path, found: Reconstruction | Fused, cutoff: float, *, mesh
 
     def seen() -> Iterator[tuple[Any, Any]]:
         for k in found.nodes.tolist():
-            frame = found.frames.frame(k)
-            yield frame.colour, np.where(frame.depth <= cutoff, frame.depth, 0.0)
+            frame, lens = found.frames.frame(k), found.colour
+            colours = frame.colour if lens is None else lens.seen(frame, found.frames.camera)
+            yield colours, np.where(frame.depth <= cutoff, frame.depth, 0.0)
 
     with working("fusing the mesh"):
         volume = tsdf.integrate(seen(), found.estimate, found.frames.camera, voxel=MESH)

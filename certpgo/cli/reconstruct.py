@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -82,11 +83,13 @@ def command(
         typer.Option("--consistent", help="Keep only loops that agree with one another in pairs."),
     ] = False,
     calibrate: Annotated[
-        bool,
+        bool | None,
         typer.Option(
-            "--calibrate", help="Estimate the colour camera, if not depth's, from frames."
+            "--calibrate/--no-calibrate",
+            help="Estimate the colour camera, if not depth's, from frames.",
+            show_default="for frames of 7-Scenes",
         ),
-    ] = False,
+    ] = None,
     method: Annotated[
         str, typer.Option("--method", help="pose_graph; scans have global_icp in certpgo register.")
     ] = "pose_graph",
@@ -146,7 +149,7 @@ def command(
         if of_graph is None or folder is None:
             found = reconstruct(frames, settings, cache=kept, progress=progress)
         else:
-            found = fused_at(folder, frames, settings.grid, cutoff, progress)
+            found = fused_at(folder, frames, settings, kept, progress)
     if out is not None:
         write_scene(out, found, cutoff, mesh=mesh)
     if trajectory is not None:
@@ -186,6 +189,8 @@ def _reporting() -> Iterator[Progress]:
 
         def progress(stage: str, done: int, total: int) -> None:
             status.update(f"{stage}: {done} of {total}")
+            if done == total and not sys.stderr.isatty():
+                notice(f"{stage}: {total}")
 
         yield progress
 

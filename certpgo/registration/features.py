@@ -64,6 +64,12 @@ class ColourCamera:
     camera: Camera
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
+    def __str__(self) -> str:
+        """Its numbers, in pixels and metres."""
+        c = self.camera
+        place = "" if not any(self.offset) else f", at {self.offset} m of the depth camera"
+        return f"fx,fy,cx,cy {c.fx:.1f},{c.fy:.1f},{c.cx:.1f},{c.cy:.1f}{place}"
+
     def registered(self, depth: NDArray[np.float32], camera: Camera) -> NDArray[np.float32]:
         """Depths (h, w) at the pixels of the colour image, from those of the depth camera."""
         rows, columns = np.nonzero(depth)
@@ -76,6 +82,19 @@ class ColourCamera:
         order = np.flatnonzero(inside)[np.argsort(-z[inside], kind="stable")]
         out = np.zeros_like(depth)
         out[row[order], column[order]] = z[order]
+        return out
+
+    def seen(self, frame: Frame, camera: Camera) -> NDArray[np.uint8]:
+        """Colours (h, w, 3) at the pixels of a frame's depth camera; black where there are none."""
+        rows, columns = np.nonzero(frame.depth)
+        z = frame.depth[rows, columns].astype(np.float64)
+        rays = camera.rays(np.stack([columns, rows], axis=1).astype(np.float64))
+        pixels = self.camera.pixels(rays * z[:, None] - np.array(self.offset))
+        column, row = np.rint(pixels).astype(np.intp).T
+        height, width = frame.depth.shape
+        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        out = np.zeros_like(frame.colour)
+        out[rows[inside], columns[inside]] = frame.colour[row[inside], column[inside]]
         return out
 
     def points(self, pixels: FloatArray, z: FloatArray) -> FloatArray:

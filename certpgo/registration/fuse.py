@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from certpgo.errors import GraphError
 from certpgo.graph import Estimate
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.registration.features import ColourCamera
 from certpgo.registration.sequences import FrameSequence
 from certpgo.registration.stages import Progress, each, silent
 
@@ -102,6 +103,7 @@ def fused(
     *,
     grid: float = GRID,
     cutoff: float = 4.0,
+    colour: ColourCamera | None = None,
     progress: Progress = silent,
 ) -> ColouredCloud:
     """The scene that frames saw, as means over voxels, denoised.
@@ -112,6 +114,7 @@ def fused(
     estimate : n poses, world <- camera, metres; the scene is in their world
     grid : edge of a voxel, metres
     cutoff : largest depth that is used, metres
+    colour : the colour camera, or None if depth is registered to it
     progress : is called with the stage, and how many of how many frames are done
 
     Raises
@@ -128,7 +131,8 @@ def fused(
         frame = frames.frame(int(nodes[node]))
         near = np.where(frame.depth <= cutoff, frame.depth, np.float32(0.0))
         step = STEP if near.shape[1] >= WIDE else 1
-        colours = frame.colour[::step, ::step][near[::step, ::step] > 0.0]
+        image = frame.colour if colour is None else colour.seen(frame, frames.camera)
+        colours = image[::step, ::step][near[::step, ::step] > 0.0]
         points = frames.camera.cloud(near, step) @ R[node].T + t[node]
         with lock:
             voxels.add(points, colours)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from threading import Lock
 from typing import Any
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.registration.camera import Camera
-from certpgo.registration.dense import PreparedCloud, align, prepare
+from certpgo.registration.dense import DenseRegistration, PreparedCloud, align, prepare
 from certpgo.registration.features import Features, match
 from certpgo.registration.ransac import Motion, RansacSettings, register
 
@@ -27,14 +27,12 @@ VOXEL, COARSE, REACH = 0.03, 0.06, 0.08
 #: Standard deviation of partners' distances, metres: above the measured one, as the errors of
 #: neighbouring depths are alike. And steps at which alignment ends, far below it: radians, metres.
 SIGMA, SETTLED, ITERATIONS = 0.01, (1e-3, 5e-4), 10
-#: How far clouds may move what keypoints say: radians, metres. They slide along planes.
-TURNED, MOVED = math.radians(1.5), 0.03
 #: Share of a cloud that must lie on the other.
 OVERLAP = 0.3
 #: Clouds that are kept prepared.
 RECENT = 100
 #: What is kept of a pair.
-STORED = ("R", "t", "covariance", "matches", "inliers", "chi2", "dense")
+STORED = ("R", "t", "covariance", "matches", "inliers", "chi2", "dense", "excess")
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +61,8 @@ class FramePair:
     matches, inliers : of keypoints
     chi2 : of the inliers, 1 for the stated noise
     dense : whether the clouds were added
+    excess : squared disagreement of keypoints and clouds over what both state, at least 1; the
+        covariance contains it
     """
 
     i: int
@@ -74,6 +74,7 @@ class FramePair:
     inliers: int
     chi2: float
     dense: bool
+    excess: float = 1.0
 
     @property
     def share(self) -> float:
@@ -127,38 +128,48 @@ def measure(
     motion = register(p, q, noise, np.random.default_rng([i, j]), settings)
     if motion is None:
         return None
-    inliers = int(motion.inliers.sum())
-    joined = None
-    if clouds is not None and _is_loose(motion):
-        joined = _with_clouds(motion, clouds[i][0], clouds[j][1])
-    final = motion if joined is None else joined
     floors = np.diag(np.repeat(FLOORS, 3) ** 2)
-    covariance = np.asarray(np.linalg.inv(final.information) + floors, dtype=np.float64)
-    counts = len(m), inliers, motion.chi2
-    return FramePair(i, j, final.R, final.t, covariance, *counts, joined is not None)
+    found = None if clouds is None else _by_clouds(motion, clouds[i][0], clouds[j][1])
+    R, t, covariance, excess = motion.R, motion.t, np.linalg.inv(motion.information), 1.0
+    if found is not None:
+        R, t, covariance, excess = together(motion, found, floors)
+    total = np.asarray(excess * covariance + floors, dtype=np.float64)
+    counts = len(m), int(motion.inliers.sum()), motion.chi2
+    return FramePair(i, j, R, t, total, *counts, found is not None, excess)
 
 
-def _is_loose(motion: Motion) -> bool:
-    """Whether keypoints leave more open than what no number of them averages out."""
-    variances = np.diag(np.linalg.inv(motion.information)).reshape(2, 3).mean(axis=1)
-    return bool((variances > np.square(FLOORS)).any())
-
-
-def _with_clouds(motion: Motion, target: PreparedCloud, source: PreparedCloud) -> Motion | None:
-    """The most likely motion for keypoints and clouds together; None if they disagree."""
-    start = motion.R, motion.t
+def _by_clouds(
+    motion: Motion, target: PreparedCloud, source: PreparedCloud
+) -> DenseRegistration | None:
+    """The motion by clouds alone, from that by keypoints; None if too little of them meets."""
     limits: dict[str, Any] = {"settled": SETTLED, "iterations": ITERATIONS}
-    found = align(target, source, start, reach=REACH, sigma=SIGMA, **limits)
-    if found is None or found.overlap < OVERLAP:
-        return None
+    found = align(target, source, (motion.R, motion.t), reach=REACH, sigma=SIGMA, **limits)
+    return None if found is None or found.overlap < OVERLAP else found
+
+
+def together(
+    motion: Motion, found: DenseRegistration, floors: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """The most likely motion R, t for keypoints and clouds together, and how far these disagree.
+
+    Its covariance (6, 6), as stated, is to be multiplied by the last result: the squared
+    disagreement over what both state, at least 1 (Birge, "The calculation of errors by the method
+    of least squares", 1932). All keypoints share errors of calibration and of synchrony, so that
+    their residuals do not show these.
+
+    Parameters
+    ----------
+    motion, found : by keypoints, and by clouds
+    floors : (6, 6) covariance that both have besides
+    """
     # To first order both are Gaussian about their own motion.
     xi = np.concatenate([so.log(motion.R.T @ found.R), motion.R.T @ (found.t - motion.t)])
-    if np.linalg.norm(xi[:3]) > TURNED or np.linalg.norm(xi[3:]) > MOVED:
-        return None
     information = motion.information + found.information
     step = np.linalg.solve(information, found.information @ xi)
+    stated = np.linalg.inv(motion.information) + np.linalg.inv(found.information) + 2.0 * floors
+    excess = max(1.0, float(xi @ np.linalg.solve(stated, xi)) / 6.0)
     R = so.project((motion.R @ so.exp(step[:3]))[None])[0]
-    return replace(motion, R=R, t=motion.t + motion.R @ step[3:], information=information)
+    return R, motion.t + motion.R @ step[3:], np.asarray(np.linalg.inv(information)), excess
 
 
 def stored(pair: FramePair | None) -> dict[str, NDArray[Any]]:

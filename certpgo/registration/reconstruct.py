@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from certpgo.errors import FormatError, InputError, InputNotice, SpecError
 from certpgo.graph import Estimate, Instance
@@ -18,13 +17,15 @@ from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.registration import features as keypoints
 from certpgo.registration.averaging import Averaged, averaged, composed
 from certpgo.registration.calibration import calibrated
+from certpgo.registration.camera import Camera
 from certpgo.registration.features import ColourCamera, Features
 from certpgo.registration.fuse import GRID, STEP, WIDE, ColouredCloud, fused, voxel_means
+from certpgo.registration.judging import about_depths, judge_depths, judge_steps
 from certpgo.registration.loops import DeadReckoning, adjacent, consistent, overlapping, retrieved
 from certpgo.registration.pairs import VOXEL, Clouds, FramePair, Keyframe, measure, restored, stored
 from certpgo.registration.ransac import RansacSettings
 from certpgo.registration.sequences import FrameSequence
-from certpgo.registration.stages import Arrays, Cache, Progress, digest, each, silent
+from certpgo.registration.stages import UNKEPT, Arrays, Cache, Progress, digest, each, silent
 from certpgo.solvers.certified.pipeline import CertifiedSolution
 
 #: Keypoints with a depth from which on a frame can be matched.
@@ -34,12 +35,6 @@ UNPROVEN = (
     "that images were matched to the right places: repeated patterns that agree with one another "
     "are certified too"
 )
-#: Share of inliers, and residuals of keypoints and of edges over their noise, that are suspicious.
-FEW_INLIERS, LOUD = 0.65, 1.5
-#: Shares of depths past the cutoff at which to warn, and to refuse.
-MUCH_PAST, ALL_PAST = 0.5, 0.9
-#: Median depths below this are suspicious, metres.
-CLOSE = 0.25
 
 
 @dataclass(frozen=True)
@@ -55,7 +50,8 @@ class ReconstructSettings:
     trust : whether the robust fit begins at odometry and takes its steps for right; if not, they
         are measurements like others
     consistent : whether only loops are kept that agree with one another in pairs
-    calibrate : whether the colour camera is estimated from the frames, if it is not given
+    calibrate : whether the colour camera is estimated from the frames, if it is not given; by
+        default where depth images are not registered to colour
     ransac : when two frames match
     """
 
@@ -65,7 +61,7 @@ class ReconstructSettings:
     gate: bool = True
     trust: bool = True
     consistent: bool = False
-    calibrate: bool = False
+    calibrate: bool | None = None
     ransac: RansacSettings = field(default_factory=RansacSettings)
 
     def __post_init__(self) -> None:
@@ -87,6 +83,7 @@ class Reconstruction:
     dead_reckoning : poses by odometry alone, composed
     skipped : frames that could not be used, each with the reason
     scene : the fused cloud, in the frame of the first pose
+    colour : the colour camera, given or estimated; None if depth is taken for registered
     """
 
     frames: FrameSequence
@@ -97,6 +94,7 @@ class Reconstruction:
     dead_reckoning: Estimate
     skipped: tuple[str, ...]
     scene: ColouredCloud
+    colour: ColourCamera | None = None
 
     @property
     def instance(self) -> Instance:
@@ -137,12 +135,23 @@ class Reconstruction:
         shares = np.array([self.pairs[k].share for k in a.chosen[a.kept].tolist()])
         return [
             ("frames", f"{len(self.nodes)} of {n}"),
+            *([] if self.colour is None else [("colour camera", str(self.colour))]),
             ("edges", f"{int(a.kept.sum())} of {len(a.kept)} kept, {int(steps.sum())} of odometry"),
             ("loops", f"{kept} of {loops} agree with the rest"),
             ("chi^2", f"{squares.mean():.2f} per degree of freedom of the kept edges"),
             ("inliers", f"{100.0 * np.median(shares):.0f} % of the matches of a kept edge, median"),
+            *self._disagreement(),
             ("not proven", UNPROVEN),
         ]
+
+    def _disagreement(self) -> list[tuple[str, str]]:
+        """What was measured of the agreement of keypoints and clouds, if both were used."""
+        kept = [self.pairs[k] for k in self.averaged.chosen[self.averaged.kept].tolist()]
+        excess = [pair.excess for pair in kept if pair.dense]
+        if not excess:
+            return []
+        said = f"off by {np.median(excess):.2g} times what they and keypoints state (squared)"
+        return [("clouds", f"{said}, median; the weights take it into account")]
 
 
 def reconstruct(
@@ -155,11 +164,12 @@ def reconstruct(
 ) -> Reconstruction:
     """The trajectory of a camera with its certificate, and the scene that it saw.
 
-    Neighbouring frames are registered by keypoints (SIFT, RANSAC) and, where these leave something
-    open, generalized ICP; then frames that look alike, and those that overlap at the estimate so
-    far. Loops that contradict dead reckoning are left out, a robust fit rejects others, and the
-    rest is solved and certified under g2o's cost, with the full information matrices. The verdict
-    is about these measurements: it does not say that images were matched to the right places.
+    Neighbouring frames are registered by keypoints (SIFT, RANSAC) and generalized ICP, which are
+    weighed by how far they disagree; then frames that look alike, and those that overlap at the
+    estimate so far. Loops that contradict dead reckoning are left out, a robust fit rejects others,
+    and the rest is solved and certified under g2o's cost, with the full information matrices. The
+    verdict is about these measurements: it does not say that images were matched to the right
+    places.
 
     Parameters
     ----------
@@ -192,9 +202,10 @@ def reconstruct(
     ('CERTIFIED', 4)
     """
     chosen = settings or ReconstructSettings()
-    if colour is None and chosen.calibrate:
-        colour = calibrated(frames, progress)
-    work = _Work(frames, chosen, colour, Cache(None if cache is None else Path(cache)), progress)
+    kept = Cache(None if cache is None else Path(cache))
+    if colour is None:
+        colour = colour_camera(frames, chosen.calibrate, kept, progress)
+    work = _Work(frames, chosen, colour, kept, progress)
     views, skipped, size = work.views()
     steps = work.measured("odometry", adjacent(len(frames)))
     if not steps:
@@ -217,29 +228,34 @@ def reconstruct(
         final.estimate,
         grid=chosen.grid,
         cutoff=chosen.cutoff,
+        colour=colour,
         progress=progress,
     )
     found = Reconstruction(
-        frames, final.nodes, tuple(pairs), len(steps), final, reckoning, skipped, scene
+        frames, final.nodes, tuple(pairs), len(steps), final, reckoning, skipped, scene, colour
     )
-    _judge(found)
+    missing = len(frames) - len(found.nodes) - len(skipped)
+    judge_steps(frames.name, steps, missing)
     return found
 
 
-def _judge(found: Reconstruction) -> None:
-    """Warn of what a wrong camera or depth scale explains, and of frames that nothing joins."""
-    name, n = found.frames.name, len(found.frames)
-    missing = n - len(found.nodes) - len(found.skipped)
-    if missing:
-        few = counted(missing, "frame{s}")
-        said = f"{name}: {few} could not be joined to the others, and are left out"
-        warnings.warn(said, InputNotice, stacklevel=3)
-    shares = np.median([pair.share for pair in found.pairs[: found.odometry]])
-    noise = np.median([pair.chi2 for pair in found.pairs[: found.odometry]])
-    if shares < FEW_INLIERS or noise > LOUD:
-        said = f"{100.0 * shares:.0f} % of the matches of neighbouring frames agree"
-        said = f"{name}: only {said}, with {noise:.2g} times the noise of depth cameras (squared)"
-        warnings.warn(f"{said}: are camera and depth scale right?", InputNotice, stacklevel=3)
+def colour_camera(
+    frames: FrameSequence,
+    calibrate: bool | None = None,
+    cache: Cache = UNKEPT,
+    progress: Progress = silent,
+) -> ColourCamera | None:
+    """The colour camera by `calibrated`, as the settings of `reconstruct` ask for it, or None."""
+    if not (not frames.registered if calibrate is None else calibrate):
+        return None
+
+    def made() -> Arrays:
+        found = calibrated(frames, progress)
+        return {} if found is None else {"camera": np.array(astuple(found.camera))}
+
+    keys = (frames.key(k) for k in range(len(frames)))
+    arrays = cache.arrays(("colour", *keys), made)
+    return ColourCamera(Camera(*arrays["camera"].tolist())) if arrays else None
 
 
 class _Looked(NamedTuple):
@@ -250,14 +266,6 @@ class _Looked(NamedTuple):
     reason: str
     size: tuple[int, int] | None = None
     depths: FloatArray | None = None
-
-
-def _about(depth: NDArray[np.float32], cutoff: float) -> FloatArray:
-    """The share of depths past the cutoff, and the median depth."""
-    known = depth[depth > 0.0]
-    if not len(known):
-        return np.zeros(2)
-    return np.array([np.mean(known > cutoff), np.median(known)])
 
 
 class _Work:
@@ -282,7 +290,8 @@ class _Work:
         self._views = [one.view for one in found]
         self._keys = [one.key for one in found]
         skipped = tuple(one.reason for one in found if one.reason)
-        self._judge_depths([one.depths for one in found if one.depths is not None])
+        known = [one.depths for one in found if one.depths is not None]
+        judge_depths(self.frames.name, known, self.settings.cutoff)
         for reason in skipped:
             warnings.warn(f"frame left out: {reason}", InputNotice, stacklevel=3)
         sizes = {one.size for one in found if one.size is not None}
@@ -291,21 +300,6 @@ class _Work:
         if len(sizes) > 1:
             raise InputError(f"{self.frames.name}: images of several sizes: {sorted(sizes)}")
         return self._views, skipped, sizes.pop()
-
-    def _judge_depths(self, about: list[FloatArray]) -> None:
-        """Refuse, or warn of, depths that a wrong scale explains."""
-        if not about:
-            return
-        past, middle = np.median(about, axis=0)
-        said = f"{self.frames.name}: {100.0 * past:.0f} % of the depths are past the cutoff of "
-        said += f"{self.settings.cutoff:g} m: is the depth scale right?"
-        if past > ALL_PAST:
-            raise InputError(said)
-        if past > MUCH_PAST:
-            warnings.warn(said, InputNotice, stacklevel=4)
-        if 0.0 < middle < CLOSE:
-            said = f"{self.frames.name}: half of the depths are below {middle:.2g} m"
-            warnings.warn(f"{said}: is the depth scale right?", InputNotice, stacklevel=4)
 
     def _view(self, k: int) -> _Looked:
         key = digest(self.frames.key(k), self.settings.cutoff, self.colour)
@@ -336,7 +330,7 @@ class _Work:
             "points": found.points,
             "descriptors": found.descriptors,
             "cloud": voxel_means(cloud, VOXEL).astype(np.float32),
-            "depths": _about(frame.depth, cutoff),
+            "depths": about_depths(frame.depth, cutoff),
         }
 
     def measured(self, stage: str, candidates: list[tuple[int, int]]) -> list[FramePair]:

@@ -67,6 +67,7 @@ class FrameSequence(ABC):
     times : (n,) seconds, or numbers of frames
     camera : that of the depth images
     truth : poses of the camera that came with the frames, or None
+    registered : whether depth images are of the colour camera; those of 7-Scenes are not
     """
 
     name: str
@@ -74,6 +75,7 @@ class FrameSequence(ABC):
     times: FloatArray
     camera: Camera
     truth: Estimate | None = None
+    registered: bool = True
 
     def __len__(self) -> int:
         """Number of frames."""
@@ -308,6 +310,7 @@ def _of_seven_scenes(folder: Path) -> dict[str, Any]:
             for colour, stem in zip(colours, stems, strict=True)
         ),
         "truth": _truth(_matrices(poses)) if all(path.is_file() for path in poses) else None,
+        "registered": False,
     }
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from certpgo.io.writing import atomically, folder_to_write
 
 #: Raised when what a stage computes changes: older results are not read.
-VERSION = 1
+VERSION = 2
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -74,6 +74,10 @@ class Cache:
         made = make()
         atomically(path, lambda temporary: _save(temporary, made))
         return made
+
+
+#: Keeps nothing.
+UNKEPT = Cache(None)
 
 
 def _save(path: Path, arrays: Arrays) -> None:

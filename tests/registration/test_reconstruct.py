@@ -13,10 +13,12 @@ from certpgo.errors import InputError, InputNotice
 from certpgo.io.surfaces import read_surface
 from certpgo.linalg import so
 from certpgo.registration.averaging import averaged_graph
-from certpgo.registration.calibration import calibrated
+from certpgo.registration.dense import DenseRegistration
+from certpgo.registration.features import ColourCamera
 from certpgo.registration.fuse import ColouredCloud, VoxelGrid, denoised, voxel_means
 from certpgo.registration.loops import DeadReckoning, adjacent, consistent
-from certpgo.registration.pairs import FramePair
+from certpgo.registration.pairs import FramePair, together
+from certpgo.registration.ransac import Motion
 from certpgo.registration.reconstruct import ReconstructSettings
 from certpgo.registration.sequences import FolderSequence
 from certpgo.registration.synthetic import SyntheticSequence, synthetic_sequence
@@ -171,9 +173,35 @@ class TwoLenses(SyntheticSequence):
 
 
 def test_the_colour_camera_is_estimated_where_it_is_another_one(frames):
-    mixed = TwoLenses(**vars(frames.chosen(range(6))))
-    found = calibrated(mixed)
-    assert found.camera.fx == pytest.approx(mixed.lens.fx, rel=0.02)
+    mixed = TwoLenses(**{**vars(frames.chosen(range(6))), "registered": False})
+    found = certpgo.reconstruct(mixed)
+    assert found.colour.camera.fx == pytest.approx(mixed.lens.fx, rel=0.02)
+    assert f"fx,fy,cx,cy {found.colour.camera.fx:.1f}" in dict(found.consistency())["colour camera"]
+
+
+def test_colours_are_looked_up_in_the_colour_camera(frames):
+    frame, camera = frames.frame(0), frames.camera
+    known = frame.depth > 0
+    same = ColourCamera(camera).seen(frame, camera)
+    assert np.array_equal(same[known], frame.colour[known])
+    assert not same[~known].any()
+    right = ColourCamera(replace(camera, cx=camera.cx + 5.0)).seen(frame, camera)
+    assert np.array_equal(right[:, :-5][known[:, :-5]], frame.colour[:, 5:][known[:, :-5]])
+
+
+def test_keypoints_and_clouds_that_disagree_say_how_noisy_both_are():
+    """The weighted mean, with the larger of the stated covariance and the one they show."""
+    stated = Motion(np.eye(3), np.zeros(3), 1e6 * np.eye(6), np.ones(30, bool), 1.0)
+    for shift, excess in ((0.0, 1.0), (0.001, 1.0), (0.1, 0.1**2 / 2e-6 / 6.0)):
+        t = np.array([shift, 0.0, 0.0])
+        found = DenseRegistration(np.eye(3), t, 3e6 * np.eye(6), 99, 0.01, 0.9)
+        both = np.sqrt(2.0 / 3.0) * 1e-3  # so that 1/1e6 + 1/3e6 + 2 floors are 2e-6
+        floors = 0.5 * both**2 * np.eye(6)
+        R, mean, covariance, factor = together(stated, found, floors)
+        assert np.array_equal(R, np.eye(3))
+        assert mean == pytest.approx(0.75 * t)
+        assert covariance == pytest.approx(np.eye(6) / 4e6)
+        assert factor == pytest.approx(excess)
 
 
 def test_damaged_frames_leave_gaps_that_are_named(folder):
@@ -199,6 +227,9 @@ def test_a_wrong_focal_length_is_noticed(folder):
     wrong = FolderSequence(**{**vars(frames), "camera": frames.camera.scaled(1.5)})
     with pytest.warns(InputNotice, match="are camera and depth scale right"):
         certpgo.reconstruct(wrong, ReconstructSettings(dense=False))
+    wrong = FolderSequence(**{**vars(frames), "camera": frames.camera.scaled(1.2)})
+    with pytest.warns(InputNotice, match="colour and depth disagree on the motion"):
+        certpgo.reconstruct(wrong)
 
 
 def test_frames_that_do_not_overlap_are_refused(frames):
