@@ -11,8 +11,6 @@ named, and the F of the rest. Process seconds of merging, without wrong ones, an
 """
 
 import argparse
-import csv
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +20,7 @@ import numpy as np
 from certpgo import Instance, PoseGraph, RotationGraph, datasets, merge, solve
 from certpgo.graph.joining import joined
 from certpgo.linalg import so
+from reports.studies._printing import print_table
 
 GRAPHS = ("sphere2500", "city10000")
 PARTS = (2, 4, 8)
@@ -104,10 +103,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="write the table to this file, too")
     options = parser.parse_args()
     table = [row for name in options.names for row in rows(name)]
-    for file in [sys.stdout] if options.out is None else [sys.stdout, options.out.open("w")]:
-        writer = csv.DictWriter(file, list(table[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(table)
+    print_table(table, options.out)
 
 
 if __name__ == "__main__":

@@ -15,8 +15,6 @@ rejected after some refresh and are there at the end. Printed as CSV; process se
 """
 
 import argparse
-import csv
-import sys
 import time
 from pathlib import Path
 
@@ -36,6 +34,7 @@ from certpgo.graph.joining import joined
 from certpgo.graph.streaming import arrivals, streamed
 from certpgo.linalg import so
 from certpgo.linalg.arrays import BoolArray, IntArray
+from reports.studies._printing import print_table
 
 GRAPHS = (*(f"grid1000_{share}p_outliers" for share in (10, 30, 50)), "kitti_00+20", "kitti_05+20")
 #: Nodes that a wrong loop closure is apart at least.
@@ -137,10 +136,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="write the table to this file, too")
     options = parser.parse_args()
     table = [row(name) for name in options.names]
-    for file in [sys.stdout] if options.out is None else [sys.stdout, options.out.open("w")]:
-        writer = csv.DictWriter(file, list(table[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(table)
+    print_table(table, options.out)
 
 
 if __name__ == "__main__":

@@ -11,8 +11,6 @@ the sparse graph, and the root mean square distance to the whole graph's optimum
 """
 
 import argparse
-import csv
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -22,6 +20,7 @@ from certpgo import datasets, solve, sparsify
 from certpgo.assess.metrics import trajectory_errors
 from certpgo.objective.problem import problem_of
 from certpgo.optimize import connectivity
+from reports.studies._printing import print_table
 
 GRAPHS = ("sphere2500", "city10000")
 #: Frank-Wolfe steps of MAC, and samples of its roundings.
@@ -101,10 +100,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     lines = [row for name in options.datasets for row in rows(name, options.keep)]
-    with options.out.open("w", newline="") if options.out else sys.stdout as stream:
-        writer = csv.DictWriter(stream, list(lines[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(lines)
+    print_table(lines, options.out)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@ has no certificate; where that fails by Cholesky's factorization, with QR, which
 """
 
 import argparse
-import csv
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -26,6 +25,7 @@ from certpgo import Instance, Session, Verdict, datasets, solve
 from certpgo.costs import information_problem
 from certpgo.costs.gtsam_graph import factors_of
 from certpgo.graph.streaming import arrivals, streamed
+from reports.studies._printing import print_table
 
 GRAPHS = ("manhattan", "sphere2500", "city10000", "kitti_00")
 EVERY = 100
@@ -151,11 +151,7 @@ def main() -> None:
     for row in rows(options.names, not options.no_isam):
         table.append(row)
         print(*(f"{name}={value}" for name, value in row.items()), file=sys.stderr, flush=True)
-    files = [sys.stdout] if options.out is None else [sys.stdout, options.out.open("w")]
-    for file in files:
-        writer = csv.DictWriter(file, list(table[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(table)
+    print_table(table, options.out)
 
 
 if __name__ == "__main__":
