@@ -313,7 +313,7 @@ def test_gtsams_cost_has_no_proof_tier(square):
     ):
         with pytest.raises(
             InputError,
-            match="g2o's of relative poses, not for twice GTSAM",
+            match="g2o's, not for twice GTSAM",
         ):
             run()
     screened = certify(problem, solve(instance, cost="gtsam").estimate, tier="screen")
@@ -457,7 +457,7 @@ def test_the_command_line_has_costs(square, tmp_path, capsys):
     [
         (
             ("--cost", "gtsam", "--tier", "proof"),
-            "for the chordal cost and g2o's of relative poses, not for",
+            "for the chordal cost and g2o's, not for",
         ),
         (("--cost", "g2o", "--unit-weights"), "needs poses with information matrices"),
         (("--cost", "g2o", "--robust"), "is for --cost chordal"),

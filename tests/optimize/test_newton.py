@@ -180,7 +180,7 @@ def test_steps_from_factors_in_single_precision(heavy, stiff, monkeypatch):
     monkeypatch.setattr(multifrontal.Fronts, "factor_kept_single", kept_single)
     monkeypatch.setattr(multifrontal.Fronts, "factor", double)
     monkeypatch.setattr(factor, "HEAVY", 0.0 if heavy else np.inf)
-    found = newton(problem, Estimate(R, t))
+    found = newton(problem, Estimate(R, t), NewtonSettings(single_from=1))
     assert found.status is Status.CONVERGED
     assert ("single", True) in used
     if heavy:
