@@ -1,6 +1,7 @@
 """A session: the batch's optimum and verdict, and bounds that hold at every moment between."""
 
 import contextlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -231,6 +232,20 @@ def test_bounds_hold_whatever_comes_and_goes(made, cost):
     last = session.refresh()
     assert last.cost == pytest.approx(certpgo.solve(part, cost=cost).cost, rel=1e-9)
     assert last.verdict is session.certificate.verdict
+
+
+def test_another_programs_cost_needs_relative_poses():
+    instance = with_points(np.random.default_rng(0))
+    seen = instance.graph.rotation.kappa == 0.0
+    matrices = np.stack([100.0 * np.eye(3), np.diag([50.0, 50.0, 0.0])])
+    instance = replace(instance, information=Information(matrices, seen.astype(int), "g2o"))
+    session = Session(every=None, cost="g2o")
+    session.add(instance)
+    before = session.refresh()
+    with pytest.raises(GraphError, match="cost='g2o' needs relative poses, not positions alone"):
+        session.remove(np.flatnonzero(~seen))
+    assert session.standing == before
+    assert before.verdict is Verdict.CERTIFIED
 
 
 def test_a_file_is_followed_under_the_cost_of_its_program(dataset):

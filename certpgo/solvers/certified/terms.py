@@ -11,7 +11,7 @@ from certpgo.certify import certificate
 from certpgo.certify.rounding import measured_upper
 from certpgo.costs import CHORDAL, COSTS, edge_cost, own_cost
 from certpgo.costs.problem import InformationProblem
-from certpgo.errors import InputError, SpecError
+from certpgo.errors import GraphError, InputError, SpecError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph
 from certpgo.graph.information import InformationGraph
 from certpgo.graph.joining import joined
@@ -86,9 +86,11 @@ class Terms:
         Raises
         ------
         GraphError
-            They do not determine all nodes.
+            They do not determine all nodes, or another program's cost is of positions alone.
         """
         if isinstance(part, InformationGraph):
+            if not part.rotation.kappa.any():
+                raise GraphError(f"cost={self.cost!r} needs relative poses, not positions alone")
             return InformationProblem(edge_cost(part, self.cost))
         return problem_of(part)
 
