@@ -72,30 +72,32 @@ class ColourCamera:
 
     def registered(self, depth: NDArray[np.float32], camera: Camera) -> NDArray[np.float32]:
         """Depths (h, w) at the pixels of the colour image, from those of the depth camera."""
-        rows, columns = np.nonzero(depth)
-        z = depth[rows, columns]
-        rays = camera.rays(np.stack([columns, rows], axis=1).astype(np.float64))
-        seen = self.camera.pixels(rays * z[:, None] - np.array(self.offset))
-        column, row = np.rint(seen).astype(np.intp).T
-        inside = (column >= 0) & (column < depth.shape[1]) & (row >= 0) & (row < depth.shape[0])
+        here, there = self._projected(depth, camera)
+        z = depth[here]
         # The nearest surface hides the others: it is written last.
-        order = np.flatnonzero(inside)[np.argsort(-z[inside], kind="stable")]
+        order = np.argsort(-z, kind="stable")
         out = np.zeros_like(depth)
-        out[row[order], column[order]] = z[order]
+        out[there[0][order], there[1][order]] = z[order]
         return out
 
     def seen(self, frame: Frame, camera: Camera) -> NDArray[np.uint8]:
         """Colours (h, w, 3) at the pixels of a frame's depth camera; black where there are none."""
-        rows, columns = np.nonzero(frame.depth)
-        z = frame.depth[rows, columns].astype(np.float64)
+        here, there = self._projected(frame.depth, camera)
+        out = np.zeros_like(frame.colour)
+        out[here] = frame.colour[there]
+        return out
+
+    def _projected(
+        self, depth: NDArray[np.float32], camera: Camera
+    ) -> tuple[tuple[IntArray, IntArray], tuple[IntArray, IntArray]]:
+        """Rows and columns (k,) of depths that colour's image shows, and where it shows them."""
+        rows, columns = np.nonzero(depth)
+        z = depth[rows, columns].astype(np.float64)
         rays = camera.rays(np.stack([columns, rows], axis=1).astype(np.float64))
         pixels = self.camera.pixels(rays * z[:, None] - np.array(self.offset))
         column, row = np.rint(pixels).astype(np.intp).T
-        height, width = frame.depth.shape
-        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        out = np.zeros_like(frame.colour)
-        out[rows[inside], columns[inside]] = frame.colour[row[inside], column[inside]]
-        return out
+        inside = (column >= 0) & (column < depth.shape[1]) & (row >= 0) & (row < depth.shape[0])
+        return (rows[inside], columns[inside]), (row[inside], column[inside])
 
     def points(self, pixels: FloatArray, z: FloatArray) -> FloatArray:
         """(k, 3) points in the depth camera's frame, of colour pixels (k, 2) at depths (k,)."""

@@ -25,6 +25,8 @@ FAR = 2.0
 STEP, WIDE = 2, 640
 #: Points in a voxel of the scene at least.
 SEEN_TWICE = 2
+#: Points whose neighbours are looked for at a time.
+BLOCK = 100_000
 #: Bits of a voxel's number in each direction.
 BITS = 21
 
@@ -81,9 +83,13 @@ class VoxelGrid:
             self._join()
 
     def _join(self) -> None:
-        (keys, sums), (more, added) = self._parts.pop(), self._parts.pop()
-        both = np.concatenate([keys, more]), np.concatenate([sums, added])
-        self._parts.append(_grouped(*both))
+        """Add the last part to the one before it: only what is new there takes memory."""
+        (few, added), (keys, sums) = self._parts.pop(), self._parts.pop()
+        at = np.searchsorted(keys, few)
+        new = np.append(keys, -1)[at] != few  # voxels' numbers are not negative
+        sums[at[~new]] += added[~new]
+        more = np.insert(sums, at[new], added[new], axis=0)
+        self._parts.append((np.insert(keys, at[new], few[new]), more))
 
     def cloud(self, least: int = 1) -> ColouredCloud:
         """The mean of each voxel with at least so many points."""
@@ -176,5 +182,8 @@ def denoised(cloud: ColouredCloud, neighbours: int = NEIGHBOURS) -> ColouredClou
     if k < 1:
         return cloud
     points = cloud.points.astype(np.float64)
-    distances = cKDTree(points).query(points, k + 1)[0][:, 1:].mean(axis=1)
+    tree = cKDTree(points)
+    # A query's answers take many times the memory of its points.
+    parts = np.array_split(points, len(points) // BLOCK + 1)
+    distances = np.concatenate([tree.query(part, k + 1)[0][:, 1:].mean(axis=1) for part in parts])
     return cloud.subset(np.asarray(distances <= distances.mean() + FAR * distances.std()))

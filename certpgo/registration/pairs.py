@@ -29,8 +29,8 @@ VOXEL, COARSE, REACH = 0.03, 0.06, 0.08
 SIGMA, SETTLED, ITERATIONS = 0.01, (1e-3, 5e-4), 10
 #: Share of a cloud that must lie on the other.
 OVERLAP = 0.3
-#: Clouds that are kept prepared.
-RECENT = 100
+#: Frames whose clouds are kept prepared, 3 MB each.
+RECENT = 32
 #: What is kept of a pair.
 STORED = ("R", "t", "covariance", "matches", "inliers", "chi2", "dense", "excess")
 

@@ -13,6 +13,8 @@ from certpgo.errors import InputError, InputNotice
 from certpgo.io.surfaces import read_surface
 from certpgo.linalg import so
 from certpgo.registration.averaging import averaged_graph
+from certpgo.registration.calibration import calibrated
+from certpgo.registration.camera import Camera
 from certpgo.registration.dense import DenseRegistration
 from certpgo.registration.features import ColourCamera
 from certpgo.registration.fuse import ColouredCloud, VoxelGrid, denoised, voxel_means
@@ -179,6 +181,11 @@ def test_the_colour_camera_is_estimated_where_it_is_another_one(frames):
     assert f"fx,fy,cx,cy {found.colour.camera.fx:.1f}" in dict(found.consistency())["colour camera"]
 
 
+@pytest.mark.parametrize("first", [0, 4])
+def test_a_few_registered_frames_have_no_other_colour_camera(frames, first):
+    assert calibrated(frames.chosen(range(first, first + 6))) is None
+
+
 def test_colours_are_looked_up_in_the_colour_camera(frames):
     frame, camera = frames.frame(0), frames.camera
     known = frame.depth > 0
@@ -187,6 +194,41 @@ def test_colours_are_looked_up_in_the_colour_camera(frames):
     assert not same[~known].any()
     right = ColourCamera(replace(camera, cx=camera.cx + 5.0)).seen(frame, camera)
     assert np.array_equal(right[:, :-5][known[:, :-5]], frame.colour[:, 5:][known[:, :-5]])
+
+
+def test_depths_are_looked_up_in_the_colour_camera(frames):
+    """A shifted centre shifts the image; of two depths at one pixel the nearest is seen."""
+    frame, camera = frames.frame(0), frames.camera
+    assert np.array_equal(ColourCamera(camera).registered(frame.depth, camera), frame.depth)
+    left = ColourCamera(replace(camera, cx=camera.cx - 5.0)).registered(frame.depth, camera)
+    assert np.array_equal(left[:, :-5], frame.depth[:, 5:])
+    half = ColourCamera(Camera(camera.fx / 2, camera.fy / 2, 0.0, 0.0)).registered(
+        np.float32([[2.0, 1.0], [3.0, 4.0]]), Camera(camera.fx, camera.fy, 0.0, 0.0)
+    )
+    assert half.tolist() == [[1.0, 0.0], [0.0, 0.0]]
+
+
+def test_a_grid_of_parts_is_that_of_all_points():
+    rng = np.random.default_rng(0)
+    points, colours = rng.uniform(-1, 1, (3000, 3)), rng.integers(0, 256, (3000, 3), np.uint8)
+    whole, parts = VoxelGrid(0.2), VoxelGrid(0.2)
+    whole.add(points, colours)
+    for part in np.array_split(np.arange(3000), [7, 8, 900, 1000, 2500]):
+        parts.add(points[part], colours[part])
+    for least in (1, 3):
+        a, b = whole.cloud(least), parts.cloud(least)
+        assert a.points == pytest.approx(b.points, abs=1e-6)
+        assert np.array_equal(a.colours, b.colours)
+
+
+def test_noise_is_judged_by_parts_as_by_the_whole(monkeypatch):
+    rng = np.random.default_rng(0)
+    points = rng.uniform(0, 1, (500, 3)).astype(np.float32)
+    cloud = ColouredCloud(points, np.zeros((500, 3), np.uint8))
+    whole = denoised(cloud)
+    monkeypatch.setattr("certpgo.registration.fuse.BLOCK", 7)
+    assert 0 < len(whole) < 500
+    assert np.array_equal(denoised(cloud).points, whole.points)
 
 
 def test_keypoints_and_clouds_that_disagree_say_how_noisy_both_are():
