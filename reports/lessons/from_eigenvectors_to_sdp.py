@@ -173,7 +173,7 @@ print(f"inequality  {by_inequality:.12f}  (dense, its rounding not bounded)")
 # The certificate trusts that the factorization satisfies the usual rounding bound. A proof trusts
 # less: the multipliers are stored in a file with the estimate, and an independent program repeats
 # the arithmetic, exactly where it matters. It factorizes once or twice, in plain NumPy, and takes
-# as long as 40 to 150 factorizations by a fast library (`reports/results/proofs.md`); the time
+# as long as 40 to 240 compiled factorizations (`reports/results/proofs.md`); the time
 # below is the checker's.
 
 # %%
