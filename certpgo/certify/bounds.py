@@ -17,7 +17,7 @@ from certpgo.graph.cycles import is_cycle, walk
 from certpgo.graph.speaking import Brief
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.linalg.blocks import scatter_sum, with_entries
+from certpgo.linalg.blocks import divided, scatter_sum
 from certpgo.objective.problem import RotationProblem
 from certpgo.optimize import spectral
 
@@ -116,8 +116,7 @@ def normalized_fiedler_value(problem: RotationProblem) -> float:
     _require_rotations(problem)
     L = problem.laplacian
     root = np.sqrt(problem.node_weights)
-    column = np.repeat(np.arange(problem.n), np.diff(L.indptr))
-    scaled = with_entries(L, L.data / (root[L.indices] * root[column]))
+    scaled = divided(L, root)
     return float(spectral.deflated_eigenpairs(problem, scaled, root, 1).values[0])
 
 

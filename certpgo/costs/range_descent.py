@@ -11,7 +11,7 @@ from certpgo.costs.signed import SignedProblem
 from certpgo.errors import NumericalError
 from certpgo.graph.lift import Lift, Point, lifted, translations_of
 from certpgo.linalg.arrays import CSC, FloatArray
-from certpgo.linalg.blocks import add_to_diagonal, pinned, with_entries
+from certpgo.linalg.blocks import add_to_diagonal, divided, pinned
 from certpgo.linalg.eigen import krylov_schur
 from certpgo.linalg.factor import Factor
 from certpgo.optimize.low_rank import lowest_of_halvings, orthonormal
@@ -141,14 +141,13 @@ def escape(problem: RangeProblem, point: Point) -> Lift | None:
     moved = int(layout.sizes.max()) - problem.d
     S = pinned(S, layout.first_row(0) + np.arange(moved))
     weights = problem.whole.matrix.diagonal()
-    root = 1.0 / np.sqrt(np.maximum(weights, np.finfo(float).tiny))
-    column = np.repeat(np.arange(S.shape[0]), np.diff(S.indptr))
-    A = with_entries(S, S.data * root[S.indices] * root[column])
+    root = np.sqrt(np.maximum(weights, np.finfo(float).tiny))
+    A = divided(S, root)
     # The motions of the whole have eigenvalue zero, and must not hide the one that is looked for.
     value, v = _smallest(below, A, point.rotations.shape[1] + MORE)
     if value > -RESOLUTION:
         return None
-    direction = layout.unpack(root * v)
+    direction = layout.unpack(v / root)
     direction[0, :moved] = 0.0
     return _leave(problem, point, below.rising(direction))
 

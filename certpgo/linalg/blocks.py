@@ -314,6 +314,12 @@ def with_entries(A: CSC, data: FloatArray) -> CSC:
     return other
 
 
+def divided(A: CSC, root: FloatArray) -> CSC:
+    """The matrix with entries A_rs / (root_r root_s), for root (N,)."""
+    column = np.repeat(np.arange(A.shape[0]), np.diff(A.indptr))
+    return with_entries(A, A.data / (root[A.indices] * root[column]))
+
+
 def diagonal_places(A: CSC) -> IntArray:
     """(N,) positions of the diagonal entries in ``A.data``; all must be stored."""
     if compiled.AVAILABLE and A.indices.dtype == A.indptr.dtype == np.int32:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph.edges import symmetric
 from certpgo.graph.lift import Point, translations_of
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
@@ -142,7 +143,7 @@ def multipliers(gradient: FloatArray, R: FloatArray) -> FloatArray:
 
     G_i^T is the block (M X^T)_i; Eriksson et al. eq. 16 is deg_i I - Lam_i.
     """
-    return _symmetric(np.swapaxes(gradient, 1, 2) @ R)
+    return symmetric(np.swapaxes(gradient, 1, 2) @ R)
 
 
 def tangent_gradient(gradient: FloatArray, R: FloatArray) -> FloatArray:
@@ -155,11 +156,7 @@ def tangent_gradient_and_multipliers(
 ) -> tuple[FloatArray, FloatArray]:
     """Both, the skew and the symmetric parts of one product."""
     product = np.swapaxes(gradient, 1, 2) @ R
-    return 2.0 * so.vee(np.swapaxes(product, 1, 2)), _symmetric(product)
-
-
-def _symmetric(S: FloatArray) -> FloatArray:
-    return np.asarray(0.5 * (S + np.swapaxes(S, 1, 2)))
+    return 2.0 * so.vee(np.swapaxes(product, 1, 2)), symmetric(product)
 
 
 def gradient(graph: RotationGraph | PoseGraph, point: Point) -> tuple[FloatArray, FloatArray]:

@@ -10,7 +10,7 @@ import numpy as np
 from certpgo.graph import Estimate
 from certpgo.graph.wording import counted
 from certpgo.linalg.arrays import CSC, FloatArray
-from certpgo.linalg.blocks import Layout, add_to_diagonal, pinned
+from certpgo.linalg.blocks import Layout, add_to_diagonal, divided, pinned
 from certpgo.optimize.marginals import Measured
 
 #: Of the Gauss-Newton matrix scaled to a unit diagonal: eigenvalues below which a motion costs
@@ -108,9 +108,8 @@ def _kernel(problem: Measured, H: CSC) -> FloatArray:
     By inverse iteration on the matrix scaled to a unit diagonal.
     """
     diagonal = H.diagonal()
-    root = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, diagonal.max()))
-    column = np.repeat(np.arange(H.shape[0]), np.diff(H.indptr))
-    A = CSC((H.data * root[H.indices] * root[column], H.indices, H.indptr), shape=H.shape)
+    root = np.sqrt(np.where(diagonal > 0.0, diagonal, diagonal.max()))
+    A = divided(H, root)
     shifted = add_to_diagonal(A, SHIFT)
     factor = problem.symbolic(shifted).factor(shifted)
     if factor is None:
@@ -119,7 +118,7 @@ def _kernel(problem: Measured, H: CSC) -> FloatArray:
     for _ in range(STEPS):
         V = np.linalg.qr(factor.solve(V))[0]
     values, turn = np.linalg.eigh(V.T @ (A @ V))
-    return np.asarray(root[:, None] * (V @ turn[:, values < FREE]))
+    return np.asarray((V @ turn[:, values < FREE]) / root[:, None])
 
 
 def _cures(layout: Layout, basis: FloatArray, estimate: Estimate) -> tuple[tuple[str, int], ...]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.linalg.arrays import CSC, FloatArray
-from certpgo.linalg.blocks import with_entries
+from certpgo.linalg.blocks import divided
 from certpgo.linalg.eigen import krylov_schur
 from certpgo.linalg.factor import Factor
 from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
@@ -55,8 +55,7 @@ class Scaled:
         """A, (dn, dn)."""
         L = self.problem.connection_laplacian
         root = np.sqrt(np.repeat(self.weights, self.problem.d))
-        column = np.repeat(np.arange(L.shape[0]), np.diff(L.indptr))
-        return with_entries(L, L.data / (root[L.indices] * root[column]))
+        return divided(L, root)
 
     def multipliers(self, scaled: FloatArray) -> FloatArray:
         """Lam (n, d, d) from the scaled program's D Lam D."""

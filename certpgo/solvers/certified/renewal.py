@@ -32,9 +32,6 @@ ENOUGH = 1e-10
 NEAR = 0.1
 #: Stationarity at which a descent on another program's cost ends; F is then exact to rounding.
 STATIONARY = 1e-8
-#: Products that must cost less than a factor for single precision to be tried: a step that is
-#: exact saves another.
-SINGLE_FROM = 2
 
 
 @dataclass(eq=False)
@@ -82,12 +79,7 @@ def _descent(case: Case, start: Estimate, settings: SolveSettings) -> Estimate:
     if isinstance(case, OwnCostCase):
         return descend(case.problem, start, tolerance=STATIONARY).estimate
     newtons = settings.newton
-    nearer = replace(
-        newtons,
-        enough=max(ENOUGH, newtons.enough),
-        near=max(NEAR, newtons.near),
-        single_from=max(SINGLE_FROM, newtons.single_from),
-    )
+    nearer = replace(newtons, enough=max(ENOUGH, newtons.enough), near=max(NEAR, newtons.near))
     return newton(case.problem, start, nearer).estimate
 
 
