@@ -102,9 +102,33 @@ static void IN(add_sums)(const Fronts *f, Int s, const REAL *panel, Int nc, Int 
     }
 }
 
+/* The same as `eliminate` for a small front, where calls of BLAS would take longer. */
+static int IN(eliminate_small)(REAL *panel, Int nc, Int ld, REAL *update)
+{
+    Int m = ld - nc;
+    for (Int c = 0; c < nc; c++) {
+        REAL *own = panel + c * ld, pivot = own[c];
+        if (!(pivot > 0 && pivot < (REAL)INFINITY)) return 0;
+        pivot = own[c] = (REAL)sqrt((double)pivot);
+        for (Int i = c + 1; i < ld; i++) own[i] /= pivot;
+        for (Int k = c + 1; k < nc; k++) {
+            REAL *other = panel + k * ld, value = own[k];
+            for (Int i = k; i < ld; i++) other[i] -= own[i] * value;
+        }
+    }
+    for (Int k = 0; k < m; k++)
+        for (Int c = 0; c < nc; c++) {
+            const REAL *own = panel + c * ld + nc;
+            REAL *other = update + k * m, value = own[k];
+            for (Int i = k; i < m; i++) other[i] -= own[i] * value;
+        }
+    return 1;
+}
+
 /* The Cholesky factor of a front's columns, and the update of the rest; 0 if it is not definite. */
 static int IN(eliminate)(REAL *panel, Int nc, Int ld, REAL *update)
 {
+    if (nc * ld * ld <= SMALL) return IN(eliminate_small)(panel, nc, ld, update);
     int columns = (int)nc, rows = (int)(ld - nc), lead = (int)ld, info = 0;
     REAL one = 1, minus = -1;
     IN(potrf)("L", &columns, panel, &lead, &info);
@@ -209,48 +233,55 @@ done:
     return outcome;
 }
 
-/* X (k, N) := (L L^T)^-1 X, if way > 0 L^-1 X, if way < 0 L^-T X. */
+/* x := L_s^-1 x for the columns of supernode s; y is room for a front. */
+static void IN(forward)(const Fronts *f, Int s, const REAL *L, REAL *x, REAL *y)
+{
+    Int nc = width_of(f, s), ld = (f->panel[s + 1] - f->panel[s]) / nc, m = ld - nc, r = 0;
+    const REAL *panel = L + f->panel[s];
+    REAL *own = x + f->offset[f->start[s]];
+    memset(y, 0, (size_t)m * sizeof(REAL));
+    for (Int c = 0; c < nc; c++) {
+        const REAL *column = panel + c * ld;
+        REAL value = own[c] / column[c];
+        own[c] = value;
+        for (Int i = c + 1; i < nc; i++) own[i] -= column[i] * value;
+        for (Int i = 0; i < m; i++) y[i] += column[nc + i] * value;
+    }
+    for (Int e = f->begin[s]; e < f->begin[s + 1]; e++)
+        for (Int i = f->offset[f->rows[e]]; i < f->offset[f->rows[e] + 1]; i++) x[i] -= y[r++];
+}
+
+/* x := L_s^-T x for the columns of supernode s; y is room for a front. */
+static void IN(backward)(const Fronts *f, Int s, const REAL *L, REAL *x, REAL *y)
+{
+    Int nc = width_of(f, s), ld = (f->panel[s + 1] - f->panel[s]) / nc, r = nc;
+    const REAL *panel = L + f->panel[s];
+    REAL *own = x + f->offset[f->start[s]];
+    for (Int e = f->begin[s]; e < f->begin[s + 1]; e++)
+        for (Int i = f->offset[f->rows[e]]; i < f->offset[f->rows[e] + 1]; i++) y[r++] = x[i];
+    memcpy(y, own, (size_t)nc * sizeof(REAL));
+    for (Int c = nc - 1; c >= 0; c--) {
+        const REAL *column = panel + c * ld;
+        REAL v[4] = {0, 0, 0, 0};
+        Int i = c + 1;
+        for (; i + 4 <= ld; i += 4)
+            for (int l = 0; l < 4; l++) v[l] += column[i + l] * y[i + l];
+        for (; i < ld; i++) v[0] += column[i] * y[i];
+        y[c] = (y[c] - ((v[0] + v[1]) + (v[2] + v[3]))) / column[c];
+    }
+    memcpy(own, y, (size_t)nc * sizeof(REAL));
+}
+
+/* X (k, N) := (L L^T)^-1 X, if way > 0 L^-1 X, if way < 0 L^-T X. L is read once for all k. */
 static int IN(solve)(const Fronts *f, const REAL *L, REAL *X, Int k, int way)
 {
     Int N = f->offset[f->n];
     REAL *y = malloc((size_t)(f->tallest + 1) * sizeof(REAL));
     if (!y) return -1;
-    for (Int q = 0; q < k; q++) {
-        REAL *x = X + q * N;
-        for (Int s = 0; way >= 0 && s < f->many; s++) {
-            Int nc = width_of(f, s), ld = (f->panel[s + 1] - f->panel[s]) / nc, m = ld - nc, r = 0;
-            const REAL *panel = L + f->panel[s];
-            REAL *own = x + f->offset[f->start[s]];
-            memset(y, 0, (size_t)m * sizeof(REAL));
-            for (Int c = 0; c < nc; c++) {
-                const REAL *column = panel + c * ld;
-                REAL value = own[c] / column[c];
-                own[c] = value;
-                for (Int i = c + 1; i < nc; i++) own[i] -= column[i] * value;
-                for (Int i = 0; i < m; i++) y[i] += column[nc + i] * value;
-            }
-            for (Int e = f->begin[s]; e < f->begin[s + 1]; e++)
-                for (Int i = f->offset[f->rows[e]]; i < f->offset[f->rows[e] + 1]; i++) x[i] -= y[r++];
-        }
-        for (Int s = f->many - 1; way <= 0 && s >= 0; s--) {
-            Int nc = width_of(f, s), ld = (f->panel[s + 1] - f->panel[s]) / nc, r = nc;
-            const REAL *panel = L + f->panel[s];
-            REAL *own = x + f->offset[f->start[s]];
-            for (Int e = f->begin[s]; e < f->begin[s + 1]; e++)
-                for (Int i = f->offset[f->rows[e]]; i < f->offset[f->rows[e] + 1]; i++) y[r++] = x[i];
-            memcpy(y, own, (size_t)nc * sizeof(REAL));
-            for (Int c = nc - 1; c >= 0; c--) {
-                const REAL *column = panel + c * ld;
-                REAL v[4] = {0, 0, 0, 0};
-                Int i = c + 1;
-                for (; i + 4 <= ld; i += 4)
-                    for (int l = 0; l < 4; l++) v[l] += column[i + l] * y[i + l];
-                for (; i < ld; i++) v[0] += column[i] * y[i];
-                y[c] = (y[c] - ((v[0] + v[1]) + (v[2] + v[3]))) / column[c];
-            }
-            memcpy(own, y, (size_t)nc * sizeof(REAL));
-        }
-    }
+    for (Int s = 0; way >= 0 && s < f->many; s++)
+        for (Int q = 0; q < k; q++) IN(forward)(f, s, L, X + q * N, y);
+    for (Int s = f->many - 1; way <= 0 && s >= 0; s--)
+        for (Int q = 0; q < k; q++) IN(backward)(f, s, L, X + q * N, y);
     free(y);
     return 0;
 }

@@ -23,6 +23,8 @@ typedef int64_t Int;
 
 /* Multiplications between two looks for Ctrl-C: about a second. */
 #define PATIENCE 2e9
+/* Multiplications of a front up to which calls of BLAS take longer than loops. */
+#define SMALL 10000
 
 /* ---------------------------------------------------------------- buffers */
 
