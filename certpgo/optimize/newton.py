@@ -36,6 +36,8 @@ from certpgo.optimize.solution import Solution, Status
 
 #: Relative decrease of F that is lost in rounding.
 ROUNDING = 16 * np.finfo(float).eps
+#: Steps with an old factor that take no longer than one with a new factor, in small graphs.
+CHORDS = 4
 
 
 @dataclass(frozen=True)
@@ -143,13 +145,20 @@ def newton(
 
 
 def _foreseen(problem: Problem, state: _State, work: _Work) -> _State:
-    """The state with the step that the last factor suggests, and what that would gain."""
-    known = work.factor is not None and state.exact and state.damping == 0.0
-    if not (known and work.settings.enough > 0.0 and state.cost > 0.0):
+    """The state with the step that the last factor suggests there, and what that would gain."""
+    if work.factor is None or not state.exact or state.damping > 0.0 or not state.cost > 0.0:
         return state
     g = problem.tangent_layout.pack(state.first.tangent)
     chord = -work.factor.solve(g)
     return replace(state, chord=chord, left=float(-g @ chord) / state.cost)
+
+
+def _chords(state: _State, settings: NewtonSettings) -> float:
+    """How many steps with the last factor end the descent if they gain as much as the last step."""
+    enough = max(settings.enough, ROUNDING)
+    if not enough < state.left < state.foretold:
+        return 0.0 if state.left <= enough else math.inf
+    return math.log(state.left / enough) / math.log(state.foretold / state.left)
 
 
 def forcing_term(
@@ -276,10 +285,9 @@ def _proposals(problem: Problem, state: _State, work: _Work) -> Iterator[_Propos
     exact = state.exact or slow or near
     tol = forcing_term(state.progress, settings.loosest, settings.tightest)
     if state.chord is not None:
-        rate = 4.0 * state.left / state.foretold
-        if state.left * max(rate, math.exp(-2.0 * work.pace)) <= settings.enough:
+        if _chords(state, settings) <= max(CHORDS, work.most):
             yield _Proposal(state.chord, state.left * state.cost, True, 0.0, reused=True)
-        rate = max(rate, settings.enough / state.left)
+        rate = max(4.0 * state.left / state.foretold, settings.enough / state.left)
         tol = min(settings.loosest, max(settings.tightest, math.sqrt(rate)))
     expected = -math.log(tol) / work.pace
     large = problem.n >= settings.large

@@ -56,7 +56,9 @@ def start_of(problem: Problem) -> Start:
         return _of_partial_edges(problem)
     averaged, converged = _averaged(problem, tree_initialization(problem.rotation.graph))
     if converged:
-        return Start(problem.complete(averaged.rotations), "laplacian_gauss_newton")
+        # In the plane the Hessian is nearly always definite there.
+        near = problem.d == 2
+        return Start(problem.complete(averaged.rotations), "laplacian_gauss_newton", near)
     try:
         return _of_eigenvectors(problem, averaged)
     except (NumericalError, np.linalg.LinAlgError):
