@@ -45,7 +45,7 @@ MARGIN = 1.25
 #: Compensation over the demand: what is over keeps the matrix definite.
 COVER = 1.05
 #: Assumed ratio of |L| |L|^T to |A| in the prediction.
-AMPLE = 4.5
+AMPLE = 4.75
 
 
 @dataclass(frozen=True, eq=False, repr=False)

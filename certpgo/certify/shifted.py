@@ -84,10 +84,10 @@ class Shifted:
 
     def trace_of_less(self, shift: float, demand: FloatArray) -> float:
         """What `less` takes off that sum at rank d, up to rounding."""
-        taken = shift * self.multipliers.shape[1] * len(self.poses)
+        rotations = shift * float(self.multipliers.shape[1] * len(self.poses))
         if self.pin is None:
-            return taken
-        return taken + float(demand[~self.is_rotation] @ np.sum(self.arms**2, axis=1))
+            return rotations
+        return rotations + float(demand[~self.is_rotation] @ np.sum(self.arms**2, axis=1))
 
 
 def _exponent(arms: FloatArray) -> int:

@@ -2,8 +2,8 @@
 
 It converges in a few steps even from far away: after every step the translations are solved for
 again (variable projection), so that a long chain of poses can rotate as one body; an indefinite
-Hessian is replaced by the Gauss-Newton matrix as long as such steps make progress; and a
-factorization preconditions later steps as long as few products suffice.
+Hessian is replaced by the Gauss-Newton matrix as long as such steps make progress; and a factor
+serves later steps as long as they converge fast (`Chord`).
 
 Local: it finds a stationary point near its initial estimate, at which the Hessian was factorized,
 to rounding: a local minimum in all likelihood, and not necessarily the global one.
@@ -29,6 +29,7 @@ from certpgo.linalg.factor import Factor, Symbolic
 from certpgo.linalg.multifrontal import Precision
 from certpgo.objective.base import FirstOrder
 from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.optimize.chord import Chord
 from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress
@@ -36,7 +37,7 @@ from certpgo.optimize.solution import Solution, Status
 
 #: Relative decrease of F that is lost in rounding.
 ROUNDING = 16 * np.finfo(float).eps
-#: Steps with an old factor that take no longer than one with a new factor, in small graphs.
+#: Chords that take no longer than a step with a new factor, in small graphs.
 CHORDS = 4
 
 
@@ -132,33 +133,22 @@ def newton(
         state.stationarity,
         state.step_norm,
         gain=state.gain,
-        converged=state.stationarity <= settings.tolerance or state.left <= settings.enough,
+        converged=_has_converged(state, settings),
     ):
         with watch.phase("newton"):
             following = _advance(problem, state, work)
-            if following is None:
-                progress.status = Status.STALLED
-                break
-            state = _foreseen(problem, following, work)
+        if following is None:
+            progress.status = Status.STALLED
+            break
+        state = following
     estimate = Estimate(state.point.rotations, state.point.translations)
     return progress.solution(estimate, state.cost, counts=dict(work.counts))
 
 
-def _foreseen(problem: Problem, state: _State, work: _Work) -> _State:
-    """The state with the step that the last factor suggests there, and what that would gain."""
-    if work.factor is None or not state.exact or state.damping > 0.0 or not state.cost > 0.0:
-        return state
-    g = problem.tangent_layout.pack(state.first.tangent)
-    chord = -work.factor.solve(g)
-    return replace(state, chord=chord, left=float(-g @ chord) / state.cost)
-
-
-def _chords(state: _State, settings: NewtonSettings) -> float:
-    """How many steps with the last factor end the descent if they gain as much as the last step."""
-    enough = max(settings.enough, ROUNDING)
-    if not enough < state.left < state.foretold:
-        return 0.0 if state.left <= enough else math.inf
-    return math.log(state.left / enough) / math.log(state.foretold / state.left)
+def _has_converged(state: _State, settings: NewtonSettings) -> bool:
+    if state.stationarity <= settings.tolerance:
+        return True
+    return state.chord is not None and state.chord.decrease <= settings.enough * state.cost
 
 
 def forcing_term(
@@ -181,10 +171,8 @@ class _State:
     gain: float | None = None  # actual over predicted decrease of the last step
     exact: bool = False  # whether the last step used the exact Hessian
     progress: float = np.inf  # fraction by which it reduced F
-    foretold: float = np.inf  # fraction by which it was to reduce F
     damping: float = 0.0
-    chord: FloatArray | None = None  # (N,) the next step, by the last factor
-    left: float = np.inf  # fraction by which that would reduce F
+    chord: Chord | None = None  # the next step, if the last factor is still good
 
     @property
     def cost(self) -> float:
@@ -241,6 +229,7 @@ class _Proposal:
     exact: bool
     damping: float
     reused: bool = False  # whether with the factor of an earlier step
+    chord: Chord | None = None  # what it is, if it is one
 
 
 def _advance(problem: Problem, state: _State, work: _Work) -> _State | None:
@@ -265,7 +254,6 @@ def _advance(problem: Problem, state: _State, work: _Work) -> _State | None:
             gain=None if invisible else gain,
             exact=proposal.exact,
             progress=(state.cost - cost) / state.cost if state.cost > 0.0 else 0.0,
-            foretold=proposal.predicted / state.cost if state.cost > 0.0 else 0.0,
             damping=damping if damping >= settings.smallest_damping and not invisible else 0.0,
         )
         risen = not cost <= (1.0 + 2.0 * ROUNDING) * state.cost
@@ -273,8 +261,22 @@ def _advance(problem: Problem, state: _State, work: _Work) -> _State | None:
             if proposal.reused:
                 continue
             return None
-        return following
+        curvature = 1.0
+        if proposal.chord is not None and not invisible:
+            curvature = proposal.chord.curvature_for(state.cost - cost)
+        return replace(following, chord=_chord(problem, following, proposal, work, curvature))
     return None
+
+
+def _chord(
+    problem: Problem, state: _State, last: _Proposal, work: _Work, curvature: float
+) -> Chord | None:
+    """The step that the last factor suggests at a point, if it is of the exact Hessian."""
+    if work.factor is None or not state.exact or state.damping > 0.0:
+        return None
+    g = problem.tangent_layout.pack(state.first.tangent)
+    direction = -work.factor.solve(g)
+    return Chord(direction, float(-g @ direction), last.predicted, curvature)
 
 
 def _proposals(problem: Problem, state: _State, work: _Work) -> Iterator[_Proposal]:
@@ -284,11 +286,16 @@ def _proposals(problem: Problem, state: _State, work: _Work) -> Iterator[_Propos
     slow, near = state.progress < settings.slow_decrease, state.stationarity < settings.near
     exact = state.exact or slow or near
     tol = forcing_term(state.progress, settings.loosest, settings.tightest)
-    if state.chord is not None:
-        if _chords(state, settings) <= max(CHORDS, work.most):
-            yield _Proposal(state.chord, state.left * state.cost, True, 0.0, reused=True)
-        rate = max(4.0 * state.left / state.foretold, settings.enough / state.left)
-        tol = min(settings.loosest, max(settings.tightest, math.sqrt(rate)))
+    chord = state.chord
+    if chord is not None and chord.decrease > 0.0:
+        enough = max(settings.enough, ROUNDING) * state.cost
+        if chord.count(enough) <= max(CHORDS, work.most / 2):
+            yield _Proposal(chord.step, chord.predicted, True, 0.0, reused=True, chord=chord)
+        # No closer than the model is to F, and than what ends the descent.
+        worst = max(
+            4.0 * chord.decrease / chord.last, settings.enough * state.cost / chord.decrease
+        )
+        tol = min(settings.loosest, max(settings.tightest, math.sqrt(worst)))
     expected = -math.log(tol) / work.pace
     large = problem.n >= settings.large
     reusable = (state.exact or large) and state.damping == 0.0

@@ -194,8 +194,7 @@ def test_measuring_is_worth_it_where_rounding_is_what_is_missing(enough, monkeyp
     allowed, small = 1.0 - enough, dual.LARGEST_ROUNDING * tries.unit
 
     def worth(missing, shift):
-        bound = dual.DualBound(1.0 - missing, np.zeros(0), shift, 1, 100)
-        return tries.is_worth_measuring(bound, shift)
+        return tries.is_worth_measuring(1.0 - missing, shift)
 
     assert worth(9.9 * allowed, 0.9 * small)
     assert not worth(10.1 * allowed, 0.9 * small)

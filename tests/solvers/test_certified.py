@@ -839,20 +839,20 @@ def test_a_laplacian_that_cannot_be_factorized_is_no_end():
 @pytest.mark.parametrize(
     ("name", "factorizations", "products"),
     [
-        ("parking-garage", 6, 16),
-        ("sphere2500", 5, 12),
-        ("torus3D", 5, 8),
-        ("sphere_bignoise_vertex3", 5, 20),
-        ("cubicle", 5, 14),
-        ("city10000", 5, 14),
-        ("manhattan", 6, 12),
-        ("ais2klinik", 10, 32),
+        ("parking-garage", 5, 6),
+        ("sphere2500", 4, 5),
+        ("torus3D", 4, 5),
+        ("sphere_bignoise_vertex3", 3, 6),
+        ("cubicle", 4, 5),
+        ("city10000", 3, 4),
+        ("manhattan", 3, 2),
+        ("ais2klinik", 8, 4),
     ],
 )
 def test_the_work_stays_small(name, factorizations, products, dataset):
     counts = solve(dataset(name).graph).solution.counts
     assert counts["factorizations"] <= factorizations
-    assert counts["products"] <= products
+    assert counts.get("products", 0) <= products
     assert counts["nonzeros"] > 0
 
 

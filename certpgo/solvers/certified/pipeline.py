@@ -175,8 +175,11 @@ def search_and_certify(
     if highest < problem.d:
         raise InputError(f"the maximal rank must be at least {problem.d}, not {highest}")
     case = Case.of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
-    # Cheaper bounds suffice to guide the search.
-    steering = replace(case, tier=Tier.STANDARD) if case.tier is Tier.PROOF else case
+    steering = case
+    if case.tier is Tier.PROOF:
+        # Cheaper bounds suffice to guide the search, but a proof shows the last digits of F.
+        steering = replace(case, tier=Tier.STANDARD)
+        settings = replace(settings, newton=replace(settings.newton, enough=0.0))
     with stoppable(monitor, case.unit, settings.time_limit) as stop:
         search = Staircase(steering, settings, stop, initial)
         found = on_disagreement and _disagreement(search, problem, on_disagreement)
