@@ -49,6 +49,7 @@ def conjugate_gradients(
     tol: float,
     max_iterations: int,
     radius: float = math.inf,
+    trust: float = 0.0,
 ) -> Truncated:
     """Solve A x = b for symmetric A, truncated as by Steihaug; Nocedal and Wright, Algorithm 7.2.
 
@@ -60,6 +61,8 @@ def conjugate_gradients(
     tol : stop when the residual's P^-1 norm has decreased by this factor
     radius : the largest P norm of x, reached when x would leave the region or on negative
         curvature; without a bound, x stops at negative curvature
+    trust : of a P that is A up to rounding, the distance from 1 of the first step's length up to
+        which that step is the solution
     """
     x, r = np.zeros_like(b), b.copy()
     y = precondition(r)
@@ -78,6 +81,8 @@ def conjugate_gradients(
             return Truncated(x + longest * p, r - longest * Ap, end, number)
         x = x + step * p
         r = r - step * Ap
+        if number == 1 and abs(step - 1.0) <= trust:
+            return Truncated(x, r, End.CONVERGED, number)
         y = precondition(r)
         old, size = size, float(r @ y)
         if size <= target:

@@ -344,7 +344,7 @@ def _solved(
             return step, float(step @ (damped * step - g))
         # A factor in double precision takes as long as two in single precision.
         most = max(work.most, min(2 * work.most + 1, work.settings.max_products))
-        solved = _iterated(symbolic, A, g, factor, tol, work, most)
+        solved = _iterated(symbolic, A, g, factor, tol, work, most, trust=tol)
         enough = (End.CONVERGED, End.LIMIT) if precision == "mixed" else (End.CONVERGED,)
         predicted = float(solved.x @ (damped * solved.x + solved.residual - g))
         if solved.end in enough and predicted > 0.0:
@@ -355,11 +355,20 @@ def _solved(
 
 
 def _iterated(
-    symbolic: Symbolic, A: CSC, g: FloatArray, factor: Factor, tol: float, work: _Work, most: int
+    symbolic: Symbolic,
+    A: CSC,
+    g: FloatArray,
+    factor: Factor,
+    tol: float,
+    work: _Work,
+    most: int,
+    trust: float = 0.0,
 ) -> Truncated:
     """Conjugate gradients for A x = -g, with at most ``most`` products."""
     multiply = partial(symbolic.multiply, A)
-    solved = conjugate_gradients(multiply, -g, factor.solve, tol=tol, max_iterations=most)
+    solved = conjugate_gradients(
+        multiply, -g, factor.solve, tol=tol, max_iterations=most, trust=trust
+    )
     work.counts["products"] += solved.products
     if solved.end is End.CONVERGED:
         work.pace = -math.log(tol) / solved.products
