@@ -40,6 +40,24 @@ class Eigenpairs:
     solves: int
 
 
+@dataclass(frozen=True, eq=False)
+class Space:
+    """The largest Ritz pairs of an inverse: rough smallest eigenvectors.
+
+    Attributes
+    ----------
+    values : (k,) of the inverse, descending
+    vectors : (N, k) orthonormal columns, up to rounding
+    residuals : (k,) of the inverse
+    solves : number of right-hand sides
+    """
+
+    values: FloatArray
+    vectors: FloatArray
+    residuals: FloatArray
+    solves: int
+
+
 Solve = Callable[[FloatArray], FloatArray]
 
 
@@ -87,7 +105,28 @@ def krylov_schur(
     NumericalError
         No convergence within ``max_solves`` right-hand sides.
     """
-    N = A.shape[0]
+    space = smallest_space(
+        A.shape[0], solve, k, start=start, tol=tol, max_basis=max_basis, max_solves=max_solves
+    )
+    pairs = _pairs(A, space.vectors, shift, space.solves)
+    # An eigenvalue of the inverse lies within the residual of theta, up to rounding of H relative
+    # to its norm theta_1, which is large for the other thetas if A is nearly singular. Residuals
+    # of A are not affected. Both bounds hold, and the better one is used.
+    error = space.residuals + ROUNDING * np.finfo(float).eps * space.values[0]
+    return replace(pairs, lower=np.maximum(pairs.lower, 1.0 / (space.values + error) - shift))
+
+
+def smallest_space(
+    N: int,
+    solve: Solve,
+    k: int,
+    *,
+    start: FloatArray | None = None,
+    tol: float = 1e-9,
+    max_basis: int = 30,
+    max_solves: int = 3000,
+) -> Space:
+    """The iteration of `krylov_schur` alone, with its parameters and errors, for N x N matrices."""
     if start is None:
         start = np.random.default_rng(0).random((N, k)) - 0.5
     b = min(start.shape[1], N)
@@ -118,12 +157,7 @@ def krylov_schur(
             H[:] = 0.0
             H[np.arange(kept), np.arange(kept)] = theta[:kept]
             size = kept
-    pairs = _pairs(A, (Y[:, :k].T @ V[:size]).T, shift, solves)
-    # An eigenvalue of the inverse lies within the residual of theta, up to rounding of H relative
-    # to its norm theta_1, which is large for the other thetas if A is nearly singular. Residuals
-    # of A are not affected. Both bounds hold, and the better one is used.
-    error = residual + ROUNDING * np.finfo(float).eps * theta[0]
-    return replace(pairs, lower=np.maximum(pairs.lower, 1.0 / (theta[:k] + error) - shift))
+    return Space(theta[:k], (Y[:, :k].T @ V[:size]).T, residual, solves)
 
 
 def arpack(A: CSC, solve: Solve, k: int, *, shift: float = 0.0, tol: float = 1e-9) -> Eigenpairs:

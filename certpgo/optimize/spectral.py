@@ -11,7 +11,7 @@ from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import add_to_diagonal, pinned
-from certpgo.linalg.eigen import Eigenpairs, arpack, krylov_schur
+from certpgo.linalg.eigen import Eigenpairs, arpack, krylov_schur, smallest_space
 from certpgo.objective import operators
 from certpgo.objective.problem import PoseProblem, Problem, RotationProblem
 from certpgo.objective.reduced import SHIFTS, Reduced, factor_shifted
@@ -98,7 +98,6 @@ def eliminated_eigenpairs(
     *,
     tol: float = 1e-3,
     start: Estimate | None = None,
-    rough: bool = False,
 ) -> Eigenpairs:
     """The d smallest eigenpairs of the data matrix Q with the translations eliminated.
 
@@ -107,7 +106,6 @@ def eliminated_eigenpairs(
     Parameters
     ----------
     start : an estimate whose rotations span the first block; by default random
-    rough : whether single precision will do, for vectors to a few digits
 
     Returns
     -------
@@ -118,8 +116,15 @@ def eliminated_eigenpairs(
     NumericalError
         No factorization, or no convergence.
     """
-    Q, begin = Reduced(problem, rough=rough), None if start is None else start.subset(problem.poses)
+    Q, begin = Reduced(problem), None if start is None else start.subset(problem.poses)
     return krylov_schur(Q, Q.solve, problem.d, shift=Q.shift, tol=tol, start=_block(begin))
+
+
+def eliminated_start(problem: PoseProblem, *, tol: float, start: Estimate) -> Estimate:
+    """The poses of `eliminated_eigenpairs`, to a few digits: single precision, no eigenvalues."""
+    Q, begin = Reduced(problem, rough=True), _block(start.subset(problem.poses))
+    space = smallest_space(Q.shape[0], Q.solve, problem.d, tol=tol, start=begin)
+    return problem.complete(round_to_rotations(space.vectors, problem.d))
 
 
 def _block(estimate: Estimate | None) -> FloatArray | None:
