@@ -120,8 +120,12 @@ def eliminated_eigenpairs(
     return krylov_schur(Q, Q.solve, problem.d, shift=Q.shift, tol=tol, start=_block(begin))
 
 
-def eliminated_start(problem: PoseProblem, *, tol: float, start: Estimate) -> Estimate:
-    """The poses of `eliminated_eigenpairs`, to a few digits: single precision, no eigenvalues."""
+def rough_start(problem: Problem, *, tol: float, start: Estimate) -> Estimate:
+    """The estimate of the smallest eigenvectors of Q, or of L for rotations, to a few digits.
+
+    In single precision, and without the eigenvalues. Parameters and errors as
+    `eliminated_eigenpairs`.
+    """
     Q, begin = Reduced(problem, rough=True), _block(start.subset(problem.poses))
     space = smallest_space(Q.shape[0], Q.solve, problem.d, tol=tol, start=begin)
     return problem.complete(round_to_rotations(space.vectors, problem.d))

@@ -23,7 +23,7 @@ FINE = 1e-11
 HASTY, PATIENT, LARGE = 2, 20, 20_000
 #: Relative accuracy of the eigenvectors of Q, and of L, whose eigenvectors are farther from the
 #: basins.
-Q_TOL, L_TOL = 1e-2, 1e-4
+Q_TOL, L_TOL = 1e-2, 1e-3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -66,17 +66,17 @@ def start_of(problem: Problem) -> Start:
 
 
 def _of_eigenvectors(problem: Problem, averaged: Estimate) -> Start:
-    if isinstance(problem, PoseProblem) and problem.d == 3:
-        found = spectral.eliminated_start(problem, tol=Q_TOL, start=averaged)
-        return Start(found, "eigen_q", near=True)
-    name = "eigen_ma" if isinstance(problem, PoseProblem) else "eigen_ra"
-    return Start(spectral.spectral_start(problem, tol=L_TOL, start=averaged), name)
+    if isinstance(problem, PoseProblem) and problem.d == 2:
+        return Start(spectral.spectral_start(problem, tol=L_TOL, start=averaged), "eigen_ma")
+    if isinstance(problem, PoseProblem):
+        return Start(spectral.rough_start(problem, tol=Q_TOL, start=averaged), "eigen_q", near=True)
+    return Start(spectral.rough_start(problem, tol=L_TOL, start=averaged), "eigen_ra", near=True)
 
 
 def _of_partial_edges(problem: PoseProblem) -> Start:
     tree = tree_initialization(problem.graph.rotation)
     try:
-        found = spectral.eliminated_start(problem, tol=Q_TOL, start=tree)
+        found = spectral.rough_start(problem, tol=Q_TOL, start=tree)
     except (NumericalError, np.linalg.LinAlgError):
         return Start(problem.complete(tree.rotations), "tree")
     return Start(found, "eigen_q")

@@ -18,9 +18,10 @@ from certpgo.graph.priors import handedness_is_open
 from certpgo.graph.speaking import Speaking, Text
 from certpgo.graph.wording import counted
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective.problem import Problem
+from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize.marginals import Marginals
 from certpgo.optimize.monitor import Monitor
+from certpgo.optimize.newton import NewtonSettings
 from certpgo.optimize.progress import stoppable
 from certpgo.optimize.solution import Level, Solution
 from certpgo.optimize.starts import Start
@@ -175,11 +176,9 @@ def search_and_certify(
     if highest < problem.d:
         raise InputError(f"the maximal rank must be at least {problem.d}, not {highest}")
     case = Case.of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
-    steering = case
-    if case.tier is Tier.PROOF:
-        # Cheaper bounds suffice to guide the search, but a proof shows the last digits of F.
-        steering = replace(case, tier=Tier.STANDARD)
-        settings = replace(settings, newton=replace(settings.newton, enough=0.0))
+    # Cheaper bounds suffice to guide the search.
+    steering = replace(case, tier=Tier.STANDARD) if case.tier is Tier.PROOF else case
+    settings = replace(settings, newton=_as_close_as(case, settings.newton))
     with stoppable(monitor, case.unit, settings.time_limit) as stop:
         search = Staircase(steering, settings, stop, initial)
         found = on_disagreement and _disagreement(search, problem, on_disagreement)
@@ -189,6 +188,18 @@ def search_and_certify(
     # The first descent may have ended in a local minimum.
     confirmed = found and not agrees(problem, result.estimate)
     return replace(result, disagreement=found) if confirmed else result
+
+
+def _as_close_as(case: Case, newton: NewtonSettings) -> NewtonSettings:
+    """Descents that end as close to the minimum as the certificate can tell."""
+    if case.tier is Tier.PROOF:
+        return replace(newton, enough=0.0)
+    # Nothing else than rounding is compensated in a certificate of rotations alone.
+    return (
+        newton
+        if isinstance(case.problem, PoseProblem)
+        else replace(newton, enough=1e-2 * newton.enough)
+    )
 
 
 def _disagreement(
