@@ -178,13 +178,13 @@ def search_and_certify(
     case = Case.of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
     # Cheaper bounds suffice to guide the search.
     steering = replace(case, tier=Tier.STANDARD) if case.tier is Tier.PROOF else case
-    settings = replace(settings, newton=_as_close_as(case, settings.newton))
+    closer = replace(settings, newton=_as_close_as(case, settings.newton))
     with stoppable(monitor, case.unit, settings.time_limit) as stop:
-        search = Staircase(steering, settings, stop, initial)
+        search = Staircase(steering, closer, stop, initial)
         found = on_disagreement and _disagreement(search, problem, on_disagreement)
         search.go_on(highest)
         certificate = _certificate(search, None if settings.tier is None else case.tier)
-    result = _result(problem, search, certificate)
+    result = replace(_result(problem, search, certificate), settings=settings)
     # The first descent may have ended in a local minimum.
     confirmed = found and not agrees(problem, result.estimate)
     return replace(result, disagreement=found) if confirmed else result
@@ -194,12 +194,10 @@ def _as_close_as(case: Case, newton: NewtonSettings) -> NewtonSettings:
     """Descents that end as close to the minimum as the certificate can tell."""
     if case.tier is Tier.PROOF:
         return replace(newton, enough=0.0)
-    # Nothing else than rounding is compensated in a certificate of rotations alone.
-    return (
-        newton
-        if isinstance(case.problem, PoseProblem)
-        else replace(newton, enough=1e-2 * newton.enough)
-    )
+    if isinstance(case.problem, PoseProblem):
+        return newton
+    # A certificate of rotations alone compensates nothing but their rounding.
+    return replace(newton, enough=0.01 * newton.enough)
 
 
 def _disagreement(
