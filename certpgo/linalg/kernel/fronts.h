@@ -102,9 +102,46 @@ static void IN(add_sums)(const Fronts *f, Int s, const REAL *panel, Int nc, Int 
     }
 }
 
+/* Subtract L L^T from the first `count` columns of a lower triangle, for `width` columns of L. */
+static inline void IN(subtract)(REAL *restrict to, Int lead, Int count, Int rows,
+                                const REAL *restrict L, Int ld, Int width)
+{
+    Int k = 0;
+    for (; k + 4 <= width; k += 4, L += 4 * ld) {
+        const REAL *a = L, *b = L + ld, *c = L + 2 * ld, *d = L + 3 * ld;
+        for (Int j = 0; j < count; j++) {
+            REAL *column = to + j * lead, p = a[j], q = b[j], r = c[j], s = d[j];
+            for (Int i = j; i < rows; i++)
+                column[i] -= (a[i] * p + b[i] * q) + (c[i] * r + d[i] * s);
+        }
+    }
+    for (; k < width; k++, L += ld)
+        for (Int j = 0; j < count; j++) {
+            REAL *column = to + j * lead, p = L[j];
+            for (Int i = j; i < rows; i++) column[i] -= L[i] * p;
+        }
+}
+
+/* `eliminate` for fronts in which calls of BLAS would take most of the time. Sums are those of
+ * docs/multifrontal.md in another order, and diagonal entries divide by their reciprocals. */
+static int IN(eliminate_small)(REAL *panel, Int nc, Int ld, REAL *update)
+{
+    for (Int c = 0; c < nc; c++) {
+        REAL *column = panel + c * ld + c;
+        IN(subtract)(column, ld, 1, ld - c, panel + c, ld, c);
+        if (!(*column > 0 && *column < (REAL)INFINITY)) return 0;
+        REAL root = (REAL)sqrt((double)*column), over = 1 / root;
+        column[0] = root;
+        for (Int i = 1; i < ld - c; i++) column[i] *= over;
+    }
+    IN(subtract)(update, ld - nc, ld - nc, ld - nc, panel + nc, ld, nc);
+    return 1;
+}
+
 /* The Cholesky factor of a front's columns, and the update of the rest; 0 if it is not definite. */
 static int IN(eliminate)(REAL *panel, Int nc, Int ld, REAL *update)
 {
+    if (nc * ld * ld <= SMALL) return IN(eliminate_small)(panel, nc, ld, update);
     int columns = (int)nc, rows = (int)(ld - nc), lead = (int)ld, info = 0;
     REAL one = 1, minus = -1;
     IN(potrf)("L", &columns, panel, &lead, &info);

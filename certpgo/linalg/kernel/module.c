@@ -23,6 +23,8 @@ typedef int64_t Int;
 
 /* Multiplications between two looks for Ctrl-C: about a second. */
 #define PATIENCE 2e9
+/* Multiplications up to which a front is eliminated without BLAS. */
+#define SMALL 20000
 
 /* ---------------------------------------------------------------- buffers */
 
