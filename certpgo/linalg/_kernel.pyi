@@ -29,7 +29,18 @@ def factor(
     single: bool,
     /,
 ) -> bool: ...
-def solve(fronts: tuple[Any, ...], panels: Kept, X: Kept, single: bool, way: int, /) -> None: ...
+def substitute(
+    fronts: tuple[Any, ...], panels: Kept, X: Kept, single: bool, way: int, /
+) -> None: ...
+def solve(
+    fronts: tuple[Any, ...],
+    panels: Kept,
+    scale: FloatArray | None,
+    B: FloatArray,
+    X: FloatArray,
+    single: bool,
+    /,
+) -> None: ...
 def lower(
     fronts: tuple[Any, ...],
     panels: Kept,
@@ -48,7 +59,31 @@ def gradient(
     terms: FloatArray,
     /,
 ) -> None: ...
-def coupling(edges: tuple[Any, ...], d: int, R: FloatArray, upper: FloatArray, /) -> None: ...
+def first_order(
+    edges: tuple[Any, ...],
+    d: int,
+    R: FloatArray,
+    t: FloatArray | None,
+    turning: FloatArray,
+    moving: FloatArray | None,
+    tangent: FloatArray,
+    multipliers: FloatArray,
+    terms: FloatArray,
+    /,
+) -> float: ...
+def hessian(
+    edges: tuple[Any, ...],
+    d: int,
+    R: FloatArray,
+    multipliers: FloatArray,
+    spread: FloatArray,
+    first: FloatArray | None,
+    degree: FloatArray | None,
+    diagonal: FloatArray,
+    upper: FloatArray,
+    /,
+) -> None: ...
+def turn(R: FloatArray, v: FloatArray, d: int, left: bool, out: FloatArray, /) -> None: ...
 def assemble(
     places: tuple[IntArray, ...],
     diagonal: FloatArray,

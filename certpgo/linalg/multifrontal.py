@@ -269,22 +269,16 @@ class Fronts:
 
     def solve(self, panels: Kept, scale: FloatArray | None, B: FloatArray) -> FloatArray:
         """A^-1 B for B (N,) or (N, k)."""
-        right = np.atleast_2d(B[self.order].T)
-        if scale is not None:
-            right = right * scale
-        # Within the range of any precision.
-        unit = np.ldexp(1.0, np.frexp(np.abs(right).max(axis=1, initial=0.0))[1])[:, None]
-        X = self.substitute(panels, right / unit)
-        X = X * unit if scale is None else X * (unit * scale)
-        solution = np.empty(B.shape)
-        solution[self.order] = X[0] if B.ndim == 1 else X.T
-        return solution
+        B, X = np.ascontiguousarray(B, dtype=np.float64), np.empty(B.shape)
+        single = panels.dtype == np.float32
+        compiled.kernel.solve(self._fronts, _aligned(panels), scale, B, X, single)
+        return X
 
     def substitute(self, panels: Kept, right: FloatArray, way: int = 0) -> FloatArray:
         """L^-T L^-1 X for X (k, N) in the order of L; only L^-1 if way > 0, L^-T if way < 0."""
         kept: Any = panels.dtype
         X = np.array(right, dtype=kept, order="C")
-        compiled.kernel.solve(self._fronts, _aligned(panels), X, kept == np.float32, way)
+        compiled.kernel.substitute(self._fronts, _aligned(panels), X, kept == np.float32, way)
         return np.asarray(X, dtype=np.float64)
 
     def lower(self, panels: Kept) -> CSC:

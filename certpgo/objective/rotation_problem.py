@@ -16,7 +16,7 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.factor import default_engine
 from certpgo.objective import operators
-from certpgo.objective.base import AnyPoint, FirstOrder, Objective, require_graph
+from certpgo.objective.base import AnyPoint, Objective, require_graph
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -140,13 +140,9 @@ class RotationProblem(Objective):
         """(n,) sums of kappa at each node."""
         return self.node_weights
 
-    def first_order(self, estimate: Estimate) -> FirstOrder:
-        """Cost, gradient, multipliers and stationarity at an estimate."""
-        R = estimate.rotations
-        G, terms = self._sums.gradient(estimate)
-        turn, multipliers = operators.tangent_gradient_and_multipliers(G, R)
-        largest = float((np.linalg.norm(turn, axis=1) / self.curvature).max())
-        return FirstOrder(float(terms.sum()), turn, multipliers, largest)
+    @cached_property
+    def _stiffness(self) -> tuple[FloatArray, None]:
+        return self.curvature, None
 
     def scaled(self, factor: float) -> RotationProblem:
         """The same measurements with all weights times ``factor``; pattern and order are shared."""

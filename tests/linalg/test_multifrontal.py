@@ -170,7 +170,18 @@ def test_arrays_that_do_not_belong_together_are_refused():
     with pytest.raises(ValueError, match="update of another size"):
         kernel.factor(F._fronts, A.data, None, None, np.ones(1), None, None, False)
     with pytest.raises(ValueError, match="another matrix"):
-        kernel.solve(F._fronts, np.ones(3), np.ones(16), False, 0)
+        kernel.substitute(F._fronts, np.ones(3), np.ones(16), False, 0)
+    panels, ones = F.factor(A.data).panels, np.ones(16)
+    for L, scale, B, X in (
+        (panels[:-1], None, ones, ones),
+        (panels, ones[:-1], ones, ones),
+        (panels, None, ones[:-1], ones[:-1]),
+        (panels, None, np.ones(32), ones),
+    ):
+        with pytest.raises(ValueError, match="another matrix"):
+            kernel.solve(F._fronts, L, scale, B, X.copy(), False)
+    with pytest.raises(TypeError, match="array of float32 expected"):
+        kernel.solve(F._fronts, panels, None, ones, ones.copy(), True)
     for place in range(12):
         parts = list(F._fronts)
         parts[place] = parts[place][:-1]
@@ -211,13 +222,37 @@ def test_sums_over_edges_that_name_other_nodes_are_refused():
         with pytest.raises(ValueError, match=why):
             kernel.gradient(wrong, 3, 3, R, np.zeros((n, 3)), None, terms)
         with pytest.raises(ValueError, match=why):
-            kernel.coupling(wrong, 3, R, np.empty((m, 3, 3)))
+            kernel.hessian(wrong, 3, R, R, R, None, None, R.copy(), np.empty((m, 3, 3)))
+        with pytest.raises(ValueError, match=why):
+            kernel.first_order(wrong, 3, R, None, kappa[:n], None, R[0].copy(), R.copy(), terms)
     with pytest.raises(ValueError, match="2 or 3 dimensions"):
         kernel.gradient((edges, P, None, kappa, None, None, None), 4, 4, R, None, None, terms)
     with pytest.raises(IndexError, match="out of range"):
         kernel.scatter_sum(np.array([2]), np.ones((1, 2)), np.zeros((2, 2)), 2)
     with pytest.raises(ValueError, match="as many rows"):
         kernel.scatter_sum(np.array([0]), np.ones((1, 2)), np.zeros(5), 2)
+
+
+def test_derivatives_of_another_graph_are_refused():
+    graph = grid3d(2, np.random.default_rng(0)).graph
+    n, m, rotation = graph.num_nodes, graph.num_edges, graph.rotation
+    measured = rotation.rotations, None, rotation.kappa, graph.tau, graph.translations, None
+    R, t, ones = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3)), np.ones(n)
+    hessian = [R, R, R, t, ones, np.empty((n, 6, 6)), np.empty((m, 6, 6))]
+    first = [R, t, ones, ones, np.empty((n, 6)), R.copy(), np.empty(m)]
+    kernel = compiled.kernel
+    # The last is a place where None is taken of rotations alone.
+    for function, arrays, without in ((kernel.hessian, hessian, 3), (kernel.first_order, first, 1)):
+        function((rotation.edges, *measured), 3, *arrays)
+        for place, array in enumerate(arrays):
+            wrong = [*arrays[:place], array[:-1], *arrays[place + 1 :]]
+            with pytest.raises(ValueError, match="another graph"):
+                function((rotation.edges, *measured), 3, *wrong)
+        wrong = [*arrays[:without], None, *arrays[without + 1 :]]
+        with pytest.raises(ValueError, match="another graph"):
+            function((rotation.edges, *measured), 3, *wrong)
+        with pytest.raises(ValueError, match="another graph"):
+            function((rotation.edges + n, *measured), 3, *arrays)
 
 
 @pytest.mark.parametrize("exponent", [-900, -390, 390, 900])

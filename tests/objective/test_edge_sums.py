@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from strategies import dimensions, general_graph, pose_graph, rng_of, rotation_graph, seeds
 
 from certpgo.errors import GraphError
-from certpgo.graph import Estimate
+from certpgo.graph import Estimate, PoseGraph
+from certpgo.graph.edges import symmetric
 from certpgo.graph.lift import Lift, lifted
 from certpgo.linalg import compiled, so
 from certpgo.linalg.blocks import BlockPattern, diagonal_places, pinned, scatter_sum
@@ -58,11 +59,50 @@ def test_gradients_and_terms(seed, d, more):
 
 @settings(max_examples=40)
 @given(seeds, dimensions)
+def test_derivatives_along_rotations(seed, d):
+    for graph, point in graphs(seed, d):
+        turning, moving = rng_of(seed).uniform(0.5, 2.0, (2, graph.num_nodes))
+        turning[2] = np.inf  # as of a point
+        for weights in ((turning, moving), (turning, None)):
+            if not isinstance(graph, PoseGraph):
+                weights = turning, None
+            expected = operators.first_order(graph, point, *weights)
+            found = EdgeSums(graph).first_order(point, *weights)
+            for one, other in zip(found, expected, strict=True):
+                np.testing.assert_allclose(one, other, rtol=1e-11, atol=1e-11)
+
+
+def test_a_stationarity_that_is_no_number_is_not_hidden():
+    graph, R, t = pose_graph(rng_of(1), 5, 3)
+    t[3, 0] = np.nan
+    ones = np.ones(5)
+    assert np.isnan(EdgeSums(graph).first_order(Estimate.trusted(R, t), ones, ones)[3])
+
+
+@settings(max_examples=40)
+@given(seeds, dimensions)
 def test_blocks_of_hessians(seed, d):
     for graph, point in graphs(seed, d):
-        expected = operators.couplings(graph, point.rotations)
-        found = EdgeSums(graph).couplings(point.rotations)
-        np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-11)
+        multipliers = symmetric(rng_of(seed).standard_normal(point.rotations.shape))
+        sums = operators.NodeSums.of(graph)
+        expected = (
+            operators.hessian_diagonal(sums, point.rotations, multipliers),
+            operators.couplings(graph, point.rotations),
+        )
+        found = EdgeSums(graph).hessian(point.rotations, multipliers)
+        for one, other in zip(found, expected, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-11, atol=1e-11)
+
+
+@given(seeds, dimensions, st.integers(-200, 2), st.booleans())
+def test_turned_rotations(seed, d, power, left):
+    rng = rng_of(seed)
+    R, v = so.random(rng, 5, d), 10.0**power * rng.standard_normal((5, so.tangent_dim(d)))
+    v[3] = 0.0
+    expected = so.exp(v) @ R if left else R @ so.exp(v)
+    np.testing.assert_allclose(so.turned(R, v, left=left), expected, rtol=0, atol=1e-14)
+    with pytest.raises(ValueError, match="as many rotations as tangents"):
+        so.turned(R, v[:-1])
 
 
 def test_large_ranks_are_left_to_numpy():

@@ -132,6 +132,112 @@ static inline void couple(const Edges *g, Int d, const double *R, double *upper)
     }
 }
 
+/* Of the nodes: what the diagonal of a Hessian consists of, see `operators.NodeSums`. */
+typedef struct {
+    Int n;
+    const double *spread;      /* (n, d, d) */
+    const double *multipliers; /* (n, d, d) */
+    const double *first;       /* (n, d) and (n,); without translations NULL */
+    const double *degree;
+} Nodes;
+
+/* The nodes' blocks (n, b, b) of the Riemannian Hessian of F/2. */
+static inline void restrict_to_tangents(const Nodes *nodes, Int move, Int d, const double *R,
+                                        double *diagonal)
+{
+    Int p = d == 2 ? 1 : 3, o = move ? d : 0, b = p + o;
+    for (Int i = 0; i < nodes->n; i++, R += d * d) {
+        double S[9], at[9], trace = 0.0, *out = diagonal + i * b * b;
+        for (Int k = 0; k < d * d; k++)
+            S[k] = nodes->spread[i * d * d + k] - nodes->multipliers[i * d * d + k];
+        for (Int a = 0; a < d; a++) trace += S[a * d + a];
+        for (Int k = 0; k < b * b; k++) out[k] = 0.0;
+        for (Int k = 0; k < p; k++)
+            for (Int l = 0; l < p; l++)
+                out[(o + k) * b + o + l] = (k == l ? trace : 0.0) - (d == 2 ? 0.0 : S[k * d + l]);
+        if (!move) continue;
+        for (Int a = 0; a < d; a++) out[a * b + a] = nodes->degree[i];
+        turned_lever(d, R, nodes->first + i * d, at);
+        for (Int a = 0; a < d; a++)
+            for (Int k = 0; k < p; k++)
+                out[a * b + d + k] = out[(d + k) * b + a] = -at[a * p + k];
+    }
+}
+
+/* What gradients are divided by, (n,): INFINITY for points, which have no rotation. */
+typedef struct {
+    const double *turning;
+    const double *moving; /* or NULL: translations do not count */
+} Stiffness;
+
+/* Tangents (n, b) and multipliers (n, d, d) of half the gradient G at rotations R; returns the
+ * largest part of a tangent over its stiffness, or NaN. */
+static inline double project(Int n, Int d, Int move, const double *R, const double *G,
+                             const Stiffness *stiffness, double *tangent, double *multipliers)
+{
+    Int p = d == 2 ? 1 : 3, width = d + move;
+    double largest = -INFINITY;
+    for (Int i = 0; i < n; i++, R += d * d, G += d * width, multipliers += d * d) {
+        double product[9], sizes[2] = {0.0, 0.0}, *moved = tangent, *turn = tangent + (move ? d : 0);
+        for (Int a = 0; a < d; a++)
+            for (Int c = 0; c < d; c++) {
+                double sum = 0.0;
+                for (Int k = 0; k < d; k++) sum += G[k * width + move + a] * R[k * d + c];
+                product[a * d + c] = sum;
+            }
+        for (Int a = 0; a < d; a++)
+            for (Int c = 0; c < d; c++)
+                multipliers[a * d + c] = 0.5 * (product[a * d + c] + product[c * d + a]);
+        if (d == 2)
+            turn[0] = product[1] - product[2];
+        else
+            for (Int k = 0; k < 3; k++) {
+                Int k1 = (k + 1) % 3, k2 = (k + 2) % 3;
+                turn[k] = product[3 * k1 + k2] - product[3 * k2 + k1];
+            }
+        for (Int k = 0; k < p; k++) sizes[0] += turn[k] * turn[k];
+        for (Int a = 0; a < d && move; a++) moved[a] = G[a * width], sizes[1] += moved[a] * moved[a];
+        for (int of = 0; of < 2; of++) {
+            const double *weights = of ? stiffness->moving : stiffness->turning;
+            double size = weights ? sqrt(sizes[of]) / weights[i] : -INFINITY;
+            if (size > largest || size != size) largest = size;
+        }
+        tangent = turn + p;
+    }
+    return largest;
+}
+
+/* Rotations turned by tangents: R exp(v), or exp(v) R. */
+static inline void turn_by(Int n, Int d, const double *R, const double *v, int left, double *out)
+{
+    for (Int i = 0; i < n; i++, R += d * d, out += d * d) {
+        double E[9];
+        if (d == 2) {
+            E[0] = E[3] = cos(v[i]), E[2] = sin(v[i]), E[1] = -E[2];
+        } else {
+            const double *w = v + 3 * i;
+            double square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2], angle = sqrt(square);
+            double half = 0.5 * angle, a = angle > 0.0 ? sin(angle) / angle : 1.0;
+            double b = half > 0.0 ? sin(half) / half : 1.0;
+            /* I + a hat(w) + b^2 / 2 hat(w)^2 */
+            b *= 0.5 * b;
+            for (Int k = 0; k < 3; k++) {
+                Int k1 = (k + 1) % 3, k2 = (k + 2) % 3;
+                E[4 * k] = 1.0 - b * (w[k1] * w[k1] + w[k2] * w[k2]);
+                E[3 * k + k1] = b * w[k] * w[k1] - a * w[k2];
+                E[3 * k1 + k] = b * w[k] * w[k1] + a * w[k2];
+            }
+        }
+        const double *A = left ? E : R, *B = left ? R : E;
+        for (Int a = 0; a < d; a++)
+            for (Int c = 0; c < d; c++) {
+                double sum = 0.0;
+                for (Int k = 0; k < d; k++) sum += A[a * d + k] * B[k * d + c];
+                out[a * d + c] = sum;
+            }
+    }
+}
+
 /* Whether each block's place is in its node's column. */
 static int are_places(Int n, Int m, const Int *indptr, const Int *own, const Int *slots,
                       const Int *pairs)

@@ -246,48 +246,94 @@ done:
     return outcome;
 }
 
+/* x := L^-1 x in the rows of supernode s, and what that changes below; `y` is room for work. */
+static void IN(forward)(const Fronts *f, Int s, const REAL *panel, Int ld, REAL *x, REAL *y)
+{
+    Int nc = width_of(f, s), m = ld - nc, r = 0;
+    REAL *own = x + f->offset[f->start[s]];
+    memset(y, 0, (size_t)m * sizeof(REAL));
+    for (Int c = 0; c < nc; c++) {
+        const REAL *column = panel + c * ld;
+        REAL value = own[c] / column[c];
+        own[c] = value;
+        for (Int i = c + 1; i < nc; i++) own[i] -= column[i] * value;
+        for (Int i = 0; i < m; i++) y[i] += column[nc + i] * value;
+    }
+    for (Int e = f->begin[s]; e < f->begin[s + 1]; e++)
+        for (Int i = f->offset[f->rows[e]]; i < f->offset[f->rows[e] + 1]; i++) x[i] -= y[r++];
+}
+
+/* x := L^-T x in the rows of supernode s, from what is solved below. */
+static void IN(backward)(const Fronts *f, Int s, const REAL *panel, Int ld, REAL *x, REAL *y)
+{
+    Int nc = width_of(f, s), r = nc;
+    REAL *own = x + f->offset[f->start[s]];
+    for (Int e = f->begin[s]; e < f->begin[s + 1]; e++)
+        for (Int i = f->offset[f->rows[e]]; i < f->offset[f->rows[e] + 1]; i++) y[r++] = x[i];
+    memcpy(y, own, (size_t)nc * sizeof(REAL));
+    for (Int c = nc - 1; c >= 0; c--) {
+        const REAL *column = panel + c * ld;
+        REAL v[4] = {0, 0, 0, 0};
+        Int i = c + 1;
+        for (; i + 4 <= ld; i += 4)
+            for (int l = 0; l < 4; l++) v[l] += column[i + l] * y[i + l];
+        for (; i < ld; i++) v[0] += column[i] * y[i];
+        y[c] = (y[c] - ((v[0] + v[1]) + (v[2] + v[3]))) / column[c];
+    }
+    memcpy(own, y, (size_t)nc * sizeof(REAL));
+}
+
 /* X (k, N) := (L L^T)^-1 X, if way > 0 L^-1 X, if way < 0 L^-T X. */
-static int IN(solve)(const Fronts *f, const REAL *L, REAL *X, Int k, int way)
+static int IN(substitute)(const Fronts *f, const REAL *L, REAL *X, Int k, int way)
 {
     Int N = f->offset[f->n];
     REAL *y = malloc((size_t)(f->tallest + 1) * sizeof(REAL));
     if (!y) return -1;
-    for (Int q = 0; q < k; q++) {
-        REAL *x = X + q * N;
-        for (Int s = 0; way >= 0 && s < f->many; s++) {
-            Int nc = width_of(f, s), ld = (f->panel[s + 1] - f->panel[s]) / nc, m = ld - nc, r = 0;
-            const REAL *panel = L + f->panel[s];
-            REAL *own = x + f->offset[f->start[s]];
-            memset(y, 0, (size_t)m * sizeof(REAL));
-            for (Int c = 0; c < nc; c++) {
-                const REAL *column = panel + c * ld;
-                REAL value = own[c] / column[c];
-                own[c] = value;
-                for (Int i = c + 1; i < nc; i++) own[i] -= column[i] * value;
-                for (Int i = 0; i < m; i++) y[i] += column[nc + i] * value;
-            }
-            for (Int e = f->begin[s]; e < f->begin[s + 1]; e++)
-                for (Int i = f->offset[f->rows[e]]; i < f->offset[f->rows[e] + 1]; i++) x[i] -= y[r++];
-        }
-        for (Int s = f->many - 1; way <= 0 && s >= 0; s--) {
-            Int nc = width_of(f, s), ld = (f->panel[s + 1] - f->panel[s]) / nc, r = nc;
-            const REAL *panel = L + f->panel[s];
-            REAL *own = x + f->offset[f->start[s]];
-            for (Int e = f->begin[s]; e < f->begin[s + 1]; e++)
-                for (Int i = f->offset[f->rows[e]]; i < f->offset[f->rows[e] + 1]; i++) y[r++] = x[i];
-            memcpy(y, own, (size_t)nc * sizeof(REAL));
-            for (Int c = nc - 1; c >= 0; c--) {
-                const REAL *column = panel + c * ld;
-                REAL v[4] = {0, 0, 0, 0};
-                Int i = c + 1;
-                for (; i + 4 <= ld; i += 4)
-                    for (int l = 0; l < 4; l++) v[l] += column[i + l] * y[i + l];
-                for (; i < ld; i++) v[0] += column[i] * y[i];
-                y[c] = (y[c] - ((v[0] + v[1]) + (v[2] + v[3]))) / column[c];
-            }
-            memcpy(own, y, (size_t)nc * sizeof(REAL));
-        }
+    for (Int s = 0; way >= 0 && s < f->many; s++) {
+        Int ld = (f->panel[s + 1] - f->panel[s]) / width_of(f, s);
+        for (Int q = 0; q < k; q++) IN(forward)(f, s, L + f->panel[s], ld, X + q * N, y);
+    }
+    for (Int s = f->many - 1; way <= 0 && s >= 0; s--) {
+        Int ld = (f->panel[s + 1] - f->panel[s]) / width_of(f, s);
+        for (Int q = 0; q < k; q++) IN(backward)(f, s, L + f->panel[s], ld, X + q * N, y);
     }
     free(y);
     return 0;
+}
+
+/* X := A^-1 B, both (N, k) in A's order; L is that of A, or of A with rows and columns times `scale`. */
+static int IN(solve)(const Fronts *f, const REAL *L, const double *scale, const double *B, double *X,
+                     Int k)
+{
+    Int N = f->offset[f->n], outcome = -1;
+    Int *first = malloc((size_t)(f->n + 1 + N) * sizeof(Int)), *row = first + f->n + 1;
+    REAL *x = malloc((size_t)(k * N + 1) * sizeof(REAL));
+    double *units = malloc((size_t)(k + 1) * sizeof(double));
+    if (!first || !x || !units) goto done;
+    first_rows(f, first);
+    for (Int i = 0; i < f->n; i++)
+        for (Int r = f->offset[i]; r < f->offset[i + 1]; r++)
+            row[r] = first[f->order[i]] + r - f->offset[i];
+    for (Int q = 0; q < k; q++) {
+        /* Within the range of any precision. */
+        double largest = 0.0;
+        int exponent = 0;
+        for (Int r = 0; r < N; r++) {
+            double size = fabs(B[row[r] * k + q] * (scale ? scale[r] : 1.0));
+            if (size > largest) largest = size;
+        }
+        if (largest < INFINITY) frexp(largest, &exponent);
+        units[q] = ldexp(1.0, exponent);
+        for (Int r = 0; r < N; r++)
+            x[q * N + r] = (REAL)(B[row[r] * k + q] * (scale ? scale[r] : 1.0) / units[q]);
+    }
+    outcome = IN(substitute)(f, L, x, k, 0);
+    for (Int q = 0; q < k && outcome == 0; q++)
+        for (Int r = 0; r < N; r++)
+            X[row[r] * k + q] = x[q * N + r] * (units[q] * (scale ? scale[r] : 1.0));
+done:
+    free(first);
+    free(x);
+    free(units);
+    return outcome;
 }
