@@ -42,8 +42,10 @@ SHARPER = 4.0
 CONFIRMATIONS = 8
 #: Safety factor of the prediction over the measured value.
 MARGIN = 1.25
+#: Compensation over the demand: what is over keeps the matrix definite.
+COVER = 1.05
 #: Assumed ratio of |L| |L|^T to |A| in the prediction.
-AMPLE = 4.0
+AMPLE = 4.5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -176,7 +178,7 @@ class _Attempts:
         """The bound with ``shift`` on the rotations, plus the shift due to rounding."""
         measure = self.is_hopeless(shift)
         first = demand = self.guess / SHARPER if measure else self.guess
-        best, generosity = None, MARGIN
+        best, generosity = None, COVER
         for _ in range(CONFIRMATIONS):
             reduced = self.shifted.less(shift, generosity * demand)
             rounding = self.rounding_of(reduced, demand, measure)
@@ -191,7 +193,7 @@ class _Attempts:
                 sufficient = best.value >= self.enough
                 guessed = demand is first and demand.any()
                 if not guessed or (sufficient and not self.sharp):
-                    if sufficient or measure or not self.is_worth_measuring(best, shift):
+                    if sufficient or measure or not self.is_worth_measuring(best.value, shift):
                         return best
                     measure = True
                     rounding = self.rounding_of(reduced, demand, measure)
@@ -211,13 +213,13 @@ class _Attempts:
             return False
         # A bound that is to be sharpened comes closer to the rounding than the first.
         expected = self.foreseen if self.sharp else AMPLE * self.foreseen
-        reduced = self.shifted.less(shift, MARGIN * expected)
-        bound = self.bound(reduced, np.where(self.is_rotation, expected, 0.0))
-        return bound.value < self.enough and self.is_worth_measuring(bound, shift)
+        less = self.shifted.trace_of_less(shift, COVER * expected)
+        value = self.shifted.trace - less - float(expected[self.is_rotation].sum())
+        return value < self.enough and self.is_worth_measuring(value, shift)
 
-    def is_worth_measuring(self, bound: DualBound, shift: float) -> bool:
-        """Whether the bound is insufficient due to rounding that measuring may reduce enough."""
-        missing, allowed = self.cost - bound.value, self.cost - self.enough
+    def is_worth_measuring(self, value: float, shift: float) -> bool:
+        """Whether a bound is insufficient due to rounding that measuring may reduce enough."""
+        missing, allowed = self.cost - value, self.cost - self.enough
         explained = self.rounding and shift <= LARGEST_ROUNDING * self.unit
         return explained and missing <= MEASURING_GAIN * allowed and self.symbolic.measurable
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -75,6 +76,18 @@ class Shifted:
         reduced = self.multipliers.copy()
         reduced[poses] -= less
         return reduced
+
+    @cached_property
+    def trace(self) -> float:
+        """Sum of the traces of Lam."""
+        return float(np.trace(self.multipliers[self.poses], axis1=1, axis2=2).sum())
+
+    def trace_of_less(self, shift: float, demand: FloatArray) -> float:
+        """What `less` takes off that sum at rank d, up to rounding."""
+        taken = shift * self.multipliers.shape[1] * len(self.poses)
+        if self.pin is None:
+            return taken
+        return taken + float(demand[~self.is_rotation] @ np.sum(self.arms**2, axis=1))
 
 
 def _exponent(arms: FloatArray) -> int:

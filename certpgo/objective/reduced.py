@@ -37,6 +37,7 @@ class Reduced:
         rows and columns, such as a certificate matrix
     shifts : the first that makes the matrix definite is used; by default small ones, in units of
         the mean weight of a node
+    rough : whether solves in single precision will do, where it can factorize the matrix
 
     Raises
     ------
@@ -49,6 +50,8 @@ class Reduced:
         problem: Problem,
         matrix: CSC | None = None,
         shifts: tuple[float, ...] | None = None,
+        *,
+        rough: bool = False,
     ) -> None:
         self._problem = problem
         self._matrix = problem.matrix if matrix is None else matrix
@@ -65,7 +68,7 @@ class Reduced:
         def build(shift: float) -> CSC:
             return add_to_diagonal(grounded, np.where(self._rotations, shift, 0.0))
 
-        _, self.shift, self.factor = factor_shifted(problem, build, unit, shifts)
+        _, self.shift, self.factor = factor_shifted(problem, build, unit, shifts, rough=rough)
 
     def solve(self, B: FloatArray) -> FloatArray:
         """(Q + shift I)^-1 B for B (dn, k)."""
@@ -89,7 +92,12 @@ class Reduced:
 
 
 def factor_shifted(
-    problem: Problem, build: Callable[[float], CSC], unit: float, shifts: tuple[float, ...] = SHIFTS
+    problem: Problem,
+    build: Callable[[float], CSC],
+    unit: float,
+    shifts: tuple[float, ...] = SHIFTS,
+    *,
+    rough: bool = False,
 ) -> tuple[CSC, float, Factor]:
     """The first definite matrix ``build(shift)``, its shift and its factor, or a NumericalError.
 
@@ -97,10 +105,12 @@ def factor_shifted(
     ----------
     build : shift -> a block matrix of the problem, semidefinite up to rounding if the shift is zero
     unit : factor of the shifts
+    rough : whether a factor in single precision will do
     """
     for relative in shifts:
         A = build(unit * relative)
-        factor = problem.symbolic(A).factor(A)
+        symbolic = problem.symbolic(A)
+        factor = (symbolic.factor(A, "single") if rough else None) or symbolic.factor(A)
         if factor is not None:
             return A, unit * relative, factor
     raise NumericalError("a semidefinite matrix could not be factorized, even when shifted")

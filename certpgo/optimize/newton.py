@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -125,26 +125,31 @@ def newton(
     work = _Work(settings, _metric(problem))
     state = _State(initial, problem.first_order(initial), exact=near)
     progress = Progress(monitor, settings.tolerance, settings.max_iterations, watch)
-    while progress.advance(state.cost, state.stationarity, state.step_norm, gain=state.gain):
+    while progress.advance(
+        state.cost,
+        state.stationarity,
+        state.step_norm,
+        gain=state.gain,
+        converged=state.stationarity <= settings.tolerance or state.left <= settings.enough,
+    ):
         with watch.phase("newton"):
             following = _advance(problem, state, work)
-        if following is None:
-            progress.status = Status.STALLED
-            break
-        state = following
-        if settings.enough > 0.0 and _left(problem, state, work) <= settings.enough * state.cost:
-            progress.status = Status.CONVERGED
-            break
+            if following is None:
+                progress.status = Status.STALLED
+                break
+            state = _foreseen(problem, following, work)
     estimate = Estimate(state.point.rotations, state.point.translations)
     return progress.solution(estimate, state.cost, counts=dict(work.counts))
 
 
-def _left(problem: Problem, state: _State, work: _Work) -> float:
-    """The decrease of F that the last factor predicts for another exact step."""
-    if work.factor is None or not state.exact or state.damping > 0.0:
-        return math.inf
+def _foreseen(problem: Problem, state: _State, work: _Work) -> _State:
+    """The state with the step that the last factor suggests, and what that would gain."""
+    known = work.factor is not None and state.exact and state.damping == 0.0
+    if not (known and work.settings.enough > 0.0 and state.cost > 0.0):
+        return state
     g = problem.tangent_layout.pack(state.first.tangent)
-    return float(g @ work.factor.solve(g))
+    chord = -work.factor.solve(g)
+    return replace(state, chord=chord, left=float(-g @ chord) / state.cost)
 
 
 def forcing_term(
@@ -167,7 +172,10 @@ class _State:
     gain: float | None = None  # actual over predicted decrease of the last step
     exact: bool = False  # whether the last step used the exact Hessian
     progress: float = np.inf  # fraction by which it reduced F
+    foretold: float = np.inf  # fraction by which it was to reduce F
     damping: float = 0.0
+    chord: FloatArray | None = None  # (N,) the next step, by the last factor
+    left: float = np.inf  # fraction by which that would reduce F
 
     @property
     def cost(self) -> float:
@@ -248,6 +256,7 @@ def _advance(problem: Problem, state: _State, work: _Work) -> _State | None:
             gain=None if invisible else gain,
             exact=proposal.exact,
             progress=(state.cost - cost) / state.cost if state.cost > 0.0 else 0.0,
+            foretold=proposal.predicted / state.cost if state.cost > 0.0 else 0.0,
             damping=damping if damping >= settings.smallest_damping and not invisible else 0.0,
         )
         risen = not cost <= (1.0 + 2.0 * ROUNDING) * state.cost
@@ -266,6 +275,12 @@ def _proposals(problem: Problem, state: _State, work: _Work) -> Iterator[_Propos
     slow, near = state.progress < settings.slow_decrease, state.stationarity < settings.near
     exact = state.exact or slow or near
     tol = forcing_term(state.progress, settings.loosest, settings.tightest)
+    if state.chord is not None:
+        rate = 4.0 * state.left / state.foretold
+        if state.left * max(rate, math.exp(-2.0 * work.pace)) <= settings.enough:
+            yield _Proposal(state.chord, state.left * state.cost, True, 0.0, reused=True)
+        rate = max(rate, settings.enough / state.left)
+        tol = min(settings.loosest, max(settings.tightest, math.sqrt(rate)))
     expected = -math.log(tol) / work.pace
     large = problem.n >= settings.large
     reusable = (state.exact or large) and state.damping == 0.0

@@ -98,6 +98,7 @@ def eliminated_eigenpairs(
     *,
     tol: float = 1e-3,
     start: Estimate | None = None,
+    rough: bool = False,
 ) -> Eigenpairs:
     """The d smallest eigenpairs of the data matrix Q with the translations eliminated.
 
@@ -106,6 +107,7 @@ def eliminated_eigenpairs(
     Parameters
     ----------
     start : an estimate whose rotations span the first block; by default random
+    rough : whether single precision will do, for vectors to a few digits
 
     Returns
     -------
@@ -116,7 +118,7 @@ def eliminated_eigenpairs(
     NumericalError
         No factorization, or no convergence.
     """
-    Q, begin = Reduced(problem), None if start is None else start.subset(problem.poses)
+    Q, begin = Reduced(problem, rough=rough), None if start is None else start.subset(problem.poses)
     return krylov_schur(Q, Q.solve, problem.d, shift=Q.shift, tol=tol, start=_block(begin))
 
 

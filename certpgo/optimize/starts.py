@@ -65,7 +65,7 @@ def start_of(problem: Problem) -> Start:
 
 def _of_eigenvectors(problem: Problem, averaged: Estimate) -> Start:
     if isinstance(problem, PoseProblem) and problem.d == 3:
-        pairs = spectral.eliminated_eigenpairs(problem, tol=Q_TOL, start=averaged)
+        pairs = spectral.eliminated_eigenpairs(problem, tol=Q_TOL, start=averaged, rough=True)
         rotations = spectral.round_to_rotations(pairs.vectors, problem.d)
         return Start(problem.complete(rotations), "eigen_q", near=True)
     name = "eigen_ma" if isinstance(problem, PoseProblem) else "eigen_ra"
@@ -75,7 +75,7 @@ def _of_eigenvectors(problem: Problem, averaged: Estimate) -> Start:
 def _of_partial_edges(problem: PoseProblem) -> Start:
     tree = tree_initialization(problem.graph.rotation)
     try:
-        pairs = spectral.eliminated_eigenpairs(problem, tol=Q_TOL, start=tree)
+        pairs = spectral.eliminated_eigenpairs(problem, tol=Q_TOL, start=tree, rough=True)
     except (NumericalError, np.linalg.LinAlgError):
         return Start(problem.complete(tree.rotations), "tree")
     return Start(problem.complete(spectral.round_to_rotations(pairs.vectors, problem.d)), "eigen_q")
