@@ -1,6 +1,7 @@
 """The sums over all edges of which every iteration consists, compiled where possible.
 
-`certpgo.objective.operators` has the formulas in NumPy, which serve without the compiled kernel.
+`certpgo.objective.operators` and `residuals` have the formulas in NumPy, which serve without the
+compiled kernel.
 """
 
 from __future__ import annotations
@@ -13,10 +14,8 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.lift import Point, translations_of
 from certpgo.linalg import compiled, so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective import operators
-
-#: Largest rank that the kernel takes.
-LARGEST_RANK = 32
+from certpgo.linalg.compiled import LARGEST_RANK
+from certpgo.objective import operators, residuals
 
 
 class EdgeSums:
@@ -32,6 +31,9 @@ class EdgeSums:
         moved = (None, None, None) if poses is None else (poses.tau, poses.translations, poses.arms)
         arrays = rotation.edges, measured, K, rotation.kappa, *moved
         self._edges = tuple(None if x is None else np.ascontiguousarray(x) for x in arrays)
+        # Without matrix weights and arms.
+        alone = rotation.edges, rotation.rotations, None, rotation.kappa
+        self._measured = *alone, *moved[:2], None
 
     def gradient(self, point: Point) -> tuple[FloatArray, FloatArray]:
         """Half the Euclidean gradient and the edges' terms, as `operators.gradient`."""
@@ -89,6 +91,25 @@ class EdgeSums:
         graph, nodes = (self._edges, self._graph.d), (of.first, of.degree)
         compiled.kernel.hessian(*graph, R, multipliers, of.spread, *nodes, diagonal, upper)
         return diagonal, upper
+
+    def angles(self, R: FloatArray) -> FloatArray:
+        """As `residuals.residual_angles`."""
+        if not compiled.AVAILABLE:
+            return residuals.residual_angles(self._graph, R)
+        angles = np.empty(self._graph.num_edges)
+        compiled.kernel.angles(self._measured, self._graph.d, np.ascontiguousarray(R), angles)
+        return angles
+
+    def residuals(self, estimate: Estimate) -> tuple[FloatArray, FloatArray | None]:
+        """As `residuals.residual_norms`."""
+        if not compiled.AVAILABLE:
+            return residuals.residual_norms(self._graph, estimate)
+        turned, moved, t = np.empty(self._graph.num_edges), None, estimate.translations
+        if self._poses and t is not None:
+            moved, t = np.empty_like(turned), np.ascontiguousarray(t)
+        R = np.ascontiguousarray(estimate.rotations)
+        compiled.kernel.residuals(self._measured, self._graph.d, R, t, turned, moved)
+        return turned, moved
 
     @cached_property
     def _node_sums(self) -> operators.NodeSums:

@@ -12,7 +12,6 @@ from certpgo.graph import Estimate, RotationGraph
 from certpgo.graph.edges import components_of, edge_name
 from certpgo.graph.graph import require_connected
 from certpgo.graph.lift import Point
-from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.factor import default_engine
 from certpgo.objective import operators
@@ -111,10 +110,7 @@ class RotationProblem(Objective):
 
     def residual_angles(self, estimate: Estimate) -> FloatArray:
         """(m,) angles between R_i R_ij and R_j, radians; 0 where no rotation is measured."""
-        i, j = self.graph.edges.T
-        R = estimate.rotations
-        angles = so.angle(np.swapaxes(R[j], 1, 2) @ R[i] @ self.graph.rotations)
-        return np.where(self.graph.kappa > 0.0, angles, 0.0)
+        return self._sums.angles(estimate.rotations)
 
     def settled(self, point: AnyPoint) -> AnyPoint:
         """The point's rotations; there are no translations to optimize."""

@@ -238,6 +238,122 @@ static inline void turn_by(Int n, Int d, const double *R, const double *v, int l
     }
 }
 
+/* Angles (m,) between R_i P and R_j, 0 where no rotation is measured. */
+static inline void measure_angles(const Edges *g, Int d, const double *R, double *angles)
+{
+    for (Int e = 0; e < g->m; e++) {
+        const double *Ri = R + g->pairs[2 * e] * d * d, *Rj = R + g->pairs[2 * e + 1] * d * d;
+        double B[9], Q[9], sine = 0.0, trace = 0.0;
+        for (Int a = 0; a < d; a++)
+            for (Int c = 0; c < d; c++) {
+                B[a * d + c] = 0.0;
+                for (Int k = 0; k < d; k++) B[a * d + c] += Rj[k * d + a] * Ri[k * d + c];
+            }
+        for (Int a = 0; a < d; a++)
+            for (Int c = 0; c < d; c++) {
+                Q[a * d + c] = 0.0;
+                for (Int k = 0; k < d; k++) Q[a * d + c] += B[a * d + k] * g->P[(e * d + k) * d + c];
+            }
+        for (Int a = 0; a < d; a++) {
+            trace += Q[a * d + a];
+            for (Int c = 0; c < a; c++) {
+                double skew = 0.5 * (Q[a * d + c] - Q[c * d + a]);
+                sine += skew * skew;
+            }
+        }
+        angles[e] = g->kappa[e] > 0.0 ? atan2(sqrt(sine), 0.5 * (d == 2 ? trace : trace - 1.0)) : 0.0;
+    }
+}
+
+/* Norms (m,) of R_j - R_i P, and of t_j - t_i - R_i b where translations are measured. */
+static inline void measure_residuals(const Edges *g, Int d, const double *R, const double *t,
+                                     double *turned, double *moved)
+{
+    for (Int e = 0; e < g->m; e++) {
+        Int i = g->pairs[2 * e], j = g->pairs[2 * e + 1];
+        double square = 0.0;
+        for (Int a = 0; a < d; a++)
+            for (Int c = 0; c < d; c++) {
+                double product = 0.0, off;
+                for (Int b = 0; b < d; b++)
+                    product += R[(i * d + a) * d + b] * g->P[(e * d + b) * d + c];
+                off = R[(j * d + a) * d + c] - product;
+                square += off * off;
+            }
+        turned[e] = sqrt(square);
+        if (!moved) continue;
+        square = 0.0;
+        for (Int a = 0; a < d; a++) {
+            double step = 0.0, off;
+            for (Int b = 0; b < d; b++) step += R[(i * d + a) * d + b] * g->moved[e * d + b];
+            off = t[j * d + a] - t[i * d + a] - step;
+            square += off * off;
+        }
+        moved[e] = sqrt(square);
+    }
+}
+
+/* An end of entry k of a list of nodes, edges and reversed edges: its row, or its column. */
+static Int end_of(Int n, Int m, const Int *pairs, Int k, int column)
+{
+    if (k < n) return k;
+    int back = k >= n + m;
+    return pairs[2 * (k - n - (back ? m : 0)) + (back != column)];
+}
+
+/* The occupied blocks of a graph's matrices by rows, columns ascending, and in `slots` (n + 2 m) the
+ * block of each entry of that list; returns their number. `work` has room for 2 (n + 2 m) + n + 1. */
+static Int find_blocks(Int n, Int m, const Int *pairs, Int *indptr, Int *indices, Int *slots, Int *work)
+{
+    Int all = n + 2 * m, *by_column = work, *sorted = work + all, *next = sorted + all, blocks = 0;
+    for (int column = 1; column >= 0; column--) {
+        Int *to = column ? by_column : sorted;
+        memset(next, 0, (size_t)(n + 1) * sizeof(Int));
+        for (Int k = 0; k < all; k++) next[end_of(n, m, pairs, k, column) + 1]++;
+        for (Int i = 0; i < n; i++) next[i + 1] += next[i];
+        for (Int q = 0; q < all; q++) {
+            Int k = column ? q : by_column[q];
+            to[next[end_of(n, m, pairs, k, column)]++] = k;
+        }
+    }
+    indptr[0] = 0;
+    for (Int q = 0, row = -1, column = -1; q < all; q++) {
+        Int i = end_of(n, m, pairs, sorted[q], 0), j = end_of(n, m, pairs, sorted[q], 1);
+        if (i != row || j != column) indices[blocks++] = j;
+        row = i, column = j;
+        slots[sorted[q]] = blocks - 1;
+        indptr[i + 1] = blocks;
+    }
+    return blocks;
+}
+
+/* Subtract shift I and the symmetric part of Y_i^T G Y_i, unless G is NULL, of some nodes' blocks Y
+ * (n, r, d), from multipliers (n, d, d). */
+static void take_off(Int count, const Int *nodes, Int r, Int d, const double *Y, const double *G,
+                     double shift, double *multipliers)
+{
+    double Z[3 * 32];
+    for (Int k = 0; k < count; k++) {
+        const double *block = Y + nodes[k] * r * d;
+        double *of = multipliers + nodes[k] * d * d;
+        for (Int a = 0; a < d; a++) of[a * d + a] -= shift;
+        if (!G) continue;
+        for (Int u = 0; u < r; u++)
+            for (Int c = 0; c < d; c++) {
+                Z[u * d + c] = 0.0;
+                for (Int v = 0; v < r; v++)
+                    Z[u * d + c] += 0.5 * (G[u * r + v] + G[v * r + u]) * block[v * d + c];
+            }
+        for (Int a = 0; a < d; a++)
+            for (Int c = a; c < d; c++) {
+                double sum = 0.0;
+                for (Int u = 0; u < r; u++) sum += block[u * d + a] * Z[u * d + c];
+                of[a * d + c] -= sum;
+                if (c > a) of[c * d + a] -= sum;
+            }
+    }
+}
+
 /* Whether each block's place is in its node's column. */
 static int are_places(Int n, Int m, const Int *indptr, const Int *own, const Int *slots,
                       const Int *pairs)

@@ -723,6 +723,82 @@ static PyObject *hessian_of(Held *held, PyObject *args)
 }
 CALL(hessian)
 
+/* angles(edges, d, R, angles): of the edges' residual rotations */
+static PyObject *angles_of(Held *held, PyObject *args)
+{
+    PyObject *tuple;
+    Array R = {held, DOUBLES}, angles = {held, DOUBLES, WRITTEN};
+    Edges g;
+    int d;
+    if (!PyArg_ParseTuple(args, "OiO&O&", &tuple, &d, array, &R, array, &angles) ||
+        !edges_of(held, tuple, d, &g))
+        return NULL;
+    if (angles.length != g.m || !g.kappa || !all_below(g.pairs, 2 * g.m, R.length / (d * d)))
+        return refuse("rotations of another graph");
+    IN_SPACE(d, measure_angles(&g, 2, R.at, angles.at), measure_angles(&g, 3, R.at, angles.at))
+    return Py_NewRef(Py_None);
+}
+CALL(angles)
+
+/* residuals(edges, d, R, t | None, turned, moved | None): norms of the edges' residuals */
+static PyObject *residuals_of(Held *held, PyObject *args)
+{
+    PyObject *tuple;
+    Array R = {held, DOUBLES}, t = {held, DOUBLES, OPTIONAL};
+    Array turned = {held, DOUBLES, WRITTEN}, moved = {held, DOUBLES, WRITTEN | OPTIONAL};
+    Edges g;
+    int d;
+    if (!PyArg_ParseTuple(args, "OiO&O&O&O&", &tuple, &d, array, &R, array, &t, array, &turned,
+                          array, &moved) ||
+        !edges_of(held, tuple, d, &g))
+        return NULL;
+    Int n = R.length / (d * d);
+    if (turned.length != g.m || !all_below(g.pairs, 2 * g.m, n) ||
+        (moved.at && (moved.length != g.m || !g.moved || t.length != n * d)))
+        return refuse("an estimate of another graph");
+    IN_SPACE(d, measure_residuals(&g, 2, R.at, t.at, turned.at, moved.at),
+             measure_residuals(&g, 3, R.at, t.at, turned.at, moved.at))
+    return Py_NewRef(Py_None);
+}
+CALL(residuals)
+
+/* lessen(shift, G | None, Y, nodes, d, multipliers): see `certpgo.certify.shifted.Shifted.less` */
+static PyObject *lessen_of(Held *held, PyObject *args)
+{
+    Array G = {held, DOUBLES, OPTIONAL}, Y = {held, DOUBLES}, nodes = {held, INTS};
+    Array multipliers = {held, DOUBLES, WRITTEN};
+    double shift;
+    int d;
+    if (!PyArg_ParseTuple(args, "dO&O&O&iO&", &shift, array, &G, array, &Y, array, &nodes, &d, array,
+                          &multipliers))
+        return NULL;
+    Int n = d > 0 ? multipliers.length / (d * d) : 0, r = n ? Y.length / (n * d) : 0;
+    if (d < 2 || d > 3 || r > 32 || multipliers.length != n * d * d || Y.length != n * r * d ||
+        (G.at && G.length != r * r) || !all_below(nodes.at, nodes.length, n))
+        return refuse("multipliers of other nodes, or a rank above 32");
+    take_off(nodes.length, nodes.at, r, d, Y.at, G.at, shift, multipliers.at);
+    return Py_NewRef(Py_None);
+}
+CALL(lessen)
+
+/* blocks(pairs, indptr, indices, slots) -> how many: see `certpgo.linalg.blocks.BlockPattern` */
+static PyObject *blocks_of(Held *held, PyObject *args)
+{
+    Array pairs = {held, INTS}, indptr = {held, INTS, WRITTEN}, indices = indptr, slots = indptr;
+    if (!PyArg_ParseTuple(args, "O&O&O&O&", array, &pairs, array, &indptr, array, &indices, array,
+                          &slots))
+        return NULL;
+    Int n = indptr.length - 1, m = pairs.length / 2, all = n + 2 * m;
+    if (n < 0 || pairs.length != 2 * m || indices.length != all || slots.length != all ||
+        !all_below(pairs.at, 2 * m, n))
+        return refuse("pairs of other nodes");
+    Int *work = memory(held, 2 * all + n + 1, sizeof(Int));
+    if (!work) return NULL;
+    return PyLong_FromLongLong(
+        find_blocks(n, m, pairs.at, indptr.at, indices.at, slots.at, work));
+}
+CALL(blocks)
+
 /* assemble((indptr, own, slots, pairs), diagonal, upper, data): data, zero before, is written */
 static PyObject *assemble_of(Held *held, PyObject *args)
 {
@@ -842,22 +918,29 @@ static PyObject *central_tree_of(Held *held, PyObject *args)
 }
 CALL(central_tree)
 
-/* compose(parents, d, R, t | None): poses in their parents' frames, in place */
+/* compose(edges, d, parents, R, t | None): poses of the edges between children and parents, composed */
 static PyObject *compose_of(Held *held, PyObject *args)
 {
+    PyObject *tuple;
     Array above = {held, INTS}, R = {held, DOUBLES, WRITTEN}, t = {held, DOUBLES, WRITTEN | OPTIONAL};
+    Edges g;
     int d, is_forest, is_known = 1;
-    if (!PyArg_ParseTuple(args, "O&iO&O&", array, &above, &d, array, &R, array, &t)) return NULL;
+    if (!PyArg_ParseTuple(args, "OiO&O&O&", &tuple, &d, array, &above, array, &R, array, &t) ||
+        !edges_of(held, tuple, d, &g))
+        return NULL;
     const Int *parents = above.at;
     Int n = above.length;
     for (Int i = 0; i < n; i++) is_known &= parents[i] < n;
-    if (d < 2 || d > 3 || R.length != n * d * d || (t.at && t.length != n * d) || !is_known)
+    if (R.length != n * d * d || (t.at && (t.length != n * d || !g.moved)) || !is_known ||
+        !g.kappa || !all_below(g.pairs, 2 * g.m, n))
         return refuse("parents and poses in 2 or 3 dimensions of the same nodes expected");
     Int *path = memory(held, n, sizeof(Int) + 1);
     if (!path) return NULL;
     char *composed = (char *)(path + n);
-    is_forest = d == 3 ? compose_poses(n, parents, 3, R.at, t.at, path, composed)
-                       : compose_poses(n, parents, 2, R.at, t.at, path, composed);
+    is_forest = take_steps(&g, n, parents, d, R.at, t.at, path);
+    if (is_forest)
+        is_forest = d == 3 ? compose_poses(n, parents, 3, R.at, t.at, path, composed)
+                           : compose_poses(n, parents, 2, R.at, t.at, path, composed);
     return is_forest ? Py_NewRef(Py_None) : refuse("parents are not those of trees");
 }
 CALL(compose)
@@ -870,6 +953,10 @@ static PyMethodDef methods[] = {
     {"first_order", first_order, METH_VARARGS, "Derivatives along the rotations."},
     {"hessian", hessian, METH_VARARGS, "Blocks of the Hessian."},
     {"turn", turn, METH_VARARGS, "Rotations turned by tangents."},
+    {"angles", angles, METH_VARARGS, "Angles of residual rotations."},
+    {"residuals", residuals, METH_VARARGS, "Norms of residuals."},
+    {"lessen", lessen, METH_VARARGS, "Multipliers less a shift."},
+    {"blocks", blocks, METH_VARARGS, "The occupied blocks of a graph's matrices."},
     {"assemble", assemble, METH_VARARGS, "A block matrix in compressed columns."},
     {"expand", expand, METH_VARARGS, "The rows of a matrix of blocks."},
     {"diagonal_places", diagonal_places, METH_VARARGS, "Where the diagonal of a matrix is."},
