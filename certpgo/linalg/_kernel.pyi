@@ -10,14 +10,22 @@ def analyze(
     indptr: IntArray, indices: IntArray, order: IntArray, sizes: IntArray, /
 ) -> tuple[bytes, bytes, bytes, bytes, bytes, bytes]: ...
 def measure(
-    offset: IntArray,
+    indptr: IntArray,
+    indices: IntArray,
+    order: IntArray,
+    sizes: IntArray,
     start: IntArray,
     above: IntArray,
     begin: IntArray,
     rows: IntArray,
+    place: IntArray,
+    offset: IntArray,
+    entry: IntArray,
     panel: IntArray,
     /,
-) -> tuple[int, int, int]: ...
+) -> tuple[int, int, int, int]: ...
+def pin(indptr: IntArray, indices: IntArray, data: FloatArray, rows: IntArray, /) -> None: ...
+def lever_sums(edges: tuple[Any, ...], d: int, sums: FloatArray, /) -> None: ...
 def factor(
     fronts: tuple[Any, ...],
     data: FloatArray,

@@ -352,7 +352,12 @@ def pinned(A: CSC, rows: IntArray) -> CSC:
 
     The rest is the principal submatrix; the pattern stays the same.
     """
-    data, cut = A.data.copy(), np.zeros(A.shape[0], dtype=bool)
+    data = A.data.copy()
+    if compiled.AVAILABLE and A.indices.dtype == A.indptr.dtype == np.int32:
+        rows = np.ascontiguousarray(rows, dtype=np.int64)
+        compiled.kernel.pin(A.indptr, A.indices, data, rows)
+        return with_entries(A, data)
+    cut = np.zeros(A.shape[0], dtype=bool)
     cut[rows] = True
     diagonal = diagonal_places(A)[rows]
     kept = data[diagonal]

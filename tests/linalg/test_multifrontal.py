@@ -354,16 +354,26 @@ def test_patterns_and_trees_that_are_none_are_refused():
             compiled.kernel.order(indptr, indices)
         with refused:
             compiled.kernel.analyze(indptr, indices, whole(0, 1), whole(1, 1))
-    room = np.zeros(3, dtype=np.int64)
-    for above in (whole(500000000, -1), whole(0, -1), whole(-2, -1)):
+    two, three = np.zeros(2, dtype=np.int64), np.zeros(3, dtype=np.int64)
+    right = [whole(0, 1, 2), whole(0, 1), whole(0, 1), whole(1, 1)]  # pattern, order, sizes
+    right += [whole(0, 1, 2), whole(1, -1), whole(0, 1, 1), whole(1)]  # fronts
+    right += [two, three, three.copy(), three.copy()]
+    assert compiled.kernel.measure(*right) == (1, 2, 2, 0)
+    for place, wrong in (
+        (0, whole(0, 2, 1)),
+        (1, whole(0, 2)),
+        (2, whole(0, 2)),
+        (3, whole(1, 0)),
+        (4, whole(-5, 1, 2)),
+        (5, whole(500000000, -1)),
+        (5, whole(0, -1)),
+        (5, whole(-2, -1)),
+        (6, whole(0, 2, 1)),
+        (7, whole(2)),
+        *((k, right[k][:-1]) for k in range(12)),
+    ):
         with refused:
-            compiled.kernel.measure(
-                whole(0, 1, 2), whole(0, 1, 2), above, whole(0, 1, 1), whole(1), room
-            )
-    with refused:
-        compiled.kernel.measure(
-            whole(0, 1, 2), whole(-5, 1, 2), whole(1, -1), whole(0, 1, 1), whole(1), room
-        )
+            compiled.kernel.measure(*right[:place], wrong, *right[place + 1 :])
     short = np.array([0, 2000000000, 2], dtype=np.int32)
     with refused:
         compiled.kernel.diagonal_places(short, short[:2], np.zeros(2, dtype=np.int64))
@@ -377,3 +387,13 @@ def test_patterns_and_trees_that_are_none_are_refused():
     tree = Tree.of(whole(0, 1, 2), whole(0, 1), whole(0, 1))
     with refused:
         Fronts(tree, whole(1, 0)).factor(np.ones(1))
+    pattern = np.array([0, 1, 2], dtype=np.int32), np.array([0, 1], dtype=np.int32)
+    for wrong in (
+        (*pattern, np.ones(3), whole(0)),
+        (*pattern, np.ones(2), whole(2)),
+        (short, pattern[1], np.ones(2), whole(0)),
+        (pattern[0], np.array([1, 1], dtype=np.int32), np.ones(2), whole(0)),
+        (pattern[0], np.array([7, 1], dtype=np.int32), np.ones(2), whole(0)),
+    ):
+        with refused:
+            compiled.kernel.pin(*wrong)

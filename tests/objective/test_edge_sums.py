@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import dimensions, general_graph, pose_graph, rng_of, rotation_graph, seeds
 
+from certpgo.certify import dual
 from certpgo.certify.shifted import Shifted
 from certpgo.errors import GraphError
 from certpgo.graph import Estimate, PoseGraph
@@ -268,6 +269,14 @@ def test_multipliers_less_a_shift(seed, d, more):
     np.testing.assert_array_equal(alone.less(0.3, demand), in_numpy(alone.less, 0.3, demand))
 
 
+@given(seeds, dimensions)
+def test_sums_of_levers(seed, d):
+    for graph, _ in graphs(seed, d):
+        if isinstance(graph, PoseGraph):
+            found, expected = dual._lever_sums(graph), in_numpy(dual._lever_sums, graph)
+            np.testing.assert_allclose(found, expected, rtol=1e-13)
+
+
 def test_multipliers_of_other_nodes():
     one, nodes, gauge = np.tile(np.eye(3), (4, 1, 1)), np.arange(4), np.eye(3)
     for wrong in (
@@ -279,3 +288,7 @@ def test_multipliers_of_other_nodes():
     ):
         with pytest.raises(ValueError, match="other nodes"):
             compiled.kernel.lessen(0.1, *wrong, one.copy())
+    edges = np.array([[0, 4]]), one[:1], None, np.ones(1), np.ones(1), np.ones((1, 3)), None
+    for sums in (np.zeros((4, 4)), np.zeros((5, 3))):
+        with pytest.raises(ValueError, match="graph of poses"):
+            compiled.kernel.lever_sums(edges, 3, sums)

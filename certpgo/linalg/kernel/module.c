@@ -281,28 +281,44 @@ static int are_parents(Int many, const Int *above)
     return 1;
 }
 
-/* measure(offset, start, above, begin, rows, panel): places of panels in L -> the memory that the
- * updates need */
+/* measure(indptr, indices, order, sizes, start, above, begin, rows, place, offset, entry, panel): the
+ * last four are written -> the memory that updates and panels need, and the entries of the updates
+ * of the roots */
 static PyObject *measure_of(Held *held, PyObject *args)
 {
-    Array a[6];
-    for (int k = 0; k < 6; k++) a[k] = (Array){held, INTS, k == 5 ? WRITTEN : READ};
-    if (!PyArg_ParseTuple(args, "O&O&O&O&O&O&", array, &a[0], array, &a[1], array, &a[2], array,
-                          &a[3], array, &a[4], array, &a[5]))
+    Array a[12];
+    for (int k = 0; k < 12; k++) a[k] = (Array){held, INTS, k < 8 ? READ : WRITTEN};
+    if (!PyArg_ParseTuple(args, "O&O&O&O&O&O&O&O&O&O&O&O&", array, &a[0], array, &a[1], array, &a[2],
+                          array, &a[3], array, &a[4], array, &a[5], array, &a[6], array, &a[7], array,
+                          &a[8], array, &a[9], array, &a[10], array, &a[11]))
         return NULL;
-    Fronts f = {.offset = a[0].at, .start = a[1].at, .above = a[2].at, .begin = a[3].at,
-                .rows = a[4].at};
-    Int n = a[0].length - 1, many = a[2].length, *panel = a[5].at;
-    if (n < 0 || a[1].length != many + 1 || a[3].length != many + 1 || a[5].length != many + 1 ||
-        !are_pointers(f.offset, n + 1, f.offset[n]) || f.start[many] > n ||
-        !are_pointers(f.start, many + 1, f.start[many]) ||
-        !are_pointers(f.begin, many + 1, a[4].length) || !all_below(f.rows, a[4].length, n) ||
+    Int n = a[2].length, many = a[5].length;
+    Int *place = a[8].at, *offset = a[9].at, *entry = a[10].at, *panel = a[11].at;
+    Fronts f = {.n = n, .many = many, .indptr = a[0].at, .indices = a[1].at, .order = a[2].at,
+                .sizes = a[3].at, .offset = offset, .start = a[4].at, .above = a[5].at,
+                .begin = a[6].at, .rows = a[7].at};
+    for (Int i = 0; i < a[3].length; i++)
+        if (f.sizes[i] < 1) return refuse("a node has at least one row");
+    if (a[3].length != n || a[8].length != n || a[9].length != n + 1 || a[10].length != n + 1 ||
+        a[4].length != many + 1 || a[6].length != many + 1 || a[11].length != many + 1 ||
+        !are_pointers(f.indptr, a[0].length, a[1].length) || a[0].length != n + 1 ||
+        !all_below(f.indices, a[1].length, n) || !all_below(f.order, n, n) ||
+        f.start[many] > n || !are_pointers(f.start, many + 1, f.start[many]) ||
+        !are_pointers(f.begin, many + 1, a[7].length) || !all_below(f.rows, a[7].length, n) ||
         !are_parents(many, f.above))
         return refuse("not a tree of fronts");
-    Int *freed = memory(held, many, sizeof(Int)), stack = 0, top = 0, widest = 0, tallest = 0;
+    Int *freed = memory(held, many, sizeof(Int));
+    Int stack = 0, top = 0, widest = 0, tallest = 0, rest = 0;
     if (!freed) return NULL;
     memset(freed, 0, (size_t)many * sizeof(Int));
-    panel[0] = 0;
+    panel[0] = offset[0] = entry[0] = 0;
+    for (Int k = 0; k < n; k++) {
+        Int height = 0;
+        place[f.order[k]] = k;
+        offset[k + 1] = offset[k] + f.sizes[f.order[k]];
+        for (Int e = f.indptr[k]; e < f.indptr[k + 1]; e++) height += f.sizes[f.indices[e]];
+        entry[k + 1] = entry[k] + height * f.sizes[k];
+    }
     for (Int s = 0; s < many; s++) {
         Int m = below(&f, s), nc = width_of(&f, s);
         panel[s + 1] = panel[s] + nc * (nc + m);
@@ -310,9 +326,13 @@ static PyObject *measure_of(Held *held, PyObject *args)
         if (nc + m > tallest) tallest = nc + m;
         if (top + m * m > stack) stack = top + m * m;
         top += m * m - freed[s];
-        if (f.above[s] >= 0) freed[f.above[s]] += m * m;
+        if (f.above[s] >= 0)
+            freed[f.above[s]] += m * m;
+        else
+            rest += m * m;
     }
-    return Py_BuildValue("LLL", (long long)stack, (long long)widest, (long long)tallest);
+    return Py_BuildValue("LLLL", (long long)stack, (long long)widest, (long long)tallest,
+                         (long long)rest);
 }
 CALL(measure)
 
@@ -840,6 +860,20 @@ static PyObject *expand_of(Held *held, PyObject *args)
 }
 CALL(expand)
 
+/* Where the entry of a row is among those of a column, whose rows ascend; -1 if there is none. */
+static Int place_of(const int32_t *indptr, const int32_t *rows, Int row, Int column)
+{
+    Int low = indptr[column], high = indptr[column + 1];
+    while (low < high) {
+        Int middle = low + (high - low) / 2;
+        if (rows[middle] < row)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low < indptr[column + 1] && rows[low] == row ? low : -1;
+}
+
 /* diagonal_places(indptr, indices, places): where the diagonal is, in sorted columns of 32 bits */
 static PyObject *diagonal_places_of(Held *held, PyObject *args)
 {
@@ -851,23 +885,74 @@ static PyObject *diagonal_places_of(Held *held, PyObject *args)
     if (pointers.length != size + 1 || indptr[size] != entries.length)
         return refuse("pointers of another matrix");
     for (Int column = 0; column < size; column++) {
-        int32_t low = indptr[column], high = indptr[column + 1];
-        if (low < 0 || low > high || high > entries.length)
+        if (indptr[column] < 0 || indptr[column] > indptr[column + 1] ||
+            indptr[column + 1] > entries.length)
             return refuse("pointers of another matrix");
-        while (low < high) {
-            int32_t middle = low + (high - low) / 2;
-            if (rows[middle] < column)
-                low = middle + 1;
-            else
-                high = middle;
-        }
-        if (low == indptr[column + 1] || rows[low] != column)
-            return refuse("a diagonal entry is not stored");
-        places[column] = low;
+        places[column] = place_of(indptr, rows, column, column);
+        if (places[column] < 0) return refuse("a diagonal entry is not stored");
     }
     return Py_NewRef(Py_None);
 }
 CALL(diagonal_places)
+
+/* pin(indptr, indices, data, rows): zeros in these rows and columns, but on the diagonal, of a symmetric
+ * matrix in sorted columns of 32 bits */
+static PyObject *pin_of(Held *held, PyObject *args)
+{
+    Array pointers = {held, SHORT_INTS}, entries = {held, SHORT_INTS};
+    Array data = {held, DOUBLES, WRITTEN}, pinned = {held, INTS};
+    if (!PyArg_ParseTuple(args, "O&O&O&O&", array, &pointers, array, &entries, array, &data, array,
+                          &pinned))
+        return NULL;
+    const int32_t *indptr = pointers.at, *indices = entries.at;
+    const Int *rows = pinned.at;
+    Int n = pointers.length - 1;
+    double *values = data.at;
+    if (data.length != entries.length || n < 0 || !all_below(rows, pinned.length, n))
+        return refuse("entries or rows of another matrix");
+    for (Int i = 0; i < n; i++)
+        if (indptr[i] < 0 || indptr[i] > indptr[i + 1] || indptr[i + 1] > entries.length)
+            return refuse("pointers of another matrix");
+    for (Int k = 0; k < pinned.length; k++)
+        for (Int e = indptr[rows[k]]; e < indptr[rows[k] + 1]; e++) {
+            Int i = indices[e], mirrored;
+            if (i == rows[k]) continue;
+            if (i < 0 || i >= n || (mirrored = place_of(indptr, indices, rows[k], i)) < 0)
+                return refuse("a symmetric pattern with ascending rows expected");
+            values[e] = values[mirrored] = 0.0;
+        }
+    return Py_NewRef(Py_None);
+}
+CALL(pin)
+
+/* lever_sums(edges, d, sums): sums (n, 4), zero before, of tau |b| at i and tau |a| at j, of tau |b|
+ * and tau |a| times |a| + |b| there, of tau |b| at j and tau |a| at i, and of tau at both, with 1-norms */
+static PyObject *lever_sums_of(Held *held, PyObject *args)
+{
+    PyObject *tuple;
+    Array into = {held, DOUBLES, WRITTEN};
+    Edges g;
+    int d;
+    if (!PyArg_ParseTuple(args, "OiO&", &tuple, &d, array, &into) || !edges_of(held, tuple, d, &g))
+        return NULL;
+    if (!g.tau || into.length % 4 || !all_below(g.pairs, 2 * g.m, into.length / 4))
+        return refuse("sums at the nodes of a graph of poses expected");
+    double *sums = into.at;
+    for (Int e = 0; e < g.m; e++) {
+        double tau = fabs(g.tau[e]), b = 0.0, a = 0.0;
+        for (Int k = 0; k < d; k++) b += fabs(g.moved[e * d + k]);
+        for (Int k = 0; k < d && g.arms; k++) a += fabs(g.arms[e * d + k]);
+        for (int end = 0; end < 2; end++) {
+            double *at = sums + 4 * g.pairs[2 * e + end], own = end ? a : b, other = end ? b : a;
+            at[0] += tau * own;
+            at[1] += tau * own * (a + b);
+            at[2] += tau * other;
+            at[3] += tau;
+        }
+    }
+    return Py_NewRef(Py_None);
+}
+CALL(lever_sums)
 
 /* scatter_sum(index, values, sums): rows of values are added to rows of sums */
 static PyObject *scatter_sum_of(Held *held, PyObject *args)
@@ -960,6 +1045,8 @@ static PyMethodDef methods[] = {
     {"assemble", assemble, METH_VARARGS, "A block matrix in compressed columns."},
     {"expand", expand, METH_VARARGS, "The rows of a matrix of blocks."},
     {"diagonal_places", diagonal_places, METH_VARARGS, "Where the diagonal of a matrix is."},
+    {"pin", pin, METH_VARARGS, "Rows and columns of a matrix set to zero."},
+    {"lever_sums", lever_sums, METH_VARARGS, "Sizes of levers summed by nodes."},
     {"scatter_sum", scatter_sum, METH_VARARGS, "Rows summed by an index."},
     {"multiply", multiply, METH_VARARGS, "A x."},
     {"lower", lower, METH_VARARGS, "L by columns."},
