@@ -30,6 +30,8 @@ from certpgo.solvers.certified.settings import SolveSettings
 
 #: Pairs whose lambda_2 is computed, of those with the largest gain in first order.
 TRIED = 8
+#: Relative difference of lambda_2 from which a pair is better than one of larger gain.
+BETTER = 1e-9
 #: Nodes at either end of the eigenvector whose pairs are considered.
 ENDS = 64
 
@@ -278,7 +280,8 @@ def suggest_loops(
             trials.append((one(np.ones(trial.graph.num_edges))[0], pair, trial, one))
         if not trials:
             break
-        value, pair, problem, connectivity = max(trials, key=lambda trial: trial[0])
+        least = max(trial[0] for trial in trials) * (1.0 - BETTER)
+        value, pair, problem, connectivity = next(one for one in trials if one[0] >= least)
         pairs.append(pair)
         values.append(value)
     if not pairs:

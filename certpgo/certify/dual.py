@@ -18,8 +18,10 @@ import numpy as np
 
 from certpgo.certify.shifted import Shifted
 from certpgo.costs.edge_cost import Minorants
+from certpgo.graph import PoseGraph
 from certpgo.graph.lift import Point
 from certpgo.graph.speaking import Brief
+from certpgo.linalg import compiled
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, IntArray
 from certpgo.linalg.balls import U
 from certpgo.linalg.blocks import add_to_diagonal, pinned, scatter_sum, with_entries
@@ -261,7 +263,7 @@ class _Attempts:
         diagonal = multipliers[poses][:, rows, rows] - reduction[self.is_rotation].reshape(-1, d)
         diagonal = np.nextafter(diagonal, -np.inf)
         proven[poses[:, None], rows, rows] = diagonal
-        value = math.nextafter(math.fsum(diagonal.ravel()), -math.inf)
+        value = math.nextafter(math.fsum(diagonal.ravel().tolist()), -math.inf)
         taken = self.shifted.multipliers[poses][:, rows, rows] - diagonal
         return DualBound(value, proven, float(taken.max()), self.factorizations, self.nonzeros)
 
@@ -277,7 +279,6 @@ def _assembly_radii(
     """
     n, d = problem.n, problem.d
     graph = problem.rotation.graph
-    i, j = graph.edges.T
     sums = (np.bincount(graph.edges.ravel(), minlength=n) + 4.0) * U
     root = math.sqrt(d)
     if graph.is_general:
@@ -291,17 +292,29 @@ def _assembly_radii(
     if not isinstance(problem, PoseProblem):
         return np.repeat(turn, d)
     w_t = float(w[~is_rotation][0])
-    tau, arms = np.abs(problem.graph.tau), problem.graph.arms
-    at_i = np.abs(problem.graph.translations).sum(axis=1)
-    at_j = np.zeros_like(at_i) if arms is None else np.abs(arms).sum(axis=1)
-    out = scatter_sum(i, tau * at_i, n) + scatter_sum(j, tau * at_j, n)
-    both = at_i + at_j
-    spread = scatter_sum(i, tau * at_i * both, n) + scatter_sum(j, tau * at_j * both, n)
+    out, spread, across, degree = _lever_sums(problem.graph)
     turn = turn + sums * (spread + 2.0 * out * w_t)
-    across = scatter_sum(j, tau * at_i, n) + scatter_sum(i, tau * at_j, n)
-    degree = degrees(graph.edges, tau, n)
     move = 2.0 * degree * w_t + 2.0 * out + across
     layout = problem.pattern.layout_of(problem.matrix)
     of_positions = int(layout.sizes.max()) - d
     rows = [sums * move] * of_positions + [turn] * d
     return layout.pack(np.stack(rows, axis=1))
+
+
+def _lever_sums(graph: PoseGraph) -> FloatArray:
+    """(4, n) sums, in any order, of the sizes of levers b from i to j, and of arms a at j.
+
+    With 1-norms: of tau |b| at i and tau |a| at j, of these times |a| + |b|, of tau |b| at j and
+    tau |a| at i, and of tau at both.
+    """
+    n, (i, j), rotation = graph.num_nodes, graph.edges.T, graph.rotation
+    if compiled.AVAILABLE:
+        measured = rotation.rotations, None, rotation.kappa, graph.tau, graph.translations
+        sums = np.zeros((n, 4))
+        compiled.kernel.lever_sums((graph.edges, *measured, graph.arms), graph.d, sums)
+        return np.ascontiguousarray(sums.T)
+    tau, b = np.abs(graph.tau), np.abs(graph.translations).sum(axis=1)
+    a = np.zeros_like(b) if graph.arms is None else np.abs(graph.arms).sum(axis=1)
+    at_i = np.stack([tau * b, tau * b * (a + b), tau * a, tau], axis=1)
+    at_j = np.stack([tau * a, tau * a * (a + b), tau * b, tau], axis=1)
+    return np.ascontiguousarray((scatter_sum(i, at_i, n) + scatter_sum(j, at_j, n)).T)

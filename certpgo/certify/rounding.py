@@ -13,6 +13,7 @@ from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.balls import U
 from certpgo.linalg.so import rotation_defect
 from certpgo.objective import operators
+from certpgo.objective.edge_sums import EdgeSums
 from certpgo.objective.problem import Problem
 
 
@@ -44,14 +45,12 @@ def cost_lower(problem: Problem, estimate: Estimate) -> float:
 def _residuals(graph: Graph, estimate: Estimate) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Weights, computed norms and their absolute errors, of rotations, then of translations."""
     rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
-    E = operators.rotation_residuals(rotation, estimate.rotations)
-    norm = np.sqrt(np.einsum("mab,mab->m", E, E))
+    norm, r = EdgeSums(graph).residuals(estimate)
     # R_j - R_i R_ij: three matrices near rotations, and a product of d terms.
     own, measured = rotation_defect(estimate.rotations), rotation_defect(rotation.rotations)
     error = np.full(len(norm), 2.0 * own + measured + 32.0 * U)
-    if not isinstance(graph, PoseGraph) or estimate.translations is None:
+    if not isinstance(graph, PoseGraph) or r is None:
         return rotation.kappa, norm, error
-    r = np.linalg.norm(operators.translation_residuals(graph, estimate), axis=1)
     # The rounding of t_j - t_i is relative to its size, at most r plus the lever.
     lever = np.linalg.norm(graph.translations, axis=1)
     weights = np.concatenate([rotation.kappa, graph.tau])

@@ -9,9 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from certpgo.errors import NumericalError
+from certpgo.graph.edges import symmetric
 from certpgo.graph.lift import Point
+from certpgo.linalg import compiled
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.balls import U
+from certpgo.linalg.compiled import LARGEST_RANK
 from certpgo.objective.problem import PoseProblem, Problem
 
 
@@ -65,15 +68,19 @@ class Shifted:
         arm_i u) for world directions u: in each, the shift of all rotations compensates the demand
         of all translations.
         """
-        d, poses = self.multipliers.shape[1], self.poses
-        less = shift * np.eye(d)
+        d, poses, gauge = self.multipliers.shape[1], self.poses, None
         if self.pin is not None:
             weighted = demand[~self.is_rotation, None] * self.arms
             gauge = self.arms.T @ weighted / len(poses)
-            blocks = self.blocks[poses]
-            turned = np.swapaxes(blocks, 1, 2) @ gauge @ blocks
-            less = less + 0.5 * (turned + np.swapaxes(turned, 1, 2))
         reduced = self.multipliers.copy()
+        if compiled.AVAILABLE and self.blocks.shape[1] <= LARGEST_RANK:
+            blocks = np.ascontiguousarray(self.blocks)
+            compiled.kernel.lessen(shift, gauge, blocks, poses, d, reduced)
+            return reduced
+        less = shift * np.eye(d)
+        if gauge is not None:
+            blocks = self.blocks[poses]
+            less = less + symmetric(np.swapaxes(blocks, 1, 2) @ gauge @ blocks)
         reduced[poses] -= less
         return reduced
 

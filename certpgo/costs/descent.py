@@ -83,5 +83,5 @@ def descend(
 
 def _retract(problem: InformationProblem, point: Estimate, step: FloatArray) -> Estimate:
     moves = problem.tangent_layout.unpack(step)
-    turned = so.project(point.rotations @ so.exp(moves[:, problem.d :]))
+    turned = so.project(so.turned(point.rotations, moves[:, problem.d :]))
     return Estimate.trusted(turned, translations_of(point) + moves[:, : problem.d])

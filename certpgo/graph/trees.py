@@ -85,6 +85,20 @@ def compose(graph: RotationGraph | PoseGraph, parents: IntArray) -> Estimate:
     """
     rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
     n, d = rotation.num_nodes, rotation.d
+    if not compiled.AVAILABLE:
+        return _composed(graph, rotation, parents)
+    R, t, moved = np.empty((n, d, d)), None, None
+    if isinstance(graph, PoseGraph):
+        t, moved = np.empty((n, d)), graph.translations
+    edges = rotation.edges, rotation.rotations, None, rotation.kappa, None, moved, None
+    compiled.kernel.compose(edges, d, np.ascontiguousarray(parents, dtype=np.int64), R, t)
+    return Estimate(so.project(R), t)
+
+
+def _composed(
+    graph: RotationGraph | PoseGraph, rotation: RotationGraph, parents: IntArray
+) -> Estimate:
+    n, d = rotation.num_nodes, rotation.d
     children = np.flatnonzero(parents >= 0)
     edge, forward = _edges_between(rotation, parents[children], children)
     R, t = np.tile(np.eye(d), (n, 1, 1)), None
@@ -94,10 +108,7 @@ def compose(graph: RotationGraph | PoseGraph, parents: IntArray) -> Estimate:
         step, t = graph.translations[edge], np.zeros((n, d))
         back = -np.einsum("mba,mb->ma", measured, step)
         t[children] = np.where(forward[:, None], step, back)
-    if compiled.AVAILABLE:
-        compiled.kernel.compose(np.ascontiguousarray(parents, dtype=np.int64), d, R, t)
-    else:
-        _jump(parents, R, t)
+    _jump(parents, R, t)
     return Estimate(so.project(R), t)
 
 

@@ -10,14 +10,22 @@ def analyze(
     indptr: IntArray, indices: IntArray, order: IntArray, sizes: IntArray, /
 ) -> tuple[bytes, bytes, bytes, bytes, bytes, bytes]: ...
 def measure(
-    offset: IntArray,
+    indptr: IntArray,
+    indices: IntArray,
+    order: IntArray,
+    sizes: IntArray,
     start: IntArray,
     above: IntArray,
     begin: IntArray,
     rows: IntArray,
+    place: IntArray,
+    offset: IntArray,
+    entry: IntArray,
     panel: IntArray,
     /,
-) -> tuple[int, int, int]: ...
+) -> tuple[int, int, int, int]: ...
+def pin(indptr: IntArray, indices: IntArray, data: FloatArray, rows: IntArray, /) -> None: ...
+def lever_sums(edges: tuple[Any, ...], d: int, sums: FloatArray, /) -> None: ...
 def factor(
     fronts: tuple[Any, ...],
     data: FloatArray,
@@ -29,7 +37,18 @@ def factor(
     single: bool,
     /,
 ) -> bool: ...
-def solve(fronts: tuple[Any, ...], panels: Kept, X: Kept, single: bool, way: int, /) -> None: ...
+def substitute(
+    fronts: tuple[Any, ...], panels: Kept, X: Kept, single: bool, way: int, /
+) -> None: ...
+def solve(
+    fronts: tuple[Any, ...],
+    panels: Kept,
+    scale: FloatArray | None,
+    B: FloatArray,
+    X: FloatArray,
+    single: bool,
+    /,
+) -> None: ...
 def lower(
     fronts: tuple[Any, ...],
     panels: Kept,
@@ -48,7 +67,31 @@ def gradient(
     terms: FloatArray,
     /,
 ) -> None: ...
-def coupling(edges: tuple[Any, ...], d: int, R: FloatArray, upper: FloatArray, /) -> None: ...
+def first_order(
+    edges: tuple[Any, ...],
+    d: int,
+    R: FloatArray,
+    t: FloatArray | None,
+    turning: FloatArray,
+    moving: FloatArray | None,
+    tangent: FloatArray,
+    multipliers: FloatArray,
+    terms: FloatArray,
+    /,
+) -> float: ...
+def hessian(
+    edges: tuple[Any, ...],
+    d: int,
+    R: FloatArray,
+    multipliers: FloatArray,
+    spread: FloatArray,
+    first: FloatArray | None,
+    degree: FloatArray | None,
+    diagonal: FloatArray,
+    upper: FloatArray,
+    /,
+) -> None: ...
+def turn(R: FloatArray, v: FloatArray, d: int, left: bool, out: FloatArray, /) -> None: ...
 def assemble(
     places: tuple[IntArray, ...],
     diagonal: FloatArray,
@@ -58,7 +101,34 @@ def assemble(
 ) -> None: ...
 def scatter_sum(index: IntArray, values: FloatArray, sums: FloatArray, columns: int, /) -> None: ...
 def central_tree(pairs: IntArray, parents: IntArray, /) -> None: ...
-def compose(parents: IntArray, d: int, R: FloatArray, t: FloatArray | None, /) -> None: ...
+def compose(
+    edges: tuple[Any, ...],
+    d: int,
+    parents: IntArray,
+    R: FloatArray,
+    t: FloatArray | None,
+    /,
+) -> None: ...
+def angles(edges: tuple[Any, ...], d: int, R: FloatArray, angles: FloatArray, /) -> None: ...
+def residuals(
+    edges: tuple[Any, ...],
+    d: int,
+    R: FloatArray,
+    t: FloatArray | None,
+    turned: FloatArray,
+    moved: FloatArray | None,
+    /,
+) -> None: ...
+def lessen(
+    shift: float,
+    gauge: FloatArray | None,
+    blocks: FloatArray,
+    nodes: IntArray,
+    d: int,
+    multipliers: FloatArray,
+    /,
+) -> None: ...
+def blocks(pairs: IntArray, indptr: IntArray, indices: IntArray, slots: IntArray, /) -> int: ...
 def worst_defect(R: FloatArray, d: int, /) -> tuple[int, float]: ...
 def expand(indptr: IntArray, indices: IntArray, b: int, rows: IntArray, /) -> None: ...
 def diagonal_places(indptr: IntArray, indices: IntArray, places: IntArray, /) -> None: ...

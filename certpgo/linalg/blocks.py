@@ -35,6 +35,13 @@ class BlockPattern:
     @cached_property
     def _slots(self) -> tuple[IntArray, IntArray, IntArray, IntArray]:
         n, (i, j) = self.num_nodes, self.edges.T
+        if compiled.AVAILABLE:
+            pairs = np.ascontiguousarray(self.edges, dtype=np.int64)
+            whole = n + pairs.size
+            indptr, indices, slot = (np.empty(k, dtype=np.int64) for k in (n + 1, whole, whole))
+            indices = indices[: compiled.kernel.blocks(pairs, indptr, indices, slot)]
+            small = integers_for(len(indices))
+            return indptr.astype(small), indices.astype(small), slot[:n], slot[n:]
         nodes = np.arange(n)
         keys = np.concatenate([nodes * (n + 1), i * n + j, j * n + i])
         order = np.argsort(keys, kind="stable")
@@ -42,8 +49,7 @@ class BlockPattern:
         slot = np.empty_like(order)
         slot[order] = np.cumsum(first) - 1
         rows, columns = np.divmod(keys[order][first], n)
-        # 32 bits if possible, like SciPy.
-        small: type[np.integer[Any]] = np.int32 if len(columns) < 2**31 else np.int64
+        small = integers_for(len(columns))
         indptr = np.searchsorted(rows, np.arange(n + 1)).astype(small)
         return indptr, columns.astype(small), slot[:n], slot[n:]
 
@@ -156,8 +162,7 @@ class Layout:
     ) -> None:
         self._pattern, self._b = pattern, b
         self.padded = b * b * len(pattern.indices)
-        # 32 bits if possible, like SciPy.
-        self._integers: type[np.integer[Any]] = np.int32 if self.padded < 2**31 else np.int64
+        self._integers = integers_for(self.padded)
         n = pattern.num_nodes
         self.sizes: IntArray = np.full(n, b)
         self._rows: IntArray | None = None
@@ -283,6 +288,11 @@ class Layout:
         return np.asarray(lines[:, :, None] + np.arange(b, dtype=self._integers))
 
 
+def integers_for(entries: int) -> type[np.integer[Any]]:
+    """The indices of a matrix of so many entries: 32 bits if possible, like SciPy."""
+    return np.int32 if entries < 2**31 else np.int64
+
+
 def adjacency(n: int, i: IntArray, j: IntArray, values: FloatArray) -> sparse.csr_array:
     """The (n, n) matrix with ``values`` at (i, j), repeated pairs summed, for csgraph."""
     # csgraph needs 32-bit indices; SciPy before 1.17 does not convert them.
@@ -342,7 +352,12 @@ def pinned(A: CSC, rows: IntArray) -> CSC:
 
     The rest is the principal submatrix; the pattern stays the same.
     """
-    data, cut = A.data.copy(), np.zeros(A.shape[0], dtype=bool)
+    data = A.data.copy()
+    if compiled.AVAILABLE and A.indices.dtype == A.indptr.dtype == np.int32:
+        rows = np.ascontiguousarray(rows, dtype=np.int64)
+        compiled.kernel.pin(A.indptr, A.indices, data, rows)
+        return with_entries(A, data)
+    cut = np.zeros(A.shape[0], dtype=bool)
     cut[rows] = True
     diagonal = diagonal_places(A)[rows]
     kept = data[diagonal]

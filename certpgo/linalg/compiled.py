@@ -10,4 +10,7 @@ else:
 #: How to install it.
 COMPILED = "--force-reinstall certpgo, where a C compiler is"
 
-__all__ = ["AVAILABLE", "COMPILED", "kernel"]
+#: Largest rank of points that it takes.
+LARGEST_RANK = 32
+
+__all__ = ["AVAILABLE", "COMPILED", "LARGEST_RANK", "kernel"]

@@ -110,25 +110,17 @@ class Fronts:
     """
 
     def __init__(self, tree: Tree, sizes: IntArray) -> None:
-        sizes = _integers(sizes)
-        if (sizes < 1).any():
-            raise ValueError("a node has at least one row")
-        n, order = len(sizes), tree.order
-        place = np.empty(n, dtype=np.int64)
-        place[order] = np.arange(n)
-        owner = np.repeat(np.arange(n), np.diff(tree.indptr))
-        heights = np.bincount(owner, sizes[tree.indices], n).astype(np.int64)
-        offset, panel = _running(sizes[order]), np.empty(len(tree.start), dtype=np.int64)
-        room = compiled.kernel.measure(offset, tree.start, tree.above, tree.begin, tree.rows, panel)
-        entry = _running(heights * sizes)
-        pattern = tree.indptr, tree.indices, entry, order, place, sizes, offset
-        self._fronts: Any = *pattern, tree.start, tree.above, tree.begin, tree.rows, panel, *room
-        self.entries, self.size, self.tree = int(panel[-1]), int(offset[-1]), tree
-        self.sizes, self.offset, self.entry, self.place = sizes, offset, entry, place
-        self._panel = panel
-        below = np.diff(panel) // np.maximum(np.diff(offset[tree.start]), 1)
-        below -= np.diff(offset[tree.start])
-        self._room = int((below[tree.above < 0] ** 2).sum())
+        self.tree, self.sizes = tree, _integers(sizes)
+        n, many = len(tree.order), len(tree.above)
+        lengths = n, n + 1, n + 1, many + 1
+        place, offset, entry, panel = (np.empty(k, dtype=np.int64) for k in lengths)
+        fronts = tree.start, tree.above, tree.begin, tree.rows
+        known = tree.indptr, tree.indices, tree.order, self.sizes, *fronts
+        *room, self._room = compiled.kernel.measure(*known, place, offset, entry, panel)
+        pattern = tree.indptr, tree.indices, entry, tree.order, place, self.sizes, offset
+        self._fronts: Any = *pattern, *fronts, panel, *room
+        self.entries, self.size = int(panel[-1]), int(offset[-1])
+        self.place, self.offset, self.entry, self._panel = place, offset, entry, panel
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         # Arrays out of a message may lie at odd addresses.
@@ -182,12 +174,12 @@ class Fronts:
 
         None if the matrix is not positive definite.
         """
-        done = self.eliminate(data, weights=np.ascontiguousarray(weights[self.order].T))
+        done = self.eliminate(data, weights=np.take(weights.T, self.order, axis=1))
         if done is None:
             return None
-        absolute, norms = np.empty_like(weights), np.empty(self.size)
-        absolute[self.order], norms[self.order] = done.sums.T, done.squares
-        return absolute, norms
+        absolute, norms = np.empty_like(done.sums), np.empty(self.size)
+        absolute[:, self.order], norms[self.order] = done.sums, done.squares
+        return absolute.T, norms
 
     def residual(
         self, data: FloatArray, diagonal: FloatArray, weights: FloatArray
@@ -269,22 +261,16 @@ class Fronts:
 
     def solve(self, panels: Kept, scale: FloatArray | None, B: FloatArray) -> FloatArray:
         """A^-1 B for B (N,) or (N, k)."""
-        right = np.atleast_2d(B[self.order].T)
-        if scale is not None:
-            right = right * scale
-        # Within the range of any precision.
-        unit = np.ldexp(1.0, np.frexp(np.abs(right).max(axis=1, initial=0.0))[1])[:, None]
-        X = self.substitute(panels, right / unit)
-        X = X * unit if scale is None else X * (unit * scale)
-        solution = np.empty(B.shape)
-        solution[self.order] = X[0] if B.ndim == 1 else X.T
-        return solution
+        B, X = np.ascontiguousarray(B, dtype=np.float64), np.empty(B.shape)
+        single = panels.dtype == np.float32
+        compiled.kernel.solve(self._fronts, _aligned(panels), scale, B, X, single)
+        return X
 
     def substitute(self, panels: Kept, right: FloatArray, way: int = 0) -> FloatArray:
         """L^-T L^-1 X for X (k, N) in the order of L; only L^-1 if way > 0, L^-T if way < 0."""
         kept: Any = panels.dtype
         X = np.array(right, dtype=kept, order="C")
-        compiled.kernel.solve(self._fronts, _aligned(panels), X, kept == np.float32, way)
+        compiled.kernel.substitute(self._fronts, _aligned(panels), X, kept == np.float32, way)
         return np.asarray(X, dtype=np.float64)
 
     def lower(self, panels: Kept) -> CSC:
@@ -323,25 +309,29 @@ class _OneThread:
 
     def __init__(self) -> None:
         self._lock, self._within = Lock(), 0
-        self._limiter: Any = None
+        self._before: list[tuple[Any, int]] = []
 
     def __enter__(self) -> None:
         with self._lock:
             if not self._within:
-                self._limiter = self._blas.limit(limits=1, user_api="blas")
+                self._before = [(blas, blas.num_threads) for blas in self._libraries]
+                for blas, _ in self._before:
+                    blas.set_num_threads(1)
             self._within += 1
 
     def __exit__(self, *_: object) -> None:
         with self._lock:
             self._within -= 1
             if not self._within:
-                self._limiter.restore_original_limits()
+                for blas, number in self._before:
+                    blas.set_num_threads(number)
 
     @cached_property
-    def _blas(self) -> Any:
+    def _libraries(self) -> list[Any]:
         from threadpoolctl import ThreadpoolController
 
-        return ThreadpoolController()
+        found = ThreadpoolController().lib_controllers
+        return [library for library in found if library.user_api == "blas"]
 
 
 #: Of BLAS.

@@ -71,6 +71,16 @@ def exp(v: FloatArray) -> FloatArray:
     return R
 
 
+def turned(R: FloatArray, v: FloatArray, *, left: bool = False) -> FloatArray:
+    """R exp(v), or exp(v) R on the ``left``, for rotations (n, d, d) and tangents v (n, p)."""
+    if not compiled.AVAILABLE:
+        return exp(v) @ R if left else R @ exp(v)
+    R, v = np.ascontiguousarray(R), np.ascontiguousarray(v)
+    out = np.empty_like(R)
+    compiled.kernel.turn(R, v, R.shape[-1], left, out)
+    return out
+
+
 def angle(R: FloatArray) -> FloatArray:
     """Rotation angles (...,) in [0, pi], accurate near both 0 and pi."""
     R = np.asarray(R, dtype=np.float64)

@@ -66,9 +66,17 @@ class Objective(Speaking, ABC):
     def _picture(self) -> str:
         return self.graph._picture()
 
-    @abstractmethod
     def first_order(self, estimate: Estimate) -> FirstOrder:
         """Cost, gradient, multipliers and stationarity at an estimate."""
+        return FirstOrder(*self._sums.first_order(estimate, *self._stiffness))
+
+    @property
+    @abstractmethod
+    def _stiffness(self) -> tuple[FloatArray, FloatArray | None]:
+        """(n,) what gradients of rotations are divided by, and those of translations if they count.
+
+        Infinite for points, which have no rotation.
+        """
 
     @property
     @abstractmethod
@@ -84,10 +92,6 @@ class Objective(Speaking, ABC):
     def _sums(self) -> EdgeSums:
         return EdgeSums(self.graph)
 
-    @cached_property
-    def _node_sums(self) -> operators.NodeSums:
-        return operators.NodeSums.of(self.graph)
-
     def gradient(self, point: Point) -> FloatArray:
         """Half the Euclidean gradient of F, (n, r, d); in the papers' notation X M by blocks.
 
@@ -97,9 +101,7 @@ class Objective(Speaking, ABC):
 
     def hessian(self, estimate: Estimate, multipliers: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Blocks of the exact Riemannian Hessian of F/2; see `operators.hessian_diagonal`."""
-        R = estimate.rotations
-        diagonal = operators.hessian_diagonal(self._node_sums, R, multipliers)
-        return diagonal, self._sums.couplings(R)
+        return self._sums.hessian(estimate.rotations, multipliers)
 
     def gauss_newton(self, estimate: Estimate) -> CSC:
         """The Gauss-Newton matrix of F/2, for residuals in the frames of the edges' first nodes.
@@ -107,10 +109,9 @@ class Objective(Speaking, ABC):
         It is the Hessian at an estimate that explains all measurements: motions of the world, which
         change no residual, are in its kernel.
         """
-        explained, R = operators.explained(self.graph, estimate), estimate.rotations
-        sums, none = operators.NodeSums.of(explained), np.zeros((self.n, self.d, self.d))
-        diagonal = operators.hessian_diagonal(sums, R, none)
-        return self.pattern.assemble(diagonal, operators.couplings(explained, R), self.d)
+        explained = EdgeSums(operators.explained(self.graph, estimate))
+        blocks = explained.hessian(estimate.rotations, np.zeros_like(estimate.rotations))
+        return self.pattern.assemble(*blocks, self.d)
 
     def multipliers(self, point: Point) -> FloatArray:
         """(n, d, d) Lagrange multipliers; see `FirstOrder`."""

@@ -1,24 +1,25 @@
 """The sums over all edges of which every iteration consists, compiled where possible.
 
-`certpgo.objective.operators` has the formulas in NumPy, which serve without the compiled kernel.
+`certpgo.objective.operators` and `residuals` have the formulas in NumPy, which serve without the
+compiled kernel.
 """
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
-from certpgo.graph import PoseGraph, RotationGraph
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.lift import Point, translations_of
 from certpgo.linalg import compiled, so
 from certpgo.linalg.arrays import FloatArray
-from certpgo.objective import operators
-
-#: Largest rank that the kernel takes.
-LARGEST_RANK = 32
+from certpgo.linalg.compiled import LARGEST_RANK
+from certpgo.objective import operators, residuals
 
 
 class EdgeSums:
-    """Gradients and Hessian blocks of a graph."""
+    """Derivatives of the cost of a graph."""
 
     def __init__(self, graph: RotationGraph | PoseGraph) -> None:
         self._graph = graph
@@ -30,6 +31,9 @@ class EdgeSums:
         moved = (None, None, None) if poses is None else (poses.tau, poses.translations, poses.arms)
         arrays = rotation.edges, measured, K, rotation.kappa, *moved
         self._edges = tuple(None if x is None else np.ascontiguousarray(x) for x in arrays)
+        # Without matrix weights and arms.
+        alone = rotation.edges, rotation.rotations, None, rotation.kappa
+        self._measured = *alone, *moved[:2], None
 
     def gradient(self, point: Point) -> tuple[FloatArray, FloatArray]:
         """Half the Euclidean gradient and the edges' terms, as `operators.gradient`."""
@@ -58,12 +62,60 @@ class EdgeSums:
         compiled.kernel.gradient(self._edges, d, r, R, t, G, terms)
         return terms
 
-    def couplings(self, R: FloatArray) -> FloatArray:
-        """Blocks (m, b, b) of the Hessian off its diagonal, as `operators.couplings`."""
+    def first_order(
+        self, point: Estimate, turning: FloatArray, moving: FloatArray | None
+    ) -> tuple[float, FloatArray, FloatArray, float]:
+        """As `operators.first_order`."""
         if not compiled.AVAILABLE:
-            return operators.couplings(self._graph, R)
+            return operators.first_order(self._graph, point, turning, moving)
+        (n, d, _), t = point.rotations.shape, None
+        if self._poses:
+            t = np.ascontiguousarray(translations_of(point))
+        R = np.ascontiguousarray(point.rotations)
+        tangent, multipliers = np.empty((n, self._tangent_dim)), np.empty((n, d, d))
+        terms = np.empty(self._graph.num_edges)
+        stationarity = compiled.kernel.first_order(
+            self._edges, d, R, t, turning, moving, tangent, multipliers, terms
+        )
+        return float(terms.sum()), tangent, multipliers, stationarity
+
+    def hessian(self, R: FloatArray, multipliers: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Blocks of the Hessian, as `operators.hessian_diagonal` and `operators.couplings`."""
+        of = self._node_sums
+        if not compiled.AVAILABLE:
+            diagonal = operators.hessian_diagonal(of, R, multipliers)
+            return diagonal, operators.couplings(self._graph, R)
+        b = self._tangent_dim
+        diagonal, upper = np.empty((len(R), b, b)), np.empty((self._graph.num_edges, b, b))
+        R, multipliers = np.ascontiguousarray(R), np.ascontiguousarray(multipliers)
+        graph, nodes = (self._edges, self._graph.d), (of.first, of.degree)
+        compiled.kernel.hessian(*graph, R, multipliers, of.spread, *nodes, diagonal, upper)
+        return diagonal, upper
+
+    def angles(self, R: FloatArray) -> FloatArray:
+        """As `residuals.residual_angles`."""
+        if not compiled.AVAILABLE:
+            return residuals.residual_angles(self._graph, R)
+        angles = np.empty(self._graph.num_edges)
+        compiled.kernel.angles(self._measured, self._graph.d, np.ascontiguousarray(R), angles)
+        return angles
+
+    def residuals(self, estimate: Estimate) -> tuple[FloatArray, FloatArray | None]:
+        """As `residuals.residual_norms`."""
+        if not compiled.AVAILABLE:
+            return residuals.residual_norms(self._graph, estimate)
+        turned, moved, t = np.empty(self._graph.num_edges), None, estimate.translations
+        if self._poses and t is not None:
+            moved, t = np.empty_like(turned), np.ascontiguousarray(t)
+        R = np.ascontiguousarray(estimate.rotations)
+        compiled.kernel.residuals(self._measured, self._graph.d, R, t, turned, moved)
+        return turned, moved
+
+    @cached_property
+    def _node_sums(self) -> operators.NodeSums:
+        return operators.NodeSums.of(self._graph)
+
+    @property
+    def _tangent_dim(self) -> int:
         d = self._graph.d
-        b = so.tangent_dim(d) + (d if self._poses else 0)
-        upper = np.empty((self._graph.num_edges, b, b))
-        compiled.kernel.coupling(self._edges, d, np.ascontiguousarray(R), upper)
-        return upper
+        return so.tangent_dim(d) + (d if self._poses else 0)

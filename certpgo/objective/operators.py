@@ -151,12 +151,28 @@ def tangent_gradient(gradient: FloatArray, R: FloatArray) -> FloatArray:
     return 2.0 * so.vee(np.swapaxes(R, 1, 2) @ gradient)
 
 
-def tangent_gradient_and_multipliers(
-    gradient: FloatArray, R: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Both, the skew and the symmetric parts of one product."""
-    product = np.swapaxes(gradient, 1, 2) @ R
-    return 2.0 * so.vee(np.swapaxes(product, 1, 2)), symmetric(product)
+def first_order(
+    graph: RotationGraph | PoseGraph,
+    point: Estimate,
+    turning: FloatArray,
+    moving: FloatArray | None,
+) -> tuple[float, FloatArray, FloatArray, float]:
+    """F, its Riemannian gradient, multipliers and stationarity; see `certpgo.objective.base`.
+
+    Parameters
+    ----------
+    turning : (n,) what the gradients of rotations are divided by
+    moving : (n,) the same of translations, or None if they do not count
+    """
+    (G, terms), R = gradient(graph, point), point.rotations
+    turn = tangent_gradient(G[:, :, -graph.d :], R)
+    tangent, largest = turn, (np.linalg.norm(turn, axis=1) / turning).max()
+    if isinstance(graph, PoseGraph):
+        move = G[:, :, 0]
+        tangent = np.concatenate([move, turn], axis=1)
+        if moving is not None:
+            largest = max(largest, (np.linalg.norm(move, axis=1) / moving).max())
+    return float(terms.sum()), tangent, multipliers(G[:, :, -graph.d :], R), float(largest)
 
 
 def gradient(graph: RotationGraph | PoseGraph, point: Point) -> tuple[FloatArray, FloatArray]:

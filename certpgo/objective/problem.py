@@ -22,7 +22,7 @@ from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.factor import Factor, default_engine
 from certpgo.objective import operators
-from certpgo.objective.base import AnyPoint, FirstOrder, Objective, require_graph
+from certpgo.objective.base import AnyPoint, Objective, require_graph
 from certpgo.objective.rotation_problem import RotationProblem, RotationsOfPoses
 
 __all__ = ["PoseProblem", "Problem", "RotationProblem", "problem_of"]
@@ -174,20 +174,13 @@ class PoseProblem(Objective):
         """(n,) sums of kappa and of tau |t_ij|^2 at each node."""
         return self.rotation.node_weights + self.lever_weights
 
-    def first_order(self, estimate: Estimate) -> FirstOrder:
-        """Cost, gradient, multipliers and stationarity at an estimate."""
-        R = estimate.rotations
-        G, terms = self._sums.gradient(estimate)
-        turn, multipliers = operators.tangent_gradient_and_multipliers(G[:, :, 1:], R)
-        move = G[:, :, 0]
-        poses = self.poses
-        largest = float((np.linalg.norm(turn, axis=1)[poses] / self.curvature[poses]).max())
+    @cached_property
+    def _stiffness(self) -> tuple[FloatArray, FloatArray | None]:
+        turning = self.curvature
+        if self.graph.points is not None:
+            turning = np.where(self.graph.points, np.inf, turning)
         length = np.sqrt(self.lever_weights.sum() / self.graph.tau.sum())
-        if length > 0.0:
-            size = np.linalg.norm(move, axis=1) / (self.translation_weights * length)
-            largest = max(largest, float(size.max()))
-        tangent = np.concatenate([move, turn], axis=1)
-        return FirstOrder(float(terms.sum()), tangent, multipliers, largest)
+        return turning, self.translation_weights * length if length > 0.0 else None
 
     @cached_property
     def translation_weights(self) -> FloatArray:

@@ -12,11 +12,10 @@ from certpgo.graph import Estimate, RotationGraph
 from certpgo.graph.edges import components_of, edge_name
 from certpgo.graph.graph import require_connected
 from certpgo.graph.lift import Point
-from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.factor import default_engine
 from certpgo.objective import operators
-from certpgo.objective.base import AnyPoint, FirstOrder, Objective, require_graph
+from certpgo.objective.base import AnyPoint, Objective, require_graph
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -111,10 +110,7 @@ class RotationProblem(Objective):
 
     def residual_angles(self, estimate: Estimate) -> FloatArray:
         """(m,) angles between R_i R_ij and R_j, radians; 0 where no rotation is measured."""
-        i, j = self.graph.edges.T
-        R = estimate.rotations
-        angles = so.angle(np.swapaxes(R[j], 1, 2) @ R[i] @ self.graph.rotations)
-        return np.where(self.graph.kappa > 0.0, angles, 0.0)
+        return self._sums.angles(estimate.rotations)
 
     def settled(self, point: AnyPoint) -> AnyPoint:
         """The point's rotations; there are no translations to optimize."""
@@ -140,13 +136,9 @@ class RotationProblem(Objective):
         """(n,) sums of kappa at each node."""
         return self.node_weights
 
-    def first_order(self, estimate: Estimate) -> FirstOrder:
-        """Cost, gradient, multipliers and stationarity at an estimate."""
-        R = estimate.rotations
-        G, terms = self._sums.gradient(estimate)
-        turn, multipliers = operators.tangent_gradient_and_multipliers(G, R)
-        largest = float((np.linalg.norm(turn, axis=1) / self.curvature).max())
-        return FirstOrder(float(terms.sum()), turn, multipliers, largest)
+    @cached_property
+    def _stiffness(self) -> tuple[FloatArray, None]:
+        return self.curvature, None
 
     def scaled(self, factor: float) -> RotationProblem:
         """The same measurements with all weights times ``factor``; pattern and order are shared."""

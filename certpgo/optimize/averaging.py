@@ -79,7 +79,8 @@ def laplacian_step(problem: RotationProblem, point: Estimate) -> tuple[Estimate,
 
 def _stepped(factor: Factor, point: Estimate, tangent: FloatArray) -> tuple[Estimate, float]:
     delta = -0.5 * factor.solve(_in_world(point.rotations, tangent))
-    return Estimate.trusted(so.exp(delta) @ point.rotations), float(np.linalg.norm(delta))
+    turned = so.turned(point.rotations, delta, left=True)
+    return Estimate.trusted(turned), float(np.linalg.norm(delta))
 
 
 def _in_world(R: FloatArray, tangent: FloatArray) -> FloatArray:

@@ -390,7 +390,7 @@ def _retract(problem: Problem, point: Estimate, step: FloatArray) -> Estimate:
     """The point after a body-frame step, with optimal translations."""
     steps = problem.tangent_layout.unpack(step)
     turns = steps[:, -so.tangent_dim(problem.d) :]
-    turned = point.rotations @ so.exp(turns)
+    turned = so.turned(point.rotations, turns)
     if point.translations is None or not isinstance(problem, PoseProblem):
         return Estimate.trusted(turned)
     moves = steps[:, : problem.d]

@@ -122,7 +122,7 @@ class _Descent:
 
     def moved(self, step: float) -> _Descent:
         """The point after a step of that length, with optimal translations."""
-        turned = self.point.rotations @ so.exp(-step * self.direction)
+        turned = so.turned(self.point.rotations, -step * self.direction)
         following = Estimate.trusted(turned, self.point.translations)
         return _Descent(self.problem, self.problem.settled(following))
 

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 from hypothesis import given
+from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, seeds
 
-from certpgo.graph import RotationGraph
+from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.trees import compose, spanning_tree
-from certpgo.linalg import compiled
+from certpgo.linalg import compiled, so
 
 
 @given(seeds, dimensions)
@@ -35,9 +36,18 @@ def test_lengths_choose_the_tree():
 
 
 @pytest.mark.skipif(not compiled.AVAILABLE, reason="no compiled kernel")
-@given(seeds, dimensions)
-def test_the_kernel_finds_and_composes_the_tree_that_numpy_does(seed, d):
+@given(seeds, dimensions, st.booleans())
+def test_the_kernel_finds_and_composes_the_tree_that_numpy_does(seed, d, parallel):
     graph, _, _ = pose_graph(rng_of(seed), 12, d)
+    if parallel:  # of these edges both take the heaviest, and of equals the first
+        back = RotationGraph(
+            12,
+            np.concatenate([graph.edges, graph.edges[:, ::-1], graph.edges]),
+            so.random(rng_of(seed), 3 * graph.num_edges, d),
+            rng_of(seed).integers(1, 3, 3 * graph.num_edges).astype(float),
+        )
+        t = rng_of(seed).standard_normal((back.num_edges, d))
+        graph = PoseGraph(back, t, np.ones(back.num_edges))
     parents = spanning_tree(graph, root="center")
     estimate = compose(graph, parents)
     with pytest.MonkeyPatch.context() as patch:
@@ -54,10 +64,23 @@ def test_the_kernel_finds_and_composes_the_tree_that_numpy_does(seed, d):
 @pytest.mark.skipif(not compiled.AVAILABLE, reason="no compiled kernel")
 def test_the_kernel_refuses_what_is_no_tree():
     R, t = np.tile(np.eye(2), (3, 1, 1)), np.zeros((3, 2))
+    pairs, one = np.array([[0, 1], [1, 2], [2, 0]]), np.ones(3)
+    edges = pairs, R, None, one, None, t, None
     for parents in ([1, 2, 0], [-1, 3, 0]):  # a cycle, an unknown node
         with pytest.raises(ValueError, match="parents"):
-            compiled.kernel.compose(np.array(parents), 2, R, t)
-    with pytest.raises(ValueError, match="same nodes"):
-        compiled.kernel.compose(np.array([-1, 0]), 2, R, t)
+            compiled.kernel.compose(edges, 2, np.array(parents), R, t)
+    with pytest.raises(ValueError, match="parents"):  # not an edge
+        compiled.kernel.compose(
+            (pairs[:2], R[:2], None, one[:2], None, t[:2], None), 2, np.array([-1, 0, 0]), R, t
+        )
+    for wrong in (
+        (edges, 2, np.array([-1, 0]), R, t),
+        (edges, 2, np.array([-1, 0, 1]), R[1:], t),
+        (edges, 2, np.array([-1, 0, 1]), R, t[1:]),
+        ((pairs + 1, *edges[1:]), 2, np.array([-1, 0, 1]), R, t),
+        ((*edges[:5], None, None), 2, np.array([-1, 0, 1]), R, t),
+    ):
+        with pytest.raises(ValueError, match="same nodes"):
+            compiled.kernel.compose(*(x.copy() if isinstance(x, np.ndarray) else x for x in wrong))
     with pytest.raises(ValueError, match="pairs"):
         compiled.kernel.central_tree(np.array([[0, 3]]), np.empty(3, dtype=np.int64))

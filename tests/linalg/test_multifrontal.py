@@ -170,7 +170,18 @@ def test_arrays_that_do_not_belong_together_are_refused():
     with pytest.raises(ValueError, match="update of another size"):
         kernel.factor(F._fronts, A.data, None, None, np.ones(1), None, None, False)
     with pytest.raises(ValueError, match="another matrix"):
-        kernel.solve(F._fronts, np.ones(3), np.ones(16), False, 0)
+        kernel.substitute(F._fronts, np.ones(3), np.ones(16), False, 0)
+    panels, ones = F.factor(A.data).panels, np.ones(16)
+    for L, scale, B, X in (
+        (panels[:-1], None, ones, ones),
+        (panels, ones[:-1], ones, ones),
+        (panels, None, ones[:-1], ones[:-1]),
+        (panels, None, np.ones(32), ones),
+    ):
+        with pytest.raises(ValueError, match="another matrix"):
+            kernel.solve(F._fronts, L, scale, B, X.copy(), False)
+    with pytest.raises(TypeError, match="array of float32 expected"):
+        kernel.solve(F._fronts, panels, None, ones, ones.copy(), True)
     for place in range(12):
         parts = list(F._fronts)
         parts[place] = parts[place][:-1]
@@ -211,13 +222,37 @@ def test_sums_over_edges_that_name_other_nodes_are_refused():
         with pytest.raises(ValueError, match=why):
             kernel.gradient(wrong, 3, 3, R, np.zeros((n, 3)), None, terms)
         with pytest.raises(ValueError, match=why):
-            kernel.coupling(wrong, 3, R, np.empty((m, 3, 3)))
+            kernel.hessian(wrong, 3, R, R, R, None, None, R.copy(), np.empty((m, 3, 3)))
+        with pytest.raises(ValueError, match=why):
+            kernel.first_order(wrong, 3, R, None, kappa[:n], None, R[0].copy(), R.copy(), terms)
     with pytest.raises(ValueError, match="2 or 3 dimensions"):
         kernel.gradient((edges, P, None, kappa, None, None, None), 4, 4, R, None, None, terms)
     with pytest.raises(IndexError, match="out of range"):
         kernel.scatter_sum(np.array([2]), np.ones((1, 2)), np.zeros((2, 2)), 2)
     with pytest.raises(ValueError, match="as many rows"):
         kernel.scatter_sum(np.array([0]), np.ones((1, 2)), np.zeros(5), 2)
+
+
+def test_derivatives_of_another_graph_are_refused():
+    graph = grid3d(2, np.random.default_rng(0)).graph
+    n, m, rotation = graph.num_nodes, graph.num_edges, graph.rotation
+    measured = rotation.rotations, None, rotation.kappa, graph.tau, graph.translations, None
+    R, t, ones = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3)), np.ones(n)
+    hessian = [R, R, R, t, ones, np.empty((n, 6, 6)), np.empty((m, 6, 6))]
+    first = [R, t, ones, ones, np.empty((n, 6)), R.copy(), np.empty(m)]
+    kernel = compiled.kernel
+    # The last is a place where None is taken of rotations alone.
+    for function, arrays, without in ((kernel.hessian, hessian, 3), (kernel.first_order, first, 1)):
+        function((rotation.edges, *measured), 3, *arrays)
+        for place, array in enumerate(arrays):
+            wrong = [*arrays[:place], array[:-1], *arrays[place + 1 :]]
+            with pytest.raises(ValueError, match="another graph"):
+                function((rotation.edges, *measured), 3, *wrong)
+        wrong = [*arrays[:without], None, *arrays[without + 1 :]]
+        with pytest.raises(ValueError, match="another graph"):
+            function((rotation.edges, *measured), 3, *wrong)
+        with pytest.raises(ValueError, match="another graph"):
+            function((rotation.edges + n, *measured), 3, *arrays)
 
 
 @pytest.mark.parametrize("exponent", [-900, -390, 390, 900])
@@ -319,16 +354,26 @@ def test_patterns_and_trees_that_are_none_are_refused():
             compiled.kernel.order(indptr, indices)
         with refused:
             compiled.kernel.analyze(indptr, indices, whole(0, 1), whole(1, 1))
-    room = np.zeros(3, dtype=np.int64)
-    for above in (whole(500000000, -1), whole(0, -1), whole(-2, -1)):
+    two, three = np.zeros(2, dtype=np.int64), np.zeros(3, dtype=np.int64)
+    right = [whole(0, 1, 2), whole(0, 1), whole(0, 1), whole(1, 1)]  # pattern, order, sizes
+    right += [whole(0, 1, 2), whole(1, -1), whole(0, 1, 1), whole(1)]  # fronts
+    right += [two, three, three.copy(), three.copy()]
+    assert compiled.kernel.measure(*right) == (1, 2, 2, 0)
+    for place, wrong in (
+        (0, whole(0, 2, 1)),
+        (1, whole(0, 2)),
+        (2, whole(0, 2)),
+        (3, whole(1, 0)),
+        (4, whole(-5, 1, 2)),
+        (5, whole(500000000, -1)),
+        (5, whole(0, -1)),
+        (5, whole(-2, -1)),
+        (6, whole(0, 2, 1)),
+        (7, whole(2)),
+        *((k, right[k][:-1]) for k in range(12)),
+    ):
         with refused:
-            compiled.kernel.measure(
-                whole(0, 1, 2), whole(0, 1, 2), above, whole(0, 1, 1), whole(1), room
-            )
-    with refused:
-        compiled.kernel.measure(
-            whole(0, 1, 2), whole(-5, 1, 2), whole(1, -1), whole(0, 1, 1), whole(1), room
-        )
+            compiled.kernel.measure(*right[:place], wrong, *right[place + 1 :])
     short = np.array([0, 2000000000, 2], dtype=np.int32)
     with refused:
         compiled.kernel.diagonal_places(short, short[:2], np.zeros(2, dtype=np.int64))
@@ -342,3 +387,13 @@ def test_patterns_and_trees_that_are_none_are_refused():
     tree = Tree.of(whole(0, 1, 2), whole(0, 1), whole(0, 1))
     with refused:
         Fronts(tree, whole(1, 0)).factor(np.ones(1))
+    pattern = np.array([0, 1, 2], dtype=np.int32), np.array([0, 1], dtype=np.int32)
+    for wrong in (
+        (*pattern, np.ones(3), whole(0)),
+        (*pattern, np.ones(2), whole(2)),
+        (short, pattern[1], np.ones(2), whole(0)),
+        (pattern[0], np.array([1, 1], dtype=np.int32), np.ones(2), whole(0)),
+        (pattern[0], np.array([7, 1], dtype=np.int32), np.ones(2), whole(0)),
+    ):
+        with refused:
+            compiled.kernel.pin(*wrong)

@@ -6,27 +6,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import dimensions, general_graph, pose_graph, rng_of, rotation_graph, seeds
 
+from certpgo.certify import dual
+from certpgo.certify.shifted import Shifted
 from certpgo.errors import GraphError
-from certpgo.graph import Estimate
+from certpgo.graph import Estimate, PoseGraph
+from certpgo.graph.edges import symmetric
 from certpgo.graph.lift import Lift, lifted
 from certpgo.linalg import compiled, so
 from certpgo.linalg.blocks import BlockPattern, diagonal_places, pinned, scatter_sum
-from certpgo.objective import operators
+from certpgo.objective import operators, residuals
 from certpgo.objective.edge_sums import LARGEST_RANK, EdgeSums
+from certpgo.objective.problem import PoseProblem, RotationProblem
 
 pytestmark = pytest.mark.skipif(not compiled.AVAILABLE, reason="not compiled")
 
 
-@pytest.fixture
-def in_numpy(monkeypatch):
-    """Calls a function without the compiled kernel."""
-
-    def called(function, *args):
-        with monkeypatch.context() as patch:
-            patch.setattr(compiled, "AVAILABLE", False)
-            return function(*args)
-
-    return called
+def in_numpy(function, *args):
+    """What a function returns without the compiled kernel."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compiled, "AVAILABLE", False)
+        return function(*args)
 
 
 def graphs(seed, d):
@@ -58,11 +57,84 @@ def test_gradients_and_terms(seed, d, more):
 
 @settings(max_examples=40)
 @given(seeds, dimensions)
+def test_derivatives_along_rotations(seed, d):
+    for graph, point in graphs(seed, d):
+        turning, moving = rng_of(seed).uniform(0.5, 2.0, (2, graph.num_nodes))
+        turning[2] = np.inf  # as of a point
+        for weights in ((turning, moving), (turning, None)):
+            if not isinstance(graph, PoseGraph):
+                weights = turning, None
+            expected = operators.first_order(graph, point, *weights)
+            found = EdgeSums(graph).first_order(point, *weights)
+            for one, other in zip(found, expected, strict=True):
+                np.testing.assert_allclose(one, other, rtol=1e-11, atol=1e-11)
+
+
+def test_a_stationarity_that_is_no_number_is_not_hidden():
+    graph, R, t = pose_graph(rng_of(1), 5, 3)
+    t[3, 0] = np.nan
+    ones = np.ones(5)
+    assert np.isnan(EdgeSums(graph).first_order(Estimate.trusted(R, t), ones, ones)[3])
+
+
+@settings(max_examples=40)
+@given(seeds, dimensions)
 def test_blocks_of_hessians(seed, d):
     for graph, point in graphs(seed, d):
-        expected = operators.couplings(graph, point.rotations)
-        found = EdgeSums(graph).couplings(point.rotations)
-        np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-11)
+        multipliers = symmetric(rng_of(seed).standard_normal(point.rotations.shape))
+        sums = operators.NodeSums.of(graph)
+        expected = (
+            operators.hessian_diagonal(sums, point.rotations, multipliers),
+            operators.couplings(graph, point.rotations),
+        )
+        found = EdgeSums(graph).hessian(point.rotations, multipliers)
+        for one, other in zip(found, expected, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-11, atol=1e-11)
+
+
+@settings(max_examples=40)
+@given(seeds, dimensions)
+def test_sizes_of_residuals(seed, d):
+    for graph, point in graphs(seed, d):
+        sums, R = EdgeSums(graph), point.rotations
+        expected = residuals.residual_angles(graph, R)
+        np.testing.assert_allclose(sums.angles(R), expected, rtol=0, atol=1e-12)
+        if graph.is_general:
+            continue
+        expected = residuals.residual_norms(graph, point)
+        for one, other in zip(sums.residuals(point), expected, strict=True):
+            if other is not None:
+                np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-13)
+
+
+def test_angles_where_no_rotation_is_measured():
+    graph, R, t = pose_graph(rng_of(2), 6, 3)
+    kappa = graph.rotation.kappa.copy()
+    kappa[3] = 0.0
+    assert EdgeSums(graph.with_weights(kappa)).angles(R)[3] == 0.0
+    edges = EdgeSums(graph)._measured
+    angles = np.empty(graph.num_edges)
+    for wrong in ((edges, 3, R[1:], angles), (edges, 3, R, angles[1:])):
+        with pytest.raises(ValueError, match="another graph"):
+            compiled.kernel.angles(*wrong)
+    rows = R, t, angles, angles.copy()
+    for place in range(4):
+        wrong = [*rows[:place], rows[place][:-1], *rows[place + 1 :]]
+        with pytest.raises(ValueError, match="another graph"):
+            compiled.kernel.residuals(edges, 3, *wrong)
+    with pytest.raises(ValueError, match="another graph"):
+        compiled.kernel.residuals(edges, 3, R, None, *rows[2:])
+
+
+@given(seeds, dimensions, st.integers(-200, 2), st.booleans())
+def test_turned_rotations(seed, d, power, left):
+    rng = rng_of(seed)
+    R, v = so.random(rng, 5, d), 10.0**power * rng.standard_normal((5, so.tangent_dim(d)))
+    v[3] = 0.0
+    expected = so.exp(v) @ R if left else R @ so.exp(v)
+    np.testing.assert_allclose(so.turned(R, v, left=left), expected, rtol=0, atol=1e-14)
+    with pytest.raises(ValueError, match="as many rotations as tangents"):
+        so.turned(R, v[:-1])
 
 
 def test_large_ranks_are_left_to_numpy():
@@ -114,6 +186,29 @@ def test_block_matrices(seed, b, parallel):
     assert P.layout(b) is P.layout(b)
 
 
+@given(seeds, st.integers(0, 12))
+def test_occupied_blocks(seed, m):
+    edges = rng_of(seed).permuted(np.array([np.arange(6)] * m).reshape(m, 6), axis=1)[:, :2]
+    found = BlockPattern(6, edges)._slots
+    expected = in_numpy(lambda: BlockPattern(6, edges)._slots)
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert found[0].dtype == expected[0].dtype == np.int32
+
+
+def test_occupied_blocks_of_other_nodes():
+    indptr, room = np.empty(4, dtype=np.int64), np.empty(5, dtype=np.int64)
+    for wrong in (
+        (np.array([[0, 3]]), indptr, room, room),
+        (np.array([[0, -1]]), indptr, room, room),
+        (np.array([[0, 1]]), indptr[:-1], room, room),
+        (np.array([[0, 1]]), indptr, room[:-1], room),
+        (np.array([[0, 1]]), indptr, room, room[:-1]),
+    ):
+        with pytest.raises(ValueError, match="other nodes"):
+            compiled.kernel.blocks(*wrong)
+
+
 def test_a_matrix_without_a_diagonal_entry():
     A = BlockPattern(3, np.array([[0, 1], [1, 2]])).assemble(np.ones((3, 1, 1)), np.ones((2, 1, 1)))
     A.indices[0] = 1
@@ -150,7 +245,7 @@ def test_the_matrix_farthest_from_a_rotation(seed, d, power):
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e200])
-def test_what_is_no_matrix_is_infinitely_far(wrong, in_numpy):
+def test_what_is_no_matrix_is_infinitely_far(wrong):
     R = np.tile(np.eye(3), (4, 1, 1))
     R[2, 0, 1] = wrong
     assert so.worst_defect(R) == in_numpy(so.worst_defect, R) == (2, np.inf)
@@ -158,3 +253,42 @@ def test_what_is_no_matrix_is_infinitely_far(wrong, in_numpy):
     R[3, 0, 0] = -1.0
     assert so.worst_defect(R) == in_numpy(so.worst_defect, R) == (3, np.inf)
     assert so.worst_defect(R[:0]) == (0, 0.0)
+
+
+@settings(max_examples=40)
+@given(seeds, dimensions, st.integers(0, 2))
+def test_multipliers_less_a_shift(seed, d, more):
+    rng = rng_of(seed)
+    graph, R, t = pose_graph(rng, 7, d)
+    point = lifted(Estimate(R, t), d + more)
+    shifted = Shifted.of(PoseProblem(graph), point)
+    demand = rng.uniform(0.0, 1.0, len(shifted.weights))
+    found = shifted.less(0.3, demand)
+    np.testing.assert_allclose(found, in_numpy(shifted.less, 0.3, demand), rtol=0, atol=1e-10)
+    alone = Shifted.of(RotationProblem(graph.rotation), Estimate(R))
+    np.testing.assert_array_equal(alone.less(0.3, demand), in_numpy(alone.less, 0.3, demand))
+
+
+@given(seeds, dimensions)
+def test_sums_of_levers(seed, d):
+    for graph, _ in graphs(seed, d):
+        if isinstance(graph, PoseGraph):
+            found, expected = dual._lever_sums(graph), in_numpy(dual._lever_sums, graph)
+            np.testing.assert_allclose(found, expected, rtol=1e-13)
+
+
+def test_multipliers_of_other_nodes():
+    one, nodes, gauge = np.tile(np.eye(3), (4, 1, 1)), np.arange(4), np.eye(3)
+    for wrong in (
+        (gauge, one[1:], nodes, 3),
+        (gauge, one, nodes + 1, 3),
+        (gauge[1:], one, nodes, 3),
+        (gauge, one, nodes, 4),
+        (np.eye(33), np.zeros((4, 33, 3)), nodes, 3),
+    ):
+        with pytest.raises(ValueError, match="other nodes"):
+            compiled.kernel.lessen(0.1, *wrong, one.copy())
+    edges = np.array([[0, 4]]), one[:1], None, np.ones(1), np.ones(1), np.ones((1, 3)), None
+    for sums in (np.zeros((4, 4)), np.zeros((5, 3))):
+        with pytest.raises(ValueError, match="graph of poses"):
+            compiled.kernel.lever_sums(edges, 3, sums)

@@ -77,6 +77,19 @@ class DistributedFronts(Fronts):
             add(total, result)
         return Elimination(None, np.empty(0), total.sums, total.squares, total.residual)
 
+    def solve(self, panels: Any, scale: FloatArray | None, B: FloatArray) -> FloatArray:
+        """As `Fronts.solve`."""
+        right = np.atleast_2d(B[self.order].T)
+        if scale is not None:
+            right = right * scale
+        # Within the range of any precision.
+        unit = np.ldexp(1.0, np.frexp(np.abs(right).max(axis=1, initial=0.0))[1])[:, None]
+        X = self.substitute(panels, right / unit)
+        X = X * unit if scale is None else X * (unit * scale)
+        solution = np.empty(B.shape)
+        solution[self.order] = X[0] if B.ndim == 1 else X.T
+        return solution
+
     def substitute(self, panels: Any, right: FloatArray, way: int = 0) -> FloatArray:
         """As `Fronts.substitute`; both ways only, where the factor stays with the workers."""
         if way:

@@ -132,6 +132,228 @@ static inline void couple(const Edges *g, Int d, const double *R, double *upper)
     }
 }
 
+/* Of the nodes: what the diagonal of a Hessian consists of, see `operators.NodeSums`. */
+typedef struct {
+    Int n;
+    const double *spread;      /* (n, d, d) */
+    const double *multipliers; /* (n, d, d) */
+    const double *first;       /* (n, d) and (n,); without translations NULL */
+    const double *degree;
+} Nodes;
+
+/* The nodes' blocks (n, b, b) of the Riemannian Hessian of F/2. */
+static inline void restrict_to_tangents(const Nodes *nodes, Int move, Int d, const double *R,
+                                        double *diagonal)
+{
+    Int p = d == 2 ? 1 : 3, o = move ? d : 0, b = p + o;
+    for (Int i = 0; i < nodes->n; i++, R += d * d) {
+        double S[9], at[9], trace = 0.0, *out = diagonal + i * b * b;
+        for (Int k = 0; k < d * d; k++)
+            S[k] = nodes->spread[i * d * d + k] - nodes->multipliers[i * d * d + k];
+        for (Int a = 0; a < d; a++) trace += S[a * d + a];
+        for (Int k = 0; k < b * b; k++) out[k] = 0.0;
+        for (Int k = 0; k < p; k++)
+            for (Int l = 0; l < p; l++)
+                out[(o + k) * b + o + l] = (k == l ? trace : 0.0) - (d == 2 ? 0.0 : S[k * d + l]);
+        if (!move) continue;
+        for (Int a = 0; a < d; a++) out[a * b + a] = nodes->degree[i];
+        turned_lever(d, R, nodes->first + i * d, at);
+        for (Int a = 0; a < d; a++)
+            for (Int k = 0; k < p; k++)
+                out[a * b + d + k] = out[(d + k) * b + a] = -at[a * p + k];
+    }
+}
+
+/* What gradients are divided by, (n,): INFINITY for points, which have no rotation. */
+typedef struct {
+    const double *turning;
+    const double *moving; /* or NULL: translations do not count */
+} Stiffness;
+
+/* Tangents (n, b) and multipliers (n, d, d) of half the gradient G at rotations R; returns the
+ * largest part of a tangent over its stiffness, or NaN. */
+static inline double project(Int n, Int d, Int move, const double *R, const double *G,
+                             const Stiffness *stiffness, double *tangent, double *multipliers)
+{
+    Int p = d == 2 ? 1 : 3, width = d + move;
+    double largest = -INFINITY;
+    for (Int i = 0; i < n; i++, R += d * d, G += d * width, multipliers += d * d) {
+        double product[9], sizes[2] = {0.0, 0.0}, *moved = tangent, *turn = tangent + (move ? d : 0);
+        for (Int a = 0; a < d; a++)
+            for (Int c = 0; c < d; c++) {
+                double sum = 0.0;
+                for (Int k = 0; k < d; k++) sum += G[k * width + move + a] * R[k * d + c];
+                product[a * d + c] = sum;
+            }
+        for (Int a = 0; a < d; a++)
+            for (Int c = 0; c < d; c++)
+                multipliers[a * d + c] = 0.5 * (product[a * d + c] + product[c * d + a]);
+        if (d == 2)
+            turn[0] = product[1] - product[2];
+        else
+            for (Int k = 0; k < 3; k++) {
+                Int k1 = (k + 1) % 3, k2 = (k + 2) % 3;
+                turn[k] = product[3 * k1 + k2] - product[3 * k2 + k1];
+            }
+        for (Int k = 0; k < p; k++) sizes[0] += turn[k] * turn[k];
+        for (Int a = 0; a < d && move; a++) moved[a] = G[a * width], sizes[1] += moved[a] * moved[a];
+        for (int of = 0; of < 2; of++) {
+            const double *weights = of ? stiffness->moving : stiffness->turning;
+            double size = weights ? sqrt(sizes[of]) / weights[i] : -INFINITY;
+            if (size > largest || size != size) largest = size;
+        }
+        tangent = turn + p;
+    }
+    return largest;
+}
+
+/* Rotations turned by tangents: R exp(v), or exp(v) R. */
+static inline void turn_by(Int n, Int d, const double *R, const double *v, int left, double *out)
+{
+    for (Int i = 0; i < n; i++, R += d * d, out += d * d) {
+        double E[9];
+        if (d == 2) {
+            E[0] = E[3] = cos(v[i]), E[2] = sin(v[i]), E[1] = -E[2];
+        } else {
+            const double *w = v + 3 * i;
+            double square = w[0] * w[0] + w[1] * w[1] + w[2] * w[2], angle = sqrt(square);
+            double half = 0.5 * angle, a = angle > 0.0 ? sin(angle) / angle : 1.0;
+            double b = half > 0.0 ? sin(half) / half : 1.0;
+            /* I + a hat(w) + b^2 / 2 hat(w)^2 */
+            b *= 0.5 * b;
+            for (Int k = 0; k < 3; k++) {
+                Int k1 = (k + 1) % 3, k2 = (k + 2) % 3;
+                E[4 * k] = 1.0 - b * (w[k1] * w[k1] + w[k2] * w[k2]);
+                E[3 * k + k1] = b * w[k] * w[k1] - a * w[k2];
+                E[3 * k1 + k] = b * w[k] * w[k1] + a * w[k2];
+            }
+        }
+        const double *A = left ? E : R, *B = left ? R : E;
+        for (Int a = 0; a < d; a++)
+            for (Int c = 0; c < d; c++) {
+                double sum = 0.0;
+                for (Int k = 0; k < d; k++) sum += A[a * d + k] * B[k * d + c];
+                out[a * d + c] = sum;
+            }
+    }
+}
+
+/* Angles (m,) between R_i P and R_j, 0 where no rotation is measured. */
+static inline void measure_angles(const Edges *g, Int d, const double *R, double *angles)
+{
+    for (Int e = 0; e < g->m; e++) {
+        const double *Ri = R + g->pairs[2 * e] * d * d, *Rj = R + g->pairs[2 * e + 1] * d * d;
+        double B[9], Q[9], sine = 0.0, trace = 0.0;
+        for (Int a = 0; a < d; a++)
+            for (Int c = 0; c < d; c++) {
+                B[a * d + c] = 0.0;
+                for (Int k = 0; k < d; k++) B[a * d + c] += Rj[k * d + a] * Ri[k * d + c];
+            }
+        for (Int a = 0; a < d; a++)
+            for (Int c = 0; c < d; c++) {
+                Q[a * d + c] = 0.0;
+                for (Int k = 0; k < d; k++) Q[a * d + c] += B[a * d + k] * g->P[(e * d + k) * d + c];
+            }
+        for (Int a = 0; a < d; a++) {
+            trace += Q[a * d + a];
+            for (Int c = 0; c < a; c++) {
+                double skew = 0.5 * (Q[a * d + c] - Q[c * d + a]);
+                sine += skew * skew;
+            }
+        }
+        angles[e] = g->kappa[e] > 0.0 ? atan2(sqrt(sine), 0.5 * (d == 2 ? trace : trace - 1.0)) : 0.0;
+    }
+}
+
+/* Norms (m,) of R_j - R_i P, and of t_j - t_i - R_i b where translations are measured. */
+static inline void measure_residuals(const Edges *g, Int d, const double *R, const double *t,
+                                     double *turned, double *moved)
+{
+    for (Int e = 0; e < g->m; e++) {
+        Int i = g->pairs[2 * e], j = g->pairs[2 * e + 1];
+        double square = 0.0;
+        for (Int a = 0; a < d; a++)
+            for (Int c = 0; c < d; c++) {
+                double product = 0.0, off;
+                for (Int b = 0; b < d; b++)
+                    product += R[(i * d + a) * d + b] * g->P[(e * d + b) * d + c];
+                off = R[(j * d + a) * d + c] - product;
+                square += off * off;
+            }
+        turned[e] = sqrt(square);
+        if (!moved) continue;
+        square = 0.0;
+        for (Int a = 0; a < d; a++) {
+            double step = 0.0, off;
+            for (Int b = 0; b < d; b++) step += R[(i * d + a) * d + b] * g->moved[e * d + b];
+            off = t[j * d + a] - t[i * d + a] - step;
+            square += off * off;
+        }
+        moved[e] = sqrt(square);
+    }
+}
+
+/* An end of entry k of a list of nodes, edges and reversed edges: its row, or its column. */
+static Int end_of(Int n, Int m, const Int *pairs, Int k, int column)
+{
+    if (k < n) return k;
+    int back = k >= n + m;
+    return pairs[2 * (k - n - (back ? m : 0)) + (back != column)];
+}
+
+/* The occupied blocks of a graph's matrices by rows, columns ascending, and in `slots` (n + 2 m) the
+ * block of each entry of that list; returns their number. `work` has room for 2 (n + 2 m) + n + 1. */
+static Int find_blocks(Int n, Int m, const Int *pairs, Int *indptr, Int *indices, Int *slots, Int *work)
+{
+    Int all = n + 2 * m, *by_column = work, *sorted = work + all, *next = sorted + all, blocks = 0;
+    for (int column = 1; column >= 0; column--) {
+        Int *to = column ? by_column : sorted;
+        memset(next, 0, (size_t)(n + 1) * sizeof(Int));
+        for (Int k = 0; k < all; k++) next[end_of(n, m, pairs, k, column) + 1]++;
+        for (Int i = 0; i < n; i++) next[i + 1] += next[i];
+        for (Int q = 0; q < all; q++) {
+            Int k = column ? q : by_column[q];
+            to[next[end_of(n, m, pairs, k, column)]++] = k;
+        }
+    }
+    indptr[0] = 0;
+    for (Int q = 0, row = -1, column = -1; q < all; q++) {
+        Int i = end_of(n, m, pairs, sorted[q], 0), j = end_of(n, m, pairs, sorted[q], 1);
+        if (i != row || j != column) indices[blocks++] = j;
+        row = i, column = j;
+        slots[sorted[q]] = blocks - 1;
+        indptr[i + 1] = blocks;
+    }
+    return blocks;
+}
+
+/* Subtract shift I and the symmetric part of Y_i^T G Y_i, unless G is NULL, of some nodes' blocks Y
+ * (n, r, d), from multipliers (n, d, d). */
+static void take_off(Int count, const Int *nodes, Int r, Int d, const double *Y, const double *G,
+                     double shift, double *multipliers)
+{
+    double Z[3 * 32];
+    for (Int k = 0; k < count; k++) {
+        const double *block = Y + nodes[k] * r * d;
+        double *of = multipliers + nodes[k] * d * d;
+        for (Int a = 0; a < d; a++) of[a * d + a] -= shift;
+        if (!G) continue;
+        for (Int u = 0; u < r; u++)
+            for (Int c = 0; c < d; c++) {
+                Z[u * d + c] = 0.0;
+                for (Int v = 0; v < r; v++)
+                    Z[u * d + c] += 0.5 * (G[u * r + v] + G[v * r + u]) * block[v * d + c];
+            }
+        for (Int a = 0; a < d; a++)
+            for (Int c = a; c < d; c++) {
+                double sum = 0.0;
+                for (Int u = 0; u < r; u++) sum += block[u * d + a] * Z[u * d + c];
+                of[a * d + c] -= sum;
+                if (c > a) of[c * d + a] -= sum;
+            }
+    }
+}
+
 /* Whether each block's place is in its node's column. */
 static int are_places(Int n, Int m, const Int *indptr, const Int *own, const Int *slots,
                       const Int *pairs)

@@ -102,26 +102,39 @@ static void IN(add_sums)(const Fronts *f, Int s, const REAL *panel, Int nc, Int 
     }
 }
 
-/* The same as `eliminate` for a small front, where calls of BLAS would take longer. */
-static int IN(eliminate_small)(REAL *panel, Int nc, Int ld, REAL *update)
+/* Subtract L L^T from the first `count` columns of a lower triangle, for `width` columns of L. */
+static inline void IN(subtract)(REAL *restrict to, Int lead, Int count, Int rows,
+                                const REAL *restrict L, Int ld, Int width)
 {
-    Int m = ld - nc;
-    for (Int c = 0; c < nc; c++) {
-        REAL *own = panel + c * ld, pivot = own[c];
-        if (!(pivot > 0 && pivot < (REAL)INFINITY)) return 0;
-        pivot = own[c] = (REAL)sqrt((double)pivot);
-        for (Int i = c + 1; i < ld; i++) own[i] /= pivot;
-        for (Int k = c + 1; k < nc; k++) {
-            REAL *other = panel + k * ld, value = own[k];
-            for (Int i = k; i < ld; i++) other[i] -= own[i] * value;
+    Int k = 0;
+    for (; k + 4 <= width; k += 4, L += 4 * ld) {
+        const REAL *a = L, *b = L + ld, *c = L + 2 * ld, *d = L + 3 * ld;
+        for (Int j = 0; j < count; j++) {
+            REAL *column = to + j * lead, p = a[j], q = b[j], r = c[j], s = d[j];
+            for (Int i = j; i < rows; i++)
+                column[i] -= (a[i] * p + b[i] * q) + (c[i] * r + d[i] * s);
         }
     }
-    for (Int k = 0; k < m; k++)
-        for (Int c = 0; c < nc; c++) {
-            const REAL *own = panel + c * ld + nc;
-            REAL *other = update + k * m, value = own[k];
-            for (Int i = k; i < m; i++) other[i] -= own[i] * value;
+    for (; k < width; k++, L += ld)
+        for (Int j = 0; j < count; j++) {
+            REAL *column = to + j * lead, p = L[j];
+            for (Int i = j; i < rows; i++) column[i] -= L[i] * p;
         }
+}
+
+/* `eliminate` for fronts in which calls of BLAS would take most of the time. Sums are those of
+ * docs/multifrontal.md in another order, and diagonal entries divide by their reciprocals. */
+static int IN(eliminate_small)(REAL *panel, Int nc, Int ld, REAL *update)
+{
+    for (Int c = 0; c < nc; c++) {
+        REAL *column = panel + c * ld + c;
+        IN(subtract)(column, ld, 1, ld - c, panel + c, ld, c);
+        if (!(*column > 0 && *column < (REAL)INFINITY)) return 0;
+        REAL root = (REAL)sqrt((double)*column), over = 1 / root;
+        column[0] = root;
+        for (Int i = 1; i < ld - c; i++) column[i] *= over;
+    }
+    IN(subtract)(update, ld - nc, ld - nc, ld - nc, panel + nc, ld, nc);
     return 1;
 }
 
@@ -233,11 +246,10 @@ done:
     return outcome;
 }
 
-/* x := L_s^-1 x for the columns of supernode s; y is room for a front. */
-static void IN(forward)(const Fronts *f, Int s, const REAL *L, REAL *x, REAL *y)
+/* x := L^-1 x in the rows of supernode s, and what that changes below; `y` is room for work. */
+static void IN(forward)(const Fronts *f, Int s, const REAL *panel, Int ld, REAL *x, REAL *y)
 {
-    Int nc = width_of(f, s), ld = (f->panel[s + 1] - f->panel[s]) / nc, m = ld - nc, r = 0;
-    const REAL *panel = L + f->panel[s];
+    Int nc = width_of(f, s), m = ld - nc, r = 0;
     REAL *own = x + f->offset[f->start[s]];
     memset(y, 0, (size_t)m * sizeof(REAL));
     for (Int c = 0; c < nc; c++) {
@@ -251,11 +263,10 @@ static void IN(forward)(const Fronts *f, Int s, const REAL *L, REAL *x, REAL *y)
         for (Int i = f->offset[f->rows[e]]; i < f->offset[f->rows[e] + 1]; i++) x[i] -= y[r++];
 }
 
-/* x := L_s^-T x for the columns of supernode s; y is room for a front. */
-static void IN(backward)(const Fronts *f, Int s, const REAL *L, REAL *x, REAL *y)
+/* x := L^-T x in the rows of supernode s, from what is solved below. */
+static void IN(backward)(const Fronts *f, Int s, const REAL *panel, Int ld, REAL *x, REAL *y)
 {
-    Int nc = width_of(f, s), ld = (f->panel[s + 1] - f->panel[s]) / nc, r = nc;
-    const REAL *panel = L + f->panel[s];
+    Int nc = width_of(f, s), r = nc;
     REAL *own = x + f->offset[f->start[s]];
     for (Int e = f->begin[s]; e < f->begin[s + 1]; e++)
         for (Int i = f->offset[f->rows[e]]; i < f->offset[f->rows[e] + 1]; i++) y[r++] = x[i];
@@ -272,16 +283,57 @@ static void IN(backward)(const Fronts *f, Int s, const REAL *L, REAL *x, REAL *y
     memcpy(own, y, (size_t)nc * sizeof(REAL));
 }
 
-/* X (k, N) := (L L^T)^-1 X, if way > 0 L^-1 X, if way < 0 L^-T X. L is read once for all k. */
-static int IN(solve)(const Fronts *f, const REAL *L, REAL *X, Int k, int way)
+/* X (k, N) := (L L^T)^-1 X, if way > 0 L^-1 X, if way < 0 L^-T X. */
+static int IN(substitute)(const Fronts *f, const REAL *L, REAL *X, Int k, int way)
 {
     Int N = f->offset[f->n];
     REAL *y = malloc((size_t)(f->tallest + 1) * sizeof(REAL));
     if (!y) return -1;
-    for (Int s = 0; way >= 0 && s < f->many; s++)
-        for (Int q = 0; q < k; q++) IN(forward)(f, s, L, X + q * N, y);
-    for (Int s = f->many - 1; way <= 0 && s >= 0; s--)
-        for (Int q = 0; q < k; q++) IN(backward)(f, s, L, X + q * N, y);
+    for (Int s = 0; way >= 0 && s < f->many; s++) {
+        Int ld = (f->panel[s + 1] - f->panel[s]) / width_of(f, s);
+        for (Int q = 0; q < k; q++) IN(forward)(f, s, L + f->panel[s], ld, X + q * N, y);
+    }
+    for (Int s = f->many - 1; way <= 0 && s >= 0; s--) {
+        Int ld = (f->panel[s + 1] - f->panel[s]) / width_of(f, s);
+        for (Int q = 0; q < k; q++) IN(backward)(f, s, L + f->panel[s], ld, X + q * N, y);
+    }
     free(y);
     return 0;
+}
+
+/* X := A^-1 B, both (N, k) in A's order; L is that of A, or of A with rows and columns times `scale`. */
+static int IN(solve)(const Fronts *f, const REAL *L, const double *scale, const double *B, double *X,
+                     Int k)
+{
+    Int N = f->offset[f->n], outcome = -1;
+    Int *first = malloc((size_t)(f->n + 1 + N) * sizeof(Int)), *row = first + f->n + 1;
+    REAL *x = malloc((size_t)(k * N + 1) * sizeof(REAL));
+    double *units = malloc((size_t)(k + 1) * sizeof(double));
+    if (!first || !x || !units) goto done;
+    first_rows(f, first);
+    for (Int i = 0; i < f->n; i++)
+        for (Int r = f->offset[i]; r < f->offset[i + 1]; r++)
+            row[r] = first[f->order[i]] + r - f->offset[i];
+    for (Int q = 0; q < k; q++) {
+        /* Within the range of any precision. */
+        double largest = 0.0;
+        int exponent = 0;
+        for (Int r = 0; r < N; r++) {
+            double size = fabs(B[row[r] * k + q] * (scale ? scale[r] : 1.0));
+            if (size > largest) largest = size;
+        }
+        if (largest < INFINITY) frexp(largest, &exponent);
+        units[q] = ldexp(1.0, exponent);
+        for (Int r = 0; r < N; r++)
+            x[q * N + r] = (REAL)(B[row[r] * k + q] * (scale ? scale[r] : 1.0) / units[q]);
+    }
+    outcome = IN(substitute)(f, L, x, k, 0);
+    for (Int q = 0; q < k && outcome == 0; q++)
+        for (Int r = 0; r < N; r++)
+            X[row[r] * k + q] = x[q * N + r] * (units[q] * (scale ? scale[r] : 1.0));
+done:
+    free(first);
+    free(x);
+    free(units);
+    return outcome;
 }

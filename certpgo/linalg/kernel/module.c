@@ -23,20 +23,65 @@ typedef int64_t Int;
 
 /* Multiplications between two looks for Ctrl-C: about a second. */
 #define PATIENCE 2e9
-/* Multiplications of a front up to which calls of BLAS take longer than loops. */
-#define SMALL 10000
+/* Multiplications up to which a front is eliminated without BLAS. */
+#define SMALL 20000
 
-/* ---------------------------------------------------------------- buffers */
+/* ---------------------------------------------------------------- calls */
 
-enum { MAX_BUFFERS = 24 };
-
+/* What a call holds until it returns: buffers of arrays, and memory. */
 typedef struct {
-    Py_buffer views[MAX_BUFFERS];
-    int count;
-} Buffers;
+    Py_buffer views[24];
+    void *blocks[4];
+    int count, many;
+} Held;
 
 /* What arrays consist of. */
 typedef enum { INTS, SHORT_INTS, DOUBLES, FLOATS, REALS } Kind;
+enum { READ = 0, WRITTEN = 1, OPTIONAL = 2 };
+
+/* A contiguous array; no memory if it is optional and None. */
+typedef struct {
+    Held *held;
+    Kind kind;
+    int use;
+    void *at;
+    Py_ssize_t length;
+    int itemsize;
+} Array;
+
+/* name_of(held, args) computes, and may return at any point. */
+#define CALL(name)                                        \
+    static PyObject *name(PyObject *self, PyObject *args) \
+    {                                                     \
+        Held held = {.count = 0, .many = 0};              \
+        PyObject *result = name##_of(&held, args);        \
+        give_back(&held);                                 \
+        return result;                                    \
+    }
+
+static void give_back(Held *held)
+{
+    while (held->count) PyBuffer_Release(&held->views[--held->count]);
+    while (held->many) free(held->blocks[--held->many]);
+}
+
+/* NULL, or 0 for what says whether all is well. */
+static void *refuse(const char *why)
+{
+    PyErr_SetString(PyExc_ValueError, why);
+    return NULL;
+}
+
+/* Memory that `give_back` frees; NULL and an exception if there is none. */
+static void *memory(Held *held, Int count, size_t size)
+{
+    void *block = held->many < 4 ? malloc((size_t)(count + 1) * size) : NULL;
+    if (block)
+        held->blocks[held->many++] = block;
+    else
+        PyErr_NoMemory();
+    return block;
+}
 
 static int is_of(const Py_buffer *view, Kind kind)
 {
@@ -48,36 +93,44 @@ static int is_of(const Py_buffer *view, Kind kind)
            strchr(letters[kind], format[0]) != NULL;
 }
 
-/* The memory of a contiguous array; NULL and an exception if it is not of this kind. */
-static void *borrow(Buffers *held, PyObject *object, int writable, Kind kind, Py_ssize_t *length)
+/* Converts an argument to the `Array` at an address: for PyArg_ParseTuple's O&. */
+static int array(PyObject *object, void *address)
 {
     static const char *const names[] = {"int64", "int32", "float64", "float32", "floats"};
-    Py_buffer *view = &held->views[held->count];
-    if (held->count == MAX_BUFFERS) {
+    Array *a = address;
+    Held *held = a->held;
+    if ((a->use & OPTIONAL) && object == Py_None) return 1;
+    if (held->count == sizeof(held->views) / sizeof(held->views[0])) {
         PyErr_SetString(PyExc_SystemError, "too many arrays");
-        return NULL;
+        return 0;
     }
-    if (PyObject_GetBuffer(object, view, PyBUF_FORMAT | (writable ? PyBUF_CONTIG : PyBUF_CONTIG_RO)) < 0)
-        return NULL;
+    Py_buffer *view = &held->views[held->count];
+    int contiguous = a->use & WRITTEN ? PyBUF_CONTIG : PyBUF_CONTIG_RO;
+    if (PyObject_GetBuffer(object, view, PyBUF_FORMAT | contiguous) < 0) return 0;
     held->count++;
-    if (!is_of(view, kind)) {
-        PyErr_Format(PyExc_TypeError, "an array of %s expected", names[kind]);
-        return NULL;
+    if (!is_of(view, a->kind)) {
+        PyErr_Format(PyExc_TypeError, "an array of %s expected", names[a->kind]);
+        return 0;
     }
-    if (length) *length = view->len / view->itemsize;
+    a->length = view->len / view->itemsize;
+    a->itemsize = (int)view->itemsize;
     /* An empty array may have no memory. */
-    return view->buf ? view->buf : (void *)held;
+    a->at = view->buf ? view->buf : (void *)held;
+    return 1;
 }
 
-static void give_back(Buffers *held)
+/* The arrays of a tuple, as many as there are or more. */
+static int arrays_of(PyObject *tuple, Array *arrays, int count)
 {
-    while (held->count) PyBuffer_Release(&held->views[--held->count]);
-}
-
-static int refuse(const char *why)
-{
-    PyErr_SetString(PyExc_ValueError, why);
-    return -1;
+    if (!PyTuple_Check(tuple)) {
+        PyErr_SetString(PyExc_TypeError, "a tuple of arrays expected");
+        return 0;
+    }
+    for (int k = 0; k < count; k++) {
+        PyObject *item = PyTuple_GetItem(tuple, k);
+        if (!item || !array(item, &arrays[k])) return 0;
+    }
+    return 1;
 }
 
 static int all_below(const Int *values, Py_ssize_t count, Int limit)
@@ -106,109 +159,79 @@ static PyObject *bytes_of(const Int *values, Int count)
 #include "analysis.h"
 #include "ordering.h"
 
-/* Refuse a pattern whose nodes' neighbours do not ascend, or are not mutual. */
-static int refuse_asymmetric(Int n, const Int *indptr, const Int *indices)
+/* Whether the nodes' neighbours ascend and are mutual; else refused. */
+static int is_symmetric(Held *held, Int n, const Int *indptr, const Int *indices)
 {
-    Int *next = malloc((size_t)(n + 1) * sizeof(Int));
-    int found = 1;
-    if (!next) {
-        PyErr_NoMemory();
-        return -1;
-    }
+    Int *next = memory(held, n, sizeof(Int));
+    if (!next) return 0;
     memcpy(next, indptr, (size_t)n * sizeof(Int));
-    for (Int i = 0; i < n && found; i++)
-        for (Int e = indptr[i]; e < indptr[i + 1] && found; e++) {
+    for (Int i = 0; i < n; i++)
+        for (Int e = indptr[i]; e < indptr[i + 1]; e++) {
             Int j = indices[e];
-            found = next[j] < indptr[j + 1] && indices[next[j]] == i;
+            if (next[j] >= indptr[j + 1] || indices[next[j]] != i)
+                return refuse("a pattern is symmetric, with ascending neighbours") != NULL;
             next[j]++;
         }
-    free(next);
-    return found ? 0 : refuse("a pattern is symmetric, with ascending neighbours");
+    return 1;
 }
 
-static PyObject *analyze(PyObject *self, PyObject *args)
+static PyObject *analyze_of(Held *held, PyObject *args)
 {
-    PyObject *objects[4], *result = NULL;
-    Buffers held = {.count = 0};
-    Py_ssize_t length, count_of_sizes, pointers, entries;
-    if (!PyArg_ParseTuple(args, "OOOO", &objects[0], &objects[1], &objects[2], &objects[3]))
+    Array pointers = {held, INTS}, neighbours = {held, INTS}, sizes = {held, INTS}, given = sizes;
+    if (!PyArg_ParseTuple(args, "O&O&O&O&", array, &pointers, array, &neighbours, array, &given,
+                          array, &sizes))
         return NULL;
-    const Int *indptr = borrow(&held, objects[0], 0, INTS, &pointers);
-    const Int *indices = indptr ? borrow(&held, objects[1], 0, INTS, &entries) : NULL;
-    const Int *given = indices ? borrow(&held, objects[2], 0, INTS, &length) : NULL;
-    const Int *sizes = given ? borrow(&held, objects[3], 0, INTS, &count_of_sizes) : NULL;
-    if (!sizes) goto done;
-    Int n = length;
-    if (pointers != n + 1 || count_of_sizes != n || !are_pointers(indptr, pointers, entries) ||
-        !all_below(indices, entries, n) || !all_below(given, n, n)) {
-        refuse("not a pattern of as many nodes as order and sizes have");
-        goto done;
-    }
-    if (refuse_asymmetric(n, indptr, indices)) goto done;
-    Int *work = malloc((size_t)(16 * n + 16) * sizeof(Int)), *rows = NULL;
-    if (!work) {
-        PyErr_NoMemory();
-        goto done;
-    }
-    Int *order = work, *place = work + n, *parent = work + 2 * n, *columns = work + 3 * n;
-    Int *counts = work + 4 * n, *start = work + 5 * n, *of = work + 6 * n + 2;
-    Int *above = work + 7 * n + 2, *begin = work + 8 * n + 2, *scratch = work + 9 * n + 4;
+    const Int *indptr = pointers.at, *indices = neighbours.at, *before = given.at;
+    Int n = given.length;
+    if (pointers.length != n + 1 || sizes.length != n ||
+        !are_pointers(indptr, n + 1, neighbours.length) ||
+        !all_below(indices, neighbours.length, n) || !all_below(before, n, n))
+        return refuse("not a pattern of as many nodes as order and sizes have");
+    if (!is_symmetric(held, n, indptr, indices)) return NULL;
+    Int *order = memory(held, 16 * n + 16, sizeof(Int)), *rows = NULL;
+    if (!order) return NULL;
+    Int *place = order + n, *parent = order + 2 * n, *columns = order + 3 * n;
+    Int *counts = order + 4 * n, *start = order + 5 * n, *of = order + 6 * n + 2;
+    Int *above = order + 7 * n + 2, *begin = order + 8 * n + 2, *scratch = order + 9 * n + 4;
     Int many = 0;
     for (Int k = 0; k < n; k++) place[k] = -1;
-    for (Int k = 0; k < n; k++) place[given[k]] = k;
+    for (Int k = 0; k < n; k++) place[before[k]] = k;
     for (Int k = 0; k < n; k++)
-        if (place[k] < 0) {
-            refuse("an order contains each node once");
-            free(work);
-            goto done;
-        }
+        if (place[k] < 0) return refuse("an order contains each node once");
     Py_BEGIN_ALLOW_THREADS
-    memcpy(order, given, (size_t)n * sizeof(Int));
+    memcpy(order, before, (size_t)n * sizeof(Int));
     elimination_tree(n, indptr, indices, order, place, parent, scratch);
     postorder(n, order, place, parent, scratch, scratch + n, scratch + 2 * n);
-    count(n, indptr, indices, order, place, parent, sizes, columns, counts, scratch);
+    count(n, indptr, indices, order, place, parent, sizes.at, columns, counts, scratch);
     many = supernodes(n, parent, columns, start, of, scratch);
     rows = structure(n, indptr, indices, order, place, many, start, of, above, begin, scratch);
     Py_END_ALLOW_THREADS
-    if (rows)
-        result = Py_BuildValue("NNNNNN", bytes_of(order, n), bytes_of(counts, n),
-                               bytes_of(start, many + 1), bytes_of(above, many),
-                               bytes_of(begin, many + 1), bytes_of(rows, begin[many]));
-    else
-        PyErr_NoMemory();
-    free(rows);
-    free(work);
-done:
-    give_back(&held);
-    return result;
+    if (!rows) return PyErr_NoMemory();
+    held->blocks[held->many++] = rows;
+    return Py_BuildValue("NNNNNN", bytes_of(order, n), bytes_of(counts, n),
+                         bytes_of(start, many + 1), bytes_of(above, many),
+                         bytes_of(begin, many + 1), bytes_of(rows, begin[many]));
 }
+CALL(analyze)
 
 /* order(indptr, indices) -> bytes of a fill-reducing order */
-static PyObject *order(PyObject *self, PyObject *args)
+static PyObject *order_of(Held *held, PyObject *args)
 {
-    PyObject *objects[2], *result = NULL;
-    Buffers held = {.count = 0};
-    Py_ssize_t pointers, entries;
-    if (!PyArg_ParseTuple(args, "OO", &objects[0], &objects[1])) return NULL;
-    const Int *indptr = borrow(&held, objects[0], 0, INTS, &pointers);
-    const Int *indices = indptr ? borrow(&held, objects[1], 0, INTS, &entries) : NULL;
-    if (!indices) goto done;
-    Int n = pointers - 1, outcome = -1;
-    if (!are_pointers(indptr, pointers, entries) || !all_below(indices, entries, n)) {
-        refuse("not a pattern");
-        goto done;
-    }
-    if (refuse_asymmetric(n, indptr, indices)) goto done;
-    Int *found_order = malloc((size_t)(n + 1) * sizeof(Int));
+    Array pointers = {held, INTS}, neighbours = {held, INTS};
+    if (!PyArg_ParseTuple(args, "O&O&", array, &pointers, array, &neighbours)) return NULL;
+    Int n = pointers.length - 1, outcome;
+    if (!are_pointers(pointers.at, n + 1, neighbours.length) ||
+        !all_below(neighbours.at, neighbours.length, n))
+        return refuse("not a pattern");
+    if (!is_symmetric(held, n, pointers.at, neighbours.at)) return NULL;
+    Int *found_order = memory(held, n, sizeof(Int));
+    if (!found_order) return NULL;
     Py_BEGIN_ALLOW_THREADS
-    if (found_order) outcome = minimum_degree(n, indptr, indices, found_order);
+    outcome = minimum_degree(n, pointers.at, neighbours.at, found_order);
     Py_END_ALLOW_THREADS
-    result = outcome < 0 ? PyErr_NoMemory() : bytes_of(found_order, n);
-    free(found_order);
-done:
-    give_back(&held);
-    return result;
+    return outcome < 0 ? PyErr_NoMemory() : bytes_of(found_order, n);
 }
+CALL(order)
 
 /* ----------------------------------------------------------------- fronts */
 
@@ -243,6 +266,13 @@ static Int width_of(const Fronts *f, Int s)
     return f->offset[f->start[s + 1]] - f->offset[f->start[s]];
 }
 
+/* The first row of each node (n + 1,) in A's numbering. */
+static void first_rows(const Fronts *f, Int *first)
+{
+    first[0] = 0;
+    for (Int i = 0; i < f->n; i++) first[i + 1] = first[i] + f->sizes[i];
+}
+
 /* Whether each supernode's parent comes after it, or is -1. */
 static int are_parents(Int many, const Int *above)
 {
@@ -251,36 +281,44 @@ static int are_parents(Int many, const Int *above)
     return 1;
 }
 
-/* Places of panels in L, and the memory that the updates need. */
-static PyObject *measure(PyObject *self, PyObject *args)
+/* measure(indptr, indices, order, sizes, start, above, begin, rows, place, offset, entry, panel): the
+ * last four are written -> the memory that updates and panels need, and the entries of the updates
+ * of the roots */
+static PyObject *measure_of(Held *held, PyObject *args)
 {
-    PyObject *objects[6], *result = NULL;
-    Buffers held = {.count = 0};
-    Py_ssize_t lengths[6];
-    void *arrays[6];
-    if (!PyArg_ParseTuple(args, "OOOOOO", &objects[0], &objects[1], &objects[2], &objects[3],
-                          &objects[4], &objects[5]))
+    Array a[12];
+    for (int k = 0; k < 12; k++) a[k] = (Array){held, INTS, k < 8 ? READ : WRITTEN};
+    if (!PyArg_ParseTuple(args, "O&O&O&O&O&O&O&O&O&O&O&O&", array, &a[0], array, &a[1], array, &a[2],
+                          array, &a[3], array, &a[4], array, &a[5], array, &a[6], array, &a[7], array,
+                          &a[8], array, &a[9], array, &a[10], array, &a[11]))
         return NULL;
-    for (int k = 0; k < 6; k++)
-        if (!(arrays[k] = borrow(&held, objects[k], k == 5, INTS, &lengths[k]))) goto done;
-    Fronts f = {.offset = arrays[0], .start = arrays[1], .above = arrays[2], .begin = arrays[3],
-                .rows = arrays[4]};
-    Int n = lengths[0] - 1, many = lengths[2];
-    if (n < 0 || lengths[1] != many + 1 || lengths[3] != many + 1 || lengths[5] != many + 1 ||
-        !are_pointers(f.offset, n + 1, f.offset[n]) || f.start[many] > n ||
-        !are_pointers(f.start, many + 1, f.start[many]) ||
-        !are_pointers(f.begin, many + 1, lengths[4]) || !all_below(f.rows, lengths[4], n) ||
-        !are_parents(many, f.above)) {
-        refuse("not a tree of fronts");
-        goto done;
+    Int n = a[2].length, many = a[5].length;
+    Int *place = a[8].at, *offset = a[9].at, *entry = a[10].at, *panel = a[11].at;
+    Fronts f = {.n = n, .many = many, .indptr = a[0].at, .indices = a[1].at, .order = a[2].at,
+                .sizes = a[3].at, .offset = offset, .start = a[4].at, .above = a[5].at,
+                .begin = a[6].at, .rows = a[7].at};
+    for (Int i = 0; i < a[3].length; i++)
+        if (f.sizes[i] < 1) return refuse("a node has at least one row");
+    if (a[3].length != n || a[8].length != n || a[9].length != n + 1 || a[10].length != n + 1 ||
+        a[4].length != many + 1 || a[6].length != many + 1 || a[11].length != many + 1 ||
+        !are_pointers(f.indptr, a[0].length, a[1].length) || a[0].length != n + 1 ||
+        !all_below(f.indices, a[1].length, n) || !all_below(f.order, n, n) ||
+        f.start[many] > n || !are_pointers(f.start, many + 1, f.start[many]) ||
+        !are_pointers(f.begin, many + 1, a[7].length) || !all_below(f.rows, a[7].length, n) ||
+        !are_parents(many, f.above))
+        return refuse("not a tree of fronts");
+    Int *freed = memory(held, many, sizeof(Int));
+    Int stack = 0, top = 0, widest = 0, tallest = 0, rest = 0;
+    if (!freed) return NULL;
+    memset(freed, 0, (size_t)many * sizeof(Int));
+    panel[0] = offset[0] = entry[0] = 0;
+    for (Int k = 0; k < n; k++) {
+        Int height = 0;
+        place[f.order[k]] = k;
+        offset[k + 1] = offset[k] + f.sizes[f.order[k]];
+        for (Int e = f.indptr[k]; e < f.indptr[k + 1]; e++) height += f.sizes[f.indices[e]];
+        entry[k + 1] = entry[k] + height * f.sizes[k];
     }
-    Int *panel = arrays[5], *freed = calloc((size_t)many + 1, sizeof(Int));
-    Int stack = 0, top = 0, widest = 0, tallest = 0;
-    if (!freed) {
-        PyErr_NoMemory();
-        goto done;
-    }
-    panel[0] = 0;
     for (Int s = 0; s < many; s++) {
         Int m = below(&f, s), nc = width_of(&f, s);
         panel[s + 1] = panel[s] + nc * (nc + m);
@@ -288,14 +326,15 @@ static PyObject *measure(PyObject *self, PyObject *args)
         if (nc + m > tallest) tallest = nc + m;
         if (top + m * m > stack) stack = top + m * m;
         top += m * m - freed[s];
-        if (f.above[s] >= 0) freed[f.above[s]] += m * m;
+        if (f.above[s] >= 0)
+            freed[f.above[s]] += m * m;
+        else
+            rest += m * m;
     }
-    free(freed);
-    result = Py_BuildValue("LLL", (long long)stack, (long long)widest, (long long)tallest);
-done:
-    give_back(&held);
-    return result;
+    return Py_BuildValue("LLLL", (long long)stack, (long long)widest, (long long)tallest,
+                         (long long)rest);
 }
+CALL(measure)
 
 /* What a factorization computes besides L; each may be NULL. */
 typedef struct {
@@ -348,197 +387,154 @@ static void *found(const char *module, const char *name)
 #define LETTER "s"
 #include "fronts.h"
 
-static PyObject *item_of(PyObject *tuple, Py_ssize_t k)
-{
-    if (PyTuple_Check(tuple)) return PyTuple_GetItem(tuple, k);
-    PyErr_SetString(PyExc_TypeError, "a tuple of arrays expected");
-    return NULL;
-}
-
-/* Three arrays of doubles, of which those from `writable` on are written. */
-static int borrow_three(Buffers *held, PyObject *tuple, int writable, void **arrays,
-                        Py_ssize_t *lengths)
-{
-    for (int k = 0; k < 3; k++) {
-        PyObject *item = item_of(tuple, k);
-        if (!item) return -1;
-        if (!(arrays[k] = borrow(held, item, k >= writable, DOUBLES, &lengths[k]))) return -1;
-    }
-    return 0;
-}
-
-static int fronts_of(Buffers *held, PyObject *tuple, Fronts *f)
+static int fronts_of(Held *held, PyObject *tuple, Fronts *f)
 {
     const Int **fields[] = {&f->indptr, &f->indices, &f->entry, &f->order, &f->place, &f->sizes,
                             &f->offset, &f->start, &f->above, &f->begin, &f->rows, &f->panel};
-    Py_ssize_t lengths[12];
-    for (int k = 0; k < 12; k++) {
-        PyObject *item = item_of(tuple, k);
-        if (!item || !(*fields[k] = borrow(held, item, 0, INTS, &lengths[k]))) return -1;
-    }
-    Py_ssize_t n = lengths[3], many = lengths[8];
-    if (!lengths[0] || !lengths[9]) return refuse("pointers are never empty");
-    const Py_ssize_t expected[] = {n + 1, f->indptr[lengths[0] - 1], n + 1, n, n, n, n + 1,
-                                   many + 1, many, many + 1, f->begin[lengths[9] - 1], many + 1};
+    Array a[12];
+    for (int k = 0; k < 12; k++) a[k] = (Array){held, INTS};
+    if (!arrays_of(tuple, a, 12)) return 0;
+    for (int k = 0; k < 12; k++) *fields[k] = a[k].at;
+    Py_ssize_t n = a[3].length, many = a[8].length;
+    if (!a[0].length || !a[9].length) return refuse("pointers are never empty") != NULL;
+    const Py_ssize_t expected[] = {n + 1, f->indptr[a[0].length - 1], n + 1, n, n, n, n + 1,
+                                   many + 1, many, many + 1, f->begin[a[9].length - 1], many + 1};
     for (int k = 0; k < 12; k++)
-        if (lengths[k] != expected[k]) return refuse("not the fronts of a pattern");
-    if (f->start[many] > n) return refuse("more nodes in fronts than in the pattern");
+        if (a[k].length != expected[k]) return refuse("not the fronts of a pattern") != NULL;
+    if (f->start[many] > n) return refuse("more nodes in fronts than in the pattern") != NULL;
     for (Int k = 0; k < n; k++)
-        if (f->sizes[k] < 1) return refuse("a node has at least one row");
+        if (f->sizes[k] < 1) return refuse("a node has at least one row") != NULL;
     if (!are_pointers(f->offset, n + 1, f->offset[n]) || !are_parents(many, f->above) ||
         !are_pointers(f->start, many + 1, f->start[many]) ||
         !are_pointers(f->panel, many + 1, f->panel[many]))
-        return refuse("not the fronts of a pattern");
+        return refuse("not the fronts of a pattern") != NULL;
     f->n = n, f->many = many;
     long long room[3];
     for (int k = 0; k < 3; k++) {
-        PyObject *item = item_of(tuple, 12 + k);
-        if (!item) return -1;
+        PyObject *item = PyTuple_GetItem(tuple, 12 + k);
+        if (!item) return 0;
         room[k] = PyLong_AsLongLong(item);
-        if (room[k] == -1 && PyErr_Occurred()) return -1;
+        if (room[k] == -1 && PyErr_Occurred()) return 0;
     }
     f->stack = room[0], f->widest = room[1], f->tallest = room[2];
-    return 0;
+    return 1;
 }
 
 /* factor(fronts, data, scale | None, L | None, update | None, (weights, sums, squares) | None,
  *        (scale, v, rows) | None, single) -> bool
  * L may have single precision even if the arithmetic has not. Updates are those of
  * the roots, one after another, in the precision of the arithmetic. */
-static PyObject *factor(PyObject *self, PyObject *args)
+static PyObject *factor_of(Held *held, PyObject *args)
 {
-    PyObject *tuple, *data, *scaling, *into, *rest, *sums, *measured, *result = NULL;
-    Buffers held = {.count = 0};
+    PyObject *tuple, *into, *rest, *sums, *measured;
+    Array data = {held, DOUBLES}, scale = {held, DOUBLES, OPTIONAL};
     Fronts f;
-    Sums wanted = {0, NULL, NULL, NULL};
-    Residual residual;
-    int single = 0;
-    void *L = NULL, *update = NULL;
-    float *rounded = NULL;
-    Py_ssize_t length, entries;
-    if (!PyArg_ParseTuple(args, "OOOOOOOp", &tuple, &data, &scaling, &into, &rest, &sums, &measured,
-                          &single))
+    int single = 0, outcome;
+    if (!PyArg_ParseTuple(args, "OO&O&OOOOp", &tuple, array, &data, array, &scale, &into, &rest,
+                          &sums, &measured, &single))
         return NULL;
-    if (fronts_of(&held, tuple, &f) < 0) goto done;
-    const double *values = borrow(&held, data, 0, DOUBLES, &entries);
-    if (!values) goto done;
-    if (into != Py_None) {
-        if (!(L = borrow(&held, into, 1, single ? FLOATS : REALS, &length))) goto done;
-        if (!single && held.views[held.count - 1].itemsize == sizeof(float)) rounded = L, L = NULL;
-    }
-    if (entries != f.entry[f.n] || ((L || rounded) && length != f.panel[f.many])) {
-        refuse("a matrix of another pattern");
-        goto done;
-    }
-    if (rest != Py_None) {
-        Py_ssize_t room;
-        if (!(update = borrow(&held, rest, 1, single ? FLOATS : DOUBLES, &room))) goto done;
-        for (Int s = 0; s < f.many; s++)
-            if (f.above[s] < 0) room -= below(&f, s) * below(&f, s);
-        if (room) {
-            refuse("an update of another size");
-            goto done;
-        }
-    }
-    Py_ssize_t N = f.offset[f.n], lengths[3];
-    void *arrays[3];
-    const double *scale = NULL;
-    if (scaling != Py_None) {
-        if (!(scale = borrow(&held, scaling, 0, DOUBLES, lengths))) goto done;
-        if (lengths[0] != N) {
-            refuse("a scale of N rows expected");
-            goto done;
-        }
-    }
+    Array L = {held, single ? FLOATS : REALS, WRITTEN | OPTIONAL};
+    Array update = {held, single ? FLOATS : DOUBLES, WRITTEN | OPTIONAL};
+    if (!fronts_of(held, tuple, &f) || !array(into, &L) || !array(rest, &update)) return NULL;
+    Py_ssize_t N = f.offset[f.n];
+    if (data.length != f.entry[f.n] || (L.at && L.length != f.panel[f.many]))
+        return refuse("a matrix of another pattern");
+    if (scale.at && scale.length != N) return refuse("a scale of N rows expected");
+    Int room = 0;
+    for (Int s = 0; s < f.many; s++)
+        if (f.above[s] < 0) room += below(&f, s) * below(&f, s);
+    if (update.at && update.length != room) return refuse("an update of another size");
+    Sums wanted = {0, NULL, NULL, NULL};
     if (sums != Py_None) {
-        if (borrow_three(&held, sums, 1, arrays, lengths) < 0) goto done;
-        if (!N || lengths[2] != N || lengths[0] != lengths[1] || lengths[0] % N) {
-            refuse("weights and sums differ in size");
-            goto done;
-        }
-        wanted.columns = lengths[0] / N;
-        wanted.weight = arrays[0], wanted.sums = arrays[1], wanted.squares = arrays[2];
+        Array w = {held, DOUBLES}, own = {held, DOUBLES, WRITTEN}, a[] = {w, own, own};
+        if (!arrays_of(sums, a, 3)) return NULL;
+        if (!N || a[2].length != N || a[0].length != a[1].length || a[0].length % N)
+            return refuse("weights and sums differ in size");
+        wanted = (Sums){a[0].length / N, a[0].at, a[1].at, a[2].at};
     }
+    Residual residual, *wish = NULL;
     if (measured != Py_None) {
-        if (borrow_three(&held, measured, 2, arrays, lengths) < 0) goto done;
-        if (lengths[0] != N || lengths[1] != N || lengths[2] != N || single) {
-            refuse("a residual of N rows in double precision expected");
-            goto done;
-        }
-        residual.scale = arrays[0], residual.v = arrays[1], residual.sums = arrays[2];
+        Array in = {held, DOUBLES}, a[] = {in, in, {held, DOUBLES, WRITTEN}};
+        if (!arrays_of(measured, a, 3)) return NULL;
+        if (a[0].length != N || a[1].length != N || a[2].length != N || single)
+            return refuse("a residual of N rows in double precision expected");
+        residual = (Residual){a[0].at, a[1].at, a[2].at};
+        wish = &residual;
     }
-    const Residual *wish = measured == Py_None ? NULL : &residual;
-    int outcome;
+    float *rounded = !single && L.at && L.itemsize == sizeof(float) ? L.at : NULL;
+    void *kept = rounded ? NULL : L.at;
     Py_BEGIN_ALLOW_THREADS
-    outcome = single ? factor_float(&f, values, scale, L, update, &wanted, NULL, NULL)
-                     : factor_double(&f, values, scale, L, update, &wanted, wish, rounded);
+    outcome = single ? factor_float(&f, data.at, scale.at, kept, update.at, &wanted, NULL, NULL)
+                     : factor_double(&f, data.at, scale.at, kept, update.at, &wanted, wish, rounded);
     Py_END_ALLOW_THREADS
     if (outcome == -1) PyErr_NoMemory();
-    if (outcome >= 0) result = PyBool_FromLong(outcome);
-done:
-    give_back(&held);
-    return result;
+    return outcome >= 0 ? PyBool_FromLong(outcome) : NULL;
 }
+CALL(factor)
 
-/* solve(fronts, L, X, single, way): X (k, N), in the order of L's rows, is overwritten by the
+/* substitute(fronts, L, X, single, way): X (k, N), in the order of L's rows, is overwritten by the
  * solution of L L^T, if way > 0 of L, if way < 0 of L^T */
-static PyObject *solve(PyObject *self, PyObject *args)
+static PyObject *substitute_of(Held *held, PyObject *args)
 {
-    PyObject *tuple, *factor_object, *right, *result = NULL;
-    Buffers held = {.count = 0};
+    PyObject *tuple, *known, *right;
     Fronts f;
-    int single, way;
-    Py_ssize_t length, entries;
-    if (!PyArg_ParseTuple(args, "OOOpi", &tuple, &factor_object, &right, &single, &way)) return NULL;
-    if (fronts_of(&held, tuple, &f) < 0) goto done;
-    Kind kind = single ? FLOATS : DOUBLES;
-    const void *L = borrow(&held, factor_object, 0, kind, &length);
-    void *X = L ? borrow(&held, right, 1, kind, &entries) : NULL;
-    if (!X) goto done;
+    int single, way, outcome;
+    if (!PyArg_ParseTuple(args, "OOOpi", &tuple, &known, &right, &single, &way)) return NULL;
+    Array L = {held, single ? FLOATS : DOUBLES}, X = {held, L.kind, WRITTEN};
+    if (!fronts_of(held, tuple, &f) || !array(known, &L) || !array(right, &X)) return NULL;
     Int N = f.offset[f.n];
-    if (!N || length != f.panel[f.many] || entries % N) {
-        refuse("a factor or right-hand side of another matrix");
-        goto done;
-    }
-    int outcome;
+    if (!N || L.length != f.panel[f.many] || X.length % N)
+        return refuse("a factor or right-hand side of another matrix");
     Py_BEGIN_ALLOW_THREADS
-    outcome = single ? solve_float(&f, L, X, entries / N, way)
-                     : solve_double(&f, L, X, entries / N, way);
+    outcome = single ? substitute_float(&f, L.at, X.at, X.length / N, way)
+                     : substitute_double(&f, L.at, X.at, X.length / N, way);
     Py_END_ALLOW_THREADS
-    if (outcome < 0)
-        PyErr_NoMemory();
-    else
-        result = Py_NewRef(Py_None);
-done:
-    give_back(&held);
-    return result;
+    return outcome < 0 ? PyErr_NoMemory() : Py_NewRef(Py_None);
 }
+CALL(substitute)
+
+/* solve(fronts, L, scale | None, B, X, single): X = A^-1 B, both (N, k), in the order of A's rows.
+ * L is that of A, or of A with rows and columns times `scale` (N,), in the order of L. */
+static PyObject *solve_of(Held *held, PyObject *args)
+{
+    PyObject *tuple, *known;
+    Array scale = {held, DOUBLES, OPTIONAL}, B = {held, DOUBLES}, X = {held, DOUBLES, WRITTEN};
+    Fronts f;
+    int single, outcome;
+    if (!PyArg_ParseTuple(args, "OOO&O&O&p", &tuple, &known, array, &scale, array, &B, array, &X,
+                          &single))
+        return NULL;
+    Array L = {held, single ? FLOATS : DOUBLES};
+    if (!fronts_of(held, tuple, &f) || !array(known, &L)) return NULL;
+    Int N = f.offset[f.n];
+    if (!N || L.length != f.panel[f.many] || B.length % N || X.length != B.length ||
+        (scale.at && scale.length != N))
+        return refuse("a factor or right-hand side of another matrix");
+    Py_BEGIN_ALLOW_THREADS
+    outcome = single ? solve_float(&f, L.at, scale.at, B.at, X.at, B.length / N)
+                     : solve_double(&f, L.at, scale.at, B.at, X.at, B.length / N);
+    Py_END_ALLOW_THREADS
+    return outcome < 0 ? PyErr_NoMemory() : Py_NewRef(Py_None);
+}
+CALL(solve)
 
 /* multiply(fronts, A, x, y): y, zero before, becomes A x; only half of A is read */
-static PyObject *multiply(PyObject *self, PyObject *args)
+static PyObject *multiply_of(Held *held, PyObject *args)
 {
-    PyObject *tuple, *objects[3], *result = NULL;
-    Buffers held = {.count = 0};
+    PyObject *tuple;
+    Array A = {held, DOUBLES}, into = {held, DOUBLES, WRITTEN}, right = {held, DOUBLES};
     Fronts f;
-    Py_ssize_t entries, columns, rows;
-    if (!PyArg_ParseTuple(args, "OOOO", &tuple, &objects[0], &objects[1], &objects[2])) return NULL;
-    if (fronts_of(&held, tuple, &f) < 0) goto done;
-    const double *data = borrow(&held, objects[0], 0, DOUBLES, &entries);
-    const double *x = data ? borrow(&held, objects[1], 0, DOUBLES, &columns) : NULL;
-    double *y = x ? borrow(&held, objects[2], 1, DOUBLES, &rows) : NULL;
-    if (!y) goto done;
-    if (entries != f.entry[f.n] || columns != f.offset[f.n] || rows != columns) {
-        refuse("a matrix or vector of another size");
-        goto done;
-    }
-    Int *first = malloc((size_t)(f.n + 1) * sizeof(Int));
-    if (!first) {
-        PyErr_NoMemory();
-        goto done;
-    }
+    if (!PyArg_ParseTuple(args, "OO&O&O&", &tuple, array, &A, array, &right, array, &into) ||
+        !fronts_of(held, tuple, &f))
+        return NULL;
+    if (A.length != f.entry[f.n] || right.length != f.offset[f.n] || into.length != right.length)
+        return refuse("a matrix or vector of another size");
+    Int *first = memory(held, f.n, sizeof(Int));
+    if (!first) return NULL;
+    const double *data = A.at, *x = right.at;
+    double *y = into.at;
     Py_BEGIN_ALLOW_THREADS
-    first[0] = 0;
-    for (Int i = 0; i < f.n; i++) first[i + 1] = first[i] + f.sizes[i];
+    first_rows(&f, first);
     for (Int i = 0; i < f.n; i++) {
         Int b = f.sizes[i], height = (f.entry[i + 1] - f.entry[i]) / b;
         const double *block = data + f.entry[i], *xi = x + first[i];
@@ -558,33 +554,27 @@ static PyObject *multiply(PyObject *self, PyObject *args)
         }
     }
     Py_END_ALLOW_THREADS
-    free(first);
-    result = Py_NewRef(Py_None);
-done:
-    give_back(&held);
-    return result;
+    return Py_NewRef(Py_None);
 }
+CALL(multiply)
 
 /* lower(fronts, L, heights, rows, values) -> number of entries of L's lower triangle by columns */
-static PyObject *lower(PyObject *self, PyObject *args)
+static PyObject *lower_of(Held *held, PyObject *args)
 {
-    PyObject *tuple, *objects[4], *result = NULL;
-    Buffers held = {.count = 0};
+    PyObject *tuple;
+    Array known = {held, DOUBLES}, columns = {held, INTS, WRITTEN}, indices = columns;
+    Array entries = {held, DOUBLES, WRITTEN};
     Fronts f;
-    Py_ssize_t length, columns, room, also;
-    if (!PyArg_ParseTuple(args, "OOOOO", &tuple, &objects[0], &objects[1], &objects[2], &objects[3]))
+    if (!PyArg_ParseTuple(args, "OO&O&O&O&", &tuple, array, &known, array, &columns, array,
+                          &indices, array, &entries) ||
+        !fronts_of(held, tuple, &f))
         return NULL;
-    if (fronts_of(&held, tuple, &f) < 0) goto done;
-    const double *L = borrow(&held, objects[0], 0, DOUBLES, &length);
-    Int *heights = L ? borrow(&held, objects[1], 1, INTS, &columns) : NULL;
-    Int *rows = heights ? borrow(&held, objects[2], 1, INTS, &room) : NULL;
-    double *values = rows ? borrow(&held, objects[3], 1, DOUBLES, &also) : NULL;
-    if (!values) goto done;
-    if (length != f.panel[f.many] || columns != f.offset[f.n] || room < length || also < length) {
-        refuse("a factor of another matrix");
-        goto done;
-    }
-    Int used = 0;
+    if (known.length != f.panel[f.many] || columns.length != f.offset[f.n] ||
+        indices.length < known.length || entries.length < known.length)
+        return refuse("a factor of another matrix");
+    const double *L = known.at;
+    double *values = entries.at;
+    Int *heights = columns.at, *rows = indices.at, used = 0;
     for (Int s = 0; s < f.many; s++) {
         Int nc = width_of(&f, s), ld = nc + below(&f, s), first = f.offset[f.start[s]];
         for (Int c = 0; c < nc; c++) {
@@ -597,338 +587,466 @@ static PyObject *lower(PyObject *self, PyObject *args)
                     rows[used++] = r;
         }
     }
-    result = PyLong_FromLongLong(used);
-done:
-    give_back(&held);
-    return result;
+    return PyLong_FromLongLong(used);
 }
+CALL(lower)
 
 /* ------------------------------------------------------------------ edges */
 
 #include "edges.h"
 
 /* The graph of a tuple (pairs, P, K | None, kappa, tau | None, moved | None, arms | None). */
-static int edges_of(Buffers *held, PyObject *tuple, Int d, Edges *g)
+static int edges_of(Held *held, PyObject *tuple, Int d, Edges *g)
 {
-    if (d != 2 && d != 3) return refuse("graphs are in 2 or 3 dimensions");
+    if (d != 2 && d != 3) return refuse("graphs are in 2 or 3 dimensions") != NULL;
     const double **fields[] = {&g->P, &g->K, &g->kappa, &g->tau, &g->moved, &g->arms};
     Int lengths[] = {d * d, d * d, 1, 1, d, d};
-    Py_ssize_t length;
-    PyObject *item = item_of(tuple, 0);
-    if (!item || !(g->pairs = borrow(held, item, 0, INTS, &length))) return -1;
-    g->m = length / 2, g->d = d;
+    Array a[7] = {{held, INTS}};
+    for (int k = 1; k < 7; k++) a[k] = (Array){held, DOUBLES, OPTIONAL};
+    if (!arrays_of(tuple, a, 7)) return 0;
+    g->pairs = a[0].at, g->m = a[0].length / 2, g->d = d;
     for (int k = 0; k < 6; k++) {
-        if (!(item = item_of(tuple, k + 1))) return -1;
-        *fields[k] = NULL;
-        if (item == Py_None) continue;
-        if (!(*fields[k] = borrow(held, item, 0, DOUBLES, &length))) return -1;
-        if (length != g->m * lengths[k]) return refuse("arrays of edges differ in length");
+        *fields[k] = a[k + 1].at;
+        if (a[k + 1].at && a[k + 1].length != g->m * lengths[k])
+            return refuse("arrays of edges differ in length") != NULL;
     }
     if (!g->P || !(g->K || g->kappa) || (g->tau && !g->moved))
-        return refuse("measured rotations, their weights, and with tau translations expected");
-    return 0;
+        return refuse("measured rotations, their weights, and with tau translations expected") != NULL;
+    return 1;
 }
+
+/* Calls function(..., d, ...) with d as a constant, for which it is compiled. */
+#define IN_SPACE(d, call_of_2, call_of_3) \
+    Py_BEGIN_ALLOW_THREADS                \
+    if (d == 3)                           \
+        call_of_3;                        \
+    else                                  \
+        call_of_2;                        \
+    Py_END_ALLOW_THREADS
 
 /* worst_defect(R, d) -> index and size: see `certpgo.linalg.so.worst_defect` */
-static PyObject *worst_defect(PyObject *self, PyObject *args)
+static PyObject *worst_defect_of(Held *held, PyObject *args)
 {
-    PyObject *object, *result = NULL;
-    Buffers held = {.count = 0};
-    Py_ssize_t size;
+    Array R = {held, DOUBLES};
     int d;
-    if (!PyArg_ParseTuple(args, "Oi", &object, &d)) return NULL;
-    const double *R = borrow(&held, object, 0, DOUBLES, &size);
-    if (!R) goto done;
-    if (d < 2 || d > 3 || size % (d * d)) {
-        refuse("matrices of 2 or 3 rows expected");
-        goto done;
-    }
+    if (!PyArg_ParseTuple(args, "O&i", array, &R, &d)) return NULL;
+    if (d < 2 || d > 3 || R.length % (d * d)) return refuse("matrices of 2 or 3 rows expected");
     double largest;
-    Int worst = d == 3 ? farthest(size / 9, 3, R, &largest) : farthest(size / 4, 2, R, &largest);
-    result = Py_BuildValue("Ld", (long long)worst, largest);
-done:
-    give_back(&held);
-    return result;
+    Int worst = d == 3 ? farthest(R.length / 9, 3, R.at, &largest)
+                       : farthest(R.length / 4, 2, R.at, &largest);
+    return Py_BuildValue("Ld", (long long)worst, largest);
 }
+CALL(worst_defect)
+
+/* turn(R, v, d, left, out): R exp(v), or exp(v) R, of tangents (n, p) */
+static PyObject *turn_of(Held *held, PyObject *args)
+{
+    Array R = {held, DOUBLES}, v = {held, DOUBLES}, out = {held, DOUBLES, WRITTEN};
+    int d, left;
+    if (!PyArg_ParseTuple(args, "O&O&ipO&", array, &R, array, &v, &d, &left, array, &out))
+        return NULL;
+    Int p = d == 2 ? 1 : 3, n = v.length / p;
+    if (d < 2 || d > 3 || v.length != n * p || R.length != n * d * d || out.length != R.length)
+        return refuse("as many rotations as tangents in 2 or 3 dimensions expected");
+    IN_SPACE(d, turn_by(n, 2, R.at, v.at, left, out.at), turn_by(n, 3, R.at, v.at, left, out.at))
+    return Py_NewRef(Py_None);
+}
+CALL(turn)
 
 /* gradient(edges, d, r, R, t | None, G | None, terms): G is added to */
-static PyObject *gradient(PyObject *self, PyObject *args)
+static PyObject *gradient_of(Held *held, PyObject *args)
 {
-    PyObject *tuple, *objects[4], *result = NULL;
-    Buffers held = {.count = 0};
+    PyObject *tuple;
+    Array R = {held, DOUBLES}, t = {held, DOUBLES, OPTIONAL};
+    Array G = {held, DOUBLES, WRITTEN | OPTIONAL}, terms = {held, DOUBLES, WRITTEN};
     Edges g;
     int d, r;
-    Py_ssize_t many, size, positions = 0, terms_size;
-    if (!PyArg_ParseTuple(args, "OiiOOOO", &tuple, &d, &r, &objects[0], &objects[1], &objects[2],
-                          &objects[3]))
+    if (!PyArg_ParseTuple(args, "OiiO&O&O&O&", &tuple, &d, &r, array, &R, array, &t, array, &G,
+                          array, &terms) ||
+        !edges_of(held, tuple, d, &g))
         return NULL;
-    if (edges_of(&held, tuple, d, &g) < 0) goto done;
-    const double *t = NULL, *R = borrow(&held, objects[0], 0, DOUBLES, &many);
-    if (!R) goto done;
-    if (g.tau && !(t = borrow(&held, objects[1], 0, DOUBLES, &positions))) goto done;
-    double *G = NULL, *terms = borrow(&held, objects[3], 1, DOUBLES, &terms_size);
-    if (!terms) goto done;
-    if (objects[2] != Py_None && !(G = borrow(&held, objects[2], 1, DOUBLES, &size)))
-        goto done;
-    Int n = r > 0 ? many / (r * d) : 0;
-    if (r < 1 || r > 32 || n * r * d != many || !all_below(g.pairs, 2 * g.m, n) || terms_size != g.m || (G && size != n * r * (d + (g.tau != NULL))) ||
-        (g.tau && positions != n * r)) {
-        refuse("points of another graph, or of a rank above 32");
-        goto done;
-    }
+    Int n = r > 0 ? R.length / (r * d) : 0;
+    if (r < 1 || r > 32 || n * r * d != R.length || !all_below(g.pairs, 2 * g.m, n) ||
+        terms.length != g.m || (G.at && G.length != n * r * (d + (g.tau != NULL))) ||
+        (g.tau && t.length != n * r))
+        return refuse("points of another graph, or of a rank above 32");
     Py_BEGIN_ALLOW_THREADS
     if (d == 3 && r == 3)
-        differentiate(&g, 3, 3, R, t, G, terms);
+        differentiate(&g, 3, 3, R.at, t.at, G.at, terms.at);
     else if (d == 2 && r == 2)
-        differentiate(&g, 2, 2, R, t, G, terms);
+        differentiate(&g, 2, 2, R.at, t.at, G.at, terms.at);
     else
-        differentiate(&g, d, r, R, t, G, terms);
+        differentiate(&g, d, r, R.at, t.at, G.at, terms.at);
     Py_END_ALLOW_THREADS
-    result = Py_NewRef(Py_None);
-done:
-    give_back(&held);
-    return result;
+    return Py_NewRef(Py_None);
 }
+CALL(gradient)
 
-/* coupling(edges, d, R, upper): blocks of the Hessian */
-static PyObject *coupling(PyObject *self, PyObject *args)
+/* first_order(edges, d, R, t | None, turning, moving | None, tangent, multipliers, terms) -> the
+ * stationarity: see `certpgo.objective.operators.first_order` */
+static PyObject *first_order_of(Held *held, PyObject *args)
 {
-    PyObject *tuple, *objects[2], *result = NULL;
-    Buffers held = {.count = 0};
+    PyObject *tuple;
+    Array R = {held, DOUBLES}, t = {held, DOUBLES, OPTIONAL}, turning = {held, DOUBLES}, moving = t;
+    Array tangent = {held, DOUBLES, WRITTEN}, multipliers = tangent, terms = tangent;
     Edges g;
     int d;
-    Py_ssize_t many, size;
-    if (!PyArg_ParseTuple(args, "OiOO", &tuple, &d, &objects[0], &objects[1])) return NULL;
-    if (edges_of(&held, tuple, d, &g) < 0) goto done;
-    const double *R = borrow(&held, objects[0], 0, DOUBLES, &many);
-    double *upper = R ? borrow(&held, objects[1], 1, DOUBLES, &size) : NULL;
-    if (!upper) goto done;
-    Int b = (d == 2 ? 1 : 3) + (g.tau ? d : 0);
-    if (size != g.m * b * b || !all_below(g.pairs, 2 * g.m, many / (d * d))) {
-        refuse("blocks of another graph");
-        goto done;
-    }
-    Py_BEGIN_ALLOW_THREADS
-    if (d == 3)
-        couple(&g, 3, R, upper);
-    else
-        couple(&g, 2, R, upper);
-    Py_END_ALLOW_THREADS
-    result = Py_NewRef(Py_None);
-done:
-    give_back(&held);
-    return result;
+    if (!PyArg_ParseTuple(args, "OiO&O&O&O&O&O&O&", &tuple, &d, array, &R, array, &t, array,
+                          &turning, array, &moving, array, &tangent, array, &multipliers, array,
+                          &terms) ||
+        !edges_of(held, tuple, d, &g))
+        return NULL;
+    Int n = turning.length, move = g.tau != NULL, b = (d == 2 ? 1 : 3) + (move ? d : 0);
+    if (R.length != n * d * d || !all_below(g.pairs, 2 * g.m, n) || terms.length != g.m ||
+        (move && t.length != n * d) || (moving.at && moving.length != n) ||
+        tangent.length != n * b || multipliers.length != R.length)
+        return refuse("points of another graph");
+    double *G = memory(held, n * d * (d + move), sizeof(double)), largest;
+    if (!G) return NULL;
+    memset(G, 0, (size_t)(n * d * (d + move)) * sizeof(double));
+    const Stiffness stiffness = {turning.at, moving.at};
+    IN_SPACE(d,
+             (differentiate(&g, 2, 2, R.at, t.at, G, terms.at),
+              largest = project(n, 2, move, R.at, G, &stiffness, tangent.at, multipliers.at)),
+             (differentiate(&g, 3, 3, R.at, t.at, G, terms.at),
+              largest = project(n, 3, move, R.at, G, &stiffness, tangent.at, multipliers.at)))
+    return PyFloat_FromDouble(largest);
 }
+CALL(first_order)
+
+/* hessian(edges, d, R, multipliers, spread, first | None, degree | None, diagonal, upper): blocks of
+ * the Hessian */
+static PyObject *hessian_of(Held *held, PyObject *args)
+{
+    PyObject *tuple;
+    Array R = {held, DOUBLES}, multipliers = R, spread = R;
+    Array first = {held, DOUBLES, OPTIONAL}, degree = first;
+    Array diagonal = {held, DOUBLES, WRITTEN}, upper = diagonal;
+    Edges g;
+    int d;
+    if (!PyArg_ParseTuple(args, "OiO&O&O&O&O&O&O&", &tuple, &d, array, &R, array, &multipliers,
+                          array, &spread, array, &first, array, &degree, array, &diagonal, array,
+                          &upper) ||
+        !edges_of(held, tuple, d, &g))
+        return NULL;
+    Int n = R.length / (d * d), b = (d == 2 ? 1 : 3) + (g.tau ? d : 0);
+    if (upper.length != g.m * b * b || diagonal.length != n * b * b || R.length != n * d * d ||
+        !all_below(g.pairs, 2 * g.m, n) || spread.length != R.length ||
+        multipliers.length != R.length ||
+        (g.tau && (first.length != n * d || degree.length != n)))
+        return refuse("blocks of another graph");
+    const Nodes nodes = {n, spread.at, multipliers.at, first.at, degree.at};
+    IN_SPACE(d,
+             (couple(&g, 2, R.at, upper.at), restrict_to_tangents(&nodes, g.tau != NULL, 2, R.at, diagonal.at)),
+             (couple(&g, 3, R.at, upper.at), restrict_to_tangents(&nodes, g.tau != NULL, 3, R.at, diagonal.at)))
+    return Py_NewRef(Py_None);
+}
+CALL(hessian)
+
+/* angles(edges, d, R, angles): of the edges' residual rotations */
+static PyObject *angles_of(Held *held, PyObject *args)
+{
+    PyObject *tuple;
+    Array R = {held, DOUBLES}, angles = {held, DOUBLES, WRITTEN};
+    Edges g;
+    int d;
+    if (!PyArg_ParseTuple(args, "OiO&O&", &tuple, &d, array, &R, array, &angles) ||
+        !edges_of(held, tuple, d, &g))
+        return NULL;
+    if (angles.length != g.m || !g.kappa || !all_below(g.pairs, 2 * g.m, R.length / (d * d)))
+        return refuse("rotations of another graph");
+    IN_SPACE(d, measure_angles(&g, 2, R.at, angles.at), measure_angles(&g, 3, R.at, angles.at))
+    return Py_NewRef(Py_None);
+}
+CALL(angles)
+
+/* residuals(edges, d, R, t | None, turned, moved | None): norms of the edges' residuals */
+static PyObject *residuals_of(Held *held, PyObject *args)
+{
+    PyObject *tuple;
+    Array R = {held, DOUBLES}, t = {held, DOUBLES, OPTIONAL};
+    Array turned = {held, DOUBLES, WRITTEN}, moved = {held, DOUBLES, WRITTEN | OPTIONAL};
+    Edges g;
+    int d;
+    if (!PyArg_ParseTuple(args, "OiO&O&O&O&", &tuple, &d, array, &R, array, &t, array, &turned,
+                          array, &moved) ||
+        !edges_of(held, tuple, d, &g))
+        return NULL;
+    Int n = R.length / (d * d);
+    if (turned.length != g.m || !all_below(g.pairs, 2 * g.m, n) ||
+        (moved.at && (moved.length != g.m || !g.moved || t.length != n * d)))
+        return refuse("an estimate of another graph");
+    IN_SPACE(d, measure_residuals(&g, 2, R.at, t.at, turned.at, moved.at),
+             measure_residuals(&g, 3, R.at, t.at, turned.at, moved.at))
+    return Py_NewRef(Py_None);
+}
+CALL(residuals)
+
+/* lessen(shift, G | None, Y, nodes, d, multipliers): see `certpgo.certify.shifted.Shifted.less` */
+static PyObject *lessen_of(Held *held, PyObject *args)
+{
+    Array G = {held, DOUBLES, OPTIONAL}, Y = {held, DOUBLES}, nodes = {held, INTS};
+    Array multipliers = {held, DOUBLES, WRITTEN};
+    double shift;
+    int d;
+    if (!PyArg_ParseTuple(args, "dO&O&O&iO&", &shift, array, &G, array, &Y, array, &nodes, &d, array,
+                          &multipliers))
+        return NULL;
+    Int n = d > 0 ? multipliers.length / (d * d) : 0, r = n ? Y.length / (n * d) : 0;
+    if (d < 2 || d > 3 || r > 32 || multipliers.length != n * d * d || Y.length != n * r * d ||
+        (G.at && G.length != r * r) || !all_below(nodes.at, nodes.length, n))
+        return refuse("multipliers of other nodes, or a rank above 32");
+    take_off(nodes.length, nodes.at, r, d, Y.at, G.at, shift, multipliers.at);
+    return Py_NewRef(Py_None);
+}
+CALL(lessen)
+
+/* blocks(pairs, indptr, indices, slots) -> how many: see `certpgo.linalg.blocks.BlockPattern` */
+static PyObject *blocks_of(Held *held, PyObject *args)
+{
+    Array pairs = {held, INTS}, indptr = {held, INTS, WRITTEN}, indices = indptr, slots = indptr;
+    if (!PyArg_ParseTuple(args, "O&O&O&O&", array, &pairs, array, &indptr, array, &indices, array,
+                          &slots))
+        return NULL;
+    Int n = indptr.length - 1, m = pairs.length / 2, all = n + 2 * m;
+    if (n < 0 || pairs.length != 2 * m || indices.length != all || slots.length != all ||
+        !all_below(pairs.at, 2 * m, n))
+        return refuse("pairs of other nodes");
+    Int *work = memory(held, 2 * all + n + 1, sizeof(Int));
+    if (!work) return NULL;
+    return PyLong_FromLongLong(
+        find_blocks(n, m, pairs.at, indptr.at, indices.at, slots.at, work));
+}
+CALL(blocks)
 
 /* assemble((indptr, own, slots, pairs), diagonal, upper, data): data, zero before, is written */
-static PyObject *assemble(PyObject *self, PyObject *args)
+static PyObject *assemble_of(Held *held, PyObject *args)
 {
-    PyObject *objects[7], *result = NULL;
-    Buffers held = {.count = 0};
-    Py_ssize_t lengths[7];
-    void *arrays[7];
-    if (!PyArg_ParseTuple(args, "(OOOO)OOO", &objects[0], &objects[1], &objects[2], &objects[3],
-                          &objects[4], &objects[5], &objects[6]))
+    Array a[7];
+    for (int k = 0; k < 7; k++) a[k] = (Array){held, k < 4 ? INTS : DOUBLES, k == 6 ? WRITTEN : READ};
+    if (!PyArg_ParseTuple(args, "(O&O&O&O&)O&O&O&", array, &a[0], array, &a[1], array, &a[2],
+                          array, &a[3], array, &a[4], array, &a[5], array, &a[6]))
         return NULL;
-    for (int k = 0; k < 7; k++)
-        if (!(arrays[k] = borrow(&held, objects[k], k == 6, k < 4 ? INTS : DOUBLES, &lengths[k])))
-            goto done;
-    Int n = lengths[1], m = lengths[3] / 2, b = 1;
-    while (n && b * b * n < lengths[4]) b++;
-    const Int *indptr = arrays[0];
-    if (lengths[0] != n + 1 || !are_pointers(indptr, n + 1, indptr[n]) || lengths[2] != 2 * m ||
-        lengths[4] != n * b * b ||
-        lengths[5] != m * b * b || lengths[6] != indptr[n] * b * b ||
-        !are_places(n, m, indptr, arrays[1], arrays[2], arrays[3])) {
-        refuse("blocks of another pattern");
-        goto done;
-    }
+    Int n = a[1].length, m = a[3].length / 2, b = 1;
+    while (n && b * b * n < a[4].length) b++;
+    const Int *indptr = a[0].at;
+    if (a[0].length != n + 1 || !are_pointers(indptr, n + 1, indptr[n]) || a[2].length != 2 * m ||
+        a[4].length != n * b * b || a[5].length != m * b * b || a[6].length != indptr[n] * b * b ||
+        !are_places(n, m, indptr, a[1].at, a[2].at, a[3].at))
+        return refuse("blocks of another pattern");
     Py_BEGIN_ALLOW_THREADS
-    place_blocks(n, m, b, indptr, arrays[1], arrays[2], arrays[3], arrays[4], arrays[5], arrays[6]);
+    place_blocks(n, m, b, indptr, a[1].at, a[2].at, a[3].at, a[4].at, a[5].at, a[6].at);
     Py_END_ALLOW_THREADS
-    result = Py_NewRef(Py_None);
-done:
-    give_back(&held);
-    return result;
+    return Py_NewRef(Py_None);
 }
+CALL(assemble)
 
 /* expand(indptr, indices, b, rows): the rows (32 bits) of a matrix of b x b blocks */
-static PyObject *expand(PyObject *self, PyObject *args)
+static PyObject *expand_of(Held *held, PyObject *args)
 {
-    PyObject *objects[3], *result = NULL;
-    Buffers held = {.count = 0};
-    Py_ssize_t pointers, blocks, size;
+    Array pointers = {held, INTS}, blocks = {held, INTS}, into = {held, SHORT_INTS, WRITTEN};
     int b;
-    if (!PyArg_ParseTuple(args, "OOiO", &objects[0], &objects[1], &b, &objects[2])) return NULL;
-    const Int *indptr = borrow(&held, objects[0], 0, INTS, &pointers);
-    const Int *indices = indptr ? borrow(&held, objects[1], 0, INTS, &blocks) : NULL;
-    int32_t *rows = indices ? borrow(&held, objects[2], 1, SHORT_INTS, &size) : NULL;
-    if (!rows) goto done;
-    if (!are_pointers(indptr, pointers, blocks) || size != blocks * b * b) {
-        refuse("rows of another pattern");
-        goto done;
-    }
-    for (Int i = 0; i + 1 < pointers; i++)
+    if (!PyArg_ParseTuple(args, "O&O&iO&", array, &pointers, array, &blocks, &b, array, &into))
+        return NULL;
+    const Int *indptr = pointers.at, *indices = blocks.at;
+    int32_t *rows = into.at;
+    if (!are_pointers(indptr, pointers.length, blocks.length) || into.length != blocks.length * b * b)
+        return refuse("rows of another pattern");
+    for (Int i = 0; i + 1 < pointers.length; i++)
         for (Int c = 0; c < b; c++)
             for (Int e = indptr[i]; e < indptr[i + 1]; e++)
                 for (Int r = 0; r < b; r++) *rows++ = (int32_t)(indices[e] * b + r);
-    result = Py_NewRef(Py_None);
-done:
-    give_back(&held);
-    return result;
+    return Py_NewRef(Py_None);
+}
+CALL(expand)
+
+/* Where the entry of a row is among those of a column, whose rows ascend; -1 if there is none. */
+static Int place_of(const int32_t *indptr, const int32_t *rows, Int row, Int column)
+{
+    Int low = indptr[column], high = indptr[column + 1];
+    while (low < high) {
+        Int middle = low + (high - low) / 2;
+        if (rows[middle] < row)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low < indptr[column + 1] && rows[low] == row ? low : -1;
 }
 
 /* diagonal_places(indptr, indices, places): where the diagonal is, in sorted columns of 32 bits */
-static PyObject *diagonal_places(PyObject *self, PyObject *args)
+static PyObject *diagonal_places_of(Held *held, PyObject *args)
 {
-    PyObject *objects[3], *result = NULL;
-    Buffers held = {.count = 0};
-    Py_ssize_t pointers, entries, size;
-    if (!PyArg_ParseTuple(args, "OOO", &objects[0], &objects[1], &objects[2])) return NULL;
-    const int32_t *indptr = borrow(&held, objects[0], 0, SHORT_INTS, &pointers);
-    const int32_t *rows = indptr ? borrow(&held, objects[1], 0, SHORT_INTS, &entries) : NULL;
-    Int *places = rows ? borrow(&held, objects[2], 1, INTS, &size) : NULL;
-    if (!places) goto done;
-    if (pointers != size + 1 || indptr[size] != entries) {
-        refuse("pointers of another matrix");
-        goto done;
-    }
+    Array pointers = {held, SHORT_INTS}, entries = {held, SHORT_INTS}, into = {held, INTS, WRITTEN};
+    if (!PyArg_ParseTuple(args, "O&O&O&", array, &pointers, array, &entries, array, &into))
+        return NULL;
+    const int32_t *indptr = pointers.at, *rows = entries.at;
+    Int size = into.length, *places = into.at;
+    if (pointers.length != size + 1 || indptr[size] != entries.length)
+        return refuse("pointers of another matrix");
     for (Int column = 0; column < size; column++) {
-        int32_t low = indptr[column], high = indptr[column + 1];
-        if (low < 0 || low > high || high > entries) {
-            refuse("pointers of another matrix");
-            goto done;
-        }
-        while (low < high) {
-            int32_t middle = low + (high - low) / 2;
-            if (rows[middle] < column)
-                low = middle + 1;
-            else
-                high = middle;
-        }
-        if (low == indptr[column + 1] || rows[low] != column) {
-            refuse("a diagonal entry is not stored");
-            goto done;
-        }
-        places[column] = low;
+        if (indptr[column] < 0 || indptr[column] > indptr[column + 1] ||
+            indptr[column + 1] > entries.length)
+            return refuse("pointers of another matrix");
+        places[column] = place_of(indptr, rows, column, column);
+        if (places[column] < 0) return refuse("a diagonal entry is not stored");
     }
-    result = Py_NewRef(Py_None);
-done:
-    give_back(&held);
-    return result;
+    return Py_NewRef(Py_None);
 }
+CALL(diagonal_places)
+
+/* pin(indptr, indices, data, rows): zeros in these rows and columns, but on the diagonal, of a symmetric
+ * matrix in sorted columns of 32 bits */
+static PyObject *pin_of(Held *held, PyObject *args)
+{
+    Array pointers = {held, SHORT_INTS}, entries = {held, SHORT_INTS};
+    Array data = {held, DOUBLES, WRITTEN}, pinned = {held, INTS};
+    if (!PyArg_ParseTuple(args, "O&O&O&O&", array, &pointers, array, &entries, array, &data, array,
+                          &pinned))
+        return NULL;
+    const int32_t *indptr = pointers.at, *indices = entries.at;
+    const Int *rows = pinned.at;
+    Int n = pointers.length - 1;
+    double *values = data.at;
+    if (data.length != entries.length || n < 0 || !all_below(rows, pinned.length, n))
+        return refuse("entries or rows of another matrix");
+    for (Int i = 0; i < n; i++)
+        if (indptr[i] < 0 || indptr[i] > indptr[i + 1] || indptr[i + 1] > entries.length)
+            return refuse("pointers of another matrix");
+    for (Int k = 0; k < pinned.length; k++)
+        for (Int e = indptr[rows[k]]; e < indptr[rows[k] + 1]; e++) {
+            Int i = indices[e], mirrored;
+            if (i == rows[k]) continue;
+            if (i < 0 || i >= n || (mirrored = place_of(indptr, indices, rows[k], i)) < 0)
+                return refuse("a symmetric pattern with ascending rows expected");
+            values[e] = values[mirrored] = 0.0;
+        }
+    return Py_NewRef(Py_None);
+}
+CALL(pin)
+
+/* lever_sums(edges, d, sums): sums (n, 4), zero before, of tau |b| at i and tau |a| at j, of tau |b|
+ * and tau |a| times |a| + |b| there, of tau |b| at j and tau |a| at i, and of tau at both, with 1-norms */
+static PyObject *lever_sums_of(Held *held, PyObject *args)
+{
+    PyObject *tuple;
+    Array into = {held, DOUBLES, WRITTEN};
+    Edges g;
+    int d;
+    if (!PyArg_ParseTuple(args, "OiO&", &tuple, &d, array, &into) || !edges_of(held, tuple, d, &g))
+        return NULL;
+    if (!g.tau || into.length % 4 || !all_below(g.pairs, 2 * g.m, into.length / 4))
+        return refuse("sums at the nodes of a graph of poses expected");
+    double *sums = into.at;
+    for (Int e = 0; e < g.m; e++) {
+        double tau = fabs(g.tau[e]), b = 0.0, a = 0.0;
+        for (Int k = 0; k < d; k++) b += fabs(g.moved[e * d + k]);
+        for (Int k = 0; k < d && g.arms; k++) a += fabs(g.arms[e * d + k]);
+        for (int end = 0; end < 2; end++) {
+            double *at = sums + 4 * g.pairs[2 * e + end], own = end ? a : b, other = end ? b : a;
+            at[0] += tau * own;
+            at[1] += tau * own * (a + b);
+            at[2] += tau * other;
+            at[3] += tau;
+        }
+    }
+    return Py_NewRef(Py_None);
+}
+CALL(lever_sums)
 
 /* scatter_sum(index, values, sums): rows of values are added to rows of sums */
-static PyObject *scatter_sum(PyObject *self, PyObject *args)
+static PyObject *scatter_sum_of(Held *held, PyObject *args)
 {
-    PyObject *objects[3], *result = NULL;
-    Buffers held = {.count = 0};
-    Py_ssize_t m, entries, size;
+    Array rows = {held, INTS}, from = {held, DOUBLES}, into = {held, DOUBLES, WRITTEN};
     int columns;
-    if (!PyArg_ParseTuple(args, "OOOi", &objects[0], &objects[1], &objects[2], &columns)) return NULL;
-    const Int *index = borrow(&held, objects[0], 0, INTS, &m);
-    const double *values = index ? borrow(&held, objects[1], 0, DOUBLES, &entries) : NULL;
-    double *sums = values ? borrow(&held, objects[2], 1, DOUBLES, &size) : NULL;
-    if (!sums) goto done;
-    if (columns < 1 || entries != m * columns || size % columns) {
-        refuse("as many rows as indices expected");
-        goto done;
-    }
-    if (!all_below(index, m, size / columns)) {
+    if (!PyArg_ParseTuple(args, "O&O&O&i", array, &rows, array, &from, array, &into, &columns))
+        return NULL;
+    if (columns < 1 || from.length != rows.length * columns || into.length % columns)
+        return refuse("as many rows as indices expected");
+    if (!all_below(rows.at, rows.length, into.length / columns)) {
         PyErr_SetString(PyExc_IndexError, "a row out of range");
-        goto done;
+        return NULL;
     }
+    const Int *index = rows.at;
+    const double *values = from.at;
+    double *sums = into.at;
     Py_BEGIN_ALLOW_THREADS
-    for (Int e = 0; e < m; e++)
+    for (Int e = 0; e < rows.length; e++)
         for (Int k = 0; k < columns; k++) sums[index[e] * columns + k] += values[e * columns + k];
     Py_END_ALLOW_THREADS
-    result = Py_NewRef(Py_None);
-done:
-    give_back(&held);
-    return result;
+    return Py_NewRef(Py_None);
 }
+CALL(scatter_sum)
 
 /* ------------------------------------------------------------------ trees */
 
 #include "trees.h"
 
 /* central_tree(pairs, parents): the breadth-first tree of a node in the middle of a long path */
-static PyObject *central_tree(PyObject *self, PyObject *args)
+static PyObject *central_tree_of(Held *held, PyObject *args)
 {
-    PyObject *objects[2], *result = NULL;
-    Buffers held = {.count = 0};
-    Py_ssize_t ends, n;
-    if (!PyArg_ParseTuple(args, "OO", &objects[0], &objects[1])) return NULL;
-    const Int *pairs = borrow(&held, objects[0], 0, INTS, &ends);
-    Int *parents = pairs ? borrow(&held, objects[1], 1, INTS, &n) : NULL;
-    if (!parents) goto done;
-    if (n < 1 || ends % 2 || !all_below(pairs, ends, n)) {
-        refuse("pairs of the nodes that have parents expected");
-        goto done;
-    }
-    Int *work = malloc((size_t)(2 * n + 1 + 2 * ends) * sizeof(Int));
-    if (!work) {
-        PyErr_NoMemory();
-        goto done;
-    }
-    Int *queue = work, *start = work + n, *to = start + n + 1, *arcs = to + ends;
-    list_neighbours(n, ends / 2, pairs, start, to, queue, arcs);
+    Array pairs = {held, INTS}, into = {held, INTS, WRITTEN};
+    if (!PyArg_ParseTuple(args, "O&O&", array, &pairs, array, &into)) return NULL;
+    Int n = into.length, ends = pairs.length, *parents = into.at;
+    if (n < 1 || ends % 2 || !all_below(pairs.at, ends, n))
+        return refuse("pairs of the nodes that have parents expected");
+    Int *queue = memory(held, 2 * n + 1 + 2 * ends, sizeof(Int)), length = 0;
+    if (!queue) return NULL;
+    Int *start = queue + n, *to = start + n + 1, *arcs = to + ends;
+    list_neighbours(n, ends / 2, pairs.at, start, to, queue, arcs);
     Int end = breadth_first(n, start, to, 0, parents, queue);
-    Int middle = breadth_first(n, start, to, end, parents, queue), length = 0;
+    Int middle = breadth_first(n, start, to, end, parents, queue);
     for (Int i = middle; i != end; i = parents[i]) length++;
     for (Int k = 0; k < (length + 1) / 2; k++) middle = parents[middle];
     breadth_first(n, start, to, middle, parents, queue);
-    free(work);
-    result = Py_NewRef(Py_None);
-done:
-    give_back(&held);
-    return result;
+    return Py_NewRef(Py_None);
 }
+CALL(central_tree)
 
-/* compose(parents, d, R, t | None): poses in their parents' frames, in place */
-static PyObject *compose(PyObject *self, PyObject *args)
+/* compose(edges, d, parents, R, t | None): poses of the edges between children and parents, composed */
+static PyObject *compose_of(Held *held, PyObject *args)
 {
-    PyObject *objects[3], *result = NULL;
-    Buffers held = {.count = 0};
-    Py_ssize_t n, size, positions = 0;
-    int d, is_forest;
-    if (!PyArg_ParseTuple(args, "OiOO", &objects[0], &d, &objects[1], &objects[2])) return NULL;
-    const Int *parents = borrow(&held, objects[0], 0, INTS, &n);
-    double *t = NULL, *R = parents ? borrow(&held, objects[1], 1, DOUBLES, &size) : NULL;
-    if (!R) goto done;
-    if (objects[2] != Py_None && !(t = borrow(&held, objects[2], 1, DOUBLES, &positions)))
-        goto done;
-    int is_known = 1;
+    PyObject *tuple;
+    Array above = {held, INTS}, R = {held, DOUBLES, WRITTEN}, t = {held, DOUBLES, WRITTEN | OPTIONAL};
+    Edges g;
+    int d, is_forest, is_known = 1;
+    if (!PyArg_ParseTuple(args, "OiO&O&O&", &tuple, &d, array, &above, array, &R, array, &t) ||
+        !edges_of(held, tuple, d, &g))
+        return NULL;
+    const Int *parents = above.at;
+    Int n = above.length;
     for (Int i = 0; i < n; i++) is_known &= parents[i] < n;
-    if (d < 2 || d > 3 || size != n * d * d || (t && positions != n * d) || !is_known) {
-        refuse("parents and poses in 2 or 3 dimensions of the same nodes expected");
-        goto done;
-    }
-    Int *above = malloc((size_t)(n + 1) * (sizeof(Int) + 1));
-    if (!above) {
-        PyErr_NoMemory();
-        goto done;
-    }
-    char *composed = (char *)(above + n);
-    is_forest = d == 3 ? compose_poses(n, parents, 3, R, t, above, composed)
-                       : compose_poses(n, parents, 2, R, t, above, composed);
-    free(above);
-    result = is_forest ? Py_NewRef(Py_None) : NULL;
-    if (!is_forest) refuse("parents are not those of trees");
-done:
-    give_back(&held);
-    return result;
+    if (R.length != n * d * d || (t.at && (t.length != n * d || !g.moved)) || !is_known ||
+        !g.kappa || !all_below(g.pairs, 2 * g.m, n))
+        return refuse("parents and poses in 2 or 3 dimensions of the same nodes expected");
+    Int *path = memory(held, n, sizeof(Int) + 1);
+    if (!path) return NULL;
+    char *composed = (char *)(path + n);
+    is_forest = take_steps(&g, n, parents, d, R.at, t.at, path);
+    if (is_forest)
+        is_forest = d == 3 ? compose_poses(n, parents, 3, R.at, t.at, path, composed)
+                           : compose_poses(n, parents, 2, R.at, t.at, path, composed);
+    return is_forest ? Py_NewRef(Py_None) : refuse("parents are not those of trees");
 }
+CALL(compose)
 
 static PyMethodDef methods[] = {
     {"central_tree", central_tree, METH_VARARGS, "Parents in the tree of a central node."},
     {"compose", compose, METH_VARARGS, "Poses composed along a tree."},
     {"worst_defect", worst_defect, METH_VARARGS, "The matrix farthest from being a rotation."},
     {"gradient", gradient, METH_VARARGS, "Half the gradient, and the edges' terms."},
-    {"coupling", coupling, METH_VARARGS, "The edges' blocks of the Hessian."},
+    {"first_order", first_order, METH_VARARGS, "Derivatives along the rotations."},
+    {"hessian", hessian, METH_VARARGS, "Blocks of the Hessian."},
+    {"turn", turn, METH_VARARGS, "Rotations turned by tangents."},
+    {"angles", angles, METH_VARARGS, "Angles of residual rotations."},
+    {"residuals", residuals, METH_VARARGS, "Norms of residuals."},
+    {"lessen", lessen, METH_VARARGS, "Multipliers less a shift."},
+    {"blocks", blocks, METH_VARARGS, "The occupied blocks of a graph's matrices."},
     {"assemble", assemble, METH_VARARGS, "A block matrix in compressed columns."},
     {"expand", expand, METH_VARARGS, "The rows of a matrix of blocks."},
     {"diagonal_places", diagonal_places, METH_VARARGS, "Where the diagonal of a matrix is."},
+    {"pin", pin, METH_VARARGS, "Rows and columns of a matrix set to zero."},
+    {"lever_sums", lever_sums, METH_VARARGS, "Sizes of levers summed by nodes."},
     {"scatter_sum", scatter_sum, METH_VARARGS, "Rows summed by an index."},
     {"multiply", multiply, METH_VARARGS, "A x."},
     {"lower", lower, METH_VARARGS, "L by columns."},
@@ -936,7 +1054,8 @@ static PyMethodDef methods[] = {
     {"analyze", analyze, METH_VARARGS, "Order, counts and supernodes of a pattern."},
     {"measure", measure, METH_VARARGS, "Places of panels, and memory needed."},
     {"factor", factor, METH_VARARGS, "Factorize; False if the matrix is not positive definite."},
-    {"solve", solve, METH_VARARGS, "Solve in place."},
+    {"substitute", substitute, METH_VARARGS, "Solve with L or L^T in place."},
+    {"solve", solve, METH_VARARGS, "A^-1 B."},
     {NULL, NULL, 0, NULL},
 };
 

@@ -34,6 +34,38 @@ static Int breadth_first(Int n, const Int *start, const Int *to, Int root, Int *
     return queue[write - 1];
 }
 
+/* Each node's pose in the frame of its parent by the heaviest edge between them, of equals the first;
+ * roots are at the origin. `edge` (n,) is room for work. 0 if there is no edge. */
+static inline int take_steps(const Edges *g, Int n, const Int *parents, Int d, double *R, double *t,
+                             Int *edge)
+{
+    for (Int i = 0; i < n; i++) edge[i] = -1;
+    for (Int e = 0; e < g->m; e++)
+        for (int back = 0; back < 2; back++) {
+            Int child = g->pairs[2 * e + !back];
+            if (parents[child] != g->pairs[2 * e + back]) continue;
+            if (edge[child] < 0 || g->kappa[e] > g->kappa[edge[child]]) edge[child] = e;
+        }
+    for (Int i = 0; i < n; i++) {
+        Int e = edge[i];
+        if (parents[i] >= 0 && e < 0) return 0;
+        int back = e >= 0 && g->pairs[2 * e] == i;
+        for (Int a = 0; a < d; a++)
+            for (Int c = 0; c < d; c++)
+                R[(i * d + a) * d + c] =
+                    e < 0 ? a == c : g->P[(e * d + (back ? c : a)) * d + (back ? a : c)];
+        for (Int a = 0; a < d && t; a++) {
+            double step = e < 0 ? 0.0 : g->moved[e * d + a];
+            if (back) {
+                step = 0.0;
+                for (Int b = 0; b < d; b++) step -= R[(i * d + a) * d + b] * g->moved[e * d + b];
+            }
+            t[i * d + a] = step;
+        }
+    }
+    return 1;
+}
+
 /* Each node's pose in the frame of its parent becomes the one in the frame of its root. t may be
  * NULL. `above` (n,) and `done` (n,) are room for work. 0 if the parents are not a forest. */
 static inline int compose_poses(Int n, const Int *parents, Int d, double *R, double *t, Int *above,
