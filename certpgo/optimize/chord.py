@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from certpgo.linalg.arrays import FloatArray
 
 #: Limits of the curvature along a step over the factor's: beyond, another step is the better one.
-FLATTEST, STEEPEST = 0.5, 2.0
+FLATTEST, STEEPEST = 0.2, 2.0
 
 
 @dataclass(frozen=True, eq=False)
