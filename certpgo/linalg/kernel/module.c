@@ -149,6 +149,17 @@ static int are_pointers(const Int *indptr, Py_ssize_t length, Py_ssize_t entries
     return 1;
 }
 
+/* Whether each node has a row, and all of them no more than BLAS can count; else refused. */
+static int are_sizes(const Int *sizes, Py_ssize_t count)
+{
+    Int rows = 0;
+    for (Py_ssize_t k = 0; k < count; rows += sizes[k++]) {
+        if (sizes[k] < 1) return refuse("a node has at least one row") != NULL;
+        if (sizes[k] > INT32_MAX - rows) return refuse("a matrix has fewer than 2^31 rows") != NULL;
+    }
+    return 1;
+}
+
 static PyObject *bytes_of(const Int *values, Int count)
 {
     return PyBytes_FromStringAndSize((const char *)values, (Py_ssize_t)(count * (Int)sizeof(Int)));
@@ -187,7 +198,7 @@ static PyObject *analyze_of(Held *held, PyObject *args)
         !are_pointers(indptr, n + 1, neighbours.length) ||
         !all_below(indices, neighbours.length, n) || !all_below(before, n, n))
         return refuse("not a pattern of as many nodes as order and sizes have");
-    if (!is_symmetric(held, n, indptr, indices)) return NULL;
+    if (!are_sizes(sizes.at, n) || !is_symmetric(held, n, indptr, indices)) return NULL;
     Int *order = memory(held, 16 * n + 16, sizeof(Int)), *rows = NULL;
     if (!order) return NULL;
     Int *place = order + n, *parent = order + 2 * n, *columns = order + 3 * n;
@@ -297,8 +308,7 @@ static PyObject *measure_of(Held *held, PyObject *args)
     Fronts f = {.n = n, .many = many, .indptr = a[0].at, .indices = a[1].at, .order = a[2].at,
                 .sizes = a[3].at, .offset = offset, .start = a[4].at, .above = a[5].at,
                 .begin = a[6].at, .rows = a[7].at};
-    for (Int i = 0; i < a[3].length; i++)
-        if (f.sizes[i] < 1) return refuse("a node has at least one row");
+    if (!are_sizes(f.sizes, a[3].length)) return NULL;
     if (a[3].length != n || a[8].length != n || a[9].length != n + 1 || a[10].length != n + 1 ||
         a[4].length != many + 1 || a[6].length != many + 1 || a[11].length != many + 1 ||
         !are_pointers(f.indptr, a[0].length, a[1].length) || a[0].length != n + 1 ||
@@ -402,8 +412,7 @@ static int fronts_of(Held *held, PyObject *tuple, Fronts *f)
     for (int k = 0; k < 12; k++)
         if (a[k].length != expected[k]) return refuse("not the fronts of a pattern") != NULL;
     if (f->start[many] > n) return refuse("more nodes in fronts than in the pattern") != NULL;
-    for (Int k = 0; k < n; k++)
-        if (f->sizes[k] < 1) return refuse("a node has at least one row") != NULL;
+    if (!are_sizes(f->sizes, n)) return 0;
     if (!are_pointers(f->offset, n + 1, f->offset[n]) || !are_parents(many, f->above) ||
         !are_pointers(f->start, many + 1, f->start[many]) ||
         !are_pointers(f->panel, many + 1, f->panel[many]))
@@ -665,7 +674,7 @@ static PyObject *gradient_of(Held *held, PyObject *args)
                           array, &terms) ||
         !edges_of(held, tuple, d, &g))
         return NULL;
-    Int n = r > 0 ? R.length / (r * d) : 0;
+    Int n = r > 0 && r <= 32 ? R.length / (r * d) : 0;
     if (r < 1 || r > 32 || n * r * d != R.length || !all_below(g.pairs, 2 * g.m, n) ||
         terms.length != g.m || (G.at && G.length != n * r * (d + (g.tau != NULL))) ||
         (g.tau && t.length != n * r))
@@ -792,7 +801,7 @@ static PyObject *lessen_of(Held *held, PyObject *args)
     if (!PyArg_ParseTuple(args, "dO&O&O&iO&", &shift, array, &G, array, &Y, array, &nodes, &d, array,
                           &multipliers))
         return NULL;
-    Int n = d > 0 ? multipliers.length / (d * d) : 0, r = n ? Y.length / (n * d) : 0;
+    Int n = d == 2 || d == 3 ? multipliers.length / (d * d) : 0, r = n ? Y.length / (n * d) : 0;
     if (d < 2 || d > 3 || r > 32 || multipliers.length != n * d * d || Y.length != n * r * d ||
         (G.at && G.length != r * r) || !all_below(nodes.at, nodes.length, n))
         return refuse("multipliers of other nodes, or a rank above 32");
@@ -850,7 +859,9 @@ static PyObject *expand_of(Held *held, PyObject *args)
         return NULL;
     const Int *indptr = pointers.at, *indices = blocks.at;
     int32_t *rows = into.at;
-    if (!are_pointers(indptr, pointers.length, blocks.length) || into.length != blocks.length * b * b)
+    Int entries = (Int)b * b;
+    if (!are_pointers(indptr, pointers.length, blocks.length) || b < 1 ||
+        into.length % entries || into.length / entries != blocks.length)
         return refuse("rows of another pattern");
     for (Int i = 0; i + 1 < pointers.length; i++)
         for (Int c = 0; c < b; c++)
