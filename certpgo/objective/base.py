@@ -115,6 +115,8 @@ class Objective(Speaking, ABC):
 
     def multipliers(self, point: Point) -> FloatArray:
         """(n, d, d) Lagrange multipliers; see `FirstOrder`."""
+        if isinstance(point, Estimate):
+            return self.first_order(point).multipliers
         return operators.multipliers(self.gradient(point)[:, :, -self.d :], point.rotations)
 
     def tangent_gradient(self, estimate: Estimate) -> FloatArray:
