@@ -256,16 +256,19 @@ class _Attempts:
         return np.asarray(delta)
 
     def bound(self, multipliers: FloatArray, reduction: FloatArray) -> DualBound:
-        d, poses = self.problem.d, self.problem.poses
-        rows = np.arange(d)
-        proven = multipliers.copy()
+        d, poses, proven = self.problem.d, self.problem.poses, multipliers.copy()
         # Rounded down: a smaller Lam' only adds to the diagonal of S.
-        diagonal = multipliers[poses][:, rows, rows] - reduction[self.is_rotation].reshape(-1, d)
+        diagonal = _diagonals(multipliers)[poses] - reduction[self.is_rotation].reshape(-1, d)
         diagonal = np.nextafter(diagonal, -np.inf)
-        proven[poses[:, None], rows, rows] = diagonal
+        _diagonals(proven)[poses] = diagonal
         value = math.nextafter(math.fsum(diagonal.ravel().tolist()), -math.inf)
-        taken = self.shifted.multipliers[poses][:, rows, rows] - diagonal
+        taken = _diagonals(self.shifted.multipliers)[poses] - diagonal
         return DualBound(value, proven, float(taken.max()), self.factorizations, self.nonzeros)
+
+
+def _diagonals(blocks: FloatArray) -> FloatArray:
+    """(n, d) diagonals of blocks (n, d, d): the same memory."""
+    return np.asarray(np.einsum("nii->ni", blocks))
 
 
 def _assembly_radii(

@@ -23,8 +23,8 @@ def in_range(weights: FloatArray) -> BoolArray:
 
 def check_edges(edges: IntArray, n: int) -> None:
     """Refuse indices out of range and loops by a GraphError."""
-    outside = np.asarray(((edges < 0) | (edges >= n)).any(axis=1))
-    if outside.any():
+    if edges.size and not (edges.min() >= 0 and edges.max() < n):
+        outside = np.asarray(((edges < 0) | (edges >= n)).any(axis=1))
         raise GraphError(f"{edge_name(edges, outside)}: nodes are numbered 0 to {n - 1}")
     loop = np.asarray(edges[:, 0] == edges[:, 1])
     if loop.any():

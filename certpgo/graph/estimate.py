@@ -63,8 +63,8 @@ class Estimate(Speaking):
         object.__setattr__(self, "translations", frozen_floats(self.translations))
         if self.translations.shape != (n, self.d):
             raise GraphError(f"translations must be {(n, self.d)}, not {self.translations.shape}")
-        bad = ~np.isfinite(self.translations).all(axis=1)
-        if bad.any():
+        if not np.isfinite(self.translations).all():
+            bad = ~np.isfinite(self.translations).all(axis=1)
             raise GraphError(f"node {int(np.argmax(bad))}: translation is not finite")
 
     @classmethod

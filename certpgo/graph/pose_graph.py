@@ -77,8 +77,8 @@ class PoseGraph(Speaking):
         expected = (self.rotation.num_edges, self.rotation.d)
         if self.translations.shape != expected:
             raise GraphError(f"translations must be {expected}, not {self.translations.shape}")
-        bad = np.asarray(~np.isfinite(self.translations).all(axis=1))
-        if bad.any():
+        if not np.isfinite(self.translations).all():
+            bad = np.asarray(~np.isfinite(self.translations).all(axis=1))
             raise GraphError(f"{edge_name(self.edges, bad)}: translation is not finite")
         self._check_tau()
         if self.arms is not None:

@@ -99,6 +99,15 @@ def assemble(
     data: FloatArray,
     /,
 ) -> None: ...
+def subtract(
+    indptr: IntArray,
+    own: IntArray,
+    b: int,
+    values: FloatArray,
+    d: int,
+    data: FloatArray,
+    /,
+) -> None: ...
 def scatter_sum(index: IntArray, values: FloatArray, sums: FloatArray, columns: int, /) -> None: ...
 def central_tree(pairs: IntArray, parents: IntArray, /) -> None: ...
 def compose(

@@ -131,6 +131,17 @@ class BlockPattern:
             data = data[layout._kept]
         return with_entries(layout.template, data)
 
+    def subtract(self, A: CSC, blocks: FloatArray) -> CSC:
+        """A minus ``blocks`` (n, d, d) in the last rows of the diagonal blocks that are whole."""
+        layout, data, d = self.layout_of(A), A.data.copy(), blocks.shape[-1]
+        if compiled.AVAILABLE and layout._kept is None:
+            indptr, own, *_ = self._places
+            values = np.ascontiguousarray(blocks)
+            compiled.kernel.subtract(indptr, own, layout._b, values, d, data)
+        else:
+            data[layout.diagonal[:, -d:, -d:]] -= blocks[layout.whole]
+        return with_entries(A, data)
+
     @cached_property
     def _places(self) -> tuple[IntArray, ...]:
         """Pointers, slots of diagonal blocks and of edges' blocks, and edges, for the kernel."""

@@ -16,7 +16,7 @@ from certpgo.graph.lift import Point
 from certpgo.graph.speaking import Brief, Speaking
 from certpgo.linalg import factor, so
 from certpgo.linalg.arrays import CSC, BoolArray, FloatArray, IntArray
-from certpgo.linalg.blocks import BlockPattern, Layout, pinned, with_entries
+from certpgo.linalg.blocks import BlockPattern, Layout, pinned
 from certpgo.linalg.factor import Analysis, Factor, Symbolic
 from certpgo.objective import operators
 from certpgo.objective.edge_sums import EdgeSums
@@ -115,6 +115,8 @@ class Objective(Speaking, ABC):
 
     def multipliers(self, point: Point) -> FloatArray:
         """(n, d, d) Lagrange multipliers; see `FirstOrder`."""
+        if isinstance(point, Estimate):
+            return self.first_order(point).multipliers
         return operators.multipliers(self.gradient(point)[:, :, -self.d :], point.rotations)
 
     def tangent_gradient(self, estimate: Estimate) -> FloatArray:
@@ -163,10 +165,7 @@ class Objective(Speaking, ABC):
 
     def certificate_matrix(self, multipliers: FloatArray) -> CSC:
         """S = M - blkdiag(0, Lam), or L - blkdiag(Lam) for rotations, with the pattern of M."""
-        M, d = self.matrix, self.d
-        layout, data = self.pattern.layout_of(M), M.data.copy()
-        data[layout.diagonal[:, -d:, -d:]] -= multipliers[layout.whole]
-        return with_entries(M, data)
+        return self.pattern.subtract(self.matrix, multipliers)
 
     @cached_property
     def rotation_rows(self) -> BoolArray:

@@ -81,7 +81,7 @@ class EdgeSums:
 
     def hessian(self, R: FloatArray, multipliers: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Blocks of the Hessian, as `operators.hessian_diagonal` and `operators.couplings`."""
-        of = self._node_sums
+        of = self.node_sums
         if not compiled.AVAILABLE:
             diagonal = operators.hessian_diagonal(of, R, multipliers)
             return diagonal, operators.couplings(self._graph, R)
@@ -112,7 +112,8 @@ class EdgeSums:
         return turned, moved
 
     @cached_property
-    def _node_sums(self) -> operators.NodeSums:
+    def node_sums(self) -> operators.NodeSums:
+        """The sums at its nodes."""
         return operators.NodeSums.of(self._graph)
 
     @property

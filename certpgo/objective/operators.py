@@ -78,17 +78,16 @@ def connection_laplacian(blocks: BlockPattern, graph: RotationGraph, shift: floa
     return blocks.assemble(spread(graph) + shift * np.eye(graph.d), -coupled(graph))
 
 
-def data_matrix(blocks: BlockPattern, graph: PoseGraph) -> CSC:
+def data_matrix(blocks: BlockPattern, graph: PoseGraph, sums: NodeSums) -> CSC:
     """Quadratic form M of the pose objective, F(R, t) = tr(X M X^T), (N, N).
 
-    Rosen et al. (SE-Sync, IJRR 2019) eq. 20, interleaved.
+    Rosen et al. (SE-Sync, IJRR 2019) eq. 20, interleaved; ``sums`` are those of the graph.
     """
     n, d, tau = graph.num_nodes, graph.d, graph.tau
-    first, second = moments(graph)
     diagonal = np.zeros((n, d + 1, d + 1))
-    diagonal[:, 0, 0] = degrees(graph.edges, tau, n)
-    diagonal[:, 0, 1:] = diagonal[:, 1:, 0] = first
-    diagonal[:, 1:, 1:] = spread(graph.rotation) + second
+    diagonal[:, 0, 0] = sums.degree
+    diagonal[:, 0, 1:] = diagonal[:, 1:, 0] = sums.first
+    diagonal[:, 1:, 1:] = sums.spread
 
     upper = np.zeros((graph.num_edges, d + 1, d + 1))
     upper[:, 0, 0] = -tau
@@ -221,7 +220,7 @@ def explained(graph: RotationGraph | PoseGraph, estimate: Estimate) -> RotationG
 
 @dataclass(frozen=True, eq=False)
 class NodeSums:
-    """What the diagonal of a Hessian consists of at any point.
+    """What the diagonals of M and of a Hessian at any point consist of.
 
     Attributes
     ----------

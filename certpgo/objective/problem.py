@@ -88,7 +88,7 @@ class PoseProblem(Objective):
 
         N = (d + 1) n, less d rows of each point.
         """
-        return operators.data_matrix(self.pattern, self.graph)
+        return operators.data_matrix(self.pattern, self.graph, self._sums.node_sums)
 
     @property
     def matrix(self) -> CSC:

@@ -177,6 +177,12 @@ def test_block_matrices(seed, b, parallel):
             np.testing.assert_allclose(A.toarray(), dense, rtol=1e-14, atol=1e-14)
             assert A.has_sorted_indices
             np.testing.assert_array_equal(A.data[diagonal_places(A)], A.diagonal())
+            less = BlockPattern(9, edges)
+            S = less.subtract(less.assemble(diagonal, upper), diagonal[:, :1, :1]).toarray()
+            last = np.arange(b - 1, 9 * b, b)
+            np.testing.assert_allclose(
+                S[last, last], dense[last, last] - diagonal[:, 0, 0], rtol=0, atol=1e-14
+            )
             cut = pinned(A, np.array([0, 4])).toarray()
             expected = dense.copy()
             for k in (0, 4):
@@ -194,6 +200,23 @@ def test_occupied_blocks(seed, m):
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_array_equal(one, other)
     assert found[0].dtype == expected[0].dtype == np.int32
+
+
+def test_blocks_off_another_diagonal():
+    indptr, own, data = np.array([0, 1, 2]), np.array([0, 1]), np.zeros(8)
+    values = np.ones((2, 2, 2))
+    compiled.kernel.subtract(indptr, own, 2, values, 2, data)
+    assert (data == -1.0).all()
+    for wrong in (
+        (indptr[:-1], own, 2, values, 2, data),
+        (indptr, own + 1, 2, values, 2, data),
+        (indptr, own[::-1].copy(), 2, values, 2, data),
+        (indptr, own, 2, values[1:], 2, data),
+        (indptr, own, 1, values, 2, data),
+        (indptr, own, 2, values, 2, data[1:]),
+    ):
+        with pytest.raises(ValueError, match="another pattern"):
+            compiled.kernel.subtract(*wrong)
 
 
 def test_occupied_blocks_of_other_nodes():

@@ -14,6 +14,20 @@ static int compare(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
+/* Sort in place: most lists are so short that calls of qsort's would take most of the time. */
+static void ascend(Int *values, Int count)
+{
+    if (count > 40) {
+        qsort(values, (size_t)count, sizeof(Int), compare);
+        return;
+    }
+    for (Int k = 1; k < count; k++) {
+        Int value = values[k], at = k;
+        for (; at && values[at - 1] > value; at--) values[at] = values[at - 1];
+        values[at] = value;
+    }
+}
+
 static int is_merged(Int columns, double zeros, double entries)
 {
     int k = 0;
@@ -144,7 +158,7 @@ static Int *structure(Int n, const Int *indptr, const Int *indices, const Int *o
                 Int i = place[indices[e]];
                 if (i > last && mark[i] != s) mark[i] = s, rows[used++] = i;
             }
-        qsort(rows + begin[s], (size_t)(used - begin[s]), sizeof(Int), compare);
+        ascend(rows + begin[s], used - begin[s]);
         begin[s + 1] = used;
         above[s] = used > begin[s] ? of[rows[begin[s]]] : -1;
         if (above[s] >= 0) next[s] = first[above[s]], first[above[s]] = s;

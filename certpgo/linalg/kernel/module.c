@@ -850,6 +850,34 @@ static PyObject *assemble_of(Held *held, PyObject *args)
 }
 CALL(assemble)
 
+/* subtract(indptr, own, b, values, d, data): blocks (n, d, d) from the last rows and columns of the
+ * diagonal blocks of a matrix of b x b blocks */
+static PyObject *subtract_of(Held *held, PyObject *args)
+{
+    Array pointers = {held, INTS}, slots = {held, INTS}, values = {held, DOUBLES};
+    Array into = {held, DOUBLES, WRITTEN};
+    int b, d;
+    if (!PyArg_ParseTuple(args, "O&O&iO&iO&", array, &pointers, array, &slots, &b, array, &values, &d,
+                          array, &into))
+        return NULL;
+    Int n = slots.length;
+    const Int *indptr = pointers.at, *own = slots.at;
+    if (d < 1 || b < d || pointers.length != n + 1 || !are_pointers(indptr, n + 1, indptr[n]) ||
+        values.length != n * d * d || into.length != indptr[n] * b * b ||
+        !are_places(n, 0, indptr, own, NULL, NULL))
+        return refuse("blocks of another pattern");
+    for (Int i = 0; i < n; i++) {
+        const double *from = (const double *)values.at + i * d * d;
+        Int height = b * (indptr[i + 1] - indptr[i]);
+        double *to = (double *)into.at + b * b * indptr[i] + b * (own[i] - indptr[i]) +
+                     (b - d) * (height + 1);
+        for (Int c = 0; c < d; c++)
+            for (Int r = 0; r < d; r++) to[c * height + r] -= from[c * d + r];
+    }
+    return Py_NewRef(Py_None);
+}
+CALL(subtract)
+
 /* expand(indptr, indices, b, rows): the rows (32 bits) of a matrix of b x b blocks */
 static PyObject *expand_of(Held *held, PyObject *args)
 {
@@ -1054,6 +1082,7 @@ static PyMethodDef methods[] = {
     {"lessen", lessen, METH_VARARGS, "Multipliers less a shift."},
     {"blocks", blocks, METH_VARARGS, "The occupied blocks of a graph's matrices."},
     {"assemble", assemble, METH_VARARGS, "A block matrix in compressed columns."},
+    {"subtract", subtract, METH_VARARGS, "Blocks off the diagonal blocks of a matrix."},
     {"expand", expand, METH_VARARGS, "The rows of a matrix of blocks."},
     {"diagonal_places", diagonal_places, METH_VARARGS, "Where the diagonal of a matrix is."},
     {"pin", pin, METH_VARARGS, "Rows and columns of a matrix set to zero."},

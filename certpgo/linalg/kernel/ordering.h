@@ -121,6 +121,8 @@ static int eliminate_all(Quotient *q, Int *order, Int *work, unsigned long long 
     Int n = q->n, *mark = work, *seen = work + n, *outside = work + 2 * n, *touched = work + 3 * n;
     Int *bucket = work + 4 * n, *chain = work + 5 * n;
     Int lowest = 0, done = 0, placed = 0, marks = 0;
+    unsigned long long slots = 1; /* a power of two: divisions would take a third of the time */
+    while (2 * slots <= (unsigned long long)n) slots *= 2;
     for (Int i = 0; i < n; i++) mark[i] = seen[i] = touched[i] = bucket[i] = -1;
     while (done < n) {
         while (q->head[lowest] < 0) lowest++;
@@ -152,13 +154,13 @@ static int eliminate_all(Quotient *q, Int *order, Int *work, unsigned long long 
             }
             /* The degree without i's own weight and that of p, which are added below. */
             q->degree[i] = out < q->degree[i] ? out : q->degree[i];
-            Int slot = (Int)(hash[i] % (unsigned long long)n);
+            Int slot = (Int)(hash[i] & (slots - 1));
             chain[i] = bucket[slot], bucket[slot] = i;
             variables[left++] = i;
         }
         q->many[p] = left;
         for (Int k = 0; k < left; k++) {
-            Int slot = (Int)(hash[variables[k]] % (unsigned long long)n), i = bucket[slot];
+            Int slot = (Int)(hash[variables[k]] & (slots - 1)), i = bucket[slot];
             bucket[slot] = -1;
             for (; i >= 0; i = chain[i]) {
                 if (q->weight[i] == 0) continue;
