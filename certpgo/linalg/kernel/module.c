@@ -21,6 +21,10 @@
 
 typedef int64_t Int;
 
+#ifdef _MSC_VER
+#define restrict __restrict /* its C is C89 with most of C99, but not this word */
+#endif
+
 /* Multiplications between two looks for Ctrl-C: about a second. */
 #define PATIENCE 2e9
 /* Multiplications up to which a front is eliminated without BLAS. */
