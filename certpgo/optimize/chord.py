@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from certpgo.linalg.arrays import FloatArray
 
 #: Limits of the curvature along a step over the factor's: beyond, another step is the better one.
-FLATTEST, STEEPEST = 0.5, 2.0
+FLATTEST, STEEPEST = 0.2, 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +24,7 @@ class Chord:
     Attributes
     ----------
     direction : (N,) -P^-1 g, for half the gradient g
-    decrease : of F, as P predicts it for the direction; positive but for rounding
+    decrease : of F, as P predicts it for the direction; positive
     last : the decrease that was predicted for the step before
     curvature : of F along the last chord over that of P; 1 after a step of another kind
     """
@@ -50,10 +50,15 @@ class Chord:
         found = (2.0 * length - decrease / self.decrease) / length**2
         return min(max(found, FLATTEST), STEEPEST)
 
+    @property
+    def rate(self) -> float:
+        """The predicted decrease over that of the step before, at most 1."""
+        return self.decrease / self.last if self.decrease < self.last else 1.0
+
     def count(self, enough: float) -> float:
-        """Steps until the predicted decrease is ``enough``, at the rate of the last one."""
+        """Steps until the predicted decrease is ``enough`` > 0, at the rate of the last one."""
         if self.decrease <= enough:
             return 0.0
-        if not enough > 0.0 or not self.decrease < self.last:
-            return math.inf
-        return math.log(self.decrease / enough) / math.log(self.last / self.decrease)
+        return (
+            math.log(self.decrease / enough) / -math.log(self.rate) if self.rate < 1.0 else math.inf
+        )

@@ -5,17 +5,16 @@ again (variable projection), so that a long chain of poses can rotate as one bod
 Hessian is replaced by the Gauss-Newton matrix as long as such steps make progress; and a factor
 serves later steps as long as they converge fast (`Chord`).
 
-Local: it finds a stationary point near its initial estimate, at which the Hessian was factorized,
-to rounding: a local minimum in all likelihood, and not necessarily the global one.
+Local: it finds a stationary point near its initial estimate, near which the Hessian was factorized:
+a local minimum in all likelihood, and not necessarily the global one.
 """
 
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -23,13 +22,11 @@ from certpgo.errors import SpecError
 from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
-from certpgo.linalg.blocks import add_to_diagonal
-from certpgo.linalg.cg import End, Truncated, conjugate_gradients
-from certpgo.linalg.factor import Factor, Symbolic
-from certpgo.linalg.multifrontal import Precision
+from certpgo.linalg.cg import End
 from certpgo.objective.base import FirstOrder
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize.chord import Chord
+from certpgo.optimize.factors import Factors
 from certpgo.optimize.iterative import Iterative
 from certpgo.optimize.monitor import Monitor, Stopwatch, silent
 from certpgo.optimize.progress import Progress
@@ -38,7 +35,7 @@ from certpgo.optimize.solution import Solution, Status
 #: Relative decrease of F that is lost in rounding.
 ROUNDING = 16 * np.finfo(float).eps
 #: Chords that take no longer than a step with a new factor, in small graphs.
-CHORDS = 4
+CHORDS = 5
 
 
 @dataclass(frozen=True)
@@ -125,7 +122,7 @@ def newton(
     """
     problem.check(initial)
     watch = watch or Stopwatch()
-    work = _Work(settings, _metric(problem))
+    descent = _Descent(problem, settings)
     state = _State(initial, problem.first_order(initial), exact=near)
     progress = Progress(monitor, settings.tolerance, settings.max_iterations, watch)
     while progress.advance(
@@ -136,19 +133,19 @@ def newton(
         converged=_has_converged(state, settings),
     ):
         with watch.phase("newton"):
-            following = _advance(problem, state, work)
+            following = descent.advance(state)
         if following is None:
             progress.status = Status.STALLED
             break
         state = following
     estimate = Estimate(state.point.rotations, state.point.translations)
-    return progress.solution(estimate, state.cost, counts=dict(work.counts))
+    return progress.solution(estimate, state.cost, counts=dict(descent.factors.counts))
 
 
 def _has_converged(state: _State, settings: NewtonSettings) -> bool:
     if state.stationarity <= settings.tolerance:
         return True
-    return state.chord is not None and state.chord.decrease <= settings.enough * state.cost
+    return state.chord is not None and state.chord.predicted <= settings.enough * state.cost
 
 
 def forcing_term(
@@ -181,19 +178,6 @@ class _State:
     @property
     def stationarity(self) -> float:
         return self.first.stationarity
-
-
-@dataclass
-class _Work:
-    """State kept between steps: the last factor, how well it still works, and counts."""
-
-    settings: NewtonSettings
-    metric: FloatArray  # (n, b) diagonal in which damping is measured
-    factor: Factor | None = None
-    single: bool = True  # whether factors are tried in single precision
-    most: int = 0  # products that cost less than a new factor
-    pace: float = np.inf  # -log(residual) per product of conjugate gradients with the factor
-    counts: Counter[str] = field(default_factory=Counter)
 
 
 class _Model:
@@ -232,147 +216,100 @@ class _Proposal:
     chord: Chord | None = None  # what it is, if it is one
 
 
-def _advance(problem: Problem, state: _State, work: _Work) -> _State | None:
-    """The next point; None if no step improves this one."""
-    settings = work.settings
-    for proposal in _proposals(problem, state, work):
-        if not np.isfinite(proposal.step).all():
-            continue
-        candidate = _retract(problem, state.point, proposal.step)
-        first = problem.first_order(candidate)
-        cost = first.cost
-        gain = (state.cost - cost) / proposal.predicted if proposal.predicted > 0.0 else 0.0
-        # The decrease is below rounding of F; the gradient still shows progress.
-        invisible = proposal.predicted <= ROUNDING * state.cost
-        if not invisible and not gain > settings.min_gain:
-            continue
-        damping = proposal.damping / 10.0 if gain > settings.good_gain else proposal.damping
-        following = _State(
-            candidate,
-            first,
-            step_norm=float(np.linalg.norm(proposal.step)),
-            gain=None if invisible else gain,
-            exact=proposal.exact,
-            progress=(state.cost - cost) / state.cost if state.cost > 0.0 else 0.0,
-            damping=damping if damping >= settings.smallest_damping and not invisible else 0.0,
-        )
-        risen = not cost <= (1.0 + 2.0 * ROUNDING) * state.cost
-        if invisible and (risen or not following.stationarity < state.stationarity):
-            if proposal.reused:
+class _Descent:
+    """Steps from one point to the next, and the factors that they share."""
+
+    def __init__(self, problem: Problem, settings: NewtonSettings) -> None:
+        self.problem, self.settings = problem, settings
+        self.metric = _metric(problem)
+        self.factors = Factors(problem, settings.max_products, settings.single_from)
+
+    def advance(self, state: _State) -> _State | None:
+        """The next point; None if no step improves this one."""
+        settings = self.settings
+        for proposal in self.proposals(state):
+            if not np.isfinite(proposal.step).all():
                 continue
-            return None
-        curvature = 1.0
-        if proposal.chord is not None and not invisible:
-            curvature = proposal.chord.curvature_for(state.cost - cost)
-        return replace(following, chord=_chord(problem, following, proposal, work, curvature))
-    return None
-
-
-def _chord(
-    problem: Problem, state: _State, last: _Proposal, work: _Work, curvature: float
-) -> Chord | None:
-    """The step that the last factor suggests at a point, if it is of the exact Hessian."""
-    if work.factor is None or not state.exact or state.damping > 0.0:
+            candidate = _retract(self.problem, state.point, proposal.step)
+            first = self.problem.first_order(candidate)
+            fallen = state.cost - first.cost
+            gain = fallen / proposal.predicted if proposal.predicted > 0.0 else 0.0
+            # The decrease is below rounding of F; the gradient still shows progress.
+            invisible = proposal.predicted <= ROUNDING * state.cost
+            if not invisible and not gain > settings.min_gain:
+                continue
+            damping = proposal.damping / 10.0 if gain > settings.good_gain else proposal.damping
+            following = _State(
+                candidate,
+                first,
+                step_norm=float(np.linalg.norm(proposal.step)),
+                gain=None if invisible else gain,
+                exact=proposal.exact,
+                progress=fallen / state.cost if state.cost > 0.0 else 0.0,
+                damping=damping if damping >= settings.smallest_damping and not invisible else 0.0,
+            )
+            risen = not first.cost <= (1.0 + 2.0 * ROUNDING) * state.cost
+            if invisible and (risen or not following.stationarity < state.stationarity):
+                if proposal.reused:
+                    continue
+                return None
+            chord = proposal.chord
+            curvature = 1.0 if chord is None or invisible else chord.curvature_for(fallen)
+            return replace(following, chord=self.chord(following, proposal.predicted, curvature))
         return None
-    g = problem.tangent_layout.pack(state.first.tangent)
-    direction = -work.factor.solve(g)
-    return Chord(direction, float(-g @ direction), last.predicted, curvature)
 
+    def chord(self, state: _State, last: float, curvature: float) -> Chord | None:
+        """The step that the last factor suggests, if it is of an exact Hessian."""
+        if self.factors.last is None or not state.exact or state.damping > 0.0:
+            return None
+        g = self.problem.tangent_layout.pack(state.first.tangent)
+        direction = -self.factors.last.solve(g)
+        decrease = float(-g @ direction)
+        return Chord(direction, decrease, last, curvature) if decrease > 0.0 else None
 
-def _proposals(problem: Problem, state: _State, work: _Work) -> Iterator[_Proposal]:
-    """Steps with the old factor if it is still good, then with new ones, increasingly damped."""
-    settings, model = work.settings, _Model(problem, state, work.metric)
-    g, metric = model.g, problem.tangent_layout.pack(work.metric)
-    slow, near = state.progress < settings.slow_decrease, state.stationarity < settings.near
-    exact = state.exact or slow or near
-    tol = forcing_term(state.progress, settings.loosest, settings.tightest)
-    chord = state.chord
-    if chord is not None and chord.decrease > 0.0:
-        enough = max(settings.enough, ROUNDING) * state.cost
-        if chord.count(enough) <= max(CHORDS, work.most / 2):
+    def proposals(self, state: _State) -> Iterator[_Proposal]:
+        """Steps with the old factor if it is still good, then with new ones, ever more damped."""
+        settings, factors = self.settings, self.factors
+        model = _Model(self.problem, state, self.metric)
+        g, metric = model.g, self.problem.tangent_layout.pack(self.metric)
+        slow, near = state.progress < settings.slow_decrease, state.stationarity < settings.near
+        exact = state.exact or slow or near
+        tol = forcing_term(_model_error(state, settings), settings.loosest, settings.tightest)
+        chord, negligible = state.chord, _negligible(state, settings)
+        if chord is not None and chord.count(negligible) <= max(CHORDS, factors.most / 2):
             yield _Proposal(chord.step, chord.predicted, True, 0.0, reused=True, chord=chord)
-        # No closer than the model is to F, and than what ends the descent.
-        worst = max(
-            4.0 * chord.decrease / chord.last, settings.enough * state.cost / chord.decrease
-        )
-        tol = min(settings.loosest, max(settings.tightest, math.sqrt(worst)))
-    expected = -math.log(tol) / work.pace
-    large = problem.n >= settings.large
-    reusable = (state.exact or large) and state.damping == 0.0
-    if work.factor is not None and reusable and expected <= work.most:
-        H = model.hessian if exact else model.gauss_newton
-        solved = _iterated(problem.symbolic(H), H, g, work.factor, tol, work, work.most)
-        if solved.end is End.CONVERGED:
-            predicted = float(solved.x @ (solved.residual - g))
-            yield _Proposal(solved.x, predicted, exact, 0.0, reused=True)
-        elif solved.end is End.NEGATIVE_CURVATURE:
-            exact = exact and state.progress < settings.stagnation
-    damping = state.damping
-    while damping <= settings.largest_damping:
-        H = model.hessian if exact else model.gauss_newton
-        work.factor, work.pace = None, np.inf  # frees its memory first
-        proposal = _solved(problem, H, g, damping * metric, tol, work)
-        if proposal is not None:
-            yield _Proposal(*proposal, exact, damping)
-        elif exact and state.progress >= settings.stagnation:
-            exact = False
-            continue
-        least = settings.first_damping if proposal is None else settings.second_damping
-        damping = max(10.0 * damping, least)
+        large = self.problem.n >= settings.large
+        if (state.exact or large) and state.damping == 0.0 and factors.serve(tol):
+            solved = factors.old(model.hessian if exact else model.gauss_newton, g, tol)
+            if solved.end is End.CONVERGED:
+                predicted = float(solved.x @ (solved.residual - g))
+                yield _Proposal(solved.x, predicted, exact, 0.0, reused=True)
+            elif solved.end is End.NEGATIVE_CURVATURE:
+                exact = exact and state.progress < settings.stagnation
+        damping = state.damping
+        while damping <= settings.largest_damping:
+            H = model.hessian if exact else model.gauss_newton
+            factors.drop()
+            proposal = factors.new(H, g, damping * metric, tol)
+            if proposal is not None:
+                yield _Proposal(*proposal, exact, damping)
+            elif exact and state.progress >= settings.stagnation:
+                exact = False
+                continue
+            least = settings.first_damping if proposal is None else settings.second_damping
+            damping = max(10.0 * damping, least)
 
 
-def _solved(
-    problem: Problem, H: CSC, g: FloatArray, damped: FloatArray, tol: float, work: _Work
-) -> tuple[FloatArray, float] | None:
-    """The step (N,) of a new factor and its predicted decrease; None if H is not definite.
-
-    A factor in single precision takes half the time, and a few products make up for its rounding,
-    unless H is too ill-conditioned for it. Then double precision follows, where memory allows it.
-    """
-    A = add_to_diagonal(H, damped) if damped.any() else H
-    symbolic = problem.symbolic(A)
-    work.most = max(1, int(min(work.settings.max_products, symbolic.products)))
-    last: Precision = "mixed" if symbolic.is_heavy else "double"
-    tried = work.single and work.most >= work.settings.single_from
-    for precision in ("single", last) if tried else (last,):
-        factor = symbolic.factor(A, precision)
-        work.counts["factorizations"] += 1
-        if factor is None:
-            continue
-        if precision == "double":
-            work.factor, work.single, step = factor, False, -factor.solve(g)
-            return step, float(step @ (damped * step - g))
-        # A factor in double precision takes as long as two in single precision.
-        most = max(work.most, min(2 * work.most + 1, work.settings.max_products))
-        solved = _iterated(symbolic, A, g, factor, tol, work, most, trust=tol)
-        enough = (End.CONVERGED, End.LIMIT) if precision == "mixed" else (End.CONVERGED,)
-        predicted = float(solved.x @ (damped * solved.x + solved.residual - g))
-        if solved.end in enough and predicted > 0.0:
-            work.factor, work.single = factor, precision == "single"
-            return solved.x, predicted
-        del factor
-    return None
+def _model_error(state: _State, settings: NewtonSettings) -> float:
+    """The fraction of a step's gain that the quadratic model misses, or that need not be found."""
+    if state.chord is None:
+        return state.progress
+    return max(4.0 * state.chord.rate, _negligible(state, settings) / state.chord.decrease)
 
 
-def _iterated(
-    symbolic: Symbolic,
-    A: CSC,
-    g: FloatArray,
-    factor: Factor,
-    tol: float,
-    work: _Work,
-    most: int,
-    trust: float = 0.0,
-) -> Truncated:
-    """Conjugate gradients for A x = -g, with at most ``most`` products."""
-    multiply = partial(symbolic.multiply, A)
-    solved = conjugate_gradients(
-        multiply, -g, factor.solve, tol=tol, max_iterations=most, trust=trust
-    )
-    work.counts["products"] += solved.products
-    if solved.end is End.CONVERGED:
-        work.pace = -math.log(tol) / solved.products
-    return solved
+def _negligible(state: _State, settings: NewtonSettings) -> float:
+    """A decrease of F that may be left."""
+    return max(settings.enough, ROUNDING) * state.cost
 
 
 def _metric(problem: Problem) -> FloatArray:

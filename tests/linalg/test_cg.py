@@ -71,3 +71,19 @@ def test_a_wide_region_changes_nothing():
         for radius in (np.inf, 10.0)
     )
     np.testing.assert_array_equal(free.x, held.x)
+
+
+@pytest.mark.parametrize(("off", "solves"), [(1.0005, 1), (1.1, 2)])
+def test_a_preconditioner_that_is_nearly_exact_is_trusted(off, solves):
+    """A length of the first step within ``trust`` of 1 saves the solve that would confirm it."""
+    A, asked = spd(5), []
+
+    def precondition(v):
+        asked.append(v)
+        return np.linalg.solve(off * A, v)
+
+    solved = conjugate_gradients(
+        A.__matmul__, np.ones(30), precondition, tol=0.1, max_iterations=9, trust=0.01
+    )
+    assert (solved.end, solved.products, len(asked)) == (End.CONVERGED, 1, solves)
+    np.testing.assert_allclose(A @ solved.x, 1.0, rtol=0, atol=1e-9)
