@@ -293,40 +293,6 @@ static inline void measure_residuals(const Edges *g, Int d, const double *R, con
     }
 }
 
-/* An end of entry k of a list of nodes, edges and reversed edges: its row, or its column. */
-static Int end_of(Int n, Int m, const Int *pairs, Int k, int column)
-{
-    if (k < n) return k;
-    int back = k >= n + m;
-    return pairs[2 * (k - n - (back ? m : 0)) + (back != column)];
-}
-
-/* The occupied blocks of a graph's matrices by rows, columns ascending, and in `slots` (n + 2 m) the
- * block of each entry of that list; returns their number. `work` has room for 2 (n + 2 m) + n + 1. */
-static Int find_blocks(Int n, Int m, const Int *pairs, Int *indptr, Int *indices, Int *slots, Int *work)
-{
-    Int all = n + 2 * m, *by_column = work, *sorted = work + all, *next = sorted + all, blocks = 0;
-    for (int column = 1; column >= 0; column--) {
-        Int *to = column ? by_column : sorted;
-        memset(next, 0, (size_t)(n + 1) * sizeof(Int));
-        for (Int k = 0; k < all; k++) next[end_of(n, m, pairs, k, column) + 1]++;
-        for (Int i = 0; i < n; i++) next[i + 1] += next[i];
-        for (Int q = 0; q < all; q++) {
-            Int k = column ? q : by_column[q];
-            to[next[end_of(n, m, pairs, k, column)]++] = k;
-        }
-    }
-    indptr[0] = 0;
-    for (Int q = 0, row = -1, column = -1; q < all; q++) {
-        Int i = end_of(n, m, pairs, sorted[q], 0), j = end_of(n, m, pairs, sorted[q], 1);
-        if (i != row || j != column) indices[blocks++] = j;
-        row = i, column = j;
-        slots[sorted[q]] = blocks - 1;
-        indptr[i + 1] = blocks;
-    }
-    return blocks;
-}
-
 /* Subtract shift I and the symmetric part of Y_i^T G Y_i, unless G is NULL, of some nodes' blocks Y
  * (n, r, d), from multipliers (n, d, d). */
 static void take_off(Int count, const Int *nodes, Int r, Int d, const double *Y, const double *G,
@@ -351,42 +317,6 @@ static void take_off(Int count, const Int *nodes, Int r, Int d, const double *Y,
                 of[a * d + c] -= sum;
                 if (c > a) of[c * d + a] -= sum;
             }
-    }
-}
-
-/* Whether each block's place is in its node's column. */
-static int are_places(Int n, Int m, const Int *indptr, const Int *own, const Int *slots,
-                      const Int *pairs)
-{
-    if (!all_below(pairs, 2 * m, n)) return 0;
-    for (Int i = 0; i < n; i++)
-        if (own[i] < indptr[i] || own[i] >= indptr[i + 1]) return 0;
-    for (Int e = 0; e < m; e++)
-        for (int back = 0; back < 2; back++) {
-            Int i = pairs[2 * e + back], at = slots[back * m + e];
-            if (at < indptr[i] || at >= indptr[i + 1]) return 0;
-        }
-    return 1;
-}
-
-/* Blocks into a matrix in compressed columns; those of parallel edges are added. */
-static void place_blocks(Int n, Int m, Int b, const Int *indptr, const Int *own, const Int *slots,
-                         const Int *pairs, const double *diagonal, const double *upper, double *data)
-{
-    for (Int i = 0; i < n; i++) {
-        Int height = b * (indptr[i + 1] - indptr[i]);
-        double *to = data + b * b * indptr[i] + b * (own[i] - indptr[i]);
-        for (Int c = 0; c < b; c++) memcpy(to + c * height, diagonal + (i * b + c) * b, (size_t)b * sizeof(double));
-    }
-    for (Int e = 0; e < m; e++) {
-        const double *block = upper + e * b * b;
-        for (int back = 0; back < 2; back++) {
-            Int i = pairs[2 * e + back], height = b * (indptr[i + 1] - indptr[i]);
-            double *to = data + b * b * indptr[i] + b * (slots[back * m + e] - indptr[i]);
-            for (Int c = 0; c < b; c++)
-                for (Int r = 0; r < b; r++)
-                    to[c * height + r] += back ? block[r * b + c] : block[c * b + r];
-        }
     }
 }
 
