@@ -26,6 +26,7 @@ from certpgo.linalg.blocks import scatter_sum
 from certpgo.linalg.so import rotation_defect
 from certpgo.objective import operators
 from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.optimize.newton import NewtonSettings, newton
 
 #: First shift tried, in units of rounding of the mean diagonal (for poses, times the growth), and
 #: its growth per attempt.
@@ -39,6 +40,8 @@ UNITS, MARGIN = 0.05, 1.5
 #: compensate this multiple of the translations' amounts.
 SAFETY = 1.2
 ROUNDS = 10
+#: The descent to a stationary point.
+CLOSE = NewtonSettings(tolerance=1e-11)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,13 +74,16 @@ def prove(
     Parameters
     ----------
     graph : the problem's measurements, to the last bit
-    point : near-stationary, of any rank; its translations are first made optimal for its rotations
+    point : near-stationary, of any rank; an estimate first descends to where it is stationary, as a
+        proof shows more digits than a descent for other purposes finds
     fallback : less sharp multipliers, e.g. of another point if the relaxation is loose
     """
     from threadpoolctl import threadpool_limits
 
     # Threads slow down the checker's many small products.
     with threadpool_limits(limits=1):
+        if isinstance(point, Estimate):
+            point = newton(problem, problem.settled(point), CLOSE, near=True).estimate
         prover = _Prover(problem, graph, problem.settled(point))
         shift = FIRST_SHIFT * prover.shifted.unit * (1.0 if prover.shifted.pin is None else GROWTH)
         for _ in range(SHIFTS):

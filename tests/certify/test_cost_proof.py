@@ -26,6 +26,7 @@ from certpgo.costs.problem import surrogate_of
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.information import InformationGraph
+from certpgo.graph.lift import lifted
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem
 
@@ -385,7 +386,9 @@ def test_only_the_costs_that_the_checker_knows_are_proven(small):
         with pytest.raises(NumericalError, match="no lower bound above zero"):
             cost_evidence(problem, graph, replace(answer.certificate, **bare))
     huge = answer.certificate.multipliers + 1e9 * np.eye(instance.graph.d)
-    there = replace(answer.certificate.support, point=random_estimate(problem))
+    # A point of higher rank, which a proof takes as it is.
+    away = lifted(random_estimate(problem), instance.graph.d + 1)
+    there = replace(answer.certificate.support, point=away)
     bad = replace(answer.certificate, multipliers=huge, support=there)
     with pytest.raises(NumericalError, match="cannot be proven"):
         cost_evidence(problem, graph, bad)

@@ -144,9 +144,12 @@ static PyObject *hessian_of(Held *held, PyObject *args)
         (g.tau && (first.length != n * d || degree.length != n)))
         return refuse("blocks of another graph");
     const Nodes nodes = {n, spread.at, multipliers.at, first.at, degree.at};
+    int move = g.tau != NULL;
     IN_SPACE(d,
-             (couple(&g, 2, R.at, upper.at), restrict_to_tangents(&nodes, g.tau != NULL, 2, R.at, diagonal.at)),
-             (couple(&g, 3, R.at, upper.at), restrict_to_tangents(&nodes, g.tau != NULL, 3, R.at, diagonal.at)))
+             (couple(&g, 2, R.at, upper.at),
+              restrict_to_tangents(&nodes, move, 2, R.at, diagonal.at)),
+             (couple(&g, 3, R.at, upper.at),
+              restrict_to_tangents(&nodes, move, 3, R.at, diagonal.at)))
     return Py_NewRef(Py_None);
 }
 CALL(hessian)

@@ -62,7 +62,8 @@ static void place_blocks(Int n, Int m, Int b, const Int *indptr, const Int *own,
     for (Int i = 0; i < n; i++) {
         Int height = b * (indptr[i + 1] - indptr[i]);
         double *to = data + b * b * indptr[i] + b * (own[i] - indptr[i]);
-        for (Int c = 0; c < b; c++) memcpy(to + c * height, diagonal + (i * b + c) * b, (size_t)b * sizeof(double));
+        for (Int c = 0; c < b; c++)
+            memcpy(to + c * height, diagonal + (i * b + c) * b, (size_t)b * sizeof(double));
     }
     for (Int e = 0; e < m; e++) {
         const double *block = upper + e * b * b;
