@@ -253,6 +253,8 @@ class _Descent:
                 if proposal.reused:
                     continue
                 return None
+            if proposal.damping > 0.0:
+                self.factors.drop()  # it is not of a Hessian
             chord = proposal.chord
             curvature = 1.0 if chord is None or invisible else chord.curvature_for(fallen)
             return replace(following, chord=self.chord(following, proposal.predicted, curvature))
@@ -260,7 +262,7 @@ class _Descent:
 
     def chord(self, state: _State, last: float, curvature: float) -> Chord | None:
         """The step that the last factor suggests, after one of an exact Hessian."""
-        if self.factors.last is None or not state.exact or state.damping > 0.0:
+        if self.factors.last is None or not state.exact:
             return None
         g = self.problem.tangent_layout.pack(state.first.tangent)
         direction = -self.factors.last.solve(g)
@@ -279,7 +281,9 @@ class _Descent:
         if chord is not None and chord.count(negligible) <= max(CHORDS, factors.most / 2):
             yield _Proposal(chord.step, chord.predicted, True, 0.0, reused=True, chord=chord)
         large = self.problem.n >= settings.large
-        if (state.exact or large) and state.damping == 0.0 and factors.serve(tol):
+        # Otherwise its predictions, and steps that are small in its norm, are not those of F.
+        falling = chord is None or chord.rate < 1.0
+        if (state.exact or large) and falling and factors.serve(tol):
             solved = factors.old(model.hessian if exact else model.gauss_newton, g, tol)
             if solved.end is End.CONVERGED:
                 predicted = float(solved.x @ (solved.residual - g))

@@ -11,13 +11,14 @@ from hypothesis import given, settings
 from strategies import dimensions, pose_graph, rng_of, seeds
 
 from certpgo.errors import SpecError
-from certpgo.graph import Estimate
+from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import compiled, factor, multifrontal, so
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.optimize import spectral
 from certpgo.optimize.monitor import Iteration, Stopwatch, TableMonitor, silent
-from certpgo.optimize.newton import NewtonSettings, newton
+from certpgo.optimize.newton import NewtonSettings, _Descent, _State, newton
 from certpgo.optimize.solution import Status
+from certpgo.optimize.starts import start_of
 
 #: DESIGN section 5: SE-Sync's weights, poses and rotations alone.
 OPTIMA = {
@@ -73,6 +74,31 @@ def test_starts_far_away_are_damped_into_a_minimum():
             problem, Estimate(so.random(rng, 20, 3)), NewtonSettings(max_iterations=300)
         )
         assert problem.stationarity(solution.estimate) < 1e-10
+
+
+def test_an_old_factor_does_not_lead_in_tiny_steps():
+    """Weights over 12 decades: a step whose gradient is small by an old factor gains nothing."""
+    rng = rng_of(613)
+    graph, _, _ = pose_graph(rng, 6, 2, extra=5)
+    m, turns = graph.num_edges, graph.rotation
+    kappa, tau = 10.0 ** rng.uniform(-6, 6, (2, m))
+    weighted = RotationGraph(6, graph.edges, turns.rotations, kappa)
+    problem = PoseProblem(PoseGraph(weighted, graph.translations, tau))
+    start = start_of(problem).estimate
+    solution = newton(problem, start, NewtonSettings(tolerance=1e-11, enough=1e-12), near=True)
+    assert solution.status is Status.CONVERGED
+    assert solution.iterations < 20
+
+
+@pytest.mark.parametrize("damping", [0.0, 1e-9])
+def test_a_factor_of_a_damped_hessian_serves_no_other_step(damping):
+    graph, R, _ = pose_graph(rng_of(0), 8, 3)
+    descent = _Descent(PoseProblem(graph), NewtonSettings())
+    point = descent.problem.complete(R)
+    state = _State(point, descent.problem.first_order(point), exact=True, damping=damping)
+    following = descent.advance(state)
+    assert following.damping == 0.0  # less than the smallest
+    assert (following.chord is None) == (damping > 0.0)
 
 
 def test_noise_free_graph_reaches_zero():
