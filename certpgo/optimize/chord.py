@@ -56,9 +56,9 @@ class Chord:
         return self.decrease / self.last if self.decrease < self.last else 1.0
 
     def count(self, enough: float) -> float:
-        """Steps until the predicted decrease is ``enough`` > 0, at the rate of the last one."""
+        """Steps until the predicted decrease is ``enough``, at the rate of the last one."""
         if self.decrease <= enough:
             return 0.0
-        return (
-            math.log(self.decrease / enough) / -math.log(self.rate) if self.rate < 1.0 else math.inf
-        )
+        if not (enough > 0.0 and self.rate < 1.0):
+            return math.inf
+        return math.log(self.decrease / enough) / -math.log(self.rate)

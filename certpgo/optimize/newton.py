@@ -259,7 +259,7 @@ class _Descent:
         return None
 
     def chord(self, state: _State, last: float, curvature: float) -> Chord | None:
-        """The step that the last factor suggests, if it is of an exact Hessian."""
+        """The step that the last factor suggests, after one of an exact Hessian."""
         if self.factors.last is None or not state.exact or state.damping > 0.0:
             return None
         g = self.problem.tangent_layout.pack(state.first.tangent)

@@ -364,6 +364,7 @@ def test_patterns_and_trees_that_are_none_are_refused():
         (1, whole(0, 2)),
         (2, whole(0, 2)),
         (3, whole(1, 0)),
+        (3, whole(1, 2**63 - 1)),
         (4, whole(-5, 1, 2)),
         (5, whole(500000000, -1)),
         (5, whole(0, -1)),

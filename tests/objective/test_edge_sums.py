@@ -142,10 +142,11 @@ def test_large_ranks_are_left_to_numpy():
     lift = lifted(Estimate(R), LARGEST_RANK + 1)
     low, high = EdgeSums(graph).gradient(Estimate(R)), EdgeSums(graph).gradient(lift)
     np.testing.assert_allclose(high[0][:, :3], low[0], rtol=1e-12, atol=1e-12)
-    with pytest.raises(ValueError, match="rank above 32"):
-        compiled.kernel.gradient(
-            EdgeSums(graph)._edges, 3, 40, np.zeros((5, 40, 3)), None, None, np.zeros(15)
-        )
+    for rank in (40, 2**30):
+        with pytest.raises(ValueError, match="rank above 32"):
+            compiled.kernel.gradient(
+                EdgeSums(graph)._edges, 3, rank, np.zeros((5, 40, 3)), None, None, np.zeros(15)
+            )
 
 
 def test_poses_need_translations():
@@ -307,6 +308,7 @@ def test_multipliers_of_other_nodes():
         (gauge, one, nodes + 1, 3),
         (gauge[1:], one, nodes, 3),
         (gauge, one, nodes, 4),
+        (gauge, one, nodes, 2**16),
         (np.eye(33), np.zeros((4, 33, 3)), nodes, 3),
     ):
         with pytest.raises(ValueError, match="other nodes"):

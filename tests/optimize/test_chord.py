@@ -19,6 +19,7 @@ def chord(decrease=1e-6, last=1e-2, curvature=1.0):
 def test_how_many_steps_are_left():
     assert chord().count(1e-12) == pytest.approx(1.5)  # each gains 1e4 less than the one before
     assert chord().count(1e-6) == 0.0
+    assert chord().count(0.0) == math.inf
     assert chord(decrease=1e-2).count(1e-12) == math.inf  # no progress
 
 

@@ -121,6 +121,17 @@ static int are_pointers(const Int *indptr, Py_ssize_t length, Py_ssize_t entries
     return 1;
 }
 
+/* Whether each node has a row, and all of them no more than BLAS can count; else refused. */
+static int are_sizes(const Int *sizes, Py_ssize_t count)
+{
+    Int rows = 0;
+    for (Py_ssize_t k = 0; k < count; rows += sizes[k++]) {
+        if (sizes[k] < 1) return refuse("a node has at least one row") != NULL;
+        if (sizes[k] > INT32_MAX - rows) return refuse("a matrix has fewer than 2^31 rows") != NULL;
+    }
+    return 1;
+}
+
 static PyObject *bytes_of(const Int *values, Int count)
 {
     return PyBytes_FromStringAndSize((const char *)values, (Py_ssize_t)(count * (Int)sizeof(Int)));

@@ -123,7 +123,7 @@ static inline void IN(subtract)(REAL *restrict to, Int lead, Int count, Int rows
 }
 
 /* `eliminate` for fronts in which calls of BLAS would take most of the time. Sums are those of
- * docs/multifrontal.md in another order, and diagonal entries divide by their reciprocals. */
+ * docs/multifrontal.md in another order, and columns are divided by multiplying with a reciprocal. */
 static int IN(eliminate_small)(REAL *panel, Int nc, Int ld, REAL *update)
 {
     for (Int c = 0; c < nc; c++) {

@@ -73,7 +73,7 @@ static PyObject *gradient_of(Held *held, PyObject *args)
                           array, &terms) ||
         !edges_of(held, tuple, d, &g))
         return NULL;
-    Int n = r > 0 ? R.length / (r * d) : 0;
+    Int n = r > 0 && r <= 32 ? R.length / (r * d) : 0;
     if (r < 1 || r > 32 || n * r * d != R.length || !all_below(g.pairs, 2 * g.m, n) ||
         terms.length != g.m || (G.at && G.length != n * r * (d + (g.tau != NULL))) ||
         (g.tau && t.length != n * r))
@@ -203,7 +203,7 @@ static PyObject *lessen_of(Held *held, PyObject *args)
     if (!PyArg_ParseTuple(args, "dO&O&O&iO&", &shift, array, &G, array, &Y, array, &nodes, &d, array,
                           &multipliers))
         return NULL;
-    Int n = d > 0 ? multipliers.length / (d * d) : 0, r = n ? Y.length / (n * d) : 0;
+    Int n = d == 2 || d == 3 ? multipliers.length / (d * d) : 0, r = n ? Y.length / (n * d) : 0;
     if (d < 2 || d > 3 || r > 32 || multipliers.length != n * d * d || Y.length != n * r * d ||
         (G.at && G.length != r * r) || !all_below(nodes.at, nodes.length, n))
         return refuse("multipliers of other nodes, or a rank above 32");

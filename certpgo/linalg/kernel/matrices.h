@@ -34,6 +34,12 @@ static Int find_blocks(Int n, Int m, const Int *pairs, Int *indptr, Int *indices
     return blocks;
 }
 
+/* Whether so many blocks of b x b have that many entries, for any b. */
+static int are_blocks(Int count, Int b, Int entries)
+{
+    return b > 0 && entries % (b * b) == 0 && entries / (b * b) == count;
+}
+
 /* Whether each block's place is in its node's column. */
 static int are_places(Int n, Int m, const Int *indptr, const Int *own, const Int *slots,
                       const Int *pairs)
@@ -124,7 +130,7 @@ static PyObject *subtract_of(Held *held, PyObject *args)
     Int n = slots.length;
     const Int *indptr = pointers.at, *own = slots.at;
     if (d < 1 || b < d || pointers.length != n + 1 || !are_pointers(indptr, n + 1, indptr[n]) ||
-        values.length != n * d * d || into.length != indptr[n] * b * b ||
+        !are_blocks(indptr[n], b, into.length) || values.length != n * d * d ||
         !are_places(n, 0, indptr, own, NULL, NULL))
         return refuse("blocks of another pattern");
     for (Int i = 0; i < n; i++) {
@@ -148,7 +154,8 @@ static PyObject *expand_of(Held *held, PyObject *args)
         return NULL;
     const Int *indptr = pointers.at, *indices = blocks.at;
     int32_t *rows = into.at;
-    if (!are_pointers(indptr, pointers.length, blocks.length) || into.length != blocks.length * b * b)
+    if (!are_pointers(indptr, pointers.length, blocks.length) ||
+        !are_blocks(blocks.length, b, into.length))
         return refuse("rows of another pattern");
     for (Int i = 0; i + 1 < pointers.length; i++)
         for (Int c = 0; c < b; c++)

@@ -21,6 +21,10 @@
 
 typedef int64_t Int;
 
+#ifdef _MSC_VER
+#define restrict __restrict /* its C is C89 with most of C99, but not this word */
+#endif
+
 /* Multiplications between two looks for Ctrl-C: about a second. */
 #define PATIENCE 2e9
 /* Multiplications up to which a front is eliminated without BLAS. */
@@ -61,7 +65,7 @@ static PyObject *analyze_of(Held *held, PyObject *args)
         !are_pointers(indptr, n + 1, neighbours.length) ||
         !all_below(indices, neighbours.length, n) || !all_below(before, n, n))
         return refuse("not a pattern of as many nodes as order and sizes have");
-    if (!is_symmetric(held, n, indptr, indices)) return NULL;
+    if (!are_sizes(sizes.at, n) || !is_symmetric(held, n, indptr, indices)) return NULL;
     Int *order = memory(held, 16 * n + 16, sizeof(Int)), *rows = NULL;
     if (!order) return NULL;
     Int *place = order + n, *parent = order + 2 * n, *columns = order + 3 * n;
@@ -171,8 +175,7 @@ static PyObject *measure_of(Held *held, PyObject *args)
     Fronts f = {.n = n, .many = many, .indptr = a[0].at, .indices = a[1].at, .order = a[2].at,
                 .sizes = a[3].at, .offset = offset, .start = a[4].at, .above = a[5].at,
                 .begin = a[6].at, .rows = a[7].at};
-    for (Int i = 0; i < a[3].length; i++)
-        if (f.sizes[i] < 1) return refuse("a node has at least one row");
+    if (!are_sizes(f.sizes, a[3].length)) return NULL;
     if (a[3].length != n || a[8].length != n || a[9].length != n + 1 || a[10].length != n + 1 ||
         a[4].length != many + 1 || a[6].length != many + 1 || a[11].length != many + 1 ||
         !are_pointers(f.indptr, a[0].length, a[1].length) || a[0].length != n + 1 ||
@@ -276,8 +279,7 @@ static int fronts_of(Held *held, PyObject *tuple, Fronts *f)
     for (int k = 0; k < 12; k++)
         if (a[k].length != expected[k]) return refuse("not the fronts of a pattern") != NULL;
     if (f->start[many] > n) return refuse("more nodes in fronts than in the pattern") != NULL;
-    for (Int k = 0; k < n; k++)
-        if (f->sizes[k] < 1) return refuse("a node has at least one row") != NULL;
+    if (!are_sizes(f->sizes, n)) return 0;
     if (!are_pointers(f->offset, n + 1, f->offset[n]) || !are_parents(many, f->above) ||
         !are_pointers(f->start, many + 1, f->start[many]) ||
         !are_pointers(f->panel, many + 1, f->panel[many]))
