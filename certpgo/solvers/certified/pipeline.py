@@ -197,7 +197,7 @@ def _as_close_as(case: Case, newton: NewtonSettings) -> NewtonSettings:
     if isinstance(case.problem, PoseProblem):
         return newton
     # A certificate of rotations alone compensates nothing but their rounding.
-    return replace(newton, enough=0.01 * newton.enough)
+    return replace(newton, enough=0.1 * newton.enough)
 
 
 def _disagreement(

@@ -73,7 +73,7 @@ class SolveSettings:
     same_cost: float = 1e-9
     hope: float = 20.0
     newton: NewtonSettings = field(
-        default_factory=lambda: NewtonSettings(tolerance=1e-11, max_iterations=200, enough=1e-12)
+        default_factory=lambda: NewtonSettings(tolerance=1e-11, max_iterations=200, enough=1e-13)
     )
 
     def __post_init__(self) -> None:
