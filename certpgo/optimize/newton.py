@@ -281,7 +281,7 @@ class _Descent:
         if chord is not None and chord.count(negligible) <= max(CHORDS, factors.most / 2):
             yield _Proposal(chord.step, chord.predicted, True, 0.0, reused=True, chord=chord)
         large = self.problem.n >= settings.large
-        # Where its predictions do not fall, steps that solve for the gradient in its norm gain little.
+        # Where its predictions do not fall, a gradient that is small in its norm means little.
         falling = chord is None or chord.rate < 1.0
         if (state.exact or large) and falling and factors.serve(tol):
             solved = factors.old(model.hessian if exact else model.gauss_newton, g, tol)
