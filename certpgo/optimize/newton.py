@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -239,7 +239,14 @@ class _Descent:
             if not invisible and not gain > settings.min_gain:
                 continue
             damping = proposal.damping / 10.0 if gain > settings.good_gain else proposal.damping
-            following = _State(
+            risen = not first.cost <= (1.0 + 2.0 * ROUNDING) * state.cost
+            if invisible and (risen or not first.stationarity < state.stationarity):
+                if proposal.reused:
+                    continue
+                return None
+            if proposal.damping > 0.0:
+                self.factors.drop()  # it is not of a Hessian
+            return _State(
                 candidate,
                 first,
                 step_norm=float(np.linalg.norm(proposal.step)),
@@ -247,27 +254,23 @@ class _Descent:
                 exact=proposal.exact,
                 progress=fallen / state.cost if state.cost > 0.0 else 0.0,
                 damping=damping if damping >= settings.smallest_damping and not invisible else 0.0,
+                chord=self.chord(first, proposal, None if invisible else fallen),
             )
-            risen = not first.cost <= (1.0 + 2.0 * ROUNDING) * state.cost
-            if invisible and (risen or not following.stationarity < state.stationarity):
-                if proposal.reused:
-                    continue
-                return None
-            if proposal.damping > 0.0:
-                self.factors.drop()  # it is not of a Hessian
-            chord = proposal.chord
-            curvature = 1.0 if chord is None or invisible else chord.curvature_for(fallen)
-            return replace(following, chord=self.chord(following, proposal.predicted, curvature))
         return None
 
-    def chord(self, state: _State, last: float, curvature: float) -> Chord | None:
-        """The step that the last factor suggests, after one of an exact Hessian."""
-        if self.factors.last is None or not state.exact:
+    def chord(self, first: FirstOrder, last: _Proposal, fallen: float | None) -> Chord | None:
+        """The step that the last factor suggests, after one of an exact Hessian.
+
+        F has fallen by ``fallen``; None if that is within rounding.
+        """
+        if self.factors.last is None or not last.exact:
             return None
-        g = self.problem.tangent_layout.pack(state.first.tangent)
+        g = self.problem.tangent_layout.pack(first.tangent)
         direction = -self.factors.last.solve(g)
-        decrease = float(-g @ direction)
-        return Chord(direction, decrease, last, curvature) if decrease > 0.0 else None
+        decrease, curvature = float(-g @ direction), 1.0
+        if last.chord is not None and fallen is not None:
+            curvature = last.chord.curvature_for(fallen)
+        return Chord(direction, decrease, last.predicted, curvature) if decrease > 0.0 else None
 
     def proposals(self, state: _State) -> Iterator[_Proposal]:
         """Steps with the old factor if it is still good, then with new ones, ever more damped."""

@@ -21,7 +21,6 @@ from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize.marginals import Marginals
 from certpgo.optimize.monitor import Monitor
-from certpgo.optimize.newton import NewtonSettings
 from certpgo.optimize.progress import stoppable
 from certpgo.optimize.solution import Level, Solution
 from certpgo.optimize.starts import Start
@@ -178,7 +177,7 @@ def search_and_certify(
     case = Case.of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
     # Cheaper bounds suffice to guide the search.
     steering = replace(case, tier=Tier.STANDARD) if case.tier is Tier.PROOF else case
-    closer = replace(settings, newton=_as_close_as(case, settings.newton))
+    closer = _as_close_as(case, settings)
     with stoppable(monitor, case.unit, settings.time_limit) as stop:
         search = Staircase(steering, closer, stop, initial)
         found = on_disagreement and _disagreement(search, problem, on_disagreement)
@@ -190,14 +189,15 @@ def search_and_certify(
     return replace(result, disagreement=found) if confirmed else result
 
 
-def _as_close_as(case: Case, newton: NewtonSettings) -> NewtonSettings:
-    """Descents that end as close to the minimum as the certificate can tell."""
+def _as_close_as(case: Case, settings: SolveSettings) -> SolveSettings:
+    """Settings whose descents end as close to the minimum as the certificate can tell."""
+    newton = settings.newton
     if case.tier is Tier.PROOF:
-        return replace(newton, enough=0.0)
+        return replace(settings, newton=replace(newton, enough=0.0))
     if isinstance(case.problem, PoseProblem):
-        return newton
+        return settings
     # A certificate of rotations alone compensates nothing but their rounding.
-    return replace(newton, enough=0.1 * newton.enough)
+    return replace(settings, newton=replace(newton, enough=0.1 * newton.enough))
 
 
 def _disagreement(

@@ -108,4 +108,4 @@ class SolveSettings:
         for name in options:
             if name not in known:
                 raise SpecError.unknown("setting of solve", name, known)
-        return replace(self, **options)
+        return replace(self, **options) if options else self
