@@ -346,10 +346,10 @@ def test_the_committed_zoo_is_compared_with_the_rest():
     results = registry.repository() / "reports" / "results"
     committed = regression.load_records(results)
     alone = regression.load_records(results / "zoo.jsonl")
-    assert len(alone) == 230
+    assert len(alone) > 200
     assert {key for key in committed if key.table == "zoo"} == set(alone)
     found = regression.compare_records(alone, committed)
-    assert (found.compared, found.movements) == (230, ())
+    assert (found.compared, found.movements) == (len(alone), ())
 
 
 def write(path, *records):
