@@ -11,7 +11,7 @@ import pytest
 
 import certpgo
 from certpgo.datasets import synthetic
-from certpgo.graph.wording import aligned, shown_path
+from certpgo.graph.wording import aligned, rounded_up, shown_path
 from certpgo.optimize.solution import Status
 
 LINES, WIDTH = 24, 80
@@ -68,7 +68,7 @@ def test_the_rest_shows_the_shape_of_arrays(answer, made):
 def test_an_answer_says_the_numbers_and_what_is_proven(answer):
     said = str(answer)
     assert said.startswith("CERTIFIED: no estimate can be better")
-    assert f"{answer.certificate.cost_upper:.12g}" in said
+    assert rounded_up(answer.certificate.cost_upper, 12) in said
     assert "27 poses, 51 edges, 3D" in said
     assert "certpgo.write(path, answer)" in said
     assert answer.summary() == said == repr(answer.summary())

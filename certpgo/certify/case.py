@@ -22,6 +22,7 @@ from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.graph import Estimate
 from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.lift import Point
+from certpgo.graph.wording import rounded_down, rounded_up
 from certpgo.objective.problem import Problem
 from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.optimize.solution import Solution, Status
@@ -335,12 +336,12 @@ def tier_called(tier: Tier | str) -> Tier:
 def _reason(c: Certificate) -> str:
     if not math.isfinite(c.cost_upper):
         return "the cost of this estimate is beyond the range of doubles"
-    floor = f"no estimate of this graph costs less than {c.lower_bound:.10g}"
+    floor = f"no estimate of this graph costs less than {rounded_down(c.lower_bound, 10)}"
     if c.tier is Tier.SCREEN:
         floor = f"likely, though not proven at this tier: {floor}"
-    own = f"this one costs {c.cost_upper:.10g}"
+    own = f"this one costs {rounded_up(c.cost_upper, 10)}"
     by = "after local descent" if c.descended else "with its best translations"
-    improved = f"{own} and, {by}, {c.refined_cost:.10g}"
+    improved = f"{own} and, {by}, {rounded_up(c.refined_cost, 10)}"
     lower = c.refined_cost < c.cost_upper - c.tolerance
     if c.verdict is Verdict.CERTIFIED:
         within = f"{floor}; {own}, within {_of_f(c)} of the optimum"
@@ -353,12 +354,12 @@ def _reason(c: Certificate) -> str:
             else small
         )
     if c.better_cost is not None and c.verdict is not Verdict.REFUTED:
-        also = f"another estimate costs {c.better_cost:.10g}"
+        also = f"another estimate costs {rounded_up(c.better_cost, 10)}"
         return f"{floor}; {improved if lower else own}; {also}"
     if c.better_cost is not None:
         return (
-            f"another estimate costs {c.better_cost:.10g}; {improved if lower else own}, and local "
-            f"descent from it does not lead there; {floor}"
+            f"another estimate costs {rounded_up(c.better_cost, 10)}; "
+            f"{improved if lower else own}, and local descent from it does not lead there; {floor}"
         )
     if c.verdict is Verdict.UNDECIDED:
         return f"{own}, and no lower bound above zero could be proven"
@@ -377,7 +378,7 @@ def _reason(c: Certificate) -> str:
 def _of_f(c: Certificate) -> str:
     """The gap relative to F and in absolute terms."""
     if not c.cost_upper > 0.0:
-        return f"{c.gap:.2g}"
+        return rounded_up(c.gap, 2)
     share = c.gap / c.cost_upper
-    said = f"{100.0 * share:.3g} % of" if share > LARGE else f"{share:.2g}"
-    return f"{said} F = {c.gap:.2g}"
+    said = f"{rounded_up(100.0 * share, 3)} % of" if share > LARGE else rounded_up(share, 2)
+    return f"{said} F = {rounded_up(c.gap, 2)}"

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from certpgo.graph.speaking import Speaking
-from certpgo.graph.wording import reading_sentence
+from certpgo.graph.wording import reading_sentence, rounded_down, rounded_up
 
 #: The cost F of isotropic weights.
 CHORDAL = "F"
@@ -128,20 +128,22 @@ def stated_objective(reading: Mapping[str, str], certificate: Statement) -> str:
 
 
 def part(share: float) -> str:
-    """A share in percent, or in scientific notation if it is small."""
-    return f"{100.0 * share:.3g} %" if share >= 1e-3 else f"{share:.2e}"
+    """A share, rounded up, in percent, or in scientific notation if it is small."""
+    if share >= 1e-3:
+        return f"{rounded_up(100.0 * share, 3)} %"
+    return f"{float(rounded_up(share, 3)):.2e}"
 
 
 def numbers(certificate: Statement) -> Iterable[tuple[str, str]]:
     """Cost, bound, gap and tolerance as names and values."""
-    yield "cost F, at most", f"{certificate.cost_upper:.12g}"
+    yield "cost F, at most", rounded_up(certificate.cost_upper, 12)
     if math.isfinite(certificate.lower_bound):
         claim = "no estimate of this graph costs less"
         claim = f"likely: {claim}" if certificate.tier == "screen" else claim
-        yield "lower bound", f"{certificate.lower_bound:.12g}  ({claim})"
+        yield "lower bound", f"{rounded_down(certificate.lower_bound, 12)}  ({claim})"
         positive = certificate.cost_upper > 0.0
         share = f"  ({part(certificate.relative_gap)} of the cost)" if positive else ""
-        yield "gap", f"{certificate.gap:.3g}{share}"
+        yield "gap", f"{rounded_up(certificate.gap, 3)}{share}"
     mostly = certificate.atol * certificate.scale > certificate.rtol * certificate.cost_upper
     of_weights = f"  (mostly {certificate.atol:.3g} of the total weight W)" if mostly else ""
     yield "tolerance", f"{certificate.tolerance:.3g}{of_weights}"

@@ -1,9 +1,11 @@
-"""Counts, weights and sources in words, and names and values in lines."""
+"""Counts, bounds, weights and sources in words, and names and values in lines."""
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from pathlib import Path
 
 from certpgo.linalg.arrays import FloatArray
@@ -17,6 +19,22 @@ ROUND = 1.01
 def counted(count: int, what: str) -> str:
     """The count and what is counted, ``{s}`` marking its plural: 1 node, 2 nodes."""
     return f"{count} {what.replace('{s}', '' if count == 1 else 's')}"
+
+
+def rounded_up(value: float, digits: int) -> str:
+    """An upper bound to so many digits: it still is one."""
+    return _rounded(value, digits, ROUND_CEILING)
+
+
+def rounded_down(value: float, digits: int) -> str:
+    """A lower bound to so many digits: it still is one."""
+    return _rounded(value, digits, ROUND_FLOOR)
+
+
+def _rounded(value: float, digits: int, way: str) -> str:
+    if math.isfinite(value):
+        value = float(Context(digits, way).create_decimal(Decimal(value)))
+    return f"{value:.{digits}g}"
 
 
 def aligned(pairs: Iterable[tuple[str, str]], width: int | None = None) -> Iterator[str]:

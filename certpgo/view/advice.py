@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from certpgo.certify import Certificate, Verdict
+from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.costs import own_cost
 from certpgo.graph import Instance
 
@@ -94,6 +94,11 @@ def _after_certified(given: _Given) -> Iterator[Step]:
 
 
 def _after_bounded(certificate: Certificate, given: _Given) -> Iterator[Step]:
+    if certificate.tier is Tier.SCREEN:
+        proven = ("--tier", "standard")
+        command = given.solve(*proven) if given.searched else given.certify(*proven)
+        yield "This tier proves nothing; the standard tier proves a gap.", command
+        return
     if certificate.basin_is_global:
         yield (
             "The basin is right. Take the estimate that descent ends at, which is optimal.",
@@ -134,7 +139,7 @@ def _after_refuted(given: _Given) -> Iterator[Step]:
 
 def _after_undecided(given: _Given) -> Iterator[Step]:
     yield (
-        "Read the reason above. If a time limit ended the search, raise it.",
+        "Read the reason above. If the search was stopped early, give it more time.",
         given.solve("--time-limit", "600"),
     )
     yield "If costs are not finite, look at the weights.", given.look("info")

@@ -27,7 +27,7 @@ from certpgo.costs import (
 )
 from certpgo.errors import CertPGOError, NumericalError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph
-from certpgo.graph.wording import counted
+from certpgo.graph.wording import counted, rounded_down, rounded_up
 from certpgo.io.surfaces import Surface
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.problem import Problem, RotationProblem
@@ -194,11 +194,11 @@ def _figures(certificate: Certificate) -> list[tuple[str, str, str]]:
     """The three numbers of a verdict: their names, values, and what they mean."""
     gap, relative = certificate.gap, certificate.relative_gap
     return [
-        ("cost", f"{certificate.cost_upper:.7g}", "F of this estimate"),
-        ("bound", f"{certificate.lower_bound:.7g}", "no estimate costs less"),
+        ("cost", rounded_up(certificate.cost_upper, 7), "F of this estimate"),
+        ("bound", rounded_down(certificate.lower_bound, 7), "no estimate costs less"),
         (
             "gap",
-            f"{gap:.3g}",
+            rounded_up(gap, 3),
             f"{part(relative)} of F" if math.isfinite(relative) else "between them",
         ),
     ]

@@ -16,6 +16,7 @@ from certpgo.certify.judge import Judge
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance
+from certpgo.graph.wording import rounded_down, rounded_up
 from certpgo.io.digits import writing_of
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
@@ -214,9 +215,9 @@ def test_sentences_need_no_paper():
     for c in said:
         assert not any(word in c.reason.lower() for word in JARGON), c.reason
         assert "\n" not in c.reason
-        assert f"{c.cost_upper:.10g}" in c.reason
+        assert rounded_up(c.cost_upper, 10) in c.reason
         if c.verdict is not Verdict.UNDECIDED:
-            assert f"{c.lower_bound:.10g}" in c.reason
+            assert rounded_down(c.lower_bound, 10) in c.reason
 
 
 def part_of(problem, name="walk"):

@@ -209,7 +209,7 @@ SMALL = "negligible relative to the total weight W = 1e+03"
         ),
         (
             {"gap": 0.004},
-            f"{FLOOR_6}; this one costs 8, at most 0.0005 F = 0.004 above the optimum",
+            f"{FLOOR_6}; this one costs 8, at most 0.00051 F = 0.0041 above the optimum",
         ),
         ({"cost_upper": math.inf}, "the cost of this estimate is beyond the range of doubles"),
         (
@@ -260,7 +260,7 @@ SMALL = "negligible relative to the total weight W = 1e+03"
         ),
         (
             {"verdict": Verdict.CERTIFIED, "gap": 0.004},
-            f"{FLOOR_6}; this one costs 8, within 0.0005 F = 0.004 of the optimum, which is "
+            f"{FLOOR_6}; this one costs 8, within 0.00051 F = 0.0041 of the optimum, which is "
             f"{SMALL}",
         ),
         (

@@ -6,6 +6,8 @@ import re
 
 import pytest
 
+from certpgo.graph.wording import rounded_up
+
 
 def scene_of(page):
     """The data of the page's view."""
@@ -63,7 +65,7 @@ def test_pages_of_another_cost(certpgo, square, tmp_path, cost):
     judged = certpgo("certify", square, square, "--cost", cost, "--html", out, "--json")
     given = out.read_text()
     assert "<strong>BOUNDED</strong>" in given
-    assert f"{judged.json['certificate']['cost_upper']:.12g}" in given
+    assert rounded_up(judged.json["certificate"]["cost_upper"], 12) in given
     assert "Bounds by eigenvalues" not in page + given
 
 

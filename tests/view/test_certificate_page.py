@@ -22,6 +22,7 @@ from certpgo.costs import information_problem, surrogate
 from certpgo.datasets import synthetic
 from certpgo.graph import Estimate, Instance, RotationGraph
 from certpgo.graph.information import Information
+from certpgo.graph.wording import rounded_down, rounded_up
 from certpgo.objective.problem import problem_of
 from certpgo.solvers.certified.interface import solve
 from certpgo.view.advice import advice
@@ -146,9 +147,10 @@ def test_a_certificate_page_is_whole(solved):
     ]
     certificate = solved[2].certificate
     assert certificate.verdict.value == "CERTIFIED"
-    for said in (certificate.verdict.value, f"{certificate.cost_upper:.12g}", "is proven", HOSTILE):
+    upper, lower = rounded_up(certificate.cost_upper, 12), rounded_down(certificate.lower_bound, 12)
+    for said in (certificate.verdict.value, upper, "is proven", HOSTILE):
         assert said in reader.text
-    assert f"{certificate.lower_bound:.12g} (no estimate of this graph costs less)" in reader.text
+    assert f"{lower} (no estimate of this graph costs less)" in reader.text
     assert "certpgo certify 'a graph.g2o' best.g2o --proof estimate.cert" in reader.text
     assert len(re.findall(r"<polyline", page)) == 2
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from certpgo.certify import Verdict
 from certpgo.graph.speaking import Speaking
-from certpgo.graph.wording import counted
+from certpgo.graph.wording import counted, rounded_down, rounded_up
 
 
 @dataclass(frozen=True, repr=False)
@@ -49,8 +49,8 @@ class Standing(Speaking):
         return f"{self.verdict.value}: {size}, F {self.cost:.9g}"
 
     def _facts(self) -> Iterator[tuple[str, str]]:
-        yield "cost F, at most", f"{self.cost:.12g}"
-        yield "lower bound", f"{self.lower_bound:.12g}"
-        yield "gap", f"{self.gap:.3g}"
+        yield "cost F, at most", rounded_up(self.cost, 12)
+        yield "lower bound", rounded_down(self.lower_bound, 12)
+        yield "gap", rounded_up(self.gap, 3)
         yield "tolerance", f"{self.tolerance:.3g}"
         yield "objective", self.objective
