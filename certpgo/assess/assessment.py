@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from certpgo.assess import metrics
-from certpgo.certify import Certificate, Tier, certify
+from certpgo.certify import Certificate, certify
 from certpgo.costs import CHORDAL, Certifiable, certifiable
 from certpgo.costs.problem import InformationProblem
 from certpgo.costs.ranges import RangeProblem
@@ -135,13 +135,12 @@ def assess(
     best, cost = c.best, c.best_cost
     if not cost < c.cost_upper:  # any improvement is rounding
         best, cost = estimate, c.cost_upper
-    proven = c.tier is not Tier.SCREEN and cost - c.lower_bound <= c.rtol * cost + c.atol * c.scale
     return Assessment(
         certificate=c,
         cost=problem.cost(estimate),
         best=best,
         best_cost=cost,
-        best_is_optimal=proven,
+        best_is_optimal=c.is_optimal(cost),
         excess=c.cost_upper - cost if math.isfinite(c.cost_upper) else math.inf,
         distance=distance(estimate.subset(nodes), best.subset(nodes)),
         edges=costly_edges(problem, estimate, np.arange(problem.n) if ids is None else ids),

@@ -106,6 +106,8 @@ def judge_all(
 ) -> Iterator[JudgedEstimate]:
     """The rows of each estimate; one that cannot be read becomes a row with the error.
 
+    They end with an estimate whose certification was interrupted.
+
     Parameters
     ----------
     read : returns the estimate of each part, given a name
@@ -114,6 +116,8 @@ def judge_all(
         try:
             for part, estimate in zip(parts, read(name), strict=True):
                 yield _row(name, part.instance.name, part.assessed(estimate))
+                if part.judge.interrupted:
+                    return
         except (CertPGOError, OSError) as error:
             yield JudgedEstimate(name, "", ERROR, " ".join(str(error).split()))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
 from typing import Self
@@ -17,14 +17,16 @@ from certpgo.certify.certificate import CHORDAL, Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound, dual_bound
 from certpgo.certify.parts import Part, outside, parts, sum_of_bounds
 from certpgo.certify.proof import exact_cost, exact_graph, proven_bound
+from certpgo.certify.reason import reason_of
 from certpgo.certify.units import in_units, unit_of
 from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.graph import Estimate
 from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.lift import Point
-from certpgo.graph.wording import rounded_down, rounded_up
 from certpgo.objective.problem import Problem
+from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.newton import NewtonSettings, newton
+from certpgo.optimize.progress import Stop
 from certpgo.optimize.solution import Solution, Status
 
 #: CERTIFIED means gap <= rtol F + atol W.
@@ -35,8 +37,6 @@ FLOOR = 1e-6
 MUCH = 0.1
 #: Largest factor by which the proof tier reduces the effect of rounding.
 PROOF_GAIN = 1e3
-#: Gap relative to F that is never called small.
-LARGE = 0.01
 #: Descent to a basin; a point that has not converged by then is not a basin of its own.
 DESCENT = NewtonSettings(max_iterations=200)
 #: Stationarity, radians, at which a stalled descent counts as converged, a point as stationary.
@@ -70,6 +70,7 @@ class Case:
     ----------
     problem : the problem with its weights divided by ``unit``
     unit : the power of two nearest W; it makes verdicts independent of the weights' scale
+    stop : the monitor of all descents; where it requests a stop, bounds are left out
     """
 
     problem: Problem
@@ -77,9 +78,17 @@ class Case:
     tier: Tier
     rtol: float
     atol: float
+    stop: Stop = field(default_factory=Stop)
 
     @classmethod
-    def of(cls, problem: Problem, tier: Tier | str, rtol: float, atol: float) -> Self:
+    def of(
+        cls,
+        problem: Problem,
+        tier: Tier | str,
+        rtol: float,
+        atol: float,
+        monitor: Monitor = silent,
+    ) -> Self:
         """Normalize a problem.
 
         Raises
@@ -99,7 +108,8 @@ class Case:
             scaled = problem.scaled(1.0 / unit)
         except GraphError as error:
             raise InputError(f"too uneven weights: divided by {unit:.2g}, {error}") from None
-        return cls(scaled, unit, tier, rtol, atol)
+        case = cls(scaled, unit, tier, rtol, atol)
+        return replace(case, stop=Stop(monitor, unit, case.objective))
 
     @staticmethod
     def refuse_unprovable(problem: Problem) -> None:
@@ -153,6 +163,8 @@ class Case:
                     solution.status is Status.STALLED and self.problem.stationarity(point) < SETTLED
                 )
             cost = self.cost_upper(point)
+            if self.stop.cuts():
+                return Basin(point, cost, settled, None, refine)
             if known is not None and known.value >= cost - self.tolerance(cost):
                 return Basin(point, cost, settled, known.bound, refine)
             bound = self.bound(point, cost, refine=refine)
@@ -169,7 +181,7 @@ class Case:
 
     def descent(self, start: Estimate) -> Solution:
         """Local descent from an estimate."""
-        return newton(self.problem, start, DESCENT)
+        return newton(self.problem, start, DESCENT, monitor=self.stop, watch=self.stop.watch)
 
     def bound(
         self,
@@ -222,6 +234,10 @@ class Case:
         return dual_bound(
             problem, point, rounding=self.rigorous, enough=enough, sharp=sharp, tight=tight
         )
+
+    def raised(self, basin: Basin) -> Basin:
+        """The basin, with a better bound if one takes more work than `bound` does."""
+        return basin
 
     @cached_property
     def _parts(self) -> list[Part]:
@@ -295,7 +311,7 @@ class Case:
             support=best.bound.support if best.bound else None,
         )
         scaled = in_units(self.unit, judged)
-        return replace(scaled, reason=_reason(scaled))
+        return replace(scaled, reason=reason_of(scaled))
 
 
 def difference_up(high: float, low: float) -> float:
@@ -317,6 +333,18 @@ def refuse_tolerances(rtol: float, atol: float) -> None:
         raise InputError(f"tolerances must lie within 0 ... 1: rtol={rtol}, atol={atol}")
 
 
+def refuse_time_limit(seconds: float | None) -> None:
+    """Refuse a negative time limit.
+
+    Raises
+    ------
+    InputError
+        It is, or it is not a number.
+    """
+    if seconds is not None and not seconds >= 0.0:
+        raise InputError(f"the time limit must not be negative: {seconds}")
+
+
 def tier_called(tier: Tier | str) -> Tier:
     """The tier itself, or the one with that name.
 
@@ -331,54 +359,3 @@ def tier_called(tier: Tier | str) -> Tier:
     if tier not in known:
         raise SpecError.unknown("tier", str(tier), known)
     return known[tier]
-
-
-def _reason(c: Certificate) -> str:
-    if not math.isfinite(c.cost_upper):
-        return "the cost of this estimate is beyond the range of doubles"
-    floor = f"no estimate of this graph costs less than {rounded_down(c.lower_bound, 10)}"
-    if c.tier is Tier.SCREEN:
-        floor = f"likely, though not proven at this tier: {floor}"
-    own = f"this one costs {rounded_up(c.cost_upper, 10)}"
-    by = "after local descent" if c.descended else "with its best translations"
-    improved = f"{own} and, {by}, {rounded_up(c.refined_cost, 10)}"
-    lower = c.refined_cost < c.cost_upper - c.tolerance
-    if c.verdict is Verdict.CERTIFIED:
-        within = f"{floor}; {own}, within {_of_f(c)} of the optimum"
-        if c.gap <= c.rtol * c.cost_upper:
-            return within
-        small = f"{within}, which is negligible relative to the total weight W = {c.scale:.2g}"
-        return (
-            f"{small}, though not to F: atol=0 compares with F alone"
-            if c.gap > LARGE * c.cost_upper
-            else small
-        )
-    if c.better_cost is not None and c.verdict is not Verdict.REFUTED:
-        also = f"another estimate costs {rounded_up(c.better_cost, 10)}"
-        return f"{floor}; {improved if lower else own}; {also}"
-    if c.better_cost is not None:
-        return (
-            f"another estimate costs {rounded_up(c.better_cost, 10)}; "
-            f"{improved if lower else own}, and local descent from it does not lead there; {floor}"
-        )
-    if c.verdict is Verdict.UNDECIDED:
-        return f"{own}, and no lower bound above zero could be proven"
-    if c.basin_is_global and not c.descended:
-        return f"{floor}; {improved}, the optimum: only its translations are not the best"
-    if c.basin_is_global:
-        return (
-            f"{floor}; {improved}, the optimum: this one is in the right basin, but not at its "
-            "minimum"
-        )
-    if lower:
-        return f"{floor}; {improved}: the optimum is at most that"
-    return f"{floor}; {own}, at most {_of_f(c)} above the optimum"
-
-
-def _of_f(c: Certificate) -> str:
-    """The gap relative to F and in absolute terms."""
-    if not c.cost_upper > 0.0:
-        return rounded_up(c.gap, 2)
-    share = c.gap / c.cost_upper
-    said = f"{rounded_up(100.0 * share, 3)} % of" if share > LARGE else rounded_up(share, 2)
-    return f"{said} F = {rounded_up(c.gap, 2)}"

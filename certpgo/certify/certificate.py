@@ -190,6 +190,11 @@ class Certificate(Statement):
         """F of ``best``, rounded up."""
         return self.refined_cost if self.better_cost is None else self.better_cost
 
+    def is_optimal(self, cost: float) -> bool:
+        """Whether an estimate of this cost is proven optimal, up to the tolerance."""
+        gap = cost - self.lower_bound
+        return self.tier is not Tier.SCREEN and gap <= self.rtol * cost + self.atol * self.scale
+
     @property
     def tolerance(self) -> float:
         """The gap up to which this estimate counts as optimal."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from certpgo.certify.bounds import Bounds, bounds
-from certpgo.certify.case import ATOL, DESCENT, RTOL, Basin, Case
-from certpgo.certify.certificate import Certificate, Tier
+from certpgo.certify.case import ATOL, DESCENT, RTOL, Basin, Case, refuse_time_limit
+from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.own_cost import OwnCostCase
 from certpgo.certify.ranged import RangedCase
 from certpgo.costs import Certifiable, certifiable
@@ -19,7 +21,9 @@ from certpgo.io.writing import AnyAnswer
 from certpgo.objective.base import Objective
 from certpgo.objective.problem import Problem
 from certpgo.optimize import spectral
+from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.newton import newton
+from certpgo.optimize.solution import Status
 
 
 def certify(
@@ -31,6 +35,8 @@ def certify(
     rtol: float = RTOL,
     atol: float = ATOL,
     refine: bool = True,
+    time_limit: float | None = None,
+    monitor: Monitor = silent,
 ) -> Certificate:
     """Certify an estimate: prove how far it is from the optimum.
 
@@ -49,6 +55,10 @@ def certify(
         yields CERTIFIED
     rtol, atol : CERTIFIED means gap <= rtol F + atol W
     refine : if False, compute the bound only from the estimate's own multipliers
+    time_limit : seconds after which the bound found so far is used, once the current step is
+        finished
+    monitor : is called with each iteration of the descents; may stop them, like Ctrl-C, whose
+        second use raises KeyboardInterrupt
 
     Raises
     ------
@@ -75,7 +85,15 @@ def certify(
     given = estimated(estimate, posed)
     if cost is not None or isinstance(posed, Instance | PoseGraph | RotationGraph):
         posed = certifiable(posed, cost)
-    judge = Judge(posed, tier=tier, rtol=rtol, atol=atol, refine=refine)
+    judge = Judge(
+        posed,
+        tier=tier,
+        rtol=rtol,
+        atol=atol,
+        refine=refine,
+        time_limit=time_limit,
+        monitor=monitor,
+    )
     return judge.certify(given)
 
 
@@ -86,7 +104,8 @@ class Judge:
 
     Parameters
     ----------
-    problem, tier, rtol, atol, refine : as for `certify`
+    problem, tier, rtol, atol, refine, monitor : as for `certify`
+    time_limit : for each estimate
     """
 
     def __init__(
@@ -97,18 +116,21 @@ class Judge:
         rtol: float = RTOL,
         atol: float = ATOL,
         refine: bool = True,
+        time_limit: float | None = None,
+        monitor: Monitor = silent,
     ) -> None:
+        refuse_time_limit(time_limit)
         if isinstance(problem, InformationProblem):
-            self._case: Case = OwnCostCase.of(problem, tier, rtol, atol)
+            self._case: Case = OwnCostCase.of(problem, tier, rtol, atol, monitor)
         elif isinstance(problem, RangeProblem):
-            self._case = RangedCase.of(problem, tier, rtol, atol)
+            self._case = RangedCase.of(problem, tier, rtol, atol, monitor)
         elif isinstance(problem, Objective):
-            self._case = Case.of(problem, tier, rtol, atol)
+            self._case = Case.of(problem, tier, rtol, atol, monitor)
         else:
             raise InputError(
                 f"a PoseProblem(graph) or RotationProblem(graph) is judged, not {kind_of(problem)}"
             )
-        self._problem, self._refine = problem, refine
+        self._problem, self._refine, self._time_limit = problem, refine, time_limit
         self._best: Basin | None = None
         self._other: Basin | None = None
 
@@ -122,14 +144,48 @@ class Judge:
         """
         case = self._case
         self._problem.check(estimate)
-        with np.errstate(over="ignore", invalid="ignore"):  # no warnings for infinite costs
-            own, other = case.basin(estimate, self._refine, self._best), None
-            if self._refine and not case.is_sharp(own):
-                other = self._elsewhere()
+        # No warnings for infinite costs.
+        with np.errstate(over="ignore", invalid="ignore"), case.stop.within(self._time_limit):
+            own, other = self._basins(estimate)
             for basin in (own, other):
                 if basin is not None and (self._best is None or basin.value > self._best.value):
                     self._best = basin
-            return case.certificate(estimate, own, other, _bounds(case.problem, own.point))
+            found = case.certificate(estimate, own, other, _bounds(case.problem, own.point))
+        if self.ended_by is None or found.verdict in (Verdict.CERTIFIED, Verdict.REFUTED):
+            return found
+        return replace(
+            found, reason=f"{found.reason}; the search for a bound ended early ({self.ended_by})"
+        )
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the monitor or Ctrl-C stopped work on the last estimate."""
+        return self.ended_by is Status.INTERRUPTED
+
+    @property
+    def ended_by(self) -> Status | None:
+        """What stopped work on the last estimate: the time limit, or the monitor or Ctrl-C."""
+        return self._case.stop.ended_by
+
+    def _basins(self, estimate: Estimate) -> tuple[Basin, Basin | None]:
+        """The basin of the estimate and, if that is not proven optimal, another one.
+
+        The bound that takes most work is computed last, and in the lower basin alone.
+        """
+        case = self._case
+        own = case.basin(estimate, self._refine, self._best)
+        if not self._refine or case.is_sharp(own) or case.stop.cuts():
+            return own, None
+        other = self._elsewhere()
+        lower = own if other is None or own.cost <= other.cost else other
+        known = own.value if other is None else max(own.value, other.value)
+        if known >= lower.cost - case.difference(lower.cost) or case.stop.cuts():
+            return own, other
+        raised = case.raised(lower)
+        if lower is own:
+            return raised, other
+        self._other = raised
+        return own, raised
 
     def _elsewhere(self) -> Basin | None:
         """A basin known to be optimal, or the one reached without the estimate, if any."""
@@ -137,19 +193,24 @@ class Judge:
             return self._best
         if self._other is None:
             case = self._case
-            self._other = (
+            found = (
                 case.elsewhere()
                 if isinstance(case, RangedCase)
-                else case.basin(_spectral_start(case.problem), True)
+                else case.basin(_spectral_start(case), True)
             )
+            if case.stop.cut is not None:
+                return found
+            self._other = found
         return self._other
 
 
-def _spectral_start(problem: Problem | InformationProblem) -> Estimate:
+def _spectral_start(case: Case) -> Estimate:
+    problem: Problem | InformationProblem = case.problem
     try:
         if isinstance(problem, InformationProblem):
             start = spectral.spectral_start(problem.chordal)
-            return newton(problem.chordal, start, DESCENT).estimate
+            found = newton(problem.chordal, start, DESCENT, monitor=lambda _: case.stop.asked)
+            return found.estimate
         return spectral.spectral_start(problem)
     except (NumericalError, np.linalg.LinAlgError):
         n, d = problem.n, problem.d

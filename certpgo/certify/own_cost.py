@@ -8,7 +8,7 @@ surrogate has a positive semidefinite certificate matrix there, that is f itself
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -68,14 +68,17 @@ class OwnCostCase(Case):
     """A `Case` whose cost is that of another program; ``problem`` is an `InformationProblem`."""
 
     problem: InformationProblem  # type: ignore[assignment]
-    #: The monitor of descents for bounds on a surrogate with this constant, which it may stop.
-    monitor_of: Callable[[float], Monitor] = lambda constant: silent
-    #: Ranks above d that these reach.
+    #: Ranks above d that points for better bounds reach.
     ranks: int = RANKS
 
     @classmethod
     def of(  # type: ignore[override]
-        cls, problem: InformationProblem, tier: Tier | str, rtol: float, atol: float
+        cls,
+        problem: InformationProblem,
+        tier: Tier | str,
+        rtol: float,
+        atol: float,
+        monitor: Monitor = silent,
     ) -> Self:
         """Normalize a problem; see `Case.of`.
 
@@ -86,7 +89,7 @@ class OwnCostCase(Case):
             definite.
         """
         problem.refuse_indefinite()
-        return super().of(problem, tier, rtol, atol)  # type: ignore[arg-type]
+        return super().of(problem, tier, rtol, atol, monitor)  # type: ignore[arg-type]
 
     @staticmethod
     def refuse_unprovable(problem: InformationProblem) -> None:  # type: ignore[override]
@@ -114,7 +117,7 @@ class OwnCostCase(Case):
 
     def descent(self, start: Estimate) -> Solution:
         """Local descent on the cost from an estimate."""
-        return descend(self.problem, start)
+        return descend(self.problem, start, monitor=self.stop, watch=self.stop.watch)
 
     def bound(
         self,
@@ -125,26 +128,28 @@ class OwnCostCase(Case):
         tight: bool = False,
         refine: bool = True,
     ) -> DualBound | None:
-        """The best bound by surrogates, see `reached`; None without one.
-
-        With ``refine``, not only by that at the point; and if none is above zero, `lowered_bound`.
-        """
+        """The bound by the surrogate expanded at the point; None without one."""
         if not isinstance(point, Estimate):
             return None
-        if self.tier is Tier.PROOF:
-            standard = replace(self, tier=Tier.STANDARD)
-            bound = standard.bound(point, cost, sharp=sharp, tight=tight, refine=refine)
-            return None if bound is None else self.reproven(bound)
-        enough = cost - self.tolerance(cost)
-        best = None
-        for found in self.reached(point, cost, sharp=sharp, tight=tight, refine=refine):
+        found = next(self.reached(point, cost, sharp=sharp, tight=tight), None)
+        if found is None or found.bound is None or self.tier is not Tier.PROOF:
+            return None if found is None else found.bound
+        return self.reproven(found.bound)
+
+    def raised(self, basin: Basin) -> Basin:
+        """The basin with the best bound by surrogates, see `reached`, or else `lowered_bound`."""
+        best: DualBound | None = None
+        enough = basin.cost - self.tolerance(basin.cost)
+        for found in self.reached(basin.point, basin.cost):
             if found.bound is not None and (best is None or found.bound.value > best.value):
                 best = found.bound
-            if best is not None and best.value >= enough:
-                return best
-        if not refine or (best is not None and best.value > 0.0):
-            return best
-        return self.lowered_bound(point) or best
+            if self.stop.cuts() or (best is not None and best.value >= enough):
+                break
+        if (best is None or best.value <= 0.0) and not self.stop.cuts():
+            best = self.lowered_bound(basin.point) or best
+        if best is not None and self.tier is Tier.PROOF:
+            best = self.reproven(best)
+        return basin if best is None or best.value <= basin.value else replace(basin, bound=best)
 
     def lowered_bound(self, point: Estimate) -> DualBound | None:
         """The best bound on a cost that is nowhere above this one, at the end of descent on it.
@@ -155,7 +160,7 @@ class OwnCostCase(Case):
         if cost is None or not cost.graph.is_definite.all():
             return None
         case = replace(self, problem=self.problem.with_cost(cost))
-        end = descend(case.problem, point, monitor=self.monitor_of(0.0)).estimate
+        end = descend(case.problem, point, monitor=self.stop.of_minorant(0.0)).estimate
         reached = case.reached(end, case.cost_upper(end))
         bounds = [found.bound for found in reached if found.bound is not None]
         best = max(bounds, key=lambda bound: bound.value, default=None)
@@ -173,21 +178,15 @@ class OwnCostCase(Case):
         return proven_surrogate(below, constants, found.support.point, found)
 
     def reached(
-        self,
-        start: Estimate,
-        cost: float,
-        *,
-        sharp: bool = True,
-        tight: bool = False,
-        refine: bool = True,
+        self, start: Estimate, cost: float, *, sharp: bool = True, tight: bool = False
     ) -> Iterator[Reached]:
         """Points of surrogates' relaxations, and the bounds on the cost there.
 
-        The first is the start, in the surrogate expanded there. With ``refine``, minima of rising
-        rank follow, and then those of surrogates expanded in between: the largest bound by a
-        surrogate is the minimum of a convex function of the poses' Gram matrix, which surrogates
-        are tangent to. Frank and Wolfe's method (1956) finds it: between the last expansion and the
-        last minimum lies the next expansion, where that function is lowest.
+        The first is the start, in the surrogate expanded there. Minima of rising rank follow, and
+        then those of surrogates expanded in between: the largest bound by a surrogate is the
+        minimum of a convex function of the poses' Gram matrix, which surrogates are tangent to.
+        Frank and Wolfe's method (1956) finds it: between the last expansion and the last minimum
+        lies the next expansion, where that function is lowest.
 
         Parameters
         ----------
@@ -198,13 +197,12 @@ class OwnCostCase(Case):
         v, Q = self.problem.relative(start)
         point: Point = start
         expanded = cost
-        for number in range(EXPANSIONS if refine else 1):
+        for number in range(EXPANSIONS):
             below = self.below(v, Q)
             if below is None:
                 return
-            highest = self.problem.d + (self.ranks if refine else 0)
-            settled, monitor = below.problem.settled(point), self.monitor_of(below.constant)
-            for point in climb(below.problem, settled, highest, monitor):
+            settled, monitor = below.problem.settled(point), self.stop.of_minorant(below.constant)
+            for point in climb(below.problem, settled, self.problem.d + self.ranks, monitor):
                 enough = cost - self.tolerance(cost) - below.constant
                 bound = dual_bound(
                     below.problem,
@@ -218,6 +216,8 @@ class OwnCostCase(Case):
                     value = math.nextafter(bound.value + below.constant, -math.inf)
                     bound = replace(bound, value=value, support=Support(below.minorants, point))
                 yield Reached(point, bound, number)
+            if self.stop.asked:
+                return
             there = self.problem.relative(point)
             fall = expanded - (below.problem.cost(point) + below.constant)
             bend = self.problem.bend(there[0] - v, below.minorants.tau)

@@ -26,7 +26,6 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.balls import U
 from certpgo.optimize.monitor import Monitor, silent
-from certpgo.optimize.progress import Stop, stoppable
 from certpgo.optimize.solution import Level, Solution, Status
 
 #: Relative gap between a point of the relaxation and its bound below which it is solved.
@@ -107,10 +106,15 @@ class RangedCase(Case):
 
     @classmethod
     def of(  # type: ignore[override]
-        cls, problem: RangeProblem, tier: Tier | str, rtol: float, atol: float
+        cls,
+        problem: RangeProblem,
+        tier: Tier | str,
+        rtol: float,
+        atol: float,
+        monitor: Monitor = silent,
     ) -> Self:
         """Normalize a problem; see `Case.of`."""
-        return super().of(problem, tier, rtol, atol)  # type: ignore[arg-type]
+        return super().of(problem, tier, rtol, atol, monitor)  # type: ignore[arg-type]
 
     @staticmethod
     def refuse_unprovable(problem: RangeProblem) -> None:  # type: ignore[override]
@@ -132,9 +136,9 @@ class RangedCase(Case):
         """The estimate itself: its best translations come by descent."""
         return estimate
 
-    def descent(self, start: Point, monitor: Monitor = silent) -> Solution:
+    def descent(self, start: Point) -> Solution:
         """Local descent on the cost, at rank d."""
-        point, status = descend(self.problem, start, max_iterations=STEPS, monitor=monitor)
+        point, status = descend(self.problem, start, max_iterations=STEPS, monitor=self.stop)
         estimate = Estimate(point.rotations, point.translations)
         return Solution(estimate, self.problem.cost(estimate), status, 0)
 
@@ -153,9 +157,8 @@ class RangedCase(Case):
     @cached_property
     def search(self) -> Search:
         """The search of the relaxation and of estimates near its minimum, done once."""
-        with stoppable(silent, self.unit, None) as stop:
-            found = Search(self, stop)
-            found.run()
+        found = Search(self)
+        found.run()
         return found
 
     def elsewhere(self) -> Basin | None:
@@ -184,8 +187,8 @@ class Search:
     highest : rank up to which the relaxation is climbed
     """
 
-    def __init__(self, case: RangedCase, stop: Stop, highest: int | None = None) -> None:
-        self.case, self.problem, self.stop = case, case.problem, stop
+    def __init__(self, case: RangedCase, highest: int | None = None) -> None:
+        self.case, self.problem, self.stop = case, case.problem, case.stop
         lowest = self.problem.d + self.problem.whole.dimensions
         self.highest = max(highest or self.problem.d + RANKS, lowest)
         self.best: Estimate | None = None
@@ -253,7 +256,7 @@ class Search:
     def try_from(self, start: Point) -> None:
         """Descend, and keep the end if it is the best."""
         with self.stop.watch.phase("round"), suppress(NumericalError, np.linalg.LinAlgError):
-            found = self.case.descent(start, self.stop)
+            found = self.case.descent(start)
             cost = self.case.cost_upper(found.estimate)
             if cost < self.cost:
                 self.best, self.cost, self.status = found.estimate, cost, found.status

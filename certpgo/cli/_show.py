@@ -10,9 +10,12 @@ import textwrap
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
+
+if TYPE_CHECKING:
+    from certpgo.optimize.monitor import Iteration
 
 #: Width of tables that are not printed to a terminal, in characters.
 WIDTH = 160
@@ -149,6 +152,19 @@ def working(message: str) -> Iterator[Any]:
 class _Silent:
     def update(self, message: str) -> None:
         """Show nothing."""
+
+
+class StatusLine:
+    """The monitor that updates the line of a spinner."""
+
+    def __init__(self, line: Any = None) -> None:
+        self.line = _Silent() if line is None else line
+
+    def __call__(self, iteration: Iteration) -> bool:
+        """Show the iteration; never stop."""
+        reached = f"F {iteration.cost:.8g}, gradient {iteration.gradient:.0e}"
+        self.line.update(f"iteration {iteration.number}: {reached}")
+        return False
 
 
 class progress_bar:  # noqa: N801 - used like a function

@@ -25,7 +25,7 @@ from certpgo.cli._options import (
 from certpgo.cli._paging import origin_of, require_pages, write_page
 from certpgo.cli._proving import REFUSED, provable_source, prove
 from certpgo.cli._reading import Reading, takes_reading
-from certpgo.cli._show import document, notice, noticing, working
+from certpgo.cli._show import StatusLine, document, notice, noticing, working
 from certpgo.cli._truth import KnownPoses, TruthFile
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
 from certpgo.errors import InputError
@@ -58,6 +58,16 @@ def command(
         bool,
         typer.Option("--refine/--no-refine", help="Run local descent before computing the bound."),
     ] = True,
+    time_limit: Annotated[
+        float | None,
+        typer.Option(
+            "--time-limit",
+            metavar="SECONDS",
+            min=0.0,
+            show_default="none",
+            help="Stop, for each ESTIMATE, and print what is proven by then.",
+        ),
+    ] = None,
     best: Annotated[
         Path | None, typer.Option("--best", metavar="OUT", help="Write the best estimate found.")
     ] = None,
@@ -73,7 +83,10 @@ def command(
     *,
     reading: Reading,
 ) -> int:
-    """Certify estimates of a graph: prove how far each can be from the optimum."""
+    """Certify estimates of a graph: prove how far each can be from the optimum.
+
+    Ctrl-C prints what is proven by then; a second Ctrl-C aborts.
+    """
     from certpgo.assess.batch import JudgedGraph
     from certpgo.certify.judge import Judge
     from certpgo.certify.proof_file import refuse_unreadable
@@ -106,9 +119,18 @@ def command(
     if provable is not None:
         refuse_unreadable(provable, instance, own)
     parts = []
+    status = StatusLine()
     for connected in reading.parts(instance):
         problem = certifiable(connected, own)
-        judge = Judge(problem, tier=tier, rtol=rtol, atol=atol, refine=refine)
+        judge = Judge(
+            problem,
+            tier=tier,
+            rtol=rtol,
+            atol=atol,
+            refine=refine,
+            time_limit=time_limit,
+            monitor=status,
+        )
         parts.append(JudgedGraph(connected, problem, judge))
     if best is not None and len(parts) > 1:
         raise InputError("--best writes one estimate; use --components largest")
@@ -117,16 +139,18 @@ def command(
     if html is not None and len(parts) > 1:
         raise InputError("--html shows one estimate; use --components largest")
     if csv is not None:
-        return _batch(estimates, instance, parts, timestamps, csv, json, reading)
+        return _batch(estimates, instance, parts, timestamps, csv, json, reading, status)
     path = reading.resolve(estimates[0]).path()
     given = _read(path, instance, parts, timestamps, reading)
     truths = [KnownPoses.of(truth, part.instance, reading) for part in parts]
     asked = None if json else Asked(graph, own, reading, estimates[0], best is not None)
-    assessments, disagreements = _single(path, given, parts, truths, asked)
+    assessments, disagreements = _single(path, given, parts, truths, asked, status)
     if best is not None:
         _write_best(best, parts[0], assessments[0])
     elif any(_is_better_known(a, json) for a in assessments):
         notice("--best OUT writes the lower-cost estimate")
+    if any(part.judge.interrupted for part in parts):
+        return _verdict.INTERRUPTED
     if any(
         _may_gain(a.certificate, part.problem) for a, part in zip(assessments, parts, strict=True)
     ):
@@ -176,6 +200,7 @@ def _single(
     parts: Sequence[JudgedGraph],
     truths: Sequence[KnownPoses | None],
     asked: Asked | None,
+    status: StatusLine,
 ) -> tuple[list[Assessment], list[Disagreement | None]]:
     """Certify the estimate of each part; printed as text, or as JSON without ``asked``."""
     from certpgo.io.digits import writing_of
@@ -188,10 +213,11 @@ def _single(
         for truth, estimate in zip(truths, given, strict=True)
     ]
     for part, estimate, accuracy in zip(parts, given, accuracies, strict=True):
-        with working(f"certifying {part.instance.name}"):
+        with working(f"certifying {part.instance.name}") as status.line:
             found = part.assessed(estimate, writing)
             assessments.append(found)
-            disagreements.append(_disagreement(part.problem, found))
+            ended = part.judge.ended_by is not None
+            disagreements.append(None if ended else _disagreement(part.problem, found))
         if asked is not None:
             if len(parts) > 1:
                 typer.echo(part.instance.name)
@@ -201,6 +227,8 @@ def _single(
             _verdict.show(
                 found.certificate, part.instance, found, disagreements[-1], accuracy, steps
             )
+        if part.judge.interrupted:
+            break
     if asked is None:
         reports = [
             _verdict.as_json(
@@ -212,7 +240,7 @@ def _single(
                 accuracy=accuracy,
             )
             for part, assessment, disagreeing, accuracy in zip(
-                parts, assessments, disagreements, accuracies, strict=True
+                parts, assessments, disagreements, accuracies, strict=False
             )
         ]
         document(reports[0] if len(reports) == 1 else reports)
@@ -239,6 +267,7 @@ def _batch(
     out: Path,
     json: bool,
     reading: Reading,
+    status: StatusLine,
 ) -> int:
     """Certify every estimate, with progress on stderr; returns the exit code."""
     from dataclasses import asdict
@@ -246,10 +275,10 @@ def _batch(
     from certpgo.assess.batch import judge_all, write_rows
 
     rows = []
-    with working("certifying") as status:
+    with working("certifying") as status.line:
 
         def read(name: str) -> list[Estimate]:
-            status.update(f"certifying {name}")
+            status.line.update(f"certifying {name}")
             return _read(reading.resolve(name).path(), instance, parts, timestamps, reading)
 
         for row in judge_all(names, parts, read):
@@ -260,6 +289,8 @@ def _batch(
     write_rows(out, rows)
     if json:
         document([asdict(row) for row in rows])
+    if any(part.judge.interrupted for part in parts):
+        return _verdict.INTERRUPTED
     return _verdict.weakest(row.verdict for row in rows)
 
 

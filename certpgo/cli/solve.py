@@ -28,12 +28,12 @@ from certpgo.cli._options import (
 from certpgo.cli._paging import require_pages
 from certpgo.cli._proving import REFUSED, provable_source
 from certpgo.cli._reading import Reading, restricted_to, takes_reading
-from certpgo.cli._show import document, notice, noticing, working
+from certpgo.cli._show import StatusLine, document, notice, noticing, working
 from certpgo.cli._solved import UNPROVABLE, Solved
 from certpgo.cli._truth import KnownPoses, TruthFile
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable, targets_of
 from certpgo.errors import InputError
-from certpgo.optimize.monitor import Iteration, Monitor, TableMonitor
+from certpgo.optimize.monitor import Monitor, TableMonitor
 
 if TYPE_CHECKING:
     from certpgo import SolveSettings
@@ -168,7 +168,7 @@ def command(
         for part, target, known in zip(parts, targets, truths, strict=True):
             begin = restricted_to(part, start, instance)
             with working(f"solving {part.name}") as status:
-                monitor = TableMonitor() if trace else _StatusLine(status)
+                monitor = TableMonitor() if trace else StatusLine(status)
                 if solver is None or method is None:
                     limits = SolveSettings(time_limit=time_limit, max_rank=max_rank, tier=tier)
                     found = _certified(part, begin, limits, robust, monitor, own)
@@ -233,18 +233,6 @@ def _distributed(address: str) -> Iterator[None]:
         notice(f"{counted(count, 'factorization{s}')} ran on {address}")
     else:
         notice(f"no factorization was large enough for {address}")
-
-
-class _StatusLine:
-    """The monitor that updates the spinner's line."""
-
-    def __init__(self, status: Any) -> None:
-        self.status = status
-
-    def __call__(self, iteration: Iteration) -> bool:
-        reached = f"F {iteration.cost:.8g}, gradient {iteration.gradient:.0e}"
-        self.status.update(f"iteration {iteration.number}: {reached}")
-        return False
 
 
 def _certified(

@@ -23,6 +23,7 @@ class Iteration:
     seconds : solver time so far, without monitoring
     gain : actual over predicted decrease of F, for trust-region methods
     accepted : whether the last step was accepted; a rejected one leaves the point unchanged
+    objective : the cost that is minimised, as a certificate names it
 
     Examples
     --------
@@ -38,6 +39,7 @@ class Iteration:
     seconds: float
     gain: float | None = None
     accepted: bool = True
+    objective: str = "F"
 
 
 class Monitor(Protocol):

@@ -13,7 +13,7 @@ from types import FrameType
 from typing import Any
 
 from certpgo.graph import Estimate
-from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch
+from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch, silent
 from certpgo.optimize.solution import Solution, Status
 
 
@@ -77,6 +77,7 @@ class Stop:
     ----------
     monitor : is called with costs in the units of the graph
     unit : factor from the phases' costs to those
+    objective : the cost that iterations are about
     deadline : of `time.monotonic`
     watch : stopwatch of all phases
     trace : all iterations
@@ -84,9 +85,10 @@ class Stop:
     cut : why work was cut short or left out, or None if none was
     """
 
-    monitor: Monitor
-    unit: float
-    deadline: float
+    monitor: Monitor = silent
+    unit: float = 1.0
+    objective: str = "F"
+    deadline: float = math.inf
     watch: Stopwatch = field(default_factory=Stopwatch)
     trace: list[Iteration] = field(default_factory=list)
     interrupted: bool = False
@@ -134,25 +136,30 @@ class Stop:
         return lambda iteration: self._heeded(self._in_units(iteration, iteration.cost + constant))
 
     def _in_units(self, iteration: Iteration, cost: float) -> Iteration:
-        number, seconds = len(self.trace), self.watch.total
-        return replace(iteration, number=number, cost=self.unit * cost, seconds=seconds)
+        return replace(
+            iteration,
+            number=len(self.trace),
+            cost=self.unit * cost,
+            seconds=self.watch.total,
+            objective=self.objective,
+        )
 
     def _heeded(self, iteration: Iteration) -> bool:
         self.interrupted = self.monitor(iteration) or self.interrupted
         return self.cuts()
 
-
-@contextmanager
-def stoppable(monitor: Monitor, unit: float, time_limit: float | None) -> Iterator[Stop]:
-    """A `Stop` that also handles Ctrl-C, if Python does."""
-    deadline = math.inf if time_limit is None else time.monotonic() + time_limit
-    stop = Stop(monitor, unit, deadline)
-    main = threading.current_thread() is threading.main_thread()
-    if not main or not callable(signal.getsignal(signal.SIGINT)):
-        yield stop
-        return
-    before = signal.signal(signal.SIGINT, stop.interrupt)
-    try:
-        yield stop
-    finally:
-        signal.signal(signal.SIGINT, before)
+    @contextmanager
+    def within(self, time_limit: float | None) -> Iterator[None]:
+        """Start over: set the deadline and, if Python does, handle Ctrl-C during the block."""
+        self.trace.clear()
+        self.interrupted, self.cut = False, None
+        self.deadline = math.inf if time_limit is None else time.monotonic() + time_limit
+        main = threading.current_thread() is threading.main_thread()
+        if not main or not callable(signal.getsignal(signal.SIGINT)):
+            yield
+            return
+        before = signal.signal(signal.SIGINT, self.interrupt)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, before)

@@ -72,7 +72,7 @@ def advice(
         case Verdict.REFUTED:
             steps = _after_refuted(given)
         case Verdict.UNDECIDED:
-            steps = _after_undecided(given)
+            steps = _after_undecided(certificate, given)
         case _:
             steps = _after_bounded(certificate, given)
     return list(steps)
@@ -110,6 +110,12 @@ def _after_bounded(certificate: Certificate, given: _Given) -> Iterator[Step]:
             "",
         )
         return
+    if certificate.better is not None and certificate.is_optimal(certificate.best_cost):
+        yield (
+            "Take the estimate that was found from elsewhere, which is optimal.",
+            given.certify("--best", "better.g2o"),
+        )
+        return
     if "round" in certificate.reason:
         proof = ("--tier", "proof")
         command = given.solve(*proof) if given.searched else given.certify(*proof)
@@ -137,7 +143,9 @@ def _after_refuted(given: _Given) -> Iterator[Step]:
     )
 
 
-def _after_undecided(given: _Given) -> Iterator[Step]:
+def _after_undecided(certificate: Certificate, given: _Given) -> Iterator[Step]:
+    if not (certificate.descended or given.searched):
+        yield "Let local descent run first: bounds come from stationary points.", given.certify()
     yield (
         "Read the reason above. If the search was stopped early, give it more time.",
         given.solve("--time-limit", "600"),

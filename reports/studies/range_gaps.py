@@ -35,8 +35,6 @@ from certpgo.costs.ranges import RangeProblem
 from certpgo.costs.signed import SignedProblem
 from certpgo.graph.lift import Lift, translations_of
 from certpgo.linalg import so
-from certpgo.optimize.monitor import silent
-from certpgo.optimize.progress import stoppable
 
 DATASETS = ("goats_15", "goats_16", "mrclam5a", "plaza2")
 ROW = "{:14}{:>12}{:>9}{:>9}{:>8}{:>11}{:>9}"
@@ -192,9 +190,8 @@ def lowest_mean(problem: RangeProblem, starts: list[Lift], scale: float, copies:
 
 def solved(case: RangedCase) -> tuple[Search, Lift]:
     """The search, after its climb to the minimum of the relaxation, and that point."""
-    with stoppable(silent, case.unit, None) as stop:
-        search = Search(case, stop)
-        point = search.climb(search.start(np.random.default_rng(0)))
+    search = Search(case)
+    point = search.climb(search.start(np.random.default_rng(0)))
     return search, point
 
 

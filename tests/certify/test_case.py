@@ -12,8 +12,9 @@ from strategies import pose_graph
 
 from certpgo.certify import Tier, Verdict
 from certpgo.certify import case as module
-from certpgo.certify.case import FLOOR, Basin, Case, _reason, difference_up
+from certpgo.certify.case import FLOOR, Basin, Case, difference_up
 from certpgo.certify.dual import DualBound
+from certpgo.certify.reason import reason_of
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
@@ -279,10 +280,10 @@ SMALL = "negligible relative to the total weight W = 1e+03"
     ],
 )
 def test_the_reason_is_a_sentence_of_the_numbers(changes, expected):
-    assert _reason(made(**changes)) == expected
+    assert reason_of(made(**changes)) == expected
 
 
 def test_what_improves_by_no_more_than_the_tolerance_is_not_said_to():
     for refined, improved in ((7.5, False), (7.0, True)):
-        said = _reason(made(refined_cost=refined, rtol=0.1, atol=0.0))
+        said = reason_of(made(refined_cost=refined, rtol=0.1, atol=0.0))
         assert ("after local descent" in said) is improved

@@ -518,7 +518,7 @@ def test_a_proof_that_the_deadline_leaves_out_is_a_stop(clock, monkeypatch, tier
 
 
 def test_asking_whether_to_stop_changes_nothing(clock):
-    stop = Stop(silent, 1.0, 1.0)
+    stop = Stop(silent, deadline=1.0)
     clock.now = 2.0
     assert (stop.asked, stop.request, stop.ended_by) == (True, Status.TIME_LIMIT, None)
     assert stop.cuts()
@@ -527,7 +527,7 @@ def test_asking_whether_to_stop_changes_nothing(clock):
 
 def test_iterations_on_a_minorant_are_shown_and_not_kept():
     seen = []
-    stop = Stop(lambda iteration: seen.append(iteration) or len(seen) == 3, 2.0, math.inf)
+    stop = Stop(lambda iteration: seen.append(iteration) or len(seen) == 3, 2.0)
     aside = stop.of_minorant(0.5)
     assert not stop(Iteration(0, 7.0, 1.0, 0.0, 0.0))
     assert not aside(Iteration(0, 6.0, 1.0, 0.0, 0.0))
@@ -775,7 +775,7 @@ def test_a_bound_that_rounding_limits_is_computed_once(monkeypatch):
 def test_only_an_eigenvalue_beyond_rounding_is_a_way_down(monkeypatch, over):
     problem = problem_of(winding_cycle(6, 0.3, 0)[0].graph)
     case = Case.of(problem, Tier.STANDARD, 0.0, 0.0)
-    search = Staircase(case, SolveSettings(), Stop(silent, case.unit, math.inf), None)
+    search = Staircase(case, SolveSettings(), None)
     eigenvalue = -over * resolution(case.problem)
     direction = np.ones((6, 3))
     monkeypatch.setattr(staircase, "negative_curvature", lambda *_: (eigenvalue, direction))
@@ -877,7 +877,7 @@ def test_a_search_stopped_before_its_proof_claims_none():
     """The standard tier certifies, and then the time is up: that is no proof."""
     instance, _ = winding_cycle(6, 0.3, 0)
     case = Case.of(problem_of(instance.graph), Tier.STANDARD, 1e-5, 1e-12)
-    search = Staircase(case, SolveSettings(), Stop(silent, case.unit, math.inf), None)
+    search = Staircase(case, SolveSettings(), None)
     assert search.is_certified
     search.stop.deadline = -math.inf
     judged = pipeline._certificate

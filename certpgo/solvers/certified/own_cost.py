@@ -15,13 +15,12 @@ from certpgo.certify.case import PROOF_GAIN, Basin
 from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound
 from certpgo.certify.own_cost import RANKS, OwnCostCase, is_provable
-from certpgo.costs.descent import descend
 from certpgo.costs.problem import InformationProblem
 from certpgo.graph import Estimate
 from certpgo.graph.lift import Lift, rounded
 from certpgo.graph.wording import counted
 from certpgo.optimize.monitor import Monitor
-from certpgo.optimize.progress import Stop, stoppable
+from certpgo.optimize.progress import Stop
 from certpgo.optimize.solution import Level, Solution, Status
 from certpgo.solvers.certified.disagreement import Disagreement
 from certpgo.solvers.certified.pipeline import GIVEN, STOPPED, CertifiedSolution, search_and_certify
@@ -42,8 +41,10 @@ def search_own_cost(
 
     Measurements that disagree with the rest are looked for in the chordal search.
     """
-    case = OwnCostCase.of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
-    with stoppable(monitor, case.unit, settings.time_limit) as stop:
+    tier = settings.tier or Tier.STANDARD
+    case = OwnCostCase.of(problem, tier, settings.rtol, settings.atol, monitor)
+    stop = case.stop
+    with stop.within(settings.time_limit):
         # Cheaper bounds suffice to guide the search.
         steering = replace(case, tier=Tier.STANDARD) if case.tier is Tier.PROOF else case
         chordal = None
@@ -55,8 +56,7 @@ def search_own_cost(
             initial = chordal.estimate
             _follow(stop, chordal)
         ranks = RANKS if settings.max_rank is None else max(settings.max_rank - problem.d, 0)
-        searched = replace(steering, monitor_of=stop.of_minorant, ranks=min(ranks, RANKS))
-        search = _Search(searched, settings, stop, initial)
+        search = _Search(replace(steering, ranks=min(ranks, RANKS)), settings, initial)
         search.go_on()
         certificate = _certificate(search, None if settings.tier is None else case.tier)
         ended = stop.ended_by or search.status
@@ -116,10 +116,8 @@ def _follow(stop: Stop, found: CertifiedSolution) -> None:
 class _Search:
     """The best estimate and bound so far."""
 
-    def __init__(
-        self, case: OwnCostCase, settings: SolveSettings, stop: Stop, start: Estimate
-    ) -> None:
-        self.case, self.settings, self.stop = case, settings, stop
+    def __init__(self, case: OwnCostCase, settings: SolveSettings, start: Estimate) -> None:
+        self.case, self.settings, self.stop = case, settings, case.stop
         self.surrogates = 0
         self.best, self.status = self.basin(start)
 
@@ -155,14 +153,9 @@ class _Search:
 
     def basin(self, start: Estimate) -> tuple[Basin, Status]:
         """The end of descent on the cost, with its bound."""
-        problem = self.case.problem
-        found = descend(problem, start, monitor=self.stop, watch=self.stop.watch)
+        found = self.case.descent(start)
         with self.stop.watch.phase("certify"):
-            if self.stop.cuts():
-                cost = self.case.cost_upper(found.estimate)
-                basin = Basin(found.estimate, cost, False, None)
-            else:
-                basin = self.case.basin(found.estimate, False)
+            basin = self.case.basin(found.estimate, False)
         return replace(basin, settled=found.status is Status.CONVERGED), found.status
 
     def ends(self) -> bool:

@@ -21,7 +21,6 @@ from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize.marginals import Marginals
 from certpgo.optimize.monitor import Monitor
-from certpgo.optimize.progress import stoppable
 from certpgo.optimize.solution import Level, Solution
 from certpgo.optimize.starts import Start
 from certpgo.optimize.undetermined import Undetermined, undetermined
@@ -174,12 +173,12 @@ def search_and_certify(
     highest = problem.d + MORE_RANKS if settings.max_rank is None else settings.max_rank
     if highest < problem.d:
         raise InputError(f"the maximal rank must be at least {problem.d}, not {highest}")
-    case = Case.of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
+    case = Case.of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol, monitor)
     # Cheaper bounds suffice to guide the search.
     steering = replace(case, tier=Tier.STANDARD) if case.tier is Tier.PROOF else case
     closer = _as_close_as(case, settings)
-    with stoppable(monitor, case.unit, settings.time_limit) as stop:
-        search = Staircase(steering, closer, stop, initial)
+    with case.stop.within(settings.time_limit):
+        search = Staircase(steering, closer, initial)
         found = on_disagreement and _disagreement(search, problem, on_disagreement)
         search.go_on(highest)
         certificate = _certificate(search, None if settings.tier is None else case.tier)

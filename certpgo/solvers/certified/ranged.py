@@ -9,7 +9,6 @@ from certpgo.certify.ranged import RangedCase, Search
 from certpgo.costs.ranges import RangeProblem
 from certpgo.graph import Estimate
 from certpgo.optimize.monitor import Monitor
-from certpgo.optimize.progress import stoppable
 from certpgo.optimize.solution import Solution
 from certpgo.solvers.certified.pipeline import CertifiedSolution
 from certpgo.solvers.certified.settings import SolveSettings
@@ -33,9 +32,10 @@ def search_ranges(
     if initial is not None:
         problem.check(initial)
     tier = settings.tier or Tier.STANDARD
-    case = RangedCase.of(problem, tier, settings.rtol, settings.atol)
-    with stoppable(monitor, case.unit, settings.time_limit) as stop:
-        search = Search(case, stop, settings.max_rank)
+    case = RangedCase.of(problem, tier, settings.rtol, settings.atol, monitor)
+    stop = case.stop
+    with stop.within(settings.time_limit):
+        search = Search(case, settings.max_rank)
         search.run(initial)
     found = search.basin
     certificate = search.explained(case.certificate(found.point, found))

@@ -59,7 +59,7 @@ def descended(
     try:
         end = _descent(case, start, settings)
         cost = case.cost_upper(end)
-        bound = case.bound(end, cost, sharp=False, tight=True, refine=not own)
+        bound = case.bound(end, cost, sharp=False, tight=True)
     except (NumericalError, np.linalg.LinAlgError):
         return None
     basin = Basin(end, cost, True, bound)

@@ -14,7 +14,7 @@ from certpgo.io.opening import AnyPath, measured
 from certpgo.linalg.arrays import IntArray
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.monitor import Monitor, silent
-from certpgo.optimize.progress import stoppable
+from certpgo.optimize.progress import Stop
 from certpgo.optimize.starts import Start
 from certpgo.solvers.certified.disagreement import select
 from certpgo.solvers.certified.pipeline import CertifiedSolution, search_and_certify
@@ -74,7 +74,8 @@ def solve_robustly(
     limit = chosen.time_limit
     if initial is not None:
         problem.check(initial)
-    with stoppable(monitor, 1.0, limit) as stop:
+    stop = Stop(monitor)
+    with stop.within(limit):
         with stop.watch.phase("select"):
             selection = select(problem, initial=initial, trusted=trusted, monitor=stop)
         left = None if limit is None else limit - min(limit, stop.watch.total)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from certpgo.certify import Tier
-from certpgo.certify.case import ATOL, RTOL, refuse_tolerances, tier_called
+from certpgo.certify.case import ATOL, RTOL, refuse_time_limit, refuse_tolerances, tier_called
 from certpgo.errors import InputError, SpecError
 from certpgo.optimize.iterative import refuse_mistyped
 from certpgo.optimize.newton import NewtonSettings
@@ -80,8 +80,7 @@ class SolveSettings:
         refuse_mistyped(self)
         if self.tier is not None:
             tier_called(self.tier)
-        if self.time_limit is not None and not self.time_limit >= 0.0:
-            raise InputError(f"the time limit must not be negative: {self.time_limit}")
+        refuse_time_limit(self.time_limit)
         if self.max_rank is not None and self.max_rank < 1:
             raise InputError(f"the maximal rank must be at least 1, not {self.max_rank}")
         refuse_tolerances(self.rtol, self.atol)

@@ -41,16 +41,13 @@ class Staircase:
 
     Parameters
     ----------
-    case : the normalized problem and its tolerances
-    stop : the monitor of all phases
+    case : the normalized problem, its tolerances and the monitor of all phases
     initial : initial estimate; None computes one
     """
 
-    def __init__(
-        self, case: Case, settings: SolveSettings, stop: Stop, initial: Start | None
-    ) -> None:
-        self.case, self.problem, self.settings, self.stop = case, case.problem, settings, stop
-        self.watch = stop.watch
+    def __init__(self, case: Case, settings: SolveSettings, initial: Start | None) -> None:
+        self.case, self.problem, self.settings = case, case.problem, settings
+        self.stop, self.watch = case.stop, case.stop.watch
         self.patience = settings.patience if settings.time_limit is None else math.inf
         self.impatient = math.inf
         self.counts: Counter[str] = Counter()
