@@ -179,7 +179,8 @@ def command(
 def _is_better_known(found: Assessment, json: bool) -> bool:
     """Whether a better estimate was found that no printed step says how to write."""
     certificate = found.certificate
-    said = certificate.basin_is_global or certificate.verdict.value == "REFUTED"
+    optimal = certificate.is_optimal(found.best_cost)
+    said = optimal or certificate.basin_is_global or certificate.verdict.value == "REFUTED"
     return found.excess > certificate.tolerance and (json or not said)
 
 

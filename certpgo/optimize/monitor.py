@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Iterator
@@ -18,7 +19,8 @@ class Iteration:
     ----------
     number : 0 for the initial estimate
     cost : objective F there
-    gradient : norm of the Riemannian gradient, relative to the problem's scale
+    gradient : norm of the Riemannian gradient, relative to the problem's scale, or what else tells
+        a method how far it has to go; infinite if nothing does
     step : norm of the step that led here (radians and scaled translations together)
     seconds : solver time so far, without monitoring
     gain : actual over predicted decrease of F, for trust-region methods
@@ -74,7 +76,7 @@ def silent(iteration: Iteration) -> bool:
 
 @dataclass(slots=True)
 class TableMonitor:
-    """Prints one line per iteration.
+    """Prints one line per iteration, under a heading that names the cost.
 
     Attributes
     ----------
@@ -82,20 +84,31 @@ class TableMonitor:
     """
 
     stream: TextIO | None = None
+    _shown: str = field(default="", init=False, repr=False)
 
     def __call__(self, iteration: Iteration) -> bool:
         """Print the iteration; never stop."""
         stream = self.stream or sys.stderr
-        if iteration.number == 0:
+        if iteration.objective != self._shown:
+            cost = "the chordal cost F" if iteration.objective == "F" else iteration.objective
+            stream.write(f"{cost}\n")
+        if iteration.objective != self._shown or iteration.number == 0:
             heads = f"{'it':>4} {'cost':>22} {'gradient':>10} {'step':>10} {'gain':>9} {'s':>8}"
             stream.write(f"{heads}\n")
+        self._shown = iteration.objective
+        gradient, step = _brief(iteration.gradient), _brief(iteration.step)
         gain = "" if iteration.gain is None else f"{iteration.gain:.3g}"
         rejected = "" if iteration.accepted else "  rejected"
         stream.write(
-            f"{iteration.number:4d} {iteration.cost:22.15g} {iteration.gradient:10.2e} "
-            f"{iteration.step:10.2e} {gain:>9} {iteration.seconds:8.3f}{rejected}\n"
+            f"{iteration.number:4d} {iteration.cost:22.15g} {gradient:>10} "
+            f"{step:>10} {gain:>9} {iteration.seconds:8.3f}{rejected}\n"
         )
         return False
+
+
+def _brief(value: float) -> str:
+    """A number for a column; nothing where a method has none."""
+    return f"{value:.2e}" if math.isfinite(value) else ""
 
 
 @dataclass(slots=True)
@@ -109,12 +122,15 @@ class Stopwatch:
 
     seconds: dict[str, float] = field(default_factory=dict)
     _inner: list[float] = field(default_factory=list, repr=False)
+    _since: float = field(default=0.0, repr=False)
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
         """Add the time of the ``with`` block, less its nested phases, to ``name``."""
-        self._inner.append(0.0)
         start = time.perf_counter()
+        if not self._inner:
+            self._since = start
+        self._inner.append(0.0)
         try:
             yield
         finally:
@@ -126,5 +142,6 @@ class Stopwatch:
 
     @property
     def total(self) -> float:
-        """Seconds of all phases together."""
-        return sum(self.seconds.values())
+        """Seconds of all phases together, so far."""
+        running = time.perf_counter() - self._since - sum(self._inner) if self._inner else 0.0
+        return sum(self.seconds.values()) + running

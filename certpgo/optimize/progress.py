@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -121,6 +123,9 @@ class Stop:
         if self.interrupted:
             raise KeyboardInterrupt
         self.interrupted = True
+        if sys.stderr is not None and sys.stderr.isatty():
+            # Not print, which this may have interrupted.
+            os.write(sys.stderr.fileno(), b"\nstopping after this step; Ctrl-C again aborts\n")
 
     def __call__(self, iteration: Iteration) -> bool:
         """Forward an iteration; returns whether to stop."""
@@ -133,7 +138,12 @@ class Stop:
 
         Its iterations are forwarded with the constant, but they are not part of the trace.
         """
-        return lambda iteration: self._heeded(self._in_units(iteration, iteration.cost + constant))
+
+        def forward(iteration: Iteration) -> bool:
+            of_phases = self._in_units(iteration, iteration.cost + constant)
+            return self._heeded(replace(of_phases, objective=f"a minorant of {self.objective}"))
+
+        return forward
 
     def _in_units(self, iteration: Iteration, cost: float) -> Iteration:
         return replace(

@@ -96,9 +96,10 @@ class GraduatedNonConvexity(Iterative):
         r = np.sqrt(problem.edge_costs(point))
         mu = 1.0 / float(np.clip(2.0 * (r / c).max() ** 2 - 1.0, 1e-6, CONVEX))
         progress = Progress(monitor, self.tolerance, self.max_iterations, watch)
-        undecided = np.inf
+        undecided, turned = np.inf, 0.0
         known = np.zeros(0, dtype=np.intp) if trusted is None else trusted
-        while progress.advance(problem.cost(point), undecided, undecided):
+        while progress.advance(problem.cost(point), undecided, turned):
+            before = point.rotations
             with watch.phase("descent"):
                 weights = surrogate_weights(r, c, mu)
                 weights[known] = 1.0
@@ -111,6 +112,9 @@ class GraduatedNonConvexity(Iterative):
                 if mu >= 1.0:
                     undecided = float(np.minimum(weights, 1.0 - weights).max())
                 mu *= self.rate
+                turned = float(
+                    np.linalg.norm(so.angle(np.swapaxes(before, 1, 2) @ point.rotations))
+                )
         kept = r <= c
         kept[known] = True
         return fitted(problem, kept, point, progress, note=_threshold(problem, float(c.max())))

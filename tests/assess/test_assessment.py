@@ -247,6 +247,14 @@ def test_one_bound_serves_all_answers_that_lead_to_it(monkeypatch):
         assert row.lower_bound == pytest.approx(certificate.lower_bound, rel=1e-6)
 
 
+def test_no_rows_follow_an_interruption():
+    problem, best = optimum(0, 12, 3)
+    stopped = Judge(problem, monitor=lambda _: True)
+    part = JudgedGraph(Instance("walk", problem.graph, np.arange(12)), problem, stopped)
+    rows = list(judge_all(["one", "two"], [part], lambda _: [best]))
+    assert [row.estimate for row in rows] == ["one"]
+
+
 def test_a_certified_optimum_refutes_all_others_without_another_search():
     instance, wound = winding_cycle(20, 0.1, 1)
     problem = RotationProblem(instance.graph)

@@ -6,11 +6,13 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.io import write
+from certpgo.optimize.progress import Stop
 from certpgo.optimize.solution import Status
 from certpgo.solvers._sdp import Semidefinite
 from certpgo.solvers.certified.interface import solve
@@ -127,3 +129,34 @@ def test_bounds_of_half_a_search_are_not_shown(certpgo, tmp_path, monkeypatch, g
 def test_the_help_says_which_interrupt_aborts(certpgo):
     said = " ".join(certpgo("solve", "--help").out.replace("│", " ").split())
     assert "With --method, the first Ctrl-C aborts" in said
+
+
+def test_an_interrupted_certification_prints_what_is_proven(certpgo, tmp_path, monkeypatch):
+    from certpgo.cli._show import StatusLine
+
+    instance, wound = winding_cycle(9, 0.3, 1)
+    graph, estimate, rows = tmp_path / "cycle.npz", tmp_path / "wound.npz", tmp_path / "rows.csv"
+    write(graph, instance)
+    write(estimate, wound)
+    monkeypatch.setattr(StatusLine, "__call__", lambda *_: True)
+    done = certpgo("certify", graph, estimate)
+    assert done.code == 130
+    assert "ended early (interrupted)" in done.out
+    assert certpgo("certify", graph, estimate, estimate, "--csv", rows).code == 130
+    assert len(rows.read_text().splitlines()) == 2
+    monkeypatch.undo()
+    limited = certpgo("certify", graph, estimate, "--time-limit", 0)
+    assert limited.code == 5
+    assert "ended early (time limit)" in limited.out
+    assert certpgo("certify", graph, estimate, "--time-limit", 60).code == 4
+
+
+def test_the_first_ctrl_c_says_what_the_second_does(monkeypatch):
+    written = []
+    stop = Stop()
+    monkeypatch.setattr("certpgo.optimize.progress.os.write", lambda _, text: written.append(text))
+    monkeypatch.setattr(sys, "stderr", SimpleNamespace(isatty=lambda: True, fileno=lambda: 2))
+    stop.interrupt(signal.SIGINT, None)
+    with pytest.raises(KeyboardInterrupt):
+        stop.interrupt(signal.SIGINT, None)
+    assert written == [b"\nstopping after this step; Ctrl-C again aborts\n"]

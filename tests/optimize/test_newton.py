@@ -159,7 +159,7 @@ def test_the_monitor_prints_gains_and_rejected_steps():
     monitor = TableMonitor(stream)
     monitor(Iteration(0, 4.0, 1.0, 0.0, 0.0))
     monitor(Iteration(1, 4.0, 1.0, 0.5, 0.1, gain=-0.25, accepted=False))
-    _, first, second = stream.getvalue().splitlines()
+    _, _, first, second = stream.getvalue().splitlines()
     assert "rejected" not in first
     assert second.split()[4:] == ["-0.25", "0.100", "rejected"]
 
@@ -169,9 +169,40 @@ def test_table_monitor_prints_one_line_an_iteration():
     stream = io.StringIO()
     solution = newton(PoseProblem(graph), Estimate(R, t), monitor=TableMonitor(stream))
     lines = stream.getvalue().splitlines()
-    assert len(lines) == solution.iterations + 2
-    assert "gradient" in lines[0]
+    assert len(lines) == solution.iterations + 3
+    assert lines[0] == "the chordal cost F"
+    assert "gradient" in lines[1]
     assert silent(Iteration(0, 1.0, 1.0, 0.0, 0.0)) is False
+
+
+def test_the_table_names_each_cost_and_leaves_out_what_a_method_does_not_know():
+    stream = io.StringIO()
+    monitor = TableMonitor(stream)
+    for number, objective in enumerate(["F", "F", "another", "F"]):
+        monitor(Iteration(number, 4.0, np.inf, 0.0, 0.0, objective=objective))
+    words = [line.split() for line in stream.getvalue().splitlines()]
+    firsts = " ".join(line[0] for line in words)
+    assert firsts == "the it 0 1 another it 2 the it 3"
+    assert words[2] == ["0", "4", "0.00e+00", "0.000"]
+
+
+def test_the_total_of_a_stopwatch_includes_running_phases(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr("certpgo.optimize.monitor.time.perf_counter", lambda: now[0])
+    watch = Stopwatch()
+    with watch.phase("outer"):
+        now[0] = 1.0
+        with watch.phase("inner"):
+            now[0] = 3.0
+            assert watch.total == 3.0
+        now[0] = 4.0
+        assert watch.total == 4.0
+        with watch.phase("inner"):
+            now[0] = 5.0
+            assert watch.total == 5.0
+    now[0] = 9.0
+    assert watch.total == 5.0
+    assert watch.seconds == {"outer": 2.0, "inner": 3.0}
 
 
 def test_stopwatch_counts_nested_phases_once():

@@ -251,6 +251,12 @@ def test_what_to_do_next_depends_on_the_verdict(solved):
     commands = [command for _, command in again]
     assert "certpgo solve g.g2o --tier proof" in commands
     assert "certpgo solve g.g2o --time-limit 600" in commands
+    found = replace(judged, better=judged.refined, better_cost=judged.lower_bound)
+    assert [c for _, c in advice(found, "g.g2o", "e.tum")] == [
+        "certpgo certify g.g2o e.tum --best better.g2o"
+    ]
+    unrefined = replace(certificate, verdict=Verdict.UNDECIDED, descended=False)
+    assert advice(unrefined, "g.g2o", "e.tum")[0][1] == "certpgo certify g.g2o e.tum"
     refuted = replace(certificate, verdict=Verdict.REFUTED)
     chosen = advice(refuted, "g.g2o", "e.tum", reading=["--kappa", "3"], cost=["--cost", "gtsam"])
     assert "certpgo solve g.g2o --cost gtsam --kappa 3 -o start.g2o" in dict(chosen).values()

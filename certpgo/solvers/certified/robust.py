@@ -74,7 +74,7 @@ def solve_robustly(
     limit = chosen.time_limit
     if initial is not None:
         problem.check(initial)
-    stop = Stop(monitor)
+    stop = Stop(monitor, objective="the chordal cost F of all measurements, in a robust fit")
     with stop.within(limit):
         with stop.watch.phase("select"):
             selection = select(problem, initial=initial, trusted=trusted, monitor=stop)
