@@ -93,12 +93,7 @@ def command(
     from certpgo.costs import certifiable
     from certpgo.io.format import format_to_write
 
-    if csv is not None and truth is not None:
-        raise InputError("--truth needs a single estimate, without --csv")
-    if len(estimates) > 1 and csv is None:
-        raise InputError("several estimates need --csv OUT")
-    if csv is not None and not (best is None and proof is None and html is None):
-        raise InputError("--best, --proof and --html need a single estimate, without --csv")
+    _refuse_mixtures(estimates, csv, truth=truth, best=best, proof=proof, html=html)
     if best is not None:
         format_to_write(best, None)  # report a wrong suffix before any work
     refuse_unprovable(cost, proof)
@@ -132,12 +127,8 @@ def command(
             monitor=status,
         )
         parts.append(JudgedGraph(connected, problem, judge))
-    if best is not None and len(parts) > 1:
-        raise InputError("--best writes one estimate; use --components largest")
-    if proof is not None and len(parts) > 1:
-        raise InputError("--proof needs a connected graph; write each component to a file")
-    if html is not None and len(parts) > 1:
-        raise InputError("--html shows one estimate; use --components largest")
+    if len(parts) > 1:
+        _refuse_parts(best=best, proof=proof, html=html)
     if csv is not None:
         return _batch(estimates, instance, parts, timestamps, csv, json, reading, status)
     path = reading.resolve(estimates[0]).path()
@@ -174,6 +165,28 @@ def command(
         )
         write_page(html, part.instance, problem, given[0], assessments[0], origin)
     return code if proven else code or REFUSED
+
+
+def _refuse_mixtures(
+    estimates: Sequence[str], csv: Path | None, *, truth: str | None, **outputs: Path | None
+) -> None:
+    """Refuse options for one estimate where there may be several."""
+    if csv is not None and truth is not None:
+        raise InputError("--truth needs a single estimate, without --csv")
+    if len(estimates) > 1 and csv is None:
+        raise InputError("several estimates need --csv OUT")
+    if csv is not None and any(outputs.values()):
+        raise InputError("--best, --proof and --html need a single estimate, without --csv")
+
+
+def _refuse_parts(*, best: Path | None, proof: Path | None, html: Path | None) -> None:
+    """Refuse outputs that are for a connected graph."""
+    if best is not None:
+        raise InputError("--best writes one estimate; use --components largest")
+    if proof is not None:
+        raise InputError("--proof needs a connected graph; write each component to a file")
+    if html is not None:
+        raise InputError("--html shows one estimate; use --components largest")
 
 
 def _is_better_known(found: Assessment, json: bool) -> bool:
