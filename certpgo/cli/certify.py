@@ -168,7 +168,7 @@ def command(
 
 
 def _refuse_mixtures(
-    estimates: Sequence[str], csv: Path | None, *, truth: str | None, **outputs: Path | None
+    estimates: Sequence[str], csv: Path | None, *, truth: Path | None, **outputs: Path | None
 ) -> None:
     """Refuse options for one estimate where there may be several."""
     if csv is not None and truth is not None:
