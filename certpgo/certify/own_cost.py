@@ -237,7 +237,8 @@ class OwnCostCase(Case):
     ) -> Certificate:
         """The certificate of an estimate; its reason names measurements without a minorant."""
         found = super().certificate(estimate, own, other, bounds)
-        if found.verdict not in (Verdict.BOUNDED, Verdict.UNDECIDED):
+        unproven = found.verdict in (Verdict.BOUNDED, Verdict.UNDECIDED)
+        if not unproven or self.stop.cut is not None:
             return found
         try:
             minorants = self.problem.edge_cost.minorants(*self.problem.relative(own.point))

@@ -23,6 +23,8 @@ FIRST_DAMPING, LARGEST_DAMPING = 1e-6, 1e9
 LEAST_DAMPING = 1e-12
 #: Actual over predicted decrease from which a step is accepted, and the damping reduced.
 MIN_GAIN, GOOD_GAIN = 1e-3, 0.5
+#: A factor serves the next step, too, where its last one reduced the stationarity by this factor.
+FAST = 0.5
 
 
 def descend(
@@ -43,41 +45,52 @@ def descend(
     """
     problem.check(initial)
     progress = Progress(monitor, tolerance, max_iterations, watch or Stopwatch())
-    point, damping, last = initial, 0.0, _FIRST
-    cost, gradient, H = problem.normal_equations(point)
-    stationarity = problem.stationarity_of(gradient, H)
+    point, damping, last, layout = initial, 0.0, _FIRST, problem.tangent_layout
+    here = problem.normal_equations(point)
+    curvature, factor = here.curvature, None
+    stationarity = problem.stationarity_of(here.gradient, curvature)
     first_pose = np.arange(problem.n) == problem.chordal.poses[0]
-    gauge = problem.tangent_layout.pack(np.tile(first_pose[:, None], (1, gradient.shape[1])))
-    while progress.advance(cost, stationarity, last.length, gain=last.gain, accepted=last.accepted):
+    gauge = layout.pack(np.tile(first_pose[:, None], (1, curvature.shape[1])))
+    while progress.advance(
+        here.cost, stationarity, last.length, gain=last.gain, accepted=last.accepted
+    ):
         if damping > LARGEST_DAMPING:
             progress.status = Status.STALLED
             break
+        reused, slope = factor is not None, layout.pack(here.gradient)
         with progress.watch.phase("descend"):
-            first, slope = H.diagonal(), problem.tangent_layout.pack(gradient)
-            damped = damping * first
-            A = add_to_diagonal(H, damped + np.where(gauge, first, 0.0))
-            factor = problem.chordal.symbolic(A).factor(A)
+            if factor is None:
+                diagonal = here.matrix.diagonal()
+                curvature, damped = layout.unpack(diagonal), damping * diagonal
+                A = add_to_diagonal(here.matrix, damped + np.where(gauge, diagonal, 0.0))
+                factor = problem.symbolic(A).factor(A)
             if factor is None:
                 damping, last = 10.0 * damping or FIRST_DAMPING, _REJECTED
                 continue
             step = -factor.solve(slope)
             candidate = _retract(problem, point, step)
-            lower, following, matrix = problem.normal_equations(candidate)
+            there = problem.normal_equations(candidate)
         predicted = float(step @ (damped * step - slope))
         # Where the decrease is below rounding of the cost, the gradient may still show progress.
-        gain = None if predicted <= ROUNDING * cost else float((cost - lower) / predicted)
-        if gain is not None and not gain > MIN_GAIN:
-            damping, last = 10.0 * damping or FIRST_DAMPING, _REJECTED
-            continue
-        there = problem.stationarity_of(following, matrix)
-        if gain is None and not (there < stationarity and lower <= (1.0 + 2.0 * ROUNDING) * cost):
+        gain = None
+        if not predicted <= ROUNDING * here.cost:
+            gain = float((here.cost - there.cost) / predicted)
+            if not gain > MIN_GAIN:
+                factor, last = None, _REJECTED
+                damping = damping if reused else 10.0 * damping or FIRST_DAMPING
+                continue
+        before, stationarity = stationarity, problem.stationarity_of(there.gradient, curvature)
+        risen = not there.cost <= (1.0 + 2.0 * ROUNDING) * here.cost
+        if gain is None and (risen or not stationarity < before):
             progress.status = Status.STALLED
             break
-        last = _Step(float(np.linalg.norm(step)), gain, True)
+        if damping > 0.0 or not stationarity < FAST * before:
+            factor = None
         if gain is not None and gain > GOOD_GAIN:
             damping = damping / 10.0 if damping > LEAST_DAMPING else 0.0
-        point, cost, gradient, H, stationarity = candidate, lower, following, matrix, there
-    return progress.solution(point, cost)
+        last = _Step(float(np.linalg.norm(step)), gain, True)
+        point, here = candidate, there
+    return progress.solution(point, here.cost)
 
 
 class _Step(NamedTuple):

@@ -24,6 +24,40 @@ from certpgo.objective.operators import lever
 from certpgo.objective.problem import PoseProblem
 
 
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """A cost and its linearization at an estimate.
+
+    Attributes
+    ----------
+    cost : the cost there
+    gradient : (n, d + p) half its gradient
+    at_i, at_j : (m, k, d + p) derivatives of the residuals by the first and the second pose
+    """
+
+    problem: InformationProblem
+    cost: float
+    gradient: FloatArray
+    at_i: FloatArray
+    at_j: FloatArray
+
+    @cached_property
+    def matrix(self) -> CSC:
+        """The Gauss-Newton matrix of half the cost."""
+        graph, n = self.problem.graph, self.problem.n
+        i, j = graph.edges.T
+        heavy_i, heavy_j = graph.information @ self.at_i, graph.information @ self.at_j
+        diagonal = scatter_sum(i, np.swapaxes(self.at_i, 1, 2) @ heavy_i, n)
+        diagonal += scatter_sum(j, np.swapaxes(self.at_j, 1, 2) @ heavy_j, n)
+        upper = np.swapaxes(self.at_i, 1, 2) @ heavy_j
+        return self.problem.chordal.pattern.assemble(diagonal, upper, graph.d)
+
+    @property
+    def curvature(self) -> FloatArray:
+        """(n, d + p) diagonal of the matrix."""
+        return self.problem.tangent_layout.unpack(self.matrix.diagonal())
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class InformationProblem(Speaking):
     """Minimise the cost of another program, f = sum e^T Omega e over the edges, over SE(d)^n.
@@ -135,29 +169,24 @@ class InformationProblem(Speaking):
         """(m,) angles between R_i R_ij and R_j, radians."""
         return self.chordal.residual_angles(estimate)
 
-    def normal_equations(self, estimate: Estimate) -> tuple[float, FloatArray, CSC]:
-        """The cost, half its gradient (n, d + p), and the Gauss-Newton matrix.
+    def normal_equations(self, estimate: Estimate) -> NormalEquations:
+        """The cost and its linearization at an estimate.
 
         Poses move by world-frame translations, then body-frame rotations.
         """
-        n, d = self.n, self.d
         i, j = self.graph.edges.T
         v, Q = self.relative(estimate)
         e, in_v, in_w = self.edge_cost.linearized(v, Q)
         # v moves by R_i^T (dt_j - dt_i) + v x w_i, and Q by Q exp(w_j - Q^T w_i).
         by_t = in_v @ np.swapaxes(estimate.rotations[i], 1, 2)
-        turned = in_w if d == 2 else in_w @ np.swapaxes(Q, 1, 2)
+        turned = in_w if self.d == 2 else in_w @ np.swapaxes(Q, 1, 2)
         at_i = np.concatenate([-by_t, in_v @ lever(v) - turned], axis=2)
         at_j = np.concatenate([by_t, in_w], axis=2)
         weighted = self.graph.information @ e[:, :, None]
-        gradient = scatter_sum(i, (np.swapaxes(at_i, 1, 2) @ weighted)[:, :, 0], n)
-        gradient += scatter_sum(j, (np.swapaxes(at_j, 1, 2) @ weighted)[:, :, 0], n)
-        heavy_i, heavy_j = self.graph.information @ at_i, self.graph.information @ at_j
-        diagonal = scatter_sum(i, np.swapaxes(at_i, 1, 2) @ heavy_i, n)
-        diagonal += scatter_sum(j, np.swapaxes(at_j, 1, 2) @ heavy_j, n)
-        upper = np.swapaxes(at_i, 1, 2) @ heavy_j
+        gradient = scatter_sum(i, (np.swapaxes(at_i, 1, 2) @ weighted)[:, :, 0], self.n)
+        gradient += scatter_sum(j, (np.swapaxes(at_j, 1, 2) @ weighted)[:, :, 0], self.n)
         cost = float((e[:, None, :] @ weighted).sum())
-        return cost, gradient, self.chordal.pattern.assemble(diagonal, upper, d)
+        return NormalEquations(self, cost, gradient, at_i, at_j)
 
     @property
     def tangent_layout(self) -> Layout:
@@ -166,7 +195,7 @@ class InformationProblem(Speaking):
 
     def gauss_newton(self, estimate: Estimate) -> CSC:
         """The Gauss-Newton matrix of half the cost, as in `normal_equations`."""
-        return self.normal_equations(estimate)[2]
+        return self.normal_equations(estimate).matrix
 
     def symbolic(self, A: CSC) -> Symbolic:
         """The symbolic analysis of a block matrix of this graph."""
@@ -174,12 +203,11 @@ class InformationProblem(Speaking):
 
     def stationarity(self, estimate: Estimate) -> float:
         """Largest gradient of a pose over its curvature, radians and relative translations."""
-        _, gradient, matrix = self.normal_equations(estimate)
-        return self.stationarity_of(gradient, matrix)
+        found = self.normal_equations(estimate)
+        return self.stationarity_of(found.gradient, found.curvature)
 
-    def stationarity_of(self, gradient: FloatArray, matrix: CSC) -> float:
-        """`stationarity`, from the normal equations."""
-        curvature = self.tangent_layout.unpack(matrix.diagonal())
+    def stationarity_of(self, gradient: FloatArray, curvature: FloatArray) -> float:
+        """`stationarity`, from half the gradient and the matrix's diagonal, each (n, d + p)."""
         t = self.graph.translations
         length = math.sqrt(float(np.einsum("ma,ma->", t, t)) / len(t)) or 1.0
         unit = np.r_[np.full(self.d, length), np.ones(gradient.shape[1] - self.d)]

@@ -1,5 +1,6 @@
 """Solving and certifying in g2o's cost: published data, surrogates, symmetries, refusals."""
 
+import itertools
 import json
 from dataclasses import replace
 
@@ -22,6 +23,7 @@ from certpgo.costs import (
 )
 from certpgo.costs.descent import descend
 from certpgo.costs.g2o import G2oCost
+from certpgo.costs.problem import NormalEquations
 from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.graph import Instance
 from certpgo.graph.components import connected_parts
@@ -92,6 +94,42 @@ def test_wrong_optima_are_refuted(dataset):
     assert found.refined_cost == pytest.approx(41.16326884, rel=1e-8)
 
 
+# --- Descent
+
+
+@given(seeds, dimensions)
+@few
+def test_descents_never_rise_and_report_the_steps_that_would(seed, d):
+    rng = rng_of(seed)
+    problem, x = problem_of_random(rng, 7, d)
+    far = Estimate(so.random(rng, 7, d), 10.0 * rng.standard_normal((7, d)))
+    for start in (x, far):
+        found = descend(problem, start)
+        assert found.trace[0].cost == pytest.approx(problem.cost(start), rel=1e-12)
+        for last, following in itertools.pairwise(found.trace):
+            assert following.cost <= last.cost * (1.0 + 1e-14)
+            if not following.accepted:
+                assert (following.cost, following.gain) == (last.cost, None)
+        assert found.cost == pytest.approx(problem.cost(found.estimate), rel=1e-12)
+
+
+def test_a_factor_serves_as_long_as_its_steps_converge_fast(monkeypatch):
+    problem, x = problem_of_random(rng_of(0), 30, 3, noise=0.1)
+    matrices = []
+    assemble = NormalEquations.matrix.func
+    monkeypatch.setattr(
+        NormalEquations, "matrix", property(lambda p: matrices.append(p) or assemble(p))
+    )
+    found = descend(problem, x)
+    assert found.status.value == "converged"
+    assert len({id(p) for p in matrices}) < found.iterations
+    # By a step at a time, each has its own matrix.
+    point = x
+    for _ in range(60):
+        point = descend(problem, point, max_iterations=1).estimate
+    assert problem.cost(point) == pytest.approx(found.cost, rel=1e-12)
+
+
 # --- Surrogates
 
 
@@ -123,7 +161,8 @@ def test_a_surrogate_equals_the_cost_at_its_point_and_is_stationary_there(seed, 
 def test_normal_equations_are_derivatives_of_the_cost(seed, d):
     rng = rng_of(seed)
     problem, x = problem_of_random(rng, 6, d, noise=0.2)
-    cost, gradient, H = problem.normal_equations(x)
+    here = problem.normal_equations(x)
+    cost, gradient, H = here.cost, here.gradient, here.matrix
     assert cost == pytest.approx(problem.cost(x), rel=1e-12)
     v = rng.standard_normal(gradient.shape)
 
