@@ -38,6 +38,8 @@ S = [Fraction((-1) ** k, factorial(2 * k + 1)) for k in range(TERMS + 1)]
 D = [Fraction((-1) ** (k + 1) * (2 * k + 2), factorial(2 * k + 3)) for k in range(TERMS + 1)]
 DD = [Fraction((-1) ** k * (k + 1) * (2 * k + 4), factorial(2 * k + 5)) for k in range(TERMS + 1)]
 H = [Fraction(2 * (-1) ** k * (4**k - 4 * k**2), factorial(2 * k + 1)) for k in range(3, TERMS + 4)]
+#: Fewest terms, and a tail over the first term that no longer counts.
+FEWEST, NEGLIGIBLE = 4, 2.0**-72
 #: The least angle at which functions are expanded, and the least distance from pi.
 SMALL, EDGE = 2.0**-60, 2.0**-24
 #: Coefficients of c = (1 - (theta/2) cot(theta/2)) / theta^2 = sum |B_2n| x^(n-1) / (2n)!.
@@ -47,10 +49,17 @@ C = [float(2.0 * zeta(2 * n) / (2.0 * np.pi) ** (2 * n)) for n in range(1, 31)]
 def series(coefficients: list[Fraction], x: Ball) -> Ball:
     """Alternating series at 0 <= x <= `LARGEST`, where its terms decrease from the third on.
 
-    Then the tail is at most its first term. Beyond, nothing is known.
+    Then the tail is at most its first term, and as few terms are summed as make that negligible.
+    Beyond, nothing is known.
     """
-    value = polynomial(coefficients[:TERMS], x)
-    bound = 1.01 * abs(float(coefficients[TERMS])) * LARGEST**TERMS
+    # NaN does not count, and has a tail without bounds.
+    largest = min(float(np.fmax.reduce(x.upper, axis=None, initial=0.0)), LARGEST)
+    sizes = [abs(float(c)) for c in coefficients]
+    terms = FEWEST
+    while terms < TERMS and sizes[terms] * largest**terms > NEGLIGIBLE * sizes[0]:
+        terms += 1
+    value = polynomial(coefficients[:terms], x)
+    bound = 1.01 * sizes[terms] * largest**terms
     tail = np.where(x.upper <= LARGEST, bound, np.inf)
     return Ball(value.mid, (value.radius + tail) * (1.0 + 1e-15))
 
