@@ -26,8 +26,8 @@ NOTES = (
     ),
     "GTSAM gets the weights of F: its own error then differs from F by terms of fourth order in "
     "the residuals.",
-    f"In the row {OF_THE_FILE}, GTSAM reads the file itself, if it can, and minimises its own error "
-    "with the file's full information matrices.",
+    f"In the row {OF_THE_FILE}, GTSAM reads the file itself, if it can, and minimises its own "
+    "error with the file's full information matrices.",
     "Seconds are those of one run, without reading and certifying.",
 )
 #: Methods without which a note is left out, by the beginnings of their labels.
