@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -57,8 +58,7 @@ def certify(
     refine : if False, compute the bound only from the estimate's own multipliers
     time_limit : seconds after which the bound found so far is used, once the current step is
         finished
-    monitor : is called with each iteration of the descents; may stop them, like Ctrl-C, whose
-        second use raises KeyboardInterrupt
+    monitor : is called with each iteration of the descents, and may stop the search for a bound
 
     Raises
     ------
@@ -100,12 +100,13 @@ def certify(
 class Judge:
     """`certify` for many estimates of one problem, which share the bounds proven for it.
 
-    If a known lower bound certifies the end of a descent, no other is computed.
+    If a known lower bound certifies the end of a descent, no other is computed. For one thread.
 
     Parameters
     ----------
     problem, tier, rtol, atol, refine, monitor : as for `certify`
     time_limit : for each estimate
+    ctrl_c : whether the first Ctrl-C only stops the search for a bound, like the monitor
     """
 
     def __init__(
@@ -118,6 +119,7 @@ class Judge:
         refine: bool = True,
         time_limit: float | None = None,
         monitor: Monitor = silent,
+        ctrl_c: bool = False,
     ) -> None:
         refuse_time_limit(time_limit)
         if isinstance(problem, InformationProblem):
@@ -130,9 +132,11 @@ class Judge:
             raise InputError(
                 f"a PoseProblem(graph) or RotationProblem(graph) is judged, not {kind_of(problem)}"
             )
-        self._problem, self._refine, self._time_limit = problem, refine, time_limit
+        self._problem, self._refine = problem, refine
+        self._time_limit, self._ctrl_c = time_limit, ctrl_c
         self._best: Basin | None = None
         self._other: Basin | None = None
+        self._raised = False  # whether that has its best bound
 
     def certify(self, estimate: Estimate) -> Certificate:
         """Certify one estimate.
@@ -144,12 +148,15 @@ class Judge:
         """
         case = self._case
         self._problem.check(estimate)
+        limits = case.stop.within(self._time_limit, ctrl_c=self._ctrl_c)
         # No warnings for infinite costs.
-        with np.errstate(over="ignore", invalid="ignore"), case.stop.within(self._time_limit):
+        with np.errstate(over="ignore", invalid="ignore"), limits:
             own, other = self._basins(estimate)
             for basin in (own, other):
                 if basin is not None and (self._best is None or basin.value > self._best.value):
                     self._best = basin
+            if self._best is not None and self._best.value > own.value:
+                own = replace(own, bound=self._best.bound)
             found = case.certificate(estimate, own, other, _bounds(case.problem, own.point))
         if self.ended_by is None or found.verdict in (Verdict.CERTIFIED, Verdict.REFUTED):
             return found
@@ -160,32 +167,41 @@ class Judge:
     @property
     def interrupted(self) -> bool:
         """Whether the monitor or Ctrl-C stopped work on the last estimate."""
-        return self.ended_by is Status.INTERRUPTED
+        return self._case.stop.interrupted
 
     @property
     def ended_by(self) -> Status | None:
-        """What stopped work on the last estimate: the time limit, or the monitor or Ctrl-C."""
-        return self._case.stop.ended_by
+        """Why work on the last estimate was left out: the time limit, or the monitor or Ctrl-C."""
+        return self._case.stop.cut
 
     def _basins(self, estimate: Estimate) -> tuple[Basin, Basin | None]:
         """The basin of the estimate and, if that is not proven optimal, another one.
 
-        The bound that takes most work is computed last, and in the lower basin alone.
+        The bounds that take most work are computed last, and in the lower basin first.
         """
         case = self._case
         own = case.basin(estimate, self._refine, self._best)
         if not self._refine or case.is_sharp(own) or case.stop.cuts():
             return own, None
         other = self._elsewhere()
-        lower = own if other is None or own.cost <= other.cost else other
-        known = own.value if other is None else max(own.value, other.value)
-        if known >= lower.cost - case.difference(lower.cost) or case.stop.cuts():
-            return own, other
-        raised = case.raised(lower)
-        if lower is own:
-            return raised, other
-        self._other = raised
-        return own, raised
+        if other is None:
+            return self._with_best_bound(own), None
+        for lower in (own, other) if own.cost <= other.cost else (other, own):
+            known, least = max(own.value, other.value), min(own.cost, other.cost)
+            if known >= least - case.difference(least) or case.stop.cuts():
+                break
+            if lower is own:
+                own = self._with_best_bound(own)
+            elif not self._raised:
+                other = self._other = self._with_best_bound(other)
+                self._raised = case.stop.cut is None
+        return own, other
+
+    def _with_best_bound(self, basin: Basin) -> Basin:
+        """The basin with a bound that takes more work; itself if that fails."""
+        with suppress(NumericalError, np.linalg.LinAlgError):
+            return self._case.raised(basin)
+        return basin
 
     def _elsewhere(self) -> Basin | None:
         """A basin known to be optimal, or the one reached without the estimate, if any."""

@@ -216,7 +216,7 @@ class OwnCostCase(Case):
                     value = math.nextafter(bound.value + below.constant, -math.inf)
                     bound = replace(bound, value=value, support=Support(below.minorants, point))
                 yield Reached(point, bound, number)
-            if self.stop.asked:
+            if self.stop.cuts():
                 return
             there = self.problem.relative(point)
             fall = expanded - (below.problem.cost(point) + below.constant)

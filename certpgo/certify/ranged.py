@@ -138,7 +138,9 @@ class RangedCase(Case):
 
     def descent(self, start: Point) -> Solution:
         """Local descent on the cost, at rank d."""
-        point, status = descend(self.problem, start, max_iterations=STEPS, monitor=self.stop)
+        point, status = descend(
+            self.problem, start, max_iterations=STEPS, monitor=self.stop, watch=self.stop.watch
+        )
         estimate = Estimate(point.rotations, point.translations)
         return Solution(estimate, self.problem.cost(estimate), status, 0)
 
@@ -176,7 +178,11 @@ class RangedCase(Case):
     ) -> Certificate:
         """The certificate of an estimate; its reason says what the relaxation is worth."""
         found = super().certificate(estimate, own, other, bounds)
-        return self.search.explained(found) if other is not None else found
+        if other is not None:
+            found = self.search.explained(found)
+        if self.stop.cut is not None:
+            self.__dict__.pop("search", None)  # another estimate may have the time for it
+        return found
 
 
 class Search:

@@ -125,6 +125,7 @@ def command(
             refine=refine,
             time_limit=time_limit,
             monitor=status,
+            ctrl_c=True,
         )
         parts.append(JudgedGraph(connected, problem, judge))
     if len(parts) > 1:
@@ -257,7 +258,7 @@ def _single(
                 parts, assessments, disagreements, accuracies, strict=False
             )
         ]
-        document(reports[0] if len(reports) == 1 else reports)
+        document(reports[0] if len(parts) == 1 else reports)
     return assessments, disagreements
 
 

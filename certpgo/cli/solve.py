@@ -195,7 +195,7 @@ def command(
                 break
     if json:
         reports = [result.report(target) for result, target in zip(results, targets, strict=False)]
-        document(reports[0] if len(reports) == 1 else reports)
+        document(reports[0] if len(parts) == 1 else reports)
     if results[-1].interrupted:
         return _verdict.INTERRUPTED
     code = _verdict.exit_code(r.certificate for r in results if r.certificate is not None)

@@ -32,7 +32,7 @@ def descend(
     initial: Estimate,
     *,
     tolerance: float = 1e-11,
-    max_iterations: int = 300,
+    max_iterations: int = 600,
     monitor: Monitor = silent,
     watch: Stopwatch | None = None,
 ) -> Solution:
@@ -82,6 +82,9 @@ def descend(
         before, stationarity = stationarity, problem.stationarity_of(there.gradient, curvature)
         risen = not there.cost <= (1.0 + 2.0 * ROUNDING) * here.cost
         if gain is None and (risen or not stationarity < before):
+            if reused:
+                factor, last, stationarity = None, _REJECTED, before
+                continue
             progress.status = Status.STALLED
             break
         if damping > 0.0 or not stationarity < FAST * before:

@@ -125,7 +125,10 @@ class EdgeCost(ABC):
         t = Ball.exact(translations_of(estimate))
         v = R.T[i].apply(t[j] - t[i])
         found = self.enclosures(v, R.T[i] @ R[j])
-        low, high = math.fsum(found.lower), math.fsum(found.upper)
+        try:
+            low, high = math.fsum(found.lower), math.fsum(found.upper)
+        except OverflowError:
+            return -math.inf, math.inf
         return math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
 
     def costs(self, v: FloatArray, Q: FloatArray) -> FloatArray:

@@ -159,13 +159,13 @@ class Stop:
         return self.cuts()
 
     @contextmanager
-    def within(self, time_limit: float | None) -> Iterator[None]:
+    def within(self, time_limit: float | None, *, ctrl_c: bool = True) -> Iterator[None]:
         """Start over: set the deadline and, if Python does, handle Ctrl-C during the block."""
-        self.trace.clear()
+        self.watch, self.trace = Stopwatch(), []
         self.interrupted, self.cut = False, None
         self.deadline = math.inf if time_limit is None else time.monotonic() + time_limit
         main = threading.current_thread() is threading.main_thread()
-        if not main or not callable(signal.getsignal(signal.SIGINT)):
+        if not (ctrl_c and main and callable(signal.getsignal(signal.SIGINT))):
             yield
             return
         before = signal.signal(signal.SIGINT, self.interrupt)

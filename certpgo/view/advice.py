@@ -146,10 +146,13 @@ def _after_refuted(given: _Given) -> Iterator[Step]:
 def _after_undecided(certificate: Certificate, given: _Given) -> Iterator[Step]:
     if not (certificate.descended or given.searched):
         yield "Let local descent run first: bounds come from stationary points.", given.certify()
-    yield (
-        "Read the reason above. If the search was stopped early, give it more time.",
-        given.solve("--time-limit", "600"),
-    )
+    if given.searched:
+        yield (
+            "Read the reason above. If the search was stopped early, give it more time.",
+            given.solve("--time-limit", "600"),
+        )
+    elif "ended early" in certificate.reason:
+        yield "The search for a bound was stopped: give it more time.", given.certify()
     yield "If costs are not finite, look at the weights.", given.look("info")
     if not given.searched:
         yield "Let the certified search begin elsewhere.", given.solve()

@@ -1,25 +1,29 @@
 """What a judge of many estimates keeps, and what it does where eigenvectors fail."""
 
+import os
+import signal
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from strategies import rng_of
+from strategies import pose_graph, rng_of
 
 from certpgo.certify import Tier, Verdict, certify, judge
 from certpgo.certify.judge import Judge
 from certpgo.certify.own_cost import OwnCostCase
 from certpgo.certify.units import unit_of
-from certpgo.costs import InformationProblem
+from certpgo.costs import InformationProblem, RangeProblem
 from certpgo.costs.g2o import G2oCost
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.information import InformationGraph
+from certpgo.graph.ranges import Ranges
 from certpgo.linalg import so
 from certpgo.objective.problem import RotationProblem
 from certpgo.optimize import spectral
 from certpgo.optimize.newton import newton
+from certpgo.optimize.solution import Status
 
 
 def noisy_cycle(n=20, noise=0.05):
@@ -88,7 +92,7 @@ def test_work_that_is_stopped_claims_no_more_than_was_proven(options):
     assert "ended early" not in certify(problem, best, time_limit=60.0).reason
 
 
-def test_each_estimate_has_the_time_limit_of_its_own(monkeypatch):
+def test_each_estimate_has_the_time_limit_of_its_own():
     problem, best, wound = noisy_cycle()
     asked = iter([True])
     judge_of = Judge(problem, monitor=lambda _: next(asked, False))
@@ -97,6 +101,56 @@ def test_each_estimate_has_the_time_limit_of_its_own(monkeypatch):
     assert judge_of.certify(wound).verdict is Verdict.REFUTED
     assert not judge_of.interrupted
     assert judge_of.certify(best).verdict is Verdict.CERTIFIED
+
+
+def test_a_bound_that_is_known_serves_work_that_is_stopped():
+    problem, best, wound = noisy_cycle()
+    stops = iter([False] * 1000)
+    judge_of = Judge(problem, monitor=lambda _: next(stops))
+    first = judge_of.certify(best)
+    stops = iter([True] * 1000)
+    again = judge_of.certify(best)
+    assert (again.verdict, again.lower_bound) == (Verdict.CERTIFIED, first.lower_bound)
+    assert judge_of.certify(wound).lower_bound == first.lower_bound
+    assert judge_of.ended_by is Status.INTERRUPTED
+
+
+def test_a_search_of_distances_that_was_stopped_is_not_kept():
+    rng = rng_of(0)
+    graph, _, t = pose_graph(rng, 8, 2, noise=0.05)
+    pairs = np.array([rng.choice(8, 2, replace=False) for _ in range(30)])
+    distances = np.abs(np.linalg.norm(np.diff(t[pairs], axis=1)[:, 0], axis=1) + rng.normal(30))
+    problem = RangeProblem(graph, Ranges(8, pairs, distances, np.ones(30)))
+    bad = Estimate(so.random(rng, 8, 2), 10.0 * rng.standard_normal((8, 2)))
+    steps = []
+    whole = certify(problem, bad, monitor=lambda step: steps.append(step) or False)
+    left = iter(range(int(0.7 * len(steps)), -1, -1))
+    judge_of = Judge(problem, monitor=lambda _: next(left, 1) == 0)
+    judge_of.certify(bad)
+    assert judge_of.ended_by is Status.INTERRUPTED
+    assert judge_of.certify(bad).lower_bound == pytest.approx(whole.lower_bound, rel=1e-9)
+    assert judge_of.ended_by is None
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs POSIX signals")
+def test_ctrl_c_is_left_to_programs_unless_asked_for():
+    problem, _, wound = noisy_cycle()
+
+    def press(_):
+        os.kill(os.getpid(), signal.SIGINT)
+        return False
+
+    with pytest.raises(KeyboardInterrupt):
+        certify(problem, wound, monitor=press)
+    judge_of = Judge(problem, monitor=once(press), ctrl_c=True)
+    assert judge_of.certify(wound).verdict is Verdict.UNDECIDED
+    assert judge_of.interrupted
+
+
+def once(function):
+    """The function for the first call; False after it."""
+    left = iter([function])
+    return lambda step: next(left, lambda _: False)(step)
 
 
 @pytest.mark.parametrize("limit", [-1.0, np.nan])
@@ -127,6 +181,24 @@ def test_of_two_basins_the_lower_is_worth_a_climb(monkeypatch):
     certified = certify(problem, far)
     assert raised == [pytest.approx(certificate.best_cost / unit_of(problem), rel=1e-6)]
     assert certified.is_optimal(certified.best_cost)
+    # Both basins are climbed from if the first gives nothing, the known one once.
+    raised.clear()
+    monkeypatch.setattr(OwnCostCase, "raised", lambda case, basin: raised.append(basin) or basin)
+    judge_of = Judge(problem)
+    assert [judge_of.certify(far).lower_bound for _ in range(2)] == [0.0, 0.0]
+    assert len(raised) == 3
+    monkeypatch.setattr(OwnCostCase, "raised", failing)
+    assert certify(problem, far).lower_bound == 0.0
+
+
+def test_costs_beyond_the_range_of_doubles_have_no_bounds():
+    graph, R, t = pose_graph(rng_of(0), 5, 3)
+    problem = InformationProblem(
+        G2oCost(InformationGraph(graph, np.tile(np.eye(6), (graph.num_edges, 1, 1))))
+    )
+    with np.errstate(over="ignore", invalid="ignore"):
+        for scale in (5.6e152, 1e154):  # the sum, and already its terms
+            assert problem.enclosure(Estimate(R, scale * t))[1] == np.inf
 
 
 def test_estimates_of_other_graphs_are_not_judged():
