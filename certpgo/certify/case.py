@@ -164,7 +164,7 @@ class Case:
                 )
             cost = self.cost_upper(point)
             if self.stop.cuts():
-                return Basin(point, cost, settled, known.bound if known else None, refine)
+                return Basin(point, cost, settled, None, refine)
             if known is not None and known.value >= cost - self.tolerance(cost):
                 return Basin(point, cost, settled, known.bound, refine)
             bound = self.bound(point, cost, refine=refine)

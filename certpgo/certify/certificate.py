@@ -10,10 +10,11 @@ from typing import Any
 
 from certpgo.certify.bounds import Bounds
 from certpgo.certify.dual import Support
-from certpgo.certify.wording import CHORDAL, Statement
+from certpgo.certify.wording import Statement
 from certpgo.graph import Estimate
 from certpgo.io.plain import plain
 from certpgo.linalg.arrays import FloatArray
+from certpgo.optimize.monitor import CHORDAL
 
 __all__ = ["CHORDAL", "Certificate", "Tier", "Verdict"]
 

@@ -152,11 +152,10 @@ class Judge:
         # No warnings for infinite costs.
         with np.errstate(over="ignore", invalid="ignore"), limits:
             own, other = self._basins(estimate)
-            for basin in (own, other):
-                if basin is not None and (self._best is None or basin.value > self._best.value):
-                    self._best = basin
-            if self._best is not None and self._best.value > own.value:
-                own = replace(own, bound=self._best.bound)
+            known = (basin for basin in (self._best, own, other) if basin is not None)
+            self._best = best = max(known, key=lambda basin: basin.value)
+            if best.value > own.value:
+                own = replace(own, bound=best.bound)
             found = case.certificate(estimate, own, other, _bounds(case.problem, own.point))
         if self.ended_by is None or found.verdict in (Verdict.CERTIFIED, Verdict.REFUTED):
             return found

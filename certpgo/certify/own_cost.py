@@ -132,9 +132,8 @@ class OwnCostCase(Case):
         if not isinstance(point, Estimate):
             return None
         found = next(self.reached(point, cost, sharp=sharp, tight=tight), None)
-        if found is None or found.bound is None or self.tier is not Tier.PROOF:
-            return None if found is None else found.bound
-        return self.reproven(found.bound)
+        bound = None if found is None else found.bound
+        return bound if bound is None or self.tier is not Tier.PROOF else self.reproven(bound)
 
     def raised(self, basin: Basin) -> Basin:
         """The basin with the best bound by surrogates, see `reached`, or else `lowered_bound`."""

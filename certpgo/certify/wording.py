@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING
 
 from certpgo.graph.speaking import Speaking
 from certpgo.graph.wording import reading_sentence, rounded_down, rounded_up
-
-#: The cost F of isotropic weights.
-CHORDAL = "F"
+from certpgo.optimize.monitor import CHORDAL
 
 _MEANINGS = {
     "CERTIFIED": "no estimate can be better by more than the tolerance; this is proven",

@@ -126,6 +126,11 @@ def refuse_unprovable(cost: Cost | None, proof: Path | None) -> None:
         raise InputError(f"--proof is for --cost chordal and g2o, not for --cost {cost.value}")
 
 
+def time_limit_option(help: str, default: str | bool = True) -> Any:
+    """The option --time-limit of a command, with what it means there."""
+    return typer.Option("--time-limit", metavar="SECONDS", min=0.0, show_default=default, help=help)
+
+
 def tier_option(default: str) -> Any:
     """The option --tier of a command with this default."""
     return typer.Option(

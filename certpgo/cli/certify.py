@@ -21,6 +21,7 @@ from certpgo.cli._options import (
     refuse_unprovable,
     refuse_with_distances,
     tier_option,
+    time_limit_option,
 )
 from certpgo.cli._paging import origin_of, require_pages, write_page
 from certpgo.cli._proving import REFUSED, provable_source, prove
@@ -60,13 +61,7 @@ def command(
     ] = True,
     time_limit: Annotated[
         float | None,
-        typer.Option(
-            "--time-limit",
-            metavar="SECONDS",
-            min=0.0,
-            show_default="none",
-            help="Stop, for each ESTIMATE, and print what is proven by then.",
-        ),
+        time_limit_option("Stop, for each ESTIMATE, and print what is proven by then.", "none"),
     ] = None,
     best: Annotated[
         Path | None, typer.Option("--best", metavar="OUT", help="Write the best estimate found.")

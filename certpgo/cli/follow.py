@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from certpgo.cli._following import PIPE, Followed, Stream
-from certpgo.cli._options import CostOption, Json, refuse_chordal_only
+from certpgo.cli._options import CostOption, Json, refuse_chordal_only, time_limit_option
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import notice, noticing, working
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
@@ -45,7 +45,7 @@ def command(
     ] = 8080,
     time_limit: Annotated[
         float | None,
-        typer.Option("--time-limit", metavar="SECONDS", min=0.0, help="For each certificate."),
+        time_limit_option("For each certificate."),
     ] = None,
     trace: Annotated[
         bool, typer.Option("--trace", help="Print a line at each certificate.")

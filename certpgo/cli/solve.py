@@ -24,6 +24,7 @@ from certpgo.cli._options import (
     refuse_unprovable,
     refuse_with_distances,
     tier_option,
+    time_limit_option,
 )
 from certpgo.cli._paging import require_pages
 from certpgo.cli._proving import REFUSED, provable_source
@@ -77,13 +78,7 @@ def command(
     ] = True,
     time_limit: Annotated[
         float | None,
-        typer.Option(
-            "--time-limit",
-            metavar="SECONDS",
-            min=0.0,
-            show_default="30 s after a first bound",
-            help="Stop and return the best estimate so far.",
-        ),
+        time_limit_option("Stop and return the best estimate so far.", "30 s after a first bound"),
     ] = None,
     max_rank: Annotated[
         int | None,

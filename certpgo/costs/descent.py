@@ -79,20 +79,20 @@ def descend(
                 factor, last = None, _REJECTED
                 damping = damping if reused else 10.0 * damping or FIRST_DAMPING
                 continue
-        before, stationarity = stationarity, problem.stationarity_of(there.gradient, curvature)
+        ahead = problem.stationarity_of(there.gradient, curvature)
         risen = not there.cost <= (1.0 + 2.0 * ROUNDING) * here.cost
-        if gain is None and (risen or not stationarity < before):
+        if gain is None and (risen or not ahead < stationarity):
             if reused:
-                factor, last, stationarity = None, _REJECTED, before
+                factor, last = None, _REJECTED
                 continue
             progress.status = Status.STALLED
             break
-        if damping > 0.0 or not stationarity < FAST * before:
+        if damping > 0.0 or not ahead < FAST * stationarity:
             factor = None
         if gain is not None and gain > GOOD_GAIN:
             damping = damping / 10.0 if damping > LEAST_DAMPING else 0.0
         last = _Step(float(np.linalg.norm(step)), gain, True)
-        point, here = candidate, there
+        point, here, stationarity = candidate, there, ahead
     return progress.solution(point, here.cost)
 
 

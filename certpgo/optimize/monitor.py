@@ -10,6 +10,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Protocol, TextIO
 
+#: What the cost of isotropic weights is called.
+CHORDAL = "F"
+
 
 @dataclass(frozen=True, slots=True)
 class Iteration:
@@ -41,7 +44,7 @@ class Iteration:
     seconds: float
     gain: float | None = None
     accepted: bool = True
-    objective: str = "F"
+    objective: str = CHORDAL
 
 
 class Monitor(Protocol):
@@ -89,10 +92,11 @@ class TableMonitor:
     def __call__(self, iteration: Iteration) -> bool:
         """Print the iteration; never stop."""
         stream = self.stream or sys.stderr
-        if iteration.objective != self._shown:
-            cost = "the chordal cost F" if iteration.objective == "F" else iteration.objective
-            stream.write(f"{cost}\n")
-        if iteration.objective != self._shown or iteration.number == 0:
+        is_other = iteration.objective != self._shown
+        if is_other:
+            is_chordal = iteration.objective == CHORDAL
+            stream.write(f"{'the chordal cost F' if is_chordal else iteration.objective}\n")
+        if is_other or iteration.number == 0:
             heads = f"{'it':>4} {'cost':>22} {'gradient':>10} {'step':>10} {'gain':>9} {'s':>8}"
             stream.write(f"{heads}\n")
         self._shown = iteration.objective

@@ -15,7 +15,7 @@ from types import FrameType
 from typing import Any
 
 from certpgo.graph import Estimate
-from certpgo.optimize.monitor import Iteration, Monitor, Stopwatch, silent
+from certpgo.optimize.monitor import CHORDAL, Iteration, Monitor, Stopwatch, silent
 from certpgo.optimize.solution import Solution, Status
 
 
@@ -89,7 +89,7 @@ class Stop:
 
     monitor: Monitor = silent
     unit: float = 1.0
-    objective: str = "F"
+    objective: str = CHORDAL
     deadline: float = math.inf
     watch: Stopwatch = field(default_factory=Stopwatch)
     trace: list[Iteration] = field(default_factory=list)

@@ -42,6 +42,10 @@ class _Given(NamedTuple):
         files = ("certpgo", "certify", self.graph, self._named)
         return shlex.join((*files, *self.cost, *self.reading, *options))
 
+    def at(self, tier: str) -> str:
+        """What was done, at another tier."""
+        return (self.solve if self.searched else self.certify)("--tier", tier)
+
     def look(self, command: str) -> str:
         return shlex.join(("certpgo", command, self.graph, *self.reading))
 
@@ -95,9 +99,7 @@ def _after_certified(given: _Given) -> Iterator[Step]:
 
 def _after_bounded(certificate: Certificate, given: _Given) -> Iterator[Step]:
     if certificate.tier is Tier.SCREEN:
-        proven = ("--tier", "standard")
-        command = given.solve(*proven) if given.searched else given.certify(*proven)
-        yield "This tier proves nothing; the standard tier proves a gap.", command
+        yield "This tier proves nothing; the standard tier proves a gap.", given.at("standard")
         return
     if certificate.basin_is_global:
         yield (
@@ -117,9 +119,7 @@ def _after_bounded(certificate: Certificate, given: _Given) -> Iterator[Step]:
         )
         return
     if "round" in certificate.reason:
-        proof = ("--tier", "proof")
-        command = given.solve(*proof) if given.searched else given.certify(*proof)
-        yield "Rounding limits this proof; the tier proof has less of it.", command
+        yield "Rounding limits this proof; the tier proof has less of it.", given.at("proof")
     rejects = "distances" not in certificate.objective
     if rejects and given.disagreeing:
         yield _REJECT, given.reject()
