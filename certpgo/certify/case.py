@@ -230,7 +230,8 @@ class Case:
                 return None
             exact = self._exact if problem is self.problem else exact_graph(problem)
             return proven_bound(problem, exact, point, bound)
-        enough = cost - self.rtol * cost - self.atol * problem.scale
+        # Of a cost above rounding, no part of W makes up for a gap.
+        enough = cost - self.rtol * cost - FLOOR * self.atol * problem.scale
         return dual_bound(
             problem, point, rounding=self.rigorous, enough=enough, sharp=sharp, tight=tight
         )

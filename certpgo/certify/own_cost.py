@@ -202,7 +202,7 @@ class OwnCostCase(Case):
                 return
             settled, monitor = below.problem.settled(point), self.stop.of_minorant(below.constant)
             for point in climb(below.problem, settled, self.problem.d + self.ranks, monitor):
-                enough = cost - self.tolerance(cost) - below.constant
+                enough = cost - self.difference(cost) - below.constant
                 bound = dual_bound(
                     below.problem,
                     point,
