@@ -165,8 +165,10 @@ class _Attempts:
 
     def loses_to_rounding(self) -> bool:
         """Whether a bound by shifts is expected to lose much, and an anchored one may not."""
+        if not self.rounding or len(self.shifted.arms) > self.problem.n:
+            return False  # positions over complex numbers have two rows
         allowed = (NOTICED if self.sharp else 1.0) * (self.cost - self.enough)
-        return self.rounding and self.cost - self.expected(FIRST_SHIFT * self.unit) > allowed
+        return self.cost - self.expected(FIRST_SHIFT * self.unit) > allowed
 
     def anchored(self, estimate: Estimate) -> DualBound | None:
         """The bound at an estimate whose gauge is taken out; None if S_rr is not definite.
