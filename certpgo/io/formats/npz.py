@@ -1,8 +1,8 @@
 """The package's own lossless format: NumPy arrays in a zip archive, no pickles.
 
 A graph: edges, rotations, kappa (translations, tau, information matrices), ids, which nodes are
-points or the world, ranges, initial values, truth, fixed nodes, reading options. An estimate:
-rotations, translations, ids, and which are points.
+points, numbered apart from poses, or the world, ranges, initial values, truth, fixed nodes, reading
+options. An estimate: rotations, translations, ids, and which are points.
 
 Of the information matrices each distinct one is stored once (``information``), with the number of
 each edge's (``information_index``), and the cost whose residuals they weigh
@@ -55,6 +55,8 @@ _GRAPH_OPTIONAL = {
     "information_index": ("i", "m"),
     "information_residual": ("U", ""),
     "names": ("U", "n"),
+    "apart": ("b", "n"),
+    "moved_by": ("i", ""),
     "range_edges": ("i", "r2"),
     "range_distances": ("f", "r"),
     "range_weights": ("f", "r"),
@@ -170,6 +172,8 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
         world=int(arrays["world"]) if "world" in arrays else None,
         origin=arrays.get("origin"),
         ranges=_ranges(arrays, n),
+        apart=arrays.get("apart"),
+        moved_by=int(arrays.get("moved_by", 0)),
     )
 
 
@@ -248,6 +252,8 @@ def _write_graph(path: Path, instance: Instance) -> None:
         arrays["world"] = instance.world
     if instance.origin is not None:
         arrays["origin"] = instance.origin
+    if instance.apart is not None:
+        arrays |= {"apart": instance.apart, "moved_by": instance.moved_by}
     if instance.names:
         arrays["names"] = np.array(instance.names)
     if instance.information is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,9 @@ import numpy as np
 from certpgo.costs import CHORDAL
 from certpgo.graph import Graph, PoseGraph
 from certpgo.graph.joining import joined
-from certpgo.linalg.arrays import IntArray
+from certpgo.graph.labels import WORLD, Label
+from certpgo.graph.origins import Measured
+from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.problem import Problem, problem_of
 from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.solvers.certified.disagreement import (
@@ -60,7 +62,7 @@ class RobustSession(Session):
     ) -> None:
         super().__init__(settings, every=every, cost=CHORDAL, **options)
         #: Each rejected measurement, with the names of its nodes.
-        self._put_aside: dict[int, tuple[Graph, list[Hashable]]] = {}
+        self._put_aside: dict[int, tuple[Graph, list[Label]]] = {}
 
     @property
     def rejected(self) -> IntArray:
@@ -112,6 +114,19 @@ class RobustSession(Session):
                 one = graph.with_edges(np.array([place])).subgraph(ends)
                 aside[number] = one, [names[k] for k in ends]
         self.remove(set(self._edges) - kept)
+
+    @property
+    def _measured(self) -> list[Measured]:
+        aside = [
+            (one, names.index(WORLD) if WORLD in names else None, self._origin)
+            for one, names in self._put_aside.values()
+        ]
+        return [*super()._measured, *aside]
+
+    def _move_world(self, measured: Sequence[Graph], origin: FloatArray | None) -> None:
+        for number, one in zip(self._put_aside, measured[1:], strict=True):
+            self._put_aside[number] = one, self._put_aside[number][1]
+        super()._move_world(measured[:1], origin)
 
     def _everything(self) -> tuple[Problem, IntArray]:
         """All measurements that ever came, in that order, and their numbers."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,8 +13,10 @@ from certpgo.costs import CHORDAL, COSTS, edge_cost, own_cost
 from certpgo.costs.problem import InformationProblem
 from certpgo.errors import GraphError, InputError, SpecError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph
+from certpgo.graph.graph import require_connected
 from certpgo.graph.information import InformationGraph
 from certpgo.graph.joining import joined
+from certpgo.graph.priors import require_determined
 from certpgo.linalg.arrays import BoolArray, IntArray
 from certpgo.objective import operators
 from certpgo.objective.problem import Problem, problem_of
@@ -80,8 +82,8 @@ class Terms:
             return edge_cost(part, self.cost).enclosure(estimate)[1]
         return measured_upper(part, estimate)
 
-    def problem(self, part: Part) -> Problem | InformationProblem:
-        """The problem of measurements.
+    def problem(self, part: Part, named: Callable[[int], str]) -> Problem | InformationProblem:
+        """The problem of measurements, of nodes that are called so.
 
         Raises
         ------
@@ -92,6 +94,9 @@ class Terms:
             if not part.rotation.kappa.any():
                 raise GraphError(f"cost={self.cost!r} needs relative poses, not positions alone")
             return InformationProblem(edge_cost(part, self.cost))
+        if isinstance(part, PoseGraph) and part.is_partial:
+            require_connected(part)
+            require_determined(part, named)
         return problem_of(part)
 
     def title(self, parts: Sequence[Part]) -> str:
@@ -106,6 +111,13 @@ class Terms:
 def measurements_of(part: Part) -> Graph:
     """The graph alone."""
     return part.isotropic if isinstance(part, InformationGraph) else part
+
+
+def with_measurements(part: Part, graph: Graph) -> Part:
+    """The part with another graph of the same edges."""
+    if isinstance(part, InformationGraph) and isinstance(graph, PoseGraph):
+        return replace(part, isotropic=graph)
+    return graph
 
 
 def scale_of(part: Part) -> float:
