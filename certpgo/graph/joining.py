@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -33,7 +33,7 @@ def joined(
     GraphError
         They are of different dimensions or kinds, or only some have couplings or arms.
     """
-    require_one_make(graphs)
+    require_one_make(map(make_of, graphs))
     rotations = [graph.rotation if isinstance(graph, PoseGraph) else graph for graph in graphs]
     rotation = RotationGraph(
         num_nodes,
@@ -54,11 +54,11 @@ def joined(
     )
 
 
-def require_one_make(graphs: Sequence[Graph]) -> None:
+def require_one_make(makes: Iterable[str]) -> None:
     """Refuse graphs that cannot be joined, by a GraphError, as `joined`."""
-    makes = sorted({make_of(graph) for graph in graphs})
-    if len(makes) > 1:
-        raise GraphError(f"measurements of one kind are expected, not {' and '.join(makes)}")
+    found = sorted(set(makes))
+    if len(found) > 1:
+        raise GraphError(f"measurements of one kind are expected, not {' and '.join(found)}")
 
 
 def make_of(graph: Graph) -> str:

@@ -24,7 +24,6 @@ from certpgo.certify.case import FLOOR, difference_up, tier_called
 from certpgo.costs import CHORDAL
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, Graph, Instance, RotationGraph
-from certpgo.graph.joining import make_of, require_one_make
 from certpgo.graph.labels import WORLD, Label, called
 from certpgo.graph.origins import Measured, from_one_origin, in_frame, moved
 from certpgo.graph.speaking import Speaking
@@ -106,7 +105,6 @@ class Session(Speaking):
         self._tier = tier_called(self.settings.tier or Tier.STANDARD)
         self._parts: list[Part] = []  # the measurements in order, but for those that came since
         self._new: list[tuple[Part, IntArray]] = []  # with the numbers of their nodes
-        self._make = ""
         self._edges: list[int] = []  # their numbers
         self._count = 0  # of all measurements that ever came
         self._track: Track | None = None
@@ -166,11 +164,7 @@ class Session(Speaking):
     def _take(self, part: Part, labels: Sequence[Label], numbers: Iterable[int]) -> None:
         """Keep measurements with these numbers, and compose the poses of new nodes."""
         graph = measurements_of(part)
-        track = self._track or Track(graph.d)
-        if self._track is None:
-            self._make = make_of(graph)
-        else:
-            self._refuse_other_make(graph)
+        track = self._track or Track(graph)
         self._new.append((part, track.extend(graph, labels)))
         self._track = track
         self._edges += numbers
@@ -184,11 +178,11 @@ class Session(Speaking):
         known = {} if self._track is None else self._track.numbers
         if WORLD not in known:
             self._origin = origin
+        if origin is self._origin:
             return part
+        self._poses.steps(graph, labels)  # refuses before anything changes
         same = moved(graph, world, origin, self._origin)
         if same is None:
-            self._refuse_other_make(graph)
-            self._poses.steps(graph, labels)
             common, (*others, same) = from_one_origin([*self._measured, (graph, world, origin)])
             self._move_world(others, common)
         return with_measurements(part, same)
@@ -204,10 +198,6 @@ class Session(Speaking):
         best = in_frame(self.estimate, self._poses.numbers[WORLD], self._origin, origin)
         self._parts, self._scale, self._origin = [part], scale_of(part), origin
         self._adopt(best)
-
-    def _refuse_other_make(self, graph: Graph) -> None:
-        if make_of(graph) != self._make:
-            require_one_make([measurements_of(self._last), graph])
 
     def remove(self, edges: Iterable[int]) -> Standing:
         """Remove measurements; the estimate stays until the next refresh.
@@ -233,9 +223,8 @@ class Session(Speaking):
         if not kept.any():
             raise InputError("a session keeps at least one measurement")
         part = self._all.with_edges(kept)
-        self._terms.problem(
-            part, self._called
-        )  # refuses measurements that do not determine their nodes
+        # Refuses measurements that do not determine their nodes.
+        self._terms.problem(part, self._called)
         self._parts = [part]
         self._edges = np.asarray(self._edges)[kept].tolist()
         self._bounds = [(k, bound) for k, bound in self._bounds if k <= removed[0]]

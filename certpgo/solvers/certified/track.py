@@ -9,6 +9,7 @@ import numpy as np
 
 from certpgo.errors import GraphError
 from certpgo.graph import Estimate, Graph, PoseGraph
+from certpgo.graph.joining import make_of, require_one_make
 from certpgo.graph.labels import Label, called
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray, IntArray
@@ -18,7 +19,7 @@ FIRST = 64
 
 
 class Track:
-    """Labelled nodes and their poses; the first node is the identity.
+    """Labelled nodes of measurements of one make, and their poses; the first is the identity.
 
     Attributes
     ----------
@@ -26,7 +27,8 @@ class Track:
     points : for each, whether it is a point rather than a pose
     """
 
-    def __init__(self, d: int) -> None:
+    def __init__(self, first: Graph) -> None:
+        d, self._make = first.d, make_of(first)
         self.numbers: dict[Label, int] = {}
         self.points: list[bool] = []
         self._rotations = np.tile(np.eye(d), (FIRST, 1, 1))
@@ -80,8 +82,10 @@ class Track:
         Raises
         ------
         GraphError
-            A node is not connected with those that are known, or is a pose here and a point there.
+            A node is not connected with those that are known, or is a pose here and a point there;
+            or the measurements are of another make.
         """
+        require_one_make([self._make, make_of(graph)])
         begin = self.numbers or {labels[int(graph.edges[0, 0])]: 0}
         touched, points = sorted(set(graph.edges.ravel().tolist())), _points(graph)
         for node in touched:
