@@ -78,7 +78,7 @@ def numbering(labels: Sequence[Label]) -> Numbering:
     """
     n, world = len(labels), len(labels) - 1 if labels and labels[-1] is WORLD else None
     known = labels[:world]
-    if not all(isinstance(label, int | Landmark) for label in known):
+    if not all(isinstance(label, int | np.integer | Landmark) for label in known):
         names = tuple(map(str, known))
         if world is not None:
             names += (unused(str(WORLD), names),)
@@ -96,12 +96,12 @@ def numbering(labels: Sequence[Label]) -> Numbering:
 def _ids(labels: Sequence[Label]) -> tuple[list[int], int]:
     """Distinct ids, and by what those of landmarks exceed their numbers."""
     landmarks = {label.number for label in labels if isinstance(label, Landmark)}
-    others = {label for label in labels if isinstance(label, int)}
+    others = {int(label) for label in labels if isinstance(label, int | np.integer)}
     moved_by = 0
     if landmarks & others:
         moved_by = max(-1, *others) + 1 - min(0, *landmarks)
-    moved = (k.number + moved_by if isinstance(k, Landmark) else k for k in labels)
-    return [k for k in moved if isinstance(k, int)], moved_by
+    ids = (k.number + moved_by if isinstance(k, Landmark) else k for k in labels)
+    return [int(k) for k in ids if isinstance(k, int | np.integer)], moved_by
 
 
 def in_order(labels: Sequence[Label]) -> IntArray:
