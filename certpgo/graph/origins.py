@@ -16,16 +16,12 @@ from certpgo.linalg.arrays import FloatArray
 Measured = tuple[Graph, int | None, FloatArray | None]
 
 
-def from_one_origin(
-    measured: Sequence[Measured],
-) -> tuple[FloatArray | None, list[Graph]]:
-    """Graphs whose positions are measured from one origin, and where that is.
+def in_one_world(measured: Sequence[Measured]) -> tuple[FloatArray | None, list[Graph]]:
+    """The graphs with the same world, measured from one origin, and where that is.
 
-    It is that of the first graph with a world, or the sources' own where that is not exact.
-
-    Parameters
-    ----------
-    measured : graphs, their worlds, and where these have their origins in the sources' frame
+    It is that of the first graph with a world, or the sources' own where that is not exact. Where a
+    position of the world is measured, none is assumed, and where none is, the first assumption
+    stands. Graphs that need no change are returned as they are.
 
     Raises
     ------
@@ -34,18 +30,38 @@ def from_one_origin(
     """
     origins = [origin for _, world, origin in measured if world is not None]
     for common in [origins[0], None] if origins else []:
-        there = [moved(graph, world, own, common) for graph, world, own in measured]
-        if all(graph is not None for graph in there):
-            return common, [graph for graph in there if graph is not None]
+        there = [_moved(graph, world, own, common) for graph, world, own in measured]
+        graphs = [graph for graph in there if graph is not None]
+        if len(graphs) == len(there):
+            return common, _placed_once(graphs, [world for _, world, _ in measured])
     if origins:
-        raise InputError(
-            "positions are measured from origins that are too far apart to be joined exactly: "
-            f"{' and '.join(str(np.zeros(1) if o is None else o) for o in origins[:2])}"
-        )
+        both = " and ".join("0" if one is None else str(one.tolist()) for one in origins[:2])
+        raise InputError(f"positions from the origins {both} cannot be joined without rounding")
     return None, [graph for graph, _, _ in measured]
 
 
-def moved(
+def _placed_once(graphs: Sequence[Graph], worlds: Sequence[int | None]) -> list[Graph]:
+    """The graphs without assumptions about where the world is that are needless."""
+    free = not any(map(_places, graphs, worlds))
+    placed: list[Graph] = []
+    for graph in graphs:
+        if isinstance(graph, PoseGraph) and graph.assumed is not None:
+            if not free:
+                graph = replace(graph, tau=np.where(graph.assumed, 0.0, graph.tau), assumed=None)
+            free = False
+        placed.append(graph)
+    return placed
+
+
+def _places(graph: Graph, world: int | None) -> bool:
+    """Whether a graph measures a position from its world."""
+    if world is None or not isinstance(graph, PoseGraph):
+        return False
+    moved = (graph.edges[:, 0] == world) & (graph.tau > 0.0)
+    return bool((moved if graph.assumed is None else moved & ~graph.assumed).any())
+
+
+def _moved(
     graph: Graph, world: int | None, own: FloatArray | None, other: FloatArray | None
 ) -> Graph | None:
     """The graph with the world's positions from another origin; None if that is not exact."""
@@ -54,6 +70,8 @@ def moved(
     zero = np.zeros(graph.d)
     by = _exact_sum(zero if own is None else own, zero if other is None else -other)
     t, chosen = graph.translations.copy(), (graph.edges[:, 0] == world) & (graph.tau > 0.0)
+    if graph.assumed is not None:
+        chosen &= ~graph.assumed
     positions = None if by is None else _exact_sum(t[chosen], by)
     if positions is None:
         return None
@@ -64,12 +82,12 @@ def moved(
 def in_frame(
     estimate: Estimate, world: int, own: FloatArray | None, other: FloatArray | None
 ) -> Estimate:
-    """The same estimate for measurements that were `moved`: the world is elsewhere."""
+    """The same estimate for measurements from another origin: the world is elsewhere."""
     t = estimate.translations
-    if t is None:
+    if t is None or own is other:
         return estimate
-    by = (0.0 if own is None else own) - (0.0 if other is None else other)
-    t = t.copy()
+    zero, t = np.zeros(estimate.d), t.copy()
+    by = (zero if own is None else own) - (zero if other is None else other)
     t[world] -= estimate.rotations[world] @ by
     return estimate.with_translations(t)
 

@@ -19,7 +19,7 @@ from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.graph.information import Information
 from certpgo.graph.joining import joined
 from certpgo.graph.labels import WORLD, Label, Landmark, called, in_order
-from certpgo.graph.origins import from_one_origin
+from certpgo.graph.origins import in_one_world
 from certpgo.graph.speaking import Speaking
 from certpgo.graph.wording import counted
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
@@ -239,7 +239,7 @@ def _joined(
     labelled = [*(own for _, own in maps), _across(owner, between)]
     worlds = [own.index(WORLD) if WORLD in own else None for own in labelled]
     graphs = [*(graph for graph, _ in maps), between.graph]
-    origin, graphs = from_one_origin(list(zip(graphs, worlds, [*origins, None], strict=True)))
+    origin, graphs = in_one_world(list(zip(graphs, worlds, [*origins, None], strict=True)))
     labels = list(owner)
     labels = [labels[k] for k in in_order(labels).tolist()]
     place = {label: k for k, label in enumerate(labels)}

@@ -23,9 +23,9 @@ from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.case import FLOOR, difference_up, tier_called
 from certpgo.costs import CHORDAL
 from certpgo.errors import InputError
-from certpgo.graph import Estimate, Graph, Instance, RotationGraph
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.labels import WORLD, Label, called
-from certpgo.graph.origins import Measured, from_one_origin, in_frame, moved
+from certpgo.graph.origins import Measured, in_frame, in_one_world
 from certpgo.graph.speaking import Speaking
 from certpgo.graph.wording import counted
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
@@ -109,6 +109,7 @@ class Session(Speaking):
         self._count = 0  # of all measurements that ever came
         self._track: Track | None = None
         self._origin: FloatArray | None = None  # of the world, as in `Instance`
+        self._assumes = False  # where the world is, as in `PoseGraph`
         self._cost = self._scale = 0.0
         self._bounds: list[tuple[int, float]] = []  # of the measurements before number k; ascending
         # The last descent: how many measurements there were, F there, and its verdict.
@@ -154,7 +155,7 @@ class Session(Speaking):
         part = self._terms.part(measurements)
         if WORLD in labels:
             origin = measurements.origin if isinstance(measurements, Instance) else None
-            part = self._from_one_origin(part, labels, origin)
+            part = self._in_one_world(part, labels, origin)
         self._take(part, labels, range(self._count, self._count + part.num_edges))
         self._count += part.num_edges
         self.pending += part.num_edges
@@ -170,20 +171,19 @@ class Session(Speaking):
         self._edges += numbers
         self._found = None
 
-    def _from_one_origin(
-        self, part: Part, labels: Sequence[Label], origin: FloatArray | None
-    ) -> Part:
-        """New measurements with the world's positions from where those that came have them."""
+    def _in_one_world(self, part: Part, labels: Sequence[Label], origin: FloatArray | None) -> Part:
+        """New measurements with the world where those that came have it."""
         graph, world = measurements_of(part), labels.index(WORLD)
-        known = {} if self._track is None else self._track.numbers
-        if WORLD not in known:
-            self._origin = origin
-        if origin is self._origin:
+        assumes = isinstance(graph, PoseGraph) and graph.assumed is not None
+        if self._track is None or WORLD not in self._track.numbers:
+            self._origin, self._assumes = origin, assumes
+            return part
+        if origin is self._origin and not (assumes or self._assumes):
             return part
         self._poses.steps(graph, labels)  # refuses before anything changes
-        same = moved(graph, world, origin, self._origin)
-        if same is None:
-            common, (*others, same) = from_one_origin([*self._measured, (graph, world, origin)])
+        known = self._measured
+        common, (*others, same) = in_one_world([*known, (graph, world, origin)])
+        if any(one is not before for one, (before, _, _) in zip(others, known, strict=True)):
             self._move_world(others, common)
         return with_measurements(part, same)
 
