@@ -59,7 +59,10 @@ class Followed:
     def refresh(self, status: Any) -> None:
         """Renew the certificate, and say where the verdict turned."""
         before = self.standing
-        self.standing = self.session.refresh()
+        try:
+            self.standing = self.session.refresh()
+        except GraphError:  # what is free so far, measurements to come determine
+            return
         self._note()
         status.update(self.sentence)
         if self.trace:

@@ -13,7 +13,7 @@ from certpgo.graph.joining import joined
 from certpgo.graph.labels import WORLD, Label
 from certpgo.graph.origins import Measured
 from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.objective.problem import Problem, problem_of
+from certpgo.objective.problem import Problem
 from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.solvers.certified.disagreement import (
     agrees,
@@ -25,6 +25,7 @@ from certpgo.solvers.certified.disagreement import (
 from certpgo.solvers.certified.session import Session
 from certpgo.solvers.certified.settings import SolveSettings
 from certpgo.solvers.certified.standing import Standing
+from certpgo.solvers.certified.terms import chordal_problem
 
 #: A descent that shows whether new measurements agree; outliers would make it long.
 TRIAL = NewtonSettings(tolerance=1e-6, max_iterations=30)
@@ -71,7 +72,7 @@ class RobustSession(Session):
 
     def refresh(self) -> Standing:
         """Judge what is new, then prove the optimum of what is kept, as `Session.refresh`."""
-        problem = problem_of(self.graph)
+        problem = self._problem
         self._adopt(newton(problem, self.estimate, TRIAL).estimate)
         if not agrees(problem, self.estimate):
             self._judge()
@@ -98,8 +99,12 @@ class RobustSession(Session):
         agreeing = ~outlying(whole, whole.edge_costs(self.estimate), scale)
         self._keep({*self._edges, *numbers[agreeing].tolist()})
 
+    @property
+    def _problem(self) -> Problem:
+        return chordal_problem(self.graph, self._called)
+
     def _noise(self) -> float:
-        problem = problem_of(self.graph)
+        problem = self._problem
         return noise_scale(problem, problem.edge_costs(self.estimate))
 
     def _keep(self, kept: set[int]) -> None:
@@ -140,4 +145,4 @@ class RobustSession(Session):
         numbers = np.concatenate([self.edges, np.fromiter(aside, dtype=np.intp)])
         order = np.argsort(numbers)
         whole = joined(parts, kept.num_nodes, points, edges).with_edges(order)
-        return problem_of(whole), numbers[order]
+        return chordal_problem(whole, self._called), numbers[order]

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ import numpy as np
 from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.case import FLOOR, difference_up, tier_called
 from certpgo.costs import CHORDAL
-from certpgo.errors import InputError
+from certpgo.errors import GraphError, InputError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.labels import WORLD, Label, called
 from certpgo.graph.origins import Measured, in_frame, in_one_world
@@ -160,7 +161,9 @@ class Session(Speaking):
         self._count += part.num_edges
         self.pending += part.num_edges
         if self.every is not None and self.pending >= self.every:
-            self.refresh()
+            # What one measurement leaves free, such as the north of a first position, others settle.
+            with suppress(GraphError):
+                self.refresh()
 
     def _take(self, part: Part, labels: Sequence[Label], numbers: Iterable[int]) -> None:
         """Keep measurements with these numbers, and compose the poses of new nodes."""
@@ -239,6 +242,8 @@ class Session(Speaking):
 
         Raises
         ------
+        GraphError
+            The measurements do not determine all nodes yet; `add` goes on without a refresh then.
         NumericalError
             No estimate could be computed.
         """

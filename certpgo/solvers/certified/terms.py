@@ -94,10 +94,7 @@ class Terms:
             if not part.rotation.kappa.any():
                 raise GraphError(f"cost={self.cost!r} needs relative poses, not positions alone")
             return InformationProblem(edge_cost(part, self.cost))
-        if isinstance(part, PoseGraph) and part.is_partial:
-            require_connected(part)
-            require_determined(part, named)
-        return problem_of(part)
+        return chordal_problem(part, named)
 
     def title(self, parts: Sequence[Part]) -> str:
         """The cost in words."""
@@ -111,6 +108,14 @@ class Terms:
 def measurements_of(part: Part) -> Graph:
     """The graph alone."""
     return part.isotropic if isinstance(part, InformationGraph) else part
+
+
+def chordal_problem(graph: Graph, named: Callable[[int], str]) -> Problem:
+    """The problem of F, of nodes that are called so."""
+    if isinstance(graph, PoseGraph) and graph.is_partial:
+        require_connected(graph)
+        require_determined(graph, named)
+    return problem_of(graph)
 
 
 def with_measurements(part: Part, graph: Graph) -> Part:
