@@ -161,7 +161,7 @@ class Session(Speaking):
         self._count += part.num_edges
         self.pending += part.num_edges
         if self.every is not None and self.pending >= self.every:
-            # What one measurement leaves free, such as the north of a first position, others settle.
+            # What is free so far, such as where north is, measurements to come determine.
             with suppress(GraphError):
                 self.refresh()
 
