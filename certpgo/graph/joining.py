@@ -51,7 +51,7 @@ def joined(
         np.concatenate([graph.tau for graph in poses]),
         _all([graph.arms for graph in poses]),
         points,
-        assumed_of(poses),
+        _assumed(poses),
     )
 
 
@@ -72,13 +72,13 @@ def make_of(graph: Graph) -> str:
     return " with ".join([said, " and ".join(extras)]) if extras else said
 
 
-def assumed_of(graphs: Sequence[PoseGraph]) -> BoolArray | None:
-    """Which edges of several graphs have a position that is assumed; None if none."""
-    if all(graph.assumed is None for graph in graphs):
-        return None
-    none = [np.zeros(graph.num_edges, dtype=bool) for graph in graphs]
-    flags = [graph.assumed for graph in graphs]
-    return np.concatenate([a if b is None else b for a, b in zip(none, flags, strict=True)])
+def _assumed(graphs: Sequence[PoseGraph]) -> BoolArray:
+    """(m,) which edges of several graphs have a position that is assumed."""
+    flags = [
+        np.zeros(graph.num_edges, dtype=bool) if graph.assumed is None else graph.assumed
+        for graph in graphs
+    ]
+    return np.concatenate(flags)
 
 
 def _all(arrays: Sequence[FloatArray | None]) -> FloatArray | None:

@@ -91,15 +91,19 @@ class PoseGraph(Speaking):
             object.__setattr__(self, "points", frozen_flags(self.points))
             self._check_points(self.points)
         if self.assumed is not None:
-            object.__setattr__(self, "assumed", frozen_flags(self.assumed))
-            if self.assumed.shape != (self.num_edges,):
-                raise GraphError(f"assumed must be {self.num_edges} flags, one per edge")
+            self._check_assumed(self.assumed)
 
     def _check_tau(self) -> None:
         check_weights("tau", self.tau, self.edges, or_none=True)
         nothing = (self.tau == 0.0) & (self.rotation.kappa == 0.0)
         if nothing.any():
             raise GraphError(f"{edge_name(self.edges, nothing)}: kappa and tau are 0")
+
+    def _check_assumed(self, assumed: BoolArray) -> None:
+        flags = frozen_flags(assumed)
+        if flags.shape != (self.num_edges,):
+            raise GraphError(f"assumed must be {self.num_edges} flags, one per edge")
+        object.__setattr__(self, "assumed", flags if flags.any() else None)
 
     def _check_points(self, points: BoolArray) -> None:
         if points.shape != (self.num_nodes,):

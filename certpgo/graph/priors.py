@@ -184,9 +184,7 @@ def with_directions(
     )
 
 
-def _placing(
-    graph: PoseGraph, tau: FloatArray, world: int | None
-) -> tuple[FloatArray, BoolArray | None]:
+def _placing(graph: PoseGraph, tau: FloatArray, world: int | None) -> tuple[FloatArray, BoolArray]:
     """The weights tau of all edges once some come from the world, and which of these is assumed.
 
     A new world that no position is measured from is put at the first node, which is met exactly.
@@ -197,7 +195,7 @@ def _placing(
     if world is None and not tau.any() and len(tau):
         weights[graph.num_edges] = np.median(graph.tau[graph.tau > 0.0])
         assumed[graph.num_edges] = True
-    return weights, assumed if assumed.any() else None
+    return weights, assumed
 
 
 def _unit(directions: FloatArray) -> FloatArray:

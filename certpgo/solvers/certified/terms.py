@@ -93,6 +93,7 @@ class Terms:
         if isinstance(part, InformationGraph):
             if not part.rotation.kappa.any():
                 raise GraphError(f"cost={self.cost!r} needs relative poses, not positions alone")
+            _require_determined(part.isotropic, named)
             return InformationProblem(edge_cost(part, self.cost))
         return chordal_problem(part, named)
 
@@ -112,10 +113,14 @@ def measurements_of(part: Part) -> Graph:
 
 def chordal_problem(graph: Graph, named: Callable[[int], str]) -> Problem:
     """The problem of F, of nodes that are called so."""
+    _require_determined(graph, named)
+    return problem_of(graph)
+
+
+def _require_determined(graph: Graph, named: Callable[[int], str]) -> None:
     if isinstance(graph, PoseGraph) and graph.is_partial:
         require_connected(graph)
         require_determined(graph, named)
-    return problem_of(graph)
 
 
 def with_measurements(part: Part, graph: Graph) -> Part:
