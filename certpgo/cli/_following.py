@@ -124,13 +124,20 @@ class Followed:
 
     def best(self) -> tuple[Instance, Estimate]:
         """The graph so far and its estimate, nodes by id; the whole graph once all are there."""
+        from dataclasses import replace
+
         import numpy as np
 
-        nodes, whole = self.session.nodes, self.whole
-        if whole is None or len(nodes) < whole.graph.num_nodes:
-            return self.session.as_instance(self.name)
-        place = {label: k for k, label in enumerate(nodes)}
-        return whole, self.session.estimate.subset(np.array([place[k] for k in whole.labels]))
+        part, estimate = self.session.as_instance(self.name)
+        whole = self.whole
+        if whole is None:
+            return part, estimate
+        place = {label: k for k, label in enumerate(part.labels)}
+        if len(place) == whole.graph.num_nodes:
+            return whole, estimate.subset(np.array([place[label] for label in whole.labels]))
+        own = dict(zip(whole.labels, whole.ids.tolist(), strict=True))
+        ids = np.array([own[label] for label in part.labels])
+        return replace(part, ids=ids, moved_by=whole.moved_by), estimate
 
     @property
     def _is_robust(self) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -153,7 +153,7 @@ class Instance(Speaking):
         )
 
     @cached_property
-    def labels(self) -> tuple[Label, ...]:
+    def labels(self) -> tuple[Hashable, ...]:
         """What the nodes are called among other graphs, as in a session or in merged maps.
 
         That is `certpgo.WORLD` for the world, a name where the source has names, and otherwise the

@@ -46,12 +46,20 @@ def fed(session, *parts):
 
 
 def same_as_batch(session, whole, cost=None):
-    """Assert that a refreshed session has F and verdict of the batch."""
+    """Assert that a refreshed session has F and verdict of the batch.
+
+    Where the batch is not CERTIFIED, what it finds depends on the order of nodes: bounds must hold.
+    """
     batch, standing = certpgo.solve(whole, cost=cost), session.refresh()
     W = batch.certificate.scale
-    assert standing.cost == pytest.approx(batch.cost, rel=SAME, abs=1e-12 * W)
-    assert standing.verdict is session.certificate.verdict is batch.verdict
     assert standing.edges == whole.graph.num_edges
+    assert standing.verdict is session.certificate.verdict
+    if batch.verdict is Verdict.CERTIFIED:
+        assert standing.verdict is Verdict.CERTIFIED
+        assert standing.cost == pytest.approx(batch.cost, rel=SAME, abs=1e-12 * W)
+    else:
+        assert standing.lower_bound <= batch.certificate.cost_upper
+        assert standing.cost >= batch.certificate.lower_bound
 
 
 NEAR = ([step(0, 1), step(1, 2), prior(0, 0)], [step(2, 3), step(3, 4), prior(4, 4)])

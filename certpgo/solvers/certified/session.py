@@ -14,7 +14,7 @@ All sums are rounded outward. Hence the gap is at most what it was, plus the ter
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -293,7 +293,7 @@ class Session(Speaking):
         return found if moved else found.with_translations(None)
 
     @property
-    def nodes(self) -> tuple[Label, ...]:
+    def nodes(self) -> tuple[Hashable, ...]:
         """The names of the nodes, in the order of the estimate; `certpgo.WORLD` is the world."""
         return () if self._track is None else tuple(self._track.numbers)
 
