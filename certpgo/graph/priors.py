@@ -188,10 +188,15 @@ def _placing(graph: PoseGraph, tau: FloatArray, world: int | None) -> tuple[Floa
     """The weights tau of all edges once some come from the world, and which of these is assumed.
 
     A new world that no position is measured from is put at the first node, which is met exactly.
+    Nothing is assumed any more once a position is measured.
     """
     before = np.zeros(graph.num_edges, dtype=bool) if graph.assumed is None else graph.assumed
     assumed = np.append(before, np.zeros(len(tau), dtype=bool))
     weights = np.append(graph.tau, tau)
+    if tau.any():
+        settled = assumed[: graph.num_edges] & (graph.edges[:, 0] == world)
+        weights[: graph.num_edges][settled] = 0.0
+        assumed[: graph.num_edges][settled] = False
     if world is None and not tau.any() and len(tau):
         weights[graph.num_edges] = np.median(graph.tau[graph.tau > 0.0])
         assumed[graph.num_edges] = True
