@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -33,7 +33,7 @@ def joined(
     GraphError
         They are of different dimensions or kinds, or only some have couplings or arms.
     """
-    require_one_make(graphs)
+    require_one_make(map(make_of, graphs))
     rotations = [graph.rotation if isinstance(graph, PoseGraph) else graph for graph in graphs]
     rotation = RotationGraph(
         num_nodes,
@@ -51,14 +51,15 @@ def joined(
         np.concatenate([graph.tau for graph in poses]),
         _all([graph.arms for graph in poses]),
         points,
+        _assumed(poses),
     )
 
 
-def require_one_make(graphs: Sequence[Graph]) -> None:
+def require_one_make(makes: Iterable[str]) -> None:
     """Refuse graphs that cannot be joined, by a GraphError, as `joined`."""
-    makes = sorted({make_of(graph) for graph in graphs})
-    if len(makes) > 1:
-        raise GraphError(f"measurements of one kind are expected, not {' and '.join(makes)}")
+    found = sorted(set(makes))
+    if len(found) > 1:
+        raise GraphError(f"measurements of one kind are expected, not {' and '.join(found)}")
 
 
 def make_of(graph: Graph) -> str:
@@ -69,6 +70,15 @@ def make_of(graph: Graph) -> str:
     extras += ["arms"] if isinstance(graph, PoseGraph) and graph.arms is not None else []
     said = f"{'poses' if poses else 'rotations'} in {graph.d}D"
     return " with ".join([said, " and ".join(extras)]) if extras else said
+
+
+def _assumed(graphs: Sequence[PoseGraph]) -> BoolArray:
+    """(m,) which edges of several graphs have a position that is assumed."""
+    flags = [
+        np.zeros(graph.num_edges, dtype=bool) if graph.assumed is None else graph.assumed
+        for graph in graphs
+    ]
+    return np.concatenate(flags)
 
 
 def _all(arrays: Sequence[FloatArray | None]) -> FloatArray | None:
