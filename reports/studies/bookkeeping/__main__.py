@@ -41,21 +41,21 @@ from reports.studies.bookkeeping.judging import Findings
 Kind = Callable[[np.random.Generator, Findings], None]
 #: What is drawn, and its share of 10,000.
 KINDS: dict[str, tuple[Kind, int]] = {
-    "sessions": (sessions.judge_poses, 1500),
+    "sessions": (sessions.judge_poses, 1300),
     "sessions with priors": (sessions.judge_priors, 1000),
     "merge": (merging.judge_merge, 700),
     "sparsify": (merging.judge_sparsify, 500),
     "robust": (robust.judge_batch, 700),
     "robust sessions": (robust.judge_session, 500),
     "mahalanobis": (weights.judge_mahalanobis, 600),
-    "weights": (weights.judge_extremes, 1000),
+    "weights": (weights.judge_extremes, 900),
     "covariances": (covariances.judge, 900),
     "readers": (readers.judge, 1000),
     "fallbacks": (engines.judge_fallbacks, 400),
     "scheduler": (engines.judge_tasks, 50),
     "time limits": (stopping.judge_limits, 600),
-    "Ctrl-C": (stopping.judge_interrupts, 350),
-    "Ctrl-C in commands": (stopping.judge_commands, 200),
+    "Ctrl-C": (stopping.judge_interrupts, 450),
+    "Ctrl-C in commands": (stopping.judge_commands, 400),
 }
 WHOLE = sum(share for _, share in KINDS.values())
 

@@ -65,10 +65,10 @@ class Measurements:
 
     @property
     def kappa(self) -> Array:
-        """(m,) d / (2 tr(O_R^-1)) in space and O_R in the plane; 0 where no rotation is measured."""
+        """(m,) d / (2 tr(O_R^-1)) in space and O_R in the plane; 0 without a measured rotation."""
         d, kappa = self.d, np.zeros(self.m)
-        O = self.information[self.turned, d:, d:]
-        kappa[self.turned] = O[:, 0, 0] if d == 2 else 0.5 * _harmonic(O)
+        omega = self.information[self.turned, d:, d:]
+        kappa[self.turned] = omega[:, 0, 0] if d == 2 else 0.5 * _harmonic(omega)
         return kappa
 
     @property
@@ -138,7 +138,7 @@ class Measurements:
             3: ("EDGE_SE3:QUAT", "EDGE_SE3_PRIOR", "EDGE_SE3_TRACKXYZ", "EDGE_SE3_XYZPRIOR"),
         }[d]
         alone = not self.turned[e]
-        words = [tags[2 * alone + (is_prior if alone else is_prior)]]
+        words = [tags[2 * alone + is_prior]]
         words += [str(self.ids[j])] if is_prior else [str(self.ids[i]), str(self.ids[j])]
         words += ["0"] if d == 3 and (is_prior or is_sighting) else []
         numbers = self.steps[e].tolist()
@@ -226,7 +226,8 @@ def _pairs(
 ) -> tuple[Array, Array]:
     """(m, 2) edges, and whether they measure the rotation: poses, sightings, priors."""
     pairs = [(int(rng.integers(max(0, b - 2), b)), b) for b in range(1, n)]
-    pairs += [tuple(rng.choice(n, 2, replace=False)) for _ in range(int(rng.integers(loops * n + 1)))]
+    more = int(rng.integers(loops * n + 1))
+    pairs += [tuple(rng.choice(n, 2, replace=False)) for _ in range(more)]
     turned = [True] * len(pairs)
     pairs = [(b, a) if rng.random() < 0.3 else (a, b) for a, b in pairs]
     for point in range(n, n + k):
@@ -258,9 +259,7 @@ def _ids(rng: np.random.Generator, n: int) -> Array:
     return np.unique(rng.integers(0, largest, 20 * n))[:n]
 
 
-def _with_distances(
-    rng: np.random.Generator, found: Measurements, sigma: float
-) -> Measurements:
+def _with_distances(rng: np.random.Generator, found: Measurements, sigma: float) -> Measurements:
     known = found.n - found.world
     pairs = np.array([rng.choice(known, 2, replace=False) for _ in range(rng.integers(1, known))])
     true = np.linalg.norm(found.t[pairs[:, 1]] - found.t[pairs[:, 0]], axis=1)
@@ -277,9 +276,9 @@ def _no_distances() -> dict[str, Array]:
     }
 
 
-def _harmonic(O: Array) -> Array:
-    """(m,) p / tr(O^-1) of matrices (m, p, p)."""
-    return O.shape[-1] / np.trace(np.linalg.inv(O), axis1=1, axis2=2)
+def _harmonic(A: Array) -> Array:
+    """(m,) p / tr(A^-1) of matrices (m, p, p)."""
+    return A.shape[-1] / np.trace(np.linalg.inv(A), axis1=1, axis2=2)
 
 
 def _turn(R: Array) -> list[float]:

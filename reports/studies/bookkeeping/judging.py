@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -15,6 +14,8 @@ from reports.studies.bookkeeping.oracle import Cost, Poses
 
 #: Relative difference of the same cost in two programs.
 SAME = 1e-9
+#: CERTIFIED means a gap of at most RTOL F + ATOL W.
+RTOL, ATOL = 1e-5, 1e-12
 #: Roundings that a bound may be above, and that costs may differ by.
 ROUNDINGS = 4.0
 
@@ -93,9 +94,7 @@ def judge(
     for claim in claims:
         name = claim.name
         found.said[f"{name}: {claim.verdict}"] += 1
-        found.require(
-            claim.lower <= best + slack, f"{name}: bound {claim.lower!r} above {best!r}"
-        )
+        found.require(claim.lower <= best + slack, f"{name}: bound {claim.lower!r} above {best!r}")
         own = claim.upper
         if claim.estimate is not None:
             own = cost.value(claim.estimate)
@@ -105,6 +104,11 @@ def judge(
             found.require(fits, f"{name}: cost {claim.upper!r}, but it is {own!r}")
         found.require(own >= best - slack, f"{name}: cost {own!r} below the least, {best!r}")
         if claim.verdict == "CERTIFIED":
+            most = RTOL * claim.upper + ATOL * scale(cost)
+            found.require(
+                claim.tolerance <= most * (1.0 + SAME),
+                f"{name}: the tolerance is {claim.tolerance!r}, not {most!r}",
+            )
             found.require(
                 own - best <= claim.tolerance + slack,
                 f"{name}: CERTIFIED {own!r} within {claim.tolerance:.3g}, but {best!r} is attained",
@@ -113,6 +117,16 @@ def judge(
 
 
 def scale(cost: Cost) -> float:
-    """W of the chordal cost: the sum of kappa and of tau |t_ij|^2."""
-    of = cost.of
-    return float(of.kappa.sum() + of.tau @ (of.steps**2).sum(axis=1))
+    """W: the sum of kappa and of tau |t_ij|^2, or of mean information in their place.
+
+    Of distances, the sum of w d^2 too.
+    """
+    of, d, squares = cost.of, cost.of.d, (cost.of.steps**2).sum(axis=1)
+    if cost.name in ("g2o", "gtsam"):
+        diagonal = np.diagonal(of.information, axis1=1, axis2=2)
+        kappa, tau = diagonal[:, d:].mean(axis=1), diagonal[:, :d].mean(axis=1)
+    elif cost.name == "mahalanobis":
+        kappa, tau = np.trace(of.information[:, d:, d:], axis1=1, axis2=2), of.tau
+    else:
+        kappa, tau = of.kappa, of.tau
+    return float(kappa.sum() + tau @ squares + of.precisions @ of.distances**2)

@@ -18,8 +18,12 @@ CHOICES = 500
 
 def judge_merge(rng: np.random.Generator, found: Findings) -> None:
     """Two or three maps of random nodes, which what they measure connects."""
-    of = draw(rng, nodes=(6, 10), priors=0.0, points=0.2)
-    owner = _owners(rng, of)
+    measured = False
+    while not measured:
+        of = draw(rng, nodes=(6, 10), priors=0.0, points=0.2)
+        owner = _owners(rng, of)
+        inside = owner[of.edges[:, 0]] == owner[of.edges[:, 1]]
+        measured = set(owner[of.edges[inside, 0]]) == set(owner)
     across = owner[of.edges[:, 0]] != owner[of.edges[:, 1]]
     groups = [np.flatnonzero(owner == k) for k in np.unique(owner)]
     maps = [of.induced(group) for group in groups]

@@ -67,8 +67,8 @@ class Cost:
         t, (i, j) = np.linalg.norm(poses[1], axis=1), self.of.edges.T
         reach = t[i] + t[j] + np.linalg.norm(self.of.steps, axis=1)
         sizes = self._sizes * np.stack([reach, np.full_like(reach, 4.0)], axis=1)
-        k, l = self.of.pairs.T
-        more = np.sqrt(self.of.precisions) * (t[k] + t[l] + self.of.distances)
+        a, b = self.of.pairs.T
+        more = np.sqrt(self.of.precisions) * (t[a] + t[b] + self.of.distances)
         delta = ROUNDING * np.concatenate([sizes.ravel(), more])
         value = self.value(poses)
         return float((delta * (2.0 * np.sqrt(value) + delta)).sum() + 1e-13 * value)
@@ -94,7 +94,7 @@ class Cost:
 
     def jacobian(self, poses: Poses, *, body: bool = False) -> Array:
         """(M, rows) derivatives of the residuals; ``body`` if translations are in poses' frames."""
-        return self._differences(poses, self._units(poses), body)
+        return self._slopes(poses, np.zeros(self.rows), body)
 
     @property
     def rows(self) -> int:
@@ -148,10 +148,9 @@ class Cost:
         """(m, k, k) L^T with L L^T the information, zero where nothing is measured."""
         of, d = self.of, self.of.d
         if self.name == "mahalanobis":
-            O = of.information[:, d:, d:] + ~of.turned[:, None, None] * np.eye(d * (d - 1) // 2)
-            L = np.linalg.cholesky(O) * of.turned[:, None, None]
-            # In the plane kappa = O / 2 gives 4 sin^2 O / 2 ... = 4 sin^2(theta/2) O.
-            return np.swapaxes(L, 1, 2)
+            known = of.turned[:, None, None]
+            L = np.linalg.cholesky(of.information[:, d:, d:] + ~known * np.eye(2 * d - 3))
+            return np.swapaxes(L * known, 1, 2)
         p = of.information.shape[-1]
         rest = np.diag(np.arange(p) >= d).astype(float)
         L = np.linalg.cholesky(of.information + ~of.turned[:, None, None] * rest)
@@ -173,27 +172,35 @@ class Cost:
         extent = max(1.0, float(np.abs(poses[1] - poses[1].mean(axis=0)).max()))
         return STEP * np.r_[np.full(steps, extent), np.ones(self.rows - steps)]
 
-    def _differences(self, poses: Poses, units: Array, body: bool = False) -> Array:
-        ahead = self.residuals(self.moved(poses, np.diag(units), body=body))
-        behind = self.residuals(self.moved(poses, np.diag(-units), body=body))
+    def _slopes(self, poses: Poses, x: Array, body: bool = False) -> Array:
+        """(M, rows) derivatives where the poses have moved by x."""
+        units = self._units(poses)
+        ahead, behind = (
+            self.residuals(self.moved(poses, x + sign * np.diag(units), body=body))
+            for sign in (1.0, -1.0)
+        )
         return ((ahead - behind) / (2.0 * units[:, None])).T
 
     def _descended(self, poses: Poses) -> Poses:
-        units, rows = self._units(poses), self.rows
+        rows = self.rows
+        # SciPy's method takes no fewer residuals than unknowns.
         lack = max(0, rows - len(self.residuals(poses)))
 
         def at(x: Array) -> Array:
             return np.pad(self.residuals(self.moved(poses, x)), (0, lack))
 
         def slopes(x: Array) -> Array:
-            def shifted(sign: float) -> Array:
-                return self.residuals(self.moved(poses, x + sign * np.diag(units)))
-
-            J = ((shifted(1.0) - shifted(-1.0)) / (2.0 * units[:, None])).T
-            return np.pad(J, ((0, lack), (0, 0)))
+            return np.pad(self._slopes(poses, x), ((0, lack), (0, 0)))
 
         found = least_squares(
-            at, np.zeros(rows), slopes, method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15, max_nfev=200
+            at,
+            np.zeros(rows),
+            slopes,
+            method="lm",
+            xtol=1e-15,
+            ftol=1e-15,
+            gtol=1e-15,
+            max_nfev=200,
         )
         return self.moved(poses, found.x)
 

@@ -13,12 +13,39 @@ from reports.studies.fuzz_readers import MUTATIONS
 
 #: Entries of rotations: both are within rounding of the same.
 SAME = 1e-14
+#: What may stand for a word, a tag, after a line, or between two.
+SPELLINGS = tuple(b"%e0|+%|%.0|0%|%0|-%|%\t| %|%E-3|.%|%f|%_0".split(b"|"))
+TAGS = (
+    b"EDGE_SE2 EDGE_SE3:QUAT EDGE_PRIOR_SE2 EDGE_SE2_PRIOR EDGE_PRIOR_SE2_XY EDGE_SE2_GPS "
+    b"EDGE_SE3_PRIOR EDGE_SE3_XYZPRIOR EDGE_SE2_XY LANDMARK2 EDGE_SE3_TRACKXYZ VERTEX_SE2 "
+    b"VERTEX_XY VERTEX_SE3:QUAT VERTEX_TRACKXYZ FIX # PARAMS_SE3OFFSET edge_se2"
+).split()
+ENDS = (b"# said", b"#", b"0", b"1 2", b"\r", b"\t")
+LINES = b"""
+FIX 0
+FIX 0 1
+# EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1
+PARAMS_SE3OFFSET 0 0 0 0 0 0 0 1
+PARAMS_SE3OFFSET 0 1 0 0 0 0 0 1
+PARAMS_SE3OFFSET 1 0 0 0 0 0 0 -2
+VERTEX_SE2 0 0 0 0
+VERTEX_XY 7 0 0
+VERTEX_SE3:QUAT 1 0 0 0 0 0 0 1
+LANDMARK2 0 0 1 2 1 0 1
+LANDMARK2 0 9 1 2 1 0 1
+EDGE_SE2 0 9 1 2 3
+EDGE_SE2 0 0 1 2 3 1 0 0 1 0 1
+EDGE_SE3:QUAT 0 9 1 2 3 0 0 0 2
+EDGE_BEARING_SE2_XY 0 1 2 3
+EDGE_SE2_GPS 0 1 2""".split(b"\n")
 
 
 def judge(rng: np.random.Generator, found: Findings) -> None:
     """Both read the same measurements, or one refuses."""
     text = draw(rng, nodes=(2, 5)).text.encode()
     for _ in range(int(rng.integers(0, 4))):
+        text = _respelled(rng, text)
+    if rng.random() < 0.4:
         choices = MUTATIONS["text"]
         text = choices[int(rng.integers(len(choices)))](rng, text)
     options: dict[str, Any] = {"keep": str(rng.choice(["all", "all", "first", "last"]))}
@@ -36,6 +63,34 @@ def judge(rng: np.random.Generator, found: Findings) -> None:
         return
     for cost in (None, "g2o"):
         compare(found, text, instance, options, cost)
+
+
+def _respelled(rng: np.random.Generator, text: bytes) -> bytes:
+    """Another text that may mean the same, or other measurements of the same form."""
+    lines = text.split(b"\n")
+    place = int(rng.integers(len(lines)))
+    words = lines[place].split(b" ")
+    word = int(rng.integers(len(words)))
+    choice = int(rng.integers(8))
+    if choice == 0:
+        words[word] = bytes(rng.choice(SPELLINGS)).replace(b"%", words[word])
+    elif choice == 1:
+        other = lines[int(rng.integers(len(lines)))].split(b" ")
+        words[word] = other[word % len(other)]
+    elif choice == 2:
+        words = words[: int(rng.choice([5, 6, 9, 10, 11]))]  # without information, perhaps
+    elif choice == 3:
+        words[0] = bytes(rng.choice(TAGS))
+    elif choice == 4:
+        words += [bytes(rng.choice(ENDS))]
+    elif choice == 5:
+        lines.insert(place, lines[int(rng.integers(len(lines)))])
+    elif choice == 6:
+        lines.insert(place, bytes(rng.choice(LINES)))
+    else:
+        return text.replace(b"\n", bytes(rng.choice([b"\r\n", b"\n\n", b" \n", b"\t\n"])))
+    lines[place] = b" ".join(words) if choice < 5 else lines[place]
+    return b"\n".join(lines)
 
 
 def compare(

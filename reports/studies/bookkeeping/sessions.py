@@ -134,7 +134,9 @@ def part_of(rng: np.random.Generator, of: Measurements, part: Array) -> Instance
     part[:] = part_in_order
     sub = of.subset(np.array(part_in_order))
     sub = sub.induced(np.unique(sub.edges))
-    return sub.read() if sub.world or rng.random() < 0.3 else sub.instance
+    # Files have at least one relative pose.
+    from_file = (sub.turned & (sub.edges[:, 0] < sub.n - sub.world)).any()
+    return sub.read() if from_file and (sub.world or rng.random() < 0.3) else sub.instance
 
 
 def _rank(of: Measurements, e: int) -> tuple[bool, bool]:

@@ -47,9 +47,7 @@ def _along(of: Measurements, by: str = "kappa") -> Poses:
     R, t = np.tile(np.eye(of.d), (of.n, 1, 1)), np.zeros((of.n, of.d))
     known = {int(of.edges[0, 0])}
     while len(known) < of.n:
-        reach = [
-            e for e, (i, j) in enumerate(of.edges.tolist()) if (i in known) != (j in known)
-        ]
+        reach = [e for e, (i, j) in enumerate(of.edges.tolist()) if (i in known) != (j in known)]
         e = max(reach, key=lambda e: (bool(of.turned[e]), weight[e]))
         i, j = of.edges[e].tolist()
         if i in known:
