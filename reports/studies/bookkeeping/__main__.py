@@ -41,8 +41,9 @@ from reports.studies.bookkeeping.judging import Findings
 Kind = Callable[[np.random.Generator, Findings], None]
 #: What is drawn, and its share of 10,000.
 KINDS: dict[str, tuple[Kind, int]] = {
-    "sessions": (sessions.judge_poses, 1300),
-    "sessions with priors": (sessions.judge_priors, 1000),
+    "sessions": (sessions.judge_poses, 1000),
+    "sessions with priors": (sessions.judge_priors, 900),
+    "sessions with LANDMARK2": (sessions.judge_landmarks, 400),
     "merge": (merging.judge_merge, 700),
     "sparsify": (merging.judge_sparsify, 500),
     "robust": (robust.judge_batch, 700),

@@ -31,6 +31,7 @@ class Measurements:
     ids : (n,) ascending; the world's is not written
     points : (n,) which nodes are points
     world : whether the last node is the world
+    apart : id of the first point, where points are numbered apart from poses in files; else 0
     edges : (m, 2) from a pose or the world, to a pose or a point
     turns, steps : (m, d, d) and (m, d) measured
     turned : (m,) whether the rotation is measured; steps always are
@@ -52,6 +53,7 @@ class Measurements:
     pairs: Array
     distances: Array
     precisions: Array
+    apart: int = 0
 
     @property
     def n(self) -> int:
@@ -126,9 +128,16 @@ class Measurements:
 
     @property
     def text(self) -> str:
-        """As a g2o file, measurements in order, without distances."""
+        """As a g2o file: true poses, then measurements in order, without distances."""
         said = ["PARAMS_SE3OFFSET 0 0 0 0 0 0 0 1"] if self.d == 3 else []
+        poses = np.flatnonzero(~self.points[: self.n - self.world]).tolist()
+        said += [self._vertex(k) for k in poses]
         return "\n".join([*said, *(self._line(e) for e in range(self.m)), ""])
+
+    def _vertex(self, k: int) -> str:
+        tag = "VERTEX_SE2" if self.d == 2 else "VERTEX_SE3:QUAT"
+        numbers = [*self.t[k].tolist(), *_turn(self.R[k])]
+        return " ".join([tag, str(self.ids[k]), *map(repr, numbers)])
 
     def _line(self, e: int) -> str:
         d, (i, j) = self.d, self.edges[e].tolist()
@@ -138,8 +147,10 @@ class Measurements:
             3: ("EDGE_SE3:QUAT", "EDGE_SE3_PRIOR", "EDGE_SE3_TRACKXYZ", "EDGE_SE3_XYZPRIOR"),
         }[d]
         alone = not self.turned[e]
-        words = [tags[2 * alone + is_prior]]
-        words += [str(self.ids[j])] if is_prior else [str(self.ids[i]), str(self.ids[j])]
+        is_apart = self.apart > 0 and is_sighting
+        words = ["LANDMARK2" if is_apart else tags[2 * alone + is_prior]]
+        words += [] if is_prior else [str(self.ids[i])]
+        words += [str(self.ids[j] - self.apart * is_apart)]
         words += ["0"] if d == 3 and (is_prior or is_sighting) else []
         numbers = self.steps[e].tolist()
         if not alone:
@@ -164,6 +175,7 @@ def read_bytes(text: bytes, **options: Any) -> Instance:
 def draw(
     rng: np.random.Generator,
     *,
+    d: int | None = None,
     nodes: tuple[int, int] = (3, 8),
     points: float = 0.3,
     priors: float = 0.3,
@@ -176,13 +188,14 @@ def draw(
 
     Parameters
     ----------
+    d : dimension; by default, 2 or 3
     nodes : least and largest number of poses
     points, priors, distances : probabilities that there are any
     loops : measurements beyond a spanning tree, as a share of the poses
     noises : one of them is drawn
     full : probability of information that is no multiple of the identity
     """
-    d, n = int(rng.integers(2, 4)), int(rng.integers(nodes[0], nodes[1] + 1))
+    d, n = d or int(rng.integers(2, 4)), int(rng.integers(nodes[0], nodes[1] + 1))
     k = int(rng.integers(1, 4)) if rng.random() < points else 0
     world = bool(rng.random() < priors)
     R = np.concatenate([turns(rng, n, d), np.tile(np.eye(d), (k + world, 1, 1))])

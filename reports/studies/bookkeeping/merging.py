@@ -7,73 +7,81 @@ from itertools import combinations
 import numpy as np
 
 import certpgo
-from certpgo import Instance
 from reports.studies.bookkeeping.drawing import Array, Measurements, draw
-from reports.studies.bookkeeping.judging import SAME, Claim, Findings, judge
-from reports.studies.bookkeeping.oracle import Cost
+from reports.studies.bookkeeping.judging import SAME, Claim, Findings, judge, poses_of
+from reports.studies.bookkeeping.oracle import Cost, Poses
 
 #: Choices of loop closures that are all tried.
 CHOICES = 500
 
 
 def judge_merge(rng: np.random.Generator, found: Findings) -> None:
-    """Two or three maps of random nodes, which what they measure connects."""
-    measured = False
-    while not measured:
-        of = draw(rng, nodes=(6, 10), priors=0.0, points=0.2)
-        owner = _owners(rng, of)
-        inside = owner[of.edges[:, 0]] == owner[of.edges[:, 1]]
-        measured = set(owner[of.edges[inside, 0]]) == set(owner)
-    across = owner[of.edges[:, 0]] != owner[of.edges[:, 1]]
-    groups = [np.flatnonzero(owner == k) for k in np.unique(owner)]
-    maps = [of.induced(group) for group in groups]
-    # The merged graph has the maps' measurements first.
-    order = np.concatenate([np.flatnonzero(_inside(of, group)) for group in groups])
-    order = np.concatenate([order, np.flatnonzero(across)])
-    place = np.argsort(np.concatenate(groups))
-    whole = of.subset(order)
-    between = of.subset(across)
-    between = between.induced(np.unique(between.edges))
+    """Two or three maps of random nodes, with priors of one world."""
+    of, owner = _cut(rng)
+    # Priors belong to the map of their pose. The merged graph has the maps' measurements first.
+    by, of_map = owner[of.edges[:, 0]], owner[of.edges[:, 1]]
+    own = (by == of_map) | (by < 0)
+    order = np.concatenate([*(np.flatnonzero(own & (of_map == k)) for k in set(owner) - {-1})])
+    whole = of.subset(np.concatenate([order, np.flatnonzero(~own)]))
+    maps = [_with_nodes(of.subset(own & (of_map == k))) for k in set(owner) - {-1}]
+    between = _with_nodes(of.subset(~own))
     robust = bool(rng.random() < 0.3)
     with found.refusals("merge"):
-        parts: list[Instance] = [part.instance for part in maps]
+        parts = [part.instance for part in maps]
         merged = certpgo.merge(parts, between.instance, robust=robust)
-        x = merged.answer.estimate
-        ours = x.rotations[place], x.translations[place]
+        ours = _poses(merged, whole)
         kept = np.ones(whole.m, dtype=bool)
         if robust:
             kept[merged.disagreeing] = False
-        cost = Cost(whole.subset(kept))
-        judge(found, cost, [Claim.of("merged", merged.answer.certificate, ours)])
-        least = 0.0
+        judge(
+            found,
+            Cost(whole.subset(kept)),
+            [Claim.of("merged", merged.answer.certificate, ours)],
+        )
         for part, answer in zip(maps, merged.parts, strict=True):
-            own = Claim.of("map", answer.certificate, answer.estimate)
-            least += judge(found, Cost(part), [own])
+            judge(found, Cost(part), [Claim.of("map", answer.certificate, answer.estimate)])
         terms = Cost(whole).terms(ours)[merged.between]
         off = np.abs(terms - merged.terms).max(initial=0.0)
         slack = SAME * terms.sum() + 4.0 * Cost(whole).rounding(ours)
         found.require(off <= slack, f"merged: terms are off by {off:.3g}")
-        ids = whole.ids[np.concatenate(groups)]
-        found.require((merged.instance.ids == ids).all(), "merged: other ids than the maps'")
 
 
-def _inside(of: Measurements, group: Array) -> Array:
-    return np.isin(of.edges, group).all(axis=1)
+def _cut(rng: np.random.Generator) -> tuple[Measurements, Array]:
+    """A graph, and the maps of its nodes (n,), -1 for the world; each map measures something."""
+    while True:
+        of = draw(rng, nodes=(6, 10), points=0.2)
+        owner = _owners(rng, of)
+        inside = owner[of.edges[:, 0]] == owner[of.edges[:, 1]]
+        if set(owner[of.edges[inside, 0]]) == set(owner) - {-1}:
+            return of, owner
+
+
+def _with_nodes(part: Measurements) -> Measurements:
+    return part.induced(np.unique(part.edges))
+
+
+def _poses(merged: certpgo.Merged, of: Measurements) -> Poses:
+    """The merged estimate in the order of the nodes."""
+    x, known = merged.answer.estimate, merged.instance
+    places = {node: k for k, node in enumerate(known.ids.tolist()) if k != known.world}
+    nodes = [places[k] for k in of.ids[: of.n - of.world].tolist()]
+    nodes += [known.world] if of.world and known.world is not None else []
+    return poses_of(x.subset(np.array(nodes)))
 
 
 def _owners(rng: np.random.Generator, of: Measurements) -> Array:
-    """(n,) the map of each node: those nearest to random poses, by the number of measurements."""
-    poses = np.flatnonzero(~of.points)
-    seeds = rng.choice(poses, int(rng.integers(2, 4)), replace=False)
+    """(n,) the map of each node, which grows from random poses; -1 for the world."""
+    known = of.n - of.world
+    seeds = rng.choice(np.flatnonzero(~of.points[:known]), int(rng.integers(2, 4)), replace=False)
     owner = np.full(of.n, -1)
     owner[seeds] = np.arange(len(seeds))
-    while (owner < 0).any():
-        for i, j in of.edges[rng.permutation(of.m)].tolist():
-            a, b = owner[i], owner[j]
-            if a >= 0 > b:
-                owner[j] = a
-            elif b >= 0 > a and not of.points[j]:
-                owner[i] = b
+    edges = of.edges[of.edges[:, 0] < known]
+    while (owner[:known] < 0).any():
+        for i, j in edges[rng.permutation(len(edges))].tolist():
+            if owner[i] >= 0 > owner[j]:
+                owner[j] = owner[i]
+            elif owner[j] >= 0 > owner[i] and not of.points[j]:
+                owner[i] = owner[j]
     return owner
 
 

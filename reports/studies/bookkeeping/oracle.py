@@ -84,7 +84,7 @@ class Cost:
                 if not new < value:
                     break
                 decrease, best, value = value - new, moved, new
-                if decrease <= SAME * new:
+                if decrease <= SAME * new or new <= self.rounding(moved):
                     break
         return value, best
 
@@ -200,7 +200,7 @@ class Cost:
             xtol=1e-15,
             ftol=1e-15,
             gtol=1e-15,
-            max_nfev=200,
+            max_nfev=60,
         )
         return self.moved(poses, found.x)
 

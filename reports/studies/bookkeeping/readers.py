@@ -61,6 +61,9 @@ def judge(rng: np.random.Generator, found: Findings) -> None:
         found.said[f"read refused: {type(error).__name__}"] += 1
         found.require("\n" not in str(error), f"read: a message of several lines: {error}")
         return
+    if not instance.graph.is_connected:  # the checker knows no nodes without measurements
+        found.said["not connected"] += 1
+        return
     for cost in (None, "g2o"):
         compare(found, text, instance, options, cost)
 

@@ -32,6 +32,14 @@ def judge_priors(rng: np.random.Generator, found: Findings) -> None:
     _judge(rng, found, of)
 
 
+def judge_landmarks(rng: np.random.Generator, found: Findings) -> None:
+    """With points whose numbers are also those of poses; parts are read from files."""
+    of = draw(rng, d=2, points=1.0, priors=0.3)
+    first = int(of.points.argmax())
+    ids = np.r_[np.arange(first), 10**6 + np.arange(of.n - first)]
+    _judge(rng, found, replace(of, ids=ids, apart=10**6))
+
+
 def _judge(rng: np.random.Generator, found: Findings, of: Measurements) -> None:
     of = of.subset(growing(rng, of))
     cost = Cost(of, str(rng.choice(["chordal", "g2o", "gtsam"])))
@@ -134,9 +142,10 @@ def part_of(rng: np.random.Generator, of: Measurements, part: Array) -> Instance
     part[:] = part_in_order
     sub = of.subset(np.array(part_in_order))
     sub = sub.induced(np.unique(sub.edges))
-    # Files have at least one relative pose.
-    from_file = (sub.turned & (sub.edges[:, 0] < sub.n - sub.world)).any()
-    return sub.read() if from_file and (sub.world or rng.random() < 0.3) else sub.instance
+    prior = sub.world & (sub.edges[:, 0] == sub.n - 1)
+    # A file has more than priors, and says which points are numbered apart.
+    from_file = sub.apart or (not prior.all() and (sub.world or rng.random() < 0.3))
+    return sub.read() if from_file else sub.instance
 
 
 def _rank(of: Measurements, e: int) -> tuple[bool, bool]:
