@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import pickle
 import subprocess
@@ -87,9 +88,10 @@ def alone(of: Measurements, cost: str, tier: str) -> Claim:
 
 @cache
 def _process() -> Any:
-    return subprocess.Popen(
-        [sys.executable, "-c", ALONE], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    )
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    process = subprocess.Popen([sys.executable, "-c", ALONE], **pipes)
+    atexit.register(process.communicate)  # without more questions it ends
+    return process
 
 
 def serve() -> None:

@@ -62,7 +62,7 @@ class Claim:
     verdict: str
 
     @classmethod
-    def of(cls, name: str, certificate: Certificate, estimate: Estimate | Poses) -> Claim:
+    def of(cls, name: str, certificate: Certificate, estimate: Estimate | Poses | None) -> Claim:
         """What a certificate claims about an estimate."""
         c = certificate
         x = poses_of(estimate) if isinstance(estimate, Estimate) else estimate

@@ -57,18 +57,20 @@ def _judge(rng: np.random.Generator, found: Findings, of: Measurements) -> None:
         if rng.random() < 0.8:
             session.refresh()
         kept = judge_session(found, session, cost, fed, "session")
-        batch = solve(kept.of.instance, cost=cost.name)
-        best = judge(found, kept, [Claim.of("batch", batch.certificate, batch.estimate)])
-        certificate = session.certificate
-        ours = poses_in(session, kept.of)
-        claim = Claim.of("session's certificate", certificate, ours or session.estimate)
-        judge(found, kept, [claim if ours else replace(claim, estimate=None)])
-        both = certificate.verdict.value, batch.verdict.value
-        found.said[" in a session, in batch ".join(both)] += 1
-        if both == ("CERTIFIED", "CERTIFIED"):
-            off = abs(certificate.cost_upper - batch.certificate.cost_upper)
-            most = certificate.tolerance + batch.certificate.tolerance
-            found.require(off <= most, f"session and batch differ by {off:.3g}, best {best!r}")
+        _judge_beside_batch(found, session, kept)
+
+
+def _judge_beside_batch(found: Findings, session: Session, kept: Cost) -> None:
+    """Judge the session's certificate, and `solve` of the same measurements."""
+    batch = solve(kept.of.instance, cost=kept.name)
+    ours = Claim.of("certificate", session.certificate, poses_in(session, kept.of))
+    theirs = Claim.of("batch", batch.certificate, batch.estimate)
+    judge(found, kept, [ours, theirs])
+    found.said[f"{ours.verdict} in a session, in batch {theirs.verdict}"] += 1
+    if ours.verdict == theirs.verdict == "CERTIFIED":
+        off = abs(ours.upper - theirs.upper)
+        differ = f"session {ours.upper!r} and batch {theirs.upper!r} differ"
+        found.require(off <= ours.tolerance + theirs.tolerance, differ)
 
 
 def judge_session(
@@ -99,12 +101,19 @@ def poses_in(session: Session, of: Measurements) -> Poses | None:
 
     None where its nodes are not those, or positions were moved to another origin.
     """
-    places = {int(k): node for node, k in enumerate(of.ids[: of.n - of.world].tolist())}
-    nodes = [places.get(k, of.n - 1 if of.world else None) for k in session.nodes]  # type: ignore[call-overload]
+    places = {k: node for node, k in enumerate(of.ids[: of.n - of.world].tolist())}
+    last = of.n - 1 if of.world else None
+    nodes = [places.get(_id(label, of), last) for label in session.nodes]
     if sorted(nodes, key=str) != sorted(range(of.n), key=str) or _is_far(of):
         return None
     x, order = session.estimate, np.argsort(nodes)
     return x.rotations[order], x.translations[order]
+
+
+def _id(label: object, of: Measurements) -> object:
+    """Of a node; landmarks that are numbered apart have labels with a number."""
+    number = getattr(label, "number", None)
+    return label if number is None else of.apart + number
 
 
 def _is_far(of: Measurements) -> bool:

@@ -11,9 +11,12 @@ import time
 import traceback
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from functools import cache
+from io import StringIO
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 import numpy as np
 
@@ -114,19 +117,20 @@ def unpressed() -> Iterator[None]:
 
 def judge_commands(rng: np.random.Generator, found: Findings) -> None:
     """Ctrl-C, once or twice, while `certpgo solve` or `certify` runs: files are whole or absent."""
+    import_commands()
     of = draw(rng, nodes=(5, 40), points=0.2, priors=0.2, full=0.3)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        graph = folder / "g.g2o"
+        graph, given = folder / "g.g2o", folder / "given.g2o"
         graph.write_text(of.text)
+        certpgo.write(given, Estimate(of.R, of.t), instance=of.read())
         outputs = [folder / "out.g2o", folder / "out.cert", folder / "out.html"]
         arguments = ["solve", str(graph), "-o", str(outputs[0])]
         if rng.random() < 0.3:
-            certpgo.write(folder / "given.g2o", Estimate(of.R, of.t), instance=of.read())
-            arguments = ["certify", str(graph), str(folder / "given.g2o")]
-        arguments += ["--proof", str(outputs[1])] if rng.random() < 0.5 else []
-        arguments += ["--html", str(outputs[2])] if rng.random() < 0.5 else []
-        arguments += ["--json"] if rng.random() < 0.5 else []
+            arguments = ["certify", str(graph), str(given)]
+        asked = (["--proof", str(outputs[1])], ["--html", str(outputs[2])], ["--json"])
+        for option in asked:
+            arguments += option if rng.random() < 0.5 else []
         waits = [float(10.0 ** rng.uniform(-2.3, -0.3))]
         waits += [float(10.0 ** rng.uniform(-3.0, -1.0))] if rng.random() < 0.3 else []
         code, said, complained = run(arguments, folder, waits)
@@ -134,11 +138,35 @@ def judge_commands(rng: np.random.Generator, found: Findings) -> None:
         found.require(code in DOCUMENTED, f"exit {code}: {complained[-300:]}")
         found.require("Traceback" not in complained, complained[-500:])
         if "--json" in arguments and said:
-            json.loads(said)
+            _judge_said(found, of, json.loads(said), outputs[0] if "-o" in arguments else given)
         _judge_files(found, of, graph, outputs)
-        unexpected = {p.name for p in folder.iterdir()} - {p.name for p in outputs}
-        unexpected -= {"g.g2o", "given.g2o", "stdout", "stderr"}
-        found.require(not unexpected, f"left behind: {sorted(unexpected)}")
+        known = {path.name for path in (*outputs, graph, given)} | {"stdout", "stderr"}
+        unexpected = sorted({path.name for path in folder.iterdir()} - known)
+        found.require(not unexpected, f"left behind: {unexpected}")
+
+
+@cache
+def import_commands() -> None:
+    """Import what the commands do, so that it is not what Ctrl-C meets in each child."""
+    of = draw(np.random.default_rng(0))
+    with tempfile.TemporaryDirectory() as name, redirect_stdout(StringIO()):
+        graph, out = Path(name) / "g.g2o", Path(name) / "out.g2o"
+        graph.write_text(of.text)
+        with redirect_stderr(StringIO()):
+            written = ["-o", str(out), "--proof", f"{out}.cert", "--html", f"{out}.html"]
+            main(["solve", str(graph), *written])
+            main(["certify", str(graph), str(out), "--json"])
+
+
+def _judge_said(found: Findings, of: Measurements, said: dict[str, Any], path: Path) -> None:
+    """Judge the JSON on standard output, of the estimate in a file."""
+    cost = Cost(of, "g2o" if said["objective"].startswith("g2o") else "chordal")
+    estimate, c = None, said["certificate"]
+    if path.exists():
+        estimate = poses_of(certpgo.read_estimate(path, of.read()))
+    upper, lower = c["cost_upper"], said["lower_bound"]
+    tolerance = c["rtol"] * upper + c["atol"] * c["scale"]
+    judge(found, cost, [Claim("JSON", estimate, upper, lower, tolerance, said["verdict"])])
 
 
 def run(arguments: list[str], folder: Path, waits: list[float]) -> tuple[int, str, str]:

@@ -27,7 +27,9 @@ def judge_extremes(rng: np.random.Generator, found: Findings) -> None:
     of = replace(of, information=information, precisions=precisions)
     cost = Cost(of)
     with found.refusals("solve"):
-        answer = solve(of.instance, cost="chordal", time_limit=5.0)
+        from_file = not len(of.pairs) and rng.random() < 0.3
+        instance = of.read() if from_file else of.instance
+        answer = solve(instance, cost="chordal", time_limit=5.0)
         starts = [_along(of), *([_along(of, by="tau")] if of.m else [])]
         claims = [Claim.of("solve", answer.certificate, answer.estimate)]
         judge(found, cost, claims, starts)
