@@ -41,15 +41,16 @@ from reports.studies.bookkeeping.judging import Findings
 Kind = Callable[[np.random.Generator, Findings], None]
 #: What is drawn, and its share of 10,000.
 KINDS: dict[str, tuple[Kind, int]] = {
-    "sessions": (sessions.judge_poses, 1000),
+    "sessions": (sessions.judge_poses, 900),
     "sessions with priors": (sessions.judge_priors, 900),
     "sessions with LANDMARK2": (sessions.judge_landmarks, 400),
     "merge": (merging.judge_merge, 700),
     "sparsify": (merging.judge_sparsify, 500),
-    "robust": (robust.judge_batch, 700),
+    "robust": (robust.judge_batch, 500),
     "robust sessions": (robust.judge_session, 500),
+    "suspicions": (robust.judge_suspicion, 300),
     "mahalanobis": (weights.judge_mahalanobis, 600),
-    "weights": (weights.judge_extremes, 900),
+    "weights": (weights.judge_extremes, 700),
     "covariances": (covariances.judge, 900),
     "readers": (readers.judge, 1000),
     "fallbacks": (engines.judge_fallbacks, 400),

@@ -7,6 +7,7 @@ import os
 import pickle
 import subprocess
 import sys
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -45,16 +46,33 @@ def judge_fallbacks(rng: np.random.Generator, found: Findings) -> None:
 
 
 def judge_tasks(rng: np.random.Generator, found: Findings) -> None:
-    """`--scheduler threads`, with every factorization as tasks."""
+    """`--scheduler`, threads or a worker of a cluster, with every factorization as tasks."""
     of = draw(rng, nodes=(6, 12), priors=0.0)
     cost = Cost(of, str(rng.choice(COSTS)))
     least, factor.DISTRIBUTED_FROM = factor.DISTRIBUTED_FROM, 0.0
     try:
-        with found.refusals("scheduler"), certpgo.scheduler("threads"):
-            claim = _claim("tasks", of, cost.name, "standard")
+        kind = "cluster" if rng.random() < 0.1 else "threads"
+        with found.refusals(kind):
+            with address(kind) as where, certpgo.scheduler(where):
+                claim = _claim(f"tasks, {kind}", of, cost.name, "standard")
             judge(found, cost, [claim])
     finally:
         factor.DISTRIBUTED_FROM = least
+
+
+@contextmanager
+def address(kind: str) -> Iterator[str]:
+    """Of a scheduler of this kind."""
+    if kind == "threads":
+        yield kind
+        return
+    import distributed
+
+    one = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # those of its own start and end
+        with distributed.LocalCluster(host="127.0.0.1", **one) as cluster:
+            yield cluster.scheduler_address
 
 
 def _claim(name: str, of: Measurements, cost: str, tier: str) -> Claim:

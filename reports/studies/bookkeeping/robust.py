@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from certpgo import RobustSession, solve_robustly
-from reports.studies.bookkeeping.drawing import Measurements, draw, rotations
+from certpgo import RobustSession, Session, solve_robustly
+from reports.studies.bookkeeping.drawing import Array, Measurements, draw, rotations
 from reports.studies.bookkeeping.judging import SAME, Claim, Findings, judge, poses_of
 from reports.studies.bookkeeping.oracle import Cost
 from reports.studies.bookkeeping.sessions import growing, of_known, part_of, poses_in
@@ -41,6 +41,30 @@ def judge_session(rng: np.random.Generator, found: Findings) -> None:
             _judge_standing(found, session, of, fed, "robust on the way")
         session.settle() if rng.random() < 0.5 else session.refresh()
         _judge_standing(found, session, of, fed, "robust session")
+
+
+def judge_suspicion(rng: np.random.Generator, found: Findings) -> None:
+    """What a session says of itself without the measurements that it suspects."""
+    of = with_outliers(rng, draw(rng, nodes=(4, 8), priors=0.0, noises=(1e-3, 0.05)))
+    of = of.subset(growing(rng, of))
+    cost = Cost(of, str(rng.choice(["chordal", "g2o", "gtsam"])))
+    session, every = Session(cost=cost.name), np.arange(of.m)
+    with found.refusals("suspicion"):
+        session.add(part_of(rng, of, every))
+        suspicion = session.suspicion()
+        if suspicion is None:
+            found.said["no suspicion"] += 1
+            return
+        rest = of.subset(np.delete(every, suspicion.edges))
+        answer = suspicion.without
+        x = answer.estimate.subset(_order(session, of))
+        judge(found, Cost(rest, cost.name), [Claim.of("without", answer.certificate, x)])
+
+
+def _order(session: Session, of: Measurements) -> Array:
+    """The place of each node among those of a session."""
+    places = {name: k for k, name in enumerate(session.nodes)}
+    return np.array([places[k] for k in of.ids.tolist()])
 
 
 def _judge_standing(

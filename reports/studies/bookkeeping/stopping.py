@@ -172,7 +172,9 @@ def _judge_said(found: Findings, of: Measurements, said: dict[str, Any], path: P
 def run(arguments: list[str], folder: Path, waits: list[float]) -> tuple[int, str, str]:
     """The command in a process of its own, which is sent SIGINT after these seconds."""
     sys.stdout.flush()
-    child = os.fork()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # other threads only wait
+        child = os.fork()
     if not child:
         code = 99
         try:
