@@ -10,14 +10,14 @@ from certpgo import RobustSession, Session, solve_robustly
 from reports.studies.bookkeeping.drawing import Array, Measurements, draw, rotations
 from reports.studies.bookkeeping.judging import SAME, Claim, Findings, judge, poses_of
 from reports.studies.bookkeeping.oracle import Cost
-from reports.studies.bookkeeping.sessions import growing, of_known, part_of, poses_in
+from reports.studies.bookkeeping.sessions import LIMIT, growing, of_known, part_of, poses_in
 
 
 def judge_batch(rng: np.random.Generator, found: Findings) -> None:
     """`solve_robustly`: the certificate is about those kept, the cost about all."""
     of = with_outliers(rng, draw(rng, nodes=(4, 10), loops=1.5, noises=(1e-3, 0.05)))
     with found.refusals("robust"):
-        answer = solve_robustly(of.instance if rng.random() < 0.5 else of.graph)
+        answer = solve_robustly(of.instance if rng.random() < 0.5 else of.graph, time_limit=LIMIT)
         kept = np.ones(of.m, dtype=bool)
         kept[answer.solution.rejected] = False
         x = answer.estimate
@@ -31,7 +31,7 @@ def judge_session(rng: np.random.Generator, found: Findings) -> None:
     """`RobustSession`: kept and rejected are all that came, each once."""
     of = with_outliers(rng, draw(rng, nodes=(4, 8), priors=0.0, noises=(1e-3, 0.05)))
     of = of.subset(growing(rng, of))
-    session = RobustSession(every=int(rng.integers(2, 12)))
+    session = RobustSession(every=int(rng.integers(2, 12)), time_limit=LIMIT)
     fed: list[int] = []
     with found.refusals("robust session"):
         cuts = np.unique(rng.integers(1, of.m + 1, int(rng.integers(0, 5))))
@@ -48,7 +48,7 @@ def judge_suspicion(rng: np.random.Generator, found: Findings) -> None:
     of = with_outliers(rng, draw(rng, nodes=(4, 8), priors=0.0, noises=(1e-3, 0.05)))
     of = of.subset(growing(rng, of))
     cost = Cost(of, str(rng.choice(["chordal", "g2o", "gtsam"])))
-    session, every = Session(cost=cost.name), np.arange(of.m)
+    session, every = Session(cost=cost.name, time_limit=LIMIT), np.arange(of.m)
     with found.refusals("suspicion"):
         session.add(part_of(rng, of, every))
         suspicion = session.suspicion()

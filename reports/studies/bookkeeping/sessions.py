@@ -13,7 +13,8 @@ from reports.studies.bookkeeping.drawing import Array, Measurements, draw
 from reports.studies.bookkeeping.judging import Claim, Findings, judge
 from reports.studies.bookkeeping.oracle import Cost, Poses
 
-WORLD = "the world"
+#: Seconds for an answer, of those that climb.
+LIMIT = 5.0
 
 
 def judge_poses(rng: np.random.Generator, found: Findings) -> None:
@@ -43,7 +44,7 @@ def judge_landmarks(rng: np.random.Generator, found: Findings) -> None:
 def _judge(rng: np.random.Generator, found: Findings, of: Measurements) -> None:
     of = of.subset(growing(rng, of))
     cost = Cost(of, str(rng.choice(["chordal", "g2o", "gtsam"])))
-    session = Session(cost=cost.name, every=int(rng.integers(1, 20)))
+    session = Session(cost=cost.name, every=int(rng.integers(1, 20)), time_limit=LIMIT)
     fed: list[int] = []
     with found.refusals("session"):
         cuts = np.unique(rng.integers(1, of.m + 1, int(rng.integers(0, 5))))
@@ -62,7 +63,7 @@ def _judge(rng: np.random.Generator, found: Findings, of: Measurements) -> None:
 
 def _judge_beside_batch(found: Findings, session: Session, kept: Cost) -> None:
     """Judge the session's certificate, and `solve` of the same measurements."""
-    batch = solve(kept.of.instance, cost=kept.name)
+    batch = solve(kept.of.instance, cost=kept.name, time_limit=LIMIT)
     ours = Claim.of("certificate", session.certificate, poses_in(session, kept.of))
     theirs = Claim.of("batch", batch.certificate, batch.estimate)
     judge(found, kept, [ours, theirs])
