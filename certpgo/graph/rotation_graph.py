@@ -117,7 +117,7 @@ class RotationGraph(Speaking):
 
         Parameters
         ----------
-        K : (m, d, d) symmetric positive definite matrices
+        K : (m, d, d) symmetric positive definite matrices; or zeros for edges of kappa = 0
 
         Raises
         ------
@@ -127,7 +127,8 @@ class RotationGraph(Speaking):
         K = np.asarray(K, dtype=np.float64)
         if K.shape != self.rotations.shape or (np.swapaxes(K, 1, 2) != K).any():
             raise GraphError(f"matrix weights must be {self.rotations.shape} and symmetric")
-        indefinite = np.asarray(~(np.linalg.eigvalsh(K)[:, 0] > 0.0))
+        unmeasured = (self.kappa == 0.0) & ~K.any(axis=(1, 2))
+        indefinite = np.asarray(~(np.linalg.eigvalsh(K)[:, 0] > 0.0) & ~unmeasured)
         if indefinite.any():
             raise GraphError(f"{edge_name(self.edges, indefinite)}: K is not positive definite")
         kappa = np.trace(K, axis1=1, axis2=2) / self.d

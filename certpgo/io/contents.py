@@ -61,7 +61,11 @@ class Sightings:
 
 @dataclass
 class TaggedLines:
-    """The contents of a file; lists have one array per chunk."""
+    """The contents of a file; lists have one array per chunk.
+
+    Priors and sightings have tags of several kinds, and an array for each: the numbers of their
+    lines tell the order of the file.
+    """
 
     d: int
     edges: list[IntArray] = field(default_factory=list)
@@ -69,7 +73,9 @@ class TaggedLines:
     weights: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
     information: list[Information | None] = field(default_factory=list)
     priors: list[Priors] = field(default_factory=list)
+    prior_lines: list[IntArray] = field(default_factory=list)
     sightings: list[Sightings] = field(default_factory=list)
+    sighting_lines: list[IntArray] = field(default_factory=list)
     sensors: dict[int, Pose] = field(default_factory=dict)  # on their bodies
     vertices: list[IntArray] = field(default_factory=list)
     values: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
@@ -84,7 +90,7 @@ class TaggedLines:
         for sensor, pose in other.sensors.items():
             self.add_sensor(sensor, pose)
         lists = ("edges", "measured", "weights", "information", "vertices", "values", "fixed")
-        for name in (*lists, "points", "priors", "sightings"):
+        for name in (*lists, "points", "priors", "prior_lines", "sightings", "sighting_lines"):
             getattr(self, name).extend(getattr(other, name))
 
     def add_sensor(self, sensor: int, pose: Pose) -> None:

@@ -40,7 +40,7 @@ class Landmarks:
 
 
 def landmarks_of(path: Path, content: TaggedLines, poses: IntArray) -> Landmarks | None:
-    """The points of a file; None if no pose sees one.
+    """The points of a file, and their sightings in its order; None if no pose sees one.
 
     Points that are numbered apart from poses, as is seen where a pose has the number of a point,
     get their number plus one that makes them follow all other ids.
@@ -57,11 +57,12 @@ def landmarks_of(path: Path, content: TaggedLines, poses: IntArray) -> Landmarks
     if not content.sightings:
         return None
     parts = content.sightings
-    apart = np.repeat([part.apart for part in parts], [len(part.tau) for part in parts])
+    order = np.argsort(np.concatenate(content.sighting_lines))
+    apart = np.repeat([part.apart for part in parts], [len(part.tau) for part in parts])[order]
     columns = zip(*((p.pairs, p.positions, p.tau, p.sensors) for p in parts), strict=True)
-    pairs, positions, tau, sensors = (np.concatenate(column) for column in columns)
+    pairs, positions, tau, sensors = (np.concatenate(column)[order] for column in columns)
     known = [part.information for part in parts if part.information is not None]
-    information = np.concatenate(known) if len(known) == len(parts) else None
+    information = np.concatenate(known)[order] if len(known) == len(parts) else None
     seeing = np.unique(np.concatenate([poses, pairs[:, 0]]))
     shared = np.unique(pairs[~apart, 1])
     both = shared[np.isin(shared, seeing)]

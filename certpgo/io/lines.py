@@ -6,7 +6,7 @@ of lines is parsed at once, grouped by tag.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -114,17 +114,17 @@ def read_lines(path: Path, dialect: Dialect, options: ReadOptions) -> TaggedLine
 
 
 class _Parser:
-    """Parses lists of lines; remembers only the dimension."""
+    """Parses lists of lines; remembers only the dimension, and how many lines there were."""
 
     def __init__(self, dialect: Dialect, options: ReadOptions) -> None:
         self._dialect = dialect
         self._options = options
-        self._d = 0
+        self._d = self._lines = 0
 
     def parse(self, lines: list[bytes]) -> TaggedLines:
         """The contents of the lines."""
         content = TaggedLines(self._d)
-        for name, bodies in self._by_tag(lines).items():
+        for name, (bodies, numbers) in self._by_tag(lines).items():
             tag = self._tag(name)
             if tag.kind == "skip" or self._leaves_out(tag) or self._is_planar_sensor(tag, content):
                 content.counts[f"{name.decode()} line{{s}} skipped: {tag.what}"] += len(bodies)
@@ -135,6 +135,10 @@ class _Parser:
                     raise InputError(f"{name.decode()} in a file of {content.d}D poses")
                 content.d = tag.d
                 self._poses(name.decode(), tag, bodies, content)
+                if tag.kind == "prior":
+                    content.prior_lines.append(np.array(numbers))
+                elif tag.kind == "sighting":
+                    content.sighting_lines.append(np.array(numbers))
         self._d = content.d
         return content
 
@@ -149,15 +153,16 @@ class _Parser:
     def _is_planar_sensor(tag: Tag, content: TaggedLines) -> bool:
         return tag.kind == "sensor" and content.d == 2
 
-    @staticmethod
-    def _by_tag(lines: Iterable[bytes]) -> dict[bytes, list[bytes]]:
-        groups: dict[bytes, list[bytes]] = {}
-        for line in lines:
+    def _by_tag(self, lines: list[bytes]) -> dict[bytes, tuple[list[bytes], list[int]]]:
+        """What follows each tag, and the numbers of these lines."""
+        groups: dict[bytes, tuple[list[bytes], list[int]]] = {}
+        for number, line in enumerate(lines, self._lines):
             head = line.split(None, 1)
-            if len(head) == 2:
-                groups.setdefault(head[0], []).append(head[1])
-            elif head:
-                groups.setdefault(head[0], []).append(b"")
+            if head:
+                bodies, numbers = groups.setdefault(head[0], ([], []))
+                bodies.append(head[1] if len(head) == 2 else b"")
+                numbers.append(number)
+        self._lines += len(lines)
         return groups
 
     def _tag(self, name: bytes) -> Tag:

@@ -17,7 +17,7 @@ from certpgo.linalg.arrays import FloatArray, IntArray, numbered
 
 
 def numbered_priors(path: Path, content: TaggedLines, ids: IntArray) -> Priors | None:
-    """All priors of a file, about nodes 0 ... n-1 with these ids; None if there are none.
+    """All priors of a file in its order, about nodes 0 ... n-1 with these ids; None if none.
 
     Raises
     ------
@@ -34,7 +34,8 @@ def numbered_priors(path: Path, content: TaggedLines, ids: IntArray) -> Priors |
         ),
         strict=True,
     )
-    nodes, R, t, kappa, tau, sensors = (np.concatenate(column) for column in columns)
+    order = np.argsort(np.concatenate(content.prior_lines))
+    nodes, R, t, kappa, tau, sensors = (np.concatenate(column)[order] for column in columns)
     for sensor in np.unique(sensors[sensors != BODY]).tolist():
         if sensor not in content.sensors:
             # Without a line of parameters, 0 is the body itself.
@@ -50,7 +51,7 @@ def numbered_priors(path: Path, content: TaggedLines, ids: IntArray) -> Priors |
     if len(foreign):
         raise FormatError(path, None, f"prior of node {foreign[0]}: no such node")
     information = joined_information([p.information for p in content.priors])
-    return Priors(place, R, t, kappa, tau, information, sensors)
+    return Priors(place, R, t, kappa, tau, information and information.subset(order), sensors)
 
 
 def joined_information(parts: Sequence[Information | None]) -> Information | None:

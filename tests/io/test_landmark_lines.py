@@ -39,6 +39,14 @@ def test_in_the_plane(file):
     assert "1 point, 2 sightings" in instance.notices
 
 
+def test_sightings_stay_in_the_order_of_the_file(file):
+    """Of whatever tags: the checker counts lines."""
+    lines = ("EDGE_SE2 0 1 1 0 0", "LANDMARK2 0 7 1 1", "EDGE_SE2_XY 1 8 2 2", "LANDMARK2 1 7 3 3")
+    graph = io.read(file("\n".join(lines) + "\n"), quiet=True).graph
+    assert graph.edges.tolist() == [[0, 1], [0, 2], [1, 3], [1, 2]]
+    assert graph.translations[1:, 0].tolist() == [1.0, 2.0, 3.0]
+
+
 def test_in_space_with_a_sensor_on_its_body(file):
     """The sensor is turned by a right angle about x, and 1, 2, 3 metres away."""
     graph = io.read(file(SPACE), quiet=True).graph
@@ -255,6 +263,10 @@ def test_npz_keeps_where_a_world_is_assumed_to_be(tmp_path):
     graph = certpgo.PoseGraph(rotation, [[1.0, 0.0]], [1.0])
     turned = certpgo.with_priors(graph, [0, 1], np.tile(np.eye(2), (2, 1, 1)), kappa=1.0)
     io.write(tmp_path / "graph.npz", turned)
-    assert io.read(tmp_path / "graph.npz", quiet=True).graph.assumed.tolist() == [False, True, False]
+    assert io.read(tmp_path / "graph.npz", quiet=True).graph.assumed.tolist() == [
+        False,
+        True,
+        False,
+    ]
     with pytest.raises(GraphError, match="assumed must be 3 flags"):
         certpgo.PoseGraph(turned.rotation, turned.translations, turned.tau, assumed=[True])

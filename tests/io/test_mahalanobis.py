@@ -86,6 +86,27 @@ def test_the_plane_has_half_of_kappa(file):
     assert not half.graph.is_general
 
 
+SPACE = """PARAMS_SE3OFFSET 0 0 0 0 0 0 0 1
+EDGE_SE3:QUAT 0 1 1 0 0 0 0 0 1 1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 2 0 0 3 0 4
+EDGE_SE3_TRACKXYZ 0 2 0 0 1 1 1 0 0 1 0 1
+EDGE_SE3_TRACKXYZ 1 2 0 -1 1 1 1 0 0 1 0 1
+EDGE_SE3_PRIOR 0 0 0 0 0 0 0 0 1 1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 2 0 0 3 0 4
+EDGE_SE3_XYZPRIOR 1 0 1 0 0.5 1 0 0 1 0 1
+"""
+
+
+def test_positions_in_space_keep_their_weights(file):
+    """Sightings and GPS have no rotational information to weigh."""
+    instance = io.read(file(SPACE), mahalanobis=True, quiet=True)
+    kappa = instance.graph.rotation.kappa
+    assert kappa.tolist() == pytest.approx([1.5, 0.0, 0.0, 1.5, 0.0])
+    assert instance.graph.tau.tolist() == [1.0] * 5
+    answer = solve(instance)
+    assert answer.verdict.value == "CERTIFIED"
+    # Half a metre in height that rotations spread: below 0.5^2 for the last line alone.
+    assert 0.0 < answer.cost < 0.25
+
+
 def test_what_has_no_rotational_information_is_refused(file, tmp_path):
     bare = file("EDGE_SE2 0 1 1 0 0.1\nEDGE_SE2 0 1 1 0 0\n")
     with pytest.raises(InputError, match="need poses with rotational information"):

@@ -59,6 +59,37 @@ def test_space(file):
     assert "2 priors, from a node for the world; 1 of positions alone" in instance.notices[-1]
 
 
+MIXED = """EDGE_SE2 0 1 1 0 0.1 4 0 0 4 0 9
+EDGE_SE2 1 0 -1.1 0 -0.2 4 0 0 4 0 9
+EDGE_PRIOR_SE2_XY 0 0 0 5 0 7
+EDGE_PRIOR_SE2 1 1.1 0.1 0.1 2 0 0 3 0 4
+EDGE_SE2_GPS 1 2 0 5 0 7
+EDGE_PRIOR_SE2 0 0.1 0.1 0 2 0 0 3 0 4
+"""
+
+
+def test_they_stay_in_the_order_of_the_file(file):
+    """`keep` means the first or last line, and the checker counts lines."""
+    graph = io.read(file(MIXED), quiet=True).graph
+    assert graph.edges[2:].tolist() == [[2, 0], [2, 1], [2, 1], [2, 0]]
+    assert graph.rotation.kappa[2:].tolist() == [0.0, 4.0, 0.0, 4.0]
+    assert graph.translations[2:, 0].tolist() == [0.0, 1.1, 2.0, 0.1]
+    for keep, steps in (("first", [1.0, 0.0, 1.1]), ("last", [-1.1, 2.0, 0.1])):
+        kept = io.read(file(MIXED), quiet=True, keep=keep).graph
+        assert kept.rotation.kappa.tolist() == [9.0, 0.0, 4.0]
+        assert kept.translations[:, 0].tolist() == steps
+
+
+def test_a_proof_under_g2os_cost_is_about_the_same_lines(file, tmp_path):
+    path = file(MIXED)
+    instance = io.read(path, quiet=True)
+    answer = certpgo.solve(instance)
+    assert answer.certificate.objective.startswith("g2o")
+    proven = instance, answer.estimate, answer.certificate
+    said = certpgo.write_proof(tmp_path / "proof.cert", path, *proven)
+    assert said.lower == pytest.approx(answer.cost, rel=1e-9)
+
+
 def test_they_can_be_skipped(file):
     path = file(SQUARE + "EDGE_PRIOR_SE2_XY 0 5 6 4 0 4\n")
     instance = io.read(path, quiet=True, priors=False)

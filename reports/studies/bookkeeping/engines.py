@@ -1,0 +1,128 @@
+"""Answers without the compiled kernel, with SuperLU, and as tasks of a scheduler."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import pickle
+import subprocess
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+import certpgo
+from certpgo.linalg import factor
+from reports.studies.bookkeeping.drawing import Measurements, draw
+from reports.studies.bookkeeping.judging import Claim, Findings, judge
+from reports.studies.bookkeeping.oracle import Cost
+
+#: What a process without the kernel does.
+ALONE = (
+    "import sys; sys.modules['certpgo.linalg._kernel'] = None; "
+    "from reports.studies.bookkeeping.engines import serve; serve()"
+)
+COSTS = ("chordal", "g2o", "gtsam")
+
+
+def judge_fallbacks(rng: np.random.Generator, found: Findings) -> None:
+    """Verdicts are the same with every engine, and true."""
+    of = draw(rng, distances=0.2)
+    cost = Cost(of, "chordal" if len(of.pairs) else str(rng.choice(COSTS)))
+    provable = cost.name != "gtsam" and not len(of.pairs)
+    tier = "proof" if provable and rng.random() < 0.5 else "standard"
+    with found.refusals("solve"):
+        claims = [_claim("compiled", of, cost.name, tier)]
+        with environment(CERTPGO_ENGINE="superlu"):
+            claims.append(_claim("superlu", of, cost.name, tier))
+        claims.append(alone(of, cost.name, tier))
+        judge(found, cost, claims)
+        verdicts = {claim.verdict for claim in claims}
+        found.require(len(verdicts) == 1, f"{tier}: {[c.verdict for c in claims]}")
+
+
+def judge_tasks(rng: np.random.Generator, found: Findings) -> None:
+    """`--scheduler`, threads or a worker of a cluster, with every factorization as tasks."""
+    of = draw(rng, nodes=(6, 12), priors=0.0)
+    cost = Cost(of, str(rng.choice(COSTS)))
+    least, factor.DISTRIBUTED_FROM = factor.DISTRIBUTED_FROM, 0.0
+    try:
+        kind = "cluster" if rng.random() < 0.1 else "threads"
+        with found.refusals(kind):
+            with address(kind) as where, certpgo.scheduler(where):
+                claim = _claim(f"tasks, {kind}", of, cost.name, "standard")
+            judge(found, cost, [claim])
+    finally:
+        factor.DISTRIBUTED_FROM = least
+
+
+@contextmanager
+def address(kind: str) -> Iterator[str]:
+    """Of a scheduler of this kind."""
+    if kind == "threads":
+        yield kind
+        return
+    import distributed
+
+    one = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # those of its own start and end
+        with distributed.LocalCluster(host="127.0.0.1", **one) as cluster:
+            yield cluster.scheduler_address
+
+
+def _claim(name: str, of: Measurements, cost: str, tier: str) -> Claim:
+    answer = certpgo.solve(of.instance, cost=cost, tier=tier)
+    return Claim.of(name, answer.certificate, answer.estimate)
+
+
+@contextmanager
+def environment(**variables: str) -> Iterator[None]:
+    """Set variables of the environment during the block."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name) if value is None else os.environ.update({name: value})
+
+
+def alone(of: Measurements, cost: str, tier: str) -> Claim:
+    """The claim of a process without the kernel."""
+    process = _process()
+    pickle.dump((of, cost, tier), process.stdin)
+    process.stdin.flush()
+    answer = pickle.load(process.stdout)
+    if isinstance(answer, Exception):
+        raise answer
+    found: Claim = answer
+    return found
+
+
+@cache
+def _process() -> Any:
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    process = subprocess.Popen([sys.executable, "-c", ALONE], **pipes)
+    atexit.register(process.communicate)  # without more questions it ends
+    return process
+
+
+def serve() -> None:
+    """Answer what standard input asks for until it ends."""
+    assert factor.engines() == ("superlu",)  # noqa: S101
+    while True:
+        try:
+            of, cost, tier = pickle.load(sys.stdin.buffer)
+        except EOFError:
+            return
+        try:
+            answer: object = _claim("alone", of, cost, tier)
+        except Exception as error:
+            answer = error
+        pickle.dump(answer, sys.stdout.buffer)
+        sys.stdout.buffer.flush()
