@@ -51,7 +51,8 @@ def joined(
         np.concatenate([graph.tau for graph in poses]),
         _all([graph.arms for graph in poses]),
         points,
-        _assumed(poses),
+        _flags([graph.assumed for graph in poses], poses),
+        _flags([graph.absolute for graph in poses], poses),
     )
 
 
@@ -72,11 +73,11 @@ def make_of(graph: Graph) -> str:
     return " with ".join([said, " and ".join(extras)]) if extras else said
 
 
-def _assumed(graphs: Sequence[PoseGraph]) -> BoolArray:
-    """(m,) which edges of several graphs have a position that is assumed."""
+def _flags(known: Sequence[BoolArray | None], graphs: Sequence[PoseGraph]) -> BoolArray:
+    """(m,) flags of the edges of several graphs, None for none."""
     flags = [
-        np.zeros(graph.num_edges, dtype=bool) if graph.assumed is None else graph.assumed
-        for graph in graphs
+        np.zeros(graph.num_edges, dtype=bool) if flag is None else flag
+        for flag, graph in zip(known, graphs, strict=True)
     ]
     return np.concatenate(flags)
 

@@ -44,6 +44,7 @@ class PoseGraph(Speaking):
         lead to points, have kappa = 0, and measure where the point is in the frame of node i
     assumed : (m,) which edges have a translation that is not measured, but puts a world somewhere
         whose position nothing measures; None for none
+    absolute : (m,) which edges measure from a world, see `certpgo.with_priors`; None for none
 
     Raises
     ------
@@ -73,6 +74,7 @@ class PoseGraph(Speaking):
     arms: FloatArray | None = None
     points: BoolArray | None = None
     assumed: BoolArray | None = None
+    absolute: BoolArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "translations", frozen_floats(self.translations))
@@ -90,8 +92,8 @@ class PoseGraph(Speaking):
         if self.points is not None:
             object.__setattr__(self, "points", frozen_flags(self.points))
             self._check_points(self.points)
-        if self.assumed is not None:
-            self._check_assumed(self.assumed)
+        for name in ("assumed", "absolute"):
+            self._check_flags(name)
 
     def _check_tau(self) -> None:
         check_weights("tau", self.tau, self.edges, or_none=True)
@@ -99,11 +101,14 @@ class PoseGraph(Speaking):
         if nothing.any():
             raise GraphError(f"{edge_name(self.edges, nothing)}: kappa and tau are 0")
 
-    def _check_assumed(self, assumed: BoolArray) -> None:
-        flags = frozen_flags(assumed)
+    def _check_flags(self, name: str) -> None:
+        given = getattr(self, name)
+        if given is None:
+            return
+        flags = frozen_flags(given)
         if flags.shape != (self.num_edges,):
-            raise GraphError(f"assumed must be {self.num_edges} flags, one per edge")
-        object.__setattr__(self, "assumed", flags if flags.any() else None)
+            raise GraphError(f"{name} must be {self.num_edges} flags, one per edge")
+        object.__setattr__(self, name, flags if flags.any() else None)
 
     def _check_points(self, points: BoolArray) -> None:
         if points.shape != (self.num_nodes,):
@@ -244,9 +249,9 @@ class PoseGraph(Speaking):
         self, rotation: RotationGraph, chosen: IntArray | BoolArray, points: BoolArray | None
     ) -> PoseGraph:
         arms = None if self.arms is None else self.arms[chosen]
-        assumed = None if self.assumed is None else self.assumed[chosen]
+        flags = (None if f is None else f[chosen] for f in (self.assumed, self.absolute))
         t, tau = self.translations[chosen], self.tau[chosen]
-        return PoseGraph(rotation, t, tau, arms, points, assumed)
+        return PoseGraph(rotation, t, tau, arms, points, *flags)
 
     @property
     def is_general(self) -> bool:

@@ -96,12 +96,12 @@ def with_priors(
         np.concatenate([rotation.rotations, R]),
         np.concatenate([rotation.kappa, broadcast(kappa, k)]),
     )
-    weights, assumed = _placing(graph, broadcast(tau, k), world)
+    weights, *flags = _placing(graph, broadcast(tau, k), world)
     points = graph.points
     if points is not None:
         points = np.append(points, np.zeros(added, dtype=bool))
     measured = np.concatenate([graph.translations, t])
-    return PoseGraph(joined, measured, weights, points=points, assumed=assumed)
+    return PoseGraph(joined, measured, weights, None, points, *flags)
 
 
 def with_directions(
@@ -173,25 +173,30 @@ def with_directions(
         np.concatenate([couplings, weights[:, None, None] * h[:, None] * g[:, None, :]]),
     )
     zeros = np.zeros((k, d))
-    tau, assumed = _placing(graph, np.zeros(k), world)
+    tau, *flags = _placing(graph, np.zeros(k), world)
     return PoseGraph(
         joined,
         np.concatenate([graph.translations, zeros]),
         tau,
         None if graph.arms is None else np.concatenate([graph.arms, zeros]),
         None if graph.points is None else np.append(graph.points, np.zeros(added, dtype=bool)),
-        assumed,
+        *flags,
     )
 
 
-def _placing(graph: PoseGraph, tau: FloatArray, world: int | None) -> tuple[FloatArray, BoolArray]:
-    """The weights tau of all edges once some come from the world, and which of these is assumed.
+def _placing(
+    graph: PoseGraph, tau: FloatArray, world: int | None
+) -> tuple[FloatArray, BoolArray, BoolArray]:
+    """The weights tau of all edges, which are assumed, and which are absolute, with a world's.
 
     A new world that no position is measured from is put at the first node, which is met exactly.
     Nothing is assumed any more once a position is measured.
     """
-    before = np.zeros(graph.num_edges, dtype=bool) if graph.assumed is None else graph.assumed
-    assumed = np.append(before, np.zeros(len(tau), dtype=bool))
+    none = np.zeros(graph.num_edges, dtype=bool)
+    assumed, absolute = (
+        np.append(none if before is None else before, np.full(len(tau), new))
+        for before, new in ((graph.assumed, False), (graph.absolute, True))
+    )
     weights = np.append(graph.tau, tau)
     if tau.any():
         settled = assumed[: graph.num_edges] & (graph.edges[:, 0] == world)
@@ -200,7 +205,7 @@ def _placing(graph: PoseGraph, tau: FloatArray, world: int | None) -> tuple[Floa
     if world is None and not tau.any() and len(tau):
         weights[graph.num_edges] = np.median(graph.tau[graph.tau > 0.0])
         assumed[graph.num_edges] = True
-    return weights, assumed
+    return weights, assumed, absolute
 
 
 def _unit(directions: FloatArray) -> FloatArray:

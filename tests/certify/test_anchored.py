@@ -186,3 +186,16 @@ def test_precise_positions_along_a_long_road_keep_their_bound(d):
     problem, point = answer.problem, answer.estimate
     shifted = dual_bound(problem, point)
     assert shifted is None or shifted.value < 0.5 * proven.cost_upper
+
+
+def test_what_counts_as_zero_does_not_grow_with_the_distance_from_the_origin():
+    """Poses that are all a centimetre off cost twice as much, and are not certified."""
+    graph = road(2)
+    problem = PoseProblem(graph)
+    best = certpgo.solve(graph)
+    off = 0.01 * np.random.default_rng(1).choice([-1.0, 1.0], best.estimate.translations.shape)
+    moved = best.estimate.with_translations(best.estimate.translations + off)
+    judged = certpgo.certify(problem, moved)
+    assert judged.cost_upper > 1.5 * best.cost
+    assert (judged.verdict.value, judged.basin_is_global) == ("BOUNDED", True)
+    assert best.certificate.tolerance < 1e-3 * best.cost

@@ -57,6 +57,7 @@ _GRAPH_OPTIONAL = {
     "information_residual": ("U", ""),
     "names": ("U", "n"),
     "assumed": ("b", "m"),
+    "absolute": ("b", "m"),
     "apart": ("b", "n"),
     "moved_by": ("i", ""),
     "range_edges": ("i", "r2"),
@@ -155,8 +156,8 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
         if "translations" not in arrays:
             raise InputError("the array 'translations' is missing")
         measured = arrays["translations"], arrays["tau"]
-        points, assumed = arrays.get("points"), arrays.get("assumed")
-        graph = PoseGraph(rotation, *measured, points=points, assumed=assumed)
+        flags = (arrays.get(name) for name in ("points", "assumed", "absolute"))
+        graph = PoseGraph(rotation, *measured, None, *flags)
     fixed = arrays["fixed"]
     if ((fixed < 0) | (fixed >= n)).any():
         raise InputError(f"fixed nodes are numbered 0 to {n - 1}")
@@ -251,8 +252,9 @@ def _write_graph(path: Path, instance: Instance) -> None:
         arrays |= {"translations": graph.translations, "tau": graph.tau}
         if graph.points is not None:
             arrays["points"] = graph.points
-        if graph.assumed is not None:
-            arrays["assumed"] = graph.assumed
+        for name in ("assumed", "absolute"):
+            if (flags := getattr(graph, name)) is not None:
+                arrays[name] = flags
     if instance.world is not None:
         arrays["world"] = instance.world
     if instance.origin is not None:

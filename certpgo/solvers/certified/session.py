@@ -27,6 +27,7 @@ from certpgo.errors import GraphError, InputError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.labels import WORLD, Label, called
 from certpgo.graph.origins import Measured, in_frame, in_one_world
+from certpgo.graph.scale import Scale
 from certpgo.graph.speaking import Speaking
 from certpgo.graph.wording import counted
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
@@ -111,7 +112,7 @@ class Session(Speaking):
         self._track: Track | None = None
         self._origin: FloatArray | None = None  # of the world, as in `Instance`
         self._assumes = False  # where the world is, as in `PoseGraph`
-        self._cost = self._scale = 0.0
+        self._cost, self._scale = 0.0, Scale()
         self._bounds: list[tuple[int, float]] = []  # of the measurements before number k; ascending
         # The last descent: how many measurements there were, F there, and its verdict.
         self._settled, self._optimum, self._verdict = 0, 0.0, Verdict.CERTIFIED
@@ -259,7 +260,7 @@ class Session(Speaking):
             self._measure()
         cost, lower = self._cost, self.lower_bound
         gap = difference_up(cost, lower)
-        tolerance = self.settings.rtol * cost + self.settings.atol * self._scale
+        tolerance = self.settings.rtol * cost + self.settings.atol * self._scale.total
         verdict = Verdict.BOUNDED if lower > 0.0 else Verdict.UNDECIDED
         if self._tier is not Tier.SCREEN and gap <= tolerance < math.inf:
             verdict = Verdict.CERTIFIED
@@ -369,7 +370,8 @@ class Session(Speaking):
         """Whether new measurements agree with the estimate, so that it is still the optimum."""
         settings = self.settings
         allowed = (
-            UNNOTICED * settings.same_cost * self._optimum + FLOOR * settings.atol * self._scale
+            UNNOTICED * settings.same_cost * self._optimum
+            + FLOOR * settings.atol * self._scale.total
         )
         return standing.cost - self._optimum <= allowed and standing.verdict is self._verdict
 

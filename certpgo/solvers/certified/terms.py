@@ -17,8 +17,8 @@ from certpgo.graph.graph import require_connected
 from certpgo.graph.information import InformationGraph
 from certpgo.graph.joining import joined
 from certpgo.graph.priors import require_determined
+from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import BoolArray, IntArray
-from certpgo.objective import operators
 from certpgo.objective.problem import Problem, problem_of
 
 #: Measurements with what their cost needs.
@@ -130,9 +130,9 @@ def with_measurements(part: Part, graph: Graph) -> Part:
     return graph
 
 
-def scale_of(part: Part) -> float:
-    """W, the sum of the weights."""
-    return part.scale if isinstance(part, InformationGraph) else operators.scale(part)
+def scale_of(part: Part) -> Scale:
+    """What W is made of."""
+    return part.scales if isinstance(part, InformationGraph) else Scale.of(part)
 
 
 def gathered(
