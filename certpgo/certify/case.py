@@ -144,6 +144,15 @@ class Case:
         """The smallest decrease in cost that is not rounding."""
         return self.rtol * cost + FLOOR * self.atol * self.problem.scale
 
+    def may_close(self, found: Certificate) -> bool:
+        """Whether the proof tier may close a gap that rounding leaves.
+
+        Also that of a CERTIFIED estimate, if only its part of W makes it so.
+        """
+        allowed = found.rtol * found.cost_upper + FLOOR * found.atol * found.scale
+        certified = found.verdict is Verdict.CERTIFIED
+        return allowed < found.gap <= PROOF_GAIN * (allowed if certified else found.tolerance)
+
     def is_sharp(self, basin: Basin) -> bool:
         """Whether no distinguishably better point exists."""
         return basin.cost - basin.value <= self.difference(basin.cost)
