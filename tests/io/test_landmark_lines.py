@@ -255,6 +255,10 @@ def test_npz_keeps_where_a_world_is_assumed_to_be(tmp_path):
     graph = certpgo.PoseGraph(rotation, [[1.0, 0.0]], [1.0])
     turned = certpgo.with_priors(graph, [0, 1], np.tile(np.eye(2), (2, 1, 1)), kappa=1.0)
     io.write(tmp_path / "graph.npz", turned)
-    assert io.read(tmp_path / "graph.npz", quiet=True).graph.assumed.tolist() == [False, True, False]
+    assert io.read(tmp_path / "graph.npz", quiet=True).graph.assumed.tolist() == [
+        False,
+        True,
+        False,
+    ]
     with pytest.raises(GraphError, match="assumed must be 3 flags"):
         certpgo.PoseGraph(turned.rotation, turned.translations, turned.tau, assumed=[True])
