@@ -247,8 +247,8 @@ def test_labels_tell_landmarks_and_the_world_from_poses(file, tmp_path):
         assert instance.labels == expected
         io.write(tmp_path / "graph.npz", instance)
         assert io.read(tmp_path / "graph.npz", quiet=True).labels == expected
-        nodes = np.array([1, 2])
-        assert restricted(instance, nodes, "part").labels == expected[1:3]
+        part = restricted(instance, np.array([0, 2, 3]), "part")
+        assert part.labels == (0, *expected[2:])
         again = certpgo.Instance.labelled("again", instance.graph, expected)
         assert (again.ids.tolist(), again.labels) == (instance.ids.tolist(), expected)
     named = certpgo.Instance.labelled("named", instance.graph, ["a", "b", "c", certpgo.WORLD])
