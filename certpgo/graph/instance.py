@@ -12,6 +12,7 @@ from certpgo.errors import GraphError
 from certpgo.graph.estimate import Estimate
 from certpgo.graph.graph import Graph, PoseGraph
 from certpgo.graph.information import Information
+from certpgo.graph.labels import NO_TIME, Labels
 from certpgo.graph.picture import closures, drawn
 from certpgo.graph.ranges import Ranges
 from certpgo.graph.speaking import Speaking
@@ -50,6 +51,8 @@ class Instance(Speaking):
         that are far from the source's; None for zero
     information : the source's information matrices as they are, translation before rotation; None
         where it has none, or other weights were chosen
+    times_ns : the nodes' times, nanoseconds, of all nodes but the world, `NO_TIME` for a node
+        without one; or None
 
     Examples
     --------
@@ -74,6 +77,7 @@ class Instance(Speaking):
     world: int | None = None
     origin: FloatArray | None = None
     ranges: Ranges | None = None
+    times_ns: IntArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ids", frozen_indices(self.ids))
@@ -87,6 +91,13 @@ class Instance(Speaking):
         for what, value in (("truth", self.truth), ("initial", self.initial)):
             if value is not None and (value.num_nodes, value.d) != (n, self.graph.d):
                 raise GraphError(f"{what} is for another graph: {value.num_nodes} nodes, not {n}")
+        if self.times_ns is not None:
+            object.__setattr__(self, "times_ns", frozen_indices(self.times_ns))
+            if self.times_ns.shape != (count := len(self.ids[: self.world]),):
+                raise GraphError(f"times_ns must be of {count} nodes, not {self.times_ns.shape}")
+        for what, value in (("truth", self.truth), ("initial", self.initial)):
+            if value is not None:
+                object.__setattr__(self, what, value.labelled(self.labels))
         if self.outliers is not None:
             object.__setattr__(self, "outliers", frozen_flags(self.outliers))
             if self.outliers.shape != (self.graph.num_edges,):
@@ -181,6 +192,15 @@ class Instance(Speaking):
         nodes = graph.pose_nodes if isinstance(graph, PoseGraph) else np.arange(graph.num_nodes)
         return nodes if self.world is None else nodes[nodes != self.world]
 
+    @property
+    def labels(self) -> Labels:
+        """What the source calls the nodes, the world among them."""
+        times, graph = self.times_ns, self.graph
+        if times is not None and self.world is not None:
+            times = np.append(times, NO_TIME)
+        points = graph.points if isinstance(graph, PoseGraph) else None
+        return Labels(self.ids, times, self.names, points)
+
     def with_edges(self, chosen: IntArray | BoolArray) -> Instance:
         """The instance with only the chosen measurements, by index or flag, of all nodes."""
         return replace(
@@ -207,4 +227,8 @@ class Instance(Speaking):
         if t is not None:
             t = t if self.origin is None else t - self.origin
             t = np.concatenate([t, np.zeros((1, d))])
-        return Estimate(np.concatenate([estimate.rotations, np.eye(d)[None]]), t)
+        times = estimate.labels.times_ns
+        labels = self.labels
+        if times is not None:
+            labels = replace(labels, times_ns=np.append(times, NO_TIME))
+        return Estimate(np.concatenate([estimate.rotations, np.eye(d)[None]]), t, labels)

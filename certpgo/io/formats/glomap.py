@@ -15,10 +15,11 @@ import numpy as np
 
 from certpgo.errors import FormatError, InputError
 from certpgo.graph import Estimate, Instance, RotationGraph
+from certpgo.graph.labels import Labels
 from certpgo.io.chunks import first_words, parsed
 from certpgo.io.compressed import uncompressed_name
 from certpgo.io.exact import quaternion
-from certpgo.io.format import Chart, Format, LabelledPoses, Labels, Progress, ReadOptions
+from certpgo.io.format import Chart, Format, LabelledPoses, Progress, ReadOptions
 from certpgo.io.names import name_numbers
 from certpgo.linalg.arrays import FloatArray
 
@@ -100,7 +101,7 @@ def _table(
 
 def _write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
     if not labels.names:
-        raise InputError("glomap's files name images, and the graph's nodes have no names")
+        raise InputError("glomap's files name images, and the poses have none")
     for name in labels.names:
         if not _NAME.match(name.encode()) or name.split() != [name]:
             raise InputError(f"glomap's files name images, with an extension, not {name!r}")
@@ -124,4 +125,5 @@ FORMAT = Format(
     write_poses=_write_poses,
     chart=Chart("quaternion", _pose_words, world_to_camera=True),
     holds_translations=False,
+    holds_name=lambda name: True,
 )

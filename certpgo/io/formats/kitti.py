@@ -8,9 +8,10 @@ import numpy as np
 
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
+from certpgo.graph.labels import Labels
 from certpgo.io.chunks import first_row, read_rows
 from certpgo.io.exact import quaternion
-from certpgo.io.format import Chart, Format, LabelledPoses, Labels
+from certpgo.io.format import Chart, Format, LabelledPoses
 from certpgo.linalg.arrays import FloatArray
 
 

@@ -1,8 +1,8 @@
 """The package's own lossless format: NumPy arrays in a zip archive, no pickles.
 
 A graph: edges, rotations, kappa (translations, tau, information matrices), ids, which nodes are
-points or the world, ranges, initial values, truth, fixed nodes, reading options. An estimate:
-rotations, translations, ids, and which are points.
+points or the world, times, ranges, initial values, truth, fixed nodes, reading options. An
+estimate: rotations, translations, ids, times, names, and which are points.
 
 Of the information matrices each distinct one is stored once (``information``), with the number of
 each edge's (``information_index``), and the cost whose residuals they weigh
@@ -62,9 +62,15 @@ _GRAPH_OPTIONAL = {
     "initial_translations": ("f", "nd"),
     "truth_rotations": ("f", "ndd"),
     "truth_translations": ("f", "nd"),
+    "times_ns": ("i", "t"),
 }
 _ESTIMATE = {"rotations": ("f", "ndd"), "ids": ("i", "n")}
-_ESTIMATE_OPTIONAL = {"translations": ("f", "nd"), "points": ("b", "n")}
+_ESTIMATE_OPTIONAL = {
+    "translations": ("f", "nd"),
+    "points": ("b", "n"),
+    "times_ns": ("i", "n"),
+    "names": ("U", "n"),
+}
 _KINDS = {"b": "flags", "i": "integers", "f": "floating-point numbers", "U": "text"}
 
 
@@ -170,6 +176,7 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
         world=int(arrays["world"]) if "world" in arrays else None,
         origin=arrays.get("origin"),
         ranges=_ranges(arrays, n),
+        times_ns=arrays.get("times_ns"),
     )
 
 
@@ -222,8 +229,9 @@ def _read_poses(path: Path) -> LabelledPoses:
     ids = arrays["ids"]
     if len(np.unique(ids)) != estimate.num_nodes:
         raise FormatError(path, None, f"{estimate.num_nodes} distinct integer ids expected")
-    points = arrays.get("points")
-    return LabelledPoses(estimate.rotations, estimate.translations, ids=ids, points=points)
+    names = tuple(arrays["names"].tolist()) if "names" in arrays else ()
+    more = arrays.get("times_ns"), names, arrays.get("points")
+    return LabelledPoses(estimate.rotations, estimate.translations, ids, *more)
 
 
 def _write_graph(path: Path, instance: Instance) -> None:
@@ -250,6 +258,8 @@ def _write_graph(path: Path, instance: Instance) -> None:
         arrays["origin"] = instance.origin
     if instance.names:
         arrays["names"] = np.array(instance.names)
+    if instance.times_ns is not None:
+        arrays["times_ns"] = instance.times_ns
     if instance.information is not None:
         arrays["information"] = instance.information.distinct
         arrays["information_index"] = instance.information.index
@@ -263,8 +273,14 @@ def _write_graph(path: Path, instance: Instance) -> None:
 
 
 def _write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
-    flags = {"points": labels.points} if labels.points.any() else {}
-    _save(path, "estimate", {"ids": labels.ids, **_named("", estimate), **flags})
+    arrays = {"ids": labels.ids_of(estimate.num_nodes), **_named("", estimate)}
+    if labels.points is not None and labels.points.any():
+        arrays["points"] = labels.points
+    if labels.times_ns is not None:
+        arrays["times_ns"] = labels.times_ns
+    if labels.names:
+        arrays["names"] = np.array(labels.names)
+    _save(path, "estimate", arrays)
 
 
 def _named(prefix: str, estimate: Estimate | None) -> dict[str, Any]:
@@ -292,4 +308,7 @@ FORMAT = Format(
     holds_ranges=True,
     write_graph=_write_graph,
     write_poses=_write_poses,
+    holds_ids=True,
+    holds_times=True,
+    holds_name=lambda name: True,
 )

@@ -24,11 +24,12 @@ import numpy as np
 
 from certpgo.errors import FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
+from certpgo.graph.labels import Labels
 from certpgo.graph.trees import tree_initialization
 from certpgo.graph.wording import counted
 from certpgo.io.compressed import opened, uncompressed_name
 from certpgo.io.exact import quaternion
-from certpgo.io.format import Format, LabelledPoses, Labels, ReadOptions
+from certpgo.io.format import Format, LabelledPoses, ReadOptions
 from certpgo.io.informed import weighed
 from certpgo.linalg.arrays import FloatArray, IntArray
 
