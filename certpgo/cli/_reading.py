@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from certpgo.cli._show import notice, progress_bar
+from certpgo.cli._show import notice, noticing, progress_bar
 from certpgo.errors import GraphError, InputError
 
 if TYPE_CHECKING:
     from certpgo.datasets.source import Source
     from certpgo.graph import Estimate, Instance
+    from certpgo.io.matching import Matching
 
 #: Seconds of reading after which a progress bar appears.
 PATIENCE = 1.0
@@ -252,11 +253,34 @@ def takes_reading(command: Callable[..., int | None]) -> Callable[..., int | Non
 
 def restricted_to(part: Instance, estimate: Estimate | None, instance: Instance) -> Estimate | None:
     """An estimate of the whole instance for one of its parts."""
-    import numpy as np
+    from certpgo.io.matching import places
 
     if estimate is None or part is instance:
         return estimate
-    return estimate.subset(np.searchsorted(instance.ids, part.ids))
+    return estimate.subset(places(part.ids, instance.ids))
+
+
+def covered(
+    path: Path, instance: Instance, reading: Reading, how: Matching
+) -> tuple[Instance, Estimate]:
+    """The estimate in a file, and the instance of the nodes that it has; a notice says if not all.
+
+    Raises
+    ------
+    FormatError
+        The file cannot be read, or is of another graph.
+    """
+    from certpgo.graph.components import restricted
+    from certpgo.io.estimates import read_part
+
+    with noticing():
+        nodes, estimate = read_part(path, instance, how, topic=reading.topic_of(path))
+    n = instance.graph.num_nodes
+    if len(nodes) == n:
+        return instance, estimate
+    count = f"{len(nodes)} of {n} nodes"
+    notice(f"{path}: of {count}: judged by the measurements between these alone")
+    return restricted(instance, nodes, f"{instance.name} [{count}]"), estimate
 
 
 @contextmanager

@@ -48,7 +48,7 @@ def command(
             "--anchor", help="Frame: first pose as in the file, first pose identity, or fixed pose."
         ),
     ] = None,
-    timestamps: Timestamps = "ids",
+    timestamps: Timestamps = None,
     isotropic: Annotated[
         bool,
         typer.Option("--isotropic", help="Write the weights of F, not full information matrices."),
@@ -82,9 +82,10 @@ def command(
         raise InputError(f"--isotropic is about measurements, and {path} is converted as poses")
     instance = None if graph is None else reading.open(reading.resolve(graph), distances=True)
     with noticing():
+        topic = reading.topic_of(path)
         write(
             target,
-            read_estimate(path, instance, timestamps=timestamps, topic=reading.topic_of(path)),
+            read_estimate(path, instance, timestamps=timestamps, topic=topic),
             instance=instance,
             format=format,
             anchor=None if anchor is None else anchor.value,

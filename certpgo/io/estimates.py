@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -85,12 +85,12 @@ def read_estimate(
     """
     path = file_of(path)
     poses = _poses(path, format, topic)
-    how = Matching(_mode(timestamps), max_difference)
+    how = Matching.of(timestamps, max_difference)
     with _located(path):
         if instance is None:
             return _in_own_order(poses, timestamps, how)
         of = timed(instance, timestamps)
-        poses = _in_dimension(poses, of.graph.d)
+        poses = _fitting(poses, of)
         found = match(poses, of, how)
         estimate = _of_nodes(of, poses, found)
     warn_of(path, _said(found))
@@ -98,23 +98,19 @@ def read_estimate(
 
 
 def read_part(
-    path: Path,
-    instance: Instance,
-    *,
-    timestamps: str | None = None,
-    max_difference: float = MAX_DIFFERENCE,
-    topic: str | None = None,
+    path: Path, instance: Instance, how: Matching, *, topic: str | None = None
 ) -> tuple[IntArray, Estimate]:
     """Read an estimate that may have poses of some nodes only.
 
     Parameters
     ----------
-    path, instance, timestamps, max_difference, topic : as for `read_estimate`
+    path, instance, topic : as for `read_estimate`
+    how : how poses are matched with nodes
 
     Returns
     -------
-    nodes : (k,) that are estimated, ascending; with the world, and with points if all poses are
-        among them
+    nodes : (k,) that are estimated, ascending, the world among them; points that have no pose are,
+        if all poses are
     estimate : of these nodes, in that order
 
     Raises
@@ -124,18 +120,17 @@ def read_part(
     """
     poses = _poses(path, None, topic)
     with _located(path):
-        of = timed(instance, timestamps)
-        poses = _in_dimension(poses, of.graph.d)
-        found = match(poses, of, Matching(_mode(timestamps), max_difference))
+        poses = _fitting(poses, instance)
+        found = match(poses, instance, how)
+        nodes: IntArray = np.arange(instance.graph.num_nodes)
         if not len(found.missing):
-            nodes: IntArray = np.arange(of.graph.num_nodes)
-            estimate = _of_nodes(of, poses, found)
+            estimate = _of_nodes(instance, poses, found)
         else:
             _refuse_foreign(found, poses)
-            nodes, estimate = known_poses(poses, of, found)
-            if of.world is not None:
-                nodes = np.append(nodes, of.world)
-                estimate = restricted(of, nodes, of.name).with_world(estimate)
+            nodes, estimate = known_poses(poses, instance, found)
+            if instance.world is not None:
+                nodes = np.append(nodes, instance.world)
+                estimate = restricted(instance, nodes, instance.name).with_world(estimate)
     warn_of(path, _said(found))
     return nodes, estimate
 
@@ -153,7 +148,7 @@ def posed_as(estimate: Estimate, instance: Instance) -> Estimate:
         return estimate
     if labels.ids is not None and np.array_equal(labels.ids, instance.ids):
         return estimate
-    poses = LabelledPoses.of(estimate)
+    poses = _fitting(LabelledPoses.of(estimate), instance)
     return _of_nodes(instance, poses, match(poses, instance, Matching()))
 
 
@@ -189,44 +184,22 @@ def read_truth(
     FormatError
         With path, line and what was expected there.
     """
-    how = Matching(_mode(timestamps), max_difference, offset)
-    nodes, estimate, said = matched_truth(
+    how = Matching.of(timestamps, max_difference, offset)
+    nodes, estimate, found = matched_truth(
         Path(path), timed(instance, timestamps), how, format=format, topic=topic
     )
-    if said.is_guess:
-        warn_of(Path(path), [str(said)])
+    if not found.is_plain:
+        warn_of(Path(path), [truth_in_words(found, instance)])
     return nodes, estimate
 
 
-@dataclass(frozen=True)
-class HowMatched:
-    """How many poses of a truth were matched, and how.
-
-    Attributes
-    ----------
-    poses : number of the graph's poses
-    known : of these, with truth
-    how : what they were matched by
-    unused : poses of other nodes or times
-    notices : what was assumed
-    """
-
-    poses: int
-    known: int
-    how: str
-    unused: int
-    notices: tuple[str, ...]
-
-    @property
-    def is_guess(self) -> bool:
-        """Whether it was not by ids or names that are all used."""
-        return bool(self.notices or self.unused or self.how not in ("node id", "name", "order"))
-
-    def __str__(self) -> str:
-        said = f"truth of {self.known} of {counted(self.poses, 'pose{s}')}, matched by {self.how}"
-        if self.unused:
-            said += f"; {counted(self.unused, 'other pose{s}')} not used"
-        return "; ".join([said, *self.notices])
+def truth_in_words(found: Match, instance: Instance) -> str:
+    """How many of an instance's poses have truth, and how they were matched with it."""
+    known = np.intersect1d(found.known, instance.poses)
+    said = f"truth of {len(known)} of {counted(len(instance.poses), 'pose{s}')}, {found.in_words}"
+    if found.unused:
+        said += f"; {counted(found.unused, 'other pose{s}')} not used"
+    return "; ".join([said, *found.notices])
 
 
 def matched_truth(
@@ -236,8 +209,8 @@ def matched_truth(
     *,
     format: str | None = None,
     topic: str | None = None,
-) -> tuple[IntArray, Estimate, HowMatched]:
-    """As `read_truth`, with how the poses were matched instead of a warning."""
+) -> tuple[IntArray, Estimate, Match]:
+    """As `read_truth`, with the match instead of a warning."""
     form = format_of(path, format, topic)
     if form.read_poses is not None:
         poses = form.read_poses(path)
@@ -246,12 +219,10 @@ def matched_truth(
     else:
         raise FormatError(path, None, f"{form.name} files hold {form.holds}, no truth")
     with _located(path):
-        poses = _in_dimension(poses, instance.graph.d)
+        poses = _fitting(poses, instance)
         found = match(poses, instance, how)
         nodes, estimate = known_poses(poses, instance, found)
-    known = int(np.isin(nodes, instance.poses).sum())
-    said = HowMatched(len(instance.poses), known, found.how, found.unused, found.notices)
-    return nodes, estimate, said
+    return nodes, estimate, found
 
 
 def warn_of(path: Path, notices: Iterable[str]) -> None:
@@ -271,17 +242,12 @@ def _located(path: Path) -> Iterator[None]:
         raise FormatError(path, None, str(error)) from None
 
 
-def _mode(timestamps: str | Path | None) -> str | None:
-    """The meaning that is chosen; None for a file of times, or no choice."""
-    return str(timestamps) if timestamps in ("ids", "index") else None
-
-
 def _said(found: Match) -> Iterator[str]:
     """Notices about an estimate."""
-    yield from (sentence for sentence in found.notices if "taken for" not in sentence)
-    if found.how.startswith("time") and "exactly" not in found.how:
-        yield f"{counted(len(found.known), 'pose{s}')} matched by {found.how}"
-    if found.how.startswith("time") and found.unused:
+    yield from found.notices
+    if found.off:
+        yield f"{counted(len(found.known), 'pose{s}')} {found.in_words}"
+    if found.by == "time" and found.unused:
         yield f"{counted(found.unused, 'pose{s}')} at times without a node ignored"
 
 
@@ -360,8 +326,14 @@ def _at_times(estimate: Estimate, timestamps: str | Path, how: Matching) -> Esti
     return estimate.subset(place).labelled(Labels(times_ns=known))
 
 
-def _in_dimension(poses: LabelledPoses, d: int) -> LabelledPoses:
-    """Poses for a d-dimensional graph; planar poses embedded at z = 0 become 2D."""
+def _fitting(poses: LabelledPoses, instance: Instance) -> LabelledPoses:
+    """Poses for a graph: in its dimension, and without points if it has none.
+
+    Planar poses embedded at z = 0 become 2D.
+    """
+    d, graph = instance.graph.d, instance.graph
+    if not isinstance(graph, PoseGraph) or graph.points is None:
+        poses = poses.without_points()
     R, t = poses.rotations, poses.translations
     if R.shape[-1] == d:
         return poses

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -41,6 +43,18 @@ class Matching:
     max_difference: float = MAX_DIFFERENCE
     offset: float = 0.0
 
+    @classmethod
+    def of(
+        cls, timestamps: str | Path | None, max_difference: float, offset: float = 0.0
+    ) -> Matching:
+        """As chosen; a file of times is read by `timed`."""
+        chosen = timestamps if timestamps in ("ids", "index") else None
+        return cls(None if chosen is None else str(chosen), max_difference, offset)
+
+    def of_truth(self, offset: float) -> Matching:
+        """The same for ground truth, whose timestamps are not ignored."""
+        return Matching("ids" if self.timestamps == "ids" else None, self.max_difference, offset)
+
     def __post_init__(self) -> None:
         if not 0.0 <= self.max_difference < 1e9:
             raise InputError(f"a difference of times in seconds expected: {self.max_difference!r}")
@@ -57,8 +71,9 @@ class Match:
     place : (n,) its index among the poses, -1 for none; without the world
     expected : (k,) the nodes that the file may have poses of: no points if it has none
     unused : number of poses without a node
-    how : what they were matched by
+    by : what they were matched by: name, time, node id or order
     notices : what was assumed
+    off : largest difference of times that were matched, seconds
     lacking : of the first node without a pose, what it lacks
     foreign : the first pose without a node; empty if such poses may be ignored
     """
@@ -66,8 +81,9 @@ class Match:
     place: IntArray
     expected: IntArray
     unused: int
-    how: str
+    by: str
     notices: tuple[str, ...] = ()
+    off: float = 0.0
     lacking: str = ""
     foreign: str = ""
 
@@ -75,6 +91,17 @@ class Match:
     def known(self) -> IntArray:
         """(k,) the nodes that have a pose, ascending."""
         return np.flatnonzero(self.place >= 0)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether all poses were matched, by what they are called or their order."""
+        return self.by != "time" and not self.notices and not self.unused
+
+    @property
+    def in_words(self) -> str:
+        """What they were matched by, and how well."""
+        off = f", off by at most {self.off:.1g} s" if self.off else ""
+        return f"matched by {self.by}{off}"
 
     @property
     def missing(self) -> IntArray:
@@ -101,7 +128,7 @@ def match(poses: LabelledPoses, instance: Instance, how: Matching) -> Match:
     times = instance.times_ns
     if poses.times_ns is not None and times is not None and how.timestamps is None:
         return _by_time(poses, poses.times_ns, instance, times, how)
-    notices: tuple[str, ...] = ()
+    by, notices = "node id", tuple[str, ...]()
     if poses.names:
         found, notice = named_ids(poses, instance.ids[: instance.world])
         poses, notices = replace(poses, ids=found), (notice,) if notice else ()
@@ -111,13 +138,13 @@ def match(poses: LabelledPoses, instance: Instance, how: Matching) -> Match:
         taken = poses.ids is not None and bool(np.isin(poses.ids, instance.ids).any())
         if how.timestamps == "index" or not taken:
             return _by_order(poses, instance, how)
-        notices = ("the timestamps are taken for node ids",)
+        by = "timestamps taken for node ids"
     if poses.ids is None:
         return _by_order(poses, instance, how)
     place = places(instance.ids[: instance.world], poses.ids)
     lost = np.flatnonzero(~np.isin(poses.ids, instance.ids[: instance.world]))
     foreign = f"node {poses.ids[lost].min()}" if len(lost) else ""
-    return _match(poses, instance, place, "node id", notices, foreign=foreign)
+    return _match(poses, instance, place, by, notices, foreign=foreign)
 
 
 def known_poses(
@@ -132,7 +159,7 @@ def known_poses(
     """
     nodes = found.known
     if not len(nodes):
-        raise InputError(f"truth of another graph: no {found.how} is in the graph")
+        raise InputError(f"truth of another graph: no {found.by} is in the graph")
     measured = isinstance(instance.graph, PoseGraph) and poses.translations is not None
     estimate = estimate_at(poses, found.place[nodes], measured)
     return nodes, estimate.labelled(labels_of(poses, instance, found, nodes))
@@ -181,12 +208,10 @@ def _match(
     place: IntArray,
     by: str,
     notices: tuple[str, ...] = (),
-    lacking: str = "",
-    foreign: str = "",
+    **more: Any,
 ) -> Match:
     unused = len(poses.rotations) - int(np.sum(place >= 0))
-    expected = _expected(poses, instance)
-    return Match(place, expected, unused, by, notices, lacking, foreign)
+    return Match(place, _expected(poses, instance), unused, by, notices, **more)
 
 
 def _expected(poses: LabelledPoses, instance: Instance) -> IntArray:
@@ -208,7 +233,8 @@ def _by_name(poses: LabelledPoses, instance: Instance) -> Match:
 
 def _by_order(poses: LabelledPoses, instance: Instance, how: Matching) -> Match:
     """The poses in the order of the nodes, which they must be as many as."""
-    nodes, count, notices = _expected(poses, instance), len(poses.rotations), ()
+    nodes, count = _expected(poses, instance), len(poses.rotations)
+    notices: tuple[str, ...] = ()
     sizes = f"{counted(count, 'pose{s}')} for the graph's {counted(len(nodes), 'node{s}')}"
     if poses.times_ns is not None and how.timestamps != "index":
         if len(nodes) != count or not (np.diff(poses.times_ns) > 0).all():
@@ -245,7 +271,7 @@ def _by_time(
         )
     place = np.full(len(times), -1)
     place[nodes[matched]] = given[found[matched]]
-    off = np.abs(shifted[found[matched]] - known[matched]).max() / SECOND
+    off = float(np.abs(shifted[found[matched]] - known[matched]).max() / SECOND)
     lacking = ""
     if not matched.all():
         node = nodes[np.argmin(matched)]
@@ -253,9 +279,8 @@ def _by_time(
             f"{instance.named(int(node))}, at {in_seconds(int(times[node]))} s, has no pose of its "
             f"own within {how.max_difference:g} s"
         )
-    unit = ", the poses' read as nanoseconds" if poses.labels.in_nanoseconds else ""
-    exactly = f"off by at most {off:.1g} s" if off else "exactly"
-    return _match(poses, instance, place, f"time, {exactly}{unit}", lacking=lacking)
+    notices = ("the timestamps are read as nanoseconds",) if poses.labels.in_nanoseconds else ()
+    return _match(poses, instance, place, "time", notices, off=off, lacking=lacking)
 
 
 def _span(times: IntArray) -> str:

@@ -12,7 +12,7 @@ from certpgo.errors import FormatError, InputError
 from certpgo.graph import Instance
 from certpgo.graph.edges import Keep, simple_edges
 from certpgo.io.chosen_weights import ChosenWeights
-from certpgo.io.estimates import read_truth, warn_of
+from certpgo.io.estimates import matched_truth, truth_in_words, warn_of
 from certpgo.io.format import (
     Progress,
     ReadOptions,
@@ -20,6 +20,7 @@ from certpgo.io.format import (
     WeightsAre,
     format_of,
 )
+from certpgo.io.matching import Matching
 
 _MEANINGS = ("tangent", "quaternion", "rpy")
 
@@ -146,10 +147,11 @@ def _with_choices(instance: Instance, keep: Keep, weights: ChosenWeights) -> Ins
 
 
 def _with_truth(instance: Instance, path: Path) -> Instance:
-    nodes, estimate = read_truth(path, instance)
+    nodes, estimate, found = matched_truth(path, instance, Matching())
     n = instance.graph.num_nodes
     if instance.world is not None and np.array_equal(nodes, np.arange(n - 1)):
         nodes, estimate = np.arange(n), instance.with_world(estimate)
     if len(nodes) < n:
         raise InputError(f"{path}: truth for {len(nodes)} of {n} nodes only; use read_truth")
-    return replace(instance, truth=estimate)
+    said = () if found.is_plain else (f"{path}: {truth_in_words(found, instance)}",)
+    return replace(instance, truth=estimate, notices=(*instance.notices, *said))

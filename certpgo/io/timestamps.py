@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.errors import FormatError, InputError
-from certpgo.graph import Instance
+from certpgo.graph import Estimate, Instance
 from certpgo.graph.labels import NO_TIME, SECOND
 from certpgo.graph.wording import counted
 from certpgo.io.compressed import opened
@@ -116,6 +116,16 @@ def timed(instance: Instance, timestamps: str | Path | None) -> Instance:
     refuse_number(path, found, len(nodes))
     times[nodes] = found
     return replace(instance, times_ns=times)
+
+
+def timed_by(estimate: Estimate, instance: Instance) -> Instance:
+    """The instance with the times of an estimate of it, if it has none of its own."""
+    labels = estimate.labels
+    if instance.times_ns is not None or labels.times_ns is None:
+        return instance
+    if labels.subset(instance.poses).ids_are_times:
+        return instance
+    return replace(instance, times_ns=labels.times_ns[: len(instance.ids[: instance.world])])
 
 
 def refuse_repeats(times: IntArray) -> None:

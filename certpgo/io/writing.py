@@ -187,15 +187,22 @@ def _lost(form: Format, labels: Labels) -> Iterator[str]:
     """What such a file does not hold of the labels, one sentence each."""
     ids, times, names = labels.ids, labels.times_ns, labels.names
     numbered = ids is not None and not np.array_equal(ids, np.arange(len(ids)))
-    if numbered and not labels.ids_are_times:
+    named = bool(names) and all(map(form.holds_name, names))
+    if numbered and not labels.ids_are_times and not named:
         if not form.holds_ids:
             yield f"{form.name} files hold no node ids: they are not written"
         elif form.name == "tum" and times is not None:
             yield "a tum file holds timestamps or node ids: the ids are not written"
     if times is not None and not form.holds_times and not (form.holds_ids and labels.ids_are_times):
         yield f"{form.name} files hold no timestamps: they are not written"
-    if not all(map(form.holds_name, names)) and not np.array_equal(name_numbers(names), ids):
+    if names and not named and not _says(names, ids):
         yield f"{form.name} files hold no such names as {names[0]!r}: they are not written"
+
+
+def _says(names: tuple[str, ...], ids: IntArray | None) -> bool:
+    """Whether the ids are the numbers in the names."""
+    numbers = name_numbers(names)
+    return numbers is not None and ids is not None and np.array_equal(numbers, ids)
 
 
 def _is_partly_unwritable(whole: Instance) -> bool:

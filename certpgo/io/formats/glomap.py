@@ -101,7 +101,7 @@ def _table(
 
 def _write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
     if not labels.names:
-        raise InputError("glomap's files name images, and the poses have none")
+        raise InputError("glomap's files name images, and the poses have no names")
     for name in labels.names:
         if not _NAME.match(name.encode()) or name.split() != [name]:
             raise InputError(f"glomap's files name images, with an extension, not {name!r}")

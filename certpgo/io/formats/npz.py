@@ -25,9 +25,10 @@ from numpy.typing import NDArray
 from certpgo.errors import CertPGOError, FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import Information
+from certpgo.graph.labels import Labels
 from certpgo.graph.ranges import Ranges
 from certpgo.io.expansion import refuse_bombs
-from certpgo.io.format import Format, LabelledPoses, Labels, ReadOptions
+from certpgo.io.format import Format, LabelledPoses, ReadOptions
 
 _VERSION = 1
 _Arrays = Mapping[str, NDArray[Any]]
