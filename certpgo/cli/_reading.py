@@ -251,11 +251,11 @@ def takes_reading(command: Callable[..., int | None]) -> Callable[..., int | Non
     return with_reading
 
 
-def restricted_to(part: Instance, estimate: Estimate | None, instance: Instance) -> Estimate | None:
+def restricted_to(part: Instance, estimate: Estimate, instance: Instance) -> Estimate:
     """An estimate of the whole instance for one of its parts."""
     from certpgo.io.matching import places
 
-    if estimate is None or part is instance:
+    if part is instance:
         return estimate
     return estimate.subset(places(part.ids, instance.ids))
 

@@ -56,7 +56,7 @@ def command(
     documents = []
     parts = reading.parts(instance)
     for part in parts:
-        point = restricted_to(part, given, instance)
+        point = None if given is None else restricted_to(part, given, instance)
         with working(f"bounds of {part.name}"), ends_at_once() if sdp else nullcontext():
             found = ladder(problem_of(part.graph), point, sdp=sdp, force=force)
         if json:

@@ -175,7 +175,7 @@ def command(
         if scheduler is not None:
             stack.enter_context(_distributed(scheduler))
         for part, target, known in zip(parts, targets, truths, strict=True):
-            begin = restricted_to(part, start, instance)
+            begin = None if start is None else restricted_to(part, start, instance)
             with working(f"solving {part.name}") as status:
                 monitor = TableMonitor() if trace else StatusLine(status)
                 if solver is None or method is None:

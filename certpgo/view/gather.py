@@ -12,10 +12,19 @@ from numpy.typing import ArrayLike
 from certpgo.datasets.source import Source, resolve
 from certpgo.errors import FormatError, GraphError, InputError, NoMeasurements, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
-from certpgo.io import read_estimate, read_truth
-from certpgo.io.format import format_of
+from certpgo.graph.labels import SECOND
+from certpgo.io.estimates import (
+    matched_truth,
+    posed_as,
+    read_estimate,
+    truth_in_words,
+    warn_of,
+)
+from certpgo.io.format import LabelledPoses, format_of
+from certpgo.io.matching import MAX_DIFFERENCE, Matching, nearest
 from certpgo.io.surfaces import Surface, is_ply, read_surface
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.io.timestamps import timed
+from certpgo.linalg.arrays import BoolArray, IntArray
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.solution import Solution
 from certpgo.optimize.starts import start_of
@@ -49,6 +58,9 @@ def scene_of(
     truth: str | Path | Estimate | None = None,
     rejected: ArrayLike | None = None,
     data: Path | None = None,
+    timestamps: str | Path | None = None,
+    max_difference: float = MAX_DIFFERENCE,
+    truth_offset: float = 0.0,
 ) -> Scene:
     """The scene of a graph with estimates, of trajectories, or of clouds and meshes alone.
 
@@ -63,6 +75,8 @@ def scene_of(
     rejected : indices or flags of measurements that the last estimate does without; by default
         those of a robust answer, or the outliers that are known
     data : folder to search first for datasets
+    timestamps, max_difference : how poses are matched, as for `certpgo.read_estimate`
+    truth_offset : seconds added to the truth's timestamps
 
     Raises
     ------
@@ -71,12 +85,12 @@ def scene_of(
     FormatError
         A file that cannot be read, with its path and what was expected.
     """
-    found = _Found(data)
+    found = _Found(data, Matching.of(timestamps, max_difference), truth_offset)
     # The graph first: what other files mean may depend on it.
     for thing in things:
         found.add(thing)
     if found.instance is not None:
-        return _of_graph(found, found.instance, truth, rejected)
+        return _of_graph(found, timed(found.instance, timestamps), truth, rejected)
     if rejected is not None:
         raise InputError("rejected measurements need their graph")
     return _of_trajectories(found, truth)
@@ -87,6 +101,8 @@ class _Found:
     """What was named, by kind."""
 
     data: Path | None
+    how: Matching
+    truth_offset: float
     instance: Instance | None = None
     estimates: list[tuple[str, Path | Estimate]] = field(default_factory=list)
     surfaces: list[tuple[str, Surface]] = field(default_factory=list)
@@ -158,7 +174,7 @@ def _of_graph(
 ) -> Scene:
     graph = instance.graph
     named = [
-        (name, read_estimate(what, instance) if isinstance(what, Path) else what)
+        (name, _read(what, instance, found.how) if isinstance(what, Path) else what)
         for name, what in found.estimates
     ]
     estimates = [(name, _whole(instance, what)) for name, what in named]
@@ -182,11 +198,17 @@ def _of_graph(
         _flags(rejected, found.rejected, instance),
         graph.points if isinstance(graph, PoseGraph) and graph.points is not None else flags,
         tuple(drawn),
-        _truth(instance, truth, last, places),
+        _truth(instance, truth, found.how.of_truth(found.truth_offset), last, places),
         weights(instance),
         tuple(found.surfaces),
         IN_METRES if places is None else places.sentence,
         places is None,
+    )
+
+
+def _read(path: Path, instance: Instance, how: Matching) -> Estimate:
+    return read_estimate(
+        path, instance, timestamps=how.timestamps, max_difference=how.max_difference
     )
 
 
@@ -207,7 +229,8 @@ def _placed(
 
 
 def _whole(instance: Instance, estimate: Estimate) -> Estimate:
-    """An estimate of all nodes, with the world if that was left out."""
+    """An estimate of all nodes, in their order, with the world if that was left out."""
+    estimate = posed_as(estimate, instance)
     graph, n = instance.graph, instance.graph.num_nodes
     if instance.world is not None and estimate.num_nodes == n - 1:
         estimate = instance.with_world(estimate)
@@ -252,6 +275,7 @@ def _is_spread(initial: Estimate | None) -> bool:
 def _truth(
     instance: Instance,
     given: str | Path | Estimate | None,
+    how: Matching,
     answer: Estimate,
     places: Arrangement | None,
 ) -> Placement | None:
@@ -264,7 +288,8 @@ def _truth(
         truth = instance.in_world(_whole(instance, given))
         known: IntArray = np.arange(truth.num_nodes)
     else:
-        known, truth = read_truth(given, instance)
+        known, truth, match = matched_truth(Path(given), instance, how)
+        warn_of(Path(given), [truth_in_words(match, instance)])
     kept = np.flatnonzero(known != instance.world)
     nodes, truth = known[kept], truth.subset(kept)
     common = np.flatnonzero(np.isin(nodes, instance.poses))
@@ -293,21 +318,28 @@ def _flags(given: ArrayLike | None, answered: IntArray | None, instance: Instanc
 
 def _of_trajectories(found: _Found, truth: str | Path | Estimate | None) -> Scene:
     """Trajectories without measurements, aligned with the last where they share poses."""
-    tracks = [_track(name, what) for name, what in found.estimates]
+    named: list[tuple[str, Path | Estimate]] = [*found.estimates]
     if truth is not None:
-        tracks.append(_track("truth", Path(truth) if isinstance(truth, str) else truth))
+        named.append(("truth", Path(truth) if isinstance(truth, str) else truth))
+    poses = [(name, _poses(what)) for name, what in named]
+    by_time = all(of.times_ns is not None for _, of in poses) and found.how.timestamps is None
+    tracks = [_track(name, of, by_time) for name, of in poses]
+    if truth is not None and by_time:
+        tracks[-1] = tracks[-1].later(found.truth_offset)
     if not tracks and not found.surfaces:
         raise InputError("nothing to show: a graph, an estimate, a cloud or a mesh expected")
     if len({track.estimate.d for track in tracks}) > 1:
         tracks = [replace(track, estimate=in_space(track.estimate)) for track in tracks]
-    keys = np.unique(np.concatenate([np.zeros(0), *(track.keys for track in tracks)]))
-    placed = [track.placed(keys, tracks[len(found.estimates) - 1]) for track in tracks]
-    last = len(placed) if truth is None else len(placed) - 1
     none = np.zeros(0, dtype=np.intp)
+    keys = np.unique(np.concatenate([none, *(track.keys for track in tracks)]))
+    within = found.how.max_difference if by_time else 0.0
+    placed = [track.placed(keys, tracks[len(found.estimates) - 1], within) for track in tracks]
+    last = len(placed) if truth is None else len(placed) - 1
+    whole, rest = np.divmod(keys, SECOND)
     return Scene(
         ", ".join(name for name, _ in [*found.estimates, *found.surfaces]) or "truth",
         tracks[0].estimate.d if tracks else 3,
-        np.arange(len(keys)) if (keys % 1.0).any() else keys.astype(np.intp),
+        keys if not by_time else np.arange(len(keys)) if rest.any() else whole,
         none.reshape(0, 2),
         none,
         none.astype(bool),
@@ -320,41 +352,44 @@ def _of_trajectories(found: _Found, truth: str | Path | Estimate | None) -> Scen
 
 @dataclass(frozen=True, eq=False)
 class _Track:
-    """A trajectory; ``keys`` (k,) are ids, times or places of its poses, ascending."""
+    """A trajectory; ``keys`` (k,) are ids, nanoseconds or places of its poses, ascending."""
 
     name: str
-    keys: FloatArray
+    keys: IntArray
     estimate: Estimate
 
-    def placed(self, keys: FloatArray, like: _Track) -> Placement:
+    def later(self, seconds: float) -> _Track:
+        """The track with this added to its times."""
+        return replace(self, keys=self.keys + round(seconds * SECOND))
+
+    def placed(self, keys: IntArray, like: _Track, within: float) -> Placement:
         """The placement among the poses of all trajectories, aligned with another."""
-        _, mine, others = np.intersect1d(self.keys, like.keys, return_indices=True)
         moved = self.estimate
         if self is not like:
-            moved = aligned(moved, like.estimate, mine, others)
+            mine = nearest(like.keys, self.keys, within)
+            others = np.flatnonzero(mine >= 0)
+            moved = aligned(moved, like.estimate, mine[others], others)
         return placement(self.name, np.searchsorted(keys, self.keys), moved)
 
 
-def _track(name: str, what: Path | Estimate) -> _Track:
-    track = _Track(name, *_keyed(what))
-    if track.estimate.translations is None:
+def _track(name: str, poses: LabelledPoses, by_time: bool) -> _Track:
+    """The track of poses by their times, or by ids where they have some."""
+    keys = poses.times_ns if by_time or poses.ids is None else poses.ids
+    if keys is None:
+        keys = np.arange(len(poses.rotations))
+    keys, first = np.unique(keys, return_index=True)
+    if poses.translations is None:
         raise InputError(f"{name}: rotations without positions are drawn with their graph alone")
-    return track
+    try:
+        return _Track(name, keys, Estimate(poses.rotations[first], poses.translations[first]))
+    except GraphError as error:
+        raise InputError(f"{name}: {error}") from None
 
 
-def _keyed(what: Path | Estimate) -> tuple[FloatArray, Estimate]:
+def _poses(what: Path | Estimate) -> LabelledPoses:
     if isinstance(what, Estimate):
-        return np.arange(what.num_nodes, dtype=float), what
+        return LabelledPoses.of(what).without_points()
     form = format_of(what)
     if form.read_poses is None:
         raise FormatError(what, None, f"a trajectory expected, not {form.holds}")
-    poses = form.read_poses(what).without_points()
-    try:
-        estimate = Estimate(poses.rotations, poses.translations)
-    except GraphError as error:
-        raise FormatError(what, None, str(error)) from None
-    keys = poses.times if poses.ids is None else poses.ids.astype(float)
-    if keys is None:
-        keys = np.arange(estimate.num_nodes, dtype=float)
-    keys, first = np.unique(keys, return_index=True)
-    return keys, estimate.subset(first)
+    return form.read_poses(what).without_points()
