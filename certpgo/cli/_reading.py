@@ -270,7 +270,10 @@ def covered(
     FormatError
         The file cannot be read, or is of another graph.
     """
+    import numpy as np
+
     from certpgo.graph.components import restricted
+    from certpgo.graph.wording import counted
     from certpgo.io.estimates import read_part
 
     with noticing():
@@ -279,7 +282,11 @@ def covered(
     if len(nodes) == n:
         return instance, estimate
     count = f"{len(nodes)} of {n} nodes"
-    notice(f"{path}: of {count}: judged by the measurements between these alone")
+    between = np.isin(instance.graph.edges, nodes).all(axis=1)
+    if not between.any():
+        raise InputError(f"{path}: poses of {count}, and no measurements between these")
+    measured = counted(int(between.sum()), "measurement{s}")
+    notice(f"{path}: poses of {count}: judged by the {measured} between these")
     return restricted(instance, nodes, f"{instance.name} [{count}]"), estimate
 
 

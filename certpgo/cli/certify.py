@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -86,13 +87,10 @@ def command(
 
     Ctrl-C prints what is proven by then; a second Ctrl-C aborts.
     """
-    from certpgo.assess.batch import JudgedGraph
-    from certpgo.certify.judge import Judge
     from certpgo.certify.proof_file import refuse_unreadable
-    from certpgo.costs import certifiable
     from certpgo.io.format import format_to_write
     from certpgo.io.matching import Matching
-    from certpgo.io.timestamps import timed, timed_by
+    from certpgo.io.timestamps import timed
 
     _refuse_mixtures(estimates, csv, truth=truth, best=best, proof=proof, html=html)
     if best is not None:
@@ -117,23 +115,9 @@ def command(
     status = StatusLine()
     how = Matching.of(timestamps, max_difference)
 
-    def judged(of: Instance) -> list[JudgedGraph]:
-        graphs = []
-        for part in reading.parts(of):
-            problem = certifiable(part, own)
-            judge = Judge(
-                problem,
-                tier=tier,
-                rtol=rtol,
-                atol=atol,
-                refine=refine,
-                time_limit=time_limit,
-                monitor=status,
-                ctrl_c=True,
-            )
-            graphs.append(JudgedGraph(part, problem, judge))
-        return graphs
-
+    settings: dict[str, Any] = {"tier": tier, "rtol": rtol, "atol": atol, "refine": refine}
+    settings |= {"time_limit": time_limit, "monitor": status, "ctrl_c": True}
+    judged = partial(_judged, reading=reading, cost=own, **settings)
     if csv is not None:
         return _batch(estimates, instance, judged, how, csv, json, reading, status)
     path = reading.resolve(estimates[0]).path()
@@ -144,12 +128,9 @@ def command(
     if proof is not None and whole is not instance:
         raise InputError("--proof needs an estimate of all nodes: it is about the whole file")
     given = [restricted_to(part.instance, estimate, whole) for part in parts]
-    truths = [
-        KnownPoses.of(truth, timed_by(point, part.instance), reading, how.of_truth(truth_offset))
-        for part, point in zip(parts, given, strict=True)
-    ]
+    truths = _truths(truth, parts, given, reading, how.of_truth(truth_offset))
     asked = None if json else Asked(graph, own, reading, estimates[0], best is not None)
-    assessments, disagreements = _single(path, given, parts, truths, asked, status)
+    assessments, disagreements = _single(path, instance, given, parts, truths, asked, status)
     if best is not None:
         _write_best(best, parts[0], assessments[0])
     elif any(_is_better_known(a, json) for a in assessments):
@@ -166,19 +147,41 @@ def command(
         certificate = assessments[0].certificate
         proven = prove(proof, provable, parts[0].instance, given[0], certificate, json=json)
     if html is not None:
-        part, problem = parts[0], parts[0].problem
-        written = proof if proven else None
         remarks = [f"{found}." for found in disagreements if found is not None]
         origin = origin_of(
             graph,
             reading,
             estimate=estimates[0],
-            proof=written,
+            proof=proof if proven else None,
             remarks=remarks,
             disagreeing=bool(remarks),
         )
-        write_page(html, part.instance, problem, given[0], assessments[0], origin)
+        write_page(html, parts[0].instance, parts[0].problem, given[0], assessments[0], origin)
     return code if proven else code or REFUSED
+
+
+def _judged(of: Instance, reading: Reading, cost: str, **settings: Any) -> list[JudgedGraph]:
+    """The connected graphs of an instance, each with a certifier of its estimates."""
+    from certpgo.assess.batch import JudgedGraph
+    from certpgo.certify.judge import Judge
+    from certpgo.costs import certifiable
+
+    problems = [(part, certifiable(part, cost)) for part in reading.parts(of)]
+    return [JudgedGraph(part, problem, Judge(problem, **settings)) for part, problem in problems]
+
+
+def _truths(
+    truth: Path | None,
+    parts: Sequence[JudgedGraph],
+    given: Sequence[Estimate],
+    reading: Reading,
+    how: Matching,
+) -> list[KnownPoses | None]:
+    """The truth of each part, whose nodes may have the times of its estimate."""
+    from certpgo.io.timestamps import timed_by
+
+    timed = [timed_by(of, part.instance) for part, of in zip(parts, given, strict=True)]
+    return [KnownPoses.of(truth, part, reading, how) for part in timed]
 
 
 def _refuse_mixtures(
@@ -224,13 +227,17 @@ def _may_gain(certificate: Certificate, problem: Certifiable) -> bool:
 
 def _single(
     path: Path,
+    whole: Instance,
     given: Sequence[Estimate],
     parts: Sequence[JudgedGraph],
     truths: Sequence[KnownPoses | None],
     asked: Asked | None,
     status: StatusLine,
 ) -> tuple[list[Assessment], list[Disagreement | None]]:
-    """Certify the estimate of each part; printed as text, or as JSON without ``asked``."""
+    """Certify the estimate of each part; printed as text, or as JSON without ``asked``.
+
+    Text names a part that is not the whole graph.
+    """
     from certpgo.io.digits import writing_of
 
     writing = writing_of(path)
@@ -247,7 +254,7 @@ def _single(
             ended = part.judge.ended_by is not None
             disagreements.append(None if ended else _disagreement(part.problem, found))
         if asked is not None:
-            if len(parts) > 1:
+            if part.instance is not whole:
                 typer.echo(part.instance.name)
             steps = steps_after(
                 found.certificate, part.instance, asked, disagreement=disagreements[-1]

@@ -76,7 +76,8 @@ def command(
                     )
             if isotropic:
                 converted = replace(converted, information=None)
-            write(target, converted, format=format)
+            with noticing():
+                write(target, converted, format=format)
             return
     if isotropic:
         raise InputError(f"--isotropic is about measurements, and {path} is converted as poses")

@@ -41,6 +41,7 @@ from certpgo.optimize.monitor import Monitor, TableMonitor
 if TYPE_CHECKING:
     from certpgo import SolveSettings
     from certpgo.graph import Estimate, Instance
+    from certpgo.io.matching import Matching
     from certpgo.optimize.solution import Solver
     from certpgo.solvers.certified import CertifiedSolution
     from certpgo.solvers.certified.disagreement import Disagreement
@@ -122,7 +123,7 @@ def command(
     """
     from certpgo import SolveSettings
     from certpgo.certify.proof_file import refuse_unreadable
-    from certpgo.io import read_estimate, write
+    from certpgo.io import write
     from certpgo.io.format import format_to_write
     from certpgo.io.matching import Matching
     from certpgo.io.timestamps import timed
@@ -152,17 +153,7 @@ def command(
     refuse_overwriting(targets, [source, initial, truth, timestamps])
     how = Matching.of(timestamps, max_difference)
     truths = [KnownPoses.of(truth, part, reading, how.of_truth(truth_offset)) for part in parts]
-    with noticing():
-        start = None
-        if initial is not None:
-            begun = reading.resolve(str(initial)).path()
-            start = read_estimate(
-                begun,
-                instance,
-                timestamps=how.timestamps,
-                max_difference=max_difference,
-                topic=reading.topic_of(begun),
-            )
+    start = None if initial is None else _start(initial, instance, reading, how)
     solver = None if method is None else _solver(method, settings, parts)
     if initial is not None and not getattr(solver, "takes_initial", True):
         raise InputError(f"{method} takes no initial estimate: not with --initial")
@@ -219,6 +210,21 @@ def _solver(method: str, settings: Sequence[str] | None, parts: Sequence[Instanc
     for part in parts:
         refuse_unsuited(method, solver, part.graph)
     return solver
+
+
+def _start(path: Path, instance: Instance, reading: Reading, how: Matching) -> Estimate:
+    """The initial estimate in a file or dataset, of all nodes."""
+    from certpgo.io import read_estimate
+
+    path = reading.resolve(str(path)).path()
+    with noticing():
+        return read_estimate(
+            path,
+            instance,
+            timestamps=how.timestamps,
+            max_difference=how.max_difference,
+            topic=reading.topic_of(path),
+        )
 
 
 def _refuse_parts(whole: bool, **outputs: Path | None) -> None:

@@ -118,10 +118,10 @@ def write(
     if whole.fixed and form.name == "pyfg":
         lost = "pyfg files hold no fixed nodes: they are not written"
         warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
+    atomically(path, lambda temporary: graph_writer(temporary, whole))
     labels = whole.labels.subset(np.arange(len(whole.ids[: whole.world])))
     for lost in _lost(form, labels):
         warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
-    atomically(path, lambda temporary: graph_writer(temporary, whole))
 
 
 def _write_estimate(
@@ -152,11 +152,11 @@ def _write_estimate(
     labels = _timed(labels, anchored.num_nodes, timestamps)
     if timestamps is None or not form.holds_times:
         lost.extend(_lost(form, labels))
-    for sentence in lost:
-        warnings.warn(f"{path}: {sentence}", InputNotice, stacklevel=3)
     if not all(map(form.holds_name, labels.names)):
         labels = replace(labels, names=())
     atomically(path, lambda temporary: writer(temporary, anchored, labels))
+    for sentence in lost:
+        warnings.warn(f"{path}: {sentence}", InputNotice, stacklevel=3)
 
 
 def _labels(estimate: Estimate, instance: Instance | None, ids: ArrayLike | None) -> Labels:
