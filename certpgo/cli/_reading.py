@@ -286,8 +286,10 @@ def covered(
     if not between.any():
         raise InputError(f"{path}: poses of {count}, and no measurements between these")
     measured = counted(int(between.sum()), "measurement{s}")
-    notice(f"{path}: poses of {count}: judged by the {measured} between these")
-    return restricted(instance, nodes, f"{instance.name} [{count}]"), estimate
+    said = f"poses of {count}: judged by the {measured} between these"
+    notice(f"{path}: {said}")
+    part = restricted(instance, nodes, f"{instance.name} [{count}]")
+    return replace(part, notices=(*part.notices, said)), estimate
 
 
 @contextmanager

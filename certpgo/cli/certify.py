@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -117,7 +116,10 @@ def command(
 
     settings: dict[str, Any] = {"tier": tier, "rtol": rtol, "atol": atol, "refine": refine}
     settings |= {"time_limit": time_limit, "monitor": status, "ctrl_c": True}
-    judged = partial(_judged, reading=reading, cost=own, **settings)
+
+    def judged(of: Instance) -> list[JudgedGraph]:
+        return _judged(of, reading, own, settings)
+
     if csv is not None:
         return _batch(estimates, instance, judged, how, csv, json, reading, status)
     path = reading.resolve(estimates[0]).path()
@@ -160,7 +162,9 @@ def command(
     return code if proven else code or REFUSED
 
 
-def _judged(of: Instance, reading: Reading, cost: str, **settings: Any) -> list[JudgedGraph]:
+def _judged(
+    of: Instance, reading: Reading, cost: str, settings: dict[str, Any]
+) -> list[JudgedGraph]:
     """The connected graphs of an instance, each with a certifier of its estimates."""
     from certpgo.assess.batch import JudgedGraph
     from certpgo.certify.judge import Judge
