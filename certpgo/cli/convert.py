@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from certpgo.cli._options import Timestamps
+from certpgo.cli._options import MaxDifference, Timestamps
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import noticing
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
@@ -49,6 +49,7 @@ def command(
         ),
     ] = None,
     timestamps: Timestamps = None,
+    max_difference: MaxDifference = 0.01,
     isotropic: Annotated[
         bool,
         typer.Option("--isotropic", help="Write the weights of F, not full information matrices."),
@@ -86,7 +87,13 @@ def command(
         topic = reading.topic_of(path)
         write(
             target,
-            read_estimate(path, instance, timestamps=timestamps, topic=topic),
+            read_estimate(
+                path,
+                instance,
+                timestamps=timestamps,
+                max_difference=max_difference,
+                topic=topic,
+            ),
             instance=instance,
             format=format,
             anchor=None if anchor is None else anchor.value,

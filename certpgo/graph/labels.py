@@ -88,6 +88,14 @@ class Labels:
         ids, times = self.ids, self.times_ns
         return ids is not None and times is not None and bool(((ids == times) & (ids != 0)).any())
 
+    @property
+    def times_differ(self) -> bool:
+        """Whether there are times, and no two are the same, as those of several robots may be."""
+        if self.times_ns is None:
+            return False
+        known = self.times_ns[self.times_ns != NO_TIME]
+        return 0 < len(known) == len(np.unique(known))
+
     def ids_of(self, n: int) -> IntArray:
         """The ids of n poses; without any, their numbers."""
         return np.arange(n) if self.ids is None else self.ids

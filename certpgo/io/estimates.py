@@ -149,7 +149,10 @@ def posed_as(estimate: Estimate, instance: Instance) -> Estimate:
     if labels.ids is not None and np.array_equal(labels.ids, instance.ids):
         return estimate
     poses = _fitting(LabelledPoses.of(estimate), instance)
-    return _of_nodes(instance, poses, match(poses, instance, Matching()))
+    found = match(poses, instance, Matching())
+    for notice in _said(found):
+        warnings.warn(notice, InputNotice, stacklevel=4)
+    return _of_nodes(instance, poses, found)
 
 
 def read_truth(

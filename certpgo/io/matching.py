@@ -114,7 +114,7 @@ def match(poses: LabelledPoses, instance: Instance, how: Matching) -> Match:
 
     Names are matched with the graph's own if it has names; times with the nodes' if they are known;
     otherwise ids, which may be whole timestamps or the numbers in names; without any, poses are in
-    the order of nodes.
+    the order of nodes. Times that several nodes share are not used.
 
     Raises
     ------
@@ -125,7 +125,7 @@ def match(poses: LabelledPoses, instance: Instance, how: Matching) -> Match:
     names = instance.names[: instance.world]
     if poses.names and names:
         return _by_name(poses, instance)
-    times = instance.times_ns
+    times = instance.times_ns if instance.labels.times_differ else None
     if poses.times_ns is not None and times is not None and how.timestamps is None:
         return _by_time(poses, poses.times_ns, instance, times, how)
     by, notices = "node id", tuple[str, ...]()
@@ -259,15 +259,15 @@ def _by_time(
     given = np.flatnonzero(stamps != NO_TIME)
     shifted, known = stamps[given] + round(how.offset * SECOND), times[nodes]
     refuse_repeats(shifted)
-    refuse_repeats(known)
-    if not len(given) or not len(nodes):
-        raise InputError("no poses, or no nodes, with times")
+    if not len(given):
+        raise InputError("no poses with times")
     found = nearest(known, shifted, how.max_difference)
     matched = found >= 0
     if not matched.any():
         raise InputError(
             f"no pose is within {how.max_difference:g} s of a node: the nodes' times are "
-            f"{_span(known)}, the poses' {_span(shifted)}"
+            f"{_span(known)}, the poses' {_span(shifted)} (timestamps that are node ids: "
+            "--timestamps ids)"
         )
     place = np.full(len(times), -1)
     place[nodes[matched]] = given[found[matched]]

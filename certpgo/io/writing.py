@@ -150,6 +150,9 @@ def _write_estimate(
     if estimate.translations is not None and not form.holds_translations:
         lost.append(f"{form.name} files hold rotations only: translations are not written")
     labels = _timed(labels, anchored.num_nodes, timestamps)
+    if form.name == "tum" and labels.times_ns is not None and not labels.times_differ:
+        labels = replace(labels, times_ns=None)
+        lost.append("several poses have one timestamp: node ids are written instead")
     if timestamps is None or not form.holds_times:
         lost.extend(_lost(form, labels))
     if not all(map(form.holds_name, labels.names)):

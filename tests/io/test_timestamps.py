@@ -243,3 +243,21 @@ def test_compressed_trajectories_keep_their_stamps(tmp_path):
     path.write_bytes(gzip.compress(tum(STAMPS).encode()))
     certpgo.write(tmp_path / "b.tum", certpgo.read_estimate(path))
     assert first_words(tmp_path / "b.tum") == STAMPS
+
+
+def test_times_that_robots_share_tell_no_nodes_apart(file, tmp_path):
+    vertex, edge = "VERTEX_SE2 {} {} {} 0 0\n", "EDGE_SE2 0 {} {} {} 0 0 1 0 0 1 0 1\n"
+    names = ["A0", "A1", "B0", "B1"]
+    text = "".join(vertex.format(k % 2 + 0.5, name, k) for k, name in enumerate(names))
+    text += "".join(edge.format(names[k], names[k + 1], 1) for k in range(3))
+    instance = io.read(file(text, "two.pyfg"), quiet=True)
+    path = tmp_path / "out.tum"
+    with pytest.warns(InputNotice) as said:
+        certpgo.write(path, instance.initial, instance=instance)
+    assert [str(one.message).split(": ", 1)[1] for one in said] == [
+        "several poses have one timestamp: node ids are written instead",
+        "tum files hold no such names as 'A0': they are not written",
+    ]
+    assert places(path, instance) == [0, 1, 2, 3]
+    certpgo.write(tmp_path / "out.pyfg", instance.initial)
+    assert "VERTEX_SE2 1.5 B1 3.0" in (tmp_path / "out.pyfg").read_text()
