@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from certpgo.cli._show import notice
+from certpgo.errors import InputError
 
 if TYPE_CHECKING:
     from certpgo.assess.metrics import TrajectoryErrors
@@ -58,6 +59,8 @@ class KnownPoses:
         from certpgo.io.estimates import matched_truth, truth_in_words
 
         if path is None:
+            if how.offset:
+                raise InputError("--truth-offset is about --truth")
             return None
         path = reading.resolve(str(path)).path()
         nodes, poses, found = matched_truth(path, part, how, topic=reading.topic_of(path))

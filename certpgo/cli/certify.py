@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -89,7 +90,7 @@ def command(
     from certpgo.certify.proof_file import refuse_unreadable
     from certpgo.io.format import format_to_write
     from certpgo.io.matching import Matching
-    from certpgo.io.timestamps import timed
+    from certpgo.io.timestamps import timed, timed_by
 
     _refuse_mixtures(estimates, csv, truth=truth, best=best, proof=proof, html=html)
     if best is not None:
@@ -130,7 +131,13 @@ def command(
     if proof is not None and whole is not instance:
         raise InputError("--proof needs an estimate of all nodes: it is about the whole file")
     given = [restricted_to(part.instance, estimate, whole) for part in parts]
-    truths = _truths(truth, parts, given, reading, how.of_truth(truth_offset))
+    # The nodes have the times of their poses, where the graph has none.
+    parts = [
+        replace(part, instance=timed_by(point, part.instance))
+        for part, point in zip(parts, given, strict=True)
+    ]
+    that = how.of_truth(truth_offset)
+    truths = [KnownPoses.of(truth, part.instance, reading, that) for part in parts]
     asked = None if json else Asked(graph, own, reading, estimates[0], best is not None)
     assessments, disagreements = _single(path, instance, given, parts, truths, asked, status)
     if best is not None:
@@ -172,20 +179,6 @@ def _judged(
 
     problems = [(part, certifiable(part, cost)) for part in reading.parts(of)]
     return [JudgedGraph(part, problem, Judge(problem, **settings)) for part, problem in problems]
-
-
-def _truths(
-    truth: Path | None,
-    parts: Sequence[JudgedGraph],
-    given: Sequence[Estimate],
-    reading: Reading,
-    how: Matching,
-) -> list[KnownPoses | None]:
-    """The truth of each part, whose nodes may have the times of its estimate."""
-    from certpgo.io.timestamps import timed_by
-
-    timed = [timed_by(of, part.instance) for part, of in zip(parts, given, strict=True)]
-    return [KnownPoses.of(truth, part, reading, how) for part in timed]
 
 
 def _refuse_mixtures(
@@ -258,7 +251,7 @@ def _single(
             ended = part.judge.ended_by is not None
             disagreements.append(None if ended else _disagreement(part.problem, found))
         if asked is not None:
-            if part.instance is not whole:
+            if part.instance.name != whole.name:
                 typer.echo(part.instance.name)
             steps = steps_after(
                 found.certificate, part.instance, asked, disagreement=disagreements[-1]

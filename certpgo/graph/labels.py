@@ -15,7 +15,7 @@ NO_TIME = int(np.iinfo(np.int64).min)
 #: Nanoseconds in a second.
 SECOND = 10**9
 #: Nanoseconds by which a timestamp may differ from an id in seconds, from rounding in the text.
-_ROUNDED = 1000
+ROUNDED = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ class Labels:
         if np.array_equal(ids, times):
             return True
         seconds = (times + SECOND // 2) // SECOND
-        near = np.abs(times - seconds * SECOND) <= _ROUNDED
+        near = np.abs(times - seconds * SECOND) <= ROUNDED
         return bool(near.all()) and np.array_equal(ids, seconds)
 
     @property

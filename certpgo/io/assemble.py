@@ -230,6 +230,11 @@ def estimate_at(poses: LabelledPoses, order: IntArray, with_translations: bool) 
     """
     if not with_translations:
         return Estimate(poses.rotations[order])
+    return Estimate(poses.rotations[order], require_translations(poses)[order])
+
+
+def require_translations(poses: LabelledPoses) -> FloatArray:
+    """The translations of poses; an InputError if there are none."""
     if poses.translations is None:
         raise InputError("rotations only, but the graph measures translations")
-    return Estimate(poses.rotations[order], poses.translations[order])
+    return poses.translations

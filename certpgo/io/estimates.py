@@ -16,7 +16,7 @@ from certpgo.graph.components import restricted
 from certpgo.graph.labels import NO_TIME, Labels, in_seconds
 from certpgo.graph.points import with_points
 from certpgo.graph.wording import counted
-from certpgo.io.assemble import estimate_at
+from certpgo.io.assemble import estimate_at, require_translations
 from certpgo.io.dead_reckoning import integrated
 from certpgo.io.format import (
     LabelledPoses,
@@ -127,6 +127,8 @@ def read_part(
             estimate = _of_nodes(instance, poses, found)
         else:
             _refuse_foreign(found, poses)
+            if isinstance(instance.graph, PoseGraph):
+                require_translations(poses)
             nodes, estimate = known_poses(poses, instance, found)
             if instance.world is not None:
                 nodes = np.append(nodes, instance.world)

@@ -11,13 +11,11 @@ import numpy as np
 
 from certpgo.errors import FormatError, InputError
 from certpgo.graph import Estimate, Instance
-from certpgo.graph.labels import NO_TIME, SECOND
+from certpgo.graph.labels import NO_TIME, ROUNDED, SECOND
 from certpgo.graph.wording import counted
 from certpgo.io.compressed import opened
 from certpgo.linalg.arrays import IntArray
 
-#: Timestamps this near to integers, in nanoseconds, may be ids, rounded in the text.
-_ROUNDED = 1000
 #: Larger numbers of seconds, after the year 2262, are read as nanoseconds.
 _LAST_SECOND = np.iinfo(np.int64).max // SECOND
 
@@ -49,7 +47,7 @@ def times_and_ids(parts: IntArray) -> tuple[IntArray, IntArray | None]:
         They are neither.
     """
     whole, rest = parts.T
-    near = bool((np.minimum(rest, SECOND - rest) <= _ROUNDED).all())
+    near = bool((np.minimum(rest, SECOND - rest) <= ROUNDED).all())
     ids = whole + (rest > SECOND // 2)
     if not near or len(np.unique(ids)) < len(ids):
         ids = None

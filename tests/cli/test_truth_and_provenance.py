@@ -158,6 +158,9 @@ def test_the_times_of_an_estimate_are_its_nodes_times(certpgo, walk, tmp_path):
     done = certpgo("certify", graph, estimate, "--truth", truth)
     assert "truth of 4 of 8 poses, matched by time, off by at most 0.001 s" in done.err
     assert "4 poses, after alignment" in done.out
+    best = tmp_path / "best.tum"
+    assert certpgo("certify", graph, estimate, "--best", best).code == 0
+    assert best.read_text().splitlines()[7].startswith("107.25 ")
 
 
 def test_a_truth_that_was_converted_keeps_its_nodes(certpgo, walk, tmp_path):
