@@ -71,6 +71,11 @@ class Labels:
             raise GraphError(f"names must be {n}, or none, not {len(self.names)}")
 
     @property
+    def identify(self) -> bool:
+        """Whether anything tells poses apart but their order."""
+        return self.ids is not None or self.times_ns is not None or bool(self.names)
+
+    @property
     def ids_are_times(self) -> bool:
         """Whether the ids are the timestamps, as integers: one number for both in the source."""
         ids, times = self.ids, self.times_ns

@@ -146,15 +146,19 @@ def posed_as(estimate: Estimate, instance: Instance) -> Estimate:
         It is labelled as the estimate of another graph.
     """
     labels = estimate.labels
-    if labels.ids is None and labels.times_ns is None and not labels.names:
-        return estimate
-    if labels.ids is not None and np.array_equal(labels.ids, instance.ids):
+    if not labels.identify or is_in_order(estimate, instance):
         return estimate
     poses = _fitting(LabelledPoses.of(estimate), instance)
     found = match(poses, instance, Matching())
     for notice in _said(found):
         warnings.warn(notice, InputNotice, stacklevel=4)
     return _of_nodes(instance, poses, found)
+
+
+def is_in_order(estimate: Estimate, instance: Instance) -> bool:
+    """Whether an estimate has the ids of an instance's nodes, in their order."""
+    ids = estimate.labels.ids
+    return ids is not None and np.array_equal(ids, instance.ids)
 
 
 def read_truth(
@@ -224,10 +228,16 @@ def matched_truth(
     else:
         raise FormatError(path, None, f"{form.name} files hold {form.holds}, no truth")
     with _located(path):
-        poses = _fitting(poses, instance)
-        found = match(poses, instance, how)
-        nodes, estimate = known_poses(poses, instance, found)
-    return nodes, estimate, found
+        return truth_among(poses, instance, how)
+
+
+def truth_among(
+    poses: LabelledPoses, instance: Instance, how: Matching
+) -> tuple[IntArray, Estimate, Match]:
+    """The nodes of an instance that have one of these poses, ascending, their poses, and how."""
+    poses = _fitting(poses, instance)
+    found = match(poses, instance, how)
+    return *known_poses(poses, instance, found), found
 
 
 def warn_of(path: Path, notices: Iterable[str]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeAlias
 
@@ -10,18 +10,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from certpgo.datasets.source import Source, resolve
-from certpgo.errors import FormatError, GraphError, InputError, NoMeasurements, kind_of
+from certpgo.errors import FormatError, InputError, NoMeasurements, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
-from certpgo.graph.labels import SECOND
 from certpgo.io.estimates import (
+    is_in_order,
     matched_truth,
     posed_as,
     read_estimate,
+    truth_among,
     truth_in_words,
     warn_of,
 )
 from certpgo.io.format import LabelledPoses, format_of
-from certpgo.io.matching import MAX_DIFFERENCE, Matching, nearest
+from certpgo.io.matching import MAX_DIFFERENCE, Matching
 from certpgo.io.surfaces import Surface, is_ply, read_surface
 from certpgo.io.timestamps import timed
 from certpgo.linalg.arrays import BoolArray, IntArray
@@ -31,8 +32,9 @@ from certpgo.optimize.starts import start_of
 from certpgo.solvers.certified.pipeline import CertifiedSolution
 from certpgo.solvers.spanning_tree import SpanningTree
 from certpgo.view.layout import Arrangement, layout
-from certpgo.view.placing import aligned, in_space, placement, residuals, weights
+from certpgo.view.placing import aligned, placement, residuals, weights
 from certpgo.view.scene import IN_METRES, Placement, Scene, kinds_of
+from certpgo.view.tracks import scene_of_trajectories
 
 #: What there is to look at: a path, the name of a dataset, or an object.
 Thing: TypeAlias = (
@@ -93,7 +95,9 @@ def scene_of(
         return _of_graph(found, timed(found.instance, timestamps), truth, rejected)
     if rejected is not None:
         raise InputError("rejected measurements need their graph")
-    return _of_trajectories(found, truth)
+    return scene_of_trajectories(
+        found.estimates, found.surfaces, truth, found.how, found.truth_offset
+    )
 
 
 @dataclass
@@ -284,9 +288,12 @@ def _truth(
         given = instance.truth
     if given is None:
         return None
-    if isinstance(given, Estimate):
+    known: IntArray
+    if isinstance(given, Estimate) and given.labels.identify and not is_in_order(given, instance):
+        known, truth, _ = truth_among(LabelledPoses.of(given), instance, how)
+    elif isinstance(given, Estimate):
         truth = instance.in_world(_whole(instance, given))
-        known: IntArray = np.arange(truth.num_nodes)
+        known = np.arange(truth.num_nodes)
     else:
         known, truth, match = matched_truth(Path(given), instance, how)
         warn_of(Path(given), [truth_in_words(match, instance)])
@@ -314,82 +321,3 @@ def _flags(given: ArrayLike | None, answered: IntArray | None, instance: Instanc
     except IndexError:
         raise InputError(f"rejected must be {m} flags, or indices from 0 to {m - 1}") from None
     return flags
-
-
-def _of_trajectories(found: _Found, truth: str | Path | Estimate | None) -> Scene:
-    """Trajectories without measurements, aligned with the last where they share poses."""
-    named: list[tuple[str, Path | Estimate]] = [*found.estimates]
-    if truth is not None:
-        named.append(("truth", Path(truth) if isinstance(truth, str) else truth))
-    poses = [(name, _poses(what)) for name, what in named]
-    by_time = all(of.times_ns is not None for _, of in poses) and found.how.timestamps is None
-    tracks = [_track(name, of, by_time) for name, of in poses]
-    if truth is not None and by_time:
-        tracks[-1] = tracks[-1].later(found.truth_offset)
-    if not tracks and not found.surfaces:
-        raise InputError("nothing to show: a graph, an estimate, a cloud or a mesh expected")
-    if len({track.estimate.d for track in tracks}) > 1:
-        tracks = [replace(track, estimate=in_space(track.estimate)) for track in tracks]
-    none = np.zeros(0, dtype=np.intp)
-    keys = np.unique(np.concatenate([none, *(track.keys for track in tracks)]))
-    within = found.how.max_difference if by_time else 0.0
-    placed = [track.placed(keys, tracks[len(found.estimates) - 1], within) for track in tracks]
-    last = len(placed) if truth is None else len(placed) - 1
-    whole, rest = np.divmod(keys, SECOND)
-    return Scene(
-        ", ".join(name for name, _ in [*found.estimates, *found.surfaces]) or "truth",
-        tracks[0].estimate.d if tracks else 3,
-        keys if not by_time else np.arange(len(keys)) if rest.any() else whole,
-        none.reshape(0, 2),
-        none,
-        none.astype(bool),
-        np.zeros(len(keys), dtype=bool),
-        tuple(placed[:last]),
-        placed[-1] if truth is not None else None,
-        surfaces=tuple(found.surfaces),
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _Track:
-    """A trajectory; ``keys`` (k,) are ids, nanoseconds or places of its poses, ascending."""
-
-    name: str
-    keys: IntArray
-    estimate: Estimate
-
-    def later(self, seconds: float) -> _Track:
-        """The track with this added to its times."""
-        return replace(self, keys=self.keys + round(seconds * SECOND))
-
-    def placed(self, keys: IntArray, like: _Track, within: float) -> Placement:
-        """The placement among the poses of all trajectories, aligned with another."""
-        moved = self.estimate
-        if self is not like:
-            mine = nearest(like.keys, self.keys, within)
-            others = np.flatnonzero(mine >= 0)
-            moved = aligned(moved, like.estimate, mine[others], others)
-        return placement(self.name, np.searchsorted(keys, self.keys), moved)
-
-
-def _track(name: str, poses: LabelledPoses, by_time: bool) -> _Track:
-    """The track of poses by their times, or by ids where they have some."""
-    keys = poses.times_ns if by_time or poses.ids is None else poses.ids
-    if keys is None:
-        keys = np.arange(len(poses.rotations))
-    keys, first = np.unique(keys, return_index=True)
-    if poses.translations is None:
-        raise InputError(f"{name}: rotations without positions are drawn with their graph alone")
-    try:
-        return _Track(name, keys, Estimate(poses.rotations[first], poses.translations[first]))
-    except GraphError as error:
-        raise InputError(f"{name}: {error}") from None
-
-
-def _poses(what: Path | Estimate) -> LabelledPoses:
-    if isinstance(what, Estimate):
-        return LabelledPoses.of(what).without_points()
-    form = format_of(what)
-    if form.read_poses is None:
-        raise FormatError(what, None, f"a trajectory expected, not {form.holds}")
-    return form.read_poses(what).without_points()
