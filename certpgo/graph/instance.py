@@ -12,7 +12,7 @@ from certpgo.errors import GraphError
 from certpgo.graph.estimate import Estimate
 from certpgo.graph.graph import Graph, PoseGraph
 from certpgo.graph.information import Information
-from certpgo.graph.labels import NO_TIME, Labels
+from certpgo.graph.keys import NO_TIME, Keys
 from certpgo.graph.picture import closures, drawn
 from certpgo.graph.ranges import Ranges
 from certpgo.graph.speaking import Speaking
@@ -97,7 +97,7 @@ class Instance(Speaking):
                 raise GraphError(f"times_ns must be of {count} nodes, not {self.times_ns.shape}")
         for what, value in (("truth", self.truth), ("initial", self.initial)):
             if value is not None:
-                object.__setattr__(self, what, value.labelled(self.labels))
+                object.__setattr__(self, what, value.keyed(self.keys))
         if self.outliers is not None:
             object.__setattr__(self, "outliers", frozen_flags(self.outliers))
             if self.outliers.shape != (self.graph.num_edges,):
@@ -193,13 +193,13 @@ class Instance(Speaking):
         return nodes if self.world is None else nodes[nodes != self.world]
 
     @property
-    def labels(self) -> Labels:
+    def keys(self) -> Keys:
         """What the source calls the nodes, the world among them."""
         times, graph = self.times_ns, self.graph
         if times is not None and self.world is not None:
             times = np.append(times, NO_TIME)
         points = graph.points if isinstance(graph, PoseGraph) else None
-        return Labels(self.ids, times, self.names, points)
+        return Keys(self.ids, times, self.names, points)
 
     def with_edges(self, chosen: IntArray | BoolArray) -> Instance:
         """The instance with only the chosen measurements, by index or flag, of all nodes."""
@@ -227,8 +227,8 @@ class Instance(Speaking):
         if t is not None:
             t = t if self.origin is None else t - self.origin
             t = np.concatenate([t, np.zeros((1, d))])
-        times = estimate.labels.times_ns
-        labels = self.labels
+        times = estimate.keys.times_ns
+        keys = self.keys
         if times is not None:
-            labels = replace(labels, times_ns=np.append(times, NO_TIME))
-        return Estimate(np.concatenate([estimate.rotations, np.eye(d)[None]]), t, labels)
+            keys = replace(keys, times_ns=np.append(times, NO_TIME))
+        return Estimate(np.concatenate([estimate.rotations, np.eye(d)[None]]), t, keys)

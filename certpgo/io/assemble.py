@@ -221,7 +221,7 @@ def _is_integer(word: bytes, value: int) -> bool:
 
 
 def estimate_at(poses: LabelledPoses, order: IntArray, with_translations: bool) -> Estimate:
-    """Some poses, by index, in that order, without labels.
+    """Some poses, by index, in that order, without keys.
 
     Raises
     ------

@@ -13,7 +13,7 @@ import numpy as np
 from certpgo.errors import CertPGOError, FormatError, InputError, InputNotice
 from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.graph.components import restricted
-from certpgo.graph.labels import NO_TIME, Labels, in_seconds
+from certpgo.graph.keys import NO_TIME, Keys, in_seconds
 from certpgo.graph.points import with_points
 from certpgo.graph.wording import counted
 from certpgo.io.assemble import estimate_at, require_translations
@@ -28,8 +28,8 @@ from certpgo.io.matching import (
     MAX_DIFFERENCE,
     Match,
     Matching,
+    keys_of,
     known_poses,
-    labels_of,
     match,
     nearest,
 )
@@ -138,15 +138,15 @@ def read_part(
 
 
 def posed_as(estimate: Estimate, instance: Instance) -> Estimate:
-    """An estimate with labels in the order of an instance's nodes; without, as it is.
+    """An estimate with keys in the order of an instance's nodes; without, as it is.
 
     Raises
     ------
     InputError
-        It is labelled as the estimate of another graph.
+        It is keyed as the estimate of another graph.
     """
-    labels = estimate.labels
-    if not labels.identify or is_in_order(estimate, instance):
+    keys = estimate.keys
+    if not keys.identify or is_in_order(estimate, instance):
         return estimate
     poses = _fitting(LabelledPoses.of(estimate), instance)
     found = match(poses, instance, Matching())
@@ -157,7 +157,7 @@ def posed_as(estimate: Estimate, instance: Instance) -> Estimate:
 
 def is_in_order(estimate: Estimate, instance: Instance) -> bool:
     """Whether an estimate has the ids of an instance's nodes, in their order."""
-    ids = estimate.labels.ids
+    ids = estimate.keys.ids
     return ids is not None and np.array_equal(ids, instance.ids)
 
 
@@ -283,8 +283,8 @@ def _of_nodes(instance: Instance, poses: LabelledPoses, found: Match) -> Estimat
     n = len(found.place)
     if len(nodes) < n and isinstance(graph, PoseGraph):
         estimate = with_points(graph, estimate, nodes).subset(np.arange(n))
-    labels = labels_of(poses, instance, found, np.arange(n))
-    return instance.with_world(estimate.labelled(labels))
+    keys = keys_of(poses, instance, found, np.arange(n))
+    return instance.with_world(estimate.keyed(keys))
 
 
 def _refuse_foreign(found: Match, poses: LabelledPoses) -> None:
@@ -304,24 +304,24 @@ def _incomplete(instance: Instance, found: Match) -> str:
 
 def _in_own_order(poses: LabelledPoses, timestamps: str | Path | None, how: Matching) -> Estimate:
     """The poses by ascending id, or in the file's order; with the times of a file, those alone."""
-    labels = poses.labels
+    keys = poses.keys
     if poses.names:
-        labels = replace(labels, ids=name_numbers(poses.names) if poses.ids is None else poses.ids)
+        keys = replace(keys, ids=name_numbers(poses.names) if poses.ids is None else poses.ids)
     elif how.timestamps == "index" and poses.times_ns is not None:
-        labels = replace(labels, ids=None, times_ns=None)
-    elif how.timestamps == "ids" and labels.ids_are_times:
-        labels = replace(labels, times_ns=None)
+        keys = replace(keys, ids=None, times_ns=None)
+    elif how.timestamps == "ids" and keys.ids_are_times:
+        keys = replace(keys, times_ns=None)
     elif poses.times_ns is not None:
         refuse_repeats(poses.times_ns[poses.times_ns != NO_TIME])
     t = poses.translations
     if t is not None and not t.any():
         t = None
     try:
-        estimate = Estimate(poses.rotations, t, labels)
+        estimate = Estimate(poses.rotations, t, keys)
     except CertPGOError as error:
         raise InputError(str(error)) from None
-    if labels.ids is not None:
-        estimate = estimate.subset(np.argsort(labels.ids))
+    if keys.ids is not None:
+        estimate = estimate.subset(np.argsort(keys.ids))
     return (
         estimate if how.timestamps or timestamps is None else _at_times(estimate, timestamps, how)
     )
@@ -329,16 +329,16 @@ def _in_own_order(poses: LabelledPoses, timestamps: str | Path | None, how: Matc
 
 def _at_times(estimate: Estimate, timestamps: str | Path, how: Matching) -> Estimate:
     """The poses nearest to the times in a file; where poses have no times, these are theirs."""
-    known, times = node_times(Path(timestamps)), estimate.labels.times_ns
+    known, times = node_times(Path(timestamps)), estimate.keys.times_ns
     if times is None:
         refuse_number(Path(timestamps), known, estimate.num_nodes)
-        return estimate.labelled(replace(estimate.labels, times_ns=known))
+        return estimate.keyed(replace(estimate.keys, times_ns=known))
     place = nearest(known, times, how.max_difference)
     if (place < 0).any():
         time = in_seconds(int(known[np.argmin(place)]))
         said = f"no pose of its own within {how.max_difference:g} s of {time} s in {timestamps}"
         raise InputError(said)
-    return estimate.subset(place).labelled(Labels(times_ns=known))
+    return estimate.subset(place).keyed(Keys(times_ns=known))
 
 
 def _fitting(poses: LabelledPoses, instance: Instance) -> LabelledPoses:

@@ -21,7 +21,7 @@ import numpy as np
 
 from certpgo.errors import FormatError, InputError, InputNotice, SpecError, UnusableFile, kind_of
 from certpgo.graph import Estimate, Instance
-from certpgo.graph.labels import Labels
+from certpgo.graph.keys import Keys
 from certpgo.io.compressed import opened, uncompressed_name
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
@@ -56,7 +56,7 @@ class ReadOptions:
 
 @dataclass(frozen=True, eq=False)
 class LabelledPoses:
-    """Poses with the labels of their file.
+    """Poses with the keys of their file.
 
     Attributes
     ----------
@@ -78,20 +78,20 @@ class LabelledPoses:
 
     @classmethod
     def of(cls, estimate: Estimate) -> LabelledPoses:
-        """The poses of an estimate with its labels."""
-        labels = estimate.labels
-        named = labels.ids, labels.times_ns, labels.names, labels.points
+        """The poses of an estimate with its keys."""
+        keys = estimate.keys
+        named = keys.ids, keys.times_ns, keys.names, keys.points
         return cls(estimate.rotations, estimate.translations, *named)
 
     @property
-    def labels(self) -> Labels:
-        """The labels alone."""
-        return Labels(self.ids, self.times_ns, self.names, self.points)
+    def keys(self) -> Keys:
+        """The keys alone."""
+        return Keys(self.ids, self.times_ns, self.names, self.points)
 
     def subset(self, chosen: IntArray) -> LabelledPoses:
         """Some poses, by index, in that order."""
-        t, labels = self.translations, self.labels.subset(chosen)
-        named = labels.ids, labels.times_ns, labels.names, labels.points
+        t, keys = self.translations, self.keys.subset(chosen)
+        named = keys.ids, keys.times_ns, keys.names, keys.points
         return LabelledPoses(self.rotations[chosen], None if t is None else t[chosen], *named)
 
     def without_points(self) -> LabelledPoses:
@@ -123,7 +123,7 @@ class Chart:
 GraphReader = Callable[[Path, ReadOptions], Instance]
 PoseReader = Callable[[Path], LabelledPoses]
 GraphWriter = Callable[[Path, Instance], None]
-PoseWriter = Callable[[Path, Estimate, Labels], None]
+PoseWriter = Callable[[Path, Estimate, Keys], None]
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ class Format:
     holds : what such a file contains, for messages
     read_graph, write_graph : for measurements, or None
     read_poses : for estimates, or None
-    write_poses : for an estimate and the labels of its nodes, or None
+    write_poses : for an estimate and the keys of its nodes, or None
     holds_points : whether such a file of an estimate can store points
     holds_ranges : whether such a file of a graph can store distances, and points that no pose sees
     holds_translations : whether such a file can store them

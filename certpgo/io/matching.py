@@ -10,7 +10,7 @@ import numpy as np
 
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance, PoseGraph
-from certpgo.graph.labels import NO_TIME, SECOND, Labels, in_seconds
+from certpgo.graph.keys import NO_TIME, SECOND, Keys, in_seconds
 from certpgo.graph.wording import counted
 from certpgo.io.assemble import estimate_at
 from certpgo.io.format import LabelledPoses
@@ -119,20 +119,20 @@ def match(poses: LabelledPoses, instance: Instance, how: Matching) -> Match:
     Raises
     ------
     InputError
-        Poses without labels and nodes differ in number, a time occurs twice, or timestamps are not
+        Poses without keys and nodes differ in number, a time occurs twice, or timestamps are not
         ids where the nodes' times are not known.
     """
     names = instance.names[: instance.world]
     if poses.names and names:
         return _by_name(poses, instance)
-    times = instance.times_ns if instance.labels.times_differ else None
+    times = instance.times_ns if instance.keys.times_differ else None
     if poses.times_ns is not None and times is not None and how.timestamps is None:
         return _by_time(poses, poses.times_ns, instance, times, how)
     by, notices = "node id", tuple[str, ...]()
     if poses.names:
         found, notice = named_ids(poses, instance.ids[: instance.world])
         poses, notices = replace(poses, ids=found), (notice,) if notice else ()
-    elif poses.times_ns is not None and (poses.ids is None or poses.labels.ids_are_times):
+    elif poses.times_ns is not None and (poses.ids is None or poses.keys.ids_are_times):
         if how.timestamps != "index":
             refuse_repeats(poses.times_ns)
         taken = poses.ids is not None and bool(np.isin(poses.ids, instance.ids).any())
@@ -162,16 +162,16 @@ def known_poses(
         raise InputError(f"truth of another graph: no {found.by} is in the graph")
     measured = isinstance(instance.graph, PoseGraph) and poses.translations is not None
     estimate = estimate_at(poses, found.place[nodes], measured)
-    return nodes, estimate.labelled(labels_of(poses, instance, found, nodes))
+    return nodes, estimate.keyed(keys_of(poses, instance, found, nodes))
 
 
-def labels_of(poses: LabelledPoses, instance: Instance, found: Match, nodes: IntArray) -> Labels:
-    """The labels of nodes of an instance with poses: its own, and the poses' times."""
-    labels, times = instance.labels.subset(nodes), poses.times_ns
-    if labels.times_ns is None and times is not None:
+def keys_of(poses: LabelledPoses, instance: Instance, found: Match, nodes: IntArray) -> Keys:
+    """The keys of nodes of an instance with poses: its own, and the poses' times."""
+    keys, times = instance.keys.subset(nodes), poses.times_ns
+    if keys.times_ns is None and times is not None:
         place = found.place[nodes]
-        labels = replace(labels, times_ns=np.where(place < 0, NO_TIME, times[place]))
-    return labels
+        keys = replace(keys, times_ns=np.where(place < 0, NO_TIME, times[place]))
+    return keys
 
 
 def places(ids: IntArray, given: IntArray) -> IntArray:
@@ -279,7 +279,7 @@ def _by_time(
             f"{instance.named(int(node))}, at {in_seconds(int(times[node]))} s, has no pose of its "
             f"own within {how.max_difference:g} s"
         )
-    notices = ("the timestamps are read as nanoseconds",) if poses.labels.in_nanoseconds else ()
+    notices = ("the timestamps are read as nanoseconds",) if poses.keys.in_nanoseconds else ()
     return _match(poses, instance, place, "time", notices, off=off, lacking=lacking)
 
 

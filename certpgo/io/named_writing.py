@@ -11,7 +11,7 @@ from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.graph.edges import symmetric
 from certpgo.graph.information import Information
-from certpgo.graph.labels import NO_TIME, Labels, in_seconds
+from certpgo.graph.keys import NO_TIME, Keys, in_seconds
 from certpgo.io.exact import quaternion
 from certpgo.io.named_lines import NAMES, Kind, is_name
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
@@ -20,14 +20,14 @@ from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 _TIME = "0"
 
 
-def write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
+def write_poses(path: Path, estimate: Estimate, keys: Keys) -> None:
     """Write the vertices of an estimate."""
     t = estimate.translations
     if t is None:
         raise InputError("pyfg needs translations; the estimate has rotations only")
-    points = labels.is_point(len(t))
-    names = _names(labels.names, labels.ids_of(len(t)), points)
-    _write(path, _vertices(names, _times(labels.times_ns, len(t)), estimate.rotations, t, points))
+    points = keys.is_point(len(t))
+    names = _names(keys.names, keys.ids_of(len(t)), points)
+    _write(path, _vertices(names, _times(keys.times_ns, len(t)), estimate.rotations, t, points))
 
 
 def write_graph(path: Path, instance: Instance) -> None:

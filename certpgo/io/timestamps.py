@@ -11,7 +11,7 @@ import numpy as np
 
 from certpgo.errors import FormatError, InputError
 from certpgo.graph import Estimate, Instance
-from certpgo.graph.labels import NO_TIME, ROUNDED, SECOND
+from certpgo.graph.keys import NO_TIME, ROUNDED, SECOND
 from certpgo.graph.wording import counted
 from certpgo.io.compressed import opened
 from certpgo.linalg.arrays import IntArray
@@ -118,12 +118,12 @@ def timed(instance: Instance, timestamps: str | Path | None) -> Instance:
 
 def timed_by(estimate: Estimate, instance: Instance) -> Instance:
     """The instance with the times of an estimate of it, if it has none of its own."""
-    labels = estimate.labels
-    if instance.times_ns is not None or labels.times_ns is None:
+    keys = estimate.keys
+    if instance.times_ns is not None or keys.times_ns is None:
         return instance
-    if labels.subset(instance.poses).ids_are_times:
+    if keys.subset(instance.poses).ids_are_times:
         return instance
-    return replace(instance, times_ns=labels.times_ns[: len(instance.ids[: instance.world])])
+    return replace(instance, times_ns=keys.times_ns[: len(instance.ids[: instance.world])])
 
 
 def refuse_repeats(times: IntArray) -> None:

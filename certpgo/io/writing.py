@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from certpgo.errors import InputError, InputNotice, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.graph import has_matrix_weights
-from certpgo.graph.labels import SECOND, Labels
+from certpgo.graph.keys import SECOND, Keys
 from certpgo.graph.wording import counted
 from certpgo.io.format import Format, format_to_write
 from certpgo.io.names import name_numbers
@@ -119,8 +119,8 @@ def write(
         lost = "pyfg files hold no fixed nodes: they are not written"
         warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
     atomically(path, lambda temporary: graph_writer(temporary, whole))
-    labels = whole.labels.subset(np.arange(len(whole.ids[: whole.world])))
-    for lost in _lost(form, labels):
+    keys = whole.keys.subset(np.arange(len(whole.ids[: whole.world])))
+    for lost in _lost(form, keys):
         warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
 
 
@@ -138,65 +138,65 @@ def _write_estimate(
         raise InputError(f"{path}: {form.name} cannot be written for an estimate")
     if instance is not None and instance.graph.d != estimate.d:
         raise InputError(f"estimate of another graph: {estimate.d}D, not {instance.graph.d}D")
-    labels = _labels(estimate, instance, ids)
-    anchored = _anchored(estimate, labels.ids_of(estimate.num_nodes), instance, anchor)
+    keys = _keys(estimate, instance, ids)
+    anchored = _anchored(estimate, keys.ids_of(estimate.num_nodes), instance, anchor)
     if instance is not None and instance.world is not None:
-        labels = labels.subset(np.arange(instance.world))
+        keys = keys.subset(np.arange(instance.world))
     lost = []
-    if labels.points is not None and labels.points.any() and not form.holds_points:
-        poses = np.flatnonzero(~labels.points)
-        anchored, labels = anchored.subset(poses), labels.subset(poses)
+    if keys.points is not None and keys.points.any() and not form.holds_points:
+        poses = np.flatnonzero(~keys.points)
+        anchored, keys = anchored.subset(poses), keys.subset(poses)
         lost.append(f"{form.name} files hold poses only: points are not written")
     if estimate.translations is not None and not form.holds_translations:
         lost.append(f"{form.name} files hold rotations only: translations are not written")
-    labels = _timed(labels, anchored.num_nodes, timestamps)
-    if form.name == "tum" and labels.times_ns is not None and not labels.times_differ:
-        labels = replace(labels, times_ns=None)
+    keys = _timed(keys, anchored.num_nodes, timestamps)
+    if form.name == "tum" and keys.times_ns is not None and not keys.times_differ:
+        keys = replace(keys, times_ns=None)
         lost.append("several poses have one timestamp: node ids are written instead")
     if timestamps is None or not form.holds_times:
-        lost.extend(_lost(form, labels))
-    if not all(map(form.holds_name, labels.names)):
-        labels = replace(labels, names=())
-    atomically(path, lambda temporary: writer(temporary, anchored, labels))
+        lost.extend(_lost(form, keys))
+    if not all(map(form.holds_name, keys.names)):
+        keys = replace(keys, names=())
+    atomically(path, lambda temporary: writer(temporary, anchored, keys))
     for sentence in lost:
         warnings.warn(f"{path}: {sentence}", InputNotice, stacklevel=3)
 
 
-def _labels(estimate: Estimate, instance: Instance | None, ids: ArrayLike | None) -> Labels:
-    """The labels of all nodes: of the instance, else of the estimate's own source."""
-    own, n = estimate.labels, estimate.num_nodes
+def _keys(estimate: Estimate, instance: Instance | None, ids: ArrayLike | None) -> Keys:
+    """The keys of all nodes: of the instance, else of the estimate's own source."""
+    own, n = estimate.keys, estimate.num_nodes
     if instance is not None:
         given = _ids(ids, n, instance)
-        times = own.times_ns if instance.times_ns is None else instance.labels.times_ns
+        times = own.times_ns if instance.times_ns is None else instance.keys.times_ns
         names = () if ids is not None else instance.names
-        return replace(instance.labels, ids=given, times_ns=times, names=names)
+        return replace(instance.keys, ids=given, times_ns=times, names=names)
     return own if ids is None else replace(own, ids=_ids(ids, n, None), names=())
 
 
-def _timed(labels: Labels, n: int, timestamps: str | Path | None) -> Labels:
-    """The labels with the times that are chosen, and without others."""
+def _timed(keys: Keys, n: int, timestamps: str | Path | None) -> Keys:
+    """The keys with the times that are chosen, and without others."""
     if timestamps is None:
-        return labels
+        return keys
     if timestamps == "ids":
-        return replace(labels, times_ns=None)
+        return replace(keys, times_ns=None)
     if timestamps == "index":
-        return replace(labels, times_ns=np.arange(n) * SECOND)
+        return replace(keys, times_ns=np.arange(n) * SECOND)
     times = node_times(Path(timestamps))
     refuse_number(Path(timestamps), times, n)
-    return replace(labels, times_ns=times)
+    return replace(keys, times_ns=times)
 
 
-def _lost(form: Format, labels: Labels) -> Iterator[str]:
-    """What such a file does not hold of the labels, one sentence each."""
-    ids, times, names = labels.ids, labels.times_ns, labels.names
+def _lost(form: Format, keys: Keys) -> Iterator[str]:
+    """What such a file does not hold of the keys, one sentence each."""
+    ids, times, names = keys.ids, keys.times_ns, keys.names
     numbered = ids is not None and not np.array_equal(ids, np.arange(len(ids)))
     named = bool(names) and all(map(form.holds_name, names))
-    if numbered and not labels.ids_are_times and not named:
+    if numbered and not keys.ids_are_times and not named:
         if not form.holds_ids:
             yield f"{form.name} files hold no node ids: they are not written"
         elif form.name == "tum" and times is not None:
             yield "a tum file holds timestamps or node ids: the ids are not written"
-    if times is not None and not form.holds_times and not (form.holds_ids and labels.ids_are_times):
+    if times is not None and not form.holds_times and not (form.holds_ids and keys.ids_are_times):
         yield f"{form.name} files hold no timestamps: they are not written"
     if names and not named and not _says(names, ids):
         yield f"{form.name} files hold no such names as {names[0]!r}: they are not written"
@@ -245,10 +245,10 @@ def _ids(ids: ArrayLike | None, n: int, instance: Instance | None) -> IntArray:
         raise InputError(f"estimate of another graph: {n} nodes, not {instance.graph.num_nodes}")
     if ids is None:
         return np.arange(n) if instance is None else instance.ids
-    labels = np.asarray(ids)
-    if labels.shape != (n,) or labels.dtype.kind not in "iu" or len(np.unique(labels)) != n:
+    keys = np.asarray(ids)
+    if keys.shape != (n,) or keys.dtype.kind not in "iu" or len(np.unique(keys)) != n:
         raise InputError(f"ids must be {n} distinct integers")
-    return labels.astype(np.intp)
+    return keys.astype(np.intp)
 
 
 def _anchored(

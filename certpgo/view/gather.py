@@ -289,7 +289,7 @@ def _truth(
     if given is None:
         return None
     known: IntArray
-    if isinstance(given, Estimate) and given.labels.identify and not is_in_order(given, instance):
+    if isinstance(given, Estimate) and given.keys.identify and not is_in_order(given, instance):
         known, truth, _ = truth_among(LabelledPoses.of(given), instance, how)
     elif isinstance(given, Estimate):
         truth = instance.in_world(_whole(instance, given))

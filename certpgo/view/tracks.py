@@ -10,7 +10,7 @@ import numpy as np
 
 from certpgo.errors import FormatError, GraphError, InputError
 from certpgo.graph import Estimate
-from certpgo.graph.labels import SECOND
+from certpgo.graph.keys import SECOND
 from certpgo.io.format import LabelledPoses, format_of
 from certpgo.io.matching import Matching, nearest
 from certpgo.io.surfaces import Surface

@@ -12,7 +12,7 @@ from certpgo import io
 from certpgo.errors import FormatError, GraphError, InputError, InputNotice
 from certpgo.graph import Estimate, Instance
 from certpgo.graph.components import restricted
-from certpgo.graph.labels import Labels
+from certpgo.graph.keys import Keys
 from certpgo.io.timestamps import timed
 
 N = 5
@@ -116,12 +116,12 @@ def test_the_order_of_a_file_without_ids_is_kept(file, tmp_path):
 def test_nanoseconds_are_recognised(file, tmp_path):
     whole = [stamp.replace(".", "") for stamp in STAMPS]
     found = certpgo.read_estimate(file(tum(whole), "ns.tum"))
-    assert found.labels.times_ns.tolist() == [int(word) for word in whole]
+    assert found.keys.times_ns.tolist() == [int(word) for word in whole]
     certpgo.write(tmp_path / "s.tum", found)
     assert first_words(tmp_path / "s.tum") == STAMPS
     evo = [f"{float(stamp):.18e}" for stamp in STAMPS]
-    times = certpgo.read_estimate(file(tum(evo), "evo.tum")).labels.times_ns
-    assert np.abs(times - found.labels.times_ns).max() < 240  # the spacing of doubles there
+    times = certpgo.read_estimate(file(tum(evo), "evo.tum")).keys.times_ns
+    assert np.abs(times - found.keys.times_ns).max() < 240  # the spacing of doubles there
     with pytest.raises(FormatError, match="in seconds, or in whole nanoseconds, expected"):
         certpgo.read_estimate(file(tum([f"{word}.5" for word in whole]), "odd.tum"))
     with pytest.raises(FormatError, match=r"a.tum:2: timestamps in seconds expected"):
@@ -136,9 +136,9 @@ def test_ids_with_gaps_survive(file, tmp_path, suffix):
     if suffix == "rots":
         estimate = estimate.with_translations(None)
     certpgo.write(path, estimate)
-    assert certpgo.read_estimate(path).labels.ids.tolist() == [10, 20, 30]
+    assert certpgo.read_estimate(path).keys.ids.tolist() == [10, 20, 30]
     moved = estimate.moved(np.eye(3)).anchored(0).subset(np.array([2, 0]))
-    assert moved.labels.ids.tolist() == [30, 10]
+    assert moved.keys.ids.tolist() == [30, 10]
 
 
 @pytest.mark.parametrize(
@@ -152,8 +152,8 @@ def test_ids_with_gaps_survive(file, tmp_path, suffix):
     ],
 )
 def test_labels_without_a_place_are_named(tmp_path, suffix, said):
-    labels = Labels(ids=[4, 7], times_ns=[1_500_000_000, 2_000_000_000])
-    estimate = Estimate(np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)), labels)
+    keys = Keys(ids=[4, 7], times_ns=[1_500_000_000, 2_000_000_000])
+    estimate = Estimate(np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)), keys)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         certpgo.write(tmp_path / f"a.{suffix}", estimate)
@@ -162,15 +162,15 @@ def test_labels_without_a_place_are_named(tmp_path, suffix, said):
 
 def test_labels_are_checked():
     poses = np.tile(np.eye(3), (2, 1, 1))
-    for labels, said in (
+    for keys, said in (
         ({"ids": [1, 1]}, "ids must be distinct"),
         ({"times_ns": [0.5, 1.0]}, "times_ns must be integers"),
         ({"names": ("a", "a")}, "names must be distinct"),
     ):
         with pytest.raises(GraphError, match=said):
-            Labels(**labels)
+            Keys(**keys)
     with pytest.raises(GraphError, match=r"ids must be \(2,\), not \(3,\)"):
-        Estimate(poses, labels=Labels(ids=[1, 2, 3]))
+        Estimate(poses, keys=Keys(ids=[1, 2, 3]))
 
 
 def test_points_and_ids_survive_beside_each_other(file, tmp_path):
@@ -186,10 +186,10 @@ def test_points_and_ids_survive_beside_each_other(file, tmp_path):
 
 def test_an_estimate_finds_its_nodes_by_its_labels(instance):
     graph, n = instance.graph, np.arange(N)
-    estimate = certpgo.solve(graph).estimate.labelled(Labels(ids=instance.ids))
+    estimate = certpgo.solve(graph).estimate.keyed(Keys(ids=instance.ids))
     turned = estimate.subset(n[::-1])
     assert certpgo.certify(instance, turned).gap == certpgo.certify(instance, estimate).gap
-    foreign = estimate.labelled(Labels(ids=instance.ids + 1))
+    foreign = estimate.keyed(Keys(ids=instance.ids + 1))
     with pytest.raises(InputError, match="estimate of another graph: node 4 is not in the graph"):
         certpgo.certify(instance, foreign)
 
@@ -235,7 +235,7 @@ def test_times_of_nodes_go_with_parts_worlds_and_files(file, tmp_path):
     certpgo.write(tmp_path / "e.npz", answer)
     again = io.read_estimate(tmp_path / "e.npz", part)
     assert np.abs(again.translations - answer.estimate.anchored(2).translations).max() < 1e-12
-    assert part.in_world(again).labels.times_ns.tolist() == [250_000_000, 500_000_000]
+    assert part.in_world(again).keys.times_ns.tolist() == [250_000_000, 500_000_000]
 
 
 def test_compressed_trajectories_keep_their_stamps(tmp_path):

@@ -32,7 +32,7 @@ import numpy as np
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.graph.information import Information
-from certpgo.graph.labels import Labels
+from certpgo.graph.keys import Keys
 from certpgo.io.assemble import instance_from_lines, poses_from_lines
 from certpgo.io.exact import quaternion
 from certpgo.io.exact.information import ROW_MAJOR_2D, ROW_MAJOR_3D
@@ -170,10 +170,10 @@ def _sighting(d: int, pair: list[int], pose: str, of_position: str) -> str:
     return f"{_SIGHTINGS[d]} {where} {of_position}\n"
 
 
-def _write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
+def _write_poses(path: Path, estimate: Estimate, keys: Keys) -> None:
     with path.open("w", encoding="ascii") as file:
         n = estimate.num_nodes
-        file.writelines(_vertex_lines(labels.ids_of(n), estimate, labels.is_point(n)))
+        file.writelines(_vertex_lines(keys.ids_of(n), estimate, keys.is_point(n)))
 
 
 def _write_graph(path: Path, instance: Instance) -> None:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from certpgo.errors import CertPGOError, FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import Information
-from certpgo.graph.labels import Labels
+from certpgo.graph.keys import Keys
 from certpgo.graph.ranges import Ranges
 from certpgo.io.expansion import refuse_bombs
 from certpgo.io.format import Format, LabelledPoses, ReadOptions
@@ -273,14 +273,14 @@ def _write_graph(path: Path, instance: Instance) -> None:
     _save(path, "graph", arrays)
 
 
-def _write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
-    arrays = {"ids": labels.ids_of(estimate.num_nodes), **_named("", estimate)}
-    if labels.points is not None and labels.points.any():
-        arrays["points"] = labels.points
-    if labels.times_ns is not None:
-        arrays["times_ns"] = labels.times_ns
-    if labels.names:
-        arrays["names"] = np.array(labels.names)
+def _write_poses(path: Path, estimate: Estimate, keys: Keys) -> None:
+    arrays = {"ids": keys.ids_of(estimate.num_nodes), **_named("", estimate)}
+    if keys.points is not None and keys.points.any():
+        arrays["points"] = keys.points
+    if keys.times_ns is not None:
+        arrays["times_ns"] = keys.times_ns
+    if keys.names:
+        arrays["names"] = np.array(keys.names)
     _save(path, "estimate", arrays)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
-from certpgo.graph.labels import Labels
+from certpgo.graph.keys import Keys
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Format
 
@@ -34,11 +34,11 @@ def _recognises(path: Path, head: bytes) -> bool:
     return head.startswith((b"ply\n", b"ply\r\n"))
 
 
-def _write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
+def _write_poses(path: Path, estimate: Estimate, keys: Keys) -> None:
     t = quaternion.embedded_translations(estimate.translations)
     if t is None:
         raise InputError("PLY needs translations; the estimate has rotations only")
-    points = labels.is_point(len(t))
+    points = keys.is_point(len(t))
     count = int(points.sum())
     colours = COLOURS[points.astype(np.intp)]
     with path.open("w", encoding="ascii", newline="\n") as file:

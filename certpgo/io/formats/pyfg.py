@@ -30,7 +30,7 @@ import numpy as np
 from certpgo.errors import FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import Information
-from certpgo.graph.labels import NO_TIME
+from certpgo.graph.keys import NO_TIME
 from certpgo.graph.ranges import Ranges
 from certpgo.graph.wording import counted
 from certpgo.io.compressed import uncompressed_name
@@ -125,8 +125,8 @@ def _pose_words(words: list[bytes]) -> list[bytes]:
 def _read_poses(path: Path) -> LabelledPoses:
     nodes = _nodes(path, read_named(path, ReadOptions(ignore_information=True)))
     values, points = nodes.values, nodes.points if nodes.points.any() else None
-    labels = None, nodes.times_ns, nodes.names, points
-    return LabelledPoses(values.rotations, values.translations, *labels)
+    keys = None, nodes.times_ns, nodes.names, points
+    return LabelledPoses(values.rotations, values.translations, *keys)
 
 
 def _read_graph(path: Path, options: ReadOptions) -> Instance:

@@ -19,7 +19,7 @@ import numpy as np
 
 from certpgo.errors import FormatError, NoMeasurements
 from certpgo.graph import Instance, PoseGraph, RotationGraph
-from certpgo.graph.labels import SECOND
+from certpgo.graph.keys import SECOND
 from certpgo.graph.wording import counted
 from certpgo.io.assemble import distinct, estimate_at
 from certpgo.io.bags import Bag, opened_bag

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.graph import Estimate
-from certpgo.graph.labels import Labels
+from certpgo.graph.keys import Keys
 from certpgo.io.assemble import refuse_duplicates
 from certpgo.io.chunks import first_row, read_rows, whole
 from certpgo.io.exact import quaternion
@@ -32,10 +32,10 @@ def _convert(rows: FloatArray) -> tuple[FloatArray, ...]:
     return whole(rows[:, 0]), np.swapaxes(quaternion.rotations(q), -1, -2)
 
 
-def _write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
+def _write_poses(path: Path, estimate: Estimate, keys: Keys) -> None:
     M = np.swapaxes(quaternion.embedded(estimate.rotations), -1, -2).reshape(-1, 9)
     with path.open("w", encoding="ascii") as file:
-        for node, row in zip(labels.ids_of(len(M)).tolist(), M.tolist(), strict=True):
+        for node, row in zip(keys.ids_of(len(M)).tolist(), M.tolist(), strict=True):
             file.write(f"{node} {' '.join(map(repr, row))}\n")
 
 

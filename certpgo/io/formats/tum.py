@@ -9,7 +9,7 @@ import numpy as np
 
 from certpgo.errors import FormatError, InputError
 from certpgo.graph import Estimate
-from certpgo.graph.labels import NO_TIME, Labels, in_seconds
+from certpgo.graph.keys import NO_TIME, Keys, in_seconds
 from certpgo.io.chunks import first_row, read_rows
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Chart, Format, LabelledPoses
@@ -35,22 +35,22 @@ def _convert(rows: FloatArray) -> tuple[FloatArray, ...]:
     return rows[:, 1:4], quaternion.rotations(rows[:, 4:])
 
 
-def _write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
+def _write_poses(path: Path, estimate: Estimate, keys: Keys) -> None:
     t = quaternion.embedded_translations(estimate.translations)
     if t is None:
         raise InputError("TUM needs translations; the estimate has rotations only")
     numbers = np.hstack([t, quaternion.to_write(estimate.rotations)]).tolist()
     with path.open("w", encoding="ascii") as file:
-        for stamp, row in zip(_stamps(labels, len(numbers)), numbers, strict=True):
+        for stamp, row in zip(_stamps(keys, len(numbers)), numbers, strict=True):
             file.write(f"{stamp} {' '.join(map(repr, row))}\n")
 
 
-def _stamps(labels: Labels, n: int) -> Iterator[str]:
+def _stamps(keys: Keys, n: int) -> Iterator[str]:
     """The times in seconds; without any, the ids."""
-    if labels.times_ns is None:
-        yield from map(str, labels.ids_of(n).tolist())
+    if keys.times_ns is None:
+        yield from map(str, keys.ids_of(n).tolist())
         return
-    for time in labels.times_ns.tolist():
+    for time in keys.times_ns.tolist():
         if time == NO_TIME:
             raise InputError("TUM needs a timestamp for each pose, and some have none")
         yield in_seconds(time)

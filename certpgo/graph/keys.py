@@ -19,7 +19,7 @@ ROUNDED = 1000
 
 
 @dataclass(frozen=True, eq=False)
-class Labels:
+class Keys:
     """What a source calls the poses of an estimate.
 
     Attributes
@@ -37,8 +37,8 @@ class Labels:
 
     Examples
     --------
-    >>> from certpgo.graph.labels import Labels
-    >>> Labels(ids=[10, 20, 30]).subset([2, 0]).ids
+    >>> from certpgo.graph.keys import Keys
+    >>> Keys(ids=[10, 20, 30]).subset([2, 0]).ids
     array([30, 10])
     """
 
@@ -62,7 +62,7 @@ class Labels:
                 raise GraphError(f"{name} must be distinct")
 
     def require(self, n: int) -> None:
-        """Refuse labels of another number of poses by a GraphError."""
+        """Refuse keys of another number of poses by a GraphError."""
         for name in ("ids", "times_ns", "points"):
             value = getattr(self, name)
             if value is not None and value.shape != (n,):
@@ -117,12 +117,12 @@ class Labels:
         if known is not None and len(known):
             yield "times", f"{in_seconds(int(known.min()))} to {in_seconds(int(known.max()))} s"
 
-    def subset(self, chosen: IntArray) -> Labels:
-        """The labels of some poses, by index, in that order."""
+    def subset(self, chosen: IntArray) -> Keys:
+        """The keys of some poses, by index, in that order."""
         chosen = np.asarray(chosen)
         if chosen.dtype.kind == "b":
             chosen = np.flatnonzero(chosen)
-        return Labels(
+        return Keys(
             None if self.ids is None else self.ids[chosen],
             None if self.times_ns is None else self.times_ns[chosen],
             tuple(self.names[k] for k in chosen.tolist()) if self.names else (),
@@ -138,4 +138,4 @@ def in_seconds(time_ns: int) -> str:
 
 
 #: Of an estimate in the order of its graph's nodes.
-UNLABELLED = Labels()
+NO_KEYS = Keys()
