@@ -5,18 +5,15 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
-
-import numpy as np
 
 from certpgo.assess.assessment import Assessment, assess
 from certpgo.certify.judge import Judge
 from certpgo.costs import Certifiable
-from certpgo.errors import CertPGOError, InputError
+from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Instance
-from certpgo.io import read_estimate
 from certpgo.io.digits import Writing
 from certpgo.io.writing import atomically
 
@@ -76,33 +73,8 @@ class JudgedGraph:
         )
 
 
-def estimates_for(
-    path: Path,
-    whole: Instance,
-    parts: Sequence[Instance],
-    timestamps: str | Path = "ids",
-    topic: str | None = None,
-) -> list[Estimate]:
-    """The estimate of each part, from a file that covers the whole graph or its only part.
-
-    Raises
-    ------
-    InputError
-        The file is unusable or belongs to another graph.
-    """
-    if len(parts) == 1 and parts[0] is whole:
-        return [read_estimate(path, whole, timestamps=timestamps, topic=topic)]
-    try:
-        estimate = read_estimate(path, whole, timestamps=timestamps, topic=topic)
-    except InputError:
-        if len(parts) != 1:
-            raise
-        return [read_estimate(path, parts[0], timestamps=timestamps, topic=topic)]
-    return [estimate.subset(np.searchsorted(whole.ids, part.ids)) for part in parts]
-
-
 def judge_all(
-    names: Iterable[str], parts: Sequence[JudgedGraph], read: Callable[[str], Sequence[Estimate]]
+    names: Iterable[str], read: Callable[[str], Iterable[tuple[JudgedGraph, Estimate]]]
 ) -> Iterator[JudgedEstimate]:
     """The rows of each estimate; one that cannot be read becomes a row with the error.
 
@@ -110,11 +82,11 @@ def judge_all(
 
     Parameters
     ----------
-    read : returns the estimate of each part, given a name
+    read : returns the graphs that an estimate is of, with their estimates, given a name
     """
     for name in names:
         try:
-            for part, estimate in zip(parts, read(name), strict=True):
+            for part, estimate in read(name):
                 yield _row(name, part.instance.name, part.assessed(estimate))
                 if part.judge.interrupted:
                     return

@@ -31,11 +31,21 @@ HtmlOut = Annotated[
     typer.Option("--html", metavar="OUT", help="Write an HTML page with plots and a 3D view."),
 ]
 Timestamps = Annotated[
-    str,
+    str | None,
     typer.Option(
         "--timestamps",
         metavar="ids|index|FILE",
-        help="TUM timestamps are node ids, ignored (index), or matched with the times in FILE.",
+        show_default="node ids if they can be",
+        help="Timestamps of poses are node ids, ignored (index), or matched with the nodes' times: "
+        "those of FILE, a line per node.",
+    ),
+]
+MaxDifference = Annotated[
+    float,
+    typer.Option(
+        "--max-difference",
+        metavar="SECONDS",
+        help="Largest difference between the times of a node and of its pose.",
     ),
 ]
 

@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from certpgo.cli._show import notice, progress_bar
+from certpgo.cli._show import notice, noticing, progress_bar
 from certpgo.errors import GraphError, InputError
 
 if TYPE_CHECKING:
     from certpgo.datasets.source import Source
     from certpgo.graph import Estimate, Instance
+    from certpgo.io.matching import Matching
 
 #: Seconds of reading after which a progress bar appears.
 PATIENCE = 1.0
@@ -250,13 +251,45 @@ def takes_reading(command: Callable[..., int | None]) -> Callable[..., int | Non
     return with_reading
 
 
-def restricted_to(part: Instance, estimate: Estimate | None, instance: Instance) -> Estimate | None:
+def restricted_to(part: Instance, estimate: Estimate, instance: Instance) -> Estimate:
     """An estimate of the whole instance for one of its parts."""
+    from certpgo.io.matching import places
+
+    if part is instance:
+        return estimate
+    return estimate.subset(places(part.ids, instance.ids))
+
+
+def covered(
+    path: Path, instance: Instance, reading: Reading, how: Matching
+) -> tuple[Instance, Estimate]:
+    """The estimate in a file, and the instance of the nodes that it has; a notice says if not all.
+
+    Raises
+    ------
+    FormatError
+        The file cannot be read, or is of another graph.
+    """
     import numpy as np
 
-    if estimate is None or part is instance:
-        return estimate
-    return estimate.subset(np.searchsorted(instance.ids, part.ids))
+    from certpgo.graph.components import restricted
+    from certpgo.graph.wording import counted
+    from certpgo.io.estimates import read_part
+
+    with noticing():
+        nodes, estimate = read_part(path, instance, how, topic=reading.topic_of(path))
+    n = instance.graph.num_nodes
+    if len(nodes) == n:
+        return instance, estimate
+    count = f"{len(nodes)} of {n} nodes"
+    between = np.isin(instance.graph.edges, nodes).all(axis=1)
+    if not between.any():
+        raise InputError(f"{path}: poses of {count}, and no measurements between these")
+    measured = counted(int(between.sum()), "measurement{s}")
+    said = f"poses of {count}: judged by the {measured} between these"
+    notice(f"{path}: {said}")
+    part = restricted(instance, nodes, f"{instance.name} [{count}]")
+    return replace(part, notices=(*part.notices, said)), estimate
 
 
 @contextmanager

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from certpgo.cli._show import noticing
+from certpgo.cli._show import notice
+from certpgo.errors import InputError
 
 if TYPE_CHECKING:
     from certpgo.assess.metrics import TrajectoryErrors
     from certpgo.cli._reading import Reading
     from certpgo.graph import Estimate, Instance
+    from certpgo.io.matching import Matching
     from certpgo.linalg.arrays import IntArray
 
 TruthFile = Annotated[
@@ -21,9 +23,14 @@ TruthFile = Annotated[
     typer.Option(
         "--truth",
         metavar="FILE",
-        help="Ground truth of the poses, by node id, a file or dataset: print the absolute and "
-        "relative trajectory errors (ATE, RPE).",
+        help="Ground truth of the poses, a file or dataset: print the absolute and relative "
+        "trajectory errors (ATE, RPE). Matched by time where the nodes' times are known "
+        "(--timestamps FILE), else by node id.",
     ),
+]
+TruthOffset = Annotated[
+    float,
+    typer.Option("--truth-offset", metavar="SECONDS", help="Added to the timestamps of the truth."),
 ]
 
 
@@ -35,8 +42,12 @@ class KnownPoses:
     poses: Estimate
 
     @classmethod
-    def of(cls, path: Path | None, part: Instance, reading: Reading) -> KnownPoses | None:
+    def of(
+        cls, path: Path | None, part: Instance, reading: Reading, how: Matching
+    ) -> KnownPoses | None:
         """The truth in a file or dataset, of the poses of a graph; None without a file.
+
+        A notice says how many of these there are, and how they were matched.
 
         Raises
         ------
@@ -45,13 +56,15 @@ class KnownPoses:
         """
         import numpy as np
 
-        from certpgo.io import read_truth
+        from certpgo.io.estimates import matched_truth, truth_in_words
 
         if path is None:
+            if how.offset:
+                raise InputError("--truth-offset is about --truth")
             return None
         path = reading.resolve(str(path)).path()
-        with noticing():
-            nodes, poses = read_truth(path, part, topic=reading.topic_of(path))
+        nodes, poses, found = matched_truth(path, part, how, topic=reading.topic_of(path))
+        notice(f"{path}: {truth_in_words(found, part)}")
         of_poses = np.isin(nodes, part.poses)
         return cls(nodes[of_poses], poses.subset(np.flatnonzero(of_poses)))
 

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from certpgo.cli._interrupting import ends_at_once
-from certpgo.cli._options import GraphName, Json, Timestamps
-from certpgo.cli._reading import Reading, takes_reading
-from certpgo.cli._show import document, facts, noticing, table, working
+from certpgo.cli._options import GraphName, Json, MaxDifference, Timestamps
+from certpgo.cli._reading import Reading, covered, restricted_to, takes_reading
+from certpgo.cli._show import document, facts, table, working
 
 if TYPE_CHECKING:
     from certpgo.assess.ladder import Ladder, Rung
@@ -35,27 +35,28 @@ def command(
     force: Annotated[
         bool, typer.Option("--force", help="Solve it even if memory may not suffice.")
     ] = False,
-    timestamps: Timestamps = "ids",
+    timestamps: Timestamps = None,
+    max_difference: MaxDifference = 0.01,
     json: Json = False,
     *,
     reading: Reading,
 ) -> None:
     """Compute bounds on the optimum, cheapest first, and what each implies for an estimate."""
     from certpgo.assess.ladder import ladder
+    from certpgo.io.matching import Matching
+    from certpgo.io.timestamps import timed
     from certpgo.objective.problem import problem_of
 
     path = None if estimate is None else reading.resolve(estimate).path()
-    instance = reading.open(reading.resolve(graph))
-    parts = reading.parts(instance)
-    points: list[Estimate | None] = [None] * len(parts)
+    instance = timed(reading.open(reading.resolve(graph)), timestamps)
+    given: Estimate | None = None
     if path is not None:
-        from certpgo.assess.batch import estimates_for
-
-        topic = reading.topic_of(path)
-        with noticing():
-            points = [*estimates_for(path, instance, parts, timestamps, topic)]
+        how = Matching.of(timestamps, max_difference)
+        instance, given = covered(path, instance, reading, how)
     documents = []
-    for part, point in zip(parts, points, strict=True):
+    parts = reading.parts(instance)
+    for part in parts:
+        point = None if given is None else restricted_to(part, given, instance)
         with working(f"bounds of {part.name}"), ends_at_once() if sdp else nullcontext():
             found = ladder(problem_of(part.graph), point, sdp=sdp, force=force)
         if json:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,6 +16,7 @@ from certpgo.cli._options import (
     GraphName,
     HtmlOut,
     Json,
+    MaxDifference,
     ProofOut,
     Timestamps,
     chosen_cost,
@@ -25,9 +27,9 @@ from certpgo.cli._options import (
 )
 from certpgo.cli._paging import origin_of, require_pages, write_page
 from certpgo.cli._proving import REFUSED, provable_source, prove
-from certpgo.cli._reading import Reading, takes_reading
+from certpgo.cli._reading import Reading, covered, restricted_to, takes_reading
 from certpgo.cli._show import StatusLine, document, notice, noticing, working
-from certpgo.cli._truth import KnownPoses, TruthFile
+from certpgo.cli._truth import KnownPoses, TruthFile, TruthOffset
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
 from certpgo.errors import InputError
 
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
     from certpgo.certify import Certificate
     from certpgo.costs import Certifiable
     from certpgo.graph import Estimate, Instance
+    from certpgo.io.matching import Matching
     from certpgo.solvers.certified.disagreement import Disagreement
 
 
@@ -66,8 +69,10 @@ def command(
     best: Annotated[
         Path | None, typer.Option("--best", metavar="OUT", help="Write the best estimate found.")
     ] = None,
-    timestamps: Timestamps = "ids",
+    timestamps: Timestamps = None,
+    max_difference: MaxDifference = 0.01,
     truth: TruthFile = None,
+    truth_offset: TruthOffset = 0.0,
     csv: Annotated[
         Path | None,
         typer.Option("--csv", metavar="OUT", help="Write a row per ESTIMATE."),
@@ -82,11 +87,10 @@ def command(
 
     Ctrl-C prints what is proven by then; a second Ctrl-C aborts.
     """
-    from certpgo.assess.batch import JudgedGraph
-    from certpgo.certify.judge import Judge
     from certpgo.certify.proof_file import refuse_unreadable
-    from certpgo.costs import certifiable
     from certpgo.io.format import format_to_write
+    from certpgo.io.matching import Matching
+    from certpgo.io.timestamps import timed, timed_by
 
     _refuse_mixtures(estimates, csv, truth=truth, best=best, proof=proof, html=html)
     if best is not None:
@@ -103,35 +107,39 @@ def command(
         _verdict.refuse_screening(tier)
     tier = tier or ("standard" if proof is None else "proof")
     provable = None if proof is None else provable_source(source)
-    instance = reading.open(source, distances=True)
+    instance = timed(reading.open(source, distances=True), timestamps)
     refuse_with_distances(instance, proof=proof)
     own = chosen_cost(cost, instance)
     if provable is not None:
         refuse_unreadable(provable, instance, own)
-    parts = []
     status = StatusLine()
-    for connected in reading.parts(instance):
-        problem = certifiable(connected, own)
-        judge = Judge(
-            problem,
-            tier=tier,
-            rtol=rtol,
-            atol=atol,
-            refine=refine,
-            time_limit=time_limit,
-            monitor=status,
-            ctrl_c=True,
-        )
-        parts.append(JudgedGraph(connected, problem, judge))
+    how = Matching.of(timestamps, max_difference)
+
+    settings: dict[str, Any] = {"tier": tier, "rtol": rtol, "atol": atol, "refine": refine}
+    settings |= {"time_limit": time_limit, "monitor": status, "ctrl_c": True}
+
+    def judged(of: Instance) -> list[JudgedGraph]:
+        return _judged(of, reading, own, settings)
+
+    if csv is not None:
+        return _batch(estimates, instance, judged, how, csv, json, reading, status)
+    path = reading.resolve(estimates[0]).path()
+    whole, estimate = covered(path, instance, reading, how)
+    parts = judged(whole)
     if len(parts) > 1:
         _refuse_parts(best=best, proof=proof, html=html)
-    if csv is not None:
-        return _batch(estimates, instance, parts, timestamps, csv, json, reading, status)
-    path = reading.resolve(estimates[0]).path()
-    given = _read(path, instance, parts, timestamps, reading)
-    truths = [KnownPoses.of(truth, part.instance, reading) for part in parts]
+    if proof is not None and whole is not instance:
+        raise InputError("--proof needs an estimate of all nodes: it is about the whole file")
+    given = [restricted_to(part.instance, estimate, whole) for part in parts]
+    # The nodes have the times of their poses, where the graph has none.
+    parts = [
+        replace(part, instance=timed_by(point, part.instance))
+        for part, point in zip(parts, given, strict=True)
+    ]
+    that = how.of_truth(truth_offset)
+    truths = [KnownPoses.of(truth, part.instance, reading, that) for part in parts]
     asked = None if json else Asked(graph, own, reading, estimates[0], best is not None)
-    assessments, disagreements = _single(path, given, parts, truths, asked, status)
+    assessments, disagreements = _single(path, instance, given, parts, truths, asked, status)
     if best is not None:
         _write_best(best, parts[0], assessments[0])
     elif any(_is_better_known(a, json) for a in assessments):
@@ -148,19 +156,29 @@ def command(
         certificate = assessments[0].certificate
         proven = prove(proof, provable, parts[0].instance, given[0], certificate, json=json)
     if html is not None:
-        part, problem = parts[0], parts[0].problem
-        written = proof if proven else None
         remarks = [f"{found}." for found in disagreements if found is not None]
         origin = origin_of(
             graph,
             reading,
             estimate=estimates[0],
-            proof=written,
+            proof=proof if proven else None,
             remarks=remarks,
             disagreeing=bool(remarks),
         )
-        write_page(html, part.instance, problem, given[0], assessments[0], origin)
+        write_page(html, parts[0].instance, parts[0].problem, given[0], assessments[0], origin)
     return code if proven else code or REFUSED
+
+
+def _judged(
+    of: Instance, reading: Reading, cost: str, settings: dict[str, Any]
+) -> list[JudgedGraph]:
+    """The connected graphs of an instance, each with a certifier of its estimates."""
+    from certpgo.assess.batch import JudgedGraph
+    from certpgo.certify.judge import Judge
+    from certpgo.costs import certifiable
+
+    problems = [(part, certifiable(part, cost)) for part in reading.parts(of)]
+    return [JudgedGraph(part, problem, Judge(problem, **settings)) for part, problem in problems]
 
 
 def _refuse_mixtures(
@@ -206,13 +224,17 @@ def _may_gain(certificate: Certificate, problem: Certifiable) -> bool:
 
 def _single(
     path: Path,
+    whole: Instance,
     given: Sequence[Estimate],
     parts: Sequence[JudgedGraph],
     truths: Sequence[KnownPoses | None],
     asked: Asked | None,
     status: StatusLine,
 ) -> tuple[list[Assessment], list[Disagreement | None]]:
-    """Certify the estimate of each part; printed as text, or as JSON without ``asked``."""
+    """Certify the estimate of each part; printed as text, or as JSON without ``asked``.
+
+    Text names a part that is not the whole graph.
+    """
     from certpgo.io.digits import writing_of
 
     writing = writing_of(path)
@@ -229,7 +251,7 @@ def _single(
             ended = part.judge.ended_by is not None
             disagreements.append(None if ended else _disagreement(part.problem, found))
         if asked is not None:
-            if len(parts) > 1:
+            if part.instance.name != whole.name:
                 typer.echo(part.instance.name)
             steps = steps_after(
                 found.certificate, part.instance, asked, disagreement=disagreements[-1]
@@ -272,8 +294,8 @@ def _disagreement(problem: Certifiable, found: Assessment) -> Disagreement | Non
 def _batch(
     names: Sequence[str],
     instance: Instance,
-    parts: Sequence[JudgedGraph],
-    timestamps: str,
+    judged: Callable[[Instance], list[JudgedGraph]],
+    how: Matching,
     out: Path,
     json: bool,
     reading: Reading,
@@ -282,16 +304,19 @@ def _batch(
     """Certify every estimate, with progress on stderr; returns the exit code."""
     from dataclasses import asdict
 
-    from certpgo.assess.batch import judge_all, write_rows
+    from certpgo.assess.batch import JudgedGraph, judge_all, write_rows
 
-    rows = []
+    whole, used, rows = judged(instance), list[JudgedGraph](), []
     with working("certifying") as status.line:
 
-        def read(name: str) -> list[Estimate]:
+        def read(name: str) -> Iterator[tuple[JudgedGraph, Estimate]]:
             status.line.update(f"certifying {name}")
-            return _read(reading.resolve(name).path(), instance, parts, timestamps, reading)
+            of, estimate = covered(reading.resolve(name).path(), instance, reading, how)
+            parts = whole if of is instance else judged(of)
+            used.extend(parts)
+            return ((part, restricted_to(part.instance, estimate, of)) for part in parts)
 
-        for row in judge_all(names, parts, read):
+        for row in judge_all(names, read):
             rows.append(row)
             done = len({row.estimate for row in rows})
             result = row.reason if row.cost is None else f"{row.estimate}: F {row.cost:.8g}"
@@ -299,23 +324,9 @@ def _batch(
     write_rows(out, rows)
     if json:
         document([asdict(row) for row in rows])
-    if any(part.judge.interrupted for part in parts):
+    if any(part.judge.interrupted for part in used):
         return _verdict.INTERRUPTED
     return _verdict.weakest(row.verdict for row in rows)
-
-
-def _read(
-    path: Path,
-    instance: Instance,
-    parts: Sequence[JudgedGraph],
-    timestamps: str,
-    reading: Reading,
-) -> list[Estimate]:
-    from certpgo.assess.batch import estimates_for
-
-    of_parts, topic = [part.instance for part in parts], reading.topic_of(path)
-    with noticing():
-        return estimates_for(path, instance, of_parts, timestamps, topic)
 
 
 def _write_best(out: Path, part: JudgedGraph, assessment: Assessment) -> None:

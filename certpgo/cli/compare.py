@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from certpgo.cli._options import Cost, Json
+from certpgo.cli._options import Cost, Json, MaxDifference, Timestamps
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, notice, paragraph, table, working
-from certpgo.cli._truth import KnownPoses, TruthFile
+from certpgo.cli._truth import KnownPoses, TruthFile, TruthOffset
 from certpgo.cli._verdict import INTERRUPTED
 from certpgo.errors import CertPGOError, InputError
 from certpgo.graph.wording import counted
@@ -68,7 +68,10 @@ def command(
     phases: Annotated[
         bool, typer.Option("--phases", help="Show the seconds of each phase.")
     ] = False,
+    timestamps: Timestamps = None,
+    max_difference: MaxDifference = 0.01,
     truth: TruthFile = None,
+    truth_offset: TruthOffset = 0.0,
     json: Json = False,
     *,
     reading: Reading,
@@ -77,6 +80,8 @@ def command(
     from certpgo.assess.comparison import MethodResult, as_data
     from certpgo.assess.comparison_table import notes
     from certpgo.costs import problem_under
+    from certpgo.io.matching import Matching
+    from certpgo.io.timestamps import timed
 
     chosen = _default_methods(cost) if methods is None else _methods(methods.split(","), cost)
     named = [reading.resolve(name) for name in dict.fromkeys(graphs or ())]
@@ -85,6 +90,9 @@ def command(
         source.path()  # report missing files and download datasets before any work
     if truth is not None and len(sources) > 1:
         raise InputError("--truth is of one graph")
+    if timestamps is not None and truth is None:
+        raise InputError("--timestamps is about --truth")
+    how = Matching.of(timestamps, max_difference).of_truth(truth_offset)
     if (about := _duration(sources, len(chosen))) is not None:
         notice(f"this takes about {about}")
     results = _Results(out, cost)
@@ -94,7 +102,7 @@ def command(
         for source in sources:
             try:
                 failed = "not read"
-                parts = reading.parts(reading.open(source, notices=False))
+                parts = reading.parts(timed(reading.open(source, notices=False), timestamps))
                 failed = "not compared"
                 for part in parts:
                     problem_under(part, cost.value)  # report graphs without this cost
@@ -107,7 +115,7 @@ def command(
             for part in parts:
                 # A method requested by name is run anyway, and reports why it is unsuited.
                 suited = [method for method in chosen if methods or method.suits(part.graph)]
-                known = KnownPoses.of(truth, part, reading)
+                known = KnownPoses.of(truth, part, reading, how)
                 _compare(part, suited, results, known, None if json else phases)
         results.complete()
     except BaseException as error:

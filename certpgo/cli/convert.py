@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from certpgo.cli._options import Timestamps
+from certpgo.cli._options import MaxDifference, Timestamps
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import noticing
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
@@ -48,7 +48,8 @@ def command(
             "--anchor", help="Frame: first pose as in the file, first pose identity, or fixed pose."
         ),
     ] = None,
-    timestamps: Timestamps = "ids",
+    timestamps: Timestamps = None,
+    max_difference: MaxDifference = 0.01,
     isotropic: Annotated[
         bool,
         typer.Option("--isotropic", help="Write the weights of F, not full information matrices."),
@@ -76,15 +77,23 @@ def command(
                     )
             if isotropic:
                 converted = replace(converted, information=None)
-            write(target, converted, format=format)
+            with noticing():
+                write(target, converted, format=format)
             return
     if isotropic:
         raise InputError(f"--isotropic is about measurements, and {path} is converted as poses")
     instance = None if graph is None else reading.open(reading.resolve(graph), distances=True)
     with noticing():
+        topic = reading.topic_of(path)
         write(
             target,
-            read_estimate(path, instance, timestamps=timestamps, topic=reading.topic_of(path)),
+            read_estimate(
+                path,
+                instance,
+                timestamps=timestamps,
+                max_difference=max_difference,
+                topic=topic,
+            ),
             instance=instance,
             format=format,
             anchor=None if anchor is None else anchor.value,

@@ -18,7 +18,9 @@ from certpgo.cli._options import (
     GraphName,
     HtmlOut,
     Json,
+    MaxDifference,
     ProofOut,
+    Timestamps,
     chosen_cost,
     refuse_chordal_only,
     refuse_unprovable,
@@ -31,7 +33,7 @@ from certpgo.cli._proving import REFUSED, provable_source
 from certpgo.cli._reading import Reading, restricted_to, takes_reading
 from certpgo.cli._show import StatusLine, document, notice, noticing, working
 from certpgo.cli._solved import UNPROVABLE, Solved
-from certpgo.cli._truth import KnownPoses, TruthFile
+from certpgo.cli._truth import KnownPoses, TruthFile, TruthOffset
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable, targets_of
 from certpgo.errors import InputError
 from certpgo.optimize.monitor import Monitor, TableMonitor
@@ -39,6 +41,7 @@ from certpgo.optimize.monitor import Monitor, TableMonitor
 if TYPE_CHECKING:
     from certpgo import SolveSettings
     from certpgo.graph import Estimate, Instance
+    from certpgo.io.matching import Matching
     from certpgo.optimize.solution import Solver
     from certpgo.solvers.certified import CertifiedSolution
     from certpgo.solvers.certified.disagreement import Disagreement
@@ -66,7 +69,10 @@ def command(
     format: Annotated[
         str | None, typer.Option("--format", help="Format of --out; by default from its suffix.")
     ] = None,
+    timestamps: Timestamps = None,
+    max_difference: MaxDifference = 0.01,
     truth: TruthFile = None,
+    truth_offset: TruthOffset = 0.0,
     proof: ProofOut = None,
     html: HtmlOut = None,
     covariances: Annotated[
@@ -117,8 +123,10 @@ def command(
     """
     from certpgo import SolveSettings
     from certpgo.certify.proof_file import refuse_unreadable
-    from certpgo.io import read_estimate, write
+    from certpgo.io import write
     from certpgo.io.format import format_to_write
+    from certpgo.io.matching import Matching
+    from certpgo.io.timestamps import timed
 
     _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank)
     refuse_chordal_only(cost, method=method, robust=robust)
@@ -134,21 +142,18 @@ def command(
         refuse_unwritable(written)
     require_pages(html)
     source = reading.resolve(graph)
-    refuse_overwriting([out, proof, html, covariances], [source, initial, truth])
+    refuse_overwriting([out, proof, html, covariances], [source, initial, truth, timestamps])
     provable = None if proof is None else provable_source(source)
-    instance = reading.open(source, distances=True)
+    instance = timed(reading.open(source, distances=True), timestamps)
     refuse_with_distances(instance, method=method, robust=robust, proof=proof)
     parts = reading.parts(instance)
     whole = len(parts) == 1 and certify
     _refuse_parts(whole, proof=proof, html=html, covariances=covariances)
     targets = targets_of(out, parts)
-    refuse_overwriting(targets, [source, initial, truth])
-    truths = [KnownPoses.of(truth, part, reading) for part in parts]
-    with noticing():
-        start = None
-        if initial is not None:
-            begun = reading.resolve(str(initial)).path()
-            start = read_estimate(begun, instance, topic=reading.topic_of(begun))
+    refuse_overwriting(targets, [source, initial, truth, timestamps])
+    how = Matching.of(timestamps, max_difference)
+    truths = [KnownPoses.of(truth, part, reading, how.of_truth(truth_offset)) for part in parts]
+    start = None if initial is None else _start(initial, instance, reading, how)
     solver = None if method is None else _solver(method, settings, parts)
     if initial is not None and not getattr(solver, "takes_initial", True):
         raise InputError(f"{method} takes no initial estimate: not with --initial")
@@ -161,7 +166,7 @@ def command(
         if scheduler is not None:
             stack.enter_context(_distributed(scheduler))
         for part, target, known in zip(parts, targets, truths, strict=True):
-            begin = restricted_to(part, start, instance)
+            begin = None if start is None else restricted_to(part, start, instance)
             with working(f"solving {part.name}") as status:
                 monitor = TableMonitor() if trace else StatusLine(status)
                 if solver is None or method is None:
@@ -205,6 +210,21 @@ def _solver(method: str, settings: Sequence[str] | None, parts: Sequence[Instanc
     for part in parts:
         refuse_unsuited(method, solver, part.graph)
     return solver
+
+
+def _start(path: Path, instance: Instance, reading: Reading, how: Matching) -> Estimate:
+    """The initial estimate in a file or dataset, of all nodes."""
+    from certpgo.io import read_estimate
+
+    path = reading.resolve(str(path)).path()
+    with noticing():
+        return read_estimate(
+            path,
+            instance,
+            timestamps=how.timestamps,
+            max_difference=how.max_difference,
+            topic=reading.topic_of(path),
+        )
 
 
 def _refuse_parts(whole: bool, **outputs: Path | None) -> None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import time
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from certpgo.cli._options import Data
+from certpgo.cli._options import Data, MaxDifference, Timestamps
 from certpgo.cli._show import notice, noticing, working
+from certpgo.cli._truth import TruthOffset
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
 from certpgo.errors import InputError
 
@@ -42,9 +43,12 @@ def command(
         Path | None,
         typer.Option("-o", "--out", metavar="HTML", help="Write one page that works offline."),
     ] = None,
+    timestamps: Timestamps = None,
+    max_difference: MaxDifference = 0.01,
     truth: Annotated[
         Path | None, typer.Option("--truth", metavar="FILE", help="Ground truth to compare with.")
     ] = None,
+    truth_offset: TruthOffset = 0.0,
     solve: Annotated[
         bool, typer.Option("--solve", help="Solve the graph, and show before and after.")
     ] = False,
@@ -71,10 +75,16 @@ def command(
     from certpgo.view.show import View
 
     refuse_unwritable(out)
-    refuse_overwriting([out], [*files, truth], data)
+    refuse_overwriting([out], [*files, truth, timestamps], data)
     if play and out is None:
         raise InputError("--play is for -o; the live view has a box to play")
-    scene = _scene(files, truth, data, solve=solve, robust=robust)
+    matching = {
+        "truth": truth,
+        "timestamps": timestamps,
+        "max_difference": max_difference,
+        "truth_offset": truth_offset,
+    }
+    scene = _scene(files, data, matching, solve=solve, robust=robust)
     view = View(scene, dark, None if colour is None else colour.value.replace("-", " "))
     if out is not None:
         with working(f"drawing {scene.name}"):
@@ -97,7 +107,7 @@ def _robust(instance: Instance) -> CertifiedSolution:
 
 
 def _scene(
-    files: list[str], truth: Path | None, data: Path | None, *, solve: bool, robust: bool
+    files: list[str], data: Path | None, matching: dict[str, Any], *, solve: bool, robust: bool
 ) -> Scene:
     """The scene of the files, with an answer if one is asked for."""
     import certpgo
@@ -106,10 +116,10 @@ def _scene(
 
     if not (solve or robust):
         with noticing():
-            return scene_of(*files, truth=truth, data=data)
+            return scene_of(*files, data=data, **matching)
     with noticing():
         instance = resolve(files[0], data).graph(quiet=True)
         with working(f"solving {instance.name}"):
             answer = _robust(instance) if robust else certpgo.solve(instance)
         notice(f"{instance.name}: {answer.verdict.value}, F = {answer.cost:.10g}")
-        return scene_of(instance, *files[1:], answer, truth=truth, data=data)
+        return scene_of(instance, *files[1:], answer, data=data, **matching)

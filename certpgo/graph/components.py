@@ -58,6 +58,7 @@ def restricted(instance: Instance, nodes: IntArray, name: str) -> Instance:
     graph = instance.graph
     inside = np.asarray(np.isin(graph.edges, nodes).all(axis=1))
     place = {int(node): k for k, node in enumerate(nodes)}
+    times = instance.times_ns
     return replace(
         instance,
         name=name,
@@ -73,4 +74,5 @@ def restricted(instance: Instance, nodes: IntArray, name: str) -> Instance:
         information=instance.information and instance.information.subset(inside),
         ranges=instance.ranges and instance.ranges.between(nodes),
         apart=None if instance.apart is None else instance.apart[nodes],
+        times_ns=None if times is None else times[nodes[nodes < len(times)]],
     )

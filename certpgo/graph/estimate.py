@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.errors import GraphError
+from certpgo.graph.keys import NO_KEYS, Keys
 from certpgo.graph.picture import drawn
 from certpgo.graph.speaking import Speaking
 from certpgo.graph.wording import counted
@@ -24,11 +25,14 @@ class Estimate(Speaking):
     rotations : (n, d, d), R_i world <- body i; a matrix of few digits is replaced by the nearest
         rotation
     translations : (n, d) origins t_i of the bodies in the world frame, metres; or None
+    keys : ids, names and timestamps, as far as the source states them; `certpgo.write` writes
+        them, and what is given with an instance is matched by them
 
     Raises
     ------
     GraphError
-        A matrix is not a rotation (the worst is named), or a translation is not finite.
+        A matrix is not a rotation (the worst is named), a translation is not finite, or the keys
+        are of another number of nodes.
 
     Examples
     --------
@@ -44,6 +48,7 @@ class Estimate(Speaking):
 
     rotations: FloatArray
     translations: FloatArray | None = None
+    keys: Keys = NO_KEYS
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rotations", frozen_floats(self.rotations))
@@ -58,6 +63,7 @@ class Estimate(Speaking):
         if defect > so.ROUNDING_DEFECT:
             cleaned = frozen_floats(so.nearest_to_rounding(self.rotations))
             object.__setattr__(self, "rotations", cleaned)
+        self.keys.require(n)
         if self.translations is None:
             return
         object.__setattr__(self, "translations", frozen_floats(self.translations))
@@ -68,11 +74,17 @@ class Estimate(Speaking):
             raise GraphError(f"node {int(np.argmax(bad))}: translation is not finite")
 
     @classmethod
-    def trusted(cls, rotations: FloatArray, translations: FloatArray | None = None) -> Estimate:
+    def trusted(
+        cls,
+        rotations: FloatArray,
+        translations: FloatArray | None = None,
+        keys: Keys = NO_KEYS,
+    ) -> Estimate:
         """An estimate without checks, for matrices known to be rotations."""
         new = object.__new__(cls)
         object.__setattr__(new, "rotations", rotations)
         object.__setattr__(new, "translations", translations)
+        object.__setattr__(new, "keys", keys)
         return new
 
     @property
@@ -86,6 +98,7 @@ class Estimate(Speaking):
             yield "extent", " x ".join(f"{length:.4g}" for length in np.ptp(t, axis=0)) + " m"
             steps = np.linalg.norm(np.diff(t, axis=0), axis=1)
             yield "path", f"{steps.sum():.4g} m through all nodes in their order"
+        yield from self.keys.facts()
         yield "next", "certpgo.certify(graph, estimate); certpgo.write(path, estimate)"
 
     def _picture(self) -> str:
@@ -105,14 +118,20 @@ class Estimate(Speaking):
 
     def with_translations(self, translations: FloatArray | None) -> Estimate:
         """The same rotations with other translations."""
-        return Estimate.trusted(self.rotations, translations)
+        return Estimate.trusted(self.rotations, translations, self.keys)
+
+    def keyed(self, keys: Keys) -> Estimate:
+        """The same poses with these keys."""
+        keys.require(self.num_nodes)
+        return Estimate.trusted(self.rotations, self.translations, keys)
 
     def moved(self, rotation: FloatArray, translation: FloatArray | None = None) -> Estimate:
         """The estimate in another world frame: S R_i and S t_i + s (``rotation`` S is (d, d))."""
         if self.translations is None:
-            return Estimate(rotation @ self.rotations)
+            return Estimate(rotation @ self.rotations, keys=self.keys)
         offset = np.zeros(self.d) if translation is None else np.asarray(translation)
-        return Estimate(rotation @ self.rotations, self.translations @ rotation.T + offset)
+        moved = self.translations @ rotation.T + offset
+        return Estimate(rotation @ self.rotations, moved, self.keys)
 
     def anchored(self, node: int, like: Estimate | None = None) -> Estimate:
         """The estimate moved so that ``node`` is the identity at the origin, or as in ``like``."""
@@ -127,4 +146,4 @@ class Estimate(Speaking):
     def subset(self, nodes: IntArray) -> Estimate:
         """The estimate of ``nodes`` alone, in that order."""
         translations = None if self.translations is None else self.translations[nodes]
-        return Estimate(self.rotations[nodes], translations)
+        return Estimate(self.rotations[nodes], translations, self.keys.subset(nodes))

@@ -13,6 +13,7 @@ from certpgo.errors import GraphError
 from certpgo.graph.estimate import Estimate
 from certpgo.graph.graph import Graph, PoseGraph
 from certpgo.graph.information import Information
+from certpgo.graph.keys import NO_TIME, Keys
 from certpgo.graph.labels import WORLD, Label, Landmark, numbering
 from certpgo.graph.picture import closures, drawn
 from certpgo.graph.ranges import Ranges
@@ -55,6 +56,8 @@ class Instance(Speaking):
     moved_by : what their ids have more than the source's own numbers
     information : the source's information matrices as they are, translation before rotation; None
         where it has none, or other weights were chosen
+    times_ns : the nodes' times, nanoseconds, of all nodes but the world, `NO_TIME` for a node
+        without one; or None
 
     Examples
     --------
@@ -81,6 +84,7 @@ class Instance(Speaking):
     ranges: Ranges | None = None
     apart: BoolArray | None = None
     moved_by: int = 0
+    times_ns: IntArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ids", frozen_indices(self.ids))
@@ -94,6 +98,13 @@ class Instance(Speaking):
         for what, value in (("truth", self.truth), ("initial", self.initial)):
             if value is not None and (value.num_nodes, value.d) != (n, self.graph.d):
                 raise GraphError(f"{what} is for another graph: {value.num_nodes} nodes, not {n}")
+        if self.times_ns is not None:
+            object.__setattr__(self, "times_ns", frozen_indices(self.times_ns))
+            if self.times_ns.shape != (count := len(self.ids[: self.world]),):
+                raise GraphError(f"times_ns must be of {count} nodes, not {self.times_ns.shape}")
+        for what, value in (("truth", self.truth), ("initial", self.initial)):
+            if value is not None:
+                object.__setattr__(self, what, value.keyed(self.keys))
         if self.outliers is not None:
             object.__setattr__(self, "outliers", frozen_flags(self.outliers))
             if self.outliers.shape != (self.graph.num_edges,):
@@ -238,6 +249,15 @@ class Instance(Speaking):
         nodes = graph.pose_nodes if isinstance(graph, PoseGraph) else np.arange(graph.num_nodes)
         return nodes if self.world is None else nodes[nodes != self.world]
 
+    @property
+    def keys(self) -> Keys:
+        """What the source calls the nodes, the world among them."""
+        times, graph = self.times_ns, self.graph
+        if times is not None and self.world is not None:
+            times = np.append(times, NO_TIME)
+        points = graph.points if isinstance(graph, PoseGraph) else None
+        return Keys(self.ids, times, self.names, points)
+
     def with_edges(self, chosen: IntArray | BoolArray) -> Instance:
         """The instance with only the chosen measurements, by index or flag, of all nodes."""
         return replace(
@@ -264,4 +284,8 @@ class Instance(Speaking):
         if t is not None:
             t = t if self.origin is None else t - self.origin
             t = np.concatenate([t, np.zeros((1, d))])
-        return Estimate(np.concatenate([estimate.rotations, np.eye(d)[None]]), t)
+        times = estimate.keys.times_ns
+        keys = self.keys
+        if times is not None:
+            keys = replace(keys, times_ns=np.append(times, NO_TIME))
+        return Estimate(np.concatenate([estimate.rotations, np.eye(d)[None]]), t, keys)

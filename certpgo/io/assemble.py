@@ -71,7 +71,7 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
         if missing:
             notices.append(counted(missing, "node{s} without a vertex line: no initial values"))
         else:
-            initial = estimate_for(ids, values, isinstance(graph, PoseGraph))
+            initial = estimate_at(values, np.argsort(vertices), isinstance(graph, PoseGraph))
     information = None
     if isinstance(graph, PoseGraph):
         information = joined_information(joined_edges.information)
@@ -229,67 +229,21 @@ def _is_integer(word: bytes, value: int) -> bool:
         return False
 
 
-def estimate_for(ids: IntArray, poses: LabelledPoses, with_translations: bool) -> Estimate:
-    """The poses of the nodes ``ids`` (ascending), in that order.
+def estimate_at(poses: LabelledPoses, order: IntArray, with_translations: bool) -> Estimate:
+    """Some poses, by index, in that order, without keys.
 
     Raises
     ------
     InputError
-        A node has no pose, a pose has no node, or translations are missing.
+        Translations are missing.
     """
-    if poses.ids is None:
-        if len(poses.rotations) != len(ids):
-            raise InputError(
-                f"{counted(len(poses.rotations), 'pose{s}')} for the graph's "
-                f"{counted(len(ids), 'node{s}')}"
-            )
-        order: IntArray = np.arange(len(ids))
-    else:
-        order = _matched(ids, poses.ids)
     if not with_translations:
         return Estimate(poses.rotations[order])
+    return Estimate(poses.rotations[order], require_translations(poses)[order])
+
+
+def require_translations(poses: LabelledPoses) -> FloatArray:
+    """The translations of poses; an InputError if there are none."""
     if poses.translations is None:
         raise InputError("rotations only, but the graph measures translations")
-    return Estimate(poses.rotations[order], poses.translations[order])
-
-
-def truth_for(instance: Instance, poses: LabelledPoses) -> tuple[IntArray, Estimate]:
-    """The nodes whose true pose is among ``poses``, ascending, and those poses in that order.
-
-    Raises
-    ------
-    InputError
-        There is none.
-    """
-    n = instance.graph.num_nodes
-    with_translations = isinstance(instance.graph, PoseGraph) and poses.translations is not None
-    if poses.ids is None:
-        return np.arange(n), estimate_for(instance.ids, poses, with_translations)
-    place = numbered(instance.ids[: instance.world], poses.ids)
-    known = np.flatnonzero(place >= 0)
-    if not len(known):
-        raise InputError("truth of another graph: no id is in the graph")
-    order = known[np.argsort(place[known])]
-    translations = poses.translations if with_translations else None
-    return place[order], Estimate(
-        poses.rotations[order], None if translations is None else translations[order]
-    )
-
-
-def _matched(ids: IntArray, given: IntArray) -> IntArray:
-    """The position of each of ``ids`` in ``given``."""
-    place = numbered(ids, given)
-    foreign = given[place < 0]
-    if len(foreign):
-        raise InputError(
-            f"estimate of another graph: node {foreign.min()} is not in the graph "
-            f"({len(foreign)} of {len(given)} are not)"
-        )
-    order = np.full(len(ids), -1, dtype=np.intp)
-    order[place] = np.arange(len(given))
-    missing = ids[order < 0]
-    if len(missing):
-        raise InputError(
-            f"the estimate lacks node {missing[0]} ({len(missing)} of the graph's {len(ids)} nodes)"
-        )
-    return order
+    return poses.translations

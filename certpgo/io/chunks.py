@@ -6,9 +6,10 @@ import re
 from codecs import BOM_UTF8
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from certpgo.errors import FormatError, InputError
 from certpgo.io.compressed import opened
@@ -125,7 +126,8 @@ def read_rows(
     expected: str,
     convert: Callable[[FloatArray], tuple[FloatArray, ...]],
     progress: Progress | None = None,
-) -> tuple[FloatArray, ...]:
+    first: Callable[[list[bytes]], NDArray[Any]] | None = None,
+) -> tuple[NDArray[Any], ...]:
     """A table of numbers, converted in chunks of rows.
 
     Parameters
@@ -133,9 +135,10 @@ def read_rows(
     columns : numbers per line
     expected : contents of a line, for the message
     convert : from rows (k, columns) to arrays (k, ...); its InputErrors name the line
+    first : from the first words of the rows to an array (k, ...), which then comes first
     """
 
-    def parse(lines: list[bytes]) -> tuple[FloatArray, ...]:
+    def parse(lines: list[bytes]) -> tuple[NDArray[Any], ...]:
         rows = [words for line in lines if (words := line.split())]
         try:
             table = np.array([float(word) for words in rows for word in words])
@@ -145,7 +148,8 @@ def read_rows(
             raise InputError(f"{expected} expected") from None
         if not {len(words) for words in rows} <= {columns} or not np.isfinite(table).all():
             raise InputError(f"{expected} expected")
-        return convert(table.reshape(-1, columns))
+        converted = convert(table.reshape(-1, columns))
+        return converted if first is None else (first([words[0] for words in rows]), *converted)
 
     parts = list(parsed(path, parse, progress))
     if not sum(len(part[0]) for part in parts):

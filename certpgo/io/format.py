@@ -12,14 +12,16 @@ from codecs import BOM_UTF8
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import compress
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
 
+import numpy as np
+
 from certpgo.errors import FormatError, InputError, InputNotice, SpecError, UnusableFile, kind_of
 from certpgo.graph import Estimate, Instance
+from certpgo.graph.keys import Keys
 from certpgo.io.compressed import opened, uncompressed_name
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
@@ -54,59 +56,49 @@ class ReadOptions:
 
 @dataclass(frozen=True, eq=False)
 class LabelledPoses:
-    """Poses with the ids of their file.
+    """Poses with the keys of their file.
 
     Attributes
     ----------
     rotations : (k, d, d)
     translations : (k, d), or None
-    ids : (k,) integers; None if the format uses order or names instead
-    times : (k,) seconds, for formats with timestamps
+    ids : (k,) integers; None if the format uses order, names or times instead. Timestamps that are
+        all whole may be ids: they are in both.
+    times_ns : (k,) integers, nanoseconds, for formats with timestamps
     names : (k,) of images, for formats with names
     points : (k,) which are points, without rotation; None for none
-    notices : how the poses were matched with nodes, if not by their ids
     """
 
     rotations: FloatArray
     translations: FloatArray | None
     ids: IntArray | None = None
-    times: FloatArray | None = None
+    times_ns: IntArray | None = None
     names: tuple[str, ...] = ()
-    notices: tuple[str, ...] = ()
     points: BoolArray | None = None
+
+    @classmethod
+    def of(cls, estimate: Estimate) -> LabelledPoses:
+        """The poses of an estimate with its keys."""
+        keys = estimate.keys
+        named = keys.ids, keys.times_ns, keys.names, keys.points
+        return cls(estimate.rotations, estimate.translations, *named)
+
+    @property
+    def keys(self) -> Keys:
+        """The keys alone."""
+        return Keys(self.ids, self.times_ns, self.names, self.points)
+
+    def subset(self, chosen: IntArray) -> LabelledPoses:
+        """Some poses, by index, in that order."""
+        t, keys = self.translations, self.keys.subset(chosen)
+        named = keys.ids, keys.times_ns, keys.names, keys.points
+        return LabelledPoses(self.rotations[chosen], None if t is None else t[chosen], *named)
 
     def without_points(self) -> LabelledPoses:
         """The poses alone."""
         if self.points is None:
             return self
-        kept = ~self.points
-        return replace(
-            self,
-            rotations=self.rotations[kept],
-            translations=None if self.translations is None else self.translations[kept],
-            ids=None if self.ids is None else self.ids[kept],
-            times=None if self.times is None else self.times[kept],
-            names=tuple(compress(self.names, kept.tolist())),
-            points=None,
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class Labels:
-    """What tells the nodes of an estimate apart in a file.
-
-    Attributes
-    ----------
-    ids : (n,) integers
-    times : (n,) seconds
-    points : (n,) which are points
-    names : (n,) of the nodes; may be empty
-    """
-
-    ids: IntArray
-    times: FloatArray
-    points: BoolArray
-    names: tuple[str, ...] = ()
+        return replace(self.subset(np.flatnonzero(~self.points)), points=None)
 
 
 @dataclass(frozen=True)
@@ -131,7 +123,7 @@ class Chart:
 GraphReader = Callable[[Path, ReadOptions], Instance]
 PoseReader = Callable[[Path], LabelledPoses]
 GraphWriter = Callable[[Path, Instance], None]
-PoseWriter = Callable[[Path, Estimate, "Labels"], None]
+PoseWriter = Callable[[Path, Estimate, Keys], None]
 
 
 @dataclass(frozen=True)
@@ -146,10 +138,13 @@ class Format:
     holds : what such a file contains, for messages
     read_graph, write_graph : for measurements, or None
     read_poses : for estimates, or None
-    write_poses : for an estimate and the labels of its nodes, or None
+    write_poses : for an estimate and the keys of its nodes, or None
     holds_points : whether such a file of an estimate can store points
     holds_ranges : whether such a file of a graph can store distances, and points that no pose sees
     holds_translations : whether such a file can store them
+    holds_ids : whether a file of an estimate can store node ids
+    holds_times : whether it can store timestamps; in a TUM file, in place of ids
+    holds_name : whether it can store a name of a node
     chart : how a text file represents a pose; None if unknown
     on_topic : the format that reads one topic of such a file; None where there are no topics
     """
@@ -165,6 +160,9 @@ class Format:
     holds_translations: bool = True
     holds_points: bool = False
     holds_ranges: bool = False
+    holds_ids: bool = False
+    holds_times: bool = False
+    holds_name: Callable[[str], bool] = lambda name: False
     chart: Chart | None = None
     on_topic: Callable[[str], Format] | None = None
 

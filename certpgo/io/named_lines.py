@@ -24,7 +24,8 @@ from certpgo.io.format import ReadOptions
 from certpgo.io.lines import floats, rpy_poses
 from certpgo.io.priors import joined_information
 from certpgo.io.stated import as_information, position_weights
-from certpgo.linalg.arrays import BoolArray, FloatArray
+from certpgo.io.timestamps import decimals
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 Kind = Literal["pose", "point", "edge", "sighting", "range", "prior", "position"]
 #: What the nodes of a measurement must be, in the order of their names; None for either.
@@ -115,6 +116,7 @@ class NamedPart:
     numbers : (k,) distances; zeros for other kinds
     kappa, tau : (k,) weights; those of distances are tau
     information : matrices; None where they are ignored, and for distances
+    stamps : (k, 2) times of poses, see `decimals`; empty for other kinds
     """
 
     names: list[tuple[str, ...]]
@@ -124,6 +126,7 @@ class NamedPart:
     kappa: FloatArray
     tau: FloatArray
     information: Information | None = None
+    stamps: IntArray = field(default_factory=lambda: decimals([]))
 
     def subset(self, chosen: BoolArray) -> NamedPart:
         """Some lines, by mask (k,)."""
@@ -165,7 +168,8 @@ class NamedLines:
         R, t, numbers, kappa, tau = (np.concatenate(column) for column in columns)
         names = [name for part in parts for name in part.names]
         information = joined_information([part.information for part in parts])
-        return NamedPart(names, R, t, numbers, kappa, tau, information)
+        stamps = np.concatenate([part.stamps for part in parts])
+        return NamedPart(names, R, t, numbers, kappa, tau, information, stamps)
 
 
 def is_named(path: Path, head: bytes) -> bool:
@@ -258,6 +262,7 @@ class _Parser:
         k, last = len(rows), 1 + tag.timed + tag.names
         if tag.timed:
             floats([row[1] for row in rows], "tag")
+        stamps = decimals([row[1] for row in rows] if tag.kind == "pose" else [])
         words = [word for row in rows for word in row[last : last + tag.numbers]]
         numbers = floats(words, "names").reshape(k, tag.numbers)
         if (np.abs(numbers[:, : max(tag.d, 1)]) > FARTHEST).any():
@@ -273,7 +278,7 @@ class _Parser:
             t, q = numbers[:, :3], numbers[:, 3:]
             R, off_norm = quaternion.rotations(q), quaternion.off_norm(q)
         content.counts["quaternion{s} off norm 1 by more than 1e-3, normalized"] += off_norm
-        return NamedPart(names, R, t, np.zeros(k), *self._weights(tag, texts))
+        return NamedPart(names, R, t, np.zeros(k), *self._weights(tag, texts), stamps)
 
     def _ranges(
         self, names: list[tuple[str, ...]], distances: FloatArray, texts: list[bytes]

@@ -11,21 +11,23 @@ from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.graph.edges import symmetric
 from certpgo.graph.information import Information
+from certpgo.graph.keys import NO_TIME, Keys, in_seconds
 from certpgo.io.exact import quaternion
-from certpgo.io.format import Labels
 from certpgo.io.named_lines import NAMES, Kind, is_name
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
+#: Of measurements, and of nodes without a time.
 _TIME = "0"
 
 
-def write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
+def write_poses(path: Path, estimate: Estimate, keys: Keys) -> None:
     """Write the vertices of an estimate."""
     t = estimate.translations
     if t is None:
         raise InputError("pyfg needs translations; the estimate has rotations only")
-    names = _names(labels.names, labels.ids, labels.points)
-    _write(path, _vertices(names, estimate.rotations, t, labels.points))
+    points = keys.is_point(len(t))
+    names = _names(keys.names, keys.ids_of(len(t)), points)
+    _write(path, _vertices(names, _times(keys.times_ns, len(t)), estimate.rotations, t, points))
 
 
 def write_graph(path: Path, instance: Instance) -> None:
@@ -48,7 +50,8 @@ def write_graph(path: Path, instance: Instance) -> None:
         if instance.origin is not None:
             t = t + np.where(of_world[:, None], instance.origin, 0.0)
     at = values.translations
-    lines = _vertices(names, values.rotations, np.zeros((n, d)) if at is None else at, points)
+    at = np.zeros((n, d)) if at is None else at
+    lines = _vertices(names, _times(instance.times_ns, n), values.rotations, at, points)
     poses = _poses(graph.rotation.rotations, t)
     covariances = _covariances(instance, graph)
     turned = graph.rotation.kappa > 0.0
@@ -80,15 +83,24 @@ def _ranges(instance: Instance, names: Sequence[str]) -> Iterator[str]:
         yield f"EDGE_RANGE {_TIME} {names[i]} {names[j]} {distance!r} {variance!r}\n"
 
 
-def _vertices(names: Sequence[str], R: FloatArray, t: FloatArray, points: BoolArray) -> list[str]:
+def _times(times_ns: IntArray | None, n: int) -> list[str]:
+    """The times of nodes in seconds."""
+    if times_ns is None:
+        return [_TIME] * n
+    return [_TIME if time == NO_TIME else in_seconds(time) for time in times_ns.tolist()]
+
+
+def _vertices(
+    names: Sequence[str], times: Sequence[str], R: FloatArray, t: FloatArray, points: BoolArray
+) -> list[str]:
     d = t.shape[1]
     pose, point = NAMES["pose"][d], NAMES["point"][d]
     return [
         f"{point} {name} {' '.join(map(repr, at))}\n"
         if is_point
-        else f"{pose} {_TIME} {name} {text}\n"
-        for name, text, at, is_point in zip(
-            names, _poses(R, t), t.tolist(), points.tolist(), strict=True
+        else f"{pose} {time} {name} {text}\n"
+        for name, time, text, at, is_point in zip(
+            names, times, _poses(R, t), t.tolist(), points.tolist(), strict=True
         )
     ]
 

@@ -9,7 +9,8 @@ from typing import Any
 
 from certpgo.errors import InputNotice
 from certpgo.graph import Estimate, Instance
-from certpgo.io.reading import read, read_estimate
+from certpgo.io.estimates import posed_as, read_estimate
+from certpgo.io.reading import read
 
 #: A path, as text or an object.
 AnyPath = str | Path
@@ -34,6 +35,8 @@ def measured(given: Any) -> Any:
 def estimated(given: Any, of: object) -> Any:
     """The estimate in the file at a path, or of an answer; anything else as it is.
 
+    What has ids, names or times is matched with an instance's nodes by them.
+
     Parameters
     ----------
     of : what is estimated; an instance says which node a pose in a file is of
@@ -43,7 +46,10 @@ def estimated(given: Any, of: object) -> Any:
     FormatError
         As `certpgo.read_estimate`.
     """
+    instance = of if isinstance(of, Instance) else None
     if isinstance(given, str | os.PathLike):
-        return read_estimate(Path(given), of if isinstance(of, Instance) else None)
+        return read_estimate(Path(given), instance)
     found = getattr(given, "estimate", given)
-    return found if isinstance(found, Estimate) else given
+    if isinstance(found, Estimate):
+        return found if instance is None else posed_as(found, instance)
+    return given

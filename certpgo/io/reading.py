@@ -2,33 +2,25 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
 
-from certpgo.errors import CertPGOError, FormatError, InputError, InputNotice
-from certpgo.graph import Estimate, Instance, PoseGraph
+from certpgo.errors import FormatError, InputError
+from certpgo.graph import Instance
 from certpgo.graph.edges import Keep, simple_edges
-from certpgo.graph.points import with_points
-from certpgo.io.assemble import estimate_for, truth_for
 from certpgo.io.chosen_weights import ChosenWeights
-from certpgo.io.dead_reckoning import integrated
+from certpgo.io.estimates import matched_truth, truth_in_words, warn_of
 from certpgo.io.format import (
-    LabelledPoses,
     Progress,
     ReadOptions,
     RotationInformation,
     WeightsAre,
-    file_of,
     format_of,
 )
-from certpgo.io.names import named_ids
-from certpgo.io.timestamps import with_node_ids
-from certpgo.linalg.arrays import IntArray
+from certpgo.io.matching import Matching
 
 _MEANINGS = ("tangent", "quaternion", "rpy")
 
@@ -128,142 +120,13 @@ def read(
     instance = _with_choices(instance, keep, weights)
     if truth is not None:
         instance = _with_truth(instance, Path(truth))
-    _warn(path, () if quiet else instance.notices)
+    warn_of(path, () if quiet else instance.notices)
     return instance
-
-
-def read_estimate(
-    path: str | Path,
-    instance: Instance | None = None,
-    *,
-    timestamps: str | Path = "ids",
-    format: str | None = None,
-    topic: str | None = None,
-) -> Estimate:
-    """Read one pose or rotation per node.
-
-    Parameters
-    ----------
-    path : a g2o or PyFG (its vertices), TUM, KITTI, .npz, 1DSfM rotations, Bundler, COLMAP
-        (images.txt), Open3D (JSON) or GLOMAP rotations file, or a bag of ROS
-    instance : the graph the estimate is for, which determines the order of nodes and whether
-        translations are needed. Without it the order is by ascending id, or the file's, and
-        translations that are all zero are dropped.
-    timestamps : meaning of the timestamps of a TUM file or bag: node ``"ids"``; none, as poses are
-        in the order of nodes (``"index"``); or a file with the time of each node, one per line
-    format : name of the format, if content and suffix do not determine it
-    topic : of a bag, where several have poses
-
-    Raises
-    ------
-    FormatError
-        With path, line and what was expected there; or it is the estimate of another graph.
-    InputError
-        No path, but an object such as GTSAM's Values, which is for `certpgo.certify_values`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> import certpgo
-    >>> from certpgo.datasets.synthetic import helix
-    >>> instance = helix(3, np.random.default_rng(0))
-    >>> certpgo.write("truth.tum", instance.truth, instance=instance, anchor="none")
-    >>> estimate = certpgo.read_estimate("truth.tum", instance)
-    >>> bool(abs(estimate.translations - instance.truth.translations).max() < 1e-12)
-    True
-    """
-    path = file_of(path)
-    poses = _poses(path, format, topic)
-    try:
-        poses = _labelled(poses, instance, timestamps)
-        if instance is None:
-            estimate = _in_own_order(poses)
-        else:
-            poses = _in_dimension(poses, instance.graph.d)
-            with_translations = isinstance(instance.graph, PoseGraph)
-            estimate = _of_nodes(instance, poses, with_translations)
-    except FormatError:
-        raise
-    except InputError as error:
-        raise FormatError(path, None, str(error)) from None
-    _warn(path, poses.notices)
-    return estimate
-
-
-def read_truth(
-    path: str | Path,
-    instance: Instance,
-    *,
-    format: str | None = None,
-    topic: str | None = None,
-) -> tuple[IntArray, Estimate]:
-    """Read ground truth, possibly of some nodes only.
-
-    Parameters
-    ----------
-    path : a file of poses as for `read_estimate`, a Bundler file, or an iSAM file of noise-free
-        relative poses, which are integrated along a spanning tree from the smallest id
-    instance : the graph it is for; ids are matched, and ids not in the graph are ignored
-    format : name of the format, if content and suffix do not determine it
-    topic : of a bag, where several have poses
-
-    Returns
-    -------
-    nodes : (k,) nodes with truth, ascending
-    truth : their k poses, in that order
-
-    Raises
-    ------
-    FormatError
-        With path, line and what was expected there.
-    """
-    path = Path(path)
-    form = format_of(path, format, topic)
-    if form.read_poses is not None:
-        poses = form.read_poses(path)
-    elif form.read_graph is not None:
-        poses = integrated(form.read_graph(path, ReadOptions(ignore_information=True)))
-    else:
-        raise FormatError(path, None, f"{form.name} files hold {form.holds}, no truth")
-    try:
-        poses = _labelled(poses, instance, "ids")
-        found = truth_for(instance, _in_dimension(poses, instance.graph.d))
-    except InputError as error:
-        raise FormatError(path, None, str(error)) from None
-    _warn(path, poses.notices)
-    return found
 
 
 def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
     if value not in choices:
         raise InputError(f"{name} must be one of {', '.join(choices)}, not {value!r}")
-
-
-def _warn(path: Path, notices: Iterable[str]) -> None:
-    for notice in notices:
-        warnings.warn(f"{path}: {notice}", InputNotice, stacklevel=3)
-
-
-def _poses(path: Path, name: str | None, topic: str | None) -> LabelledPoses:
-    form = format_of(path, name, topic)
-    if form.read_poses is None:
-        raise FormatError(path, None, f"{form.name} files hold {form.holds}, no estimate")
-    return form.read_poses(path)
-
-
-def _labelled(
-    poses: LabelledPoses, instance: Instance | None, timestamps: str | Path
-) -> LabelledPoses:
-    """The poses with the ids of their nodes, from times or names if necessary."""
-    ids = None if instance is None else instance.ids[: instance.world]
-    if not poses.names:
-        return with_node_ids(poses, ids, timestamps)
-    graph = None if instance is None else instance.graph
-    if isinstance(graph, PoseGraph) and graph.points is None:
-        poses = poses.without_points()
-    names = () if instance is None else instance.names[: instance.world]
-    found, notice = named_ids(poses, ids, names)
-    return replace(poses, ids=found, notices=(notice,) if notice else ())
 
 
 def _with_choices(instance: Instance, keep: Keep, weights: ChosenWeights) -> Instance:
@@ -284,46 +147,11 @@ def _with_choices(instance: Instance, keep: Keep, weights: ChosenWeights) -> Ins
 
 
 def _with_truth(instance: Instance, path: Path) -> Instance:
-    nodes, estimate = read_truth(path, instance)
+    nodes, estimate, found = matched_truth(path, instance, Matching())
     n = instance.graph.num_nodes
     if instance.world is not None and np.array_equal(nodes, np.arange(n - 1)):
         nodes, estimate = np.arange(n), instance.with_world(estimate)
     if len(nodes) < n:
         raise InputError(f"{path}: truth for {len(nodes)} of {n} nodes only; use read_truth")
-    return replace(instance, truth=estimate)
-
-
-def _of_nodes(instance: Instance, poses: LabelledPoses, with_translations: bool) -> Estimate:
-    """The poses of an instance's nodes; the world's is not among them, and points may not be."""
-    ids, graph = instance.ids[: instance.world], instance.graph
-    seen = graph.points if isinstance(graph, PoseGraph) else None
-    if poses.points is not None and seen is None:
-        poses = poses.without_points()
-    if seen is None or poses.points is not None or not isinstance(graph, PoseGraph):
-        return instance.with_world(estimate_for(ids, poses, with_translations))
-    nodes = np.flatnonzero(~seen[: instance.world])
-    of_poses = estimate_for(ids[nodes], poses, with_translations)
-    whole = with_points(graph, of_poses, nodes)
-    return instance.with_world(whole.subset(np.arange(len(ids))))
-
-
-def _in_own_order(poses: LabelledPoses) -> Estimate:
-    t = poses.translations
-    if t is not None and not t.any():
-        t = None
-    try:
-        estimate = Estimate(poses.rotations, t)
-    except CertPGOError as error:
-        raise InputError(str(error)) from None
-    return estimate if poses.ids is None else estimate.subset(np.argsort(poses.ids))
-
-
-def _in_dimension(poses: LabelledPoses, d: int) -> LabelledPoses:
-    """Poses for a d-dimensional graph; planar poses embedded at z = 0 become 2D."""
-    R, t = poses.rotations, poses.translations
-    if R.shape[-1] == d:
-        return poses
-    planar = d == 2 and not R[:, 2, :2].any() and not R[:, :2, 2].any() and (R[:, 2, 2] > 0.0).all()
-    if not planar or (t is not None and t[:, 2].any()):
-        raise InputError(f"{R.shape[-1]}D poses, but the graph is {d}D")
-    return replace(poses, rotations=R[:, :2, :2], translations=None if t is None else t[:, :2])
+    said = () if found.is_plain else (f"{path}: {truth_in_words(found, instance)}",)
+    return replace(instance, truth=estimate, notices=(*instance.notices, *said))

@@ -1,134 +1,76 @@
-"""Timestamps and node ids of TUM files."""
+"""Timestamps in files: decimals of seconds, or whole nanoseconds, read exactly."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
 import numpy as np
 
 from certpgo.errors import FormatError, InputError
+from certpgo.graph import Estimate, Instance
+from certpgo.graph.keys import NO_TIME, ROUNDED, SECOND
 from certpgo.graph.wording import counted
-from certpgo.io.format import LabelledPoses
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.io.compressed import opened
+from certpgo.linalg.arrays import IntArray
 
-# Larger integers are not exact in double precision.
-_EXACT = 2**53
-#: Seconds by which a pose's time may differ from its node's.
-NEAR = 0.01
-#: Timestamps this near to integers may be ids, rounded in the text.
-_ROUNDED = 1e-6
+#: Larger numbers of seconds, after the year 2262, are read as nanoseconds.
+_LAST_SECOND = np.iinfo(np.int64).max // SECOND
 
 
-def with_node_ids(
-    poses: LabelledPoses, ids: IntArray | None, timestamps: str | Path
-) -> LabelledPoses:
-    """The poses with the ids of their nodes, or without ids if matched by order.
-
-    Parameters
-    ----------
-    poses : as read; ids of their own take precedence
-    ids : (n,) of the graph, if there is one
-    timestamps : ``"ids"``, ``"index"``, or a file with one timestamp per node. Timestamps that are
-        not ids act as an index if they ascend and there is one per node; with a file, each node
-        gets the nearest pose, within `NEAR` and half the time between nodes.
+def decimals(words: Sequence[bytes]) -> IntArray:
+    """Numbers (k, 2) as an integer and billionths, exact to nine decimals.
 
     Raises
     ------
     InputError
-        Timestamps are neither ids nor one per node, a node has no pose near its time, or a
-        timestamp occurs twice.
+        A word is no number, or beyond 64 bits.
     """
-    times = poses.times
-    if poses.ids is not None or times is None or timestamps == "index":
-        return poses
-    _refuse_repeats(times)
-    if timestamps != "ids":
-        return _nearest(poses, times, ids, Path(timestamps))
-    near = np.rint(times)
-    whole = bool((np.abs(times - near) <= _ROUNDED).all() and np.abs(near).max() < _EXACT)
-    if whole and (ids is None or np.isin(near, ids).any()):
-        return replace(poses, ids=near.astype(np.intp))
-    if ids is None:
-        return poses
-    if len(times) == len(ids) and (np.diff(times) > 0.0).all():
-        notice = "the timestamps are not node ids: poses and nodes matched in ascending order"
-        return replace(poses, notices=(notice,))
-    raise InputError(
-        f"the timestamps are not node ids, and {counted(len(times), 'pose{s}')} cannot be matched "
-        f"in order with {counted(len(ids), 'node{s}')}; provide a file of the nodes' times"
-    )
-
-
-def _nearest(
-    poses: LabelledPoses, times: FloatArray, ids: IntArray | None, path: Path
-) -> LabelledPoses:
-    """The pose of each node nearest to its time in the file."""
-    known = _from_file(path)
-    nodes = np.arange(len(known)) if ids is None else ids
-    _check_length(known, len(nodes), path)
-    _refuse_repeats(known)
-    order = np.argsort(times)
-    halfway = 0.5 * (times[order][1:] + times[order][:-1])
-    place = order[np.searchsorted(halfway, known)]
-    off = np.abs(times[place] - known)
-    allowed = min(NEAR, 0.5 * float(np.diff(np.sort(known)).min(initial=np.inf)))
-    if (off > allowed).any() or len(np.unique(place)) < len(place):
-        node = int(np.argmax(off))
-        raise InputError(
-            f"node {nodes[node]}, at {float(known[node])!r} in {path}, has no pose of its own "
-            f"within {allowed:.2g} s"
-        )
-    notices = []
-    if off.any():
-        notices.append(
-            f"poses matched with the nearest timestamps, off by at most {off.max():.1g} s"
-        )
-    if len(times) > len(known):
-        unused = counted(len(times) - len(known), "pose{s}")
-        notices.append(f"{unused} at times without a node ignored")
-    t = poses.translations
-    return replace(
-        poses,
-        rotations=poses.rotations[place],
-        translations=None if t is None else t[place],
-        ids=np.asarray(nodes, dtype=np.intp),
-        times=times[place],
-        notices=tuple(notices),
-    )
-
-
-def node_times(ids: IntArray, timestamps: str | Path) -> FloatArray:
-    """Timestamps (n,) in seconds of the nodes: their ids, their numbers, or from a file."""
-    if timestamps == "index":
-        return np.arange(len(ids), dtype=np.float64)
-    if timestamps == "ids":
-        if len(ids) and np.abs(ids).max() >= _EXACT:
-            raise InputError("ids beyond 2^53 cannot be timestamps; use 'index'")
-        return ids.astype(np.float64)
-    times = _from_file(Path(timestamps))
-    _check_length(times, len(ids), Path(timestamps))
-    return times
-
-
-def _refuse_repeats(times: FloatArray) -> None:
-    ordered = np.sort(times)
-    repeats = ordered[1:][ordered[1:] == ordered[:-1]]
-    if len(repeats):
-        raise InputError(f"timestamp {float(repeats[0])!r} appears twice")
-
-
-def _check_length(times: FloatArray, n: int, path: Path) -> None:
-    if len(times) != n:
-        raise InputError(
-            f"{path}: {counted(len(times), 'timestamp{s}')} for {counted(n, 'node{s}')}"
-        )
-
-
-def _from_file(path: Path) -> FloatArray:
-    """The first number of each line, without blank lines and comments."""
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        numbers = [int(Decimal(word.decode()).scaleb(9).to_integral_value()) for word in words]
+        parts = [divmod(number, SECOND) for number in numbers]
+        return np.array(parts, dtype=np.int64).reshape(-1, 2)
+    except (InvalidOperation, UnicodeDecodeError, ValueError, OverflowError):
+        raise InputError("timestamps in seconds expected") from None
+
+
+def times_and_ids(parts: IntArray) -> tuple[IntArray, IntArray | None]:
+    """Times (k,) in nanoseconds, and the numbers as integers, which may be ids, if all are whole.
+
+    Numbers too large for seconds are nanoseconds if all are whole.
+
+    Raises
+    ------
+    InputError
+        They are neither.
+    """
+    whole, rest = parts.T
+    near = bool((np.minimum(rest, SECOND - rest) <= ROUNDED).all())
+    ids = whole + (rest > SECOND // 2)
+    if not near or len(np.unique(ids)) < len(ids):
+        ids = None
+    if ((whole >= -_LAST_SECOND) & (whole < _LAST_SECOND)).all():
+        return whole * SECOND + rest, ids
+    if rest.any():
+        raise InputError("timestamps in seconds, or in whole nanoseconds, expected")
+    return whole, ids
+
+
+def node_times(path: Path) -> IntArray:
+    """The times (k,) of nodes in a file, nanoseconds: the first number of each line.
+
+    Blank lines and comments are skipped.
+
+    Raises
+    ------
+    FormatError
+        With path and line; or there is no such file.
+    """
+    try:
+        with opened(path) as file:
+            lines = file.read().decode("utf-8-sig").splitlines()
     except FileNotFoundError:
         expected = "ids, index or a file of times expected for the timestamps"
         raise FormatError(path, None, f"no such file; {expected}") from None
@@ -136,11 +78,64 @@ def _from_file(path: Path) -> FloatArray:
         raise FormatError(path, None, f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise FormatError(path, None, "a text file of timestamps expected") from None
-    times = []
+    parts = []
     for number, line in enumerate(lines, 1):
         words = line.partition("#")[0].split()
         try:
-            times += [float(words[0])] if words else []
-        except ValueError:
+            parts.append(decimals([word.encode() for word in words[:1]]))
+        except InputError:
             raise FormatError(path, number, "a timestamp in seconds expected") from None
-    return np.array(times)
+    try:
+        times, _ = times_and_ids(np.concatenate([np.empty((0, 2), np.int64), *parts]))
+        refuse_repeats(times)
+    except InputError as error:
+        raise FormatError(path, None, str(error)) from None
+    return times
+
+
+def timed(instance: Instance, timestamps: str | Path | None) -> Instance:
+    """The instance with the times of its nodes from a file, one a line; otherwise as it is.
+
+    Parameters
+    ----------
+    timestamps : the file; None, ``"ids"`` and ``"index"`` are none
+
+    Raises
+    ------
+    InputError
+        There are neither as many as nodes nor as poses.
+    """
+    if timestamps in (None, "ids", "index"):
+        return instance
+    path = Path(str(timestamps))
+    found, n = node_times(path), len(instance.ids[: instance.world])
+    times = np.full(n, NO_TIME)
+    nodes = np.arange(n) if len(found) == n else instance.poses
+    refuse_number(path, found, len(nodes))
+    times[nodes] = found
+    return replace(instance, times_ns=times)
+
+
+def timed_by(estimate: Estimate, instance: Instance) -> Instance:
+    """The instance with the times of an estimate of it, if it has none of its own."""
+    keys = estimate.keys
+    if instance.times_ns is not None or keys.times_ns is None:
+        return instance
+    if keys.subset(instance.poses).ids_are_times:
+        return instance
+    return replace(instance, times_ns=keys.times_ns[: len(instance.ids[: instance.world])])
+
+
+def refuse_repeats(times: IntArray) -> None:
+    """Refuse a time that occurs twice by an InputError."""
+    ordered = np.sort(times)
+    repeats = ordered[1:][ordered[1:] == ordered[:-1]]
+    if len(repeats):
+        raise InputError(f"timestamp {int(repeats[0]) / SECOND!r} appears twice")
+
+
+def refuse_number(path: Path, times: IntArray, n: int) -> None:
+    """Refuse times of another number of nodes by an InputError."""
+    if len(times) != n:
+        said = f"{counted(len(times), 'timestamp{s}')} for {counted(n, 'node{s}')}"
+        raise InputError(f"{path}: {said}")

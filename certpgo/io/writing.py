@@ -9,7 +9,7 @@ import shutil
 import stat
 import tempfile
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal, Protocol
@@ -20,9 +20,11 @@ from numpy.typing import ArrayLike
 from certpgo.errors import InputError, InputNotice, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.graph import has_matrix_weights
+from certpgo.graph.keys import SECOND, Keys
 from certpgo.graph.wording import counted
-from certpgo.io.format import Labels, format_to_write
-from certpgo.io.timestamps import node_times
+from certpgo.io.format import Format, format_to_write
+from certpgo.io.names import name_numbers
+from certpgo.io.timestamps import node_times, refuse_number
 from certpgo.linalg.arrays import IntArray
 
 
@@ -46,12 +48,13 @@ def write(
     ids: ArrayLike | None = None,
     format: str | None = None,
     anchor: Anchor | None = None,
-    timestamps: str | Path = "ids",
+    timestamps: str | Path | None = None,
 ) -> None:
     """Write a graph or an estimate, in the format of the path's suffix.
 
     The file is written under a temporary name and then renamed, so it is complete or absent. A
-    symbolic link is followed; a pipe or device is written to.
+    symbolic link is followed; a pipe or device is written to. Ids, times and names go to every
+    format that holds them; an `InputNotice` says what is not written.
 
     Parameters
     ----------
@@ -61,14 +64,16 @@ def write(
         one, such as an answer of `certpgo.solve`
     instance : for an estimate, the instance it solves: its ids, initial values and fixed nodes; an
         answer has its own
-    ids : (n,) distinct node ids; the instance's by default, else 0 ... n-1
+    ids : (n,) distinct node ids; by default the instance's, else those with which the estimate was
+        read, else 0 ... n-1
     format : name of the format, if the suffix does not determine it
     anchor : frame of an estimate: ``"file"``, the default with an instance, is the world where
         there are priors, and otherwise puts the pose of the smallest id at its initial value in
         the instance, or the identity if it has none; ``"identity"`` puts it at
         the identity; ``"prior"`` puts the instance's first fixed node at its initial value;
         ``"none"``, the default without an instance, does not move the estimate
-    timestamps : of a TUM file: node ``"ids"``, ``"index"``, or a file with one per node, seconds
+    timestamps : of an estimate: node ``"ids"``, ``"index"``, or a file with one per node; by
+        default the nodes' times where they are known, and else in a TUM file their ids
 
     Raises
     ------
@@ -92,31 +97,7 @@ def write(
     if isinstance(estimate := getattr(what, "estimate", None), Estimate):
         what, instance = estimate, instance or getattr(what, "instance", None)
     if isinstance(what, Estimate):
-        if form.write_poses is None:
-            raise InputError(f"{path}: {form.name} cannot be written for an estimate")
-        writer = form.write_poses
-        if instance is not None and instance.graph.d != what.d:
-            raise InputError(f"estimate of another graph: {what.d}D, not {instance.graph.d}D")
-        nodes = _ids(ids, what.num_nodes, instance)
-        anchored = _anchored(what, nodes, instance, anchor)
-        points = np.zeros(len(nodes), dtype=bool)
-        names = () if instance is None or ids is not None else instance.names[: instance.world]
-        if instance is not None and isinstance(instance.graph, PoseGraph):
-            if instance.graph.points is not None:
-                points = instance.graph.points
-            if instance.world is not None:
-                nodes, points = nodes[:-1], points[:-1]
-        if points.any() and not form.holds_points:
-            poses = np.flatnonzero(~points)
-            anchored, nodes, points = anchored.subset(poses), nodes[poses], points[poses]
-            lost = f"{form.name} files hold poses only: points are not written"
-            warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
-        if what.translations is not None and not form.holds_translations:
-            lost = f"{form.name} files hold rotations only: translations are not written"
-            warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
-        times = node_times(nodes, timestamps) if form.name == "tum" else nodes.astype(float)
-        labels = Labels(nodes, times, points, names)
-        atomically(path, lambda temporary: writer(temporary, anchored, labels))
+        _write_estimate(path, form, what, instance, ids, anchor, timestamps)
         return
     if not isinstance(what, Instance | PoseGraph | RotationGraph):
         raise InputError(f"a graph or an estimate is written, not {kind_of(what)}")
@@ -137,10 +118,94 @@ def write(
     if whole.fixed and form.name == "pyfg":
         lost = "pyfg files hold no fixed nodes: they are not written"
         warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
-    if form.name == "open3d" and (whole.ids != np.arange(graph.num_nodes)).any():
-        lost = "an open3d file numbers nodes from 0: their ids are not written"
-        warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
     atomically(path, lambda temporary: graph_writer(temporary, whole))
+    keys = whole.keys.subset(np.arange(len(whole.ids[: whole.world])))
+    for lost in _lost(form, keys):
+        warnings.warn(f"{path}: {lost}", InputNotice, stacklevel=2)
+
+
+def _write_estimate(
+    path: Path,
+    form: Format,
+    estimate: Estimate,
+    instance: Instance | None,
+    ids: ArrayLike | None,
+    anchor: Anchor | None,
+    timestamps: str | Path | None,
+) -> None:
+    writer = form.write_poses
+    if writer is None:
+        raise InputError(f"{path}: {form.name} cannot be written for an estimate")
+    if instance is not None and instance.graph.d != estimate.d:
+        raise InputError(f"estimate of another graph: {estimate.d}D, not {instance.graph.d}D")
+    keys = _keys(estimate, instance, ids)
+    anchored = _anchored(estimate, keys.ids_of(estimate.num_nodes), instance, anchor)
+    if instance is not None and instance.world is not None:
+        keys = keys.subset(np.arange(instance.world))
+    lost = []
+    if keys.points is not None and keys.points.any() and not form.holds_points:
+        poses = np.flatnonzero(~keys.points)
+        anchored, keys = anchored.subset(poses), keys.subset(poses)
+        lost.append(f"{form.name} files hold poses only: points are not written")
+    if estimate.translations is not None and not form.holds_translations:
+        lost.append(f"{form.name} files hold rotations only: translations are not written")
+    keys = _timed(keys, anchored.num_nodes, timestamps)
+    if form.name == "tum" and keys.times_ns is not None and not keys.times_differ:
+        keys = replace(keys, times_ns=None)
+        lost.append("several poses have one timestamp: node ids are written instead")
+    if timestamps is None or not form.holds_times:
+        lost.extend(_lost(form, keys))
+    if not all(map(form.holds_name, keys.names)):
+        keys = replace(keys, names=())
+    atomically(path, lambda temporary: writer(temporary, anchored, keys))
+    for sentence in lost:
+        warnings.warn(f"{path}: {sentence}", InputNotice, stacklevel=3)
+
+
+def _keys(estimate: Estimate, instance: Instance | None, ids: ArrayLike | None) -> Keys:
+    """The keys of all nodes: of the instance, else of the estimate's own source."""
+    own, n = estimate.keys, estimate.num_nodes
+    if instance is not None:
+        given = _ids(ids, n, instance)
+        times = own.times_ns if instance.times_ns is None else instance.keys.times_ns
+        names = () if ids is not None else instance.names
+        return replace(instance.keys, ids=given, times_ns=times, names=names)
+    return own if ids is None else replace(own, ids=_ids(ids, n, None), names=())
+
+
+def _timed(keys: Keys, n: int, timestamps: str | Path | None) -> Keys:
+    """The keys with the times that are chosen, and without others."""
+    if timestamps is None:
+        return keys
+    if timestamps == "ids":
+        return replace(keys, times_ns=None)
+    if timestamps == "index":
+        return replace(keys, times_ns=np.arange(n) * SECOND)
+    times = node_times(Path(timestamps))
+    refuse_number(Path(timestamps), times, n)
+    return replace(keys, times_ns=times)
+
+
+def _lost(form: Format, keys: Keys) -> Iterator[str]:
+    """What such a file does not hold of the keys, one sentence each."""
+    ids, times, names = keys.ids, keys.times_ns, keys.names
+    numbered = ids is not None and not np.array_equal(ids, np.arange(len(ids)))
+    named = bool(names) and all(map(form.holds_name, names))
+    if numbered and not keys.ids_are_times and not named:
+        if not form.holds_ids:
+            yield f"{form.name} files hold no node ids: they are not written"
+        elif form.name == "tum" and times is not None:
+            yield "a tum file holds timestamps or node ids: the ids are not written"
+    if times is not None and not form.holds_times and not (form.holds_ids and keys.ids_are_times):
+        yield f"{form.name} files hold no timestamps: they are not written"
+    if names and not named and not _says(names, ids):
+        yield f"{form.name} files hold no such names as {names[0]!r}: they are not written"
+
+
+def _says(names: tuple[str, ...], ids: IntArray | None) -> bool:
+    """Whether the ids are the numbers in the names."""
+    numbers = name_numbers(names)
+    return numbers is not None and ids is not None and np.array_equal(numbers, ids)
 
 
 def _is_partly_unwritable(whole: Instance) -> bool:
@@ -180,10 +245,10 @@ def _ids(ids: ArrayLike | None, n: int, instance: Instance | None) -> IntArray:
         raise InputError(f"estimate of another graph: {n} nodes, not {instance.graph.num_nodes}")
     if ids is None:
         return np.arange(n) if instance is None else instance.ids
-    labels = np.asarray(ids)
-    if labels.shape != (n,) or labels.dtype.kind not in "iu" or len(np.unique(labels)) != n:
+    keys = np.asarray(ids)
+    if keys.shape != (n,) or keys.dtype.kind not in "iu" or len(np.unique(keys)) != n:
         raise InputError(f"ids must be {n} distinct integers")
-    return labels.astype(np.intp)
+    return keys.astype(np.intp)
 
 
 def _anchored(

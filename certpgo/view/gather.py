@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeAlias
 
@@ -10,20 +10,31 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from certpgo.datasets.source import Source, resolve
-from certpgo.errors import FormatError, GraphError, InputError, NoMeasurements, kind_of
+from certpgo.errors import FormatError, InputError, NoMeasurements, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
-from certpgo.io import read_estimate, read_truth
-from certpgo.io.format import format_of
+from certpgo.io.estimates import (
+    is_in_order,
+    matched_truth,
+    posed_as,
+    read_estimate,
+    truth_among,
+    truth_in_words,
+    warn_of,
+)
+from certpgo.io.format import LabelledPoses, format_of
+from certpgo.io.matching import MAX_DIFFERENCE, Matching
 from certpgo.io.surfaces import Surface, is_ply, read_surface
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.io.timestamps import timed
+from certpgo.linalg.arrays import BoolArray, IntArray
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.solution import Solution
 from certpgo.optimize.starts import start_of
 from certpgo.solvers.certified.pipeline import CertifiedSolution
 from certpgo.solvers.spanning_tree import SpanningTree
 from certpgo.view.layout import Arrangement, layout
-from certpgo.view.placing import aligned, in_space, placement, residuals, weights
+from certpgo.view.placing import aligned, placement, residuals, weights
 from certpgo.view.scene import IN_METRES, Placement, Scene, kinds_of
+from certpgo.view.tracks import scene_of_trajectories
 
 #: What there is to look at: a path, the name of a dataset, or an object.
 Thing: TypeAlias = (
@@ -49,6 +60,9 @@ def scene_of(
     truth: str | Path | Estimate | None = None,
     rejected: ArrayLike | None = None,
     data: Path | None = None,
+    timestamps: str | Path | None = None,
+    max_difference: float = MAX_DIFFERENCE,
+    truth_offset: float = 0.0,
 ) -> Scene:
     """The scene of a graph with estimates, of trajectories, or of clouds and meshes alone.
 
@@ -63,6 +77,8 @@ def scene_of(
     rejected : indices or flags of measurements that the last estimate does without; by default
         those of a robust answer, or the outliers that are known
     data : folder to search first for datasets
+    timestamps, max_difference : how poses are matched, as for `certpgo.read_estimate`
+    truth_offset : seconds added to the truth's timestamps
 
     Raises
     ------
@@ -71,15 +87,17 @@ def scene_of(
     FormatError
         A file that cannot be read, with its path and what was expected.
     """
-    found = _Found(data)
+    found = _Found(data, Matching.of(timestamps, max_difference), truth_offset)
     # The graph first: what other files mean may depend on it.
     for thing in things:
         found.add(thing)
     if found.instance is not None:
-        return _of_graph(found, found.instance, truth, rejected)
+        return _of_graph(found, timed(found.instance, timestamps), truth, rejected)
     if rejected is not None:
         raise InputError("rejected measurements need their graph")
-    return _of_trajectories(found, truth)
+    return scene_of_trajectories(
+        found.estimates, found.surfaces, truth, found.how, found.truth_offset
+    )
 
 
 @dataclass
@@ -87,6 +105,8 @@ class _Found:
     """What was named, by kind."""
 
     data: Path | None
+    how: Matching
+    truth_offset: float
     instance: Instance | None = None
     estimates: list[tuple[str, Path | Estimate]] = field(default_factory=list)
     surfaces: list[tuple[str, Surface]] = field(default_factory=list)
@@ -158,7 +178,7 @@ def _of_graph(
 ) -> Scene:
     graph = instance.graph
     named = [
-        (name, read_estimate(what, instance) if isinstance(what, Path) else what)
+        (name, _read(what, instance, found.how) if isinstance(what, Path) else what)
         for name, what in found.estimates
     ]
     estimates = [(name, _whole(instance, what)) for name, what in named]
@@ -182,11 +202,17 @@ def _of_graph(
         _flags(rejected, found.rejected, instance),
         graph.points if isinstance(graph, PoseGraph) and graph.points is not None else flags,
         tuple(drawn),
-        _truth(instance, truth, last, places),
+        _truth(instance, truth, found.how.of_truth(found.truth_offset), last, places),
         weights(instance),
         tuple(found.surfaces),
         IN_METRES if places is None else places.sentence,
         places is None,
+    )
+
+
+def _read(path: Path, instance: Instance, how: Matching) -> Estimate:
+    return read_estimate(
+        path, instance, timestamps=how.timestamps, max_difference=how.max_difference
     )
 
 
@@ -207,7 +233,8 @@ def _placed(
 
 
 def _whole(instance: Instance, estimate: Estimate) -> Estimate:
-    """An estimate of all nodes, with the world if that was left out."""
+    """An estimate of all nodes, in their order, with the world if that was left out."""
+    estimate = posed_as(estimate, instance)
     graph, n = instance.graph, instance.graph.num_nodes
     if instance.world is not None and estimate.num_nodes == n - 1:
         estimate = instance.with_world(estimate)
@@ -252,6 +279,7 @@ def _is_spread(initial: Estimate | None) -> bool:
 def _truth(
     instance: Instance,
     given: str | Path | Estimate | None,
+    how: Matching,
     answer: Estimate,
     places: Arrangement | None,
 ) -> Placement | None:
@@ -260,11 +288,15 @@ def _truth(
         given = instance.truth
     if given is None:
         return None
-    if isinstance(given, Estimate):
+    known: IntArray
+    if isinstance(given, Estimate) and given.keys.identify and not is_in_order(given, instance):
+        known, truth, _ = truth_among(LabelledPoses.of(given), instance, how)
+    elif isinstance(given, Estimate):
         truth = instance.in_world(_whole(instance, given))
-        known: IntArray = np.arange(truth.num_nodes)
+        known = np.arange(truth.num_nodes)
     else:
-        known, truth = read_truth(given, instance)
+        known, truth, match = matched_truth(Path(given), instance, how)
+        warn_of(Path(given), [truth_in_words(match, instance)])
     kept = np.flatnonzero(known != instance.world)
     nodes, truth = known[kept], truth.subset(kept)
     common = np.flatnonzero(np.isin(nodes, instance.poses))
@@ -289,72 +321,3 @@ def _flags(given: ArrayLike | None, answered: IntArray | None, instance: Instanc
     except IndexError:
         raise InputError(f"rejected must be {m} flags, or indices from 0 to {m - 1}") from None
     return flags
-
-
-def _of_trajectories(found: _Found, truth: str | Path | Estimate | None) -> Scene:
-    """Trajectories without measurements, aligned with the last where they share poses."""
-    tracks = [_track(name, what) for name, what in found.estimates]
-    if truth is not None:
-        tracks.append(_track("truth", Path(truth) if isinstance(truth, str) else truth))
-    if not tracks and not found.surfaces:
-        raise InputError("nothing to show: a graph, an estimate, a cloud or a mesh expected")
-    if len({track.estimate.d for track in tracks}) > 1:
-        tracks = [replace(track, estimate=in_space(track.estimate)) for track in tracks]
-    keys = np.unique(np.concatenate([np.zeros(0), *(track.keys for track in tracks)]))
-    placed = [track.placed(keys, tracks[len(found.estimates) - 1]) for track in tracks]
-    last = len(placed) if truth is None else len(placed) - 1
-    none = np.zeros(0, dtype=np.intp)
-    return Scene(
-        ", ".join(name for name, _ in [*found.estimates, *found.surfaces]) or "truth",
-        tracks[0].estimate.d if tracks else 3,
-        np.arange(len(keys)) if (keys % 1.0).any() else keys.astype(np.intp),
-        none.reshape(0, 2),
-        none,
-        none.astype(bool),
-        np.zeros(len(keys), dtype=bool),
-        tuple(placed[:last]),
-        placed[-1] if truth is not None else None,
-        surfaces=tuple(found.surfaces),
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _Track:
-    """A trajectory; ``keys`` (k,) are ids, times or places of its poses, ascending."""
-
-    name: str
-    keys: FloatArray
-    estimate: Estimate
-
-    def placed(self, keys: FloatArray, like: _Track) -> Placement:
-        """The placement among the poses of all trajectories, aligned with another."""
-        _, mine, others = np.intersect1d(self.keys, like.keys, return_indices=True)
-        moved = self.estimate
-        if self is not like:
-            moved = aligned(moved, like.estimate, mine, others)
-        return placement(self.name, np.searchsorted(keys, self.keys), moved)
-
-
-def _track(name: str, what: Path | Estimate) -> _Track:
-    track = _Track(name, *_keyed(what))
-    if track.estimate.translations is None:
-        raise InputError(f"{name}: rotations without positions are drawn with their graph alone")
-    return track
-
-
-def _keyed(what: Path | Estimate) -> tuple[FloatArray, Estimate]:
-    if isinstance(what, Estimate):
-        return np.arange(what.num_nodes, dtype=float), what
-    form = format_of(what)
-    if form.read_poses is None:
-        raise FormatError(what, None, f"a trajectory expected, not {form.holds}")
-    poses = form.read_poses(what).without_points()
-    try:
-        estimate = Estimate(poses.rotations, poses.translations)
-    except GraphError as error:
-        raise FormatError(what, None, str(error)) from None
-    keys = poses.times if poses.ids is None else poses.ids.astype(float)
-    if keys is None:
-        keys = np.arange(estimate.num_nodes, dtype=float)
-    keys, first = np.unique(keys, return_index=True)
-    return keys, estimate.subset(first)

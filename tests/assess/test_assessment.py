@@ -237,7 +237,8 @@ def test_one_bound_serves_all_answers_that_lead_to_it(monkeypatch):
         )
         for k in range(6)
     }
-    rows = list(judge_all(shaken, [part_of(problem)], lambda name: [shaken[name]]))
+    part = part_of(problem)
+    rows = list(judge_all(shaken, lambda name: [(part, shaken[name])]))
     assert len(computed) == 1
     alone = [certify(problem, shaken[name]) for name in shaken]
     for row, certificate in zip(rows, alone, strict=True):
@@ -251,7 +252,7 @@ def test_no_rows_follow_an_interruption():
     problem, best = optimum(0, 12, 3)
     stopped = Judge(problem, monitor=lambda _: True)
     part = JudgedGraph(Instance("walk", problem.graph, np.arange(12)), problem, stopped)
-    rows = list(judge_all(["one", "two"], [part], lambda _: [best]))
+    rows = list(judge_all(["one", "two"], lambda _: [(part, best)]))
     assert [row.estimate for row in rows] == ["one"]
 
 
@@ -270,13 +271,14 @@ def test_a_certified_optimum_refutes_all_others_without_another_search():
 
 def test_what_cannot_be_read_is_a_row(tmp_path):
     problem, best = optimum(0, 8, 2)
+    part = part_of(problem)
 
     def read(name):
         if name == "bad":
             raise InputError("bad:3: numbers\nexpected")
-        return [best]
+        return [(part, best)]
 
-    rows = list(judge_all(["good", "bad", "good"], [part_of(problem)], read))
+    rows = list(judge_all(["good", "bad", "good"], read))
     assert [row.verdict for row in rows] == ["CERTIFIED", "ERROR", "CERTIFIED"]
     assert rows[1].reason == "bad:3: numbers expected"
     path = tmp_path / "out.csv"
@@ -293,6 +295,6 @@ def test_what_cannot_be_read_is_a_row(tmp_path):
 def test_gaps_of_rotations_have_no_metres():
     problem, best = optimum(0, 8, 3)
     alone = problem_of(problem.graph.rotation)
-    [row] = judge_all(["one"], [part_of(alone)], lambda _: [Estimate(best.rotations)])
+    [row] = judge_all(["one"], lambda _: [(part_of(alone), Estimate(best.rotations))])
     assert row.mean_m is None
     assert row.worst_deg is not None

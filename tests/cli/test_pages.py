@@ -118,8 +118,10 @@ def test_several_components_have_no_page(certpgo, square, tmp_path):
     edges = [line for line in square.read_text().splitlines() if line.startswith("EDGE")]
     moved = [re.sub(r"^(EDGE_SE2) (\d) (\d)", r"\1 1\2 1\3", line) for line in edges]
     graph.write_text("\n".join(edges + moved) + "\n")
-    out = tmp_path / "page.html"
-    for command in (("solve", graph), ("certify", graph, graph)):
+    out, estimate = tmp_path / "page.html", tmp_path / "estimate.g2o"
+    ids = [*range(4), *range(10, 14)]
+    estimate.write_text("".join(f"VERTEX_SE2 {k} 0 0 0\n" for k in ids))
+    for command in (("solve", graph), ("certify", graph, estimate)):
         done = certpgo(*command, "--components", "each", "--html", out)
         assert done.code == 1
         assert "--html" in done.err

@@ -105,9 +105,9 @@ def test_a_disconnected_graph(certpgo, tmp_path):
 @pytest.mark.parametrize(
     ("estimate", "said"),
     [
-        ("VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0\n", "2"),
+        ("VERTEX_SE2 0 0 0 0\nVERTEX_SE2 2 1 0 0\n", "2 of 4 nodes, and no measurements between"),
         ("VERTEX_SE2 10 0 0 0\n", "0"),
-        ("VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\n", ""),
+        ("VERTEX_SE3:QUAT 0 0 0 1 0 0 0 1\n", "3D poses, but the graph is 2D"),
         ("", "empty"),
     ],
 )

@@ -107,3 +107,104 @@ def test_a_narrow_table_leaves_columns_out_and_says_so(capsys, monkeypatch):
     assert "862.9492" not in out
     assert "Not shown at this width: f_ML, F." in out
     assert max(map(len, out.splitlines())) <= 40
+
+
+#: Eight planar poses in space, one a second, without noise.
+STEPS = [(1.0, -0.2), (1.4, 0.1), (0.6, -0.9), (1.5, 0.5), (0.8, 0.1), (0.9, -0.3), (1.3, 0.6)]
+WHERE = np.concatenate([[(0.0, 0.0)], np.cumsum(STEPS, axis=0)])
+
+
+@pytest.fixture
+def walk(tmp_path):
+    """A graph of the ids 0 to 7, and the times of its nodes from 3 s on."""
+    path, times = tmp_path / "walk.g2o", tmp_path / "times.txt"
+    edge = "EDGE_SE3:QUAT {} {} {} {} 0 0 0 0 1 " + "1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 4 0 0 4 0 4\n"
+    pairs = [*((k, k + 1) for k in range(7)), (0, 3), (2, 6), (1, 7)]
+    path.write_text("".join(edge.format(i, j, *(WHERE[j] - WHERE[i]).tolist()) for i, j in pairs))
+    times.write_text("".join(f"{k + 3}.0\n" for k in range(8)))
+    return path, times
+
+
+def trajectory(path, stamps, places):
+    """A TUM file with a pose that looks ahead at each place."""
+    rows = zip(stamps, np.asarray(places).tolist(), strict=True)
+    path.write_text("".join(f"{stamp} {x} {y} 0 0 0 0 1\n" for stamp, (x, y) in rows))
+    return path
+
+
+def test_whole_seconds_are_times_where_the_nodes_have_times(certpgo, walk, tmp_path):
+    graph, times = walk
+    other = [(9.0, k) for k in range(1, 4)]
+    whole = trajectory(tmp_path / "truth.tum", range(15), [*other, *WHERE, *other, (0, 0)])
+    for command in (("solve", graph), ("compare", graph, "--methods", "certified")):
+        out = ("--out", tmp_path / "r") if command[0] == "compare" else ()
+        given = (*command, *out, "--truth", whole, "--json")
+        done = certpgo(*given, "--timestamps", times)
+        accuracy = (done.json[0] if isinstance(done.json, list) else done.json)["accuracy"]
+        assert (accuracy["poses"], accuracy["ate_m"] < 1e-6) == (8, True)
+        assert "truth of 8 of 8 poses, matched by time; 7 other poses not used" in done.err
+        assert "taken for node ids; 7 other poses not used" in certpgo(*given).err
+        late = certpgo(*given, "--timestamps", times, "--truth-offset", 0.02)
+        assert (late.code, "no pose is within 0.01 s of a node" in late.err) == (1, True)
+        assert certpgo(
+            *given, "--timestamps", times, "--truth-offset", 0.02, "--max-difference", 0.03
+        ).json
+
+
+def test_the_times_of_an_estimate_are_its_nodes_times(certpgo, walk, tmp_path):
+    graph, _ = walk
+    estimate = trajectory(tmp_path / "e.tum", [100.25 + k for k in range(8)], WHERE)
+    truth = trajectory(tmp_path / "t.tum", [100.251 + k for k in range(4)], WHERE[:4])
+    done = certpgo("certify", graph, estimate, "--truth", truth)
+    assert "truth of 4 of 8 poses, matched by time, off by at most 0.001 s" in done.err
+    assert "4 poses, after alignment" in done.out
+    best = tmp_path / "best.tum"
+    assert certpgo("certify", graph, estimate, "--best", best).code == 0
+    assert best.read_text().splitlines()[7].startswith("107.25 ")
+
+
+def test_a_truth_that_was_converted_keeps_its_nodes(certpgo, walk, tmp_path):
+    source = tmp_path / "truth.g2o"
+    vertex = "VERTEX_SE3:QUAT {} {} {} 0 0 0 0 1\n"
+    source.write_text("".join(vertex.format(k, *WHERE[k].tolist()) for k in range(2, 7)))
+    for suffix in ("tum", "g2o", "npz", "pyfg"):
+        truth = tmp_path / f"converted.{suffix}"
+        assert certpgo("convert", source, truth).code == 0
+        done = certpgo("solve", walk[0], "--truth", truth, "--json")
+        assert done.json["accuracy"]["ate_m"] < 1e-6
+        assert "truth of 5 of 8 poses, matched by" in done.err
+
+
+def test_convert_keeps_the_ids_of_an_estimate_beside_measurements(certpgo, tmp_path):
+    both, out = tmp_path / "both.g2o", tmp_path / "b.tum"
+    both.write_text("VERTEX_SE2 10 0 0 0\nVERTEX_SE2 30 2 0 0\nEDGE_SE2 10 30 2 0 0 1 0 0 1 0 1\n")
+    assert certpgo("convert", both, out, "--estimate").code == 0
+    assert [line.split()[0] for line in out.read_text().splitlines()] == ["10", "30"]
+    assert certpgo("convert", both, out, "--estimate", "--timestamps", "index").code == 0
+    assert [line.split()[0] for line in out.read_text().splitlines()] == ["0", "1"]
+
+
+def test_a_partial_estimate_is_judged_on_what_it_covers(certpgo, walk, tmp_path):
+    graph, times = walk
+    part = trajectory(tmp_path / "part.tum", range(6), WHERE[:6] * 1.1)
+    done = certpgo("certify", graph, part, "--cost", "chordal", "--json")
+    assert done.json["graph"] == "walk [6 of 8 nodes]"
+    said = "poses of 6 of 8 nodes: judged by the 6 measurements between these"
+    assert (said in done.err, done.json["notices"][-1]) == (True, said)
+    lines = graph.read_text().splitlines()
+    inside = [line for line in lines if max(map(int, line.split()[1:3])) < 6]
+    alone = tmp_path / "alone.g2o"
+    alone.write_text("\n".join(inside))
+    whole = certpgo("certify", alone, part, "--cost", "chordal", "--json").json
+    assert done.json["cost"] == whole["cost"]
+    by_time = trajectory(tmp_path / "late.tum", [k + 3 for k in range(6)], WHERE[:6] * 1.1)
+    timed = certpgo("certify", graph, by_time, "--timestamps", times, "--cost", "chordal", "--json")
+    assert timed.json["cost"] == whole["cost"]
+    table = tmp_path / "rows.csv"
+    assert certpgo("certify", graph, part, part, "--csv", table).code != 1
+    assert "walk [6 of 8 nodes]" in table.read_text()
+    apart = trajectory(tmp_path / "apart.tum", [0, 1, 4, 5], WHERE[[0, 1, 4, 5]])
+    refused = certpgo("certify", graph, apart)
+    assert (refused.code, "--components largest" in refused.err) == (1, True)
+    proof = certpgo("certify", graph, part, "--proof", tmp_path / "x.cert")
+    assert (proof.code, "--proof needs an estimate of all nodes" in proof.err) == (1, True)

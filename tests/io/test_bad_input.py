@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from certpgo import io
-from certpgo.errors import CertPGOError, FormatError, InputError, SpecError
+from certpgo.errors import CertPGOError, FormatError, InputError, InputNotice, SpecError
 
 BAD = Path(__file__).parent.parent / "data" / "bad"
 
@@ -164,10 +164,11 @@ def test_partial_truth_is_refused_by_read_and_returned_by_read_truth(file):
     graph = file(GRAPH)
     with pytest.raises(InputError, match="truth for 1 of 3 nodes only"):
         io.read(graph, truth=truth)
-    nodes, poses = io.read_truth(truth, io.read(graph))
+    with pytest.warns(InputNotice, match="truth of 1 of 3 poses, .*; 1 other pose not used"):
+        nodes, poses = io.read_truth(truth, io.read(graph))
     assert nodes.tolist() == [1]
     assert poses.translations.tolist() == [[1.0, 0.0]]
-    with pytest.raises(FormatError, match="no id is in the graph"):
+    with pytest.raises(FormatError, match="no node id is in the graph"):
         io.read_truth(file("VERTEX_SE2 77 1 0 0\n", "other.g2o"), io.read(graph))
 
 

@@ -149,7 +149,7 @@ def test_uncertain_edges_and_lost_ids_are_named(stored, tmp_path):
     with pytest.warns(InputNotice, match="1 edge uncertain: read with all of the information"):
         graph = certpgo.read(stored(content)).graph
     assert graph.tau.tolist() == [1.0, 1.0]
-    with pytest.warns(InputNotice, match="numbers nodes from 0"):
+    with pytest.warns(InputNotice, match="hold no node ids"):
         certpgo.write(tmp_path / "ids.json", Instance("ids", graph, np.array([4, 7])))
 
 

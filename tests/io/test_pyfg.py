@@ -345,7 +345,10 @@ def test_what_cannot_be_written(pyfg, tmp_path, file):
     instance = read(pyfg(PLANE))
     with pytest.raises(InputError, match=r"only .npz and .pyfg files hold ranges, and there are 2"):
         io.write(tmp_path / "graph.g2o", instance)
-    io.write(tmp_path / "graph.g2o", replace(instance, ranges=None))
+    with pytest.warns(InputNotice) as said:
+        io.write(tmp_path / "graph.g2o", replace(instance, ranges=None))
+    assert "g2o files hold no timestamps" in str(said[0].message)
+    assert "g2o files hold no such names as 'A0'" in str(said[1].message)
     unseen = read(pyfg(PLANE.replace("EDGE_SE2_XY", "# ")))
     with pytest.raises(InputError, match="points that no pose sees, and there are 1 point"):
         io.write(tmp_path / "graph.g2o", replace(unseen, ranges=None))

@@ -10,6 +10,7 @@ import certpgo
 from certpgo.datasets import synthetic
 from certpgo.errors import FormatError, InputError, InputNotice
 from certpgo.graph import Estimate, Instance, RotationGraph
+from certpgo.graph.keys import Keys
 from certpgo.io.surfaces import Surface, read_surface
 from certpgo.linalg import so
 from certpgo.objective.problem import problem_of
@@ -199,6 +200,23 @@ def test_trajectories_are_matched_by_their_times(grid, tmp_path):
     assert np.allclose(whole.positions[3:20], part.positions, rtol=0, atol=1e-9)
     assert len(scene.steps(part)) == 16
     assert scene.units == []
+    # Clocks that are read at other times, and a truth that begins later.
+    seconds = np.arange(27) * 10**9 + 250_000_000
+    ahead = grid.truth.keyed(Keys(times_ns=seconds + 4_000_000))
+    late = moved(grid.truth).keyed(Keys(times_ns=seconds + 10**12)).subset(np.arange(5, 9))
+    answer = grid.truth.keyed(Keys(times_ns=seconds))
+    scene = scene_of(("ahead", moved(ahead)), ("answer", answer), truth=late, truth_offset=-1000.0)
+    for track, nodes in ((scene.placements[0], slice(27)), (scene.truth, slice(5, 9))):
+        expected = answer.translations[nodes]
+        assert np.allclose(track.positions, expected, rtol=0, atol=1e-9)
+
+
+def test_a_truth_with_labels_finds_its_nodes(grid):
+    part = moved(grid.truth).keyed(Keys(ids=np.arange(27))).subset(np.array([7, 5, 9, 6]))
+    truth = scene_of(grid, grid.truth, truth=part).truth
+    assert truth.nodes.tolist() == [5, 6, 7, 9]
+    expected = grid.truth.translations[truth.nodes]
+    assert np.allclose(truth.positions, expected, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("form", ["ascii", "binary_little_endian", "binary_big_endian"])

@@ -32,10 +32,11 @@ import numpy as np
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.graph.information import Information
+from certpgo.graph.keys import Keys
 from certpgo.io.assemble import instance_from_lines, poses_from_lines
 from certpgo.io.exact import quaternion
 from certpgo.io.exact.information import ROW_MAJOR_2D, ROW_MAJOR_3D
-from certpgo.io.format import Chart, Format, Labels
+from certpgo.io.format import Chart, Format
 from certpgo.io.lines import Dialect, Poses, Tag, first_tags, rpy_poses
 from certpgo.io.named_lines import is_named
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
@@ -169,9 +170,10 @@ def _sighting(d: int, pair: list[int], pose: str, of_position: str) -> str:
     return f"{_SIGHTINGS[d]} {where} {of_position}\n"
 
 
-def _write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
+def _write_poses(path: Path, estimate: Estimate, keys: Keys) -> None:
     with path.open("w", encoding="ascii") as file:
-        file.writelines(_vertex_lines(labels.ids, estimate, labels.points))
+        n = estimate.num_nodes
+        file.writelines(_vertex_lines(keys.ids_of(n), estimate, keys.is_point(n)))
 
 
 def _write_graph(path: Path, instance: Instance) -> None:
@@ -219,5 +221,6 @@ FORMAT = Format(
     write_graph=_write_graph,
     write_poses=_write_poses,
     holds_points=True,
+    holds_ids=True,
     chart=Chart("quaternion", _pose_words, planar_angle=True),
 )

@@ -15,10 +15,11 @@ import numpy as np
 
 from certpgo.errors import FormatError, InputError
 from certpgo.graph import Estimate, Instance, RotationGraph
+from certpgo.graph.keys import Keys
 from certpgo.io.chunks import first_words, parsed
 from certpgo.io.compressed import uncompressed_name
 from certpgo.io.exact import quaternion
-from certpgo.io.format import Chart, Format, LabelledPoses, Labels, Progress, ReadOptions
+from certpgo.io.format import Chart, Format, LabelledPoses, Progress, ReadOptions
 from certpgo.io.names import name_numbers
 from certpgo.linalg.arrays import FloatArray
 
@@ -98,15 +99,15 @@ def _table(
     return np.array(rows), np.concatenate([R for _, R in parts])
 
 
-def _write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
-    if not labels.names:
-        raise InputError("glomap's files name images, and the graph's nodes have no names")
-    for name in labels.names:
+def _write_poses(path: Path, estimate: Estimate, keys: Keys) -> None:
+    if not keys.names:
+        raise InputError("glomap's files name images, and the poses have no names")
+    for name in keys.names:
         if not _NAME.match(name.encode()) or name.split() != [name]:
             raise InputError(f"glomap's files name images, with an extension, not {name!r}")
     q = quaternion.to_write(np.swapaxes(estimate.rotations, 1, 2))[:, [3, 0, 1, 2]]
     with path.open("w", encoding="utf-8", newline="\n") as file:
-        for name, numbers in zip(labels.names, q.tolist(), strict=True):
+        for name, numbers in zip(keys.names, q.tolist(), strict=True):
             file.write(f"{name} {' '.join(map(repr, numbers))}\n")
 
 
@@ -124,4 +125,5 @@ FORMAT = Format(
     write_poses=_write_poses,
     chart=Chart("quaternion", _pose_words, world_to_camera=True),
     holds_translations=False,
+    holds_name=lambda name: True,
 )

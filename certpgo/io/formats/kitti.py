@@ -8,9 +8,10 @@ import numpy as np
 
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
+from certpgo.graph.keys import Keys
 from certpgo.io.chunks import first_row, read_rows
 from certpgo.io.exact import quaternion
-from certpgo.io.format import Chart, Format, LabelledPoses, Labels
+from certpgo.io.format import Chart, Format, LabelledPoses
 from certpgo.linalg.arrays import FloatArray
 
 
@@ -28,7 +29,7 @@ def _convert(rows: FloatArray) -> tuple[FloatArray, ...]:
     return quaternion.rotations(quaternion.from_matrices(M[:, :, :3])), M[:, :, 3]
 
 
-def _write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
+def _write_poses(path: Path, estimate: Estimate, keys: Keys) -> None:
     t = quaternion.embedded_translations(estimate.translations)
     if t is None:
         raise InputError("KITTI needs translations; the estimate has rotations only")

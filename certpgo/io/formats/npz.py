@@ -1,9 +1,9 @@
 """The package's own lossless format: NumPy arrays in a zip archive, no pickles.
 
 A graph: edges, rotations, kappa (translations, tau, information matrices), ids, which nodes are
-points, numbered apart from poses, or the world, which edges assume where that is, ranges, initial
-values, truth, fixed nodes, reading options. An estimate: rotations, translations, ids, and which
-are points.
+points, numbered apart from poses, or the world, which edges assume where that is or measure from it,
+times, ranges, initial values, truth, fixed nodes, reading options. An estimate: rotations,
+translations, ids, times, names, and which are points.
 
 Of the information matrices each distinct one is stored once (``information``), with the number of
 each edge's (``information_index``), and the cost whose residuals they weigh
@@ -26,9 +26,10 @@ from numpy.typing import NDArray
 from certpgo.errors import CertPGOError, FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import Information
+from certpgo.graph.keys import Keys
 from certpgo.graph.ranges import Ranges
 from certpgo.io.expansion import refuse_bombs
-from certpgo.io.format import Format, LabelledPoses, Labels, ReadOptions
+from certpgo.io.format import Format, LabelledPoses, ReadOptions
 
 _VERSION = 1
 _Arrays = Mapping[str, NDArray[Any]]
@@ -67,9 +68,15 @@ _GRAPH_OPTIONAL = {
     "initial_translations": ("f", "nd"),
     "truth_rotations": ("f", "ndd"),
     "truth_translations": ("f", "nd"),
+    "times_ns": ("i", "t"),
 }
 _ESTIMATE = {"rotations": ("f", "ndd"), "ids": ("i", "n")}
-_ESTIMATE_OPTIONAL = {"translations": ("f", "nd"), "points": ("b", "n")}
+_ESTIMATE_OPTIONAL = {
+    "translations": ("f", "nd"),
+    "points": ("b", "n"),
+    "times_ns": ("i", "n"),
+    "names": ("U", "n"),
+}
 _KINDS = {"b": "flags", "i": "integers", "f": "floating-point numbers", "U": "text"}
 
 
@@ -178,6 +185,7 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
         ranges=_ranges(arrays, n),
         apart=arrays.get("apart"),
         moved_by=int(arrays.get("moved_by", 0)),
+        times_ns=arrays.get("times_ns"),
     )
 
 
@@ -230,8 +238,9 @@ def _read_poses(path: Path) -> LabelledPoses:
     ids = arrays["ids"]
     if len(np.unique(ids)) != estimate.num_nodes:
         raise FormatError(path, None, f"{estimate.num_nodes} distinct integer ids expected")
-    points = arrays.get("points")
-    return LabelledPoses(estimate.rotations, estimate.translations, ids=ids, points=points)
+    names = tuple(arrays["names"].tolist()) if "names" in arrays else ()
+    more = arrays.get("times_ns"), names, arrays.get("points")
+    return LabelledPoses(estimate.rotations, estimate.translations, ids, *more)
 
 
 def _write_graph(path: Path, instance: Instance) -> None:
@@ -263,6 +272,8 @@ def _write_graph(path: Path, instance: Instance) -> None:
         arrays |= {"apart": instance.apart, "moved_by": instance.moved_by}
     if instance.names:
         arrays["names"] = np.array(instance.names)
+    if instance.times_ns is not None:
+        arrays["times_ns"] = instance.times_ns
     if instance.information is not None:
         arrays["information"] = instance.information.distinct
         arrays["information_index"] = instance.information.index
@@ -275,9 +286,15 @@ def _write_graph(path: Path, instance: Instance) -> None:
     _save(path, "graph", arrays)
 
 
-def _write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
-    flags = {"points": labels.points} if labels.points.any() else {}
-    _save(path, "estimate", {"ids": labels.ids, **_named("", estimate), **flags})
+def _write_poses(path: Path, estimate: Estimate, keys: Keys) -> None:
+    arrays = {"ids": keys.ids_of(estimate.num_nodes), **_named("", estimate)}
+    if keys.points is not None and keys.points.any():
+        arrays["points"] = keys.points
+    if keys.times_ns is not None:
+        arrays["times_ns"] = keys.times_ns
+    if keys.names:
+        arrays["names"] = np.array(keys.names)
+    _save(path, "estimate", arrays)
 
 
 def _named(prefix: str, estimate: Estimate | None) -> dict[str, Any]:
@@ -305,4 +322,7 @@ FORMAT = Format(
     holds_ranges=True,
     write_graph=_write_graph,
     write_poses=_write_poses,
+    holds_ids=True,
+    holds_times=True,
+    holds_name=lambda name: True,
 )

@@ -17,10 +17,11 @@ import numpy as np
 from certpgo.errors import FormatError
 from certpgo.graph import Estimate, Instance, RotationGraph
 from certpgo.graph.wording import counted
-from certpgo.io.assemble import distinct, truth_for
+from certpgo.io.assemble import distinct
 from certpgo.io.chunks import first_row, read_rows, refuse_loops, whole
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, ReadOptions, format_of
+from certpgo.io.matching import Matching, known_poses, match
 from certpgo.linalg.arrays import FloatArray, IntArray, numbered
 
 _GRAPH, _COMPONENT = "EGs.txt", "cc.txt"
@@ -90,7 +91,8 @@ def _truth(file: Path, instance: Instance) -> tuple[Estimate | None, tuple[str, 
         read_poses = format_of(path).read_poses
         if read_poses is None:
             raise FormatError(path, None, "ground-truth rotations expected")
-        nodes, estimate = truth_for(instance, read_poses(path))
+        poses = read_poses(path)
+        nodes, estimate = known_poses(poses, instance, match(poses, instance, Matching()))
         n = instance.graph.num_nodes
         if len(nodes) == n:
             return estimate, ()

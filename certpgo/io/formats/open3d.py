@@ -24,11 +24,12 @@ import numpy as np
 
 from certpgo.errors import FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
+from certpgo.graph.keys import Keys
 from certpgo.graph.trees import tree_initialization
 from certpgo.graph.wording import counted
 from certpgo.io.compressed import opened, uncompressed_name
 from certpgo.io.exact import quaternion
-from certpgo.io.format import Format, LabelledPoses, Labels, ReadOptions
+from certpgo.io.format import Format, LabelledPoses, ReadOptions
 from certpgo.io.informed import weighed
 from certpgo.linalg.arrays import FloatArray, IntArray
 
@@ -159,7 +160,7 @@ def _pairs(path: Path, edges: _Entries, n: int) -> IntArray:
     return np.array(pairs).astype(np.intp)
 
 
-def _write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
+def _write_poses(path: Path, estimate: Estimate, keys: Keys) -> None:
     if estimate.translations is None:
         raise InputError("open3d needs translations; the estimate has rotations only")
     _write(path, _nodes(estimate), [])

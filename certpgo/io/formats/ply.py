@@ -8,8 +8,9 @@ import numpy as np
 
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
+from certpgo.graph.keys import Keys
 from certpgo.io.exact import quaternion
-from certpgo.io.format import Format, Labels
+from certpgo.io.format import Format
 
 #: Red, green and blue of poses, and of points.
 COLOURS = np.array([[0, 114, 178], [213, 94, 0]])
@@ -33,12 +34,13 @@ def _recognises(path: Path, head: bytes) -> bool:
     return head.startswith((b"ply\n", b"ply\r\n"))
 
 
-def _write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
+def _write_poses(path: Path, estimate: Estimate, keys: Keys) -> None:
     t = quaternion.embedded_translations(estimate.translations)
     if t is None:
         raise InputError("PLY needs translations; the estimate has rotations only")
-    count = int(labels.points.sum())
-    colours = COLOURS[labels.points.astype(np.intp)]
+    points = keys.is_point(len(t))
+    count = int(points.sum())
+    colours = COLOURS[points.astype(np.intp)]
     with path.open("w", encoding="ascii", newline="\n") as file:
         file.write(_HEADER.format(poses=len(t) - count, points=count, count=len(t)))
         for place, colour in zip(t.tolist(), colours.tolist(), strict=True):

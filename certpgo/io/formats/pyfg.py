@@ -27,9 +27,10 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo.errors import FormatError, NoMeasurements
+from certpgo.errors import FormatError, InputError, NoMeasurements
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import Information
+from certpgo.graph.keys import NO_TIME
 from certpgo.graph.labels import unused
 from certpgo.graph.ranges import Ranges
 from certpgo.graph.wording import counted
@@ -42,12 +43,14 @@ from certpgo.io.named_lines import (
     Kind,
     NamedLines,
     NamedPart,
+    is_name,
     is_named,
     located,
     read_named,
 )
 from certpgo.io.named_writing import write_graph, write_poses
 from certpgo.io.priors import anchored_graph, joined_information
+from certpgo.io.timestamps import times_and_ids
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
 #: The name of the world, from which priors are measured.
@@ -56,13 +59,14 @@ _WORLD = "world"
 
 @dataclass(frozen=True)
 class _Nodes:
-    """The nodes of a file, poses before points, and their initial values."""
+    """The nodes of a file, poses before points, their initial values, and times if any differ."""
 
     path: Path
     names: tuple[str, ...]
     values: Estimate
     points: BoolArray
     number: dict[str, int]
+    times_ns: IntArray | None
 
     def of(self, kind: Kind, part: NamedPart) -> IntArray:
         """The numbers of the nodes of each line (k, names); a FormatError names a wrong line."""
@@ -82,7 +86,8 @@ class _Nodes:
         """The poses alone."""
         kept = int(np.sum(~self.points))
         names, values = self.names[:kept], self.values.subset(np.arange(kept))
-        return _Nodes(self.path, names, values, self.points[:kept], self.number)
+        times = None if self.times_ns is None else self.times_ns[:kept]
+        return _Nodes(self.path, names, values, self.points[:kept], self.number, times)
 
     def error(self) -> FormatError:
         """The error of the first line whose names do not fit."""
@@ -100,7 +105,14 @@ def _nodes(path: Path, content: NamedLines) -> _Nodes:
         np.concatenate([poses.rotations, points.rotations]),
         np.concatenate([poses.translations, points.translations]),
     )
-    nodes = _Nodes(path, names, values, np.arange(len(names)) >= len(poses.names), number)
+    try:
+        times, _ = times_and_ids(poses.stamps)
+    except InputError as error:
+        raise FormatError(path, None, str(error)) from None
+    times = np.append(times, np.full(len(points.names), NO_TIME))
+    is_timed = len(np.unique(poses.stamps, axis=0)) > 1  # else they are a placeholder
+    is_point = np.arange(len(names)) >= len(poses.names)
+    nodes = _Nodes(path, names, values, is_point, number, times if is_timed else None)
     if len(number) < len(names):
         raise nodes.error()
     return nodes
@@ -114,7 +126,8 @@ def _pose_words(words: list[bytes]) -> list[bytes]:
 def _read_poses(path: Path) -> LabelledPoses:
     nodes = _nodes(path, read_named(path, ReadOptions(ignore_information=True)))
     values, points = nodes.values, nodes.points if nodes.points.any() else None
-    return LabelledPoses(values.rotations, values.translations, names=nodes.names, points=points)
+    keys = None, nodes.times_ns, nodes.names, points
+    return LabelledPoses(values.rotations, values.translations, *keys)
 
 
 def _read_graph(path: Path, options: ReadOptions) -> Instance:
@@ -153,6 +166,7 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
         world=world,
         origin=origin,
         ranges=Ranges(graph.num_nodes, pairs, part.numbers, part.tau) if len(pairs) else None,
+        times_ns=nodes.times_ns,
     )
     return replace(instance, initial=instance.with_world(values) if known else None)
 
@@ -225,4 +239,7 @@ FORMAT = Format(
     holds_points=True,
     holds_ranges=True,
     chart=Chart("quaternion", _pose_words, planar_angle=True),
+    holds_ids=True,
+    holds_times=True,
+    holds_name=is_name,
 )

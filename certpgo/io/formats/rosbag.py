@@ -19,12 +19,14 @@ import numpy as np
 
 from certpgo.errors import FormatError, NoMeasurements
 from certpgo.graph import Instance, PoseGraph, RotationGraph
+from certpgo.graph.keys import SECOND
 from certpgo.graph.wording import counted
-from certpgo.io.assemble import distinct, estimate_for
+from certpgo.io.assemble import distinct, estimate_at
 from certpgo.io.bags import Bag, opened_bag
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, LabelledPoses, ReadOptions
 from certpgo.io.informed import weighed
+from certpgo.io.timestamps import times_and_ids
 from certpgo.linalg.arrays import FloatArray, numbered
 
 _PATHS = ("nav_msgs/msg/Path",)
@@ -117,7 +119,7 @@ def _instance(path: Path, topic: str, message: Any, options: ReadOptions) -> Ins
         name=path.stem,
         graph=PoseGraph(rotation, t, weighing.tau),
         ids=ids,
-        initial=estimate_for(ids, poses, True) if len(known) == len(ids) else None,
+        initial=estimate_at(poses, np.argsort(known), True) if len(known) == len(ids) else None,
         source=str(path),
         options={"rotation_information": options.rotation_information or "tangent"},
         notices=tuple(notices),
@@ -170,15 +172,15 @@ def _trajectory(bag: Bag, topic: str, kind: str) -> LabelledPoses:
     if kind in _PATHS:
         stamped = list(_last(bag, topic).poses)
         poses = [one.pose for one in stamped]
-        recorded = np.zeros(len(poses))
+        recorded = np.zeros(len(poses), dtype=np.int64)
     else:
-        times, stamped = [], []
+        received, stamped = [], []
         for time, message in bag.messages(topic):
-            times.append(1e-9 * time)
+            received.append(time)
             stamped.append(message)
         # With a covariance the pose is one level deeper.
         poses = [getattr(one.pose, "pose", one.pose) for one in stamped]
-        recorded = np.array(times)
+        recorded = np.array(received, dtype=np.int64)
     if not poses:
         raise FormatError(bag.path, None, f"{topic}: no poses")
     frames = sorted({one.header.frame_id for one in stamped})
@@ -190,9 +192,13 @@ def _trajectory(bag: Bag, topic: str, kind: str) -> LabelledPoses:
         [(pose.orientation, pose.position) for pose in poses],
         lambda k: f"{topic}: pose {k}",
     )
-    stamps = np.array([one.header.stamp.sec + 1e-9 * one.header.stamp.nanosec for one in stamped])
-    times_known = stamps if stamps.any() else recorded
-    return LabelledPoses(R, t, times=times_known if times_known.any() else None)
+    stamps = [one.header.stamp for one in stamped]
+    times = np.array([stamp.sec * SECOND + stamp.nanosec for stamp in stamps], dtype=np.int64)
+    known = times if times.any() else recorded
+    if not known.any():
+        return LabelledPoses(R, t)
+    _, ids = times_and_ids(np.stack(np.divmod(known, SECOND), axis=1))
+    return LabelledPoses(R, t, ids=ids, times_ns=known)
 
 
 def _on_topic(topic: str) -> Format:

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from certpgo.graph import Estimate
+from certpgo.graph.keys import Keys
 from certpgo.io.assemble import refuse_duplicates
 from certpgo.io.chunks import first_row, read_rows, whole
 from certpgo.io.exact import quaternion
-from certpgo.io.format import Chart, Format, LabelledPoses, Labels
+from certpgo.io.format import Chart, Format, LabelledPoses
 from certpgo.linalg.arrays import FloatArray
 
 
@@ -31,10 +32,10 @@ def _convert(rows: FloatArray) -> tuple[FloatArray, ...]:
     return whole(rows[:, 0]), np.swapaxes(quaternion.rotations(q), -1, -2)
 
 
-def _write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
+def _write_poses(path: Path, estimate: Estimate, keys: Keys) -> None:
     M = np.swapaxes(quaternion.embedded(estimate.rotations), -1, -2).reshape(-1, 9)
     with path.open("w", encoding="ascii") as file:
-        for node, row in zip(labels.ids.tolist(), M.tolist(), strict=True):
+        for node, row in zip(keys.ids_of(len(M)).tolist(), M.tolist(), strict=True):
             file.write(f"{node} {' '.join(map(repr, row))}\n")
 
 
@@ -47,4 +48,5 @@ FORMAT = Format(
     write_poses=_write_poses,
     chart=Chart("matrix", lambda words: words[1:], world_to_camera=True),
     holds_translations=False,
+    holds_ids=True,
 )

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from certpgo.errors import InputError
+from certpgo.errors import FormatError, InputError
 from certpgo.graph import Estimate
+from certpgo.graph.keys import NO_TIME, Keys, in_seconds
 from certpgo.io.chunks import first_row, read_rows
 from certpgo.io.exact import quaternion
-from certpgo.io.format import Chart, Format, LabelledPoses, Labels
+from certpgo.io.format import Chart, Format, LabelledPoses
+from certpgo.io.timestamps import decimals, times_and_ids
 from certpgo.linalg.arrays import FloatArray
 
 
@@ -19,23 +22,38 @@ def _recognises(path: Path, head: bytes) -> bool:
 
 
 def _read_poses(path: Path) -> LabelledPoses:
-    times, t, R = read_rows(path, 8, "timestamp tx ty tz qx qy qz qw", _convert)
-    return LabelledPoses(R, t, times=times)
+    expected = "timestamp tx ty tz qx qy qz qw"
+    stamps, t, R = read_rows(path, 8, expected, _convert, first=decimals)
+    try:
+        times, ids = times_and_ids(stamps)
+    except InputError as error:
+        raise FormatError(path, None, str(error)) from None
+    return LabelledPoses(R, t, ids=ids, times_ns=times)
 
 
 def _convert(rows: FloatArray) -> tuple[FloatArray, ...]:
-    return rows[:, 0], rows[:, 1:4], quaternion.rotations(rows[:, 4:])
+    return rows[:, 1:4], quaternion.rotations(rows[:, 4:])
 
 
-def _write_poses(path: Path, estimate: Estimate, labels: Labels) -> None:
+def _write_poses(path: Path, estimate: Estimate, keys: Keys) -> None:
     t = quaternion.embedded_translations(estimate.translations)
     if t is None:
         raise InputError("TUM needs translations; the estimate has rotations only")
-    numbers = np.hstack([t, quaternion.to_write(estimate.rotations)])
+    numbers = np.hstack([t, quaternion.to_write(estimate.rotations)]).tolist()
     with path.open("w", encoding="ascii") as file:
-        for time, row in zip(labels.times.tolist(), numbers.tolist(), strict=True):
-            stamp = f"{time:.0f}" if time.is_integer() else repr(time)
+        for stamp, row in zip(_stamps(keys, len(numbers)), numbers, strict=True):
             file.write(f"{stamp} {' '.join(map(repr, row))}\n")
+
+
+def _stamps(keys: Keys, n: int) -> Iterator[str]:
+    """The times in seconds; without any, the ids."""
+    if keys.times_ns is None:
+        yield from map(str, keys.ids_of(n).tolist())
+        return
+    for time in keys.times_ns.tolist():
+        if time == NO_TIME:
+            raise InputError("TUM needs a timestamp for each pose, and some have none")
+        yield in_seconds(time)
 
 
 FORMAT = Format(
@@ -45,5 +63,7 @@ FORMAT = Format(
     holds="a trajectory",
     read_poses=_read_poses,
     write_poses=_write_poses,
+    holds_ids=True,
+    holds_times=True,
     chart=Chart("quaternion", lambda words: words[1:]),
 )
