@@ -1,8 +1,8 @@
 """The package's own lossless format: NumPy arrays in a zip archive, no pickles.
 
 A graph: edges, rotations, kappa (translations, tau, information matrices), ids, which nodes are
-points, numbered apart from poses, or the world, which edges assume where that is or measure from it,
-times, ranges, initial values, truth, fixed nodes, reading options. An estimate: rotations,
+points, numbered apart from poses, or the world, which edges assume where that is or measure from
+it, times, ranges, initial values, truth, fixed nodes, reading options. An estimate: rotations,
 translations, ids, times, names, and which are points.
 
 Of the information matrices each distinct one is stored once (``information``), with the number of
