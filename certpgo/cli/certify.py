@@ -156,6 +156,7 @@ def command(
             reading,
             estimate=estimates[0],
             proof=written,
+            stopped=parts[0].judge.ended_by is not None,
             remarks=remarks,
             disagreeing=bool(remarks),
         )
@@ -232,7 +233,11 @@ def _single(
             if len(parts) > 1:
                 typer.echo(part.instance.name)
             steps = steps_after(
-                found.certificate, part.instance, asked, disagreement=disagreements[-1]
+                found.certificate,
+                part.instance,
+                asked,
+                stopped=ended,
+                disagreement=disagreements[-1],
             )
             _verdict.show(
                 found.certificate, part.instance, found, disagreements[-1], accuracy, steps
