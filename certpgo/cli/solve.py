@@ -80,7 +80,7 @@ def command(
         float | None,
         time_limit_option("Stop and return the best estimate so far.", "30 s after a first bound"),
     ] = None,
-    file_start: Annotated[
+    stored: Annotated[
         bool,
         typer.Option(
             "--file-start/--no-file-start",
@@ -127,7 +127,7 @@ def command(
     from certpgo.io import read_estimate, write
     from certpgo.io.format import format_to_write
 
-    _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank, file_start)
+    _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank, stored)
     refuse_chordal_only(cost, method=method, robust=robust)
     refuse_unprovable(cost, proof)
     if robust and proof is not None:
@@ -172,12 +172,7 @@ def command(
             with working(f"solving {part.name}") as status:
                 monitor = TableMonitor() if trace else StatusLine(status)
                 if solver is None or method is None:
-                    limits = SolveSettings(
-                        time_limit=time_limit,
-                        max_rank=max_rank,
-                        tier=tier,
-                        try_file_start=file_start,
-                    )
+                    limits = SolveSettings(time_limit, max_rank, tier=tier, try_file_start=stored)
                     found = _certified(part, begin, limits, robust, monitor, own)
                 else:
                     requested = (tier or "standard") if certify else None
@@ -295,7 +290,7 @@ def _refuse_mixtures(
     robust: bool,
     time_limit: float | None,
     max_rank: int | None,
-    file_start: bool,
+    stored: bool,
 ) -> None:
     """Refuse combinations in which an option would be ignored."""
     if method is None and settings:
@@ -304,7 +299,7 @@ def _refuse_mixtures(
         raise InputError("--no-certify needs --method")
     if method is not None and (time_limit is not None or max_rank is not None):
         raise InputError("--time-limit and --max-rank cannot be combined with --method")
-    if not file_start and (robust or method is not None):
+    if not stored and (robust or method is not None):
         raise InputError("--no-file-start cannot be combined with --method or --robust")
     if method is not None and robust:
         raise InputError("--robust chooses its own method: not with --method")

@@ -16,10 +16,11 @@ from certpgo.certify.case import PROOF_GAIN, Basin
 from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound
 from certpgo.certify.own_cost import RANKS, OwnCostCase, is_provable
+from certpgo.costs.descent import descend
 from certpgo.costs.problem import InformationProblem
 from certpgo.graph.lift import Lift, rounded
 from certpgo.graph.wording import counted
-from certpgo.optimize.monitor import Monitor
+from certpgo.optimize.monitor import Iteration, Monitor
 from certpgo.optimize.progress import Stop
 from certpgo.optimize.solution import Level, Solution, Status
 from certpgo.optimize.starts import Start
@@ -31,6 +32,7 @@ from certpgo.solvers.certified.pipeline import (
     search_and_certify,
 )
 from certpgo.solvers.certified.settings import OUTLIERS_PATIENCE, SolveSettings
+from certpgo.solvers.certified.staircase import Hopeful
 
 #: Surrogates after which the search does not begin again.
 SURROGATES = 10
@@ -151,11 +153,9 @@ class _Search:
         self, case: OwnCostCase, settings: SolveSettings, start: Start, *, hurried: bool
     ) -> None:
         self.case, self.settings, self.stop = case, settings, case.stop
-        self.hurried, self.patience = hurried, settings.patience
-        if hurried:
-            self.patience = min(self.patience, OUTLIERS_PATIENCE)
-        if settings.time_limit is not None:
-            self.patience = math.inf
+        self.hurried = hurried
+        patience = min(settings.patience, OUTLIERS_PATIENCE) if hurried else settings.patience
+        self.patience = patience if settings.time_limit is None else math.inf
         self.surrogates, self.ended_early = 0, False
         self.start = self.origin = start.name
         self.best, self.status = self.basin(self.case.descent(start.estimate))
@@ -165,7 +165,7 @@ class _Search:
 
         Also descend from another start, before that.
         """
-        if self.hurried or self.best.value > 0.0:
+        if self.best.value > 0.0:
             self.stop.hurry(self.patience)
         if stored is not None and not self.ends():
             self.try_stored(stored)
@@ -178,9 +178,12 @@ class _Search:
             start, tried = self.best, 0
             for found in self.case.reached(start.point, start.cost):
                 self.keep(found.bound)
+                # With many outliers a bound comes first: descents are long, and worth little.
+                wanted = not self.hurried or self.best.value > 0.0
                 if isinstance(found.point, Lift) and not self.ends():
                     tried = found.number + 1
-                    self.improve(self.case.descent(rounded(found.point)))
+                    if wanted:
+                        self.improve(self.case.descent(rounded(found.point)))
                 if self.best.cost < start.cost or self.ends():
                     break
             self.surrogates += tried
@@ -197,8 +200,14 @@ class _Search:
             self.best = replace(self.best, bound=bound)
 
     def try_stored(self, start: Start) -> None:
-        """Descend from another estimate; keep the end if it is better."""
-        if self.improve(self.case.descent(start.estimate)):
+        """Descend from another estimate as long as that may lead to a lower cost."""
+        hopeful = Hopeful(self.stop, self.best.cost, self.settings.hope)
+
+        def monitor(step: Iteration) -> bool:
+            return hopeful(step) if step.accepted else self.stop(step)
+
+        problem, watch = self.case.problem, self.stop.watch
+        if self.improve(descend(problem, start.estimate, monitor=monitor, watch=watch)):
             self.start = start.name
             self.origin = f"{start.name}, which led to a lower cost than {self.origin}"
 

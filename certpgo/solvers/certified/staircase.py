@@ -88,9 +88,14 @@ class Staircase:
                 self.levels = [Level(self.problem.d, self.best.cost, self.best.status)]
 
     def hurry(self) -> None:
-        """Climb for a short time only, unless a time limit was set."""
+        """Climb for a short time only after a first bound, unless a time limit was set."""
         if self.settings.time_limit is None:
             self.patience = min(self.patience, OUTLIERS_PATIENCE)
+            self.lose_patience()
+
+    def lose_patience(self) -> None:
+        """Set when to stop climbing, if there is a useful bound."""
+        if self.basin.value > 0.0:
             self.impatient = min(self.impatient, time.monotonic() + self.patience)
 
     def given(self, initial: Start) -> Start:
@@ -250,8 +255,7 @@ class Staircase:
         self.counts["nonzeros"] = max(self.counts["nonzeros"], bound.nonzeros)
         if self.bound is None or bound.value > self.bound.value:
             self.bound = bound
-        if self.basin.value > 0.0:
-            self.impatient = min(self.impatient, time.monotonic() + self.patience)
+        self.lose_patience()
 
     def settle_for_less(self, point: Point) -> None:
         """Bounds weakened by a negative eigenvalue, if there is no other."""
