@@ -153,9 +153,10 @@ class _Search:
         self, case: OwnCostCase, settings: SolveSettings, start: Start, *, hurried: bool
     ) -> None:
         self.case, self.settings, self.stop = case, settings, case.stop
-        self.hurried = hurried
-        patience = min(settings.patience, OUTLIERS_PATIENCE) if hurried else settings.patience
-        self.patience = patience if settings.time_limit is None else math.inf
+        self.hurried = hurried and settings.time_limit is None
+        self.patience = settings.patience if settings.time_limit is None else math.inf
+        if self.hurried:
+            self.patience = min(self.patience, OUTLIERS_PATIENCE)
         self.surrogates, self.ended_early = 0, False
         self.start = self.origin = start.name
         self.best, self.status = self.basin(self.case.descent(start.estimate))
@@ -170,7 +171,7 @@ class _Search:
         if stored is not None and not self.ends():
             self.try_stored(stored)
         self.climb()
-        self.ended_early = self.patience < math.inf and self.stop.request is Status.TIME_LIMIT
+        self.ended_early = self.patience < math.inf and self.stop.cut is Status.TIME_LIMIT
 
     def climb(self) -> None:
         """Minimise surrogates, as `go_on` says."""
