@@ -204,8 +204,8 @@ class _Search:
         """Descend from another estimate as long as that may lead to a lower cost."""
         hopeful = Hopeful(self.stop, self.best.cost, self.settings.hope)
 
-        def monitor(step: Iteration) -> bool:
-            return hopeful(step) if step.accepted else self.stop(step)
+        def monitor(iteration: Iteration) -> bool:
+            return hopeful(iteration) if iteration.accepted else self.stop(iteration)
 
         problem, watch = self.case.problem, self.stop.watch
         if self.improve(descend(problem, start.estimate, monitor=monitor, watch=watch)):
