@@ -123,11 +123,9 @@ def _searched(
     on_disagreement: Callable[[Disagreement], object] | None = None,
     stored: Start | None = None,
 ) -> CertifiedSolution:
-    search: Any = search_and_certify
     if isinstance(problem, InformationProblem):
-        search = search_own_cost
-    found: CertifiedSolution = search(problem, settings, initial, monitor, on_disagreement, stored)
-    return found
+        return search_own_cost(problem, settings, initial, monitor, on_disagreement, stored)
+    return search_and_certify(problem, settings, initial, monitor, on_disagreement, stored)
 
 
 @dataclass(frozen=True)

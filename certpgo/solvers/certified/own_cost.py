@@ -10,7 +10,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
+
+import numpy as np
 
 from certpgo.certify.case import PROOF_GAIN, Basin
 from certpgo.certify.certificate import Certificate, Tier, Verdict
@@ -18,6 +21,7 @@ from certpgo.certify.dual import DualBound
 from certpgo.certify.own_cost import RANKS, OwnCostCase, is_provable
 from certpgo.costs.descent import descend
 from certpgo.costs.problem import InformationProblem
+from certpgo.errors import NumericalError
 from certpgo.graph.lift import Lift, rounded
 from certpgo.graph.wording import counted
 from certpgo.optimize.monitor import Iteration, Monitor
@@ -208,9 +212,10 @@ class _Search:
             return hopeful(iteration) if iteration.accepted else self.stop(iteration)
 
         problem, watch = self.case.problem, self.stop.watch
-        if self.improve(descend(problem, start.estimate, monitor=monitor, watch=watch)):
-            self.start = start.name
-            self.origin = f"{start.name}, which led to a lower cost than {self.origin}"
+        with suppress(NumericalError, np.linalg.LinAlgError):
+            if self.improve(descend(problem, start.estimate, monitor=monitor, watch=watch)):
+                self.start = start.name
+                self.origin = f"{start.name}, which led to a lower cost than {self.origin}"
 
     def improve(self, found: Solution) -> bool:
         """Keep the end of a descent if its cost is lower; returns whether it is."""
