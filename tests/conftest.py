@@ -1,11 +1,13 @@
 import warnings
 from textwrap import dedent
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import settings
 
 from certpgo import datasets, registry
 from certpgo.errors import InputNotice
+from certpgo.optimize import progress
 
 settings.register_profile("ci", derandomize=True, deadline=None)
 settings.load_profile("ci")
@@ -35,6 +37,14 @@ def dataset(dataset_path):
             return datasets.load(name, download=False, **options)
 
     return load
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """The clock of time limits, which the test sets: ``clock.now`` seconds."""
+    stopped = SimpleNamespace(now=0.0)
+    monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: stopped.now))
+    return stopped
 
 
 #: A method that logs each run, waits for a file from some run on, and sleeps, dies or fails on

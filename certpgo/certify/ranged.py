@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -27,6 +27,7 @@ from certpgo.linalg.arrays import FloatArray
 from certpgo.linalg.balls import U
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.solution import Level, Solution, Status
+from certpgo.optimize.starts import Start
 
 #: Relative gap between a point of the relaxation and its bound below which it is solved.
 SOLVED = 1e-6
@@ -35,7 +36,14 @@ PROJECTIONS = 12
 #: By which a start leaves the space of d dimensions, over the median distance.
 OUT = 0.3
 #: Steps of a descent to an estimate.
-STEPS = 200
+STEPS = 250
+#: Shares of the remaining time for descents from given estimates, and then for the climb; the rest
+#: is for descents from its end.
+GIVEN_SHARE, CLIMB_SHARE = 0.3, 0.7
+#: Relative difference below which costs count as equal.
+SAME_COST = 1e-9
+#: Where the search begins of itself, for reports.
+ORIGIN = "a random point of higher rank"
 #: Ranks above d that the relaxation is climbed to.
 RANKS = 7
 
@@ -199,17 +207,22 @@ class Search:
         lowest = self.problem.d + self.problem.whole.dimensions
         self.highest = max(highest or self.problem.d + RANKS, lowest)
         self.best: Estimate | None = None
-        self.cost, self.status = math.inf, Status.ITERATION_LIMIT
+        self.cost, self.status, self.origin = math.inf, Status.ITERATION_LIMIT, ORIGIN
         self.bound: DualBound | None = None
         self.levels: list[Level] = []
         self.solved = False
 
-    def run(self, initial: Estimate | None = None) -> None:
-        """Climb from a start to the relaxation's minimum, then round."""
+    def run(self, starts: Iterable[Start] = ()) -> None:
+        """Descend from given estimates, climb to the relaxation's minimum, then round.
+
+        Each phase leaves time for the next ones.
+        """
         rng = np.random.default_rng(0)
-        if initial is not None:
-            self.try_from(initial)
-        point = self.climb(self.start(rng))
+        with self.stop.for_at_most(GIVEN_SHARE * self.stop.remaining):
+            for start in starts:
+                self.try_from(start.estimate, start.name)
+        with self.stop.for_at_most(CLIMB_SHARE * self.stop.remaining):
+            point = self.climb(self.start(rng))
         for projected in self.projections(point, rng):
             if self.best is not None and (self.stop.cuts() or self.is_certified):
                 break
@@ -237,7 +250,7 @@ class Search:
                 with self.stop.watch.phase("descend"):
                     point, status = descend(self.problem, following, monitor=self.stop)
                 cost = self.problem.cost(point)
-                self.levels.append(Level(point.rank, cost, status))
+                self.levels.append(Level(point.rank, cost, self.stop.request or status))
                 if self.stop.cuts():
                     break
                 with self.stop.watch.phase("certify"):
@@ -248,7 +261,7 @@ class Search:
                 if self.solved:
                     break
                 with self.stop.watch.phase("escape"):
-                    following = escape(self.problem, point)
+                    following = escape(self.problem, point, self.stop.cuts)
         return point
 
     def projections(self, point: Lift, rng: np.random.Generator) -> Iterator[Lift]:
@@ -260,13 +273,14 @@ class Search:
                 yield Lift(rotations, translations_of(point) @ B)
             basis = np.linalg.qr(rng.standard_normal((point.rank, point.d)))[0]
 
-    def try_from(self, start: Point) -> None:
+    def try_from(self, start: Point, origin: str = ORIGIN) -> None:
         """Descend, and keep the end if it is the best."""
         with self.stop.watch.phase("round"), suppress(NumericalError, np.linalg.LinAlgError):
             found = self.case.descent(start)
             cost = self.case.cost_upper(found.estimate)
-            if cost < self.cost:
-                self.best, self.cost, self.status = found.estimate, cost, found.status
+            if self.best is None or cost < (1.0 - SAME_COST) * self.cost:
+                self.best, self.cost = found.estimate, cost
+                self.status, self.origin = found.status, origin
 
     @property
     def is_certified(self) -> bool:
@@ -292,6 +306,13 @@ class Search:
             raise NumericalError("no descent from the relaxation's point succeeded")
         return Basin(self.best, self.cost, self.status is Status.CONVERGED, self.bound)
 
+    @property
+    def _why(self) -> str:
+        """Why the relaxation was not solved, in words."""
+        if self.stop.cut is not None:
+            return f" before the search was stopped ({self.stop.cut})"
+        return f": the climb ended by itself, at rank {self.rank}"
+
     def explained(self, certificate: Certificate) -> Certificate:
         """The certificate, with what the relaxation is worth in its reason."""
         if certificate.verdict is not Verdict.BOUNDED or certificate.basin_is_global:
@@ -300,6 +321,6 @@ class Search:
             f"the relaxation of distances is not tight: it is solved, at rank {self.rank}, which "
             "certifies itself alone"
             if self.solved
-            else "the relaxation was not solved"
+            else f"the relaxation was not solved{self._why}"
         )
         return replace(certificate, reason=f"{certificate.reason}; {worth}")

@@ -16,6 +16,7 @@ _MEANINGS = {
     "REFUTED": "a lower-cost estimate exists that local descent from this one does not reach",
     "UNDECIDED": "nothing useful could be proven, for or against",
 }
+_LOWER = "no bound could be proven, and an estimate of lower cost is known"
 _RIGHT_BASIN = "not the optimum, but local descent from here reaches it; this is proven"
 _RIGHT_ROTATIONS = "not the optimum, but with its best translations it is; this is proven"
 _HINT = "a hint of the gap to the best possible estimate; this tier proves nothing"
@@ -71,6 +72,9 @@ class Statement(Speaking):
         @property
         def tolerance(self) -> float: ...  # noqa: D102
 
+        @property
+        def best_cost(self) -> float: ...  # noqa: D102
+
     @property
     def _headline(self) -> str:
         return f"{self.verdict}: {meaning(self)}"
@@ -103,7 +107,8 @@ def meaning(certificate: Statement) -> str:
     in_right_basin = verdict == "BOUNDED" and certificate.basin_is_global
     if in_right_basin:
         return _RIGHT_BASIN if certificate.descended else _RIGHT_ROTATIONS
-    return _MEANINGS[verdict]
+    lower = certificate.best_cost < certificate.cost_upper - certificate.tolerance
+    return _LOWER if lower and verdict == "UNDECIDED" else _MEANINGS[verdict]
 
 
 def trusts(certificate: Statement) -> Iterable[tuple[str, str]]:

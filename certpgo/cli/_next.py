@@ -31,6 +31,7 @@ def steps_after(
     asked: Asked,
     *,
     searched: bool = False,
+    stopped: bool = False,
     disagreement: Disagreement | None = None,
 ) -> list[str]:
     """What to do after the verdict, with commands; nothing if the estimate is good.
@@ -38,6 +39,7 @@ def steps_after(
     Parameters
     ----------
     searched : whether the certified search found the estimate
+    stopped : whether a limit or an interruption ended the search, or that for a bound
     disagreement : measurements that disagree with the rest
     """
     from certpgo.cli._paging import arguments
@@ -50,6 +52,7 @@ def steps_after(
         reading=list(arguments(asked.reading)),
         cost=cost_options(part, asked.cost),
         searched=searched,
+        stopped=stopped,
         disagreeing=disagreement is not None,
     )
     return [

@@ -151,7 +151,12 @@ class Solved:
         if self.method == "certified":
             asked = Asked(graph, self.cost, reading, "" if written is None else str(written))
             steps = steps_after(
-                self.certificate, part, asked, searched=True, disagreement=self.disagreement
+                self.certificate,
+                part,
+                asked,
+                searched=True,
+                stopped=solution.status.is_early,
+                disagreement=self.disagreement,
             )
         _verdict.show(self.certificate, part, disagreement=self.disagreement, steps=steps)
         uncertified = self.certificate.verdict.value != "CERTIFIED"
@@ -239,6 +244,7 @@ class Solved:
             estimate=written,
             proof=proof,
             method=self.method,
+            stopped=solution.status.is_early,
             remarks=remarks,
             partial=len(solution.rejected) > 0,
             disagreeing=self.disagreement is not None,

@@ -162,6 +162,7 @@ def command(
             reading,
             estimate=estimates[0],
             proof=proof if proven else None,
+            stopped=parts[0].judge.ended_by is not None,
             remarks=remarks,
             disagreeing=bool(remarks),
         )
@@ -254,7 +255,11 @@ def _single(
             if part.instance.name != whole.name:
                 typer.echo(part.instance.name)
             steps = steps_after(
-                found.certificate, part.instance, asked, disagreement=disagreements[-1]
+                found.certificate,
+                part.instance,
+                asked,
+                stopped=ended,
+                disagreement=disagreements[-1],
             )
             _verdict.show(
                 found.certificate, part.instance, found, disagreements[-1], accuracy, steps

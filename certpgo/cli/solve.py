@@ -86,6 +86,13 @@ def command(
         float | None,
         time_limit_option("Stop and return the best estimate so far.", "30 s after a first bound"),
     ] = None,
+    stored: Annotated[
+        bool,
+        typer.Option(
+            "--file-start/--no-file-start",
+            help="Also try the initial values in the file, if nothing better is certified.",
+        ),
+    ] = True,
     max_rank: Annotated[
         int | None,
         typer.Option(
@@ -128,7 +135,7 @@ def command(
     from certpgo.io.matching import Matching
     from certpgo.io.timestamps import timed
 
-    _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank)
+    _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank, stored)
     refuse_chordal_only(cost, method=method, robust=robust)
     refuse_unprovable(cost, proof)
     if robust and proof is not None:
@@ -170,7 +177,7 @@ def command(
             with working(f"solving {part.name}") as status:
                 monitor = TableMonitor() if trace else StatusLine(status)
                 if solver is None or method is None:
-                    limits = SolveSettings(time_limit=time_limit, max_rank=max_rank, tier=tier)
+                    limits = SolveSettings(time_limit, max_rank, tier=tier, try_file_start=stored)
                     found = _certified(part, begin, limits, robust, monitor, own)
                 else:
                     requested = (tier or "standard") if certify else None
@@ -303,6 +310,7 @@ def _refuse_mixtures(
     robust: bool,
     time_limit: float | None,
     max_rank: int | None,
+    stored: bool,
 ) -> None:
     """Refuse combinations in which an option would be ignored."""
     if method is None and settings:
@@ -311,5 +319,7 @@ def _refuse_mixtures(
         raise InputError("--no-certify needs --method")
     if method is not None and (time_limit is not None or max_rank is not None):
         raise InputError("--time-limit and --max-rank cannot be combined with --method")
+    if not stored and (robust or method is not None):
+        raise InputError("--no-file-start cannot be combined with --method or --robust")
     if method is not None and robust:
         raise InputError("--robust chooses its own method: not with --method")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,6 +38,16 @@ ACCURACY, MORE = 1e-3, 2
 RESOLUTION = 1e-13
 
 
+class _Step(NamedTuple):
+    """The last step's actual over predicted decrease, and whether it was accepted."""
+
+    gain: float | None
+    accepted: bool
+
+
+_FIRST, _REJECTED = _Step(0.0, True), _Step(None, False)
+
+
 class _State:
     """A point with its gradient and matrices."""
 
@@ -67,7 +79,7 @@ def descend(
     initial: Point,
     *,
     tolerance: float = 1e-9,
-    max_iterations: int = 300,
+    max_iterations: int = 400,
     monitor: Monitor = silent,
     watch: Stopwatch | None = None,
 ) -> tuple[Lift, Status]:
@@ -78,37 +90,33 @@ def descend(
     Parameters
     ----------
     tolerance : of the step that would follow, relative to the cost, at which to stop
+    max_iterations : accepted and rejected steps after which to stop
     """
     state = _State(problem, lifted(initial, initial.rotations.shape[1]))
     progress = Progress(monitor, tolerance, max_iterations, watch or Stopwatch())
-    damping, exact, gain, remaining = LEAST, False, 0.0, math.inf
-    while progress.advance(state.cost, remaining, 0.0, gain=gain):
-        following: _State | None = None
-        while damping <= LARGEST and following is None:
-            factor = _factor(problem, state, exact, damping)
-            if factor is None and exact:
-                exact = False
-                continue
-            if factor is None:
-                damping *= 10.0
-                continue
-            x = -factor.solve(state.gradient)
-            predicted = float(-state.gradient @ x)
-            candidate = _State(problem, state.moved(x))
-            if predicted <= ROUNDING * state.cost:
-                best = candidate if candidate.cost <= state.cost else state
-                return best.point, Status.CONVERGED
-            remaining = math.sqrt(predicted / state.cost)
-            gain = (state.cost - candidate.cost) / predicted
-            if gain > ACCEPTED:
-                following = candidate
-            else:
-                damping = max(10.0 * damping, FIRST)
-        if following is None:
-            return state.point, Status.STALLED
-        exact = exact or state.cost - following.cost < SLOW * state.cost
+    damping, exact, remaining, last = LEAST, False, math.inf, _FIRST
+    while progress.advance(state.cost, remaining, 0.0, gain=last.gain, accepted=last.accepted):
+        if damping > LARGEST:
+            progress.status = Status.STALLED
+            break
+        factor = _factor(problem, state, exact, damping)
+        if factor is None:
+            damping, exact, last = damping if exact else 10.0 * damping, False, _REJECTED
+            continue
+        x = -factor.solve(state.gradient)
+        predicted = float(-state.gradient @ x)
+        candidate = _State(problem, state.moved(x))
+        if predicted <= ROUNDING * state.cost:
+            best = candidate if candidate.cost <= state.cost else state
+            return best.point, Status.CONVERGED
+        gain = (state.cost - candidate.cost) / predicted
+        if not gain > ACCEPTED:
+            damping, last = max(10.0 * damping, FIRST), _REJECTED
+            continue
+        remaining, last = math.sqrt(predicted / state.cost), _Step(gain, True)
+        exact = exact or state.cost - candidate.cost < SLOW * state.cost
         damping = max(LEAST, damping / 10.0 if gain > GOOD else damping)
-        state = following
+        state = candidate
     return state.point, progress.status
 
 
@@ -123,16 +131,22 @@ def _factor(problem: RangeProblem, state: _State, exact: bool, damping: float) -
     return problem.symbolic(A).factor(A)
 
 
-def escape(problem: RangeProblem, point: Point) -> Lift | None:
+def escape(
+    problem: RangeProblem, point: Point, asked: Callable[[], bool] = lambda: False
+) -> Lift | None:
     """A lower point of the next rank; None where the certificate matrix has no way down.
 
     Along an eigenvector of a negative eigenvalue of the pose graph's certificate matrix there (see
     `RangeProblem.surrogate`), whose curvature in a new dimension is that of f.
 
+    Parameters
+    ----------
+    asked : whether to stop; called before each factorization and each solve
+
     Raises
     ------
     NumericalError
-        No factorization, or no convergence.
+        No factorization, no convergence, or a stop.
     """
     below, _ = problem.surrogate(point)
     G = problem.gradient(point)[:, :, -problem.d :]
@@ -144,7 +158,7 @@ def escape(problem: RangeProblem, point: Point) -> Lift | None:
     root = np.sqrt(np.maximum(weights, np.finfo(float).tiny))
     A = divided(S, root)
     # The motions of the whole have eigenvalue zero, and must not hide the one that is looked for.
-    value, v = _smallest(below, A, point.rotations.shape[1] + MORE)
+    value, v = _smallest(below, A, point.rotations.shape[1] + MORE, asked)
     if value > -RESOLUTION:
         return None
     direction = layout.unpack(v / root)
@@ -152,17 +166,30 @@ def escape(problem: RangeProblem, point: Point) -> Lift | None:
     return _leave(problem, point, below.rising(direction))
 
 
-def _smallest(below: SignedProblem, A: CSC, pairs: int) -> tuple[float, FloatArray]:
+def _smallest(
+    below: SignedProblem, A: CSC, pairs: int, asked: Callable[[], bool]
+) -> tuple[float, FloatArray]:
     """The smallest eigenvalue, of as many that are computed together, and its vector."""
     for shift in SHIFTS:
+        _refuse_to_go_on(asked)
         shifted = add_to_diagonal(A, shift)
         factor = below.symbolic(shifted).factor(shifted)
         if factor is None:
             continue
+
+        def solve(B: FloatArray, factor: Factor = factor) -> FloatArray:
+            _refuse_to_go_on(asked)
+            return factor.solve(B)
+
         start = np.random.default_rng(0).standard_normal((A.shape[0], pairs))
-        found = krylov_schur(shifted, factor.solve, pairs, shift=shift, tol=ACCURACY, start=start)
+        found = krylov_schur(shifted, solve, pairs, shift=shift, tol=ACCURACY, start=start)
         return float(found.values[0]), found.vectors[:, 0]
     raise NumericalError("the certificate matrix could not be factorized, even when shifted")
+
+
+def _refuse_to_go_on(asked: Callable[[], bool]) -> None:
+    if asked():
+        raise NumericalError("stopped before a way down was found")
 
 
 def _leave(problem: RangeProblem, point: Point, rising: Lift) -> Lift | None:

@@ -104,6 +104,25 @@ class Stop:
         return Status.TIME_LIMIT if time.monotonic() > self.deadline else None
 
     @property
+    def remaining(self) -> float:
+        """Seconds until the deadline, infinite without one."""
+        return self.deadline - time.monotonic()
+
+    def hurry(self, seconds: float) -> None:
+        """Bring the deadline forward, to at most so many seconds from now."""
+        self.deadline = min(self.deadline, time.monotonic() + seconds)
+
+    @contextmanager
+    def for_at_most(self, seconds: float = math.inf) -> Iterator[None]:
+        """Limit a phase that must leave time for others; at its end the deadline is as before."""
+        whole = self.deadline
+        self.hurry(seconds)
+        try:
+            yield
+        finally:
+            self.deadline = whole
+
+    @property
     def asked(self) -> bool:
         """Whether to stop, because of the monitor, Ctrl-C or the deadline."""
         return self.request is not None

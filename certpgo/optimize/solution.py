@@ -52,6 +52,11 @@ class Status(StrEnum):
     INTERRUPTED = "interrupted"
     TIME_LIMIT = "time limit"
 
+    @property
+    def is_early(self) -> bool:
+        """Whether something other than the method ended it, so that more time may help."""
+        return self in (Status.INTERRUPTED, Status.TIME_LIMIT)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Relaxation(Brief):

@@ -12,6 +12,8 @@ from certpgo.graph import Instance
 
 #: A sentence, and a command or an empty text.
 Step = tuple[str, str]
+_ENDED = "The search ended by itself, and more time would not help. The gap"
+_GUARANTEE = "is still a guarantee, and may be small enough to act on."
 _REJECT = "If measurements may be wrong, reject those that disagree."
 
 
@@ -23,6 +25,7 @@ class _Given(NamedTuple):
     reading: tuple[str, ...]
     cost: tuple[str, ...]
     searched: bool
+    stopped: bool
     disagreeing: bool
 
     @property
@@ -58,6 +61,7 @@ def advice(
     reading: Sequence[str] = (),
     cost: Sequence[str] = (),
     searched: bool = False,
+    stopped: bool = False,
     disagreeing: bool = False,
 ) -> list[Step]:
     """Sentences on what to do next, each with a command or an empty text.
@@ -67,9 +71,10 @@ def advice(
     graph, estimate : their files, as named in commands
     reading, cost : the command-line options with which they were read and judged
     searched : whether the certified search found the estimate, not another program
+    stopped : whether a limit or an interruption ended the search, or that for a bound
     disagreeing : whether some measurements disagree with the rest
     """
-    given = _Given(graph, estimate, tuple(reading), tuple(cost), searched, disagreeing)
+    given = _Given(graph, estimate, tuple(reading), tuple(cost), searched, stopped, disagreeing)
     match certificate.verdict:
         case Verdict.CERTIFIED:
             steps = _after_certified(given)
@@ -123,13 +128,14 @@ def _after_bounded(certificate: Certificate, given: _Given) -> Iterator[Step]:
     rejects = "distances" not in certificate.objective
     if rejects and given.disagreeing:
         yield _REJECT, given.reject()
-    if given.searched:
-        yield "Search longer, if the time limit ended it.", given.solve("--time-limit", "600")
-    else:
+    if not given.searched:
         yield "Search further from it.", given.search_on()
+    elif given.stopped:
+        yield "The search was stopped early: search longer.", given.solve("--time-limit", "600")
     if rejects and not given.disagreeing:
         yield _REJECT, given.reject()
-    yield "If the gap stays, it is still a guarantee, and may be small enough to act on.", ""
+    ended = given.searched and not given.stopped
+    yield f"{_ENDED if ended else 'If the gap stays, it'} {_GUARANTEE}", ""
 
 
 def _after_refuted(given: _Given) -> Iterator[Step]:
@@ -146,12 +152,11 @@ def _after_refuted(given: _Given) -> Iterator[Step]:
 def _after_undecided(certificate: Certificate, given: _Given) -> Iterator[Step]:
     if not (certificate.descended or given.searched):
         yield "Let local descent run first: bounds come from stationary points.", given.certify()
-    if given.searched:
-        yield (
-            "Read the reason above. If the search was stopped early, give it more time.",
-            given.solve("--time-limit", "600"),
-        )
-    elif "ended early" in certificate.reason:
+    if given.searched and given.stopped:
+        yield "The search was stopped early: give it more time.", given.solve("--time-limit", "600")
+    elif given.searched:
+        yield "The search ended by itself: the reason above says what was in the way.", ""
+    elif given.stopped:
         yield "The search for a bound was stopped: give it more time.", given.certify()
     yield "If costs are not finite, look at the weights.", given.look("info")
     if not given.searched:

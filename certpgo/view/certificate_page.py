@@ -52,6 +52,7 @@ class Origin:
     reading : command-line options with which the graph was read
     proof : the proof file, if one was written
     method : the method that found the estimate, or empty
+    stopped : whether a limit or an interruption ended the search, or that for a bound
     remarks : sentences shown below the verdict
     partial : whether the verdict is only about the measurements that the method kept
     disagreeing : whether some measurements disagree with the rest
@@ -64,6 +65,7 @@ class Origin:
     reading: tuple[str, ...] = ()
     proof: str = ""
     method: str = ""
+    stopped: bool = False
     remarks: tuple[str, ...] = ()
     partial: bool = False
     disagreeing: bool = False
@@ -139,6 +141,7 @@ def _advice(
         reading=origin.reading,
         cost=cost_options(instance, _cost_name(problem)),
         searched=origin.method == "certified",
+        stopped=origin.stopped,
         disagreeing=origin.disagreeing,
     )
 

@@ -128,6 +128,8 @@ def test_an_estimate_for_another_graph(certpgo, square, tmp_path, estimate, said
         (("--set", "tol=1"), "--set needs --method"),
         (("--no-certify",), "--no-certify needs --method"),
         (("--method", "eigen_ma", "--time-limit", "1"), "cannot be combined with --method"),
+        (("--method", "eigen_ma", "--no-file-start"), "cannot be combined with --method"),
+        (("--robust", "--no-file-start"), "cannot be combined with --method or --robust"),
         (("--method", "eigen_ma", "--initial", "square.g2o"), "eigen_ma takes no initial estimate"),
         (("--robust", "--proof", "out.cert"), "not about those that a robust method keeps"),
         (("--kappa", "-1"), "kappa"),

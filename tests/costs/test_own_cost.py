@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -30,6 +31,7 @@ from certpgo.graph import Instance
 from certpgo.graph.components import connected_parts
 from certpgo.graph.information import Information, InformationGraph
 from certpgo.linalg import so
+from certpgo.optimize.solution import Status
 from certpgo.optimize.starts import start_of
 
 few = settings(max_examples=10)
@@ -288,6 +290,36 @@ def test_random_estimates_get_a_verdict_without_warnings(recwarn):
             assert best.certificate.lower_bound <= best.cost
             assert found.lower_bound <= best.certificate.cost_upper
     assert [str(w.message) for w in recwarn] == []
+
+
+def test_patience_holds_under_another_cost():
+    problem, _ = problem_of_random(rng_of(4), 12, 3, noise=1.5, extra=20)
+    whole = solve(problem, time_limit=math.inf)
+    answer = solve(problem, patience=0.0)
+    assert (whole.verdict.value, answer.verdict.value) == ("BOUNDED", "BOUNDED")
+    assert answer.solution.status is Status.TIME_LIMIT
+    assert "ended 0 s after a first bound" in answer.solution.note
+    assert "first bound" not in whole.solution.note
+    assert len(answer.solution.trace) < len(whole.solution.trace)
+
+
+def test_the_values_of_the_file_are_a_start_under_another_cost():
+    problem, truth = problem_of_random(rng_of(3), 12, 3, noise=1.5, extra=20)
+    best = solve(problem)
+    Omega = problem.graph.information
+    instance = Instance(
+        "spoiled",
+        problem.graph.isotropic,
+        np.arange(12),
+        initial=best.estimate,
+        information=Information(Omega, np.arange(len(Omega))),
+    )
+    far = Estimate(so.random(rng_of(0), 12, 3), truth.translations)
+    only = {"cost": "g2o", "initial": far, "max_rank": 3}
+    assert solve(instance, **only, try_file_start=False).cost > 1.01 * best.cost
+    answer = solve(instance, **only)
+    assert answer.cost == pytest.approx(best.cost)
+    assert answer.start == "the initial values of the file"
 
 
 # --- Refusals

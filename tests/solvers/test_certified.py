@@ -6,7 +6,6 @@ import os
 import signal
 import threading
 from dataclasses import fields, replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,11 +23,12 @@ from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import factor, so
 from certpgo.objective.problem import RotationProblem, problem_of
-from certpgo.optimize import low_rank, progress
+from certpgo.optimize import low_rank
 from certpgo.optimize.monitor import Iteration, silent
 from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.optimize.progress import Stop
 from certpgo.optimize.solution import Status
+from certpgo.optimize.starts import Start
 from certpgo.solvers.certified import pipeline, staircase
 from certpgo.solvers.certified.staircase import Staircase
 from certpgo.solvers.low_rank import LowRank
@@ -449,14 +449,6 @@ def test_no_time_at_all_still_gives_an_estimate(d):
     assert (unhurried.verdict, unhurried.solution.status) == (Verdict.CERTIFIED, Status.CONVERGED)
 
 
-@pytest.fixture
-def clock(monkeypatch):
-    """The clock of time limits, which the test sets: ``clock.now`` seconds."""
-    stopped = SimpleNamespace(now=0.0)
-    monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: stopped.now))
-    return stopped
-
-
 def test_a_deadline_after_the_search_is_not_the_reason_of_the_verdict(clock, monkeypatch):
     certificate = pipeline._certificate
 
@@ -712,6 +704,41 @@ def test_a_given_start_that_leads_nowhere_gives_way_to_our_own():
     assert again.start == "the given estimate"
     assert again.solution.note.startswith("initialized by the given estimate")
     assert len(again.solution.trace) <= 2
+
+
+def test_the_values_of_the_file_are_tried_where_the_first_descent_is_stuck(monkeypatch):
+    instance, wound = winding_cycle(60, 0.3, 1)
+    kept = replace(instance, initial=instance.truth)
+    usual = solve(instance)
+    assert (solve(kept).cost, solve(kept).start) == (usual.cost, usual.start)
+    assert len(solve(kept).solution.trace) == len(usual.solution.trace)
+    monkeypatch.setattr(staircase, "start_of", lambda problem: Start(wound, "wound"))
+    answer = solve(kept)
+    assert certified_at(answer, usual.cost)
+    assert (answer.start, len(answer.levels)) == ("the initial values of the file", 1)
+    assert "which led to a lower cost than wound" in answer.solution.note
+    assert len(solve(kept, try_file_start=False).levels) > 1
+    # Those that lead nowhere lose to the search.
+    stuck = solve(replace(instance, initial=wound))
+    assert certified_at(stuck, usual.cost)
+
+
+def test_widespread_disagreement_ends_the_climb_early(monkeypatch):
+    monkeypatch.setattr(staircase, "OUTLIERS_PATIENCE", 0.0)
+    rng = np.random.default_rng(1)
+    graph, _, _ = pose_graph(rng, 15, 3, noise=0.02, weights=False)
+    R, wrong = graph.rotation.rotations.copy(), np.arange(14, graph.num_edges, 3)
+    R[wrong] = so.random(rng, len(wrong), 3)
+    spoiled = replace(graph, rotation=replace(graph.rotation, rotations=R))
+    spoiled, told = spoiled.with_weights(1250.0, 2500.0), []
+    early = solve(spoiled, on_disagreement=told.append)
+    assert told[0].is_widespread(spoiled)
+    assert early.disagreement is told[0]
+    assert (early.verdict, early.solution.status) == (Verdict.BOUNDED, Status.TIME_LIMIT)
+    assert "0 s after a first bound" in early.solution.note
+    assert solve(spoiled, time_limit=math.inf).solution.status is not Status.TIME_LIMIT
+    few = replace(told[0], edges=told[0].edges[:1])
+    assert not few.is_widespread(spoiled)
 
 
 def test_a_given_start_is_kept_where_our_own_is_no_better():

@@ -9,15 +9,25 @@ from hypothesis import given, settings
 from strategies import dimensions, point_graph, rng_of, seeds
 
 import certpgo
-from certpgo import Estimate, GraphError, InputError, PoseGraph, Ranges, RotationGraph, solve
-from certpgo.certify.ranged import Search, cost_lower, cost_upper, range_bound
+from certpgo import (
+    Estimate,
+    GraphError,
+    InputError,
+    NumericalError,
+    PoseGraph,
+    Ranges,
+    RotationGraph,
+    solve,
+)
+from certpgo.certify.ranged import RangedCase, Search, cost_lower, cost_upper, range_bound
 from certpgo.costs import range_problem
-from certpgo.costs.range_descent import descend
+from certpgo.costs.range_descent import descend, escape
 from certpgo.costs.ranges import RangeProblem
 from certpgo.costs.signed import SignedProblem, quarter_turn
 from certpgo.graph.lift import Lift, lifted
 from certpgo.linalg import so
 from certpgo.optimize.low_rank import orthonormal
+from certpgo.optimize.solution import Status
 
 few = settings(max_examples=12)
 
@@ -347,12 +357,77 @@ def test_estimates_beyond_the_range_of_doubles_are_undecided(far):
 
 
 def test_a_search_that_finds_nothing_decides_nothing(monkeypatch):
-    monkeypatch.setattr(Search, "try_from", lambda self, start: None)
+    monkeypatch.setattr(Search, "try_from", lambda self, *start: None)
     problem, truth, rng = measured(3, 3, noise=1.0)
     t = truth.translations + rng.standard_normal(truth.translations.shape)
     found = certpgo.certify(problem, Estimate(truth.rotations, t))
     assert found.verdict.value in ("BOUNDED", "UNDECIDED")
     assert found.better is None
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3, 6])
+def test_at_the_time_limit_the_answer_has_been_descended(clock, seed):
+    """A second for each step: the climb is cut, and leaves time for what follows."""
+    problem, _, _ = measured(seed, 3, noise=1.0, poses=12, points=4)
+
+    def tick(step):
+        clock.now += 1.0
+        return False
+
+    answer = solve(problem, time_limit=30.0, monitor=tick)
+    assert (answer.solution.status, answer.levels[-1].status) == (Status.TIME_LIMIT,) * 2
+    assert clock.now <= 32.0
+    below, _ = descend(problem, answer.estimate)
+    assert answer.cost <= 1.1 * problem.cost(below)
+    assert answer.solution.note.startswith("initialized by a random point of higher rank")
+
+
+def test_the_values_of_the_file_are_a_start(clock):
+    problem, truth, _ = measured(2, 3, noise=0.5, poses=12, points=4)
+    nodes = np.arange(problem.n)
+    instance = certpgo.Instance(
+        "kept", problem.measured, nodes, ranges=problem.ranges, initial=truth
+    )
+    at_once = solve(instance, monitor=lambda step: True)
+    assert at_once.cost <= problem.cost(truth)
+    assert at_once.start == "the initial values of the file"
+    without = solve(instance, monitor=lambda step: True, try_file_start=False)
+    assert without.cost > 2.0 * problem.cost(truth)
+    assert without.start == "a random point of higher rank"
+    unfinished = replace(instance, initial=Estimate(truth.rotations))
+    assert solve(unfinished, monitor=lambda step: True).cost == without.cost
+
+
+def test_ways_down_are_not_looked_for_after_a_stop():
+    problem, _, _ = measured(2, 3, noise=1.0, poses=12, points=4)
+    point, _ = descend(
+        problem, Search(RangedCase.of(problem, "standard", 0.0, 0.0)).start(rng_of(0))
+    )
+    asked = []
+
+    def third():
+        asked.append(None)
+        return len(asked) == 3
+
+    assert escape(problem, point) is not None
+    with pytest.raises(NumericalError, match="stopped before"):
+        escape(problem, point, third)
+    assert len(asked) == 3
+
+
+def test_rejected_steps_are_reported_and_may_be_the_last():
+    problem, _, rng = measured(0, 3, noise=1.0, poses=12, points=4)
+    start = Estimate(so.random(rng, problem.n, 3), rng.standard_normal((problem.n, 3)))
+    steps = []
+
+    def at_the_first_rejected(step):
+        steps.append(step)
+        return not step.accepted
+
+    found, status = descend(problem, start, monitor=at_the_first_rejected)
+    assert status is Status.INTERRUPTED
+    assert [step.accepted for step in steps] == [True] * (len(steps) - 1) + [False]
+    assert problem.cost(found) == steps[-1].cost == steps[-2].cost
 
 
 def test_a_map_stuck_elsewhere_is_refuted(dataset):

@@ -18,6 +18,7 @@ from strategies import point_graph
 from certpgo.assess.assessment import assess
 from certpgo.certify import Verdict, certify
 from certpgo.certify.curvature import smallest_eigenvalues
+from certpgo.certify.wording import meaning
 from certpgo.costs import information_problem, surrogate
 from certpgo.datasets import synthetic
 from certpgo.graph import Estimate, Instance, RotationGraph
@@ -250,7 +251,6 @@ def test_what_to_do_next_depends_on_the_verdict(solved):
     again = advice(replace(judged, reason="rounding limits it"), "g.g2o", searched=True)
     commands = [command for _, command in again]
     assert "certpgo solve g.g2o --tier proof" in commands
-    assert "certpgo solve g.g2o --time-limit 600" in commands
     found = replace(judged, better=judged.refined, better_cost=judged.lower_bound)
     assert [c for _, c in advice(found, "g.g2o", "e.tum")] == [
         "certpgo certify g.g2o e.tum --best better.g2o"
@@ -264,6 +264,30 @@ def test_what_to_do_next_depends_on_the_verdict(solved):
     assert [c for _, c in advice(certified, "g.g2o", disagreeing=True)] == [
         "certpgo solve g.g2o --robust"
     ]
+
+
+@pytest.mark.parametrize("verdict", [Verdict.BOUNDED, Verdict.UNDECIDED])
+def test_more_time_is_advised_only_where_the_search_was_stopped(solved, verdict):
+    judged = replace(solved[2].certificate, verdict=verdict, basin_is_global=False)
+    judged = replace(judged, reason="ended early, stopped")
+    longer = "certpgo solve g.g2o --time-limit 600"
+    stopped = dict(advice(judged, "g.g2o", searched=True, stopped=True))
+    assert longer in stopped.values()
+    by_itself = dict(advice(judged, "g.g2o", searched=True))
+    assert longer not in by_itself.values()
+    assert "ended by itself" in " ".join(by_itself)
+    bound = dict(advice(judged, "g.g2o", "e.tum", stopped=True))
+    of_others = dict(advice(judged, "g.g2o", "e.tum"))
+    more = "The search for a bound was stopped: give it more time."
+    assert (more in bound, more in of_others) == (verdict is Verdict.UNDECIDED, False)
+
+
+def test_undecided_says_whether_a_lower_cost_is_known(solved):
+    judged = replace(solved[2].certificate, verdict=Verdict.UNDECIDED)
+    judged = replace(judged, refined_cost=judged.cost_upper)
+    assert "nothing useful" in meaning(judged)
+    for lower in ({"refined_cost": 0.01 * judged.cost_upper}, {"better_cost": 0.0}):
+        assert meaning(replace(judged, **lower)).endswith("an estimate of lower cost is known")
 
 
 @pytest.fixture(scope="module")

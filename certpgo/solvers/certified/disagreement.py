@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.errors import NumericalError
-from certpgo.graph import Estimate
+from certpgo.graph import Estimate, Graph
 from certpgo.graph.speaking import Brief
 from certpgo.graph.wording import counted
 from certpgo.linalg import so
@@ -45,6 +45,8 @@ WIDER = 2.0
 UNREMARKABLE = math.radians(10.0)
 #: Share of the measurements outside a spanning tree that a credible robust fit keeps.
 BELIEVABLE = 0.25
+#: Share of the measurements outside a spanning tree from which disagreement is widespread.
+MANY = 0.05
 #: Fits to estimate the noise at most, and the relative reduction that justifies another.
 ROUNDS, GAIN = 6, 0.2
 
@@ -70,6 +72,10 @@ class Disagreement(Brief):
     edges: IntArray
     total: int
     worst_angle: float
+
+    def is_widespread(self, graph: Graph) -> bool:
+        """Whether they are a large share of the measurements beyond a spanning tree."""
+        return len(self.edges) > MANY * (self.total - graph.num_nodes + 1)
 
     def __str__(self) -> str:
         """Their number and largest residual angle in a sentence."""

@@ -19,7 +19,12 @@ from certpgo.optimize.solution import Solution
 from certpgo.optimize.starts import Start
 from certpgo.solvers.certified.disagreement import Disagreement, ignore
 from certpgo.solvers.certified.own_cost import search_own_cost
-from certpgo.solvers.certified.pipeline import GIVEN, CertifiedSolution, search_and_certify
+from certpgo.solvers.certified.pipeline import (
+    GIVEN,
+    STORED,
+    CertifiedSolution,
+    search_and_certify,
+)
 from certpgo.solvers.certified.ranged import search_ranges
 from certpgo.solvers.certified.settings import SolveSettings
 
@@ -48,7 +53,7 @@ def solve(
         default that of `certpgo.costs.own_cost` for an instance, and F for a graph
     settings : limits, tolerances and tuning, see `SolveSettings`
     initial : initial estimate, n poses, in metres, or an answer, or the path of a file; by default
-        one is computed
+        one is computed. An instance's own initial values are tried too, see ``try_file_start``
     monitor : is called with each iteration, and may stop the search
     on_disagreement : is called with measurements that disagree with the rest, after the first
         descent
@@ -92,25 +97,35 @@ def solve(
         raise InputError(f"solve takes a graph, an instance or a path, not {kind_of(posed)}")
     source = posed if isinstance(posed, Instance) else None
     problem = certifiable(posed, cost)
-    found = (
-        search_ranges(problem, chosen, start, monitor)
-        if isinstance(problem, RangeProblem)
-        else _searched(problem, chosen, start, monitor, on_disagreement)
-    )
+    given = None if start is None else Start(start, GIVEN)
+    stored = _stored(source) if chosen.try_file_start else None
+    if isinstance(problem, RangeProblem):
+        starts = [begin for begin in (given, stored) if begin is not None]
+        found = search_ranges(problem, chosen, starts, monitor)
+    else:
+        found = _searched(problem, chosen, given, monitor, on_disagreement, stored)
     return replace(found, instance=source)
+
+
+def _stored(source: Instance | None) -> Start | None:
+    """The instance's own initial values, if every node has them."""
+    if source is None or source.initial is None:
+        return None
+    lacks = isinstance(source.graph, PoseGraph) and source.initial.translations is None
+    return None if lacks else Start(source.initial, STORED)
 
 
 def _searched(
     problem: Problem | InformationProblem,
     settings: SolveSettings,
-    initial: Estimate | None,
+    initial: Start | None,
     monitor: Monitor,
     on_disagreement: Callable[[Disagreement], object] | None = None,
+    stored: Start | None = None,
 ) -> CertifiedSolution:
     if isinstance(problem, InformationProblem):
-        return search_own_cost(problem, settings, initial, monitor, on_disagreement)
-    begin = None if initial is None else Start(initial, GIVEN)
-    return search_and_certify(problem, settings, begin, monitor, on_disagreement)
+        return search_own_cost(problem, settings, initial, monitor, on_disagreement, stored)
+    return search_and_certify(problem, settings, initial, monitor, on_disagreement, stored)
 
 
 @dataclass(frozen=True)
@@ -140,7 +155,8 @@ class Certified(SolveSettings):
         monitor: Monitor = silent,
     ) -> Solution:
         """The best estimate found."""
-        return _searched(problem, self, initial, monitor).solution
+        begin = None if initial is None else Start(initial, GIVEN)
+        return _searched(problem, self, begin, monitor).solution
 
 
 SOLVER = Certified

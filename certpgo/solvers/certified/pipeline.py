@@ -30,6 +30,8 @@ from certpgo.solvers.certified.staircase import Staircase
 
 #: Name of the caller's initial estimate.
 GIVEN = "the given estimate"
+#: Name of the initial values of an instance.
+STORED = "the initial values of the file"
 #: Ranks that the staircase may add to d.
 MORE_RANKS = 7
 #: Why the relaxation may be loose where positions alone join parts: for those in a plane, and else.
@@ -166,8 +168,14 @@ def search_and_certify(
     initial: Start | None,
     monitor: Monitor,
     on_disagreement: Callable[[Disagreement], object] | None = None,
+    stored: Start | None = None,
 ) -> CertifiedSolution:
-    """`solve` for a problem; the solution's note contains the name of the initial estimate."""
+    """`solve` for a problem; the solution's note contains the name of the initial estimate.
+
+    Parameters
+    ----------
+    stored : another start, which is tried if the first descent is not certified
+    """
     if initial is not None:
         problem.check(initial.estimate)
     highest = problem.d + MORE_RANKS if settings.max_rank is None else settings.max_rank
@@ -179,7 +187,10 @@ def search_and_certify(
     closer = _as_close_as(case, settings)
     with case.stop.within(settings.time_limit):
         search = Staircase(steering, closer, initial)
+        search.try_stored(stored)
         found = on_disagreement and _disagreement(search, problem, on_disagreement)
+        if found and found.is_widespread(problem.graph):
+            search.hurry()
         search.go_on(highest)
         certificate = _certificate(search, None if settings.tier is None else case.tier)
     result = replace(_result(problem, search, certificate), settings=settings)
@@ -256,11 +267,14 @@ def _result(problem: Problem, search: Staircase, certificate: Certificate) -> Ce
 def _end(search: Staircase) -> str:
     """Where the search ended, and how to continue it if its own limit ended it."""
     where = f"the staircase ended at rank {search.levels[-1].rank}"
-    if not search.ended_early:
-        return where
+    return f"{where}, {early(search.patience)}" if search.ended_early else where
+
+
+def early(patience: float) -> str:
+    """That a search ended by its own limit, and how to let it continue."""
     return (
-        f"{where}, {search.patience:g} s after a first bound; setting a time limit (time_limit, "
-        "--time-limit) lets it continue"
+        f"{patience:g} s after a first bound; setting a time limit (time_limit, --time-limit) lets "
+        "it continue"
     )
 
 

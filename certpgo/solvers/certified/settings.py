@@ -13,6 +13,10 @@ from certpgo.errors import InputError, SpecError
 from certpgo.optimize.iterative import refuse_mistyped
 from certpgo.optimize.newton import NewtonSettings
 
+#: Patience, in seconds, with a graph of which many measurements disagree with the rest: the optimum
+#: of all of them is hardly worth more.
+OUTLIERS_PATIENCE = 2.0
+
 
 @dataclass(frozen=True)
 class SolveSettings:
@@ -26,10 +30,14 @@ class SolveSettings:
     max_rank : highest rank of the staircase, at least d; by default d + 7
     try_own_start : if descent from a given initial estimate is not certified, also descend from a
         computed initialization before climbing; the better result is used, as its note tells
+    try_file_start : descend from the initial values of the instance too, before climbing, if there
+        are any and the first descent is not certified; the better result is used
     tier : what the certificate trusts, see `Tier`; by default the standard tier, and the proof tier
         if only rounding prevents CERTIFIED
     rtol, atol : CERTIFIED means gap <= rtol F + atol W
-    patience : seconds of climbing after a first bound; ignored if ``time_limit`` is set
+    patience : seconds of climbing after a first bound; ignored if ``time_limit`` is set. Where
+        many measurements disagree with the rest, it is at most `OUTLIERS_PATIENCE`. Under the cost
+        of another program, the chordal search before it has half of this
     lifted_tolerance : stationarity required at higher ranks, relative to the typical residual, but
         no smaller an angle than ``newton.tolerance``
     rank_steps : steps of low-rank optimization at each rank
@@ -60,6 +68,7 @@ class SolveSettings:
     time_limit: float | None = None
     max_rank: int | None = None
     try_own_start: bool = True
+    try_file_start: bool = True
     tier: Tier | str | None = None
     rtol: float = RTOL
     atol: float = ATOL

@@ -30,7 +30,7 @@ from certpgo.optimize.progress import Hopeful
 from certpgo.optimize.roundings import roundings
 from certpgo.optimize.solution import Level, Solution, Status
 from certpgo.optimize.starts import Start, start_of
-from certpgo.solvers.certified.settings import SolveSettings
+from certpgo.solvers.certified.settings import OUTLIERS_PATIENCE, SolveSettings
 
 
 class Staircase:
@@ -75,8 +75,31 @@ class Staircase:
                 self.start = own.name
                 self.origin = f"{own.name}, which led to a lower cost than {initial}"
 
+    def try_stored(self, start: Start | None) -> None:
+        """Descend from another estimate; keep the end if it is better."""
+        if start is None or self.ends():
+            return
+        with suppress(NumericalError, np.linalg.LinAlgError):
+            before = self.best
+            self.improve_from([self.given(start).estimate])
+            if self.best is not before:
+                self.start = start.name
+                self.origin = f"{start.name}, which led to a lower cost than {self.origin}"
+                self.levels = [Level(self.problem.d, self.best.cost, self.best.status)]
+
+    def hurry(self) -> None:
+        """Climb for a short time only after a first bound, unless a time limit was set."""
+        if self.settings.time_limit is None:
+            self.patience = min(self.patience, OUTLIERS_PATIENCE)
+            self.lose_patience()
+
+    def lose_patience(self) -> None:
+        """Set when to stop climbing, if there is a useful bound."""
+        if self.basin.value > 0.0:
+            self.impatient = min(self.impatient, time.monotonic() + self.patience)
+
     def given(self, initial: Start) -> Start:
-        """The caller's initial estimate with its best translations."""
+        """An initial estimate with its best translations."""
         with self.watch.phase("start"):
             return replace(initial, estimate=self.problem.complete(initial.estimate.rotations))
 
@@ -232,8 +255,7 @@ class Staircase:
         self.counts["nonzeros"] = max(self.counts["nonzeros"], bound.nonzeros)
         if self.bound is None or bound.value > self.bound.value:
             self.bound = bound
-        if self.basin.value > 0.0:
-            self.impatient = min(self.impatient, time.monotonic() + self.patience)
+        self.lose_patience()
 
     def settle_for_less(self, point: Point) -> None:
         """Bounds weakened by a negative eigenvalue, if there is no other."""
