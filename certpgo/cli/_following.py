@@ -107,14 +107,14 @@ class Followed:
     def sentence(self) -> str:
         """What is proven, in a line."""
         from certpgo.certify.certificate import CHORDAL
-        from certpgo.graph.wording import counted, rounded_up
+        from certpgo.graph.wording import cost_shown, counted, gap_shown
 
         s = self.standing
         if s is None:
             return ""
         aside = f"; {self.rejected} put aside" if self.rejected else ""
         size = f"{counted(s.nodes, 'node{s}')}, {counted(s.edges, 'measurement{s}')}"
-        proven = f"{s.verdict.value}: F {s.cost:.10g}, at most {rounded_up(s.gap, 2)} above F*"
+        proven = f"{s.verdict.value}: F {cost_shown(s.cost)}, at most {gap_shown(s.gap)} above F*"
         cost = "the chordal cost" if s.objective == CHORDAL else s.objective
         return f"{proven}; {size}{aside}; F is {cost}"
 

@@ -27,7 +27,7 @@ from certpgo.costs import (
 )
 from certpgo.errors import CertPGOError, NumericalError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph
-from certpgo.graph.wording import counted, rounded_down, rounded_up
+from certpgo.graph.wording import bound_shown, cost_shown, counted, gap_shown
 from certpgo.io.surfaces import Surface
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.problem import Problem, RotationProblem
@@ -194,11 +194,11 @@ def _figures(certificate: Certificate) -> list[tuple[str, str, str]]:
     """The three numbers of a verdict: their names, values, and what they mean."""
     gap, relative = certificate.gap, certificate.relative_gap
     return [
-        ("cost", rounded_up(certificate.cost_upper, 7), "F of this estimate"),
-        ("bound", rounded_down(certificate.lower_bound, 7), "no estimate costs less"),
+        ("cost", cost_shown(certificate.cost_upper), "F of this estimate"),
+        ("bound", bound_shown(certificate.lower_bound), "no estimate costs less"),
         (
             "gap",
-            rounded_up(gap, 3),
+            gap_shown(gap),
             f"{part(relative)} of F" if math.isfinite(relative) else "between them",
         ),
     ]
