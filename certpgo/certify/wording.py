@@ -71,6 +71,11 @@ class Statement(Speaking):
         def tolerance(self) -> float: ...  # noqa: D102
 
     @property
+    def in_brief(self) -> str:
+        """The verdict and the cost that it is about."""
+        return f"{self.verdict}, F {cost_shown(self.cost_upper)}"
+
+    @property
     def _headline(self) -> str:
         return f"{self.verdict}: {meaning(self)}"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from certpgo.assess.metrics import TrajectoryErrors
     from certpgo.certify import Certificate
     from certpgo.costs import Certifiable
+    from certpgo.costs.fit import Fit
     from certpgo.graph import Instance
     from certpgo.optimize.solution import Solution
     from certpgo.solvers.certified import CertifiedSolution
@@ -70,6 +72,29 @@ class Solved:
             return self.solution.cost
         return self.solution.judged(problem_of(self.part.graph)).cost(self.solution.estimate)
 
+    @cached_property
+    def fit(self) -> Fit | None:
+        """chi^2 of the certified measurements."""
+        from certpgo.costs.fit import fit_of
+
+        weights = self.solution.weights
+        return fit_of(self.part, self._problem, self.solution.estimate, weights)
+
+    @property
+    def _costs(self) -> list[tuple[str, str]]:
+        """The cost; of a robust method the certified one first, then that of all measurements."""
+        from certpgo.graph.wording import cost_shown
+
+        solution, certificate = self.solution, self.certificate
+        if solution.kept is None:
+            cost = solution.cost if certificate is None else certificate.cost_upper
+            return [("cost F", cost_shown(cost))]
+        kept = self.certified_cost if certificate is None else certificate.cost_upper
+        return [
+            ("cost F", f"{cost_shown(kept)}  (of the {solution.kept} measurements kept)"),
+            ("cost of all", f"{cost_shown(solution.cost)}  (with those rejected; not certified)"),
+        ]
+
     def report(self, written: Path | None) -> dict[str, Any]:
         """The result for --json."""
         solution, found = self.solution, self.found
@@ -82,6 +107,7 @@ class Solved:
                 self.certified_cost,
                 disagreement=disagreement,
                 accuracy=self.accuracy,
+                fit=self.fit,
             ),
             "solution": {
                 "method": self.method,
@@ -89,6 +115,8 @@ class Solved:
                 "levels": [{**asdict(level), "status": level.status.value} for level in levels],
                 "status": solution.status.value,
                 "cost": solution.cost,
+                "cost_of_all": solution.cost,
+                "cost_of_kept": self.certified_cost,
                 "iterations": solution.iterations,
                 "counts": dict(solution.counts),
                 "seconds": dict(solution.seconds),
@@ -120,8 +148,7 @@ class Solved:
         lines = [("graph", part.name), ("method", self.method), ("ended", solution.status.value)]
         if solution.iterations:
             lines.append(("iterations", str(solution.iterations)))
-        of_all = " (of all measurements)" if solution.kept is not None else ""
-        lines += [("cost F", f"{solution.cost:.12g}{of_all}"), ("seconds", seconds)]
+        lines += [*self._costs, ("seconds", seconds)]
         if (memory := peak_memory()) >= MUCH_MEMORY:
             lines.append(("memory", f"{memory:.1f} GB at most"))
         if solution.note:
@@ -133,8 +160,7 @@ class Solved:
         if written is not None:
             lines.append(("written", str(written)))
         if self.found is not None and (chordal := self.found.chordal) is not None:
-            verdict = f"{chordal.verdict.value}, F = {chordal.cost:.12g} at another estimate"
-            lines.append(("chordal cost", verdict))
+            lines.append(("chordal cost", f"{chordal.certificate.in_brief} at another estimate"))
         if self._undetermined is not None:
             lines.append(("undetermined", self._undetermined))
         accuracy = self.accuracy
@@ -153,7 +179,9 @@ class Solved:
             steps = steps_after(
                 self.certificate, part, asked, searched=True, disagreement=self.disagreement
             )
-        _verdict.show(self.certificate, part, disagreement=self.disagreement, steps=steps)
+        _verdict.show(
+            self.certificate, part, disagreement=self.disagreement, steps=steps, fit=self.fit
+        )
         uncertified = self.certificate.verdict.value != "CERTIFIED"
         if self.found is None and solution.kept is None and uncertified:
             notice("without --method, certpgo searches for the best estimate")
@@ -227,11 +255,18 @@ class Solved:
                 f"The verdict is about the {solution.kept} of {part.graph.num_edges} measurements "
                 "that the method kept, with their final weights; the view shows these."
             )
+        if many := _verdict.rejecting_many(solution):
+            remarks.append(f"{many[0].upper()}{many[1:]}.")
         if self.disagreement is not None:
             remarks.append(f"{self.disagreement}.")
         problem = self._problem
         assessment = assess(
-            problem, solution.estimate, self.certificate, ids=part.ids, nodes=part.poses
+            problem,
+            solution.estimate,
+            self.certificate,
+            ids=part.ids,
+            nodes=part.poses,
+            fit=self.fit,
         )
         origin = origin_of(
             graph,

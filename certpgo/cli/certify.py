@@ -235,8 +235,9 @@ def _single(
                 found.certificate, part.instance, asked, disagreement=disagreements[-1]
             )
             _verdict.show(
-                found.certificate, part.instance, found, disagreements[-1], accuracy, steps
+                found.certificate, part.instance, found, disagreements[-1], accuracy, steps, found.fit
             )
+        _verdict.warn(found.fit)
         if part.judge.interrupted:
             break
     if asked is None:
@@ -248,6 +249,7 @@ def _single(
                 disagreement=disagreeing,
                 assessment=assessment,
                 accuracy=accuracy,
+                fit=assessment.fit,
             )
             for part, assessment, disagreeing, accuracy in zip(
                 parts, assessments, disagreements, accuracies, strict=False
@@ -283,6 +285,7 @@ def _batch(
     from dataclasses import asdict
 
     from certpgo.assess.batch import judge_all, write_rows
+    from certpgo.graph.wording import cost_shown
 
     rows = []
     with working("certifying") as status.line:
@@ -294,7 +297,9 @@ def _batch(
         for row in judge_all(names, parts, read):
             rows.append(row)
             done = len({row.estimate for row in rows})
-            result = row.reason if row.cost is None else f"{row.estimate}: F {row.cost:.8g}"
+            result = row.reason
+            if row.cost is not None:
+                result = f"{row.estimate}: F {cost_shown(row.cost)}"
             typer.echo(f"{done}/{len(set(names))} {row.verdict} {result}", err=True)
     write_rows(out, rows)
     if json:

@@ -162,6 +162,7 @@ def command(
         document(_report(found))
     else:
         _show(found, [path for path in outputs if path is not None])
+    _verdict.warn(found.answer.fit, found.averaged.robust.solution)
     return _verdict.exit_code([found.answer.certificate])
 
 
@@ -243,6 +244,7 @@ def _report(found: Reconstruction | Fused) -> dict[str, Any]:
         "objective": "F" if found.averaged.instance.information is None else "g2o",
         "edges": len(kept),
         "odometry": found.odometry,
+        "fit": None if found.answer.fit is None else _verdict.fit_as_json(found.answer.fit),
         "consistency": dict(found.consistency()),
         "rejected": [
             {"frames": pair, "names": [found.frames.names[k] for k in pair]}

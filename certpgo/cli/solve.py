@@ -179,6 +179,7 @@ def command(
                 notice(f"{result.method} reports no iterations: nothing to --trace")
             if not json:
                 result.show(target, graph, reading)
+            _verdict.warn(result.fit, result.solution)
             if proof and provable and not result.interrupted:
                 proven = result.prove(proof, provable, json=json)
             if covariances is not None:

@@ -103,7 +103,7 @@ def certificate_page(
         graph=instance.name,
         meaning=meaning(certificate),
         reason=certificate.reason[:1].upper() + certificate.reason[1:],
-        remarks=[*_cost(problem), *origin.remarks],
+        remarks=[*_cost(problem), *_misfit(assessment), *origin.remarks],
         figures=_figures(certificate),
         advice=_advice(instance, origin, problem, certificate),
         numbers=[*_head(instance, origin), *_facts(instance, assessment)],
@@ -214,6 +214,12 @@ def _cost(problem: Certifiable) -> Iterable[str]:
         yield f"The cost is {problem.title} on this page."
 
 
+def _misfit(assessment: Assessment) -> Iterable[str]:
+    """The warning of an unusual chi^2."""
+    if assessment.fit is not None and assessment.fit.warning:
+        yield f"{assessment.fit.warning}."
+
+
 def _rungs(problem: Certifiable, estimate: Estimate, certificate: Certificate) -> tuple[Rung, ...]:
     """The bounds by eigenvalues and angles, which are about isotropic weights."""
     if isinstance(problem, (InformationProblem, RangeProblem)):
@@ -236,6 +242,8 @@ def _head(instance: Instance, origin: Origin) -> Iterable[tuple[str, str]]:
 def _facts(instance: Instance, assessment: Assessment) -> Iterable[tuple[str, str]]:
     certificate = assessment.certificate
     yield from numbers(certificate)
+    if assessment.fit is not None:
+        yield "chi^2", str(assessment.fit)
     yield from distances(assessment)
     yield from digits(assessment)
     yield from trusts(certificate)

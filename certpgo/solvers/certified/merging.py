@@ -79,8 +79,8 @@ class Merged(Speaking):
     def _facts(self) -> Iterator[tuple[str, str]]:
         for k, part in enumerate(self.parts):
             size = part.graph.size_in_words
-            yield f"map {k}", f"{part.verdict.value}, F {part.cost:.8g}; {size}"
-        yield "merged", f"F {self.answer.cost:.10g}, {self.raised:.4g} above the maps' sum"
+            yield f"map {k}", f"{part.certificate.in_brief}; {size}"
+        yield "merged", f"{self.answer.certificate.in_brief}, {self.raised:.4g} above the maps' sum"
         own = float(self.terms.sum())
         yield (
             "between",
