@@ -81,7 +81,9 @@ class Rung:
             return "-"
         if self.about == "angle":
             return f"{math.degrees(self.value):.4g} deg"
-        return bound_shown(self.value) if self.about == "cost" else f"{self.value:.4g} of its weight"
+        return (
+            bound_shown(self.value) if self.about == "cost" else f"{self.value:.4g} of its weight"
+        )
 
 
 @dataclass(frozen=True, eq=False)

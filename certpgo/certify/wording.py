@@ -73,7 +73,7 @@ class Statement(Speaking):
     @property
     def in_brief(self) -> str:
         """The verdict and the cost that it is about."""
-        return f"{self.verdict}, F {cost_shown(self.cost_upper)}"
+        return f"{self.verdict}, F = {cost_shown(self.cost_upper)}"
 
     @property
     def _headline(self) -> str:

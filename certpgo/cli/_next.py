@@ -31,6 +31,7 @@ def steps_after(
     asked: Asked,
     *,
     searched: bool = False,
+    interrupted: bool = False,
     disagreement: Disagreement | None = None,
 ) -> list[str]:
     """What to do after the verdict, with commands; nothing if the estimate is good.
@@ -38,6 +39,7 @@ def steps_after(
     Parameters
     ----------
     searched : whether the certified search found the estimate
+    interrupted : whether Ctrl-C ended the search
     disagreement : measurements that disagree with the rest
     """
     from certpgo.cli._paging import arguments
@@ -50,6 +52,7 @@ def steps_after(
         reading=list(arguments(asked.reading)),
         cost=cost_options(part, asked.cost),
         searched=searched,
+        interrupted=interrupted,
         disagreeing=disagreement is not None,
     )
     return [

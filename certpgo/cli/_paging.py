@@ -43,6 +43,7 @@ def origin_of(
     remarks: Sequence[str] = (),
     partial: bool = False,
     disagreeing: bool = False,
+    interrupted: bool = False,
     settings: SolveSettings | None = None,
 ) -> Origin:
     """Where an estimate came from; without the date, so that pages are reproducible."""
@@ -62,6 +63,7 @@ def origin_of(
         remarks=tuple(remarks),
         partial=partial,
         disagreeing=disagreeing,
+        interrupted=interrupted,
         settings=() if settings is None else tuple(_settings(settings)),
         environment=environment,
     )

@@ -54,6 +54,13 @@ class Solved:
         return self.solution.status.value == "interrupted"
 
     @property
+    def standing(self) -> str:
+        """What is known of the estimate, in a phrase."""
+        if self.certificate is None:
+            return "the best estimate so far is not certified"
+        return f"the best estimate so far is {self.certificate.verdict.value}"
+
+    @property
     def disagreement(self) -> Disagreement | None:
         """Measurements that disagree with the rest."""
         return None if self.found is None else self.found.disagreement
@@ -177,7 +184,12 @@ class Solved:
         if self.method == "certified":
             asked = Asked(graph, self.cost, reading, "" if written is None else str(written))
             steps = steps_after(
-                self.certificate, part, asked, searched=True, disagreement=self.disagreement
+                self.certificate,
+                part,
+                asked,
+                searched=True,
+                interrupted=self.interrupted,
+                disagreement=self.disagreement,
             )
         _verdict.show(
             self.certificate, part, disagreement=self.disagreement, steps=steps, fit=self.fit
@@ -255,7 +267,7 @@ class Solved:
                 f"The verdict is about the {solution.kept} of {part.graph.num_edges} measurements "
                 "that the method kept, with their final weights; the view shows these."
             )
-        if many := _verdict.rejecting_many(solution):
+        if many := _verdict.rejecting_many(len(solution.rejected), solution.kept or 0):
             remarks.append(f"{many[0].upper()}{many[1:]}.")
         if self.disagreement is not None:
             remarks.append(f"{self.disagreement}.")
@@ -277,6 +289,7 @@ class Solved:
             remarks=remarks,
             partial=len(solution.rejected) > 0,
             disagreeing=self.disagreement is not None,
+            interrupted=self.interrupted,
             settings=None if self.found is None else self.found.settings,
         )
         write_page(out, part, problem, solution.estimate, assessment, origin, solution.trace)

@@ -82,16 +82,17 @@ def show(
 
 def warn(fit: Fit | None, solution: Solution | None = None) -> None:
     """Note what a verdict does not say: chi^2 that is unusual, and that many were rejected."""
-    for warning in ("" if fit is None else fit.warning, rejecting_many(solution)):
+    rejected, kept = 0, 0
+    if solution is not None and solution.kept is not None:
+        rejected, kept = len(solution.rejected), solution.kept
+    for warning in ("" if fit is None else fit.warning, rejecting_many(rejected, kept)):
         if warning:
             notice(warning)
 
 
-def rejecting_many(solution: Solution | None) -> str:
-    """A warning if a robust method rejected more than a third of the measurements; or empty."""
-    if solution is None or solution.weights is None:
-        return ""
-    rejected, total = len(solution.rejected), len(solution.weights)
+def rejecting_many(rejected: int, kept: int) -> str:
+    """A warning if more than a third of the measurements are rejected; or empty."""
+    total = rejected + kept
     if not rejected > MANY * total:
         return ""
     return (

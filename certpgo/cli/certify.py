@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from certpgo.cli import _verdict
+from certpgo.cli._interrupting import tell_interrupted, tells_unwritten
 from certpgo.cli._next import Asked, steps_after
 from certpgo.cli._options import (
     CostOption,
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
 
 
 @takes_reading
+@tells_unwritten("best", "csv", "proof", "html")
 def command(
     graph: GraphName,
     estimates: Annotated[
@@ -132,11 +134,16 @@ def command(
     truths = [KnownPoses.of(truth, part.instance, reading) for part in parts]
     asked = None if json else Asked(graph, own, reading, estimates[0], best is not None)
     assessments, disagreements = _single(path, given, parts, truths, asked, status)
+    interrupted = any(part.judge.interrupted for part in parts)
+    if interrupted:
+        tell_interrupted("what is proven by then stands", [proof, html])
+    for assessed in assessments:
+        _verdict.warn(assessed.fit)
     if best is not None:
         _write_best(best, parts[0], assessments[0])
     elif any(_is_better_known(a, json) for a in assessments):
         notice("--best OUT writes the lower-cost estimate")
-    if any(part.judge.interrupted for part in parts):
+    if interrupted:
         return _verdict.INTERRUPTED
     if any(
         _may_gain(a.certificate, part.problem) for a, part in zip(assessments, parts, strict=True)
@@ -235,9 +242,14 @@ def _single(
                 found.certificate, part.instance, asked, disagreement=disagreements[-1]
             )
             _verdict.show(
-                found.certificate, part.instance, found, disagreements[-1], accuracy, steps, found.fit
+                found.certificate,
+                part.instance,
+                found,
+                disagreements[-1],
+                accuracy,
+                steps,
+                found.fit,
             )
-        _verdict.warn(found.fit)
         if part.judge.interrupted:
             break
     if asked is None:
@@ -305,6 +317,8 @@ def _batch(
     if json:
         document([asdict(row) for row in rows])
     if any(part.judge.interrupted for part in parts):
+        done = len({row.estimate for row in rows})
+        tell_interrupted(f"{out} has {done} of {len(set(names))} estimates")
         return _verdict.INTERRUPTED
     return _verdict.weakest(row.verdict for row in rows)
 

@@ -12,6 +12,7 @@ import typer
 
 from certpgo.cli import _verdict
 from certpgo.cli._fusing import NAMED, Fused, fused_at, write_reconstruction, write_scene
+from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import HtmlOut, Json
 from certpgo.cli._paging import require_pages
 from certpgo.cli._show import document, facts, notice, noticing, working
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from certpgo.registration.stages import Progress
 
 
+@tells_unwritten("out", "trajectory", "graph", "html")
 def command(
     folder: Annotated[
         Path | None,

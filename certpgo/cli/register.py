@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from certpgo.cli import _verdict
+from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import Json
 from certpgo.cli._show import document, facts, notice, working
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
@@ -24,6 +25,7 @@ LIMITS = (
 )
 
 
+@tells_unwritten("out", "graph", "trajectory")
 def command(
     scans: Annotated[
         list[Path], typer.Argument(metavar="SCANS...", help="Point clouds: PLY, PCD or XYZ files.")

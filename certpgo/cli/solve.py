@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from certpgo.cli import _verdict
-from certpgo.cli._interrupting import ends_at_once
+from certpgo.cli._interrupting import ends_at_once, tell_interrupted, tells_unwritten
 from certpgo.cli._options import (
     CostOption,
     GraphName,
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 
 
 @takes_reading
+@tells_unwritten("out", "proof", "html", "covariances")
 def command(
     graph: GraphName,
     method: Annotated[
@@ -171,6 +172,8 @@ def command(
                     requested = (tier or "standard") if certify else None
                     found = _by_method(part, method, solver, begin, requested, monitor, status)
             result = replace(found, truth=known)
+            if result.interrupted:
+                tell_interrupted(result.standing, [proof, *targets[len(results) + 1 :]])
             if target is not None:
                 with noticing():
                     write(target, result.solution.estimate, instance=part, format=format)

@@ -58,6 +58,7 @@ def advice(
     reading: Sequence[str] = (),
     cost: Sequence[str] = (),
     searched: bool = False,
+    interrupted: bool = False,
     disagreeing: bool = False,
 ) -> list[Step]:
     """Sentences on what to do next, each with a command or an empty text.
@@ -67,9 +68,13 @@ def advice(
     graph, estimate : their files, as named in commands
     reading, cost : the command-line options with which they were read and judged
     searched : whether the certified search found the estimate, not another program
+    interrupted : whether Ctrl-C ended that search
     disagreeing : whether some measurements disagree with the rest
     """
     given = _Given(graph, estimate, tuple(reading), tuple(cost), searched, disagreeing)
+    if interrupted and certificate.verdict is not Verdict.CERTIFIED:
+        on = given.search_on() if estimate else given.solve()
+        return [("The search was interrupted; go on with it.", on)]
     match certificate.verdict:
         case Verdict.CERTIFIED:
             steps = _after_certified(given)

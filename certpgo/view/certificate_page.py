@@ -55,6 +55,7 @@ class Origin:
     remarks : sentences shown below the verdict
     partial : whether the verdict is only about the measurements that the method kept
     disagreeing : whether some measurements disagree with the rest
+    interrupted : whether Ctrl-C ended the search
     settings : settings of the search that found the estimate, one text each
     environment : versions, machine and engine
     """
@@ -67,6 +68,7 @@ class Origin:
     remarks: tuple[str, ...] = ()
     partial: bool = False
     disagreeing: bool = False
+    interrupted: bool = False
     settings: tuple[str, ...] = ()
     environment: Mapping[str, str] | None = None
 
@@ -139,6 +141,7 @@ def _advice(
         reading=origin.reading,
         cost=cost_options(instance, _cost_name(problem)),
         searched=origin.method == "certified",
+        interrupted=origin.interrupted,
         disagreeing=origin.disagreeing,
     )
 
