@@ -33,7 +33,7 @@ def tell_interrupted(stands: str, unwritten: Iterable[Path | None] = ()) -> None
 def tells_unwritten(
     *names: str,
 ) -> Callable[[Callable[..., int | None]], Callable[..., int | None]]:
-    """Let Ctrl-C, where it aborts a command, name the outputs that are written and those that are not.
+    """Let Ctrl-C, where it aborts a command, name the outputs that are written, and the others.
 
     Parameters
     ----------

@@ -96,8 +96,8 @@ def rejecting_many(rejected: int, kept: int) -> str:
     if not rejected > MANY * total:
         return ""
     return (
-        f"{rejected} of {total} measurements are rejected, more than a third: another choice may fit "
-        "as well, and no verdict says which ones are right"
+        f"{rejected} of {total} measurements are rejected, more than a third: another choice may "
+        "fit as well, and no verdict says which ones are right"
     )
 
 

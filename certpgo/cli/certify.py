@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -110,21 +111,19 @@ def command(
     own = chosen_cost(cost, instance)
     if provable is not None:
         refuse_unreadable(provable, instance, own)
-    parts = []
     status = StatusLine()
-    for connected in reading.parts(instance):
-        problem = certifiable(connected, own)
-        judge = Judge(
-            problem,
-            tier=tier,
-            rtol=rtol,
-            atol=atol,
-            refine=refine,
-            time_limit=time_limit,
-            monitor=status,
-            ctrl_c=True,
-        )
-        parts.append(JudgedGraph(connected, problem, judge))
+    judging = partial(
+        Judge,
+        tier=tier,
+        rtol=rtol,
+        atol=atol,
+        refine=refine,
+        time_limit=time_limit,
+        monitor=status,
+        ctrl_c=True,
+    )
+    problems = [(part, certifiable(part, own)) for part in reading.parts(instance)]
+    parts = [JudgedGraph(part, problem, judging(problem)) for part, problem in problems]
     if len(parts) > 1:
         _refuse_parts(best=best, proof=proof, html=html)
     if csv is not None:
@@ -155,18 +154,16 @@ def command(
         certificate = assessments[0].certificate
         proven = prove(proof, provable, parts[0].instance, given[0], certificate, json=json)
     if html is not None:
-        part, problem = parts[0], parts[0].problem
-        written = proof if proven else None
         remarks = [f"{found}." for found in disagreements if found is not None]
         origin = origin_of(
             graph,
             reading,
             estimate=estimates[0],
-            proof=written,
+            proof=proof if proven else None,
             remarks=remarks,
             disagreeing=bool(remarks),
         )
-        write_page(html, part.instance, problem, given[0], assessments[0], origin)
+        write_page(html, parts[0].instance, parts[0].problem, given[0], assessments[0], origin)
     return code if proven else code or REFUSED
 
 

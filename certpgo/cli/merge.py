@@ -104,7 +104,7 @@ def command(
             ]
             for edge in worst[:SHOWN]
         ]
-        table("Between the maps", ["nodes", "chi^2", "probability", ""], rows)
+        table("Between the maps", ["nodes", "term of F", "probability", ""], rows)
         typer.echo(str(merged))
     return _verdict.exit_code([certificate])
 

@@ -1,14 +1,14 @@
 """How well an estimate fits measurements that state their noise: chi^2, and how much is usual.
 
-Residuals of the stated noise have a sum of squares chi^2, each over its variance, of as many degrees
-of freedom as numbers are measured, less those that the measurements determine. The costs of g2o and
-GTSAM are chi^2 themselves. A term of F is, for a small residual angle theta of q axes,
+chi^2 is the sum of squared residuals, each over its variance. For noise as stated, its mean at the
+best estimate is the degrees of freedom: numbers measured, less those that they determine. The costs
+of g2o and GTSAM are chi^2 themselves. The terms of F are, for a small residual angle theta,
 
     kappa |R_j - R_i R_ij|^2 = 2 kappa theta^2,        tau |t_j - t_i - R_i t_ij|^2,
 
-of means 2 kappa tr(Omega_R^-1) and tau tr(Omega_t^-1). By tau = d / tr(Omega_t^-1) the second is d.
-In space kappa = 3 / (2 tr(Omega_R^-1)) makes the first 3; in the plane kappa = Omega_R makes it 2,
-twice the one axis that is measured, so that it is halved here.
+of means 2 kappa tr(Omega_R^-1) and tau tr(Omega_t^-1). As tau = d / tr(Omega_t^-1), the second is
+d. In space kappa = 3 / (2 tr(Omega_R^-1)), and the first is 3. In the plane kappa = Omega_R, and it
+is 2 for the one axis that is measured: it is halved here.
 """
 
 from __future__ import annotations
@@ -138,7 +138,8 @@ def goodness_of_fit(
     >>> turn = np.array([[0.0, -1.0], [1.0, 0.0]])
     >>> edges = np.array([[0, 1], [1, 2], [2, 3], [3, 0]])
     >>> rotation = RotationGraph(4, edges, np.array([turn] * 4), np.full(4, 100.0))
-    >>> graph = PoseGraph(rotation, np.array([[1.1, 0.0], [1, 0], [1, 0], [1, 0]]), np.full(4, 100.0))
+    >>> steps = np.array([[1.1, 0.0], [1.0, 0.0], [1.0, 0.0], [1.0, 0.0]])
+    >>> graph = PoseGraph(rotation, steps, np.full(4, 100.0))
     >>> print(goodness_of_fit(PoseProblem(graph), certpgo.solve(graph).estimate))
     0.2099 at 3 degrees of freedom
     """
