@@ -113,10 +113,10 @@ def cells(result: MethodResult) -> tuple[str, ...]:
     kept = None if result.kept is None else 100.0 * result.kept
     return (
         result.method,
-        _at_most(result.certified_cost, 9),
+        _at_most(result.certified_cost, 9, "g"),
         _number(result.f_ml, ".7g"),
-        _at_most(result.gap, 3),
-        _at_most(result.relative_gap, 2),
+        _at_most(result.gap, 3, "e"),
+        _at_most(result.relative_gap, 2, "e"),
         result.verdict,
         _number(kept, ".1f"),
         _accuracy(result.accuracy, "ate"),
@@ -127,8 +127,11 @@ def cells(result: MethodResult) -> tuple[str, ...]:
     )
 
 
-def _at_most(value: float | None, digits: int) -> str:
-    return "" if value is None else rounded_up(value, digits)
+def _at_most(value: float | None, digits: int, form: str) -> str:
+    """An upper bound, rounded up to so many digits."""
+    if value is None:
+        return ""
+    return f"{float(rounded_up(value, digits)):.{digits - (form == 'e')}{form}}"
 
 
 def _number(value: float | None, form: str) -> str:
@@ -161,6 +164,7 @@ def in_a_line(result: MethodResult) -> str:
     said = f"{result.graph}: {result.method}: "
     if result.certified_cost is None or result.relative_gap is None:
         return f"{said}{result.error}"
-    cost, gap = _at_most(result.certified_cost, 9), _at_most(result.relative_gap, 2)
+    cost = _at_most(result.certified_cost, 9, "g")
+    gap = _at_most(result.relative_gap, 2, "e")
     cost = f"cost {cost}, gap {gap} of it"
     return f"{said}{result.verdict}, {cost}, {sum(result.seconds.values()):.3f} s"

@@ -285,7 +285,7 @@ def test_what_cannot_be_read_is_a_row(tmp_path):
     assert header.split(",")[:3] == ["estimate", "graph", "verdict"]
     assert header.split(",")[-1] == "reason"
     assert float(first.split(",")[3]) == rows[0].cost
-    assert second == "bad,,ERROR" + "," * 11 + "bad:3: numbers expected"
+    assert second == "bad,,ERROR" + "," * 13 + "bad:3: numbers expected"
     with pytest.raises(InputError, match="cannot be written"):
         write_rows(tmp_path / "nowhere" / "out.csv", rows)
 
