@@ -162,7 +162,7 @@ def test_pairs_that_contradict_one_another_are_warned_of(tmp_path, monkeypatch):
     def one_is_wrong(*given, **more):
         pairs, sliding = measure(*given, **more)
         found = pairs[0].found
-        off = replace(found, R=found.R @ so.exp(np.array([[0.0, 0.0, 1.0]]))[0])
+        off = replace(found, R=found.R @ so.exp(np.array([[0.0, 0.0, 0.1]]))[0])
         return [replace(pairs[0], found=off), *pairs[1:]], sliding
 
     monkeypatch.setattr(register, "aligned_pairs", one_is_wrong)
@@ -177,7 +177,6 @@ def test_pairs_that_contradict_one_another_are_warned_of(tmp_path, monkeypatch):
     done = CliRunner().invoke(application(["register"]), ["register", *names, *begin, *out])
     assert "at 18 degrees of freedom: measurements and estimate disagree by far more" in done.stderr
     found = json.loads(done.stdout)
-    assert found["verdict"] == "CERTIFIED"
     assert found["fit"]["degrees_of_freedom"] == 18
     assert found["fit"]["chi2"] == pytest.approx(found["cost"])
     assert found["cost"] > 1000.0
