@@ -118,7 +118,7 @@ def command(
     """
     from certpgo import SolveSettings
     from certpgo.certify.proof_file import refuse_unreadable
-    from certpgo.io import read_estimate, write
+    from certpgo.io import write
     from certpgo.io.format import format_to_write
 
     _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank)
@@ -145,11 +145,7 @@ def command(
     targets = targets_of(out, parts)
     refuse_overwriting(targets, [source, initial, truth])
     truths = [KnownPoses.of(truth, part, reading) for part in parts]
-    with noticing():
-        start = None
-        if initial is not None:
-            begun = reading.resolve(str(initial)).path()
-            start = read_estimate(begun, instance, topic=reading.topic_of(begun))
+    start = None if initial is None else _start(initial, instance, reading)
     solver = None if method is None else _solver(method, settings, parts)
     if initial is not None and not getattr(solver, "takes_initial", True):
         raise InputError(f"{method} takes no initial estimate: not with --initial")
@@ -199,6 +195,15 @@ def command(
         return _verdict.INTERRUPTED
     code = _verdict.exit_code(r.certificate for r in results if r.certificate is not None)
     return code if proven else code or REFUSED
+
+
+def _start(initial: Path, instance: Instance, reading: Reading) -> Estimate:
+    """The initial estimate from a file or dataset."""
+    from certpgo.io import read_estimate
+
+    path = reading.resolve(str(initial)).path()
+    with noticing():
+        return read_estimate(path, instance, topic=reading.topic_of(path))
 
 
 def _solver(method: str, settings: Sequence[str] | None, parts: Sequence[Instance]) -> Solver:
