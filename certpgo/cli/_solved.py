@@ -85,7 +85,7 @@ class Solved:
         from certpgo.costs.fit import fit_of
 
         weights = self.solution.weights
-        return fit_of(self.part, self._problem, self.solution.estimate, weights)
+        return fit_of(self.part, self._judged, self.solution.estimate, weights)
 
     @property
     def _costs(self) -> list[tuple[str, str]]:
@@ -217,7 +217,7 @@ class Solved:
         from certpgo.optimize.marginals import Marginals
 
         part = self.part
-        problem = self._problem if self.found is None else self.found.problem
+        problem = self._judged
         world, ids, whole = part.world, part.ids, problem.tangent_layout.whole
         # Covariances of points are in the frame of the estimate, so that is the written one.
         if world is None:
@@ -243,6 +243,11 @@ class Solved:
         """What the measurements leave open, in words."""
         found = None if self.found is None else replace(self.found, instance=self.part).undetermined
         return None if found is None else found.in_words(self.part.named)
+
+    @property
+    def _judged(self) -> Certifiable:
+        """The same, with what the certified pipeline knows of it."""
+        return self._problem if self.found is None else self.found.problem
 
     @property
     def _problem(self) -> Certifiable:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import Data
 from certpgo.cli._show import notice, noticing, working
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
@@ -29,6 +30,7 @@ class Colour(StrEnum):
     TRANSLATION = "translation-weight"
 
 
+@tells_unwritten("out")
 def command(
     files: Annotated[
         list[str],

@@ -13,12 +13,14 @@ is 2 for the one axis that is measured: it is halved here.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
 from certpgo.costs.problem import InformationProblem
 from certpgo.costs.ranges import RangeProblem
+from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.graph.information import Information
 from certpgo.graph.wording import counted
@@ -98,8 +100,8 @@ def fit_of(
 
     Returns
     -------
-    None where the source does not state the noise, where a robust method changed weights, or where
-    nothing is measured twice.
+    None where the source does not state the noise, where a robust method changed weights, where
+    nothing is measured twice, or where numbers are beyond the range of doubles.
     """
     if not instance.states_noise:
         return None
@@ -108,7 +110,9 @@ def fit_of(
             return None
         instance = instance.with_edges(weights > 0.0)
     mahalanobis = instance.options.get("weights") == "mahalanobis"
-    return goodness_of_fit(problem, estimate, instance.information, mahalanobis=mahalanobis)
+    with np.errstate(all="ignore"), suppress(NumericalError, np.linalg.LinAlgError):
+        return goodness_of_fit(problem, estimate, instance.information, mahalanobis=mahalanobis)
+    return None
 
 
 def goodness_of_fit(
@@ -146,10 +150,12 @@ def goodness_of_fit(
     if isinstance(problem, InformationProblem):
         ranks = _ranks(problem.graph.information)
         law = _Law(problem.cost(estimate), int(ranks.sum()), 1.0)
+        partial = bool((ranks < problem.graph.information.shape[1]).any())
     else:
         law = _law(problem, estimate, information, mahalanobis)
-    free = _determined(problem, estimate)
-    if free is None or law.numbers <= free:
+        partial = isinstance(problem.graph, PoseGraph) and problem.graph.is_general
+    free = _determined(problem, estimate, partial)
+    if free is None or law.numbers <= free or not np.isfinite(law.chi2):
         return None
     return Fit(law.chi2, law.numbers - free, law.spread)
 
@@ -235,22 +241,14 @@ def _ranks(information: FloatArray) -> IntArray:
 
 
 def _determined(
-    problem: Problem | InformationProblem | RangeProblem, estimate: Estimate
+    problem: Problem | InformationProblem | RangeProblem, estimate: Estimate, partial: bool
 ) -> int | None:
-    """How many numbers the measurements determine, beside the world's frame; None if not known."""
+    """How many numbers the measurements determine, beside the world's frame; None if not known.
+
+    Where some are ``partial``, they may leave motions open.
+    """
     layout = problem.tangent_layout
     anchor = int(layout.whole[0])
-    left_open = 0
-    if _is_partial(problem):
-        found = undetermined(problem, estimate, anchor)
-        left_open = 0 if found is None else found.motions
+    found = undetermined(problem, estimate, anchor) if partial else None
+    left_open = 0 if found is None else found.motions
     return None if left_open == MOST else layout.size - int(layout.sizes[anchor]) - left_open
-
-
-def _is_partial(problem: Problem | InformationProblem | RangeProblem) -> bool:
-    """Whether some edges measure a part of a relative pose."""
-    if isinstance(problem, InformationProblem):
-        p = problem.graph.information.shape[1]
-        return bool((_ranks(problem.graph.information) < p).any())
-    graph = problem.graph
-    return isinstance(graph, PoseGraph) and (graph.is_partial or graph.rotation.is_general)
