@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from certpgo.assess import metrics
 from certpgo.certify import Certificate, certify
 from certpgo.costs import CHORDAL, Certifiable, certifiable
+from certpgo.costs.fit import Fit
 from certpgo.costs.problem import InformationProblem
 from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import CertPGOError, InputError, InputNotice
@@ -95,6 +96,7 @@ class Assessment:
     distance : from the estimate as given to ``best``
     edges : edges with the largest terms of F, in descending order
     rounding : effect of the file's digits; None for an estimate in full precision
+    fit : chi^2 of the estimate as given; None where that is not known, see `certpgo.costs.fit`
     """
 
     certificate: Certificate
@@ -106,6 +108,7 @@ class Assessment:
     distance: Distance
     edges: tuple[CostlyEdge, ...]
     rounding: Rounding | None
+    fit: Fit | None = None
 
     @property
     def relative_excess(self) -> float:
@@ -121,6 +124,7 @@ def assess(
     ids: IntArray | None = None,
     nodes: IntArray | None = None,
     writing: Writing | None = None,
+    fit: Fit | None = None,
 ) -> Assessment:
     """Compare an estimate with the best one found while certifying it.
 
@@ -130,6 +134,7 @@ def assess(
     ids : (n,) node ids for naming edges; 0 ... n-1 by default
     nodes : (k,) poses between which the distance is, see `certpgo.Instance.poses`; all by default
     writing : number format of the estimate's file, see `certpgo.io.digits.writing_of`
+    fit : chi^2 of the estimate
     """
     c = certificate
     nodes = _poses(problem) if nodes is None else nodes
@@ -146,6 +151,7 @@ def assess(
         distance=distance(estimate.subset(nodes), best.subset(nodes)),
         edges=costly_edges(problem, estimate, np.arange(problem.n) if ids is None else ids),
         rounding=None if writing is None else rounding_cost(problem, estimate, best, writing),
+        fit=fit,
     )
 
 

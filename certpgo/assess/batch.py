@@ -12,6 +12,7 @@ from pathlib import Path
 from certpgo.assess.assessment import Assessment, assess
 from certpgo.certify.judge import Judge
 from certpgo.costs import Certifiable
+from certpgo.costs.fit import fit_of
 from certpgo.errors import CertPGOError
 from certpgo.graph import Estimate, Instance
 from certpgo.io.digits import Writing
@@ -32,6 +33,7 @@ class JudgedEstimate:
     cost : F of the estimate, as computed
     lower_bound, gap, relative_gap, refined_cost : as in `certpgo.certify.Certificate`
     best_cost : F of the best estimate found, see `certpgo.assess.assessment.Assessment`
+    chi2, degrees_of_freedom : as in `certpgo.costs.fit.Fit`
     mean_deg, worst_deg, mean_m, worst_m : distance to that estimate, degrees and metres
     reason : one sentence
     """
@@ -50,6 +52,8 @@ class JudgedEstimate:
     worst_deg: float | None = None
     mean_m: float | None = None
     worst_m: float | None = None
+    chi2: float | None = None
+    degrees_of_freedom: int | None = None
 
 
 @dataclass(frozen=True)
@@ -70,6 +74,7 @@ class JudgedGraph:
             ids=self.instance.ids,
             nodes=self.instance.poses,
             writing=writing,
+            fit=fit_of(self.instance, self.problem, estimate),
         )
 
 
@@ -130,6 +135,8 @@ def _row(name: str, graph: str, a: Assessment) -> JudgedEstimate:
         worst_deg=a.distance.worst_deg,
         mean_m=a.distance.mean_m,
         worst_m=a.distance.worst_m,
+        chi2=None if a.fit is None else a.fit.chi2,
+        degrees_of_freedom=None if a.fit is None else a.fit.freedom,
     )
 
 

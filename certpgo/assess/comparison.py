@@ -103,6 +103,7 @@ class MethodResult:
     status, iterations, seconds, note : as in `certpgo.Solution`
     cost : the objective of all measurements
     f_ml : the thesis' log-likelihood with unit weights; larger is better
+    certified_cost : the objective of the measurements that the verdict is about, rounded up
     kept : share of the measurements that a robust method kept, or None
     accuracy : as in `certpgo.assess.metrics.TrajectoryErrors`, if the truth was given; else empty
     verdict, lower_bound, gap, relative_gap : as in `certpgo.Certificate`, for the kept measurements
@@ -129,6 +130,7 @@ class MethodResult:
     lower_bound: float | None = None
     gap: float | None = None
     relative_gap: float | None = None
+    certified_cost: float | None = None
     accuracy: Mapping[str, float | None] = field(default_factory=dict)
 
 
@@ -237,6 +239,7 @@ def _result(
         lower_bound=certificate.lower_bound,
         gap=certificate.gap,
         relative_gap=certificate.relative_gap,
+        certified_cost=certificate.cost_upper,
     )
 
 

@@ -7,13 +7,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from certpgo.assess.comparison import OF_THE_FILE, MethodResult
 from certpgo.certify.certificate import CHORDAL as OF_F
 from certpgo.costs import CHORDAL
-from certpgo.graph.wording import counted, reading_sentence
+from certpgo.graph.wording import counted, reading_sentence, rounded_up
 
 TITLE = "Methods side by side, every estimate certified by the same procedure"
 _ON_COSTS = (
     "{cost}, f_ML the thesis' log-likelihood with unit weights. The gap is proven: no estimate of "
     "the graph costs less than this one by more than the gap. If a method rejects measurements "
-    "(see the share kept), verdict and gap refer to the kept ones, {name} and f_ML to all. "
+    "(see the share kept), {name}, gap and verdict refer to the kept ones, f_ML to all. "
     "CERTIFIED: the gap is at most {tolerance}. BOUNDED: it is larger. REFUTED: a lower-cost "
     "estimate is known that local descent from this one does not reach."
 )
@@ -113,10 +113,10 @@ def cells(result: MethodResult) -> tuple[str, ...]:
     kept = None if result.kept is None else 100.0 * result.kept
     return (
         result.method,
-        _number(result.cost, ".9g"),
+        _at_most(result.certified_cost, 9, "g"),
         _number(result.f_ml, ".7g"),
-        _number(result.gap, ".2e"),
-        _number(result.relative_gap, ".1e"),
+        _at_most(result.gap, 3, "e"),
+        _at_most(result.relative_gap, 2, "e"),
         result.verdict,
         _number(kept, ".1f"),
         _accuracy(result.accuracy, "ate"),
@@ -125,6 +125,13 @@ def cells(result: MethodResult) -> tuple[str, ...]:
         _phases(result.seconds),
         result.error,
     )
+
+
+def _at_most(value: float | None, digits: int, form: str) -> str:
+    """An upper bound, rounded up to so many digits."""
+    if value is None:
+        return ""
+    return f"{float(rounded_up(value, digits)):.{digits - (form == 'e')}{form}}"
 
 
 def _number(value: float | None, form: str) -> str:
@@ -155,7 +162,9 @@ def seconds_by_phase(phases: Mapping[str, float]) -> str:
 def in_a_line(result: MethodResult) -> str:
     """A method's result in a line, as it is printed while others run."""
     said = f"{result.graph}: {result.method}: "
-    if result.cost is None or result.relative_gap is None:
+    if result.certified_cost is None or result.relative_gap is None:
         return f"{said}{result.error}"
-    cost = f"cost {result.cost:.9g}, gap {result.relative_gap:.1e} of it"
+    cost = _at_most(result.certified_cost, 9, "g")
+    gap = _at_most(result.relative_gap, 2, "e")
+    cost = f"cost {cost}, gap {gap} of it"
     return f"{said}{result.verdict}, {cost}, {sum(result.seconds.values()):.3f} s"

@@ -28,6 +28,7 @@ from certpgo.certify.case import SETTLED
 from certpgo.errors import CertPGOError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.cycles import is_cycle
+from certpgo.graph.wording import bound_shown
 from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize import spectral
 from certpgo.optimize.newton import NewtonSettings, newton
@@ -80,7 +81,9 @@ class Rung:
             return "-"
         if self.about == "angle":
             return f"{math.degrees(self.value):.4g} deg"
-        return f"{self.value:.10g}" if self.about == "cost" else f"{self.value:.4g} of its weight"
+        return (
+            bound_shown(self.value) if self.about == "cost" else f"{self.value:.4g} of its weight"
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -97,8 +97,8 @@ class Sparsified(Speaking):
                 f"no choice of as many exceeds {self.bound:.4g}"
             ),
         )
-        yield "whole", f"{self.whole.verdict.value}, F {self.whole.cost:.10g}"
-        yield "sparse", f"{self.answer.verdict.value}, F {self.answer.cost:.10g} of its own"
+        yield "whole", self.whole.certificate.in_brief
+        yield "sparse", f"{self.answer.certificate.in_brief} of its own"
         yield "loss", f"F of all measurements {self.cost:.10g}, {100.0 * self.loss:.3g} % more"
         metres = "" if self.moved.ate_m is None else f"{self.moved.ate_m:.4g} m and "
         yield "moved", f"{metres}{self.moved.ate_deg:.4g} degrees (root mean square)"

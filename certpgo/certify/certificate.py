@@ -12,6 +12,7 @@ from certpgo.certify.bounds import Bounds
 from certpgo.certify.dual import Support
 from certpgo.certify.wording import Statement
 from certpgo.graph import Estimate
+from certpgo.graph.wording import cost_shown, gap_shown
 from certpgo.io.plain import plain
 from certpgo.linalg.arrays import FloatArray
 from certpgo.optimize.monitor import CHORDAL
@@ -157,7 +158,7 @@ class Certificate(Statement):
     support: Support | None = None
 
     def __repr__(self) -> str:
-        cost = f"{self.cost_upper:.9g}, gap {self.gap:.3g}"
+        cost = f"{cost_shown(self.cost_upper)}, gap {gap_shown(self.gap)}"
         return f"<Certificate: {self.verdict}, {self.objective} = {cost}>"
 
     def as_data(self) -> dict[str, Any]:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from certpgo.certify.certificate import Certificate, Tier, Verdict
-from certpgo.graph.wording import rounded_down, rounded_up
+from certpgo.certify.wording import part
+from certpgo.graph.wording import bound_shown, cost_shown, gap_shown
 
 #: Gap relative to F that is never called small.
 LARGE = 0.01
@@ -15,13 +16,13 @@ def reason_of(c: Certificate) -> str:
     """One sentence on what is proven about the estimate, and why it is not more."""
     if not math.isfinite(c.cost_upper):
         return "the cost of this estimate is beyond the range of doubles"
-    floor = f"no estimate of this graph costs less than {rounded_down(c.lower_bound, 10)}"
+    floor = f"no estimate of this graph costs less than {bound_shown(c.lower_bound)}"
     if c.tier is Tier.SCREEN:
         floor = f"likely, though not proven at this tier: {floor}"
-    own = f"this one costs {rounded_up(c.cost_upper, 10)}"
+    own = f"this one costs {cost_shown(c.cost_upper)}"
     by = "after local descent" if c.descended else "with its best translations"
     by = by if c.settled or not c.descended else "after part of a local descent"
-    improved = f"{own} and, {by}, {rounded_up(c.refined_cost, 10)}"
+    improved = f"{own} and, {by}, {cost_shown(c.refined_cost)}"
     lower = c.refined_cost < c.cost_upper - c.tolerance
     if c.verdict is Verdict.CERTIFIED:
         within = f"{floor}; {own}, within {_of_f(c)} of the optimum"
@@ -34,12 +35,12 @@ def reason_of(c: Certificate) -> str:
             else small
         )
     if c.better_cost is not None and c.verdict is not Verdict.REFUTED:
-        also = f"another estimate costs {rounded_up(c.better_cost, 10)}"
+        also = f"another estimate costs {cost_shown(c.better_cost)}"
         return f"{floor}; {improved if lower else own}; {also}"
     if c.better_cost is not None:
         descent = "does not lead there" if c.settled else "was given up far from it"
         return (
-            f"another estimate costs {rounded_up(c.better_cost, 10)}; "
+            f"another estimate costs {cost_shown(c.better_cost)}; "
             f"{improved if lower else own}, and local descent from it {descent}; {floor}"
         )
     if c.verdict is Verdict.UNDECIDED:
@@ -59,7 +60,6 @@ def reason_of(c: Certificate) -> str:
 def _of_f(c: Certificate) -> str:
     """The gap relative to F and in absolute terms."""
     if not c.cost_upper > 0.0:
-        return rounded_up(c.gap, 2)
-    share = c.gap / c.cost_upper
-    said = f"{rounded_up(100.0 * share, 3)} % of" if share > LARGE else rounded_up(share, 2)
-    return f"{said} F = {rounded_up(c.gap, 2)}"
+        return gap_shown(c.gap)
+    share = part(c.relative_gap)
+    return f"{share}{' of' * share.endswith('%')} F = {gap_shown(c.gap)}"

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from certpgo.graph.speaking import Speaking
-from certpgo.graph.wording import reading_sentence, rounded_down, rounded_up
+from certpgo.graph.wording import bound_shown, cost_shown, gap_shown, reading_sentence, rounded_up
 from certpgo.optimize.monitor import CHORDAL
 
 _MEANINGS = {
@@ -76,6 +76,11 @@ class Statement(Speaking):
         def best_cost(self) -> float: ...  # noqa: D102
 
     @property
+    def in_brief(self) -> str:
+        """The verdict and the cost that it is about."""
+        return f"{self.verdict}, F = {cost_shown(self.cost_upper)}"
+
+    @property
     def _headline(self) -> str:
         return f"{self.verdict}: {meaning(self)}"
 
@@ -140,14 +145,14 @@ def part(share: float) -> str:
 
 def numbers(certificate: Statement) -> Iterable[tuple[str, str]]:
     """Cost, bound, gap and tolerance as names and values."""
-    yield "cost F, at most", rounded_up(certificate.cost_upper, 12)
+    yield "cost F, at most", cost_shown(certificate.cost_upper)
     if math.isfinite(certificate.lower_bound):
         claim = "no estimate of this graph costs less"
         claim = f"likely: {claim}" if certificate.tier == "screen" else claim
-        yield "lower bound", f"{rounded_down(certificate.lower_bound, 12)}  ({claim})"
+        yield "lower bound", f"{bound_shown(certificate.lower_bound)}  ({claim})"
         positive = certificate.cost_upper > 0.0
         share = f"  ({part(certificate.relative_gap)} of the cost)" if positive else ""
-        yield "gap", f"{rounded_up(certificate.gap, 3)}{share}"
+        yield "gap", f"{gap_shown(certificate.gap)}{share}"
     mostly = certificate.atol * certificate.scale > certificate.rtol * certificate.cost_upper
     of_weights = f"  (mostly {certificate.atol:.3g} of the total weight W)" if mostly else ""
     yield "tolerance", f"{certificate.tolerance:.3g}{of_weights}"
@@ -157,6 +162,6 @@ def numbers(certificate: Statement) -> Iterable[tuple[str, str]]:
         name, what = ("after descent", f"after {ended}local descent")
         if not certificate.descended:
             name, what = "translations", "with its best translations"
-        yield name, f"{certificate.refined_cost:.12g}  (its cost {what})"
+        yield name, f"{cost_shown(certificate.refined_cost)}  (its cost {what})"
     if certificate.better_cost is not None:
-        yield "lower cost", f"{certificate.better_cost:.12g}"
+        yield "lower cost", cost_shown(certificate.better_cost)

@@ -142,8 +142,8 @@ def _guarded(function: Command) -> Callable[..., None]:
             sys.stdout.flush()
         except CertPGOError as error:
             code = _fail(str(error))
-        except KeyboardInterrupt:
-            code = _fail("interrupted", 130)
+        except KeyboardInterrupt as stop:
+            code = _fail("; ".join(["interrupted", *map(str, stop.args)]), 130)
         except BrokenPipeError:
             # The reader is gone (| head): discard what Python flushes at exit.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -13,10 +14,12 @@ from certpgo.cli import _verdict
 from certpgo.cli._options import Cost, chosen_cost
 from certpgo.cli._reading import Reading
 from certpgo.cli._show import document, notice
+from certpgo.cli._verdict import rejecting_many
 from certpgo.errors import GraphError, InputError
 
 if TYPE_CHECKING:
     from certpgo import Session, Standing
+    from certpgo.costs.fit import Fit
     from certpgo.datasets.source import Source
     from certpgo.graph import Estimate, Instance
     from certpgo.graph.labels import Label
@@ -34,6 +37,7 @@ class Followed:
     session : robust, or not
     name : of the graph
     whole : the graph, if it is read from a file
+    cost : that judges it, where it is known from the start
     trace : whether each certificate is printed
     on_refresh : is called after each certificate
     """
@@ -41,6 +45,7 @@ class Followed:
     session: Session
     name: str
     whole: Instance | None
+    cost: str | None
     trace: bool
     on_refresh: Callable[[Followed], object] = lambda followed: None
     standing: Standing | None = None
@@ -102,23 +107,38 @@ class Followed:
         elif standing is None:
             typer.echo(f"{self.name}: nothing is proven yet")
         else:
-            typer.echo(f"{'interrupted; so far: ' if interrupted else ''}{self.sentence}")
+            fit = "" if self.fit is None else f"; chi^2 {self.fit}"
+            typer.echo(f"{'interrupted; so far: ' if interrupted else ''}{self.sentence}{fit}")
+        _verdict.warn(self.fit)
+        if standing is not None and (many := rejecting_many(self.rejected, standing.edges)):
+            notice(many)
         if interrupted:
             return _verdict.INTERRUPTED
         return 0 if standing is None else _verdict.weakest([standing.verdict.value])
+
+    @cached_property
+    def fit(self) -> Fit | None:
+        """chi^2 of all measurements of a file, if they came and none is put aside."""
+        from certpgo.costs import certifiable
+        from certpgo.costs.fit import fit_of
+
+        if self.whole is None or not self.ended or self.rejected:
+            return None
+        instance, estimate = self.best()
+        return fit_of(instance, certifiable(instance, self.cost), estimate)
 
     @property
     def sentence(self) -> str:
         """What is proven, in a line."""
         from certpgo.certify.certificate import CHORDAL
-        from certpgo.graph.wording import counted, rounded_up
+        from certpgo.graph.wording import cost_shown, counted, gap_shown
 
         s = self.standing
         if s is None:
             return ""
         aside = f"; {self.rejected} put aside" if self.rejected else ""
         size = f"{counted(s.nodes, 'node{s}')}, {counted(s.edges, 'measurement{s}')}"
-        proven = f"{s.verdict.value}: F {s.cost:.10g}, at most {rounded_up(s.gap, 2)} above F*"
+        proven = f"{s.verdict.value}: F {cost_shown(s.cost)}, at most {gap_shown(s.gap)} above F*"
         cost = "the chordal cost" if s.objective == CHORDAL else s.objective
         return f"{proven}; {size}{aside}; F is {cost}"
 
@@ -149,8 +169,15 @@ class Followed:
     def _report(self, interrupted: bool) -> dict[str, Any]:
         from dataclasses import asdict
 
+        fit = None if self.fit is None else _verdict.fit_as_json(self.fit)
         proven = {} if self.standing is None else asdict(self.standing)
-        return {"graph": self.name, **proven, "rejected": self.rejected, "interrupted": interrupted}
+        return {
+            "graph": self.name,
+            **proven,
+            "rejected": self.rejected,
+            "interrupted": interrupted,
+            "fit": fit,
+        }
 
 
 @dataclass(frozen=True)

@@ -71,15 +71,13 @@ class Fused:
         """What was measured of how well edges agree, and what is not proven."""
         from certpgo.registration.reconstruct import UNPROVEN
 
-        a, squares = self.averaged, self.averaged.squares()
-        said = [
+        a = self.averaged
+        return [
             ("frames", f"{len(a.nodes)} of {len(self.frames)}"),
             ("edges", f"{int(a.kept.sum())} of {len(a.kept)} kept, {self.odometry} of odometry"),
+            *a.said_of_fit(),
+            ("not proven", UNPROVEN),
         ]
-        if len(squares):
-            chi2 = f"{squares.mean():.2f} per degree of freedom of the kept edges"
-            said.append(("chi^2", chi2))
-        return [*said, ("not proven", UNPROVEN)]
 
 
 def fused_at(
@@ -155,7 +153,9 @@ def write_reconstruction(out: Path, found: Reconstruction | Fused, graph: Path |
     given, problem, kept = averaged.instance, answer.problem, averaged.kept
     information = None if given.information is None else given.information.subset(kept)
     instance = replace(given, graph=given.graph.with_edges(kept), information=information)
-    assessment = assess(problem, found.estimate, answer.certificate, ids=instance.ids)
+    assessment = assess(
+        problem, found.estimate, answer.certificate, ids=instance.ids, fit=answer.fit
+    )
     remarks = [f"{name}: {said}." for name, said in found.consistency()]
     if rejected := found.rejected_named():
         more = f"; and {len(rejected) - NAMED} more" if len(rejected) > NAMED else ""

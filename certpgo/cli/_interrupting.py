@@ -1,14 +1,78 @@
-"""Ctrl-C during compiled code."""
+"""Ctrl-C: what it leaves, and how it ends compiled code."""
 
 from __future__ import annotations
 
+import functools
+import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import typer
 
 _SHOW_CURSOR = "\x1b[?25h"
+
+
+def tell_interrupted(stands: str, unwritten: Iterable[Path | None] = ()) -> None:
+    """Print on stderr that Ctrl-C ended the work, what stands, and the files that are not written.
+
+    Parameters
+    ----------
+    stands : what is known or written all the same
+    unwritten : outputs that were asked for and will be missing; None for those that were not
+    """
+    missing = ", ".join(str(path) for path in unwritten if path is not None)
+    lacking = f"; not written: {missing}" if missing else ""
+    typer.echo(f"certpgo: interrupted: {stands}{lacking}", err=True)
+
+
+def tells_unwritten(
+    *names: str,
+) -> Callable[[Callable[..., int | None]], Callable[..., int | None]]:
+    """Let Ctrl-C, where it aborts a command, name the outputs that are written, and the others.
+
+    Parameters
+    ----------
+    names : the command's parameters that are paths of outputs
+    """
+
+    def decorated(command: Callable[..., int | None]) -> Callable[..., int | None]:
+        @functools.wraps(command)
+        def telling(**options: Any) -> int | None:
+            asked = [options[name] for name in names if options.get(name) is not None]
+            before = [_state(path) for path in asked]
+            try:
+                return command(**options)
+            except KeyboardInterrupt:
+                raise KeyboardInterrupt(*_told(asked, before)) from None
+
+        return telling
+
+    return decorated
+
+
+def _told(asked: Sequence[Path], before: Sequence[object]) -> Iterator[str]:
+    """Which outputs changed since, and which did not, in words."""
+    changed = [_state(path) != then for path, then in zip(asked, before, strict=True)]
+    for said, whether in (("written", True), ("not written", False)):
+        named = [
+            str(path) for path, is_new in zip(asked, changed, strict=True) if is_new is whether
+        ]
+        if named:
+            yield f"{said}: {', '.join(named)}"
+
+
+def _state(path: Path) -> object:
+    """What changes where a file is replaced; None if there is none."""
+    try:
+        found = os.stat(path)
+    except OSError:
+        return None
+    return found.st_ino, found.st_mtime_ns, found.st_size
 
 
 @contextmanager

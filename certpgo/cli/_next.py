@@ -9,6 +9,7 @@ from certpgo.cli._reading import Reading
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
     from certpgo.graph import Instance
+    from certpgo.optimize.solution import Status
     from certpgo.solvers.certified.disagreement import Disagreement
 
 
@@ -31,7 +32,7 @@ def steps_after(
     asked: Asked,
     *,
     searched: bool = False,
-    stopped: bool = False,
+    stopped: Status | None = None,
     disagreement: Disagreement | None = None,
 ) -> list[str]:
     """What to do after the verdict, with commands; nothing if the estimate is good.
@@ -39,7 +40,7 @@ def steps_after(
     Parameters
     ----------
     searched : whether the certified search found the estimate
-    stopped : whether a limit or an interruption ended the search, or that for a bound
+    stopped : why the search, or that for a bound, ended early; None if it did not
     disagreement : measurements that disagree with the rest
     """
     from certpgo.cli._paging import arguments

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from certpgo.costs import Certifiable
     from certpgo.graph import Estimate, Instance
     from certpgo.optimize.monitor import Iteration
+    from certpgo.optimize.solution import Status
     from certpgo.solvers.certified.settings import SolveSettings
     from certpgo.view.certificate_page import Origin
 
@@ -40,7 +41,7 @@ def origin_of(
     estimate: str | Path | None = None,
     proof: Path | None = None,
     method: str = "",
-    stopped: bool = False,
+    stopped: Status | None = None,
     remarks: Sequence[str] = (),
     partial: bool = False,
     disagreeing: bool = False,

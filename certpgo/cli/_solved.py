@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,8 +21,9 @@ if TYPE_CHECKING:
     from certpgo.assess.metrics import TrajectoryErrors
     from certpgo.certify import Certificate
     from certpgo.costs import Certifiable
+    from certpgo.costs.fit import Fit
     from certpgo.graph import Instance
-    from certpgo.optimize.solution import Solution
+    from certpgo.optimize.solution import Solution, Status
     from certpgo.solvers.certified import CertifiedSolution
     from certpgo.solvers.certified.disagreement import Disagreement
 
@@ -52,6 +54,19 @@ class Solved:
         return self.solution.status.value == "interrupted"
 
     @property
+    def stopped(self) -> Status | None:
+        """Why the search ended early; None if it did not."""
+        status = self.solution.status
+        return status if status.is_early else None
+
+    @property
+    def standing(self) -> str:
+        """What is known of the estimate, in a phrase."""
+        if self.certificate is None:
+            return "the best estimate so far is not certified"
+        return f"the best estimate so far is {self.certificate.verdict.value}"
+
+    @property
     def disagreement(self) -> Disagreement | None:
         """Measurements that disagree with the rest."""
         return None if self.found is None else self.found.disagreement
@@ -70,6 +85,29 @@ class Solved:
             return self.solution.cost
         return self.solution.judged(problem_of(self.part.graph)).cost(self.solution.estimate)
 
+    @cached_property
+    def fit(self) -> Fit | None:
+        """chi^2 of the certified measurements."""
+        from certpgo.costs.fit import fit_of
+
+        weights = self.solution.weights
+        return fit_of(self.part, self._judged, self.solution.estimate, weights)
+
+    @property
+    def _costs(self) -> list[tuple[str, str]]:
+        """The cost; of a robust method the certified one first, then that of all measurements."""
+        from certpgo.graph.wording import cost_shown
+
+        solution, certificate = self.solution, self.certificate
+        if solution.kept is None:
+            cost = solution.cost if certificate is None else certificate.cost_upper
+            return [("cost F", cost_shown(cost))]
+        kept = self.certified_cost if certificate is None else certificate.cost_upper
+        return [
+            ("cost F", f"{cost_shown(kept)}  (of the {solution.kept} measurements kept)"),
+            ("cost of all", f"{cost_shown(solution.cost)}  (with those rejected; not certified)"),
+        ]
+
     def report(self, written: Path | None) -> dict[str, Any]:
         """The result for --json."""
         solution, found = self.solution, self.found
@@ -82,6 +120,7 @@ class Solved:
                 self.certified_cost,
                 disagreement=disagreement,
                 accuracy=self.accuracy,
+                fit=self.fit,
             ),
             "solution": {
                 "method": self.method,
@@ -89,6 +128,8 @@ class Solved:
                 "levels": [{**asdict(level), "status": level.status.value} for level in levels],
                 "status": solution.status.value,
                 "cost": solution.cost,
+                "cost_of_all": solution.cost,
+                "cost_of_kept": self.certified_cost,
                 "iterations": solution.iterations,
                 "counts": dict(solution.counts),
                 "seconds": dict(solution.seconds),
@@ -120,8 +161,7 @@ class Solved:
         lines = [("graph", part.name), ("method", self.method), ("ended", solution.status.value)]
         if solution.iterations:
             lines.append(("iterations", str(solution.iterations)))
-        of_all = " (of all measurements)" if solution.kept is not None else ""
-        lines += [("cost F", f"{solution.cost:.12g}{of_all}"), ("seconds", seconds)]
+        lines += [*self._costs, ("seconds", seconds)]
         if (memory := peak_memory()) >= MUCH_MEMORY:
             lines.append(("memory", f"{memory:.1f} GB at most"))
         if solution.note:
@@ -133,8 +173,7 @@ class Solved:
         if written is not None:
             lines.append(("written", str(written)))
         if self.found is not None and (chordal := self.found.chordal) is not None:
-            verdict = f"{chordal.verdict.value}, F = {chordal.cost:.12g} at another estimate"
-            lines.append(("chordal cost", verdict))
+            lines.append(("chordal cost", f"{chordal.certificate.in_brief} at another estimate"))
         if self._undetermined is not None:
             lines.append(("undetermined", self._undetermined))
         accuracy = self.accuracy
@@ -155,10 +194,12 @@ class Solved:
                 part,
                 asked,
                 searched=True,
-                stopped=solution.status.is_early,
+                stopped=self.stopped,
                 disagreement=self.disagreement,
             )
-        _verdict.show(self.certificate, part, disagreement=self.disagreement, steps=steps)
+        _verdict.show(
+            self.certificate, part, disagreement=self.disagreement, steps=steps, fit=self.fit
+        )
         uncertified = self.certificate.verdict.value != "CERTIFIED"
         if self.found is None and solution.kept is None and uncertified:
             notice("without --method, certpgo searches for the best estimate")
@@ -182,7 +223,7 @@ class Solved:
         from certpgo.optimize.marginals import Marginals
 
         part = self.part
-        problem = self._problem if self.found is None else self.found.problem
+        problem = self._judged
         world, ids, whole = part.world, part.ids, problem.tangent_layout.whole
         # Covariances of points are in the frame of the estimate, so that is the written one.
         if world is None:
@@ -210,6 +251,11 @@ class Solved:
         return None if found is None else found.in_words(self.part.named)
 
     @property
+    def _judged(self) -> Certifiable:
+        """The same, with what the certified pipeline knows of it."""
+        return self._problem if self.found is None else self.found.problem
+
+    @property
     def _problem(self) -> Certifiable:
         """The problem that the estimate solves."""
         from certpgo.costs import RangeProblem, certifiable
@@ -232,11 +278,18 @@ class Solved:
                 f"The verdict is about the {solution.kept} of {part.graph.num_edges} measurements "
                 "that the method kept, with their final weights; the view shows these."
             )
+        if many := _verdict.rejecting_many(len(solution.rejected), solution.kept or 0):
+            remarks.append(f"{many[0].upper()}{many[1:]}.")
         if self.disagreement is not None:
             remarks.append(f"{self.disagreement}.")
         problem = self._problem
         assessment = assess(
-            problem, solution.estimate, self.certificate, ids=part.ids, nodes=part.poses
+            problem,
+            solution.estimate,
+            self.certificate,
+            ids=part.ids,
+            nodes=part.poses,
+            fit=self.fit,
         )
         origin = origin_of(
             graph,
@@ -244,7 +297,7 @@ class Solved:
             estimate=written,
             proof=proof,
             method=self.method,
-            stopped=solution.status.is_early,
+            stopped=self.stopped,
             remarks=remarks,
             partial=len(solution.rejected) > 0,
             disagreeing=self.disagreement is not None,

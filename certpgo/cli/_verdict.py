@@ -6,21 +6,25 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, fields
 from typing import TYPE_CHECKING, Any
 
-from certpgo.cli._show import facts
+from certpgo.cli._show import facts, notice
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
     from certpgo.assess.assessment import Assessment
     from certpgo.assess.metrics import TrajectoryErrors
     from certpgo.certify import Certificate
+    from certpgo.costs.fit import Fit
     from certpgo.graph import Instance
     from certpgo.linalg.arrays import IntArray
+    from certpgo.optimize.solution import Solution
     from certpgo.solvers.certified.disagreement import Disagreement
 
 #: Exit code after Ctrl-C.
 INTERRUPTED = 130
 #: Exit codes by verdict, by increasing severity.
 EXIT_CODES = {"CERTIFIED": 0, "ERROR": 1, "BOUNDED": 3, "REFUTED": 4, "UNDECIDED": 5}
+#: Share of rejected measurements from which on a warning is due.
+MANY = 1.0 / 3.0
 
 
 def refuse_screening(tier: str | None) -> None:
@@ -52,6 +56,7 @@ def show(
     disagreement: Disagreement | None = None,
     accuracy: TrajectoryErrors | None = None,
     steps: Sequence[str] = (),
+    fit: Fit | None = None,
 ) -> None:
     """Print the verdict, its reason, the numbers behind it, the objective, and what to do next."""
     from certpgo.assess import wording
@@ -63,6 +68,7 @@ def show(
             (certificate.verdict.value, meaning(certificate)),
             ("reason", certificate.reason),
             *numbers(certificate),
+            *(() if fit is None else [("chi^2", str(fit))]),
             *(() if accuracy is None else wording.accuracy(accuracy)),
             *(() if disagreement is None else [("outliers?", hint(disagreement))]),
             *(() if assessment is None else comparison(assessment)),
@@ -71,6 +77,27 @@ def show(
             *wording.provenance(part, certificate),
             *(("" if k else "next", step) for k, step in enumerate(steps)),
         ]
+    )
+
+
+def warn(fit: Fit | None, solution: Solution | None = None) -> None:
+    """Note what a verdict does not say: chi^2 that is unusual, and that many were rejected."""
+    rejected, kept = 0, 0
+    if solution is not None and solution.kept is not None:
+        rejected, kept = len(solution.rejected), solution.kept
+    for warning in ("" if fit is None else fit.warning, rejecting_many(rejected, kept)):
+        if warning:
+            notice(warning)
+
+
+def rejecting_many(rejected: int, kept: int) -> str:
+    """A warning if more than a third of the measurements are rejected; or empty."""
+    total = rejected + kept
+    if not rejected > MANY * total:
+        return ""
+    return (
+        f"{rejected} of {total} measurements are rejected, more than a third: another choice may "
+        "fit as well, and no verdict says which ones are right"
     )
 
 
@@ -86,6 +113,7 @@ def as_json(
     disagreement: Disagreement | None = None,
     assessment: Assessment | None = None,
     accuracy: TrajectoryErrors | None = None,
+    fit: Fit | None = None,
 ) -> dict[str, Any]:
     """An estimate of a connected graph: the verdict first, then its details.
 
@@ -112,12 +140,22 @@ def as_json(
         "gap": None if c is None else c.gap,
         "relative_gap": None if c is None else c.relative_gap,
         "certificate": None if c is None else _details(c),
+        "fit": None if fit is None else fit_as_json(fit),
         "accuracy": None if accuracy is None else asdict(accuracy),
         "disagreement": None if disagreement is None else _disagreement(part, disagreement),
         "averaged": _averaged(part, certificate),
         "fixed_ids": [int(part.ids[node]) for node in part.fixed],
         "notices": list(part.notices),
         **({} if assessment is None else _assessment(assessment)),
+    }
+
+
+def fit_as_json(fit: Fit) -> dict[str, Any]:
+    """chi^2 with its degrees of freedom, and a warning or null."""
+    return {
+        "chi2": fit.chi2,
+        "degrees_of_freedom": fit.freedom,
+        "warning": fit.warning or None,
     }
 
 

@@ -90,10 +90,12 @@ def _show(part: Instance, found: Ladder) -> None:
 
 def _head(part: Instance, found: Ladder) -> Iterable[tuple[str, str]]:
     from certpgo.certify.wording import objective
+    from certpgo.graph.wording import cost_shown
 
     yield "graph", part.name
     source = "of the given estimate" if found.given else "of the best estimate found"
-    yield "cost F", f"{found.cost:.12g}  ({source}: {found.certificate.verdict.value})"
+    cost = cost_shown(found.certificate.cost_upper)
+    yield "cost F, at most", f"{cost}  ({source}: {found.certificate.verdict.value})"
     yield "largest residual", f"{math.degrees(found.largest):.4g} degrees"
     if found.settled is not None:
         after = "after local descent, where the residual-angle bounds apply"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from certpgo.cli import _verdict
+from certpgo.cli._interrupting import tell_interrupted, tells_unwritten
 from certpgo.cli._next import Asked, steps_after
 from certpgo.cli._options import (
     CostOption,
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 
 
 @takes_reading
+@tells_unwritten("best", "csv", "proof", "html")
 def command(
     graph: GraphName,
     estimates: Annotated[
@@ -140,11 +142,16 @@ def command(
     truths = [KnownPoses.of(truth, part.instance, reading, that) for part in parts]
     asked = None if json else Asked(graph, own, reading, estimates[0], best is not None)
     assessments, disagreements = _single(path, instance, given, parts, truths, asked, status)
+    interrupted = any(part.judge.interrupted for part in parts)
+    if interrupted:
+        tell_interrupted("what is proven by then stands", [proof, html])
+    for assessed in assessments:
+        _verdict.warn(assessed.fit)
     if best is not None:
         _write_best(best, parts[0], assessments[0])
     elif any(_is_better_known(a, json) for a in assessments):
         notice("--best OUT writes the lower-cost estimate")
-    if any(part.judge.interrupted for part in parts):
+    if interrupted:
         return _verdict.INTERRUPTED
     if any(
         _may_gain(a.certificate, part.problem) for a, part in zip(assessments, parts, strict=True)
@@ -162,7 +169,7 @@ def command(
             reading,
             estimate=estimates[0],
             proof=proof if proven else None,
-            stopped=parts[0].judge.ended_by is not None,
+            stopped=parts[0].judge.ended_by,
             remarks=remarks,
             disagreeing=bool(remarks),
         )
@@ -249,7 +256,7 @@ def _single(
         with working(f"certifying {part.instance.name}") as status.line:
             found = part.assessed(estimate, writing)
             assessments.append(found)
-            ended = part.judge.ended_by is not None
+            ended = part.judge.ended_by
             disagreements.append(None if ended else _disagreement(part.problem, found))
         if asked is not None:
             if part.instance.name != whole.name:
@@ -262,7 +269,13 @@ def _single(
                 disagreement=disagreements[-1],
             )
             _verdict.show(
-                found.certificate, part.instance, found, disagreements[-1], accuracy, steps
+                found.certificate,
+                part.instance,
+                found,
+                disagreements[-1],
+                accuracy,
+                steps,
+                found.fit,
             )
         if part.judge.interrupted:
             break
@@ -275,6 +288,7 @@ def _single(
                 disagreement=disagreeing,
                 assessment=assessment,
                 accuracy=accuracy,
+                fit=assessment.fit,
             )
             for part, assessment, disagreeing, accuracy in zip(
                 parts, assessments, disagreements, accuracies, strict=False
@@ -310,6 +324,7 @@ def _batch(
     from dataclasses import asdict
 
     from certpgo.assess.batch import JudgedGraph, judge_all, write_rows
+    from certpgo.graph.wording import cost_shown
 
     whole, used, rows = judged(instance), list[JudgedGraph](), []
     with working("certifying") as status.line:
@@ -324,12 +339,16 @@ def _batch(
         for row in judge_all(names, read):
             rows.append(row)
             done = len({row.estimate for row in rows})
-            result = row.reason if row.cost is None else f"{row.estimate}: F {row.cost:.8g}"
+            result = row.reason
+            if row.cost is not None:
+                result = f"{row.estimate}: F {cost_shown(row.cost)}"
             typer.echo(f"{done}/{len(set(names))} {row.verdict} {result}", err=True)
     write_rows(out, rows)
     if json:
         document([asdict(row) for row in rows])
     if any(part.judge.interrupted for part in used):
+        done = len({row.estimate for row in rows})
+        tell_interrupted(f"{out} has {done} of {len(set(names))} estimates")
         return _verdict.INTERRUPTED
     return _verdict.weakest(row.verdict for row in rows)
 

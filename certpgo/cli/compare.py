@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from certpgo.cli._interrupting import tell_interrupted
 from certpgo.cli._options import Cost, Json, MaxDifference, Timestamps
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, notice, paragraph, table, working
@@ -119,20 +120,21 @@ def command(
                 _compare(part, suited, results, known, None if json else phases)
         results.complete()
     except BaseException as error:
-        if results.rows:
-            notice(f"{counted(len(results.rows), 'result{s}')} so far kept in {results.partial}")
-        if not (results.rows and isinstance(error, KeyboardInterrupt)):
+        kept = f"{counted(len(results.rows), 'result{s}')} so far kept in {results.partial}"
+        interrupted = bool(results.rows) and isinstance(error, KeyboardInterrupt)
+        if interrupted:
+            tell_interrupted(kept, [results.path, results.path.with_suffix(".md")])
+        elif results.rows:
+            notice(kept)
+        if not interrupted:
             raise
-        interrupted = True
     if json:
         document([as_data(result) for result in results.rows])
     else:
         typer.echo()
         for sentence in notes((result.method for result in results.rows), cost.value):
             paragraph(sentence)
-    if interrupted:
-        notice("interrupted")
-    else:
+    if not interrupted:
         notice(f"results written to {results.path} and {results.path.with_suffix('.md')}")
     for reason in left_out:
         notice(reason)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from certpgo.cli._following import PIPE, Followed, Stream
+from certpgo.cli._interrupting import tell_interrupted, tells_unwritten
 from certpgo.cli._options import CostOption, Json, refuse_chordal_only, time_limit_option
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import notice, noticing, working
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 
 @takes_reading
+@tells_unwritten("out")
 def command(
     graph: Annotated[
         str, typer.Argument(metavar="GRAPH|-", help="Graph file or dataset name; - for a pipe.")
@@ -77,9 +79,12 @@ def command(
         if robust
         else Session(limits, every=None, cost=stream.cost)
     )
-    followed = Followed(session, graph, stream.whole, trace and not json)
+    followed = Followed(session, graph, stream.whole, stream.cost, trace and not json)
     with _shown(port) if view else _unseen() as followed.on_refresh:
         interrupted = _fed(followed, stream, every)
+        if interrupted:
+            nothing = [] if session.nodes else [out]
+            tell_interrupted("what came so far stands, with its last certificate", nothing)
         if out is not None and session.nodes:
             with noticing():
                 instance, estimate = followed.best()

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from certpgo.cli import _verdict
+from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import Json
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, noticing, table
@@ -15,6 +16,7 @@ from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
 
 
 @takes_reading
+@tells_unwritten("out")
 def command(
     maps: Annotated[
         list[str], typer.Argument(metavar="MAP MAP...", help="Graphs: files or dataset names.")
@@ -104,7 +106,7 @@ def command(
             ]
             for edge in worst[:SHOWN]
         ]
-        table("Between the maps", ["nodes", "chi^2", "probability", ""], rows)
+        table("Between the maps", ["nodes", "term of F", "probability", ""], rows)
         typer.echo(str(merged))
     return _verdict.exit_code([certificate])
 

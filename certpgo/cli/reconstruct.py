@@ -12,6 +12,7 @@ import typer
 
 from certpgo.cli import _verdict
 from certpgo.cli._fusing import NAMED, Fused, fused_at, write_reconstruction, write_scene
+from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import HtmlOut, Json
 from certpgo.cli._paging import require_pages
 from certpgo.cli._show import document, facts, notice, noticing, working
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from certpgo.registration.stages import Progress
 
 
+@tells_unwritten("out", "trajectory", "graph", "html")
 def command(
     folder: Annotated[
         Path | None,
@@ -162,6 +164,7 @@ def command(
         document(_report(found))
     else:
         _show(found, [path for path in outputs if path is not None])
+    _verdict.warn(found.answer.fit, found.averaged.robust.solution)
     return _verdict.exit_code([found.answer.certificate])
 
 
@@ -243,6 +246,7 @@ def _report(found: Reconstruction | Fused) -> dict[str, Any]:
         "objective": "F" if found.averaged.instance.information is None else "g2o",
         "edges": len(kept),
         "odometry": found.odometry,
+        "fit": None if found.answer.fit is None else _verdict.fit_as_json(found.answer.fit),
         "consistency": dict(found.consistency()),
         "rejected": [
             {"frames": pair, "names": [found.frames.names[k] for k in pair]}

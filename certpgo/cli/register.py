@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from certpgo.cli import _verdict
+from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import Json
 from certpgo.cli._show import document, facts, notice, working
 from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
@@ -24,6 +25,7 @@ LIMITS = (
 )
 
 
+@tells_unwritten("out", "graph", "trajectory")
 def command(
     scans: Annotated[
         list[Path], typer.Argument(metavar="SCANS...", help="Point clouds: PLY, PCD or XYZ files.")
@@ -111,6 +113,7 @@ def command(
         notice("global ICP proves nothing: --method pose_graph does")
         return 0
     notice(LIMITS)
+    _verdict.warn(found.fit)
     return _verdict.exit_code([found.solution.certificate])
 
 
@@ -156,7 +159,7 @@ def _show(scans: list[Scan], found: Registration, out: Path) -> None:
     facts([*lines, ("written", str(out))])
     if found.solution is not None and found.instance is not None:
         typer.echo()
-        _verdict.show(found.solution.certificate, found.instance)
+        _verdict.show(found.solution.certificate, found.instance, fit=found.fit)
 
 
 def _report(scans: list[Scan], found: Registration, out: Path) -> dict[str, Any]:
@@ -164,7 +167,7 @@ def _report(scans: list[Scan], found: Registration, out: Path) -> dict[str, Any]
     solved, instance = found.solution, found.instance
     verdict: dict[str, Any] = {"verdict": None}
     if solved is not None and instance is not None:
-        verdict = _verdict.as_json(instance, solved.certificate, solved.cost)
+        verdict = _verdict.as_json(instance, solved.certificate, solved.cost, fit=found.fit)
     disagreement = [] if found.disagreement is None else found.disagreement.tolist()
     return {
         **verdict,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from certpgo.cli import _verdict
-from certpgo.cli._interrupting import ends_at_once
+from certpgo.cli._interrupting import ends_at_once, tell_interrupted, tells_unwritten
 from certpgo.cli._options import (
     CostOption,
     GraphName,
@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 
 
 @takes_reading
+@tells_unwritten("out", "proof", "html", "covariances")
 def command(
     graph: GraphName,
     method: Annotated[
@@ -183,6 +184,8 @@ def command(
                     requested = (tier or "standard") if certify else None
                     found = _by_method(part, method, solver, begin, requested, monitor, status)
             result = replace(found, truth=known)
+            if result.interrupted:
+                tell_interrupted(result.standing, [proof, *targets[len(results) + 1 :]])
             if target is not None:
                 with noticing():
                     write(target, result.solution.estimate, instance=part, format=format)
@@ -191,6 +194,7 @@ def command(
                 notice(f"{result.method} reports no iterations: nothing to --trace")
             if not json:
                 result.show(target, graph, reading)
+            _verdict.warn(result.fit, result.solution)
             if proof and provable and not result.interrupted:
                 proven = result.prove(proof, provable, json=json)
             if covariances is not None:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from certpgo.cli import _verdict
+from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import GraphName, Json
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, noticing, working
@@ -25,6 +26,7 @@ def amount(text: str) -> float:
 
 
 @takes_reading
+@tells_unwritten("out")
 def command(
     graph: GraphName,
     keep: Annotated[

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import Data, MaxDifference, Timestamps
 from certpgo.cli._show import notice, noticing, working
 from certpgo.cli._truth import TruthOffset
@@ -30,6 +31,7 @@ class Colour(StrEnum):
     TRANSLATION = "translation-weight"
 
 
+@tells_unwritten("out")
 def command(
     files: Annotated[
         list[str],
@@ -100,6 +102,12 @@ def command(
             typer.echo()
 
 
+def _kept(answer: CertifiedSolution) -> str:
+    """What of the measurements the verdict is about, if not all."""
+    kept, rejected = answer.solution.kept, len(answer.solution.rejected)
+    return f" of {kept} measurements kept, {rejected} rejected" if rejected else ""
+
+
 def _robust(instance: Instance) -> CertifiedSolution:
     from certpgo import solve_robustly
 
@@ -121,5 +129,5 @@ def _scene(
         instance = resolve(files[0], data).graph(quiet=True)
         with working(f"solving {instance.name}"):
             answer = _robust(instance) if robust else certpgo.solve(instance)
-        notice(f"{instance.name}: {answer.verdict.value}, F = {answer.cost:.10g}")
+        notice(f"{instance.name}: {answer.certificate.in_brief}{_kept(answer)}")
         return scene_of(instance, *files[1:], answer, data=data, **matching)

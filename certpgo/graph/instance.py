@@ -28,6 +28,10 @@ from certpgo.linalg.arrays import (
     frozen_indices,
 )
 
+#: kappa of information matrices that are the identity, as some programs write them for want of
+#: better ones: in the plane, in space, and there about quaternions.
+OF_ONES = (0.0, 1.0, 0.5, 0.125)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Instance(Speaking):
@@ -195,6 +199,21 @@ class Instance(Speaking):
         """The same, without those of which there are none."""
         names = ("landmark{s}", "sighting{s}", "prior{s}")
         return [counted(k, name) for k, name in zip(self.kinds, names, strict=True) if k]
+
+    @property
+    def states_noise(self) -> bool:
+        """Whether the source states how accurate every measurement is, by other weights than 1."""
+        if self.information is not None:
+            found = self.information.distinct
+            return bool((found != np.eye(found.shape[1])).any())
+        reading, graph = self.options, self.graph
+        of_file = reading.get("weights", "file") in ("file", "mahalanobis")
+        if not reading or not of_file or reading.get("information", "all") != "all":
+            return False
+        if isinstance(graph, PoseGraph) and not np.isin(graph.tau, (0.0, 1.0)).all():
+            return True
+        rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+        return not np.isin(rotation.kappa, OF_ONES).all()
 
     @property
     def averaged(self) -> str:

@@ -31,6 +31,21 @@ def rounded_down(value: float, digits: int) -> str:
     return _rounded(value, digits, ROUND_FLOOR)
 
 
+def cost_shown(value: float) -> str:
+    """A cost that belongs to a verdict: rounded up, wherever it is printed."""
+    return rounded_up(value, 12)
+
+
+def bound_shown(value: float) -> str:
+    """A lower bound: rounded down, wherever it is printed."""
+    return rounded_down(value, 12)
+
+
+def gap_shown(value: float) -> str:
+    """A gap: rounded up, wherever it is printed."""
+    return rounded_up(value, 3)
+
+
 def _rounded(value: float, digits: int, way: str) -> str:
     if math.isfinite(value):
         value = float(Context(digits, way).create_decimal(Decimal(value)))

@@ -14,6 +14,7 @@ from certpgo.costs.problem import InformationProblem, surrogate
 from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate
+from certpgo.graph.wording import bound_shown, cost_shown, gap_shown
 from certpgo.objective.problem import Problem
 from certpgo.optimize.monitor import Iteration
 from certpgo.optimize.solution import Solution
@@ -144,14 +145,16 @@ def bounds(
         rungs = rungs_of_eigenvalues(problem, proven.refined, proven)
         shown = [(r.title, r.value) for r in rungs if r.about == "cost" and r.value is not None]
     shown = [(title, value) for title, value in shown if value != proven.lower_bound]
+    labels = [f"{value:.6g}" for _, value in shown]
     shown += [("proven bound", proven.lower_bound), ("cost", proven.cost_upper)]
+    labels += [bound_shown(proven.lower_bound), cost_shown(proven.cost_upper)]
     ax = given_or_current(ax)
     places = np.arange(len(shown))
     bars = ax.barh(places, [max(value, 0.0) for _, value in shown])
-    ax.bar_label(bars, [f"{value:.6g}" for _, value in shown], padding=3)
+    ax.bar_label(bars, labels, padding=3)
     ax.set_yticks(places, [title for title, _ in shown])
     ax.margins(x=0.2)
-    ax.set(xlabel=proven.objective, title=f"{proven.verdict}, gap {proven.gap:.3g}")
+    ax.set(xlabel=proven.objective, title=f"{proven.verdict}, gap {gap_shown(proven.gap)}")
     return ax
 
 

@@ -60,6 +60,11 @@ class Averaged:
         """The pairs that were rejected, ascending."""
         return np.asarray(self.chosen[~self.kept])
 
+    def said_of_fit(self) -> list[tuple[str, str]]:
+        """chi^2 of the kept edges in words, where their noise is stated."""
+        fit = self.answer.fit
+        return [] if fit is None else [("chi^2", f"{fit}, of the kept edges")]
+
     def squares(self) -> FloatArray:
         """(k,) squared residuals of the kept edges, each over its 6 degrees of freedom."""
         if not isinstance(self.answer.problem, InformationProblem):

@@ -129,7 +129,6 @@ class Reconstruction:
     def consistency(self) -> list[tuple[str, str]]:
         """What a certificate does not say: how well images, loops and odometry agree."""
         a, n = self.averaged, len(self.frames)
-        squares = a.squares()
         steps = a.chosen < self.odometry
         loops, kept = int((~steps).sum()), int((a.kept & ~steps).sum())
         shares = np.array([self.pairs[k].share for k in a.chosen[a.kept].tolist()])
@@ -138,7 +137,7 @@ class Reconstruction:
             *([] if self.colour is None else [("colour camera", str(self.colour))]),
             ("edges", f"{int(a.kept.sum())} of {len(a.kept)} kept, {int(steps.sum())} of odometry"),
             ("loops", f"{kept} of {loops} agree with the rest"),
-            ("chi^2", f"{squares.mean():.2f} per degree of freedom of the kept edges"),
+            *a.said_of_fit(),
             ("inliers", f"{100.0 * np.median(shares):.0f} % of the matches of a kept edge, median"),
             *self._disagreement(),
             ("not proven", UNPROVEN),

@@ -9,6 +9,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from certpgo.costs.fit import Fit
 from certpgo.errors import InputError, SpecError
 from certpgo.graph import Estimate, Instance
 from certpgo.linalg.arrays import FloatArray
@@ -51,6 +52,11 @@ class Registration:
     disagreement: FloatArray | None = None
     instance: Instance | None = None
     solution: CertifiedSolution | None = None
+
+    @property
+    def fit(self) -> Fit | None:
+        """chi^2 of the measured pairs; None for global ICP alone."""
+        return None if self.solution is None else self.solution.fit
 
 
 def register(

@@ -9,6 +9,7 @@ from typing import NamedTuple
 from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.costs import own_cost
 from certpgo.graph import Instance
+from certpgo.optimize.solution import Status
 
 #: A sentence, and a command or an empty text.
 Step = tuple[str, str]
@@ -61,7 +62,7 @@ def advice(
     reading: Sequence[str] = (),
     cost: Sequence[str] = (),
     searched: bool = False,
-    stopped: bool = False,
+    stopped: Status | None = None,
     disagreeing: bool = False,
 ) -> list[Step]:
     """Sentences on what to do next, each with a command or an empty text.
@@ -71,10 +72,15 @@ def advice(
     graph, estimate : their files, as named in commands
     reading, cost : the command-line options with which they were read and judged
     searched : whether the certified search found the estimate, not another program
-    stopped : whether a limit or an interruption ended the search, or that for a bound
+    stopped : why the search, or that for a bound, ended early; None if it did not
     disagreeing : whether some measurements disagree with the rest
     """
-    given = _Given(graph, estimate, tuple(reading), tuple(cost), searched, stopped, disagreeing)
+    early = stopped is not None
+    given = _Given(graph, estimate, tuple(reading), tuple(cost), searched, early, disagreeing)
+    interrupted = searched and stopped is Status.INTERRUPTED
+    if interrupted and certificate.verdict is not Verdict.CERTIFIED:
+        on = given.search_on() if estimate else given.solve()
+        return [("The search was interrupted; go on with it.", on)]
     match certificate.verdict:
         case Verdict.CERTIFIED:
             steps = _after_certified(given)

@@ -27,11 +27,12 @@ from certpgo.costs import (
 )
 from certpgo.errors import CertPGOError, NumericalError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph
-from certpgo.graph.wording import counted, rounded_down, rounded_up
+from certpgo.graph.wording import bound_shown, cost_shown, counted, gap_shown
 from certpgo.io.surfaces import Surface
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.objective.problem import Problem, RotationProblem
 from certpgo.optimize.monitor import Iteration
+from certpgo.optimize.solution import Status
 from certpgo.view.advice import advice, cost_options
 from certpgo.view.gather import scene_of, start
 from certpgo.view.page import page
@@ -52,7 +53,7 @@ class Origin:
     reading : command-line options with which the graph was read
     proof : the proof file, if one was written
     method : the method that found the estimate, or empty
-    stopped : whether a limit or an interruption ended the search, or that for a bound
+    stopped : why the search, or that for a bound, ended early; None if it did not
     remarks : sentences shown below the verdict
     partial : whether the verdict is only about the measurements that the method kept
     disagreeing : whether some measurements disagree with the rest
@@ -65,7 +66,7 @@ class Origin:
     reading: tuple[str, ...] = ()
     proof: str = ""
     method: str = ""
-    stopped: bool = False
+    stopped: Status | None = None
     remarks: tuple[str, ...] = ()
     partial: bool = False
     disagreeing: bool = False
@@ -105,7 +106,7 @@ def certificate_page(
         graph=instance.name,
         meaning=meaning(certificate),
         reason=certificate.reason[:1].upper() + certificate.reason[1:],
-        remarks=[*_cost(problem), *origin.remarks],
+        remarks=[*_cost(problem), *_misfit(assessment), *origin.remarks],
         figures=_figures(certificate),
         advice=_advice(instance, origin, problem, certificate),
         numbers=[*_head(instance, origin), *_facts(instance, assessment)],
@@ -197,11 +198,11 @@ def _figures(certificate: Certificate) -> list[tuple[str, str, str]]:
     """The three numbers of a verdict: their names, values, and what they mean."""
     gap, relative = certificate.gap, certificate.relative_gap
     return [
-        ("cost", rounded_up(certificate.cost_upper, 7), "F of this estimate"),
-        ("bound", rounded_down(certificate.lower_bound, 7), "no estimate costs less"),
+        ("cost", cost_shown(certificate.cost_upper), "F of this estimate"),
+        ("bound", bound_shown(certificate.lower_bound), "no estimate costs less"),
         (
             "gap",
-            rounded_up(gap, 3),
+            gap_shown(gap),
             f"{part(relative)} of F" if math.isfinite(relative) else "between them",
         ),
     ]
@@ -215,6 +216,12 @@ def _cost(problem: Certifiable) -> Iterable[str]:
         yield f"The cost F is {problem.edge_cost.title} on this page."
     if isinstance(problem, RangeProblem):
         yield f"The cost is {problem.title} on this page."
+
+
+def _misfit(assessment: Assessment) -> Iterable[str]:
+    """The warning of an unusual chi^2."""
+    if assessment.fit is not None and assessment.fit.warning:
+        yield f"{assessment.fit.warning}."
 
 
 def _rungs(problem: Certifiable, estimate: Estimate, certificate: Certificate) -> tuple[Rung, ...]:
@@ -239,6 +246,8 @@ def _head(instance: Instance, origin: Origin) -> Iterable[tuple[str, str]]:
 def _facts(instance: Instance, assessment: Assessment) -> Iterable[tuple[str, str]]:
     certificate = assessment.certificate
     yield from numbers(certificate)
+    if assessment.fit is not None:
+        yield "chi^2", str(assessment.fit)
     yield from distances(assessment)
     yield from digits(assessment)
     yield from trusts(certificate)

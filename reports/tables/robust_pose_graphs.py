@@ -29,8 +29,8 @@ TABLE = Table(
     quick=("grid1000_10p_outliers",),
     notes=(
         "Precision: of the rejected measurements, the share that the labels call wrong; recall: "
-        "of the wrong ones, the share rejected. Verdicts and gaps of graduated non-convexity are "
-        "of the measurements it kept; F, and the others' verdicts, are of all. Iterations start "
-        "from the tree of the earliest measurements, the odometry, unless said otherwise.",
+        "of the wrong ones, the share rejected. F, verdicts and gaps of graduated non-convexity "
+        "are of the measurements it kept, the others' of all. Iterations start from the tree of "
+        "the earliest measurements, the odometry, unless said otherwise.",
     ),
 )

@@ -16,7 +16,7 @@ from certpgo.certify.judge import Judge
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance
-from certpgo.graph.wording import rounded_down, rounded_up
+from certpgo.graph.wording import bound_shown, cost_shown
 from certpgo.io.digits import writing_of
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
@@ -215,9 +215,9 @@ def test_sentences_need_no_paper():
     for c in said:
         assert not any(word in c.reason.lower() for word in JARGON), c.reason
         assert "\n" not in c.reason
-        assert rounded_up(c.cost_upper, 10) in c.reason
+        assert cost_shown(c.cost_upper) in c.reason
         if c.verdict is not Verdict.UNDECIDED:
-            assert rounded_down(c.lower_bound, 10) in c.reason
+            assert bound_shown(c.lower_bound) in c.reason
 
 
 def part_of(problem, name="walk"):
@@ -287,7 +287,7 @@ def test_what_cannot_be_read_is_a_row(tmp_path):
     assert header.split(",")[:3] == ["estimate", "graph", "verdict"]
     assert header.split(",")[-1] == "reason"
     assert float(first.split(",")[3]) == rows[0].cost
-    assert second == "bad,,ERROR" + "," * 11 + "bad:3: numbers expected"
+    assert second == "bad,,ERROR" + "," * 13 + "bad:3: numbers expected"
     with pytest.raises(InputError, match="cannot be written"):
         write_rows(tmp_path / "nowhere" / "out.csv", rows)
 

@@ -142,7 +142,14 @@ def test_an_interrupted_certification_prints_what_is_proven(certpgo, tmp_path, m
     done = certpgo("certify", graph, estimate)
     assert done.code == 130
     assert "ended early (interrupted)" in done.out
-    assert certpgo("certify", graph, estimate, estimate, "--csv", rows).code == 130
+    page = tmp_path / "page.html"
+    asked = certpgo("certify", graph, estimate, "--html", page)
+    stands = "certpgo: interrupted: what is proven by then stands"
+    assert (asked.code, asked.err.splitlines()[0]) == (130, f"{stands}; not written: {page}")
+    assert not page.exists()
+    several = certpgo("certify", graph, estimate, estimate, "--csv", rows)
+    assert several.code == 130
+    assert several.err.endswith(f"certpgo: interrupted: {rows} has 1 of 1 estimates\n")
     assert len(rows.read_text().splitlines()) == 2
     monkeypatch.undo()
     limited = certpgo("certify", graph, estimate, "--time-limit", 0)
@@ -160,3 +167,81 @@ def test_the_first_ctrl_c_says_what_the_second_does(monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         stop.interrupt(signal.SIGINT, None)
     assert written == [b"\nstopping after this step; Ctrl-C again aborts\n"]
+
+
+@pytest.fixture
+def outputs(tmp_path):
+    """A folder for outputs with an old file, and what must be in it at the end."""
+    folder = tmp_path / "outputs"
+    folder.mkdir()
+    (folder / "s.g2o").write_text("old")
+    return folder
+
+
+@pytest.mark.parametrize("options", [(), ("--json",)])
+def test_an_interrupted_search_says_first_what_is_not_written(
+    certpgo, square, outputs, monkeypatch, options
+):
+    from certpgo.cli._show import StatusLine
+
+    monkeypatch.setattr(StatusLine, "__call__", lambda *_: True)
+    solved, proof = outputs / "s.g2o", outputs / "s.cert"
+    done = certpgo("solve", square, "-o", solved, "--proof", proof, *options)
+    assert done.code == 130
+    first = done.err.splitlines()[0]
+    assert first.startswith("certpgo: interrupted: the best estimate so far is ")
+    assert first.endswith(f"; not written: {proof}")
+    assert sorted(outputs.iterdir()) == [solved]
+    assert solved.read_text().startswith("VERTEX_SE2 0 ")
+    assert "if the search was stopped" not in done.out.lower()
+
+
+def test_advice_after_an_interruption_is_to_go_on(certpgo, tmp_path, monkeypatch):
+    from certpgo.cli._show import StatusLine
+
+    graph, solved = tmp_path / "cycle.npz", tmp_path / "solved.npz"
+    instance, wound = winding_cycle(12, 0.1, 1)
+    write(graph, instance)
+    write(tmp_path / "wound.npz", wound)
+    monkeypatch.setattr(StatusLine, "__call__", lambda *_: True)
+    begun = ("solve", graph, "--initial", tmp_path / "wound.npz", "-o", solved)
+    said = certpgo(*begun).out
+    assert f"The search was interrupted; go on with it: certpgo solve {graph} --initial" in said
+    assert "stopped early" not in said
+
+
+@needs_signals
+def test_a_second_ctrl_c_leaves_no_half_written_file(certpgo, square, outputs, monkeypatch):
+    from certpgo.cli._show import StatusLine
+
+    def pressed_twice(*_):
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGINT)
+        return False
+
+    monkeypatch.setattr(StatusLine, "__call__", pressed_twice)
+    solved, page = outputs / "s.g2o", outputs / "page.html"
+    done = certpgo("solve", square, "-o", solved, "--html", page)
+    said = f"certpgo: interrupted; not written: {solved}, {page}\n"
+    assert (done.code, done.out, done.err) == (130, "", said)
+    assert [path.name for path in outputs.iterdir()] == ["s.g2o"]
+    assert solved.read_text() == "old"
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_ctrl_c_between_two_files_names_both(certpgo, square, outputs, monkeypatch):
+    replaced, replace_file = [], os.replace
+
+    def interrupted_second(source, target):
+        replaced.append(target)
+        if len(replaced) > 1:
+            raise KeyboardInterrupt
+        replace_file(source, target)
+
+    monkeypatch.setattr("certpgo.io.writing.os.replace", interrupted_second)
+    solved, page = outputs / "s.g2o", outputs / "page.html"
+    done = certpgo("solve", square, "-o", solved, "--html", page)
+    assert done.code == 130
+    assert done.err.endswith(f"interrupted; written: {solved}; not written: {page}\n")
+    assert [path.name for path in outputs.iterdir()] == ["s.g2o"]
+    assert solved.read_text() != "old"

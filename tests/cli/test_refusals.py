@@ -1,5 +1,7 @@
 """Every bad input is one line on stderr and exit code 1; nothing half-written stays behind."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -314,3 +316,31 @@ def test_an_unknown_dataset_names_the_nearest_or_where_to_look(certpgo):
 def test_an_unknown_benchmark_or_family(certpgo):
     fails_in_one_line(certpgo("bench", "scales"), "known: scale")
     fails_in_one_line(certpgo("bench", "scale", "--family", "helx"), "did you mean helix")
+
+
+@pytest.mark.parametrize("option", ["-o", "--proof", "--html", "--covariances"])
+def test_an_output_below_a_file_is_refused_before_any_work(certpgo, square, option):
+    done = certpgo("solve", square, option, square / "out.g2o")
+    fails_in_one_line(done, "cannot be written: no such folder, or no write permission")
+    assert [path.name for path in square.parent.iterdir()] == [square.name]
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is always full")
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        ((), "s.g2o"),
+        (("--proof",), "s.cert"),
+        (("--html",), "s.html"),
+        (("--covariances",), "s.csv"),
+    ],
+)
+def test_a_full_disk_is_one_line(certpgo, square, options, name):
+    full = square.with_name(name)
+    full.symlink_to("/dev/full")
+    done = certpgo("solve", square, *(options or ("-o",)), full)
+    assert done.code == 1
+    said = done.err.splitlines()[-1]
+    assert said == f"certpgo: {full}: cannot be written: No space left on device"
+    assert "Traceback" not in done.err
+    assert sorted(path.name for path in square.parent.iterdir()) == sorted([name, square.name])

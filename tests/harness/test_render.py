@@ -72,6 +72,14 @@ def test_markdown_to_the_byte():
     ]
 
 
+def test_the_cost_beside_a_robust_verdict_is_that_of_the_kept_measurements():
+    proven = {"cost": 99.0, "lower_bound": 1.5, "gap": 0.25, "kept_percent": 90.0}
+    robust = record(verdict="CERTIFIED", metrics=proven)
+    plain = record("other", verdict="CERTIFIED", metrics={**proven, "kept_percent": 100.0})
+    rows = sections(TABLE, [robust, plain])[0].rows
+    assert [row[1:3] for row in rows] == [("1.750", "CERTIFIED"), ("99.000", "CERTIFIED")]
+
+
 def test_a_graph_that_is_not_here_is_said_once():
     gone = [record(m, **NOT_READ) for m in ("m", "other")]
     [section] = sections(TABLE, gone)

@@ -1,8 +1,10 @@
 """What is written is read back: to the last bit from npz, to the format's digits from the rest."""
 
+import errno
 import os
 import socket
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import replace
 
@@ -259,6 +261,49 @@ def test_a_failure_leaves_the_old_file(tmp_path, monkeypatch):
         io.write(path, make_instance(0, 3))
     assert path.read_text() == "precious"
     assert [p.name for p in tmp_path.iterdir()] == ["graph.g2o"]
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".g2o", ".tum", ".ply"])
+def test_a_full_disk_leaves_the_old_file(tmp_path, monkeypatch, suffix):
+    estimate = make_estimate(np.random.default_rng(0), 50, 3)
+    path = tmp_path / f"old{suffix}"
+    path.write_text("old")
+    whole = open
+
+    def filled(file, mode="r", *more, **options):
+        if "w" in mode and os.path.dirname(file) == str(tmp_path):
+            with whole(file, "wb") as torn:
+                torn.write(b"torn")
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return whole(file, mode, *more, **options)
+
+    monkeypatch.setattr("builtins.open", filled)
+    monkeypatch.setattr("io.open", filled)
+    with pytest.raises(InputError, match=f"{path}: cannot be written: No space left on device"):
+        io.write(path, estimate)
+    monkeypatch.undo()
+    assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [(path.name, "old")]
+
+
+def test_of_two_writers_of_a_file_one_is_whole(tmp_path):
+    path = tmp_path / "shared.g2o"
+    estimates = [make_estimate(np.random.default_rng(k), 200, 3) for k in range(2)]
+    alone = []
+    for estimate in estimates:
+        io.write(path, estimate)
+        alone.append(path.read_bytes())
+    begin = threading.Barrier(2)
+
+    def often(estimate):
+        begin.wait()
+        for _ in range(10):
+            io.write(path, estimate)
+            assert path.read_bytes() in alone
+
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(often, estimates))
+    assert path.read_bytes() in alone
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_symbolic_link_stays_and_its_target_is_written(tmp_path):

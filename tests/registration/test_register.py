@@ -1,5 +1,6 @@
 """Global ICP and the pose graph of scans: laws, a scene whose truth is known, and the bunny."""
 
+import json
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -138,8 +139,9 @@ def test_the_command_writes_all_or_nothing(tmp_path):
     more = ["-o", out, "--graph", graph, "--trajectory", trajectory]
     done = run.invoke(application(["register"]), ["register", *names, *begin, *more])
     assert done.exit_code == 0, done.output
-    for said in ("CERTIFIED", "overlap", "disagreement", "not that the right surfaces"):
+    for said in ("CERTIFIED", "overlap", "disagreement", "not that the right surfaces", "freedom"):
         assert said in done.output
+    assert "chi^2 is" not in done.output
     assert len(read_surface(out).points) == sum(len(scan.points) for scan in scans)
     again = certpgo.solve(certpgo.read(graph))  # under the same cost
     poses = certpgo.read_estimate(trajectory)
@@ -150,6 +152,35 @@ def test_the_command_writes_all_or_nothing(tmp_path):
     refused = run.invoke(application(["register"]), ["register", *names, *begin, *more])
     assert refused.exit_code != 0
     assert not any(path.exists() for path in outputs)
+
+
+def test_pairs_that_contradict_one_another_are_warned_of(tmp_path, monkeypatch):
+    from certpgo.registration import register
+
+    measure = register.aligned_pairs
+
+    def one_is_wrong(*given, **more):
+        pairs, sliding = measure(*given, **more)
+        found = pairs[0].found
+        off = replace(found, R=found.R @ so.exp(np.array([[0.0, 0.0, 0.1]]))[0])
+        return [replace(pairs[0], found=off), *pairs[1:]], sliding
+
+    monkeypatch.setattr(register, "aligned_pairs", one_is_wrong)
+    scans, truth = scene(noise=0.002)
+    names = []
+    for scan in scans:
+        names.append(str(tmp_path / f"{scan.name}.ply"))
+        write_surface(names[-1], Surface(scan.points))
+    certpgo.write(tmp_path / "begin.tum", truth)
+    begin = ["--initial", str(tmp_path / "begin.tum"), "--voxel", "0.06"]
+    out = ["-o", str(tmp_path / "all.ply"), "--json"]
+    done = CliRunner().invoke(application(["register"]), ["register", *names, *begin, *out])
+    assert "at 18 degrees of freedom: measurements and estimate disagree by far more" in done.stderr
+    found = json.loads(done.stdout)
+    assert found["fit"]["degrees_of_freedom"] == 18
+    assert found["fit"]["chi2"] == pytest.approx(found["cost"])
+    assert found["cost"] > 1000.0
+    assert "far more" in found["fit"]["warning"]
 
 
 @pytest.fixture

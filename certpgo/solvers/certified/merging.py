@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
+from certpgo.costs.fit import squares
 from certpgo.errors import GraphError, InputError
 from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.graph.information import Information
@@ -28,7 +29,6 @@ from certpgo.optimize.monitor import silent
 from certpgo.solvers.certified.disagreement import outlying, select
 from certpgo.solvers.certified.pipeline import CertifiedSolution, search_and_certify
 from certpgo.solvers.certified.settings import SolveSettings
-from certpgo.solvers.graduated_non_convexity import measured
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -41,8 +41,8 @@ class Merged(Speaking):
     answer : its best estimate, with the certificate
     parts : the certified answer of each map alone
     between : (k,) indices in the merged graph of the measurements between the maps
-    terms : (k,) their terms of F at the optimum: chi^2 where weights state the noise
-    tails : (k,) probabilities that a correct measurement has such a term or a larger one
+    terms : (k,) their terms of F at the optimum
+    tails : (k,) probabilities that a correct measurement is as far off, or further
     disagreeing : indices in the merged graph of those between maps that disagree with the rest
 
     Examples
@@ -81,8 +81,8 @@ class Merged(Speaking):
     def _facts(self) -> Iterator[tuple[str, str]]:
         for k, part in enumerate(self.parts):
             size = part.graph.size_in_words
-            yield f"map {k}", f"{part.verdict.value}, F {part.cost:.8g}; {size}"
-        yield "merged", f"F {self.answer.cost:.10g}, {self.raised:.4g} above the maps' sum"
+            yield f"map {k}", f"{part.certificate.in_brief}; {size}"
+        yield "merged", f"{self.answer.certificate.in_brief}, {self.raised:.4g} above the maps' sum"
         own = float(self.terms.sum())
         yield (
             "between",
@@ -95,7 +95,7 @@ class Merged(Speaking):
     def named(self, edge: int) -> str:
         """A measurement between maps by the labels of its nodes, with its term."""
         i, j = (self.instance.labels[k] for k in self.instance.graph.edges[edge].tolist())
-        return f"{i}-{j} (chi^2 {self.terms[edge - self.between[0]]:.3g})"
+        return f"{i}-{j} (term {self.terms[edge - self.between[0]]:.3g})"
 
     def _picture(self) -> str:
         return self.answer._picture()
@@ -167,12 +167,9 @@ def merge(
             kept = problem.reweighted(selection.weights)
             answer = search_and_certify(kept, chosen, None, silent)
             costs = problem.edge_costs(answer.estimate)
-    turned, moved = measured(problem)
-    d = whole.graph.d
-    freedom = (d * (d - 1) // 2 * turned + d * moved)[across]
-    terms = costs[across]
-    tails = np.asarray(stats.chi2.sf(terms, freedom))
-    return Merged(whole, answer, parts, across, terms, tails, disagreeing)
+    chi2, numbers = (of.sum(axis=1)[across] for of in squares(problem, answer.estimate))
+    tails = np.asarray(special.gammaincc(0.5 * numbers, 0.5 * chi2))
+    return Merged(whole, answer, parts, across, costs[across], tails, disagreeing)
 
 
 def _labelled(

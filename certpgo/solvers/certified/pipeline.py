@@ -8,6 +8,7 @@ from functools import cached_property
 
 from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.case import Basin, Case
+from certpgo.costs.fit import Fit, fit_of
 from certpgo.costs.problem import InformationProblem
 from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import InputError
@@ -94,7 +95,10 @@ class CertifiedSolution(Speaking):
 
     @property
     def cost(self) -> float:
-        """F of the estimate."""
+        """F of the estimate; of all measurements, also where the certificate is about fewer.
+
+        That F is ``certificate.cost_upper``.
+        """
         return self.solution.cost
 
     @property
@@ -117,7 +121,8 @@ class CertifiedSolution(Speaking):
         return self.certificate._headline
 
     def __repr__(self) -> str:
-        return f"<CertifiedSolution: {self.verdict}, cost {self.cost:.9g}, {self.estimate!r}>"
+        kept = "" if self.solution.kept is None else f" of {self.solution.kept} kept measurements"
+        return f"<CertifiedSolution: {self.certificate.in_brief}{kept}, {self.estimate!r}>"
 
     def _facts(self) -> Iterator[tuple[str, str]]:
         solution, found = self.solution, self.disagreement
@@ -125,6 +130,8 @@ class CertifiedSolution(Speaking):
         if solution.kept is not None:
             yield "kept", f"{solution.kept} measurements; the rest disagreed with them"
         yield from self.certificate._proven()
+        if self.fit is not None:
+            yield "chi^2", self.fit.warning.removeprefix("chi^2 is ") or str(self.fit)
         steps, seconds = counted(solution.iterations, "iteration{s}"), solution.seconds.values()
         yield "ended", f"{solution.status} after {steps}, {sum(seconds):.3g} s; {solution.note}"
         if self.undetermined is not None:
@@ -136,6 +143,13 @@ class CertifiedSolution(Speaking):
             yield "next", "certpgo.write(path, answer); answer.covariance(node)"
         else:
             yield "next", "the reason says what was in the way"
+
+    @cached_property
+    def fit(self) -> Fit | None:
+        """chi^2 and its degrees of freedom, where the source of the graph states the noise."""
+        if self.instance is None:
+            return None
+        return fit_of(self.instance, self.problem, self.estimate, self.solution.weights)
 
     def _picture(self) -> str:
         graph, t = self.graph, self.estimate.translations

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from certpgo.certify import Verdict
 from certpgo.graph.speaking import Speaking
-from certpgo.graph.wording import counted, rounded_down, rounded_up
+from certpgo.graph.wording import bound_shown, cost_shown, counted, gap_shown
 
 
 @dataclass(frozen=True, repr=False)
@@ -46,11 +46,11 @@ class Standing(Speaking):
     @property
     def _headline(self) -> str:
         size = f"{counted(self.nodes, 'node{s}')}, {counted(self.edges, 'measurement{s}')}"
-        return f"{self.verdict.value}: {size}, F {self.cost:.9g}"
+        return f"{self.verdict.value}: {size}, F {cost_shown(self.cost)}"
 
     def _facts(self) -> Iterator[tuple[str, str]]:
-        yield "cost F, at most", rounded_up(self.cost, 12)
-        yield "lower bound", rounded_down(self.lower_bound, 12)
-        yield "gap", rounded_up(self.gap, 3)
+        yield "cost F, at most", cost_shown(self.cost)
+        yield "lower bound", bound_shown(self.lower_bound)
+        yield "gap", gap_shown(self.gap)
         yield "tolerance", f"{self.tolerance:.3g}"
         yield "objective", self.objective
