@@ -33,7 +33,7 @@ from certpgo.objective.problem import PoseProblem, Problem
 
 #: Of an anchored bound: the largest loss over the cost that is tried first, and the factor by
 #: which the second may be larger.
-LOSSES = (1e-7, 100.0)
+LOSSES = (1e-7, 30.0)
 #: Share of the gap that suffices from which a loss to rounding counts in a sharp bound.
 NOTICED = 0.01
 #: First shift tried, in units of rounding of the mean diagonal; then this much more each time.

@@ -112,8 +112,17 @@ def meaning(certificate: Statement) -> str:
     in_right_basin = verdict == "BOUNDED" and certificate.basin_is_global
     if in_right_basin:
         return _RIGHT_BASIN if certificate.descended else _RIGHT_ROTATIONS
+    if verdict == "CERTIFIED" and certificate.gap > certificate.rtol * certificate.cost_upper:
+        return _within(certificate)
     lower = certificate.best_cost < certificate.cost_upper - certificate.tolerance
     return _LOWER if lower and verdict == "UNDECIDED" else _MEANINGS[verdict]
+
+
+def _within(certificate: Statement) -> str:
+    """What CERTIFIED means where only the part of W makes it so."""
+    share = f", {part(certificate.relative_gap)} of F" if certificate.cost_upper > 0.0 else ""
+    gap = gap_shown(certificate.gap)
+    return f"to within atol W{share}: no estimate can be better by more than {gap}; this is proven"
 
 
 def trusts(certificate: Statement) -> Iterable[tuple[str, str]]:

@@ -199,3 +199,37 @@ def test_what_counts_as_zero_does_not_grow_with_the_distance_from_the_origin():
     assert judged.cost_upper > 1.5 * best.cost
     assert (judged.verdict.value, judged.basin_is_global) == ("BOUNDED", True)
     assert best.certificate.tolerance < 1e-3 * best.cost
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_bound_does_not_depend_on_where_the_origin_is(d):
+    """Positions that are farther than a map is long are read relative to a place near them."""
+    graph, gaps = road(d, fixes=100, length=1e3, sigma=0.1), []
+    for far in (0.0, 1e2, 8e3, 1e7):
+        moved = graph.translations.copy()
+        moved[graph.absolute] += far
+        moved = PoseGraph(graph.rotation, moved, graph.tau, absolute=graph.absolute)
+        gaps.append(certpgo.solve(moved).certificate.relative_gap)
+    assert max(gaps[:3]) <= 1.3 * min(gaps[:3])
+    assert max(gaps) <= 1e-5
+
+
+@pytest.mark.parametrize("far", [1e4, 1e7])
+def test_a_bound_does_not_depend_on_where_the_estimate_is(far):
+    graph, R, t = pose_graph(rng_of(0), 20, 3)
+    problem, best = optimum(graph, R, t)
+    turn = so.random(rng_of(1), 1, 3)[0]
+    here = certpgo.certify(problem, best)
+    there = certpgo.certify(problem, best.moved(turn, far * np.ones(3)))
+    assert there.verdict is here.verdict
+    assert there.gap == pytest.approx(here.gap, rel=0.05, abs=1e-15 * here.cost_upper)
+
+
+@pytest.mark.parametrize("name", ["kitti_00", "ais2klinik", "drone"])
+def test_gaps_of_long_chains_are_within_rtol_of_a_small_cost(name, dataset):
+    instance = dataset(name)
+    answer = certpgo.solve(instance.graph)
+    judged = certpgo.certify(instance.graph, answer)
+    for proven in (answer.certificate, judged):
+        assert (proven.verdict.value, proven.tier.value) == ("CERTIFIED", "standard")
+        assert proven.gap <= 5e-6 * proven.cost_upper

@@ -25,6 +25,7 @@ from certpgo.graph import Estimate, Instance, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.graph.wording import rounded_down, rounded_up
 from certpgo.objective.problem import problem_of
+from certpgo.optimize.solution import Status
 from certpgo.solvers.certified.interface import solve
 from certpgo.view.advice import advice
 from certpgo.view.certificate_page import Origin, certificate_page
