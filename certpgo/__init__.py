@@ -20,6 +20,7 @@ from certpgo.errors import (
     SpecError,
 )
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
+from certpgo.graph.labels import WORLD
 from certpgo.graph.ranges import Ranges
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.optimize.marginals import Marginals
@@ -88,6 +89,7 @@ _ROOMS = ("plot",)
 __version__ = "0.1.0"
 
 __all__ = [
+    "WORLD",
     "CertPGOError",
     "Certificate",
     "CertifiedSolution",

@@ -85,6 +85,7 @@ autodoc_preserve_defaults = True
 autodoc_type_aliases = {
     **{n: f"certpgo.linalg.arrays.{n}" for n in ("FloatArray", "IntArray", "BoolArray", "CSC")},
     "ArrayLike": "numpy.typing.ArrayLike",
+    "Label": "certpgo.graph.labels.Label",
 }
 autodoc_default_options = {"members": True}
 python_use_unqualified_type_names = True

@@ -19,6 +19,7 @@ from certpgo.errors import CertPGOError, InputError, InputNotice
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph
 from certpgo.io.digits import Digits, Writing
 from certpgo.io.gtsam_values import estimate_from_values
+from certpgo.io.opening import AnyPath, measured
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.problem import PoseProblem, Problem
 
@@ -231,7 +232,7 @@ def _of_poses(problem: Certifiable) -> Problem:
 
 
 def certify_values(
-    graph: Graph | Instance,
+    graph: Graph | Instance | AnyPath,
     values: Any,
     *,
     cost: str = CHORDAL,
@@ -245,7 +246,7 @@ def certify_values(
 
     Parameters
     ----------
-    graph : a graph, whose ids are 0 ... n-1, or an instance with its own ids
+    graph : a graph, whose ids are 0 ... n-1, an instance with its own ids, or the path of its file
     values : poses or rotations, 2D or 3D like the graph
     cost : ``"chordal"``, or for an instance with information matrices ``"gtsam"`` or ``"g2o"``
     ids : (n,) integers, the key of each node, to avoid guessing the match
@@ -276,17 +277,17 @@ def certify_values(
     >>> certpgo.certify_values(instance, Values()).verdict.value
     'REFUTED'
     """
-    measured = graph.graph if isinstance(graph, Instance) else graph
-    n = measured.num_nodes
-    keys = graph.ids if isinstance(graph, Instance) else np.arange(n)
+    posed = measured(graph)
+    of = posed.graph if isinstance(posed, Instance) else posed
+    n = of.num_nodes
+    keys = posed.ids if isinstance(posed, Instance) else np.arange(n)
     if ids is not None:
         keys = np.asarray(ids)
         if keys.shape != (n,) or keys.dtype.kind not in "iu" or len(np.unique(keys)) != n:
             raise InputError(f"ids must be {n} distinct integers, the key of each node")
-    with_translations = isinstance(measured, PoseGraph)
     estimate, notice = estimate_from_values(
-        values, keys, measured.d, with_translations, exact=ids is not None
+        values, keys, of.d, isinstance(of, PoseGraph), exact=ids is not None
     )
     if notice:
         warnings.warn(notice, InputNotice, stacklevel=2)
-    return certify(certifiable(graph, cost), estimate, **options)
+    return certify(certifiable(posed, cost), estimate, **options)

@@ -144,26 +144,42 @@ class Case:
         """The smallest decrease in cost that is not rounding."""
         return self.rtol * cost + FLOOR * self.atol * self.problem.scale
 
+    def may_close(self, found: Certificate) -> bool:
+        """Whether the proof tier may close a gap that rounding leaves.
+
+        Also that of a CERTIFIED estimate, if only its part of W makes it so.
+        """
+        allowed = found.rtol * found.cost_upper + FLOOR * found.atol * found.scale
+        certified = found.verdict is Verdict.CERTIFIED
+        return allowed < found.gap <= PROOF_GAIN * (allowed if certified else found.tolerance)
+
     def is_sharp(self, basin: Basin) -> bool:
         """Whether no distinguishably better point exists."""
         return basin.cost - basin.value <= self.difference(basin.cost)
 
-    def basin(self, start: Estimate, refine: bool, known: Basin | None = None) -> Basin:
+    def basin(
+        self,
+        start: Estimate,
+        refine: bool,
+        known: Basin | None = None,
+        monitor: Monitor | None = None,
+    ) -> Basin:
         """The end of descent from an estimate, or the estimate with its best translations.
 
-        The bound of a ``known`` basin is reused if it is good enough.
+        The bound of a ``known`` basin is reused if it is good enough. Where a ``monitor`` of the
+        descent stops it, no bound is computed.
         """
         settled = True
         try:
             point = self.completed(start)
             if refine:
-                solution = self.descent(point)
+                solution = self.descent(point, monitor)
                 point = self.completed(solution.estimate)
                 settled = solution.status is Status.CONVERGED or (
                     solution.status is Status.STALLED and self.problem.stationarity(point) < SETTLED
                 )
             cost = self.cost_upper(point)
-            if self.stop.cuts():
+            if self.stop.cuts() or (refine and solution.status is Status.INTERRUPTED):
                 return Basin(point, cost, settled, None, refine)
             if known is not None and known.value >= cost - self.tolerance(cost):
                 return Basin(point, cost, settled, known.bound, refine)
@@ -179,9 +195,10 @@ class Case:
         """
         return self.problem.complete(estimate.rotations)
 
-    def descent(self, start: Estimate) -> Solution:
+    def descent(self, start: Estimate, monitor: Monitor | None = None) -> Solution:
         """Local descent from an estimate."""
-        return newton(self.problem, start, DESCENT, monitor=self.stop, watch=self.stop.watch)
+        monitor = monitor or self.stop
+        return newton(self.problem, start, DESCENT, monitor=monitor, watch=self.stop.watch)
 
     def bound(
         self,
@@ -230,7 +247,8 @@ class Case:
                 return None
             exact = self._exact if problem is self.problem else exact_graph(problem)
             return proven_bound(problem, exact, point, bound)
-        enough = cost - self.rtol * cost - self.atol * problem.scale
+        # Of a cost above rounding, no part of W makes up for a gap.
+        enough = cost - self.rtol * cost - FLOOR * self.atol * problem.scale
         return dual_bound(
             problem, point, rounding=self.rigorous, enough=enough, sharp=sharp, tight=tight
         )
@@ -276,7 +294,10 @@ class Case:
         better, elsewhere = None, False
         if other is not None and other.cost < min(own.cost, self.sure(estimate, cost)):
             better = other
-            elsewhere = own.settled and other.cost < self.sure(own.point, own.cost)
+            # A descent that was given up while the optimum was known does not reach it.
+            optimal = self.rigorous and other.cost - best.value <= self.tolerance(other.cost)
+            ended = own.settled or (optimal and own.descended and self.stop.cut is None)
+            elsewhere = ended and other.cost < self.sure(own.point, own.cost)
         if elsewhere:
             verdict = Verdict.REFUTED
         elif finite and self.rigorous and gap <= tolerance:
@@ -308,6 +329,7 @@ class Case:
             reason="",
             objective=self.objective,
             descended=own.descended,
+            settled=own.settled,
             support=best.bound.support if best.bound else None,
         )
         scaled = in_units(self.unit, judged)

@@ -107,7 +107,8 @@ class Certificate(Statement):
     reason : the reason for the verdict in one sentence
     objective : the cost that the certificate is about: F, or that of another program, see
         `certpgo.costs`; then F stands for that cost everywhere here
-    descended : whether ``refined`` is the end of local descent
+    descended : whether ``refined`` comes from local descent
+    settled : whether that ended; else it was stopped, or given up as the optimum was known
     support : under the cost of another program, what the lower bound rests on; else None
 
     Examples
@@ -152,6 +153,7 @@ class Certificate(Statement):
     reason: str
     objective: str = CHORDAL
     descended: bool = True
+    settled: bool = True
     support: Support | None = None
 
     def __repr__(self) -> str:

@@ -16,9 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from certpgo.certify.anchored import Anchored
 from certpgo.certify.shifted import Shifted
 from certpgo.costs.edge_cost import Minorants
-from certpgo.graph import PoseGraph
+from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.lift import Point
 from certpgo.graph.speaking import Brief
 from certpgo.linalg import compiled
@@ -30,6 +31,11 @@ from certpgo.linalg.so import rotation_defect
 from certpgo.objective.operators import degrees
 from certpgo.objective.problem import PoseProblem, Problem
 
+#: Of an anchored bound: the largest loss over the cost that is tried first, and the factor by
+#: which the second may be larger.
+LOSSES = (1e-7, 100.0)
+#: Share of the gap that suffices from which a loss to rounding counts in a sharp bound.
+NOTICED = 0.01
 #: First shift tried, in units of rounding of the mean diagonal; then this much more each time.
 FIRST_SHIFT, GROWTH = 16.0, 8.0
 #: In the same units, the largest shift due to rounding; beyond, it is an eigenvalue of S.
@@ -112,7 +118,14 @@ def dual_bound(
         a negative eigenvalue
     floor : the value from which a bound is useful; below zero where weights may be negative
     """
-    return _Attempts(problem, point, rounding, enough, sharp, floor).best(tight)
+    attempts = _Attempts(problem, point, rounding, enough, sharp, floor)
+    anchored = None
+    if isinstance(point, Estimate) and attempts.loses_to_rounding():
+        anchored = attempts.anchored(point)
+    if anchored is not None and anchored.value >= attempts.expected(0.0):
+        return anchored
+    found = [bound for bound in (anchored, attempts.best(tight)) if bound is not None]
+    return max(found, key=lambda bound: bound.value, default=None)
 
 
 class _Attempts:
@@ -134,24 +147,67 @@ class _Attempts:
         pin = self.shifted.pin
         self.pin: IntArray | None = None
         if pin is not None:
-            rows = len(self.shifted.arms) // problem.n
-            first = problem.pattern.layout_of(problem.matrix).first_row(pin)
-            self.pin = first + np.arange(rows)
+            self.pin = self.rows_of(pin)[: len(self.shifted.arms) // problem.n]
         self.symbolic = problem.symbolic(problem.matrix)
         self.cost = problem.cost(point)
         self.factorizations = self.nonzeros = 0
         self.unit = self.shifted.unit
-        self.foreseen = self.foretold() if rounding else np.zeros(len(self.weights))
+        self.foreseen = (
+            self.foretold(problem.matrix, self.pin) if rounding else np.zeros(len(self.weights))
+        )
         # Subtracted from the translations' diagonal before the first factorization.
         self.guess = np.where(self.is_rotation, 0.0, AMPLE * self.foreseen)
 
-    def foretold(self) -> FloatArray:
+    def rows_of(self, node: int) -> IntArray:
+        """The rows of a node."""
+        layout = self.problem.pattern.layout_of(self.problem.matrix)
+        return layout.first_row(node) + np.arange(layout.sizes[node])
+
+    def loses_to_rounding(self) -> bool:
+        """Whether a bound by shifts is expected to lose much, and an anchored one may not."""
+        if not self.rounding or len(self.shifted.arms) > self.problem.n:
+            return False  # positions over complex numbers have two rows
+        allowed = (NOTICED if self.sharp else 1.0) * (self.cost - self.enough)
+        return self.cost - self.expected(FIRST_SHIFT * self.unit) > allowed
+
+    def anchored(self, estimate: Estimate) -> DualBound | None:
+        """The bound at an estimate whose gauge is taken out; None if S_rr is not definite.
+
+        See `certpgo.certify.anchored`.
+        """
+        at = Anchored.of(self.problem, estimate, self.shifted.multipliers)
+        pin = self.rows_of(at.anchor)
+        A = pinned(self.problem.certificate_matrix(at.multipliers), pin)
+        of_rounding = AMPLE * self.foretold(A, pin)
+        cost = self.cost - self.floor
+        least = min(0.5 * (self.cost - self.expected(FIRST_SHIFT * self.unit)), LOSSES[0] * cost)
+        for loss in (least, LOSSES[1] * least) if least > 0.0 else ():
+            demand = at.definite_for(loss)
+            for _ in range(CONFIRMATIONS):
+                rounding = self.rounding_of(at.multipliers, demand + of_rounding, False, pin)
+                if rounding is None:
+                    break
+                definite = demand + of_rounding - rounding
+                if (np.delete(definite, pin) > 0.0).all():
+                    return self.of_multipliers(at.closed(definite))
+                of_rounding = np.maximum(of_rounding, MARGIN * rounding)
+        return None
+
+    def expected(self, shift: float) -> float:
+        """The bound that a shift is expected to give.
+
+        One that is to be sharpened comes closer to the rounding than the first.
+        """
+        foreseen = self.foreseen if self.sharp else AMPLE * self.foreseen
+        less = self.shifted.trace_of_less(shift, COVER * foreseen)
+        return self.shifted.trace - less - float(foreseen[self.is_rotation].sum())
+
+    def foretold(self, A: CSC, pin: IntArray | None) -> FloatArray:
         """(N,) predicted `rounding_of`, from the lengths of L's rows, for |L| |L|^T about |A|."""
-        M = self.problem.matrix
-        sizes = with_entries(M, np.abs(M.data)) @ self.weights
+        sizes = with_entries(A, np.abs(A.data)) @ self.weights
         foreseen = U * (self.symbolic.lengths + OTHERS) * sizes / self.weights
-        if self.pin is not None:
-            foreseen[self.pin] = 0.0
+        if pin is not None:
+            foreseen[pin] = 0.0
         return np.asarray(foreseen)
 
     def best(self, tight: bool) -> DualBound | None:
@@ -213,10 +269,7 @@ class _Attempts:
         """Whether only a measured residual can be expected to suffice."""
         if not self.rounding:
             return False
-        # A bound that is to be sharpened comes closer to the rounding than the first.
-        expected = self.foreseen if self.sharp else AMPLE * self.foreseen
-        less = self.shifted.trace_of_less(shift, COVER * expected)
-        value = self.shifted.trace - less - float(expected[self.is_rotation].sum())
+        value = self.expected(shift)
         return value < self.enough and self.is_worth_measuring(value, shift)
 
     def is_worth_measuring(self, value: float, shift: float) -> bool:
@@ -225,23 +278,33 @@ class _Attempts:
         explained = self.rounding and shift <= LARGEST_ROUNDING * self.unit
         return explained and missing <= MEASURING_GAIN * allowed and self.symbolic.measurable
 
-    def matrix(self, multipliers: FloatArray, demand: FloatArray) -> CSC:
-        """The certificate matrix with a pinned translation, and ``demand`` off the diagonal."""
-        A = self.problem.certificate_matrix(multipliers)
-        if self.pin is not None:
-            A = pinned(A, self.pin)
+    def matrix(
+        self, multipliers: FloatArray, demand: FloatArray, pin: IntArray | None = None
+    ) -> CSC:
+        """The certificate matrix without the rows ``pin``, and ``demand`` off the diagonal.
+
+        By default those of a pinned translation.
+        """
+        A, pin = self.problem.certificate_matrix(multipliers), self.pin if pin is None else pin
+        if pin is not None:
+            A = pinned(A, pin)
         return add_to_diagonal(A, -demand) if demand.any() else A
 
     def rounding_of(
-        self, multipliers: FloatArray, demand: FloatArray, measure: bool
+        self,
+        multipliers: FloatArray,
+        demand: FloatArray,
+        measure: bool,
+        pin: IntArray | None = None,
     ) -> FloatArray | None:
-        """(N,) delta such that the exact certificate matrix plus diag(delta) is >= 0.
+        """(N,) delta such that the exact certificate matrix plus diag(delta - demand) is >= 0.
 
-        Of a factorization with ``demand`` off the translations' diagonal, whose residual is either
+        Without the rows ``pin``, as in `matrix`. Of a factorization whose residual is either
         bounded or measured. None if the matrix is not positive definite.
         """
         self.factorizations += 1
-        A = self.matrix(multipliers, demand)
+        pin = self.pin if pin is None else pin
+        A = self.matrix(multipliers, demand, pin)
         if not self.rounding:
             return None if self.symbolic.factor(A) is None else demand
         of = self.symbolic.residual if measure else self.symbolic.rounding
@@ -251,16 +314,22 @@ class _Attempts:
         self.nonzeros = found.nonzeros
         radii = _assembly_radii(self.problem, multipliers, self.weights, self.is_rotation)
         delta = 1.001 * (found.sums + radii) / self.weights  # rounding of the products
-        if self.pin is not None:
-            delta[self.pin] = 0.0  # pinned: its diagonal entry can be arbitrarily large
+        if pin is not None:
+            delta[pin] = 0.0  # pinned: its diagonal entry can be arbitrarily large
         return np.asarray(delta)
 
     def bound(self, multipliers: FloatArray, reduction: FloatArray) -> DualBound:
+        """The bound by multipliers whose diagonals are reduced by ``reduction`` (N,)."""
         d, poses, proven = self.problem.d, self.problem.poses, multipliers.copy()
         # Rounded down: a smaller Lam' only adds to the diagonal of S.
         diagonal = _diagonals(multipliers)[poses] - reduction[self.is_rotation].reshape(-1, d)
-        diagonal = np.nextafter(diagonal, -np.inf)
-        _diagonals(proven)[poses] = diagonal
+        _diagonals(proven)[poses] = np.nextafter(diagonal, -np.inf)
+        return self.of_multipliers(proven)
+
+    def of_multipliers(self, proven: FloatArray) -> DualBound:
+        """The bound by multipliers with S >= 0."""
+        poses = self.problem.poses
+        diagonal = _diagonals(proven)[poses]
         value = math.nextafter(math.fsum(diagonal.ravel().tolist()), -math.inf)
         taken = _diagonals(self.shifted.multipliers)[poses] - diagonal
         return DualBound(value, proven, float(taken.max()), self.factorizations, self.nonzeros)

@@ -22,9 +22,15 @@ from certpgo.io.writing import AnyAnswer
 from certpgo.objective.base import Objective
 from certpgo.objective.problem import Problem
 from certpgo.optimize import spectral
-from certpgo.optimize.monitor import Monitor, silent
+from certpgo.optimize.monitor import Iteration, Monitor, silent
 from certpgo.optimize.newton import newton
+from certpgo.optimize.progress import Hopeful
 from certpgo.optimize.solution import Status
+
+#: Steps of an estimate's descent before one from another start begins; most descents take fewer.
+FEW = 20
+#: Steps, each as good as the last, within which that must reach a proven optimum from then on.
+HOPE = 200.0
 
 
 def certify(
@@ -179,7 +185,7 @@ class Judge:
         The bounds that take most work are computed last, and in the lower basin first.
         """
         case = self._case
-        own = case.basin(estimate, self._refine, self._best)
+        own = self._own(estimate)
         if not self._refine or case.is_sharp(own) or case.stop.cuts():
             return own, None
         other = self._elsewhere()
@@ -195,6 +201,27 @@ class Judge:
                 other = self._other = self._with_best_bound(other)
                 self._raised = case.stop.cut is None
         return own, other
+
+    def _own(self, estimate: Estimate) -> Basin:
+        """The basin of the estimate.
+
+        A long descent is interrupted for one that begins elsewhere, and given up where that ends at
+        a proven optimum which it cannot hope to reach.
+        """
+        case = self._case
+        if not self._refine:
+            return case.basin(estimate, False, self._best)
+
+        def of_few(iteration: Iteration) -> bool:
+            return case.stop(iteration) or iteration.number >= FEW
+
+        begun = case.basin(estimate, True, self._best, of_few)
+        if begun.settled or case.stop.cuts():
+            return begun
+        other, monitor = self._elsewhere(), None
+        if other is not None and case.is_sharp(other):
+            monitor = Hopeful(case.stop, other.cost, HOPE)
+        return case.basin(begun.point, True, self._best, monitor)
 
     def _with_best_bound(self, basin: Basin) -> Basin:
         """The basin with a bound that takes more work; itself if that fails."""

@@ -115,9 +115,9 @@ class OwnCostCase(Case):
         """The estimate itself: its best translations depend on the cost, and come by descent."""
         return estimate
 
-    def descent(self, start: Estimate) -> Solution:
+    def descent(self, start: Estimate, monitor: Monitor | None = None) -> Solution:
         """Local descent on the cost from an estimate."""
-        return descend(self.problem, start, monitor=self.stop, watch=self.stop.watch)
+        return descend(self.problem, start, monitor=monitor or self.stop, watch=self.stop.watch)
 
     def bound(
         self,
@@ -202,7 +202,7 @@ class OwnCostCase(Case):
                 return
             settled, monitor = below.problem.settled(point), self.stop.of_minorant(below.constant)
             for point in climb(below.problem, settled, self.problem.d + self.ranks, monitor):
-                enough = cost - self.tolerance(cost) - below.constant
+                enough = cost - self.difference(cost) - below.constant
                 bound = dual_bound(
                     below.problem,
                     point,

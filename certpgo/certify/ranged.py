@@ -136,10 +136,11 @@ class RangedCase(Case):
         """The estimate itself: its best translations come by descent."""
         return estimate
 
-    def descent(self, start: Point) -> Solution:
+    def descent(self, start: Point, monitor: Monitor | None = None) -> Solution:
         """Local descent on the cost, at rank d."""
+        monitor = monitor or self.stop
         point, status = descend(
-            self.problem, start, max_iterations=STEPS, monitor=self.stop, watch=self.stop.watch
+            self.problem, start, max_iterations=STEPS, monitor=monitor, watch=self.stop.watch
         )
         estimate = Estimate(point.rotations, point.translations)
         return Solution(estimate, self.problem.cost(estimate), status, 0)

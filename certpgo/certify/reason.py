@@ -20,6 +20,7 @@ def reason_of(c: Certificate) -> str:
         floor = f"likely, though not proven at this tier: {floor}"
     own = f"this one costs {rounded_up(c.cost_upper, 10)}"
     by = "after local descent" if c.descended else "with its best translations"
+    by = by if c.settled or not c.descended else "after part of a local descent"
     improved = f"{own} and, {by}, {rounded_up(c.refined_cost, 10)}"
     lower = c.refined_cost < c.cost_upper - c.tolerance
     if c.verdict is Verdict.CERTIFIED:
@@ -36,9 +37,10 @@ def reason_of(c: Certificate) -> str:
         also = f"another estimate costs {rounded_up(c.better_cost, 10)}"
         return f"{floor}; {improved if lower else own}; {also}"
     if c.better_cost is not None:
+        descent = "does not lead there" if c.settled else "was given up far from it"
         return (
             f"another estimate costs {rounded_up(c.better_cost, 10)}; "
-            f"{improved if lower else own}, and local descent from it does not lead there; {floor}"
+            f"{improved if lower else own}, and local descent from it {descent}; {floor}"
         )
     if c.verdict is Verdict.UNDECIDED:
         return f"{own}, and no lower bound above zero could be proven"

@@ -63,6 +63,7 @@ class Statement(Speaking):
         reason: str
         objective: str
         descended: bool
+        settled: bool
 
         @property
         def relative_gap(self) -> float: ...  # noqa: D102
@@ -147,7 +148,8 @@ def numbers(certificate: Statement) -> Iterable[tuple[str, str]]:
     yield "tolerance", f"{certificate.tolerance:.3g}{of_weights}"
     yield "largest residual", f"{math.degrees(certificate.max_residual_angle):.4g} degrees"
     if certificate.refined_cost < certificate.cost_upper - certificate.tolerance:
-        name, what = ("after descent", "after local descent")
+        ended = "" if certificate.settled else "part of a "
+        name, what = ("after descent", f"after {ended}local descent")
         if not certificate.descended:
             name, what = "translations", "with its best translations"
         yield name, f"{certificate.refined_cost:.12g}  (its cost {what})"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from certpgo import Session, Standing
     from certpgo.datasets.source import Source
     from certpgo.graph import Estimate, Instance
+    from certpgo.graph.labels import Label
 
 #: The name of a graph that comes from a pipe.
 PIPE = "-"
@@ -46,7 +47,7 @@ class Followed:
     rejected: int = 0
     ended: bool = False
 
-    def take(self, part: Instance, names: Sequence[Hashable], every: int, status: Any) -> None:
+    def take(self, part: Instance, names: Sequence[Label], every: int, status: Any) -> None:
         """Add measurements, and refresh if as many are new."""
         try:
             self.session.add(part, names)
@@ -58,7 +59,10 @@ class Followed:
     def refresh(self, status: Any) -> None:
         """Renew the certificate, and say where the verdict turned."""
         before = self.standing
-        self.standing = self.session.refresh()
+        try:
+            self.standing = self.session.refresh()
+        except GraphError:  # what is free so far, measurements to come determine
+            return
         self._note()
         status.update(self.sentence)
         if self.trace:
@@ -120,20 +124,20 @@ class Followed:
 
     def best(self) -> tuple[Instance, Estimate]:
         """The graph so far and its estimate, nodes by id; the whole graph once all are there."""
+        from dataclasses import replace
+
         import numpy as np
 
-        from certpgo.graph import Instance
-
-        ids, whole = np.array(self.session.nodes), self.whole
-        if whole is not None and len(ids) == whole.graph.num_nodes:
-            place = np.argsort(ids)[np.argsort(np.argsort(whole.ids))]
-            return whole, self.session.estimate.subset(place)
-        world = None if whole is None or whole.world is None else whole.ids[whole.world]
-        order = np.lexsort([ids, ids == world])  # the world comes last
-        there = world is not None and bool((ids == world).any())
-        graph = self.session.graph.subgraph(order)
-        part = Instance(self.name, graph, ids[order], world=len(ids) - 1 if there else None)
-        return part, self.session.estimate.subset(order)
+        part, estimate = self.session.as_instance(self.name)
+        whole = self.whole
+        if whole is None:
+            return part, estimate
+        place = {label: k for k, label in enumerate(part.labels)}
+        if len(place) == whole.graph.num_nodes:
+            return whole, estimate.subset(np.array([place[label] for label in whole.labels]))
+        own = dict(zip(whole.labels, whole.ids.tolist(), strict=True))
+        ids = np.array([own[label] for label in part.labels])
+        return replace(part, ids=ids, moved_by=whole.moved_by), estimate
 
     @property
     def _is_robust(self) -> bool:
@@ -156,12 +160,12 @@ class Stream:
     Attributes
     ----------
     whole : the graph that is read from a file; None for a pipe
-    parts : measurements with the ids of their nodes
+    parts : measurements with the names of their nodes
     cost : None where the first measurements of a pipe tell it
     """
 
     whole: Instance | None
-    parts: Iterator[tuple[Instance, Sequence[Hashable]]]
+    parts: Iterator[tuple[Instance, Sequence[Label]]]
     cost: str | None
 
     @classmethod
@@ -192,7 +196,7 @@ class Stream:
         return cls(None, _piped(every, reading), CHORDAL if chordal else asked)
 
 
-def _piped(every: int, reading: Reading) -> Iterator[tuple[Instance, Sequence[Hashable]]]:
+def _piped(every: int, reading: Reading) -> Iterator[tuple[Instance, Sequence[Label]]]:
     """Measurements from the pipe; what is left out of it is said once."""
     from certpgo.graph.components import rotations_alone
     from certpgo.io.piped import piped
@@ -205,4 +209,4 @@ def _piped(every: int, reading: Reading) -> Iterator[tuple[Instance, Sequence[Ha
                 said.add(kind)
                 notice(f"standard input: {sentence}, and further ones")
         piece = rotations_alone(part) if reading.rotations else part
-        yield piece, piece.ids.tolist()
+        yield piece, piece.labels

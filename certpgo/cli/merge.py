@@ -69,8 +69,8 @@ def command(
             write(out, written)
     certificate, left = merged.answer.certificate, set(merged.disagreeing.tolist())
     worst = merged.between[np.argsort(-merged.terms, kind="stable")].tolist()
-    ids, first = merged.instance.ids, int(merged.between[0])
-    pairs = {edge: ids[merged.instance.graph.edges[edge]].tolist() for edge in worst}
+    ids, labels, first = merged.instance.ids, merged.instance.labels, int(merged.between[0])
+    pairs = {edge: merged.instance.graph.edges[edge] for edge in worst}
     if json:
         document(
             {
@@ -85,7 +85,7 @@ def command(
                 "between": [
                     {
                         "edge": edge,
-                        "ids": pairs[edge],
+                        "ids": ids[pairs[edge]].tolist(),
                         "term": merged.terms[edge - first],
                         "tail": merged.tails[edge - first],
                         "disagrees": edge in left,
@@ -97,7 +97,7 @@ def command(
     else:
         rows = [
             [
-                "-".join(map(str, pairs[edge])),
+                "-".join(str(labels[k]) for k in pairs[edge].tolist()),
                 f"{merged.terms[edge - first]:.4g}",
                 f"{merged.tails[edge - first]:.2g}",
                 "disagrees" if edge in left else "",

@@ -49,8 +49,8 @@ def descend(
     here = problem.normal_equations(point)
     curvature, factor = here.curvature, None
     stationarity = problem.stationarity_of(here.gradient, curvature)
-    first_pose = np.arange(problem.n) == problem.chordal.poses[0]
-    gauge = layout.pack(np.tile(first_pose[:, None], (1, curvature.shape[1])))
+    anchor = np.arange(problem.n) == problem.chordal.anchor
+    gauge = layout.pack(np.tile(anchor[:, None], (1, curvature.shape[1])))
     while progress.advance(
         here.cost, stationarity, last.length, gain=last.gain, accepted=last.accepted
     ):

@@ -15,6 +15,7 @@ from certpgo.costs.problem import InformationProblem
 from certpgo.errors import InputError, MissingDependency, kind_of
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.information import InformationGraph
+from certpgo.io.gtsam_values import estimate_from_values
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 _BETWEEN = {"BetweenFactorPose2": 2, "BetweenFactorPose3": 3}
@@ -35,7 +36,8 @@ def from_gtsam(graph: Any, values: Any) -> tuple[InformationProblem, Estimate]:
     Raises
     ------
     InputError
-        Another factor, several priors, a robust or constrained noise model, or a key without pose.
+        Another factor, several priors, a robust or constrained noise model, a key without a value,
+        or a value that is no pose.
 
     Examples
     --------
@@ -80,9 +82,8 @@ def from_gtsam(graph: Any, values: Any) -> tuple[InformationProblem, Estimate]:
         raise InputError(f"the values have no pose at key {pairs[missing][0]}")
     poses = np.array([_matrix(factor.measured()) for factor in between])
     information = np.array([_information(factor, d) for factor in between])
-    found = np.array([_matrix(getattr(values, f"atPose{d}")(int(key))) for key in keys])
-    problem = _problem(len(keys), edges, poses, information)
-    return problem, Estimate(found[:, :d, :d], found[:, :d, d])
+    estimate, _ = estimate_from_values(values, keys, d, True, exact=True)
+    return _problem(len(keys), edges, poses, information), estimate
 
 
 def _require_problem(problem: object) -> None:

@@ -10,11 +10,12 @@ from functools import cached_property
 import numpy as np
 
 from certpgo.costs.edge_cost import EdgeCost, Minorants
-from certpgo.errors import InputError, NumericalError
+from certpgo.errors import GraphError, InputError, NumericalError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.graph import require_connected
 from certpgo.graph.information import InformationGraph
 from certpgo.graph.lift import Point, translations_of
+from certpgo.graph.priors import require_determined
 from certpgo.graph.speaking import Speaking
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
@@ -70,7 +71,7 @@ class InformationProblem(Speaking):
     Raises
     ------
     GraphError
-        The graph is disconnected.
+        The graph is disconnected, leaves a node free, or measures positions alone.
     """
 
     edge_cost: EdgeCost
@@ -78,6 +79,12 @@ class InformationProblem(Speaking):
 
     def __post_init__(self) -> None:
         require_connected(self.graph.isotropic)
+        if not self.graph.rotation.kappa.any():
+            raise GraphError(
+                f"the cost of {self.edge_cost.name} needs relative poses, not positions alone"
+            )
+        if self.graph.isotropic.is_partial:
+            require_determined(self.graph.isotropic)
 
     @property
     def _headline(self) -> str:

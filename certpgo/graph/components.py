@@ -72,4 +72,5 @@ def restricted(instance: Instance, nodes: IntArray, name: str) -> Instance:
         outliers=None if instance.outliers is None else instance.outliers[inside],
         information=instance.information and instance.information.subset(inside),
         ranges=instance.ranges and instance.ranges.between(nodes),
+        apart=None if instance.apart is None else instance.apart[nodes],
     )

@@ -14,6 +14,7 @@ from certpgo.errors import GraphError
 from certpgo.graph.edges import induced, symmetric
 from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.rotation_graph import RotationGraph
+from certpgo.graph.scale import Scale
 from certpgo.graph.speaking import Brief
 from certpgo.linalg.arrays import (
     BoolArray,
@@ -220,10 +221,14 @@ class InformationGraph(Brief):
     @cached_property
     def scale(self) -> float:
         """W_f: the sum of the mean rotational and, times |t_ij|^2, translational information."""
-        d, t = self.d, self.translations
+        return self.scales.total
+
+    @property
+    def scales(self) -> Scale:
+        """What it is made of."""
         diagonal = np.abs(np.diagonal(self.information, axis1=1, axis2=2))
-        squares = np.einsum("ma,ma->m", t, t)
-        return float((diagonal[:, d:].mean(axis=1) + squares * diagonal[:, :d].mean(axis=1)).sum())
+        turn, move = diagonal[:, self.d :].mean(axis=1), diagonal[:, : self.d].mean(axis=1)
+        return Scale.weighed(self.isotropic, turn, move)
 
     def scaled(self, factor: float) -> InformationGraph:
         """The same measurements with all weights times ``factor``."""

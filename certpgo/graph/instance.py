@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
@@ -12,6 +13,7 @@ from certpgo.errors import GraphError
 from certpgo.graph.estimate import Estimate
 from certpgo.graph.graph import Graph, PoseGraph
 from certpgo.graph.information import Information
+from certpgo.graph.labels import WORLD, Label, Landmark, numbering
 from certpgo.graph.picture import closures, drawn
 from certpgo.graph.ranges import Ranges
 from certpgo.graph.speaking import Speaking
@@ -48,6 +50,9 @@ class Instance(Speaking):
     ranges : distances measured between nodes, beside the graph's measurements; None for none
     origin : (d,) where the graph's world has its origin in the source's frame, metres: near priors
         that are far from the source's; None for zero
+    apart : (n,) which nodes are landmarks that the source numbers apart from poses, as in
+        LANDMARK2; None for none
+    moved_by : what their ids have more than the source's own numbers
     information : the source's information matrices as they are, translation before rotation; None
         where it has none, or other weights were chosen
 
@@ -74,6 +79,8 @@ class Instance(Speaking):
     world: int | None = None
     origin: FloatArray | None = None
     ranges: Ranges | None = None
+    apart: BoolArray | None = None
+    moved_by: int = 0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "ids", frozen_indices(self.ids))
@@ -97,6 +104,10 @@ class Instance(Speaking):
             raise GraphError("edges leave the world, and none leads to it")
         if self.origin is not None:
             object.__setattr__(self, "origin", frozen_floats(self.origin))
+        if self.apart is not None:
+            object.__setattr__(self, "apart", frozen_flags(self.apart))
+            if self.apart.shape != (n,):
+                raise GraphError(f"apart must be {n} flags, one per node")
         if self.ranges is not None and self.ranges.num_nodes != n:
             raise GraphError(f"ranges are of {self.ranges.num_nodes} nodes, the graph has {n}")
         if self.information is not None:
@@ -110,6 +121,52 @@ class Instance(Speaking):
         found = (len(information.index), *information.distinct.shape[1:])
         if found != expected:
             raise GraphError(f"information must be {expected}, a matrix per edge, not {found}")
+
+    @classmethod
+    def labelled(
+        cls,
+        name: str,
+        graph: Graph,
+        labels: Sequence[Label],
+        *,
+        origin: FloatArray | None = None,
+        information: Information | None = None,
+    ) -> Instance:
+        """The instance whose nodes have these `labels`; the world, if it is there, is the last.
+
+        Raises
+        ------
+        GraphError
+            Labels that occur twice, or leave no id for a landmark or the world.
+        """
+        ids, names, apart, moved_by, world = numbering(labels)
+        return cls(
+            name,
+            graph,
+            ids,
+            names=names,
+            information=information,
+            world=world,
+            origin=origin,
+            apart=apart,
+            moved_by=moved_by,
+        )
+
+    @cached_property
+    def labels(self) -> tuple[Hashable, ...]:
+        """What the nodes are called among other graphs, as in a session or in merged maps.
+
+        That is `certpgo.WORLD` for the world, a name where the source has names, and otherwise the
+        id; of a landmark that is numbered apart from poses its own number, as a
+        `certpgo.graph.labels.Landmark`.
+        """
+        labels: list[Label] = [*(self.names or self.ids.tolist())]
+        if self.apart is not None and not self.names:
+            for k in np.flatnonzero(self.apart).tolist():
+                labels[k] = Landmark(int(self.ids[k]) - self.moved_by)
+        if self.world is not None:
+            labels[self.world] = WORLD
+        return tuple(labels)
 
     @property
     def kinds(self) -> tuple[int, int, int]:

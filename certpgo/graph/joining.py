@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -33,7 +33,7 @@ def joined(
     GraphError
         They are of different dimensions or kinds, or only some have couplings or arms.
     """
-    require_one_make(graphs)
+    require_one_make(map(make_of, graphs))
     rotations = [graph.rotation if isinstance(graph, PoseGraph) else graph for graph in graphs]
     rotation = RotationGraph(
         num_nodes,
@@ -51,14 +51,16 @@ def joined(
         np.concatenate([graph.tau for graph in poses]),
         _all([graph.arms for graph in poses]),
         points,
+        _flags([graph.assumed for graph in poses], poses),
+        _flags([graph.absolute for graph in poses], poses),
     )
 
 
-def require_one_make(graphs: Sequence[Graph]) -> None:
+def require_one_make(makes: Iterable[str]) -> None:
     """Refuse graphs that cannot be joined, by a GraphError, as `joined`."""
-    makes = sorted({make_of(graph) for graph in graphs})
-    if len(makes) > 1:
-        raise GraphError(f"measurements of one kind are expected, not {' and '.join(makes)}")
+    found = sorted(set(makes))
+    if len(found) > 1:
+        raise GraphError(f"measurements of one kind are expected, not {' and '.join(found)}")
 
 
 def make_of(graph: Graph) -> str:
@@ -69,6 +71,15 @@ def make_of(graph: Graph) -> str:
     extras += ["arms"] if isinstance(graph, PoseGraph) and graph.arms is not None else []
     said = f"{'poses' if poses else 'rotations'} in {graph.d}D"
     return " with ".join([said, " and ".join(extras)]) if extras else said
+
+
+def _flags(known: Sequence[BoolArray | None], graphs: Sequence[PoseGraph]) -> BoolArray:
+    """(m,) flags of the edges of several graphs, None for none."""
+    flags = [
+        np.zeros(graph.num_edges, dtype=bool) if flag is None else flag
+        for flag, graph in zip(known, graphs, strict=True)
+    ]
+    return np.concatenate(flags)
 
 
 def _all(arrays: Sequence[FloatArray | None]) -> FloatArray | None:

@@ -42,6 +42,9 @@ class PoseGraph(Speaking):
         tau |t_j + R_j a - t_i - R_i t_ij|^2; metres. None for zeros
     points : (n,) which nodes are points, such as landmarks, rather than poses; None for none. Edges
         lead to points, have kappa = 0, and measure where the point is in the frame of node i
+    assumed : (m,) which edges have a translation that is not measured, but puts a world somewhere
+        whose position nothing measures; None for none
+    absolute : (m,) which edges measure from a world, see `certpgo.with_priors`; None for none
 
     Raises
     ------
@@ -70,6 +73,8 @@ class PoseGraph(Speaking):
     tau: FloatArray
     arms: FloatArray | None = None
     points: BoolArray | None = None
+    assumed: BoolArray | None = None
+    absolute: BoolArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "translations", frozen_floats(self.translations))
@@ -87,12 +92,23 @@ class PoseGraph(Speaking):
         if self.points is not None:
             object.__setattr__(self, "points", frozen_flags(self.points))
             self._check_points(self.points)
+        for name in ("assumed", "absolute"):
+            self._check_flags(name)
 
     def _check_tau(self) -> None:
         check_weights("tau", self.tau, self.edges, or_none=True)
         nothing = (self.tau == 0.0) & (self.rotation.kappa == 0.0)
         if nothing.any():
             raise GraphError(f"{edge_name(self.edges, nothing)}: kappa and tau are 0")
+
+    def _check_flags(self, name: str) -> None:
+        given = getattr(self, name)
+        if given is None:
+            return
+        flags = frozen_flags(given)
+        if flags.shape != (self.num_edges,):
+            raise GraphError(f"{name} must be {self.num_edges} flags, one per edge")
+        object.__setattr__(self, name, flags if flags.any() else None)
 
     def _check_points(self, points: BoolArray) -> None:
         if points.shape != (self.num_nodes,):
@@ -233,7 +249,9 @@ class PoseGraph(Speaking):
         self, rotation: RotationGraph, chosen: IntArray | BoolArray, points: BoolArray | None
     ) -> PoseGraph:
         arms = None if self.arms is None else self.arms[chosen]
-        return PoseGraph(rotation, self.translations[chosen], self.tau[chosen], arms, points)
+        flags = (None if f is None else f[chosen] for f in (self.assumed, self.absolute))
+        t, tau = self.translations[chosen], self.tau[chosen]
+        return PoseGraph(rotation, t, tau, arms, points, *flags)
 
     @property
     def is_general(self) -> bool:

@@ -96,12 +96,12 @@ def with_priors(
         np.concatenate([rotation.rotations, R]),
         np.concatenate([rotation.kappa, broadcast(kappa, k)]),
     )
-    weights = np.concatenate([graph.tau, _placing(graph, broadcast(tau, k), world)])
+    weights, *flags = _placing(graph, broadcast(tau, k), world)
     points = graph.points
     if points is not None:
         points = np.append(points, np.zeros(added, dtype=bool))
     measured = np.concatenate([graph.translations, t])
-    return PoseGraph(joined, measured, weights, points=points)
+    return PoseGraph(joined, measured, weights, None, points, *flags)
 
 
 def with_directions(
@@ -173,23 +173,39 @@ def with_directions(
         np.concatenate([couplings, weights[:, None, None] * h[:, None] * g[:, None, :]]),
     )
     zeros = np.zeros((k, d))
+    tau, *flags = _placing(graph, np.zeros(k), world)
     return PoseGraph(
         joined,
         np.concatenate([graph.translations, zeros]),
-        np.concatenate([graph.tau, _placing(graph, np.zeros(k), world)]),
+        tau,
         None if graph.arms is None else np.concatenate([graph.arms, zeros]),
         None if graph.points is None else np.append(graph.points, np.zeros(added, dtype=bool)),
+        *flags,
     )
 
 
-def _placing(graph: PoseGraph, tau: FloatArray, world: int | None) -> FloatArray:
-    """Weights of a new world's measurements, of which one at least places it.
+def _placing(
+    graph: PoseGraph, tau: FloatArray, world: int | None
+) -> tuple[FloatArray, BoolArray, BoolArray]:
+    """The weights tau of all edges, which are assumed, and which are absolute, with a world's.
 
-    A world that no position is measured from is put at the first node, which is met exactly.
+    A new world that no position is measured from is put at the first node, which is met exactly.
+    Nothing is assumed any more once a position is measured.
     """
-    if world is not None or tau.any() or not len(tau):
-        return tau
-    return np.where(np.arange(len(tau)) == 0, np.median(graph.tau[graph.tau > 0.0]), 0.0)
+    none = np.zeros(graph.num_edges, dtype=bool)
+    assumed, absolute = (
+        np.append(none if before is None else before, np.full(len(tau), new))
+        for before, new in ((graph.assumed, False), (graph.absolute, True))
+    )
+    weights = np.append(graph.tau, tau)
+    if tau.any():
+        settled = assumed[: graph.num_edges] & (graph.edges[:, 0] == world)
+        weights[: graph.num_edges][settled] = 0.0
+        assumed[: graph.num_edges][settled] = False
+    if world is None and not tau.any() and len(tau):
+        weights[graph.num_edges] = np.median(graph.tau[graph.tau > 0.0])
+        assumed[graph.num_edges] = True
+    return weights, assumed, absolute
 
 
 def _unit(directions: FloatArray) -> FloatArray:

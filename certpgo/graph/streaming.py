@@ -6,9 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from certpgo.errors import InputError
 from certpgo.graph.graph import Graph
 from certpgo.graph.information import Information
 from certpgo.graph.instance import Instance
+from certpgo.graph.labels import Label
 from certpgo.graph.pose_graph import PoseGraph
 from certpgo.linalg.arrays import IntArray
 
@@ -29,7 +31,7 @@ def arrivals(measured: Graph | Instance) -> IntArray:
 
 def streamed(
     measured: Graph | Instance, size: int = 1
-) -> Iterator[tuple[Graph | Instance, list[int]]]:
+) -> Iterator[tuple[Graph | Instance, list[Label]]]:
     """The measurements in that order, for `certpgo.Session.add`.
 
     Parameters
@@ -38,8 +40,13 @@ def streamed(
 
     Yields
     ------
-    A graph of ``size`` edges, or an instance with their information; and the names of its nodes:
-    ids of an instance, else numbers.
+    A graph of ``size`` edges, or an instance; and what its nodes are called: the labels of an
+    instance, else numbers.
+
+    Raises
+    ------
+    InputError
+        There are distances, which a session does not take.
 
     Examples
     --------
@@ -48,17 +55,35 @@ def streamed(
     >>> [nodes for _, nodes in streamed(winding_cycle(4, 0.3, 0)[0].graph)]
     [[0, 1], [1, 2], [2, 3], [0, 3]]
     """
+    if isinstance(measured, Instance) and measured.ranges is not None:
+        raise InputError(f"{measured.name}: distances between nodes cannot be streamed")
     graph = measured.graph if isinstance(measured, Instance) else measured
     order = arrivals(measured)
     for first in range(0, len(order), size):
         edges = order[first : first + size]
         nodes = np.unique(graph.edges[edges])
         part = graph.with_edges(edges).subgraph(nodes)
-        if not isinstance(measured, Instance):
+        if isinstance(measured, Instance):
+            one = _part(measured, part, edges, nodes)
+            yield one, list(one.labels)
+        else:
             yield part, nodes.tolist()
-            continue
-        ids, stated = measured.ids[nodes], measured.information
-        if stated is not None:
-            matrices = stated.distinct[stated.index[edges]]
-            stated = Information(matrices, np.arange(len(edges)), stated.residual)
-        yield Instance(measured.name, part, ids, information=stated), ids.tolist()
+
+
+def _part(whole: Instance, graph: Graph, edges: IntArray, nodes: IntArray) -> Instance:
+    """Some measurements of an instance, which takes time for these alone."""
+    stated = whole.information
+    if stated is not None:
+        matrices = stated.distinct[stated.index[edges]]
+        stated = Information(matrices, np.arange(len(edges)), stated.residual)
+    return Instance(
+        whole.name,
+        graph,
+        whole.ids[nodes],
+        names=tuple(whole.names[k] for k in nodes) if whole.names else (),
+        information=stated,
+        world=len(nodes) - 1 if nodes[-1] == whole.world else None,
+        origin=whole.origin,
+        apart=None if whole.apart is None else whole.apart[nodes],
+        moved_by=whole.moved_by,
+    )

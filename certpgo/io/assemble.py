@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -101,6 +102,7 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
         information=information,
         world=world,
         origin=origin,
+        **_numbered_apart(landmarks, ids),
     )
     return replace(instance, initial=None if initial is None else instance.with_world(initial))
 
@@ -141,6 +143,13 @@ def _all_edges(path: Path, content: TaggedLines, residual: str | None) -> _AllEd
     return _AllEdges(
         pairs, joined(measured), joined(weights), information, vertices, joined(values), landmarks
     )
+
+
+def _numbered_apart(landmarks: Landmarks | None, ids: IntArray) -> dict[str, Any]:
+    """Which nodes are landmarks that are numbered apart, as `Instance` says it."""
+    if landmarks is None or not len(landmarks.apart):
+        return {}
+    return {"apart": np.isin(ids, landmarks.apart), "moved_by": landmarks.moved_by}
 
 
 def _about(landmarks: Landmarks) -> str:

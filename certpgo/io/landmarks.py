@@ -25,7 +25,8 @@ class Landmarks:
     tau : (k,) weights
     information : (k, d, d) matrices, or None where some lack it
     vertices : ids (v,) and initial positions (v, d)
-    moved_by : what was added to the points' own numbers
+    apart : ids of those that are numbered apart from poses
+    moved_by : what was added to their own numbers
     """
 
     ids: IntArray
@@ -34,6 +35,7 @@ class Landmarks:
     tau: FloatArray
     information: FloatArray | None
     vertices: tuple[IntArray, FloatArray]
+    apart: IntArray
     moved_by: int
 
 
@@ -77,7 +79,9 @@ def landmarks_of(path: Path, content: TaggedLines, poses: IntArray) -> Landmarks
     ids = np.unique(pairs[:, 1])
     vertices = _vertices(content, ids, positions.shape[1])
     positions, information = _in_body_frame(path, content, sensors, positions, information)
-    return Landmarks(ids, pairs, positions, tau, information, vertices, moved_by)
+    return Landmarks(
+        ids, pairs, positions, tau, information, vertices, np.unique(pairs[apart, 1]), moved_by
+    )
 
 
 def _vertices(content: TaggedLines, ids: IntArray, d: int) -> tuple[IntArray, FloatArray]:

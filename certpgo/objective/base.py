@@ -185,6 +185,15 @@ class Objective(Speaking, ABC):
         graph = self.graph
         return graph.pose_nodes if isinstance(graph, PoseGraph) else np.arange(self.n)
 
+    @cached_property
+    def anchor(self) -> int:
+        """The pose at which the gauge is fixed: the heaviest where positions may be measured.
+
+        If another one were fixed there, the world would turn, and far positions move along arcs.
+        """
+        partial = isinstance(self.graph, PoseGraph) and self.graph.is_partial
+        return int(self.poses[np.argmax(self.curvature[self.poses]) if partial else 0])
+
     def grounded_factor(self, laplacian: CSC) -> Factor | None:
         """The factor of a graph Laplacian (n, n) without its first node; None if it fails."""
         grounded = pinned(laplacian, np.array([0]))

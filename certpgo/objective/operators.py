@@ -100,13 +100,6 @@ def data_matrix(blocks: BlockPattern, graph: PoseGraph, sums: NodeSums) -> CSC:
     return blocks.assemble(diagonal, upper, 1)
 
 
-def scale(graph: RotationGraph | PoseGraph) -> float:
-    """W = sum(kappa), of poses plus sum(tau |t_ij|^2) and sum(tau |a|^2)."""
-    if not isinstance(graph, PoseGraph):
-        return float(graph.kappa.sum())
-    return scale(graph.rotation) + sum(float(lever.sum()) for lever in levers(graph))
-
-
 def levers(graph: PoseGraph) -> list[FloatArray]:
     """(m,) values tau |t_ij|^2, and tau |a|^2 if there are arms."""
     arms = (graph.translations, *(() if graph.arms is None else (graph.arms,)))

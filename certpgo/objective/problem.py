@@ -17,6 +17,7 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.graph import require_connected
 from certpgo.graph.lift import Point, translations_of
 from certpgo.graph.priors import require_determined
+from certpgo.graph.scale import Scale
 from certpgo.linalg import network
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import scatter_sum
@@ -79,8 +80,11 @@ class PoseProblem(Objective):
 
     @cached_property
     def scale(self) -> float:
-        """W = sum(kappa) + sum(tau |t_ij|^2), the scale of the objective."""
-        return operators.scale(self.graph)
+        """W = sum(kappa) + sum(tau |t_ij|^2), the scale of the objective.
+
+        Positions count less, see `certpgo.graph.scale`.
+        """
+        return Scale.of(self.graph).total
 
     @cached_property
     def data_matrix(self) -> CSC:

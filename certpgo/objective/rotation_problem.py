@@ -12,6 +12,7 @@ from certpgo.graph import Estimate, RotationGraph
 from certpgo.graph.edges import components_of, edge_name
 from certpgo.graph.graph import require_connected
 from certpgo.graph.lift import Point
+from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.factor import default_engine
 from certpgo.objective import operators
@@ -79,7 +80,7 @@ class RotationProblem(Objective):
     @property
     def scale(self) -> float:
         """W = sum(kappa), the scale of the objective in absolute tolerances."""
-        return operators.scale(self.graph)
+        return Scale.of(self.graph).total
 
     @cached_property
     def connection_laplacian(self) -> CSC:

@@ -199,8 +199,8 @@ class _Model:
 
     def _matrix(self, multipliers: FloatArray) -> CSC:
         diagonal, upper = self._problem.hessian(self._state.point, multipliers)
-        first = self._problem.poses[0]
-        diagonal[first] += np.diag(self._metric[first])  # fixes the gauge
+        anchor = self._problem.anchor
+        diagonal[anchor] += np.diag(self._metric[anchor])  # fixes the gauge
         return self._problem.pattern.assemble(diagonal, upper, self._problem.d)
 
 

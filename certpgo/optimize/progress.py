@@ -173,3 +173,27 @@ class Stop:
             yield
         finally:
             signal.signal(signal.SIGINT, before)
+
+
+@dataclass
+class Hopeful:
+    """A monitor that stops descents which, at the last step's pace, would stay above the best.
+
+    Attributes
+    ----------
+    stop : the monitor of all phases
+    best : cost that is to be reached
+    hope : steps, each as good as the last, within which it must be
+    """
+
+    stop: Stop
+    best: float
+    hope: float
+    last: float = math.inf
+
+    def __call__(self, iteration: Iteration) -> bool:
+        """Forward an iteration; returns whether to stop."""
+        if not iteration.accepted:
+            return self.stop(iteration)
+        pace, self.last = self.last - iteration.cost, iteration.cost
+        return self.stop(iteration) or iteration.cost - self.best > self.hope * pace

@@ -180,7 +180,7 @@ def test_a_bound_is_enough_where_it_certifies_what_it_is_asked_for(monkeypatch):
     asked = []
     monkeypatch.setattr(module, "dual_bound", lambda *_, enough, **__: asked.append(enough))
     case.bound(right, 8.0)
-    assert asked == [8.0 - case.tolerance(8.0)]
+    assert asked == [8.0 - case.difference(8.0)]  # no part of W makes up for a gap
 
 
 # --- The sentence

@@ -205,3 +205,38 @@ def test_estimates_of_other_graphs_are_not_judged():
     problem, best, _ = noisy_cycle()
     with pytest.raises(InputError, match="19 nodes"):
         Judge(problem).certify(best.subset(np.arange(19)))
+
+
+def long_descent(seed=0, n=30):
+    """Poses under g2o's cost, and an estimate whose descent takes more than a few steps."""
+    graph, R, t = pose_graph(rng_of(seed), n, 3, noise=0.05)
+    problem = InformationProblem(
+        G2oCost(InformationGraph(graph, np.tile(np.eye(6), (graph.num_edges, 1, 1))))
+    )
+    rng = rng_of(seed + 1)
+    far = Estimate(
+        R @ so.exp(0.7 * rng.standard_normal((n, 3))), t + 3.0 * rng.standard_normal(t.shape)
+    )
+    return problem, far
+
+
+def test_a_descent_that_cannot_reach_a_proven_optimum_is_given_up(monkeypatch):
+    problem, far = long_descent()
+    monkeypatch.setattr(judge, "FEW", 1)
+    whole = certify(problem, far)
+    assert whole.settled
+    assert (whole.verdict, whole.basin_is_global) == (Verdict.BOUNDED, True)
+    monkeypatch.setattr(judge, "HOPE", 0.0)
+    given_up = certify(problem, far)
+    assert (given_up.verdict, given_up.settled) == (Verdict.REFUTED, False)
+    assert given_up.better_cost == pytest.approx(whole.refined_cost, rel=1e-9)
+    assert given_up.lower_bound == pytest.approx(whole.lower_bound, rel=1e-6)
+    assert "was given up far from it" in given_up.reason
+    assert "part of a local descent" in str(given_up)
+
+
+def test_a_descent_that_is_stopped_refutes_nothing(monkeypatch):
+    problem, far = long_descent()
+    monkeypatch.setattr(judge, "FEW", 1)
+    stopped = certify(problem, far, monitor=lambda step: step.number >= 3)
+    assert stopped.verdict is not Verdict.REFUTED

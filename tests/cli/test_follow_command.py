@@ -149,3 +149,61 @@ def test_ctrl_c_ends_with_what_is_proven(certpgo, lines, monkeypatch, tmp_path):
     assert done.out.startswith("interrupted; so far: CERTIFIED: F ")
     assert "40 measurements" in done.out
     assert len(done.out.splitlines()) == 1
+
+
+def test_priors_of_a_file_have_one_world_in_every_part(certpgo, tmp_path):
+    path, out = tmp_path / "field.g2o", tmp_path / "last.g2o"
+    steps = [f"EDGE_SE2 {k} {k + 1} 1 0 0.05 100 0 0 100 0 100" for k in range(12)]
+    # The first position is the world's origin: alone it tells nothing of where north is.
+    fixes = [(0, 0.0, 0.0), (5, 4.9, 0.6), (9, 8.4, 2.1), (12, 10.9, 3.9)]
+    for origin, cost in ((0.0, "chordal"), (500000.0, "chordal"), (500000.0, "g2o")):
+        lines = [f"EDGE_PRIOR_SE2_XY {k} {x + origin} {y + origin} 4 0 4" for k, x, y in fixes]
+        path.write_text("\n".join([*steps, *lines]) + "\n")
+        read = package.read(path, quiet=True)
+        best = package.solve(read, cost=cost)
+        done = certpgo("follow", path, "--every", 2, "--cost", cost, "-o", out, "--json")
+        assert done.json["verdict"] == best.verdict.value == "CERTIFIED"
+        assert done.json["cost"] == pytest.approx(best.cost, rel=1e-6)
+        written = package.read_estimate(out).translations
+        assert written == pytest.approx(read.in_world(best.estimate).translations, abs=1e-3)
+
+
+def test_an_interrupted_estimate_is_in_the_frame_of_the_priors(certpgo, monkeypatch, tmp_path):
+    path, refresh, calls = tmp_path / "field.g2o", package.Session.refresh, []
+    steps = [f"EDGE_SE2 {k} {k + 1} 1 0 0 100 0 0 100 0 100" for k in range(12)]
+    poses = [f"EDGE_PRIOR_SE2 {k} {500000 + k} 0 0 4 0 0 4 0 4" for k in range(13)]
+    path.write_text("\n".join([*steps, *poses]) + "\n")
+
+    def interrupted(session):
+        calls.append(1)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return refresh(session)
+
+    monkeypatch.setattr(package.Session, "refresh", interrupted)
+    assert certpgo("follow", path, "--every", 4, "-o", tmp_path / "so_far.g2o").code == 130
+    written = package.read_estimate(tmp_path / "so_far.g2o")
+    assert 2 < written.num_nodes < 13
+    assert written.translations[:, 0] == pytest.approx(500000 + np.arange(written.num_nodes))
+
+
+def test_the_merge_command_takes_maps_with_priors(certpgo, tmp_path):
+    def file(name, *lines):
+        path = tmp_path / name
+        path.write_text("\n".join(lines) + "\n")
+        return path
+
+    step = "EDGE_SE2 {} {} {} 0 0 100 0 0 100 0 100".format
+    prior = "EDGE_PRIOR_SE2 {} {} 0 0 100 0 0 100 0 100".format
+    first = file("first.g2o", step(0, 1, 1), prior(0, 500000), prior(1, 500001))
+    second = file("second.g2o", step(2, 3, 1), prior(2, 500002), prior(3, 500003))
+    joints = file("joints.g2o", step(1, 2, 1.5))
+    out = tmp_path / "both.g2o"
+    done = certpgo("merge", first, second, "--between", joints, "-o", out, "--json")
+    assert done.json["verdict"] == "CERTIFIED"
+    assert done.json["between"][0]["ids"] == [1, 2]
+    best = package.solve(package.read(out, quiet=True), cost="chordal")
+    assert done.json["cost"] == pytest.approx(best.cost, rel=1e-6)
+    assert package.read_estimate(out).translations[:, 0] == pytest.approx(
+        500000.0 + np.arange(4), abs=0.5
+    )

@@ -16,6 +16,7 @@ from certpgo.certify.own_cost import OwnCostCase
 from certpgo.cli import main
 from certpgo.costs import (
     InformationProblem,
+    edge_cost,
     information_problem,
     own_cost,
     problem_under,
@@ -569,3 +570,36 @@ def test_misuse_of_other_costs_is_one_line(square):
         certpgo.to_gtsam(instance, other)
     with pytest.raises(InputError, match="a factor graph and Values, not an Instance"):
         certpgo.from_gtsam(instance, other)
+
+
+@pytest.mark.gtsam
+def test_values_that_are_no_poses_are_refused_by_their_key():
+    gtsam = pytest.importorskip("gtsam")
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    noise = gtsam.noiseModel.Isotropic.Sigma(6, 0.1)
+    for k in range(2):
+        graph.add(gtsam.BetweenFactorPose3(k, k + 1, gtsam.Pose3(), noise))
+        values.insert(k, gtsam.Pose3())
+    values.insert(2, gtsam.Point3(1.0, 2.0, 3.0))
+    with pytest.raises(InputError, match=r"hold no 3D pose or rotation at key 2$"):
+        certpgo.from_gtsam(graph, values)
+
+
+@pytest.mark.parametrize("cost", ["g2o", "gtsam"])
+def test_problems_that_leave_nodes_free_say_which(cost):
+    pairs = np.array([[0, 1], [1, 2], [2, 0], [1, 0], [2, 1], [0, 2]])
+    turns, t = np.tile(np.eye(2), (6, 1, 1)), np.arange(12.0).reshape(6, 2)
+    information = np.tile(np.diag([1.0, 1.0, 0.0]), (6, 1, 1))
+
+    def problem(kappa, t):
+        information[:, 2, 2] = kappa
+        graph = PoseGraph(RotationGraph(3, pairs, turns, np.array(kappa)), t, np.ones(6))
+        return InformationProblem(edge_cost(InformationGraph(graph, information), cost))
+
+    with pytest.raises(
+        GraphError, match=rf"^the cost of {cost} needs relative poses, not positions"
+    ):
+        problem([0.0] * 6, t)
+    with pytest.raises(GraphError, match=r"^no measurement determines the rotation of node 2"):
+        problem([1.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0.0 * t)
+    assert solve(problem([1.0, 1.0, 0.0, 0.0, 0.0, 0.0], 0.0 * t)).verdict.value == "CERTIFIED"

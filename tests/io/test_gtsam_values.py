@@ -139,6 +139,18 @@ REFUSED = {
 }
 
 
+def test_the_path_of_a_file_stands_for_its_instance(tmp_path):
+    graph, estimate = solved(3)
+    instance = Instance("walk", graph, np.array([4, 7, 8, 11, 20, 30]))
+    path = tmp_path / "walk.g2o"
+    certpgo.write(path, instance)
+    values = values_of(estimate, instance.ids)
+    of_file, of_instance = (certpgo.certify_values(x, values) for x in (path, instance))
+    assert of_file.verdict is of_instance.verdict is Verdict.CERTIFIED
+    assert of_file.cost_upper == pytest.approx(of_instance.cost_upper, rel=1e-9)
+    assert certpgo.certify_values(str(path), values).verdict is Verdict.CERTIFIED
+
+
 @pytest.mark.parametrize("what", REFUSED)
 def test_values_that_do_not_fit(what):
     graph, _ = solved(3)

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import certpgo
-from certpgo import FormatError, InputError, InputNotice, io
+from certpgo import FormatError, GraphError, InputError, InputNotice, io
+from certpgo.graph.components import restricted
+from certpgo.graph.labels import Landmark
 
 PLANE = """\
 VERTEX_SE2 3 0 0 0
@@ -234,3 +236,37 @@ def test_points_that_no_pose_sees_are_at_the_origin(dataset, tmp_path):
     io.write(tmp_path / "poses.tum", instance.initial.subset(np.arange(6)))
     estimate = io.read_estimate(tmp_path / "poses.tum", instance)
     np.testing.assert_array_equal(estimate.translations[6], 0.0)
+
+
+def test_labels_tell_landmarks_and_the_world_from_poses(file, tmp_path):
+    step, seen = "EDGE_SE2 0 1 1 0 0 4 0 0 4 0 4\n", "LANDMARK2 0 {} 1 0 4 0 4\n"
+    prior = "EDGE_PRIOR_SE2 0 0 0 0 4 0 0 4 0 4\n"
+    labels = {0: (0, 1, Landmark(0), certpgo.WORLD), 7: (0, 1, Landmark(7), certpgo.WORLD)}
+    for number, expected in labels.items():
+        instance = io.read(file(step + seen.format(number) + prior), quiet=True)
+        assert instance.labels == expected
+        io.write(tmp_path / "graph.npz", instance)
+        assert io.read(tmp_path / "graph.npz", quiet=True).labels == expected
+        part = restricted(instance, np.array([0, 2, 3]), "part")
+        assert part.labels == (0, *expected[2:])
+        again = certpgo.Instance.labelled("again", instance.graph, expected)
+        assert (again.ids.tolist(), again.labels) == (instance.ids.tolist(), expected)
+    named = certpgo.Instance.labelled("named", instance.graph, ["a", "b", "c", certpgo.WORLD])
+    assert named.names == ("a", "b", "c", "the world")
+    assert named.labels == ("a", "b", "c", certpgo.WORLD)
+    with pytest.raises(GraphError, match="the ids leave none for landmarks or the world"):
+        certpgo.Instance.labelled("full", instance.graph, [0, 1, 2**63 - 1, certpgo.WORLD])
+
+
+def test_npz_keeps_where_a_world_is_assumed_to_be(tmp_path):
+    rotation = certpgo.RotationGraph(2, [[0, 1]], np.eye(2)[None], [1.0])
+    graph = certpgo.PoseGraph(rotation, [[1.0, 0.0]], [1.0])
+    turned = certpgo.with_priors(graph, [0, 1], np.tile(np.eye(2), (2, 1, 1)), kappa=1.0)
+    io.write(tmp_path / "graph.npz", turned)
+    assert io.read(tmp_path / "graph.npz", quiet=True).graph.assumed.tolist() == [
+        False,
+        True,
+        False,
+    ]
+    with pytest.raises(GraphError, match="assumed must be 3 flags"):
+        certpgo.PoseGraph(turned.rotation, turned.translations, turned.tau, assumed=[True])

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 import certpgo
-from certpgo import Instance, PoseGraph, RotationGraph, Verdict
+from certpgo import WORLD, Instance, PoseGraph, Ranges, RotationGraph, Verdict
 from certpgo.datasets.synthetic import helix
-from certpgo.errors import InputError
+from certpgo.errors import GraphError, InputError
+from certpgo.graph.labels import Landmark
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +88,90 @@ def test_maps_that_cannot_be_merged_are_refused(graph):
         certpgo.merge(maps, joints, offset=3)
     with pytest.raises(InputError, match="is in none of the maps"):
         certpgo.merge(maps, joints, offset=1000)
+    ranges = Ranges(graph.num_nodes, np.array([[0, 1]]), np.ones(1), np.ones(1))
+    far = Instance("far", graph, np.arange(graph.num_nodes), ranges=ranges)
+    for between, first in ((joints, far), (far, maps[0])):
+        with pytest.raises(InputError, match="far: measured distances cannot be merged"):
+            certpgo.merge([first, maps[1]], between, offset=100)
+    names = tuple(f"x{k}" for k in range(maps[0].num_nodes))
+    named = Instance("named", maps[0], np.arange(maps[0].num_nodes), names=names)
+    with pytest.raises(InputError, match="node x0 of map 0 has a name: an offset is for ids"):
+        certpgo.merge([named, maps[1]], joints, offset=100)
     inside = Instance("inside", maps[0].with_edges(np.array([0])), np.arange(maps[0].num_nodes))
     with pytest.raises(InputError, match="is within one map"):
         certpgo.merge(maps, inside, offset=100)
+
+
+def read(folder, *lines):
+    path = folder / "map.g2o"
+    path.write_text("\n".join(lines) + "\n")
+    return certpgo.read(path, quiet=True)
+
+
+def step(i, j, x=1.0):
+    return f"EDGE_SE2 {i} {j} {x} 0 0 100 0 0 100 0 100"
+
+
+def prior(i, x):
+    return f"EDGE_PRIOR_SE2 {i} {x} 5000000 0 100 0 0 100 0 100"
+
+
+def test_maps_with_priors_share_one_world(tmp_path):
+    first = [step(0, 1), step(1, 2), prior(0, 500000.25), prior(2, 500002.375)]
+    second = [step(4, 5), prior(4, 500903.5), prior(5, 500905.25)]  # 3 is the first map's world
+    joints = [step(2, 4, 900.0), step(0, 4, 903.0)]
+    maps, between = [read(tmp_path, *lines) for lines in (first, second)], read(tmp_path, *joints)
+    whole = read(tmp_path, *first, *second, *joints)
+    assert len({tuple(one.origin) for one in (*maps, whole)}) == 3
+    merged = certpgo.merge(maps, between)
+    best = certpgo.solve(whole.graph)
+    assert merged.answer.verdict is best.verdict is Verdict.CERTIFIED
+    assert merged.answer.cost == pytest.approx(best.cost, rel=1e-9)
+    assert merged.instance.labels == (0, 1, 2, 4, 5, WORLD)
+    assert merged.between.tolist() == [7, 8]
+    in_world = [
+        one.in_world(answer.estimate).translations
+        for one, answer in ((merged.instance, merged.answer), (whole, best))
+    ]
+    assert in_world[0] == pytest.approx(in_world[1], abs=1e-6)
+    certpgo.write(tmp_path / "merged.g2o", merged.instance)
+    again = certpgo.solve(certpgo.read(tmp_path / "merged.g2o", quiet=True))
+    assert again.cost == pytest.approx(certpgo.solve(whole).cost, rel=1e-9)
+    with pytest.raises(InputError, match="priors are of one map, not between two"):
+        certpgo.merge(maps, read(tmp_path, *joints, prior(0, 500000.25)))
+
+
+def test_landmarks_that_are_numbered_apart_are_no_poses(tmp_path):
+    seen = "LANDMARK2 {} {} {} {} 50 0 50".format
+    first = [step(0, 1), seen(0, 0, 0.5, 1), seen(1, 0, -0.4, 1)]
+    second = [step(0, 1), seen(0, 1, 0.5, 1), seen(1, 1, -0.5, 1.1)]
+    joints = [step(1, 10), seen(10, 0, -1.6, 1.0), seen(0, 11, 2.3, 1.0)]
+    maps, between = [read(tmp_path, *lines) for lines in (first, second)], read(tmp_path, *joints)
+    merged = certpgo.merge(maps, between, offset=10)
+    assert merged.instance.labels == (0, 1, 10, 11, Landmark(0), Landmark(11))
+    shifted = [step(10, 11), seen(10, 11, 0.5, 1), seen(11, 11, -0.5, 1.1)]
+    best = certpgo.solve(read(tmp_path, *first, *shifted, *joints).graph)
+    assert merged.answer.cost == pytest.approx(best.cost, rel=1e-9)
+    assert merged.answer.verdict is best.verdict
+    with pytest.raises(GraphError, match="node 11 is a pose and a point"):
+        certpgo.merge(maps, read(tmp_path, "EDGE_SE2_XY 0 11 1 1 50 0 50"), offset=10)
+
+
+def test_maps_whose_nodes_have_names_are_merged_by_these(tmp_path):
+    def file(name, vertices, edges):
+        lines = [f"VERTEX_SE2 0 {vertex} 0 0 0" for vertex in vertices]
+        for i, j, x in edges:
+            lines.append(f"EDGE_SE2 0 {i} {j} {x} 0 0 .01 0 0 .01 0 .01")
+        path = tmp_path / name
+        path.write_text("\n".join(lines) + "\n")
+        return certpgo.read(path, quiet=True)
+
+    maps = [
+        file("a.pyfg", ["A0", "A1"], [("A0", "A1", 1)]),
+        file("b.pyfg", ["B0", "B1"], [("B0", "B1", 1)]),
+    ]
+    joints = [("B0", "A1", -1), ("A0", "B1", 3.3)]
+    merged = certpgo.merge(maps, file("joints.pyfg", ["B1", "B0", "A1", "A0"], joints))
+    assert merged.instance.names == ("A0", "A1", "B0", "B1")
+    assert merged.answer.cost == pytest.approx(100 * 0.3**2 / 4, rel=1e-9)
+    assert merged.named(3).startswith("A0-B1 ")

@@ -170,3 +170,16 @@ def test_what_too_few_positions_leave_open_has_no_covariance(count):
     for compute in (lambda: marginals.covariances, lambda: marginals.covariance(3)):
         with pytest.raises(certpgo.NumericalError, match="do not determine all nodes"):
             compute()
+
+
+def test_a_world_that_was_assumed_to_be_somewhere_is_where_positions_say():
+    made = helix(3, np.random.default_rng(0))
+    nodes, n = np.arange(0, made.graph.num_nodes, 4), made.graph.num_nodes
+    R, positions = made.truth.rotations[nodes], made.truth.translations[nodes] + 0.3
+    turned = with_priors(made.graph, nodes, R, kappa=50.0)
+    assert np.flatnonzero(turned.assumed).tolist() == [made.graph.num_edges]
+    both = with_priors(turned, nodes, translations=positions, tau=9.0, world=n)
+    other = with_priors(made.graph, nodes, translations=positions, tau=9.0)
+    other = with_priors(other, nodes, R, kappa=50.0, world=n)
+    assert both.assumed is other.assumed is None
+    assert solve(both).cost == pytest.approx(solve(other).cost, rel=1e-9)

@@ -211,7 +211,7 @@ def test_bounds_hold_whatever_comes_and_goes(made, cost):
                 session.remove(rng.choice(session.edges, 1 + rng.integers(2)))
         if number % 4 and number + 1 < instance.graph.num_edges:
             continue
-        places = np.searchsorted(instance.ids, np.array(session.nodes))
+        places = np.array([instance.labels.index(label) for label in session.nodes])
         order = certpgo.graph.streaming.arrivals(instance)[session.edges]
         now = instance.with_edges(order)
         part = Instance(

@@ -1,8 +1,9 @@
 """The package's own lossless format: NumPy arrays in a zip archive, no pickles.
 
 A graph: edges, rotations, kappa (translations, tau, information matrices), ids, which nodes are
-points or the world, ranges, initial values, truth, fixed nodes, reading options. An estimate:
-rotations, translations, ids, and which are points.
+points, numbered apart from poses, or the world, which edges assume where that is, ranges, initial
+values, truth, fixed nodes, reading options. An estimate: rotations, translations, ids, and which
+are points.
 
 Of the information matrices each distinct one is stored once (``information``), with the number of
 each edge's (``information_index``), and the cost whose residuals they weigh
@@ -55,6 +56,10 @@ _GRAPH_OPTIONAL = {
     "information_index": ("i", "m"),
     "information_residual": ("U", ""),
     "names": ("U", "n"),
+    "assumed": ("b", "m"),
+    "absolute": ("b", "m"),
+    "apart": ("b", "n"),
+    "moved_by": ("i", ""),
     "range_edges": ("i", "r2"),
     "range_distances": ("f", "r"),
     "range_weights": ("f", "r"),
@@ -151,7 +156,8 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
         if "translations" not in arrays:
             raise InputError("the array 'translations' is missing")
         measured = arrays["translations"], arrays["tau"]
-        graph = PoseGraph(rotation, *measured, points=arrays.get("points"))
+        flags = (arrays.get(name) for name in ("points", "assumed", "absolute"))
+        graph = PoseGraph(rotation, *measured, None, *flags)
     fixed = arrays["fixed"]
     if ((fixed < 0) | (fixed >= n)).any():
         raise InputError(f"fixed nodes are numbered 0 to {n - 1}")
@@ -170,6 +176,8 @@ def _instance(arrays: _Arrays, source: str) -> Instance:
         world=int(arrays["world"]) if "world" in arrays else None,
         origin=arrays.get("origin"),
         ranges=_ranges(arrays, n),
+        apart=arrays.get("apart"),
+        moved_by=int(arrays.get("moved_by", 0)),
     )
 
 
@@ -244,10 +252,15 @@ def _write_graph(path: Path, instance: Instance) -> None:
         arrays |= {"translations": graph.translations, "tau": graph.tau}
         if graph.points is not None:
             arrays["points"] = graph.points
+        for name in ("assumed", "absolute"):
+            if (flags := getattr(graph, name)) is not None:
+                arrays[name] = flags
     if instance.world is not None:
         arrays["world"] = instance.world
     if instance.origin is not None:
         arrays["origin"] = instance.origin
+    if instance.apart is not None:
+        arrays |= {"apart": instance.apart, "moved_by": instance.moved_by}
     if instance.names:
         arrays["names"] = np.array(instance.names)
     if instance.information is not None:

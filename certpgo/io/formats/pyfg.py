@@ -30,6 +30,7 @@ import numpy as np
 from certpgo.errors import FormatError, NoMeasurements
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import Information
+from certpgo.graph.labels import unused
 from certpgo.graph.ranges import Ranges
 from certpgo.graph.wording import counted
 from certpgo.io.compressed import uncompressed_name
@@ -135,7 +136,7 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
     if priors is not None:
         graph, origin, notice = anchored_graph(graph, priors)
         notices.append(notice)
-        world, names = len(names), (*names, _unused(_WORLD, nodes.number))
+        world, names = len(names), (*names, unused(_WORLD, nodes.names))
         information = joined_information([information, priors.information])
     pairs, part = measured["range"]
     if len(pairs):
@@ -210,12 +211,6 @@ def _priors(measured: Mapping[Kind, tuple[IntArray, NamedPart]]) -> Priors | Non
 def _concatenated(parts: list[NamedPart]) -> Iterator[FloatArray]:
     for name in ("rotations", "translations", "kappa", "tau"):
         yield np.concatenate([getattr(part, name) for part in parts])
-
-
-def _unused(name: str, used: Mapping[str, int]) -> str:
-    while name in used:
-        name += "_"
-    return name
 
 
 FORMAT = Format(

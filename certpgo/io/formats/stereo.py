@@ -68,7 +68,15 @@ def _read_graph(path: Path, options: ReadOptions) -> Instance:
             f"{left_out} left out: disparity up to {LEAST_DISPARITY:g} pixel, farther than "
             f"{FARTHEST:g} m, or of points seen once"
         )
-    return Instance(path.stem, graph, ids, source=str(path), notices=tuple(notices))
+    return Instance(
+        path.stem,
+        graph,
+        ids,
+        source=str(path),
+        notices=tuple(notices),
+        apart=graph.points,
+        moved_by=moved_by,
+    )
 
 
 def _graph(pairs: IntArray, where: FloatArray, tau: FloatArray) -> tuple[PoseGraph, IntArray, int]:

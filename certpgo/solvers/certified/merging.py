@@ -7,20 +7,22 @@ those of the maps; what it is more is what the measurements between them cost.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from scipy import stats
 
-from certpgo.errors import InputError
+from certpgo.errors import GraphError, InputError
 from certpgo.graph import Graph, Instance, PoseGraph
 from certpgo.graph.information import Information
 from certpgo.graph.joining import joined
+from certpgo.graph.labels import WORLD, Label, Landmark, called, in_order
+from certpgo.graph.origins import in_one_world
 from certpgo.graph.speaking import Speaking
 from certpgo.graph.wording import counted
-from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.monitor import silent
 from certpgo.solvers.certified.disagreement import outlying, select
@@ -91,8 +93,8 @@ class Merged(Speaking):
             yield "disagree", ", ".join(self.named(edge) for edge in self.disagreeing[:5].tolist())
 
     def named(self, edge: int) -> str:
-        """A measurement between maps by the ids of its nodes, with its term."""
-        i, j = self.instance.ids[self.instance.graph.edges[edge]].tolist()
+        """A measurement between maps by the labels of its nodes, with its term."""
+        i, j = (self.instance.labels[k] for k in self.instance.graph.edges[edge].tolist())
         return f"{i}-{j} (chi^2 {self.terms[edge - self.between[0]]:.3g})"
 
     def _picture(self) -> str:
@@ -112,10 +114,12 @@ def merge(
 
     Parameters
     ----------
-    maps : at least two. A graph's nodes have their numbers as ids
-    between : measurements whose nodes have the ids that the maps give them
+    maps : at least two. A graph's nodes have their numbers as ids; the world of maps with priors is
+        one and the same
+    between : measurements whose nodes have the `certpgo.Instance.labels` that the maps give them:
+        ids, for example
     offset : where ids occur in several maps: the k-th map's ids are raised by k times this, in
-        ``between`` and in the result
+        ``between`` and in the result, and so are numbers of landmarks
     robust : whether measurements between maps that disagree with the rest are left out; those of
         the maps are trusted
     settings, options : as in `certpgo.solve`
@@ -124,9 +128,10 @@ def merge(
     ------
     InputError
         Fewer than two maps, ids that occur in several of them, a measurement between unknown nodes
-        or within one map.
+        or within one map, distances, or positions from origins that are too far apart.
     GraphError
-        The maps are not connected, or of different kinds.
+        The maps are not connected, or of different kinds, or a node is a pose in one and a point
+        in another.
 
     Examples
     --------
@@ -144,10 +149,11 @@ def merge(
     ('CERTIFIED', '0.029994', [0, 1, 2, 10, 11, 12])
     """
     chosen = (settings or SolveSettings()).changed(options)
-    graphs, ids = _numbered(maps, offset)
-    whole, first = _joined(graphs, ids, between)
+    labelled = _labelled(maps, offset)
+    origins = [one.origin if isinstance(one, Instance) else None for one in maps]
+    whole, first = _joined(labelled, origins, between)
     whole = replace(whole, information=_information([*maps, between]))
-    parts = tuple(search_and_certify(problem_of(graph), chosen, None, silent) for graph in graphs)
+    parts = tuple(search_and_certify(problem_of(one), chosen, None, silent) for one, _ in labelled)
     across = np.arange(first, whole.graph.num_edges)
     problem = problem_of(whole.graph)
     answer = search_and_certify(problem, chosen, None, silent)
@@ -169,27 +175,46 @@ def merge(
     return Merged(whole, answer, parts, across, terms, tails, disagreeing)
 
 
-def _numbered(
+def _labelled(
     maps: Sequence[Instance | Graph], offset: int | None
-) -> tuple[list[Graph], list[IntArray]]:
-    """The graphs of the maps, and different ids for all nodes."""
+) -> list[tuple[Graph, list[Label]]]:
+    """The graphs of the maps, and different labels for all nodes but the world."""
     if len(maps) < 2:
         raise InputError(f"merging takes at least two maps, not {len(maps)}")
-    graphs, ids = [], []
+    found: list[tuple[Graph, list[Label]]] = []
+    known: set[Label] = set()
     for k, one in enumerate(maps):
-        if isinstance(one, Instance) and (one.ranges is not None or one.world is not None):
-            raise InputError(f"{one.name}: maps with priors or distances cannot be merged")
-        graph = one.graph if isinstance(one, Instance) else one
-        own = one.ids if isinstance(one, Instance) else np.arange(graph.num_nodes)
-        if offset is not None and not (own.min() >= 0 and own.max() < offset):
-            raise InputError(f"map {k} has ids outside 0 ... {offset - 1}: a larger offset is due")
-        graphs.append(graph)
-        ids.append(own + k * (offset or 0))
-    known, count = np.unique(np.concatenate(ids), return_counts=True)
-    if (count > 1).any():
-        shared = known[count > 1][0]
-        raise InputError(f"node {shared} is in several maps: an offset tells them apart")
-    return graphs, ids
+        own: Sequence[Label]
+        if isinstance(one, Instance):
+            _refuse_distances(one)
+            graph, own = one.graph, one.labels
+        else:
+            graph, own = one, range(one.num_nodes)
+        labels = [_raised(label, k, offset) for label in own]
+        shared = [label for label in labels if label in known and label is not WORLD]
+        if shared:
+            raise InputError(f"{called(shared[0])} is in several maps: an offset tells them apart")
+        known.update(labels)
+        found.append((graph, labels))
+    return found
+
+
+def _raised(label: Label, k: int, offset: int | None) -> Label:
+    """The label of a node of the k-th map among all maps."""
+    number = label.number if isinstance(label, Landmark) else label
+    if offset is None or label is WORLD:
+        return label
+    if not isinstance(number, int):
+        raise InputError(f"{called(label)} of map {k} has a name: an offset is for ids")
+    if not 0 <= number < offset:
+        raise InputError(f"map {k} has ids outside 0 ... {offset - 1}: a larger offset is due")
+    number += k * offset
+    return Landmark(number) if isinstance(label, Landmark) else number
+
+
+def _refuse_distances(one: Instance) -> None:
+    if one.ranges is not None:
+        raise InputError(f"{one.name}: measured distances cannot be merged")
 
 
 def _information(parts: Sequence[Instance | Graph]) -> Information | None:
@@ -205,30 +230,54 @@ def _information(parts: Sequence[Instance | Graph]) -> Information | None:
 
 
 def _joined(
-    graphs: Sequence[Graph], ids: Sequence[IntArray], between: Instance
+    maps: Sequence[tuple[Graph, list[Label]]],
+    origins: Sequence[FloatArray | None],
+    between: Instance,
 ) -> tuple[Instance, int]:
     """All measurements, and the index of the first one between maps."""
-    every = np.concatenate(ids)
-    order = np.argsort(every)
-    owner = np.repeat(np.arange(len(ids)), [len(own) for own in ids])
-    unknown = between.ids[~np.isin(between.ids, every)]
-    if len(unknown):
-        raise InputError(f"{between.name}: node {unknown[0]} is in none of the maps")
-    place = order[np.searchsorted(every[order], between.ids)]
-    across = place[between.graph.edges]
-    inside = np.flatnonzero(owner[across[:, 0]] == owner[across[:, 1]])
-    if len(inside):
-        i, j = between.ids[between.graph.edges[inside[0]]]
-        raise InputError(f"{between.name}: {i}-{j} is within one map, not between two")
-    starts = np.cumsum([0, *(graph.num_nodes for graph in graphs)])
-    edges = [graph.edges + start for graph, start in zip(graphs, starts, strict=False)]
-    marks = [
-        graph.points
-        if isinstance(graph, PoseGraph) and graph.points is not None
-        else np.zeros(graph.num_nodes, dtype=bool)
-        for graph in graphs
-    ]
-    points = np.concatenate(marks) if any(mark.any() for mark in marks) else None
-    whole = joined([*graphs, between.graph], len(every), points, [*edges, across])
-    name = f"{len(graphs)} maps"
-    return Instance(name, whole, every), sum(graph.num_edges for graph in graphs)
+    owner = {label: k for k, (_, own) in enumerate(maps) for label in own}
+    labelled = [*(own for _, own in maps), _across(owner, between)]
+    worlds = [own.index(WORLD) if WORLD in own else None for own in labelled]
+    graphs = [*(graph for graph, _ in maps), between.graph]
+    origin, graphs = in_one_world(list(zip(graphs, worlds, [*origins, None], strict=True)))
+    labels = list(owner)
+    labels = [labels[k] for k in in_order(labels).tolist()]
+    place = {label: k for k, label in enumerate(labels)}
+    nodes = [np.array([place[label] for label in own]) for own in labelled]
+    edges = [own[graph.edges] for own, graph in zip(nodes, graphs, strict=True)]
+    whole = joined(graphs, len(labels), _points(graphs, nodes, labels), edges)
+    name = f"{len(maps)} maps"
+    first = sum(graph.num_edges for graph, _ in maps)
+    return Instance.labelled(name, whole, labels, origin=origin), first
+
+
+def _points(
+    graphs: Sequence[Graph], nodes: Sequence[IntArray], labels: Sequence[Label]
+) -> BoolArray | None:
+    """Which nodes are points, as all graphs say it."""
+    points, poses = np.zeros((2, len(labels)), dtype=bool)
+    for graph, own in zip(graphs, nodes, strict=True):
+        flags = np.zeros(graph.num_nodes, dtype=bool)
+        if isinstance(graph, PoseGraph) and graph.points is not None:
+            flags = graph.points
+        points[own[flags]] = True
+        poses[own[~flags]] = True
+    if (points & poses).any():
+        raise GraphError(f"{called(labels[int(np.argmax(points & poses))])} is a pose and a point")
+    return points if points.any() else None
+
+
+def _across(owner: Mapping[Label, int], between: Instance) -> tuple[Label, ...]:
+    """The labels of the nodes of measurements between maps, if that is what they are."""
+    _refuse_distances(between)
+    labels = between.labels
+    if between.world is not None:
+        raise InputError(f"{between.name}: priors are of one map, not between two: add them to it")
+    for label in labels:
+        if label not in owner:
+            raise InputError(f"{between.name}: {called(label)} is in none of the maps")
+    for i, j in between.graph.edges.tolist():
+        if owner[labels[i]] == owner[labels[j]]:
+            said = f"{labels[i]}-{labels[j]}"
+            raise InputError(f"{between.name}: {said} is within one map, not between two")
+    return labels

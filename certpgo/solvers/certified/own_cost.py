@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from certpgo.certify.case import PROOF_GAIN, Basin
+from certpgo.certify.case import Basin
 from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound
 from certpgo.certify.own_cost import RANKS, OwnCostCase, is_provable
@@ -92,9 +92,10 @@ def _certificate(search: _Search, tier: Tier | None) -> Certificate:
     certificate = search.case.certificate(best.point, best)
     # A bound from a point of higher rank says that the relaxation is loose.
     tight = support is not None and not isinstance(support.point, Lift)
-    near = tight and certificate.gap <= PROOF_GAIN * certificate.tolerance
-    rounding = near and is_provable(search.case.problem) and not search.is_certified
-    escalates = rounding and tier is None and not search.stop.cuts()
+    rounding = tight and search.case.may_close(certificate)
+    escalates = (
+        rounding and is_provable(search.case.problem) and tier is None and not search.stop.cuts()
+    )
     if not (tier is Tier.PROOF or escalates):
         return certificate
     with search.stop.watch.phase("prove"):

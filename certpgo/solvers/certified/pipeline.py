@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from certpgo.certify import Certificate, Tier, Verdict
-from certpgo.certify.case import PROOF_GAIN, Basin, Case
+from certpgo.certify.case import Basin, Case
 from certpgo.costs.problem import InformationProblem
 from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import InputError
@@ -217,8 +217,8 @@ def _certificate(search: Staircase, tier: Tier | None) -> Certificate:
     """The certificate at a tier; by default the proof tier's if only rounding is in the way."""
     estimate = search.best.estimate
     certificate = search.case.certificate(estimate, search.basin)
-    near = certificate.gap <= PROOF_GAIN * certificate.tolerance
-    rounding = search.has_reached_the_floor and near and not search.is_certified
+    tight = search.is_certified or search.has_reached_the_floor
+    rounding = tight and search.case.may_close(certificate)
     # Of matrix weights there are no proofs.
     provable = not has_matrix_weights(search.problem.graph)
     escalates = rounding and tier is None and provable and not search.stop.cuts()

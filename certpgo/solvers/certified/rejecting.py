@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,8 +10,10 @@ import numpy as np
 from certpgo.costs import CHORDAL
 from certpgo.graph import Graph, PoseGraph
 from certpgo.graph.joining import joined
-from certpgo.linalg.arrays import IntArray
-from certpgo.objective.problem import Problem, problem_of
+from certpgo.graph.labels import WORLD, Label
+from certpgo.graph.origins import Measured
+from certpgo.linalg.arrays import FloatArray, IntArray
+from certpgo.objective.problem import Problem
 from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.solvers.certified.disagreement import (
     agrees,
@@ -23,6 +25,7 @@ from certpgo.solvers.certified.disagreement import (
 from certpgo.solvers.certified.session import Session
 from certpgo.solvers.certified.settings import SolveSettings
 from certpgo.solvers.certified.standing import Standing
+from certpgo.solvers.certified.terms import chordal_problem
 
 #: A descent that shows whether new measurements agree; outliers would make it long.
 TRIAL = NewtonSettings(tolerance=1e-6, max_iterations=30)
@@ -60,7 +63,7 @@ class RobustSession(Session):
     ) -> None:
         super().__init__(settings, every=every, cost=CHORDAL, **options)
         #: Each rejected measurement, with the names of its nodes.
-        self._put_aside: dict[int, tuple[Graph, list[Hashable]]] = {}
+        self._put_aside: dict[int, tuple[Graph, list[Label]]] = {}
 
     @property
     def rejected(self) -> IntArray:
@@ -69,7 +72,7 @@ class RobustSession(Session):
 
     def refresh(self) -> Standing:
         """Judge what is new, then prove the optimum of what is kept, as `Session.refresh`."""
-        problem = problem_of(self.graph)
+        problem = self._problem
         self._adopt(newton(problem, self.estimate, TRIAL).estimate)
         if not agrees(problem, self.estimate):
             self._judge()
@@ -96,8 +99,12 @@ class RobustSession(Session):
         agreeing = ~outlying(whole, whole.edge_costs(self.estimate), scale)
         self._keep({*self._edges, *numbers[agreeing].tolist()})
 
+    @property
+    def _problem(self) -> Problem:
+        return chordal_problem(self.graph, self._called)
+
     def _noise(self) -> float:
-        problem = problem_of(self.graph)
+        problem = self._problem
         return noise_scale(problem, problem.edge_costs(self.estimate))
 
     def _keep(self, kept: set[int]) -> None:
@@ -113,6 +120,19 @@ class RobustSession(Session):
                 aside[number] = one, [names[k] for k in ends]
         self.remove(set(self._edges) - kept)
 
+    @property
+    def _measured(self) -> list[Measured]:
+        aside = [
+            (one, names.index(WORLD) if WORLD in names else None, self._origin)
+            for one, names in self._put_aside.values()
+        ]
+        return [*super()._measured, *aside]
+
+    def _move_world(self, measured: Sequence[Graph], origin: FloatArray | None) -> None:
+        for number, one in zip(self._put_aside, measured[1:], strict=True):
+            self._put_aside[number] = one, self._put_aside[number][1]
+        super()._move_world(measured[:1], origin)
+
     def _everything(self) -> tuple[Problem, IntArray]:
         """All measurements that ever came, in that order, and their numbers."""
         kept, aside, place = self.graph, self._put_aside, self._poses.numbers
@@ -125,4 +145,4 @@ class RobustSession(Session):
         numbers = np.concatenate([self.edges, np.fromiter(aside, dtype=np.intp)])
         order = np.argsort(numbers)
         whole = joined(parts, kept.num_nodes, points, edges).with_edges(order)
-        return problem_of(whole), numbers[order]
+        return chordal_problem(whole, self._called), numbers[order]

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -22,19 +23,29 @@ import numpy as np
 from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.case import FLOOR, difference_up, tier_called
 from certpgo.costs import CHORDAL
-from certpgo.errors import InputError, kind_of
+from certpgo.errors import GraphError, InputError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
-from certpgo.graph.joining import make_of, require_one_make
+from certpgo.graph.labels import WORLD, Label, called
+from certpgo.graph.origins import Measured, in_frame, in_one_world
+from certpgo.graph.scale import Scale
 from certpgo.graph.speaking import Speaking
 from certpgo.graph.wording import counted
-from certpgo.linalg.arrays import BoolArray, IntArray
+from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.optimize.starts import Start
+from certpgo.solvers.certified.naming import instance_of, labels_of
 from certpgo.solvers.certified.pipeline import GIVEN
 from certpgo.solvers.certified.renewal import Found, descended, searched
 from certpgo.solvers.certified.settings import SolveSettings
 from certpgo.solvers.certified.standing import Standing
 from certpgo.solvers.certified.suspicion import Suspicion, suspicion
-from certpgo.solvers.certified.terms import Part, Terms, gathered, measurements_of, scale_of
+from certpgo.solvers.certified.terms import (
+    Part,
+    Terms,
+    gathered,
+    measurements_of,
+    scale_of,
+    with_measurements,
+)
 from certpgo.solvers.certified.track import Track
 
 #: Share of `SolveSettings.same_cost` by which new measurements may raise F before a new descent.
@@ -96,12 +107,12 @@ class Session(Speaking):
         self._tier = tier_called(self.settings.tier or Tier.STANDARD)
         self._parts: list[Part] = []  # the measurements in order, but for those that came since
         self._new: list[tuple[Part, IntArray]] = []  # with the numbers of their nodes
-        self._make = ""
         self._edges: list[int] = []  # their numbers
         self._count = 0  # of all measurements that ever came
         self._track: Track | None = None
-        self._points: list[bool] = []
-        self._cost = self._scale = 0.0
+        self._origin: FloatArray | None = None  # of the world, as in `Instance`
+        self._assumes = False  # where the world is, as in `PoseGraph`
+        self._cost, self._scale = 0.0, Scale()
         self._bounds: list[tuple[int, float]] = []  # of the measurements before number k; ascending
         # The last descent: how many measurements there were, F there, and its verdict.
         self._settled, self._optimum, self._verdict = 0, 0.0, Verdict.CERTIFIED
@@ -118,51 +129,79 @@ class Session(Speaking):
         yield "pending", f"{counted(self.pending, 'measurement{s}')} since the last certificate"
         yield "next", "session.add(graph); session.refresh(); session.certificate"
 
-    def add(self, measurements: Graph | Instance, nodes: Sequence[Hashable] | None = None) -> None:
+    def add(self, measurements: Graph | Instance, nodes: Sequence[Label] | None = None) -> None:
         """Add measurements, perhaps of new nodes, whose poses are composed from them.
 
         Parameters
         ----------
-        measurements : a graph, or an instance, whose nodes have its ids. Nodes without edges do not
-            count
-        nodes : the names of the graph's nodes in this session: ids, for example; by default their
-            numbers 0, 1, ...
+        measurements : a graph, or an instance. Nodes without edges do not count
+        nodes : the names of the graph's nodes in this session: ids, for example; by default the
+            `labels` of an instance, and a graph's numbers 0, 1, ... `certpgo.WORLD` is the node
+            that priors are measured from, and the only name of an instance's world
 
         Raises
         ------
         GraphError
-            A node is not connected with those that came before, or the measurements are of another
-            kind or dimension; the session is as before.
+            A node is not connected with those that came before, or is a pose here and a point
+            there, or the measurements are of another kind or dimension; the session is as before.
         InputError
             These are no measurements, or have distances, or not one name per node, or lack what
-            the cost needs.
+            the cost needs; or edges lead to the world, or its positions are from an origin that is
+            too far from that of the others to be joined exactly.
         SpecError
             There is no cost of the session's name.
         """
-        labels = _labels(measurements, nodes)
+        labels = labels_of(measurements, nodes)
         if self._track is None:
             self._terms = Terms.chosen(self._asked, measurements)
         part = self._terms.part(measurements)
+        if WORLD in labels:
+            origin = measurements.origin if isinstance(measurements, Instance) else None
+            part = self._in_one_world(part, labels, origin)
         self._take(part, labels, range(self._count, self._count + part.num_edges))
         self._count += part.num_edges
         self.pending += part.num_edges
         if self.every is not None and self.pending >= self.every:
-            self.refresh()
+            # What is free so far, such as where north is, measurements to come determine.
+            with suppress(GraphError):
+                self.refresh()
 
-    def _take(self, part: Part, labels: Sequence[Hashable], numbers: Iterable[int]) -> None:
+    def _take(self, part: Part, labels: Sequence[Label], numbers: Iterable[int]) -> None:
         """Keep measurements with these numbers, and compose the poses of new nodes."""
         graph = measurements_of(part)
-        track = self._track or Track(graph.d)
-        if self._track is None:
-            self._make = make_of(graph)
-        elif make_of(graph) != self._make:
-            require_one_make([measurements_of(self._last), graph])
-        known = len(track)
+        track = self._track or Track(graph)
         self._new.append((part, track.extend(graph, labels)))
         self._track = track
-        self._mark_points(graph, labels, known)
         self._edges += numbers
         self._found = None
+
+    def _in_one_world(self, part: Part, labels: Sequence[Label], origin: FloatArray | None) -> Part:
+        """New measurements with the world where those that came have it."""
+        graph, world = measurements_of(part), labels.index(WORLD)
+        assumes = isinstance(graph, PoseGraph) and graph.assumed is not None
+        if self._track is None or WORLD not in self._track.numbers:
+            self._origin, self._assumes = origin, assumes
+            return part
+        if origin is self._origin and not (assumes or self._assumes):
+            return part
+        self._poses.steps(graph, labels)  # refuses before anything changes
+        known = self._measured
+        common, (*others, same) = in_one_world([*known, (graph, world, origin)])
+        if any(one is not before for one, (before, _, _) in zip(others, known, strict=True)):
+            self._move_world(others, common)
+        return with_measurements(part, same)
+
+    @property
+    def _measured(self) -> list[Measured]:
+        """All measurements, with the number and the origin of the world."""
+        return [(self.graph, self._poses.numbers.get(WORLD), self._origin)]
+
+    def _move_world(self, measured: Sequence[Graph], origin: FloatArray | None) -> None:
+        """Go on with `_measured` from another origin, which changes no optimum and no bound."""
+        part = with_measurements(self._all, measured[0])
+        best = in_frame(self.estimate, self._poses.numbers[WORLD], self._origin, origin)
+        self._parts, self._scale, self._origin = [part], scale_of(part), origin
+        self._adopt(best)
 
     def remove(self, edges: Iterable[int]) -> Standing:
         """Remove measurements; the estimate stays until the next refresh.
@@ -188,7 +227,8 @@ class Session(Speaking):
         if not kept.any():
             raise InputError("a session keeps at least one measurement")
         part = self._all.with_edges(kept)
-        self._terms.problem(part)  # refuses measurements that do not determine their nodes
+        # Refuses measurements that do not determine their nodes.
+        self._terms.problem(part, self._called)
         self._parts = [part]
         self._edges = np.asarray(self._edges)[kept].tolist()
         self._bounds = [(k, bound) for k, bound in self._bounds if k <= removed[0]]
@@ -203,6 +243,8 @@ class Session(Speaking):
 
         Raises
         ------
+        GraphError
+            The measurements do not determine all nodes yet; `add` goes on without a refresh then.
         NumericalError
             No estimate could be computed.
         """
@@ -218,7 +260,7 @@ class Session(Speaking):
             self._measure()
         cost, lower = self._cost, self.lower_bound
         gap = difference_up(cost, lower)
-        tolerance = self.settings.rtol * cost + self.settings.atol * self._scale
+        tolerance = self.settings.rtol * cost + self.settings.atol * self._scale.total
         verdict = Verdict.BOUNDED if lower > 0.0 else Verdict.UNDECIDED
         if self._tier is not Tier.SCREEN and gap <= tolerance < math.inf:
             verdict = Verdict.CERTIFIED
@@ -241,7 +283,7 @@ class Session(Speaking):
 
         None if all terms of F are within the law of their weights, as `certpgo.Disagreement` says.
         """
-        problem, proven = self._terms.problem(self._all), self.certificate
+        problem, proven = self._terms.problem(self._all, self._called), self.certificate
         return suspicion(problem, self.estimate, proven, self.edges, self.nodes, self.settings)
 
     @property
@@ -253,7 +295,7 @@ class Session(Speaking):
 
     @property
     def nodes(self) -> tuple[Hashable, ...]:
-        """The names of the nodes, in the order of the estimate."""
+        """The names of the nodes, in the order of the estimate; `certpgo.WORLD` is the world."""
         return () if self._track is None else tuple(self._track.numbers)
 
     @property
@@ -265,6 +307,18 @@ class Session(Speaking):
     def graph(self) -> Graph:
         """All measurements, between nodes in the order of `nodes`."""
         return measurements_of(self._all)
+
+    def as_instance(self, name: str = "session") -> tuple[Instance, Estimate]:
+        """All measurements and the estimate, nodes by id, the world last.
+
+        ``instance.in_world(estimate)`` has the poses in the frame of the priors, if there are any.
+        """
+        instance, order = instance_of(name, self._all, self.nodes, self._origin, self._terms.cost)
+        return instance, self.estimate.subset(order)
+
+    def _called(self, node: int) -> str:
+        """What a message calls a node of `graph`."""
+        return called(self.nodes[node])
 
     @property
     def _all(self) -> Part:
@@ -289,7 +343,8 @@ class Session(Speaking):
 
     @property
     def _are_points(self) -> BoolArray | None:
-        return np.array(self._points) if any(self._points) else None
+        points = self._poses.points
+        return np.array(points) if any(points) else None
 
     @property
     def _last(self) -> Part:
@@ -304,12 +359,6 @@ class Session(Speaking):
             raise InputError("the session has no measurements yet")
         return self._track
 
-    def _mark_points(self, graph: Graph, labels: Sequence[Hashable], known: int) -> None:
-        points = graph.points if isinstance(graph, PoseGraph) else None
-        seen = () if points is None else (labels[k] for k in np.flatnonzero(points).tolist())
-        numbers = {self._poses.numbers.get(label) for label in seen}
-        self._points += [k in numbers for k in range(known, len(self._poses))]
-
     def _adopt(self, better: Estimate) -> None:
         """Go on from this estimate of the measurements."""
         part = self._all
@@ -321,13 +370,14 @@ class Session(Speaking):
         """Whether new measurements agree with the estimate, so that it is still the optimum."""
         settings = self.settings
         allowed = (
-            UNNOTICED * settings.same_cost * self._optimum + FLOOR * settings.atol * self._scale
+            UNNOTICED * settings.same_cost * self._optimum
+            + FLOOR * settings.atol * self._scale.total
         )
         return standing.cost - self._optimum <= allowed and standing.verdict is self._verdict
 
     def _solve(self) -> Found:
         """A descent from the estimate; a search from scratch where that is not certified."""
-        problem = self._terms.problem(self._all)
+        problem = self._terms.problem(self._all, self._called)
         fresh = problem.graph.num_edges - self._settled
         found = None
         if fresh <= NEW * problem.graph.num_edges:
@@ -342,23 +392,6 @@ class Session(Speaking):
         self._settled, self._optimum = len(self._edges), found.cost
         self._verdict, self.pending = self.standing.verdict, 0
         return found
-
-
-def _labels(measurements: object, nodes: Sequence[Hashable] | None) -> Sequence[Hashable]:
-    """The names of the nodes of measurements."""
-    own: Sequence[Hashable]
-    if isinstance(measurements, Instance):
-        if measurements.ranges is not None:
-            raise InputError("a session takes no distances between nodes")
-        own = measurements.ids.tolist()
-    elif isinstance(measurements, PoseGraph | RotationGraph):
-        own = range(measurements.num_nodes)
-    else:
-        raise InputError(f"a session takes graphs and instances, not {kind_of(measurements)}")
-    names = own if nodes is None else nodes
-    if len(names) != len(own) or len(set(names)) < len(names):
-        raise InputError(f"{len(own)} different names are expected, one per node")
-    return names
 
 
 def _sum_up(a: float, b: float) -> float:

@@ -12,7 +12,7 @@ import time
 from collections import Counter
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,9 +24,9 @@ from certpgo.graph import Estimate
 from certpgo.graph.lift import Lift, Point, rounded
 from certpgo.linalg.arrays import FloatArray
 from certpgo.optimize import low_rank
-from certpgo.optimize.monitor import Iteration, Monitor
+from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.newton import newton
-from certpgo.optimize.progress import Stop
+from certpgo.optimize.progress import Hopeful
 from certpgo.optimize.roundings import roundings
 from certpgo.optimize.solution import Level, Solution, Status
 from certpgo.optimize.starts import Start, start_of
@@ -187,7 +187,7 @@ class Staircase:
             if self.ends():
                 break
             self.improve(
-                self.descend(start, monitor=_Hopeful(self.stop, self.best.cost, self.settings.hope))
+                self.descend(start, monitor=Hopeful(self.stop, self.best.cost, self.settings.hope))
             )
 
     def descend(
@@ -277,18 +277,3 @@ class Staircase:
     def basin(self) -> Basin:
         """The best estimate so far with its bound."""
         return Basin(self.best.estimate, self.cost, True, self.bound)
-
-
-@dataclass
-class _Hopeful:
-    """A monitor that stops descents which, at the last step's pace, would stay above the best."""
-
-    stop: Stop
-    best: float
-    hope: float
-    last: float = math.inf
-
-    def __call__(self, iteration: Iteration) -> bool:
-        """Forward an iteration; returns whether to stop."""
-        pace, self.last = self.last - iteration.cost, iteration.cost
-        return self.stop(iteration) or iteration.cost - self.best > self.hope * pace

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from certpgo.certify import Certificate
 from certpgo.costs.problem import InformationProblem
 from certpgo.graph import Estimate
+from certpgo.graph.labels import Label
 from certpgo.graph.speaking import Brief
 from certpgo.linalg.arrays import IntArray
 from certpgo.objective.problem import Problem
@@ -50,7 +51,7 @@ class Suspicion(Brief):
     """
 
     edges: IntArray
-    nodes: tuple[tuple[Hashable, Hashable], ...]
+    nodes: tuple[tuple[Label, Label], ...]
     disagreement: Disagreement
     certificate: Certificate
     without: CertifiedSolution
@@ -76,7 +77,7 @@ def suspicion(
     estimate: Estimate,
     certificate: Certificate,
     numbers: IntArray,
-    names: Sequence[Hashable],
+    names: Sequence[Label],
     settings: SolveSettings,
 ) -> Suspicion | None:
     """The measurements of a problem that disagree with the rest; None if there are none.

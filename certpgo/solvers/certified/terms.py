@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,10 +13,12 @@ from certpgo.costs import CHORDAL, COSTS, edge_cost, own_cost
 from certpgo.costs.problem import InformationProblem
 from certpgo.errors import GraphError, InputError, SpecError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph
+from certpgo.graph.graph import require_connected
 from certpgo.graph.information import InformationGraph
 from certpgo.graph.joining import joined
+from certpgo.graph.priors import require_determined
+from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import BoolArray, IntArray
-from certpgo.objective import operators
 from certpgo.objective.problem import Problem, problem_of
 
 #: Measurements with what their cost needs.
@@ -80,8 +82,8 @@ class Terms:
             return edge_cost(part, self.cost).enclosure(estimate)[1]
         return measured_upper(part, estimate)
 
-    def problem(self, part: Part) -> Problem | InformationProblem:
-        """The problem of measurements.
+    def problem(self, part: Part, named: Callable[[int], str]) -> Problem | InformationProblem:
+        """The problem of measurements, of nodes that are called so.
 
         Raises
         ------
@@ -91,8 +93,9 @@ class Terms:
         if isinstance(part, InformationGraph):
             if not part.rotation.kappa.any():
                 raise GraphError(f"cost={self.cost!r} needs relative poses, not positions alone")
+            _require_determined(part.isotropic, named)
             return InformationProblem(edge_cost(part, self.cost))
-        return problem_of(part)
+        return chordal_problem(part, named)
 
     def title(self, parts: Sequence[Part]) -> str:
         """The cost in words."""
@@ -108,9 +111,28 @@ def measurements_of(part: Part) -> Graph:
     return part.isotropic if isinstance(part, InformationGraph) else part
 
 
-def scale_of(part: Part) -> float:
-    """W, the sum of the weights."""
-    return part.scale if isinstance(part, InformationGraph) else operators.scale(part)
+def chordal_problem(graph: Graph, named: Callable[[int], str]) -> Problem:
+    """The problem of F, of nodes that are called so."""
+    _require_determined(graph, named)
+    return problem_of(graph)
+
+
+def _require_determined(graph: Graph, named: Callable[[int], str]) -> None:
+    if isinstance(graph, PoseGraph) and graph.is_partial:
+        require_connected(graph)
+        require_determined(graph, named)
+
+
+def with_measurements(part: Part, graph: Graph) -> Part:
+    """The part with another graph of the same edges."""
+    if isinstance(part, InformationGraph) and isinstance(graph, PoseGraph):
+        return replace(part, isotropic=graph)
+    return graph
+
+
+def scale_of(part: Part) -> Scale:
+    """What W is made of."""
+    return part.scales if isinstance(part, InformationGraph) else Scale.of(part)
 
 
 def gathered(

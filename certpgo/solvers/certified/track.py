@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections import defaultdict, deque
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from certpgo.errors import GraphError
 from certpgo.graph import Estimate, Graph, PoseGraph
+from certpgo.graph.joining import make_of, require_one_make
+from certpgo.graph.labels import Label, called
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray, IntArray
 
@@ -17,15 +19,18 @@ FIRST = 64
 
 
 class Track:
-    """Labelled nodes and their poses; the first node is the identity.
+    """Labelled nodes of measurements of one make, and their poses; the first is the identity.
 
     Attributes
     ----------
     numbers : the number of each label, in the order in which they came
+    points : for each, whether it is a point rather than a pose
     """
 
-    def __init__(self, d: int) -> None:
-        self.numbers: dict[Hashable, int] = {}
+    def __init__(self, first: Graph) -> None:
+        d, self._make = first.d, make_of(first)
+        self.numbers: dict[Label, int] = {}
+        self.points: list[bool] = []
         self._rotations = np.tile(np.eye(d), (FIRST, 1, 1))
         self._translations = np.zeros((FIRST, d))
         self._projected = 0  # poses whose rotations are such to rounding
@@ -52,29 +57,50 @@ class Track:
             self._translations[: len(self)] = better.translations
         self._projected = len(self)
 
-    def extend(self, graph: Graph, labels: Sequence[Hashable]) -> IntArray:
+    def extend(self, graph: Graph, labels: Sequence[Label]) -> IntArray:
         """Number the nodes of measurements, compose the poses of new ones; edges (m, 2) by number.
 
         Raises
         ------
         GraphError
-            A node is not connected with those that are known; then nothing changes.
+            As `steps`; then nothing changes.
         """
-        begin = self.numbers if self.numbers else {labels[int(graph.edges[0, 0])]: 0}
-        steps = _steps(graph, labels, begin)
-        touched = set(graph.edges.ravel().tolist())
-        reached = {node for _, node, _ in steps}
-        lost = [k for k in sorted(touched - reached) if labels[k] not in begin]
-        if lost:
-            raise GraphError(f"node {labels[lost[0]]} is not connected with those before it")
-        self.numbers = begin
+        steps, points = self.steps(graph, labels), _points(graph)
+        if not self.numbers:
+            first = int(graph.edges[0, 0])
+            self.numbers[labels[first]] = 0
+            self.points.append(first in points)
+        self.points += [there in points for _, there, _ in steps]
         for here, there, edge in steps:
             self._append(graph, labels, here, there, edge)
-        numbers = [[begin[labels[node]] for node in edge] for edge in graph.edges.tolist()]
+        numbers = [[self.numbers[labels[node]] for node in edge] for edge in graph.edges.tolist()]
         return np.array(numbers, dtype=np.intp)
 
+    def steps(self, graph: Graph, labels: Sequence[Label]) -> list[tuple[int, int, int]]:
+        """Edges (from, to, edge) that reach new nodes from known ones.
+
+        Raises
+        ------
+        GraphError
+            A node is not connected with those that are known, or is a pose here and a point there;
+            or the measurements are of another make.
+        """
+        require_one_make([self._make, make_of(graph)])
+        begin = self.numbers or {labels[int(graph.edges[0, 0])]: 0}
+        touched, points = sorted(set(graph.edges.ravel().tolist())), _points(graph)
+        for node in touched:
+            known = self.numbers.get(labels[node])
+            if known is not None and self.points[known] != (node in points):
+                raise GraphError(f"{called(labels[node])} is a pose and a point")
+        steps = _steps(graph, labels, begin)
+        reached = {node for _, node, _ in steps}
+        for node in touched:
+            if node not in reached and labels[node] not in begin:
+                raise GraphError(f"{called(labels[node])} is not connected with those before it")
+        return steps
+
     def _append(
-        self, graph: Graph, labels: Sequence[Hashable], here: int, there: int, edge: int
+        self, graph: Graph, labels: Sequence[Label], here: int, there: int, edge: int
     ) -> None:
         """The pose of a new node from that of a known one and the measurement between them."""
         n, known = len(self), self.numbers[labels[here]]
@@ -91,8 +117,14 @@ class Track:
         self.numbers[labels[there]] = n
 
 
+def _points(graph: Graph) -> set[int]:
+    """The nodes that are points."""
+    points = graph.points if isinstance(graph, PoseGraph) else None
+    return set() if points is None else set(np.flatnonzero(points).tolist())
+
+
 def _steps(
-    graph: Graph, labels: Sequence[Hashable], known: dict[Hashable, int]
+    graph: Graph, labels: Sequence[Label], known: dict[Label, int]
 ) -> list[tuple[int, int, int]]:
     """Edges (from, to, edge) that reach new nodes from known ones, breadth first."""
     leaving = defaultdict(list)
