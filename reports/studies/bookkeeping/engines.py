@@ -55,9 +55,9 @@ def judge_tasks(rng: np.random.Generator, found: Findings) -> None:
         with found.refusals(kind):
             with address(kind) as where, certpgo.scheduler(where):
                 claim = _claim(f"tasks, {kind}", of, cost.name, "standard")
-            alone = _claim("no tasks", of, cost.name, "standard")
-            judge(found, cost, [claim, alone])
-            found.require(claim.verdict == alone.verdict, f"{claim.verdict}, not {alone.verdict}")
+            plain = _claim("no tasks", of, cost.name, "standard")
+            judge(found, cost, [claim, plain])
+            found.require(claim.verdict == plain.verdict, f"{claim.verdict}, not {plain.verdict}")
     finally:
         factor.DISTRIBUTED_FROM = least
 
