@@ -198,7 +198,8 @@ def _become(arguments: list[str], out: TextIO, err: TextIO) -> NoReturn:
         code = main(arguments)
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     except BaseException:
-        err.write(traceback.format_exc())
+        if code == 99:  # later, the command had ended
+            err.write(traceback.format_exc())
     finally:
         out.flush()
         err.flush()
