@@ -259,7 +259,7 @@ def test_ctrl_c_while_it_is_said_that_the_command_was_interrupted(certpgo, squar
 
     monkeypatch.setattr(typer, "echo", echo)
     monkeypatch.setattr(importlib.import_module("certpgo.cli.info"), "facts", interrupting)
-    assert certpgo("info", square)[0] == 130
+    assert certpgo("info", square).code == 130
     assert said[-1].startswith("certpgo: interrupted")
     assert signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
 
