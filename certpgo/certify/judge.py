@@ -29,8 +29,10 @@ from certpgo.optimize.solution import Status
 
 #: Steps of an estimate's descent before one from another start begins; most descents take fewer.
 FEW = 20
-#: Steps, each as good as the last, within which that must reach a proven optimum from then on.
+#: Steps, each as good as the last ones, within which that must reach a proven optimum from then on.
 HOPE = 200.0
+#: Number of these last steps: descents rest at saddles, some for more than twenty steps.
+RECENT = 30
 
 
 def certify(
@@ -220,7 +222,7 @@ class Judge:
             return begun
         other, monitor = self._elsewhere(), None
         if other is not None and case.is_sharp(other):
-            monitor = Hopeful(case.stop, other.cost, HOPE)
+            monitor = Hopeful(case.stop, other.cost, HOPE, RECENT)
         return case.basin(begun.point, True, self._best, monitor)
 
     def _with_best_bound(self, basin: Basin) -> Basin:
