@@ -87,7 +87,7 @@ class Sparsified(Speaking):
     @property
     def _headline(self) -> str:
         kept = f"{len(self.chosen)} of {counted(self.loops, 'loop closure{s}')} kept"
-        return f"{kept}: {self.answer._headline}"
+        return f"{kept}; the sparse graph is {self.answer._headline}"
 
     def _facts(self) -> Iterator[tuple[str, str]]:
         yield (
@@ -98,7 +98,7 @@ class Sparsified(Speaking):
             ),
         )
         yield "whole", self.whole.certificate.in_brief
-        yield "sparse", f"{self.answer.certificate.in_brief} of its own"
+        yield "sparse", f"{self.answer.certificate.in_brief} of the measurements kept"
         yield "loss", f"F of all measurements {self.cost:.10g}, {100.0 * self.loss:.3g} % more"
         metres = "" if self.moved.ate_m is None else f"{self.moved.ate_m:.4g} m and "
         yield "moved", f"{metres}{self.moved.ate_deg:.4g} degrees (root mean square)"
@@ -295,7 +295,9 @@ def _of_poses(graph: Instance | Graph) -> tuple[Instance, RotationProblem]:
     if not isinstance(instance, Instance):
         instance = Instance("graph", instance, np.arange(instance.num_nodes))
     if instance.world is not None or instance.ranges is not None:
-        raise InputError(f"{instance.name}: loop closures are chosen without priors and distances")
+        raise InputError(
+            f"{instance.name}: priors and distances are not taken here (--no-priors skips priors)"
+        )
     require_connected(instance.graph)
     rotation = instance.graph
     if isinstance(rotation, PoseGraph):

@@ -38,9 +38,15 @@ def hint(disagreement: Disagreement) -> str:
 def few_edges(instance: Instance, edges: IntArray) -> str:
     """The first edges by node ids, and the number of others."""
     pairs = instance.ids[instance.graph.edges[edges[:EDGES]]]
-    named = ", ".join(f"{i} to {j}" for i, j in pairs.tolist())
+    named = ", ".join(ends(instance, i, j) for i, j in pairs.tolist())
     more = len(edges) - len(pairs)
     return f"{named} and {more} more" if more else named
+
+
+def ends(instance: Instance, first: int, second: int) -> str:
+    """An edge by the ids of its nodes, the world by this name."""
+    of_world = instance.world is not None and first == instance.ids[instance.world]
+    return f"{'the world' if of_world else first} to {second}"
 
 
 def accuracy(errors: TrajectoryErrors) -> Iterable[tuple[str, str]]:
@@ -55,10 +61,10 @@ def accuracy(errors: TrajectoryErrors) -> Iterable[tuple[str, str]]:
         yield name, f"{of_positions}{degrees:.6g} degrees  (root mean square, {over}, {how})"
 
 
-def comparison(a: Assessment) -> Iterable[tuple[str, str]]:
+def comparison(a: Assessment, instance: Instance) -> Iterable[tuple[str, str]]:
     """The distance to the best estimate, the costliest edges, and the effect of rounding."""
     yield from distances(a)
-    yield from _edges(a)
+    yield from _edges(a, instance)
     yield from digits(a)
 
 
@@ -76,9 +82,9 @@ def distances(a: Assessment) -> Iterable[tuple[str, str]]:
     yield "", f"and costs {a.excess:.4g}{share} less than this one"
 
 
-def _edges(a: Assessment) -> Iterable[tuple[str, str]]:
+def _edges(a: Assessment, instance: Instance) -> Iterable[tuple[str, str]]:
     for k, edge in enumerate(a.edges[:EDGES]):
-        share = f"{edge.ids[0]} to {edge.ids[1]}: {100.0 * edge.share:.3g} % of F"
+        share = f"{ends(instance, *edge.ids)}: {100.0 * edge.share:.3g} % of F"
         degrees = [] if edge.angle is None else [f"{math.degrees(edge.angle):.4g} degrees"]
         metres = [] if edge.metres is None else [f"{edge.metres:.3g} m"]
         residual = ", ".join([*degrees, *metres])

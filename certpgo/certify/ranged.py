@@ -318,8 +318,8 @@ class Search:
         if certificate.verdict is not Verdict.BOUNDED or certificate.basin_is_global:
             return certificate
         worth = (
-            f"the relaxation of distances is not tight: it is solved, at rank {self.rank}, which "
-            "certifies itself alone"
+            "the relaxation of distances is not tight: its own optimum is proven, at rank "
+            f"{self.rank}, but lies below every estimate found"
             if self.solved
             else f"the relaxation was not solved{self._why}"
         )

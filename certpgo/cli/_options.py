@@ -36,8 +36,8 @@ Timestamps = Annotated[
         "--timestamps",
         metavar="ids|index|FILE",
         show_default="node ids if they can be",
-        help="Timestamps of poses are node ids, ignored (index), or matched with the nodes' times: "
-        "those of FILE, a line per node.",
+        help="What the poses' timestamps are: node ids (ids), nothing, for poses in the nodes' "
+        "order (index), or times to match with the nodes' times, which FILE gives, one per line.",
     ),
 ]
 MaxDifference = Annotated[
@@ -110,7 +110,7 @@ def chosen_cost(cost: Cost | None, instance: Instance, **options: Any) -> str:
     for name, value in options.items():
         if value:
             if own != CHORDAL:
-                notice(f"--{name} is for F, the chordal cost: not {own}'s, the default without it")
+                notice(f"--{name} minimises F, the chordal cost, not {own}'s, which is the default")
             return CHORDAL
     if own == CHORDAL and information is not None and information.residual is not None:
         bad = int((~information.is_definite).sum())

@@ -105,8 +105,7 @@ class Reading:
         Stated | None,
         _option(
             "--weights-are",
-            help="What the file's precisions are, which the file does not say: information by "
-            "default.",
+            help="How to read the file's precisions, if it does not say; information by default.",
         ),
     ] = None
     priors: Annotated[
@@ -126,9 +125,7 @@ class Reading:
     ] = False
     topic: Annotated[
         str | None,
-        _option(
-            "--topic", help="Topic of a bag of ROS, where several could be read.", metavar="NAME"
-        ),
+        _option("--topic", help="Topic of a ROS bag, if several could be read.", metavar="NAME"),
     ] = None
     data: Annotated[
         Path | None, _option("--data", metavar="DIR", help="Folder to search for datasets first.")

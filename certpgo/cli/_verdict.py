@@ -71,7 +71,7 @@ def show(
             *(() if fit is None else [("chi^2", str(fit))]),
             *(() if accuracy is None else wording.accuracy(accuracy)),
             *(() if disagreement is None else [("outliers?", hint(disagreement))]),
-            *(() if assessment is None else comparison(assessment)),
+            *(() if assessment is None else comparison(assessment, part)),
             *trusts(certificate),
             ("objective", stated_objective(part.options, certificate)),
             *wording.provenance(part, certificate),

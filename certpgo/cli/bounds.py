@@ -85,7 +85,16 @@ def _as_json(part: Instance, found: Ladder) -> dict[str, Any]:
 def _show(part: Instance, found: Ladder) -> None:
     facts(_head(part, found))
     rows = [(rung.title, rung.shown, rung.says, rung.needs, _seconds(rung)) for rung in found.rungs]
-    table("", ("bound", "value", "implication here", "what it needs", "seconds"), rows)
+    table(
+        "",
+        ("bound", "value", "implication here", "what it needs", "seconds"),
+        rows,
+        optional=OPTIONAL,
+    )
+
+
+#: Columns that narrow terminals do without, the first one first.
+OPTIONAL = ("what it needs", "seconds")
 
 
 def _head(part: Instance, found: Ladder) -> Iterable[tuple[str, str]]:

@@ -65,7 +65,7 @@ def command(
     ] = True,
     time_limit: Annotated[
         float | None,
-        time_limit_option("Stop, for each ESTIMATE, and print what is proven by then.", "none"),
+        time_limit_option("For each ESTIMATE: stop, and print what is proven by then.", "none"),
     ] = None,
     best: Annotated[
         Path | None, typer.Option("--best", metavar="OUT", help="Write the best estimate found.")

@@ -45,7 +45,9 @@ def command(
     anchor: Annotated[
         Anchor | None,
         typer.Option(
-            "--anchor", help="Frame: first pose as in the file, first pose identity, or fixed pose."
+            "--anchor",
+            help="Frame of the poses: the first one as in the file, the first one at the identity, "
+            "the fixed pose (prior), or as it comes (none).",
         ),
     ] = None,
     timestamps: Timestamps = None,

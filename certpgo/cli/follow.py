@@ -29,7 +29,9 @@ def command(
     ],
     every: Annotated[
         int,
-        typer.Option("--every", min=1, help="Refresh the certificate after so many measurements."),
+        typer.Option(
+            "--every", min=1, help="Refresh the certificate after this many measurements."
+        ),
     ] = 100,
     cost: CostOption = None,
     robust: Annotated[

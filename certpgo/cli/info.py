@@ -116,9 +116,9 @@ def _lines(
     yield "components", f"{len(sizes)}" + ("" if len(sizes) == 1 else f" of {shown} nodes")
     if left_open is not None:
         yield "undetermined", left_open
-    yield "kappa", f"{found.kappa[0]:.6g} to {found.kappa[1]:.6g} (rotational weights)"
+    yield "kappa", f"{_range(found.kappa)} (rotational weights)"
     if found.tau is not None:
-        yield "tau", f"{found.tau[0]:.6g} to {found.tau[1]:.6g} per m^2 (translational weights)"
+        yield "tau", f"{_range(found.tau)} per m^2 (translational weights)"
     yield "read as", reading_sentence(instance.options)
     if instance.world is not None:
         yield "world", f"node {instance.ids[instance.world]}, which priors are measured from"
@@ -127,6 +127,11 @@ def _lines(
     for sentence in instance.notices:
         yield "notice", sentence
     yield "engine", engine
+
+
+def _range(ends: tuple[float, float]) -> str:
+    low, high = (f"{end:.6g}" for end in ends)
+    return low if low == high else f"{low} to {high}"
 
 
 def _spectrum_lines(spectrum: Spectrum) -> Iterable[tuple[str, str]]:

@@ -91,18 +91,20 @@ def command(
                         "term": merged.terms[edge - first],
                         "tail": merged.tails[edge - first],
                         "disagrees": edge in left,
+                        "left_out": merged.left_out and edge in left,
                     }
                     for edge in worst
                 ],
             }
         )
     else:
+        mark = "left out" if merged.left_out else "disagrees"
         rows = [
             [
                 "-".join(str(labels[k]) for k in pairs[edge].tolist()),
                 f"{merged.terms[edge - first]:.4g}",
                 f"{merged.tails[edge - first]:.2g}",
-                "disagrees" if edge in left else "",
+                mark if edge in left else "",
             ]
             for edge in worst[:SHOWN]
         ]

@@ -148,13 +148,17 @@ def _show(scans: list[Scan], found: Registration, out: Path) -> None:
         ("global ICP", f"{coarse.rounds} rounds, {coarse.groups} groups, rms {coarse.rmse:.2g} m"),
     ]
     if found.disagreement is not None:
-        overlaps = [pair.found.overlap for pair in found.pairs]
+        shares = [pair.found.overlap for pair in found.pairs]
+        overlaps = [f"{share:.0%}" for share in (min(shares), max(shares))]
         rmse = max(pair.found.rmse for pair in found.pairs)
         lines += [
             ("pairs", f"{len(found.pairs)} kept, {len(found.sliding)} contradict the others"),
-            ("overlap", f"{min(overlaps):.0%} to {max(overlaps):.0%} of the smaller scan"),
+            ("overlap", f"{' to '.join(dict.fromkeys(overlaps))} of the smaller scan"),
             ("surfaces", f"at most {rmse:.2g} m apart, rms of a pair"),
-            ("disagreement", f"at most {found.disagreement.max():.2g} m, of a pair with the poses"),
+            (
+                "disagreement",
+                f"at most {found.disagreement.max():.2g} m, between a pair and the poses",
+            ),
         ]
     facts([*lines, ("written", str(out))])
     if found.solution is not None and found.instance is not None:

@@ -22,7 +22,7 @@ def amount(text: str) -> float:
             return float(text[:-1]) / 100.0
         return int(text) if text.isdigit() else float(text)
     except ValueError:
-        raise typer.BadParameter(f"{text!r} is no number, fraction or percentage") from None
+        raise typer.BadParameter(f"{text!r} is not a number, a fraction or a percentage") from None
 
 
 @takes_reading

@@ -13,6 +13,7 @@ is 2 for the one axis that is measured: it is halved here.
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -33,6 +34,8 @@ from certpgo.optimize.undetermined import MOST, undetermined
 RARE = 1e-6
 #: Eigenvalues of matrices of unit diagonal below which a direction is not measured.
 NONE = 1e-12
+#: From and to which chi^2 is printed as a whole number.
+WHOLE = (1e4, 1e12)
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,8 @@ class Fit:
     6252 at 24 degrees of freedom
     >>> Fit(30.0, 24).warning
     ''
+    >>> Fit(90342.3, 1050).warning.partition(";")[0]
+    'chi^2 is 90342 at 1050 degrees of freedom: residuals are 9.28 times the stated noise'
     """
 
     chi2: float
@@ -58,21 +63,28 @@ class Fit:
     spread: float = 1.0
 
     def __str__(self) -> str:
-        return f"{self.chi2:.4g} at {counted(self.freedom, 'degree{s}')} of freedom"
+        chi2 = f"{self.chi2:.0f}" if WHOLE[0] <= self.chi2 < WHOLE[1] else f"{self.chi2:.4g}"
+        return f"{chi2} at {counted(self.freedom, 'degree{s}')} of freedom"
+
+    @property
+    def ratio(self) -> float:
+        """Size of the residuals over the standard deviations that are stated, root mean square."""
+        return math.sqrt(self.chi2 / self.freedom)
 
     @property
     def warning(self) -> str:
         """What is unusual, in a sentence; or empty."""
         below, above = self._tails
+        said = f"chi^2 is {self}: residuals are {self.ratio:.3g} times the stated noise"
         if above < RARE:
             return (
-                f"chi^2 is {self}: measurements and estimate disagree by far more than the stated "
-                "noise, which no verdict excludes"
+                f"{said}; measurements may be wrong or their noise understated, which no verdict "
+                "excludes"
             )
         if below < RARE:
             return (
-                f"chi^2 is {self}: residuals are far smaller than the stated noise, which is "
-                "probably overstated"
+                f"{said}, which is probably overstated; verdicts do not depend on its scale, "
+                "covariances do"
             )
         return ""
 

@@ -77,7 +77,7 @@ def anchored_graph(graph: PoseGraph, priors: Priors) -> tuple[PoseGraph, FloatAr
         tau=priors.tau,
     )
     positions = int(np.count_nonzero(priors.kappa == 0.0))
-    said = counted(len(priors.nodes), "prior{s}, from a node for the world")
+    said = counted(len(priors.nodes), "prior{s}, measured from a node that stands for the world")
     if positions:
-        said += f"; {positions} of positions alone"
+        said += f"; {positions} of them positions alone"
     return joined, origin if origin.any() else None, said

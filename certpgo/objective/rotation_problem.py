@@ -185,10 +185,10 @@ class RotationsOfPoses(RotationProblem):
             return
         labels = components_of(self.n, self.graph.edges[turned])
         if labels.any():
-            node = int(np.argmax(labels != np.argmax(np.bincount(labels))))
+            apart = self.n - int(np.bincount(labels).max())
             raise NumericalError(
-                f"rotations cannot be averaged alone: that of node {node} is not measured relative "
-                "to the others'"
+                f"rotations cannot be averaged alone: {apart} of {self.n} are not measured "
+                "relative to the others"
             )
 
     @property

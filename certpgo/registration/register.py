@@ -113,7 +113,7 @@ def register(
         raise SpecError.unknown("method", method, get_args(Method))
     read = [scan if isinstance(scan, Scan) else read_scan(scan) for scan in scans]
     if len(read) < 2:
-        raise InputError("two or more scans are registered")
+        raise InputError("registration needs two or more scans")
     if initial is None:
         n = len(read)
         initial = Estimate(np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3)))

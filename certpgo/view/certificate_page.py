@@ -13,7 +13,7 @@ import numpy as np
 from certpgo.assess.assessment import Assessment, CostlyEdge
 from certpgo.assess.diagnostics import kinds_in_words
 from certpgo.assess.ladder import Rung, rungs_of_eigenvalues
-from certpgo.assess.wording import digits, distances, provenance
+from certpgo.assess.wording import digits, distances, ends, provenance
 from certpgo.certify.certificate import Certificate
 from certpgo.certify.curvature import smallest_eigenvalues
 from certpgo.certify.own_cost import has_proofs
@@ -256,11 +256,9 @@ def _facts(instance: Instance, assessment: Assessment) -> Iterable[tuple[str, st
 
 
 def _edge(edge: CostlyEdge, instance: Instance) -> tuple[str, ...]:
-    first, second = edge.ids
-    of_world = instance.world is not None and first == instance.ids[instance.world]
     cells = (
         str(edge.edge),
-        f"{'the world' if of_world else first} to {second}",
+        ends(instance, *edge.ids),
         f"{edge.cost:.6g}",
         f"{100.0 * edge.share:.3g} %",
         "" if edge.angle is None else f"{math.degrees(edge.angle):.4g}",
@@ -306,7 +304,7 @@ def _multipliers(
         below.problem.multipliers(point),
         "no estimate costs less than that",
         source="The matrix is that of the surrogate, a pose graph whose cost plus a constant is "
-        f"nowhere above F, and {value:.10g} {where}. ",
+        f"never above F, and equal to it {where}: {cost_shown(value)}. ",
     )
 
 

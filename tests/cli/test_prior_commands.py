@@ -28,7 +28,10 @@ def test_solving_and_certifying_in_the_world(certpgo, field, tmp_path):
     done = certpgo("solve", field, "-o", out, "--covariances", table)
     assert done.code == 0
     assert "CERTIFIED" in done.out
-    assert "3 priors, from a node for the world; 3 of positions alone" in done.err
+    assert (
+        "3 priors, measured from a node that stands for the world; 3 of them positions alone"
+        in done.err
+    )
     assert f"covariances: {table}, in each node's frame, with the world fixed" in done.out
     lines = [line.split() for line in out.read_text().splitlines()]
     assert [int(line[1]) for line in lines] == [0, 1, 2, 3]

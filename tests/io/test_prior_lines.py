@@ -34,7 +34,7 @@ def test_poses_in_the_plane(file, tag):
     assert instance.information.matrices.shape == (2, 3, 3)
     assert instance.information.residual == "g2o"
     np.testing.assert_array_equal(instance.initial.rotations[2], np.eye(2))
-    assert "1 prior, from a node for the world" in instance.notices
+    assert "1 prior, measured from a node that stands for the world" in instance.notices
 
 
 @pytest.mark.parametrize("tag", ["EDGE_PRIOR_SE2_XY", "EDGE_SE2_GPS"])
@@ -57,7 +57,10 @@ def test_space(file):
     assert graph.edges[2:].tolist() == [[3, 0], [3, 2]]
     assert graph.rotation.kappa[2:].tolist() == [1.0, 0.0]
     assert graph.tau[2:].tolist() == [4.0, 9.0]
-    assert "2 priors, from a node for the world; 1 of positions alone" in instance.notices[-1]
+    assert (
+        "2 priors, measured from a node that stands for the world; 1 of them positions alone"
+        in instance.notices[-1]
+    )
 
 
 MIXED = """EDGE_SE2 0 1 1 0 0.1 4 0 0 4 0 9

@@ -90,7 +90,7 @@ def test_positions_of_points(dataset):
     assert (graph.rotation.kappa[of_world] > 0.0).tolist() == [True] + [False] * 56
     assert instance.names[-1] == "world"
     np.testing.assert_allclose(instance.ranges.weights, 100.0, rtol=1e-15)
-    assert any("57 priors" in n and "56 of positions alone" in n for n in instance.notices)
+    assert any("57 priors" in n and "56 of them positions alone" in n for n in instance.notices)
 
 
 def test_in_the_plane(pyfg):

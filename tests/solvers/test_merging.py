@@ -60,6 +60,12 @@ def test_a_wrong_joint_is_named_and_left_out(graph):
         pytest.skip("the node has a joint already")
     merged = certpgo.merge(maps, Instance("joints", both, ids), offset=100, robust=True)
     assert graph.num_edges in merged.disagreeing
+    assert merged.left_out
+    said = " ".join(str(merged).split())
+    assert f"left out {merged.named(graph.num_edges)}" in said
+    kept = merged.terms[~np.isin(merged.between, merged.disagreeing)]
+    assert f"{len(kept)} of {len(merged.terms)} measurements kept, " in said
+    assert f"add up to {kept.sum():.4g}" in said
     assert merged.answer.verdict is Verdict.CERTIFIED
     assert merged.answer.cost <= certpgo.solve(graph).cost * (1 + 1e-9)
 

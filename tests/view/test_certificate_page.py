@@ -324,7 +324,7 @@ def test_the_page_of_another_cost_is_about_that_cost(weighed, cost):
     )
     assert spectrum[3] > 1.0
     assert f"4 {spectrum[3]:.3g} 5 " in text
-    (shown,) = re.findall(r"nowhere above F, and ([\d.]+) at this estimate", text)
+    (shown,) = re.findall(r"never above F, and equal to it at this estimate: ([\d.]+)\. ", text)
     assert float(shown) == pytest.approx(found.cost, rel=1e-8)
 
 

@@ -22,7 +22,7 @@ from certpgo.graph.joining import joined
 from certpgo.graph.labels import WORLD, Label, Landmark, called, in_order
 from certpgo.graph.origins import in_one_world
 from certpgo.graph.speaking import Speaking
-from certpgo.graph.wording import counted
+from certpgo.graph.wording import counted, few
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.monitor import silent
@@ -44,6 +44,7 @@ class Merged(Speaking):
     terms : (k,) their terms of F at the optimum
     tails : (k,) probabilities that a correct measurement is as far off, or further
     disagreeing : indices in the merged graph of those between maps that disagree with the rest
+    left_out : whether these were left out, so that the answer is about the others
 
     Examples
     --------
@@ -68,6 +69,7 @@ class Merged(Speaking):
     terms: FloatArray
     tails: FloatArray
     disagreeing: IntArray
+    left_out: bool = False
 
     @property
     def raised(self) -> float:
@@ -83,14 +85,16 @@ class Merged(Speaking):
             size = part.graph.size_in_words
             yield f"map {k}", f"{part.certificate.in_brief}; {size}"
         yield "merged", f"{self.answer.certificate.in_brief}, {self.raised:.4g} above the maps' sum"
-        own = float(self.terms.sum())
-        yield (
-            "between",
-            f"{counted(len(self.between), 'measurement{s}')}, whose terms are {own:.4g}",
-        )
+        measured = counted(len(self.between), "measurement{s}")
+        terms = self.terms
+        if self.left_out:
+            terms = terms[~np.isin(self.between, self.disagreeing)]
+            measured = f"{len(terms)} of {measured} kept"
+        yield "between", f"{measured}, whose terms add up to {float(terms.sum()):.4g}"
         yield "cost", "F, the chordal cost"
         if len(self.disagreeing):
-            yield "disagree", ", ".join(self.named(edge) for edge in self.disagreeing[:5].tolist())
+            named = few([self.named(edge) for edge in self.disagreeing.tolist()])
+            yield "left out" if self.left_out else "disagree", named
 
     def named(self, edge: int) -> str:
         """A measurement between maps by the labels of its nodes, with its term."""
@@ -159,17 +163,18 @@ def merge(
     answer = search_and_certify(problem, chosen, None, silent)
     costs = problem.edge_costs(answer.estimate)
     disagreeing = across[outlying(problem, costs, 1.0)[across]]
+    left_out = False
     if len(disagreeing):
         # Least squares spreads the error of a wrong measurement over right ones.
         selection = select(problem, trusted=np.arange(first))
         disagreeing = across[selection.rejected[across]]
-        if robust and len(disagreeing):
+        if left_out := robust and len(disagreeing) > 0:
             kept = problem.reweighted(selection.weights)
             answer = search_and_certify(kept, chosen, None, silent)
             costs = problem.edge_costs(answer.estimate)
     chi2, numbers = (of.sum(axis=1)[across] for of in squares(problem, answer.estimate))
     tails = np.asarray(special.gammaincc(0.5 * numbers, 0.5 * chi2))
-    return Merged(whole, answer, parts, across, costs[across], tails, disagreeing)
+    return Merged(whole, answer, parts, across, costs[across], tails, disagreeing, left_out)
 
 
 def _labelled(
