@@ -9,7 +9,7 @@ import numpy as np
 
 from certpgo.certify.bounds import Bounds, bounds
 from certpgo.certify.case import ATOL, DESCENT, RTOL, Basin, Case, refuse_time_limit
-from certpgo.certify.certificate import Certificate, Tier, Verdict
+from certpgo.certify.certificate import Certificate, Tier
 from certpgo.certify.own_cost import OwnCostCase
 from certpgo.certify.ranged import RangedCase
 from certpgo.costs import Certifiable, certifiable
@@ -164,12 +164,7 @@ class Judge:
             self._best = best = max(known, key=lambda basin: basin.value)
             if best.value > own.value:
                 own = replace(own, bound=best.bound)
-            found = case.certificate(estimate, own, other, _bounds(case.problem, own.point))
-        if self.ended_by is None or found.verdict in (Verdict.CERTIFIED, Verdict.REFUTED):
-            return found
-        return replace(
-            found, reason=f"{found.reason}; the search for a bound ended early ({self.ended_by})"
-        )
+            return case.certificate(estimate, own, other, _bounds(case.problem, own.point))
 
     @property
     def interrupted(self) -> bool:

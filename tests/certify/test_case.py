@@ -14,7 +14,7 @@ from certpgo.certify import Tier, Verdict
 from certpgo.certify import case as module
 from certpgo.certify.case import FLOOR, Basin, Case, difference_up
 from certpgo.certify.dual import DualBound
-from certpgo.certify.reason import reason_of
+from certpgo.certify.wording import reason_of
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
