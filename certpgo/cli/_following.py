@@ -109,7 +109,8 @@ class Followed:
         else:
             fit = "" if self.fit is None else f"; chi^2 {self.fit}"
             typer.echo(f"{'interrupted; so far: ' if interrupted else ''}{self.sentence}{fit}")
-        _verdict.warn(self.fit)
+        for warning in _verdict.warnings(self.fit):
+            notice(warning)
         if standing is not None and (many := rejecting_many(self.rejected, standing.edges)):
             notice(many)
         if interrupted:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
@@ -20,18 +19,6 @@ if TYPE_CHECKING:
     from certpgo.optimize.solution import Status
     from certpgo.solvers.certified.settings import SolveSettings
     from certpgo.view.certificate_page import Origin
-
-
-def require_pages(out: Path | None) -> None:
-    """Refuse to write a page, before any work, if its package is missing.
-
-    Raises
-    ------
-    MissingDependency
-        jinja2 is not installed.
-    """
-    if out is not None:
-        importlib.import_module("certpgo.view.page")
 
 
 def origin_of(

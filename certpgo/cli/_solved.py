@@ -11,10 +11,10 @@ import typer
 
 from certpgo.cli import _verdict
 from certpgo.cli._next import Asked, steps_after
+from certpgo.cli._outputs import Outputs, Result
 from certpgo.cli._paging import origin_of, write_page
 from certpgo.cli._proving import prove
-from certpgo.cli._reading import Reading
-from certpgo.cli._show import facts, notice
+from certpgo.cli._show import facts, notice, noticing
 from certpgo.cli._truth import KnownPoses
 
 if TYPE_CHECKING:
@@ -37,16 +37,18 @@ MUCH_MEMORY = 1.0
 
 
 @dataclass(frozen=True)
-class Solved:
+class Solved(Result):
     """The result for a connected graph."""
 
     part: Instance
     method: str
     solution: Solution
     certificate: Certificate | None
+    asked: Asked
     found: CertifiedSolution | None = None  # by the certified pipeline
-    cost: str = "chordal"
     truth: KnownPoses | None = None
+
+    needs_the_end = ("proof",)
 
     @property
     def interrupted(self) -> bool:
@@ -108,7 +110,24 @@ class Solved:
             ("cost of all", f"{cost_shown(solution.cost)}  (with those rejected; not certified)"),
         ]
 
-    def report(self, written: Path | None) -> dict[str, Any]:
+    def exit_code(self) -> int:
+        """The exit code of the verdict, if there is one."""
+        return 0 if self.certificate is None else _verdict.exit_code(self.certificate)
+
+    def write(self, outputs: Outputs) -> None:
+        """Write the estimate."""
+        from certpgo.io import write
+
+        if outputs.estimate is not None:
+            with noticing():
+                estimate = self.solution.estimate
+                write(outputs.estimate, estimate, instance=self.part, format=outputs.format)
+
+    def notices(self, outputs: Outputs) -> list[str]:
+        """What the verdict does not say."""
+        return _verdict.warnings(self.fit, self.solution)
+
+    def report(self, outputs: Outputs) -> dict[str, Any]:
         """The result for --json."""
         solution, found = self.solution, self.found
         levels = () if found is None else found.levels
@@ -139,7 +158,7 @@ class Solved:
                 "rejected": _verdict.edges_as_json(self.part, solution.rejected),
                 "own_bound": solution.lower_bound,
                 "settings": None if found is None else asdict(found.settings),
-                "written": None if written is None else str(written),
+                "written": None if outputs.estimate is None else str(outputs.estimate),
             },
         }
 
@@ -150,8 +169,8 @@ class Solved:
             return "the gap to the optimum is not known"
         return f"the method's own lower bound, which ignores rounding, is {bound:.12g}"
 
-    def show(self, written: Path | None, graph: str, reading: Reading) -> None:
-        """Print the result of a graph that was read by this name, and what to do next."""
+    def show(self, outputs: Outputs) -> None:
+        """Print the result, and what to do next."""
         from certpgo.assess import wording
         from certpgo.assess.provenance import peak_memory
         from certpgo.assess.wording import few_edges
@@ -170,8 +189,9 @@ class Solved:
             lines.append(("kept", f"{solution.kept} of {part.graph.num_edges} measurements"))
         if len(solution.rejected):
             lines.append(("rejected", few_edges(part, solution.rejected)))
-        if written is not None:
-            lines.append(("written", str(written)))
+        written = "" if outputs.estimate is None else str(outputs.estimate)
+        if written:
+            lines.append(("written", written))
         if self.found is not None and (chordal := self.found.chordal) is not None:
             lines.append(("chordal cost", f"{chordal.certificate.in_brief} at another estimate"))
         if self._undetermined is not None:
@@ -188,11 +208,10 @@ class Solved:
             typer.echo("The certificate is about the kept measurements, with their final weights:")
         steps: list[str] = []
         if self.method == "certified":
-            asked = Asked(graph, self.cost, reading, "" if written is None else str(written))
             steps = steps_after(
                 self.certificate,
                 part,
-                asked,
+                self.asked._replace(estimate=written),
                 searched=True,
                 stopped=self.stopped,
                 disagreement=self.disagreement,
@@ -260,12 +279,10 @@ class Solved:
         """The problem that the estimate solves."""
         from certpgo.costs import RangeProblem, certifiable
 
-        posed = certifiable(self.part, self.cost)
+        posed = certifiable(self.part, self.asked.cost)
         return posed if isinstance(posed, RangeProblem) else self.solution.judged(posed)
 
-    def write_page(
-        self, out: Path, graph: str, written: Path | None, proof: Path | None, reading: Reading
-    ) -> None:
+    def write_page(self, out: Path, outputs: Outputs) -> None:
         """Write the page of the certificate."""
         from certpgo.assess.assessment import assess
 
@@ -292,10 +309,10 @@ class Solved:
             fit=self.fit,
         )
         origin = origin_of(
-            graph,
-            reading,
-            estimate=written,
-            proof=proof,
+            self.asked.graph,
+            self.asked.reading,
+            estimate=outputs.estimate,
+            proof=outputs.proof,
             method=self.method,
             stopped=self.stopped,
             remarks=remarks,

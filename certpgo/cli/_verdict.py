@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from certpgo.cli._show import facts, notice
+from certpgo.cli._show import facts
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,21 +28,24 @@ EXIT_CODES = {"CERTIFIED": 0, "ERROR": 1, "BOUNDED": 3, "REFUTED": 4, "UNDECIDED
 MANY = 1.0 / 3.0
 
 
-def refuse_screening(tier: str | None) -> None:
-    """Refuse the tier ``screen``, which proves nothing, if a proof is requested.
+def tier_for(proof: Path | None, tier: str | None) -> str | None:
+    """The tier that was asked for; that of proofs, if one is and no tier.
 
     Raises
     ------
     InputError
-        The tier is ``screen``.
+        The tier is ``screen``, which proves nothing, and a proof is asked for.
     """
+    if proof is None:
+        return tier
     if tier == "screen":
         raise InputError("--proof needs the proof tier, not --tier screen")
+    return tier or "proof"
 
 
-def exit_code(certificates: Iterable[Certificate]) -> int:
-    """The exit code of the weakest verdict."""
-    return weakest(c.verdict.value for c in certificates)
+def exit_code(certificate: Certificate) -> int:
+    """The exit code of a verdict."""
+    return EXIT_CODES[certificate.verdict.value]
 
 
 def weakest(verdicts: Iterable[str]) -> int:
@@ -80,14 +84,13 @@ def show(
     )
 
 
-def warn(fit: Fit | None, solution: Solution | None = None) -> None:
-    """Note what a verdict does not say: chi^2 that is unusual, and that many were rejected."""
+def warnings(fit: Fit | None, solution: Solution | None = None) -> list[str]:
+    """What a verdict does not say: chi^2 that is unusual, and that many were rejected."""
     rejected, kept = 0, 0
     if solution is not None and solution.kept is not None:
         rejected, kept = len(solution.rejected), solution.kept
-    for warning in ("" if fit is None else fit.warning, rejecting_many(rejected, kept)):
-        if warning:
-            notice(warning)
+    said = ("" if fit is None else fit.warning, rejecting_many(rejected, kept))
+    return [warning for warning in said if warning]
 
 
 def rejecting_many(rejected: int, kept: int) -> str:
@@ -148,6 +151,15 @@ def as_json(
         "fixed_ids": [int(part.ids[node]) for node in part.fixed],
         "notices": list(part.notices),
         **({} if assessment is None else _assessment(assessment)),
+    }
+
+
+def in_short(certificate: Certificate) -> dict[str, Any]:
+    """The verdict with the cost and its lower bound, as JSON."""
+    return {
+        "verdict": certificate.verdict.value,
+        "cost": certificate.cost_upper,
+        "lower_bound": certificate.lower_bound,
     }
 
 

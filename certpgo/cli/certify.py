@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -26,17 +26,18 @@ from certpgo.cli._options import (
     tier_option,
     time_limit_option,
 )
-from certpgo.cli._paging import origin_of, require_pages, write_page
-from certpgo.cli._proving import REFUSED, provable_source, prove
+from certpgo.cli._outputs import Outputs, Result, emit
+from certpgo.cli._paging import origin_of, write_page
+from certpgo.cli._proving import prove
 from certpgo.cli._reading import Reading, covered, restricted_to, takes_reading
 from certpgo.cli._show import StatusLine, document, notice, noticing, working
 from certpgo.cli._truth import KnownPoses, TruthFile, TruthOffset
-from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
     from certpgo.assess.assessment import Assessment
     from certpgo.assess.batch import JudgedGraph
+    from certpgo.assess.metrics import TrajectoryErrors
     from certpgo.costs import Certifiable
     from certpgo.graph import Estimate, Instance
     from certpgo.io.matching import Matching
@@ -88,31 +89,21 @@ def command(
 
     Ctrl-C prints what is proven by then; a second Ctrl-C aborts.
     """
-    from certpgo.certify.proof_file import refuse_unreadable
-    from certpgo.io.format import format_to_write
+    from certpgo.io.digits import writing_of
     from certpgo.io.matching import Matching
     from certpgo.io.timestamps import timed
 
     _refuse_mixtures(estimates, csv, truth=truth, best=best, proof=proof, html=html)
-    if best is not None:
-        format_to_write(best, None)  # report a wrong suffix before any work
     refuse_unprovable(cost, proof)
-    for out in (best, csv, proof, html):
-        refuse_unwritable(out)
-    require_pages(html)
+    tier = _verdict.tier_for(proof, tier) or "standard"
+    outputs = Outputs(estimate=best, csv=csv, proof=proof, html=html, json=json)
+    outputs.refuse([graph, *estimates, timestamps, truth], reading.data)
     source = reading.resolve(graph)
-    refuse_overwriting(
-        [best, csv, proof, html], [source, *estimates, timestamps, truth], reading.data
-    )
-    if proof is not None:
-        _verdict.refuse_screening(tier)
-    tier = tier or ("standard" if proof is None else "proof")
-    provable = None if proof is None else provable_source(source)
+    outputs = outputs.about(source)
     instance = timed(reading.open(source, distances=True), timestamps)
     refuse_with_distances(instance, proof=proof)
-    own = chosen_cost(cost, instance)
-    if provable is not None:
-        refuse_unreadable(provable, instance, own)
+    asked = Asked(graph, chosen_cost(cost, instance), reading, estimates[0], best is not None)
+    outputs.refuse_unreadable(instance, asked.cost)
     status = StatusLine()
     how = Matching.of(timestamps, max_difference)
 
@@ -120,7 +111,7 @@ def command(
     settings |= {"time_limit": time_limit, "monitor": status, "ctrl_c": True}
 
     def judged(of: Instance) -> list[JudgedGraph]:
-        return _judged(of, reading, own, settings)
+        return _judged(of, reading, asked.cost, settings)
 
     if csv is not None:
         return _batch(estimates, instance, judged, how, csv, json, reading, status)
@@ -133,41 +124,119 @@ def command(
         raise InputError("--proof needs an estimate of all nodes: it is about the whole file")
     given = [restricted_to(part.instance, estimate, whole) for part in parts]
     parts = _timed(parts, given)
-    that = how.of_truth(truth_offset)
+    that, writing = how.of_truth(truth_offset), writing_of(path)
     truths = [KnownPoses.of(truth, part.instance, reading, that) for part in parts]
-    asked = None if json else Asked(graph, own, reading, estimates[0], best is not None)
-    assessments, disagreements = _single(path, instance, given, parts, truths, asked, status)
-    interrupted = any(part.judge.interrupted for part in parts)
-    if interrupted:
-        tell_interrupted("what is proven by then stands", [proof, html])
-    for assessed in assessments:
-        _verdict.warn(assessed.fit)
-    if best is not None:
-        _write_best(best, parts[0], assessments[0])
-    elif any(_is_better_known(a, json) for a in assessments):
-        notice("--best OUT writes the lower-cost estimate")
-    if interrupted:
-        return _verdict.INTERRUPTED
-    if any(map(_may_gain, assessments, parts)):
-        notice("rounding may limit the bound: try --tier proof")
-    code = _verdict.exit_code(a.certificate for a in assessments)
-    proven = True
-    if proof and provable:
-        certificate = assessments[0].certificate
-        proven = prove(proof, provable, parts[0].instance, given[0], certificate, json=json)
-    if html is not None:
-        remarks = [f"{found}." for found in disagreements if found is not None]
-        origin = origin_of(
-            graph,
-            reading,
-            estimate=estimates[0],
-            proof=proof if proven else None,
-            stopped=parts[0].judge.ended_by,
-            remarks=remarks,
-            disagreeing=bool(remarks),
+    accuracies = [
+        None if known is None else known.errors(estimate)
+        for known, estimate in zip(truths, given, strict=True)
+    ]
+
+    def assessed(
+        part: JudgedGraph, estimate: Estimate, accuracy: TrajectoryErrors | None
+    ) -> _Assessed:
+        with working(f"certifying {part.instance.name}") as status.line:
+            found = part.assessed(estimate, writing)
+            disagreement = None if part.judge.ended_by else _disagreement(part.problem, found)
+        title = "" if part.instance.name == whole.name else part.instance.name
+        return _Assessed(part, estimate, found, disagreement, accuracy, asked, title)
+
+    results = map(assessed, parts, given, accuracies)
+    return emit(results, outputs.split([part.instance for part in parts]))
+
+
+@dataclass(frozen=True)
+class _Assessed(Result):
+    """The verdict on an estimate of a connected graph, which text names by its title, if any."""
+
+    part: JudgedGraph
+    given: Estimate
+    found: Assessment
+    disagreement: Disagreement | None
+    accuracy: TrajectoryErrors | None
+    asked: Asked
+    title: str
+
+    needs_the_end = ("proof", "html")
+    standing = "what is proven by then stands"
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether Ctrl-C ended the certification."""
+        return self.part.judge.interrupted
+
+    def exit_code(self) -> int:
+        """The exit code of the verdict."""
+        return _verdict.exit_code(self.found.certificate)
+
+    def write(self, outputs: Outputs) -> None:
+        """Write the best estimate."""
+        from certpgo.io import write
+
+        if outputs.estimate is not None:
+            with noticing():
+                write(outputs.estimate, self.found.best, instance=self.part.instance)
+            notice(f"best estimate written to {outputs.estimate}")
+
+    def show(self, outputs: Outputs) -> None:
+        """Print the verdict, and what to do next."""
+        if self.title:
+            typer.echo(self.title)
+        found, instance = self.found, self.part.instance
+        steps = steps_after(
+            found.certificate,
+            instance,
+            self.asked,
+            stopped=self.part.judge.ended_by,
+            disagreement=self.disagreement,
         )
-        write_page(html, parts[0].instance, parts[0].problem, given[0], assessments[0], origin)
-    return code if proven else code or REFUSED
+        _verdict.show(
+            found.certificate,
+            instance,
+            found,
+            self.disagreement,
+            self.accuracy,
+            steps,
+            found.fit,
+        )
+
+    def report(self, outputs: Outputs) -> dict[str, Any]:
+        """The result for --json."""
+        return _verdict.as_json(
+            self.part.instance,
+            self.found.certificate,
+            self.found.cost,
+            disagreement=self.disagreement,
+            assessment=self.found,
+            accuracy=self.accuracy,
+            fit=self.found.fit,
+        )
+
+    def notices(self, outputs: Outputs) -> Iterator[str]:
+        """What the verdict does not say, and what may give a better one."""
+        yield from _verdict.warnings(self.found.fit)
+        if outputs.estimate is None and _is_better_known(self.found, outputs.json):
+            yield "--best OUT writes the lower-cost estimate"
+        if not self.interrupted and _may_gain(self.found, self.part):
+            yield "rounding may limit the bound: try --tier proof"
+
+    def prove(self, out: Path, source: Path, *, json: bool) -> bool:
+        """Write the proof; returns False if there is none."""
+        certificate = self.found.certificate
+        return prove(out, source, self.part.instance, self.given, certificate, json=json)
+
+    def write_page(self, out: Path, outputs: Outputs) -> None:
+        """Write the page of the certificate."""
+        part, disagreement = self.part, self.disagreement
+        origin = origin_of(
+            self.asked.graph,
+            self.asked.reading,
+            estimate=self.asked.estimate,
+            proof=outputs.proof,
+            stopped=part.judge.ended_by,
+            remarks=[] if disagreement is None else [f"{disagreement}."],
+            disagreeing=disagreement is not None,
+        )
+        write_page(out, part.instance, part.problem, self.given, self.found, origin)
 
 
 def _timed(parts: Sequence[JudgedGraph], given: Sequence[Estimate]) -> list[JudgedGraph]:
@@ -234,74 +303,6 @@ def _may_gain(assessment: Assessment, part: JudgedGraph) -> bool:
     return provable and certificate.better is None and near
 
 
-def _single(
-    path: Path,
-    whole: Instance,
-    given: Sequence[Estimate],
-    parts: Sequence[JudgedGraph],
-    truths: Sequence[KnownPoses | None],
-    asked: Asked | None,
-    status: StatusLine,
-) -> tuple[list[Assessment], list[Disagreement | None]]:
-    """Certify the estimate of each part; printed as text, or as JSON without ``asked``.
-
-    Text names a part that is not the whole graph.
-    """
-    from certpgo.io.digits import writing_of
-
-    writing = writing_of(path)
-    assessments: list[Assessment] = []
-    disagreements: list[Disagreement | None] = []
-    accuracies = [
-        None if truth is None else truth.errors(estimate)
-        for truth, estimate in zip(truths, given, strict=True)
-    ]
-    for part, estimate, accuracy in zip(parts, given, accuracies, strict=True):
-        with working(f"certifying {part.instance.name}") as status.line:
-            found = part.assessed(estimate, writing)
-            assessments.append(found)
-            ended = part.judge.ended_by
-            disagreements.append(None if ended else _disagreement(part.problem, found))
-        if asked is not None:
-            if part.instance.name != whole.name:
-                typer.echo(part.instance.name)
-            steps = steps_after(
-                found.certificate,
-                part.instance,
-                asked,
-                stopped=ended,
-                disagreement=disagreements[-1],
-            )
-            _verdict.show(
-                found.certificate,
-                part.instance,
-                found,
-                disagreements[-1],
-                accuracy,
-                steps,
-                found.fit,
-            )
-        if part.judge.interrupted:
-            break
-    if asked is None:
-        reports = [
-            _verdict.as_json(
-                part.instance,
-                assessment.certificate,
-                assessment.cost,
-                disagreement=disagreeing,
-                assessment=assessment,
-                accuracy=accuracy,
-                fit=assessment.fit,
-            )
-            for part, assessment, disagreeing, accuracy in zip(
-                parts, assessments, disagreements, accuracies, strict=False
-            )
-        ]
-        document(reports[0] if len(parts) == 1 else reports)
-    return assessments, disagreements
-
-
 def _disagreement(problem: Certifiable, found: Assessment) -> Disagreement | None:
     """Measurements that disagree with the rest, by their residual angles and chordal cost."""
     from certpgo.costs import InformationProblem, RangeProblem
@@ -355,11 +356,3 @@ def _batch(
         tell_interrupted(f"{out} has {done} of {len(set(names))} estimates")
         return _verdict.INTERRUPTED
     return _verdict.weakest(row.verdict for row in rows)
-
-
-def _write_best(out: Path, part: JudgedGraph, assessment: Assessment) -> None:
-    from certpgo.io import write
-
-    with noticing():
-        write(out, assessment.best, instance=part.instance)
-    notice(f"best estimate written to {out}")

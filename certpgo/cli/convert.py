@@ -11,9 +11,9 @@ from typing import Annotated
 import typer
 
 from certpgo.cli._options import MaxDifference, Timestamps
+from certpgo.cli._outputs import Outputs
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import noticing
-from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
 from certpgo.errors import InputError, NoMeasurements
 
 
@@ -63,9 +63,9 @@ def command(
     from certpgo.io import read_estimate, write
     from certpgo.io.format import format_of, format_to_write
 
+    inputs = [source, graph, timestamps]
+    Outputs(estimate=target, format=format).refuse(inputs, reading.data)
     out = format_to_write(target, format)
-    refuse_unwritable(target)
-    refuse_overwriting([target], [source, graph, timestamps], reading.data)
     given = reading.resolve(source)
     path = given.path()
     if not estimate and out.write_graph is not None and format_of(path).read_graph is not None:

@@ -13,9 +13,9 @@ import typer
 from certpgo.cli._following import PIPE, Followed, Stream
 from certpgo.cli._interrupting import tell_interrupted, tells_unwritten
 from certpgo.cli._options import CostOption, Json, refuse_chordal_only, time_limit_option
+from certpgo.cli._outputs import Outputs
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import notice, noticing, working
-from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
 
 if TYPE_CHECKING:
     from certpgo.view.scene import Scene
@@ -66,14 +66,11 @@ def command(
     """
     from certpgo import RobustSession, Session, SolveSettings
     from certpgo.io import write
-    from certpgo.io.format import format_to_write
 
     refuse_chordal_only(cost, robust=robust)
-    if out is not None:
-        format_to_write(out, None)
-    refuse_unwritable(out)
-    source = None if graph == PIPE else reading.resolve(graph)
-    refuse_overwriting([out], [source])
+    is_pipe = graph == PIPE
+    Outputs(estimate=out).refuse([None if is_pipe else graph], reading.data)
+    source = None if is_pipe else reading.resolve(graph)
     stream = Stream.of(source, every, reading, cost, robust)
     limits = SolveSettings(time_limit=time_limit)
     session = (

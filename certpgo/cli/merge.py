@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from certpgo.cli import _verdict
 from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import Json
+from certpgo.cli._outputs import Outputs, Result, emit, write_solved
 from certpgo.cli._reading import Reading, takes_reading
-from certpgo.cli._show import document, noticing, table
-from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
+from certpgo.cli._show import table
+
+if TYPE_CHECKING:
+    from certpgo.solvers.certified.merging import Merged
 
 
 @takes_reading
@@ -49,69 +53,83 @@ def command(
     Each map is certified alone, then all measurements together. The measurements between maps are
     listed with what they add to F, the worst first.
     """
-    from dataclasses import replace
-
-    import numpy as np
-
-    from certpgo.io import write
-    from certpgo.io.format import format_to_write
     from certpgo.solvers.certified.merging import merge
 
-    if out is not None:
-        format_to_write(out, None)
-    refuse_unwritable(out)
+    outputs = Outputs(estimate=out, json=json)
+    outputs.refuse([*maps, between], reading.data)
     sources = [reading.resolve(name) for name in maps]
     joints = reading.resolve(between)
-    refuse_overwriting([out], [*sources, joints])
     read = [reading.open(source) for source in sources]
     merged = merge(read, reading.open(joints), offset=offset, robust=robust)
-    if out is not None:
-        with noticing():
-            written = replace(merged.instance, initial=merged.answer.estimate)
-            write(out, written)
-    certificate, left = merged.answer.certificate, set(merged.disagreeing.tolist())
-    worst = merged.between[np.argsort(-merged.terms, kind="stable")].tolist()
-    ids, labels, first = merged.instance.ids, merged.instance.labels, int(merged.between[0])
-    pairs = {edge: merged.instance.graph.edges[edge] for edge in worst}
-    if json:
-        document(
-            {
-                "verdict": certificate.verdict.value,
-                "cost": certificate.cost_upper,
-                "lower_bound": certificate.lower_bound,
-                "raised": merged.raised,
-                "maps": [
-                    {"name": one.name, "verdict": part.verdict.value, "cost": part.cost}
-                    for one, part in zip(read, merged.parts, strict=True)
-                ],
-                "between": [
-                    {
-                        "edge": edge,
-                        "ids": ids[pairs[edge]].tolist(),
-                        "term": merged.terms[edge - first],
-                        "tail": merged.tails[edge - first],
-                        "disagrees": edge in left,
-                        "left_out": merged.left_out and edge in left,
-                    }
-                    for edge in worst
-                ],
-            }
-        )
-    else:
-        mark = "left out" if merged.left_out else "disagrees"
-        rows = [
-            [
-                "-".join(str(labels[k]) for k in pairs[edge].tolist()),
-                f"{merged.terms[edge - first]:.4g}",
-                f"{merged.tails[edge - first]:.2g}",
-                mark if edge in left else "",
-            ]
-            for edge in worst[:SHOWN]
-        ]
-        table("Between the maps", ["nodes", "term of F", "probability", ""], rows)
-        typer.echo(str(merged))
-    return _verdict.exit_code([certificate])
+    return emit([_Merged(merged, [one.name for one in read])], [outputs])
 
 
 #: Measurements between maps that are listed.
 SHOWN = 10
+
+
+@dataclass(frozen=True)
+class _Merged(Result):
+    """Maps in one frame, with their names."""
+
+    merged: Merged
+    names: list[str]
+
+    def exit_code(self) -> int:
+        """The exit code of the verdict on all measurements."""
+        return _verdict.exit_code(self.merged.answer.certificate)
+
+    def write(self, outputs: Outputs) -> None:
+        """Write the merged graph and its estimate."""
+        write_solved(outputs, self.merged.instance, self.merged.answer)
+
+    def _worst(self) -> list[tuple[int, list[int], float, float, bool]]:
+        """Measurements between maps: edge, nodes, term, tail, whether it disagrees."""
+        merged, disagreeing = self.merged, set(self.merged.disagreeing.tolist())
+        order = (-merged.terms).argsort(kind="stable").tolist()
+        edges = merged.instance.graph.edges[merged.between].tolist()
+        named = merged.between.tolist()
+        return [
+            (named[k], edges[k], merged.terms[k], merged.tails[k], named[k] in disagreeing)
+            for k in order
+        ]
+
+    def report(self, outputs: Outputs) -> dict[str, Any]:
+        """The result for --json."""
+        merged, ids = self.merged, self.merged.instance.ids
+        return {
+            **_verdict.in_short(merged.answer.certificate),
+            "raised": merged.raised,
+            "maps": [
+                {"name": name, "verdict": part.verdict.value, "cost": part.cost}
+                for name, part in zip(self.names, merged.parts, strict=True)
+            ],
+            "between": [
+                {
+                    "edge": edge,
+                    "ids": ids[nodes].tolist(),
+                    "term": term,
+                    "tail": tail,
+                    "disagrees": disagrees,
+                    "left_out": merged.left_out and disagrees,
+                }
+                for edge, nodes, term, tail, disagrees in self._worst()
+            ],
+        }
+
+    def show(self, outputs: Outputs) -> None:
+        """Print the worst measurements between maps, and the verdict."""
+        labels, mark = self.merged.instance.labels, "disagrees"
+        if self.merged.left_out:
+            mark = "left out"
+        rows = [
+            [
+                "-".join(str(labels[node]) for node in nodes),
+                f"{term:.4g}",
+                f"{tail:.2g}",
+                mark if disagrees else "",
+            ]
+            for _, nodes, term, tail, disagrees in self._worst()[:SHOWN]
+        ]
+        table("Between the maps", ["nodes", "term of F", "probability", ""], rows)
+        typer.echo(str(self.merged))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,9 +15,8 @@ from certpgo.cli import _verdict
 from certpgo.cli._fusing import NAMED, Fused, fused_at, write_reconstruction, write_scene
 from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import HtmlOut, Json
-from certpgo.cli._paging import require_pages
-from certpgo.cli._show import document, facts, notice, noticing, working
-from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
+from certpgo.cli._outputs import Outputs, Result, emit
+from certpgo.cli._show import facts, notice, noticing, working
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
@@ -111,7 +111,6 @@ def command(
     With --frames, the pose graph in place of FOLDER is solved and certified, and frames are fused
     at its poses: ids of nodes are numbers of frames.
     """
-    from certpgo.io import write
     from certpgo.registration.fuse import GRID
     from certpgo.registration.reconstruct import ReconstructSettings, reconstruct
     from certpgo.registration.stages import user_cache
@@ -124,11 +123,11 @@ def command(
         raise InputError("--cache and --no-cache exclude one another")
     if method != "pose_graph":
         raise InputError(_refusal(method))
-    outputs = [out, trajectory, graph, html]
-    for written in outputs:
-        refuse_unwritable(written)
-    require_pages(html)
-    refuse_overwriting(outputs, [])
+    format = "tum" if trajectory is not None and trajectory.suffix in ("", ".txt") else None
+    outputs = Outputs(
+        scene=out, estimate=trajectory, graph=graph, html=html, format=format, json=json
+    )
+    outputs.refuse()
     if out is not None and out.suffix != ".ply":
         raise InputError(f"{out}: the scene is written as .ply")
     if mesh and out is None:
@@ -152,20 +151,48 @@ def command(
             found = reconstruct(frames, settings, cache=kept, progress=progress)
         else:
             found = fused_at(folder, frames, settings, kept, progress)
-    if out is not None:
-        write_scene(out, found, cutoff, mesh=mesh)
-    if trajectory is not None:
-        write(trajectory, found.estimate, ids=found.nodes, format=_format(trajectory))
-    if graph is not None:
-        write(graph, found.averaged.instance)
-    if html is not None:
-        write_reconstruction(html, found, graph if of_graph is None else folder)
-    if json:
-        document(_report(found))
-    else:
-        _show(found, [path for path in outputs if path is not None])
-    _verdict.warn(found.answer.fit, found.averaged.robust.solution)
-    return _verdict.exit_code([found.answer.certificate])
+    named = graph if of_graph is None else folder
+    return emit([_Reconstructed(found, cutoff, mesh, named)], [outputs])
+
+
+@dataclass(frozen=True)
+class _Reconstructed(Result):
+    """A scene, its points up to a cutoff or as a mesh, and the file of its pose graph, if any."""
+
+    found: Reconstruction | Fused
+    cutoff: float
+    mesh: bool
+    graph: Path | None
+
+    def exit_code(self) -> int:
+        """The exit code of the verdict."""
+        return _verdict.exit_code(self.found.answer.certificate)
+
+    def write(self, outputs: Outputs) -> None:
+        """Write the scene, the poses, the measured edges and the page."""
+        from certpgo.io import write
+
+        found = self.found
+        if outputs.scene is not None:
+            write_scene(outputs.scene, found, self.cutoff, mesh=self.mesh)
+        if outputs.estimate is not None:
+            write(outputs.estimate, found.estimate, ids=found.nodes, format=outputs.format)
+        if outputs.graph is not None:
+            write(outputs.graph, found.averaged.instance)
+        if outputs.html is not None:
+            write_reconstruction(outputs.html, found, self.graph)
+
+    def show(self, outputs: Outputs) -> None:
+        """Print the verdict, how well loops agree, and what is written."""
+        _show(self.found, outputs.files)
+
+    def report(self, outputs: Outputs) -> dict[str, Any]:
+        """The result for --json."""
+        return _report(self.found)
+
+    def notices(self, outputs: Outputs) -> list[str]:
+        """What the verdict does not say."""
+        return _verdict.warnings(self.found.answer.fit, self.found.averaged.robust.solution)
 
 
 def _frames(
@@ -179,10 +206,6 @@ def _frames(
             raise InputError("--camera and --depth-scale are for frames in a folder")
         return synthetic_sequence(wallpaper=wallpaper)
     return read_sequence(folder, camera=camera, depth_scale=depth_scale)
-
-
-def _format(path: Path) -> str | None:
-    return "tum" if path.suffix in ("", ".txt") else None
 
 
 @contextmanager

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,8 +12,8 @@ import typer
 from certpgo.cli import _verdict
 from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import Json
-from certpgo.cli._show import document, facts, notice, working
-from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
+from certpgo.cli._outputs import Outputs, Result, emit
+from certpgo.cli._show import facts, working
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
@@ -74,16 +76,11 @@ def command(
     graph of these measurements is solved and certified. Ctrl-C ends the command, and nothing is
     written.
     """
-    from certpgo import register, write
-    from certpgo.io.format import format_to_write
+    from certpgo import register
     from certpgo.registration.scans import read_initial, read_scan
 
-    for written in (out, graph, trajectory):
-        refuse_unwritable(written)
-    for written in (graph, trajectory):
-        if written is not None:
-            format_to_write(written, None)  # report a wrong suffix before any work
-    refuse_overwriting([out, graph, trajectory], [*scans, initial])
+    outputs = Outputs(scene=out, graph=graph, estimate=trajectory, json=json)
+    outputs.refuse([*scans, initial])
     if graph is not None and method == "global_icp":
         raise InputError("global_icp has no pose graph: not with --graph")
     with working("reading scans") as status:
@@ -97,24 +94,50 @@ def command(
             reach=reach,
             told=status.update,
         )
-        status.update("writing")
-        _write_cloud(out, read, found)
-        if graph is not None and found.instance is not None:
-            write(graph, found.instance)
-        if trajectory is not None:
-            write(trajectory, found.estimate)
-    if json:
-        document(_report(read, found, out))
-    else:
-        _show(read, found, out)
-    if not found.coarse.converged:
-        notice("global ICP ended at its limit of rounds: look at the scene")
-    if found.solution is None:
-        notice("global ICP proves nothing: --method pose_graph does")
-        return 0
-    notice(LIMITS)
-    _verdict.warn(found.fit)
-    return _verdict.exit_code([found.solution.certificate])
+    return emit([_Registered(read, found, out)], [outputs])
+
+
+@dataclass(frozen=True)
+class _Registered(Result):
+    """Scans in one frame, whose points are written to a file."""
+
+    scans: list[Scan]
+    found: Registration
+    out: Path
+
+    def exit_code(self) -> int:
+        """The exit code of the verdict; global ICP has none."""
+        solved = self.found.solution
+        return 0 if solved is None else _verdict.exit_code(solved.certificate)
+
+    def write(self, outputs: Outputs) -> None:
+        """Write the points, the pose graph and the poses."""
+        from certpgo import write
+
+        with working("writing"):
+            _write_cloud(self.out, self.scans, self.found)
+            if outputs.graph is not None and self.found.instance is not None:
+                write(outputs.graph, self.found.instance)
+            if outputs.estimate is not None:
+                write(outputs.estimate, self.found.estimate)
+
+    def notices(self, outputs: Outputs) -> Iterator[str]:
+        """What is not proven."""
+        if not self.found.coarse.converged:
+            yield "global ICP ended at its limit of rounds: look at the scene"
+        if self.found.solution is None:
+            yield "global ICP proves nothing: --method pose_graph does"
+            return
+        yield LIMITS
+        yield from _verdict.warnings(self.found.fit)
+
+    def show(self, outputs: Outputs) -> None:
+        """Print how well the scans fit, and the verdict."""
+        _show(self.scans, self.found, self.out)
+
+    def report(self, outputs: Outputs) -> dict[str, Any]:
+        """The result for --json."""
+        return _report(self.scans, self.found, self.out)
 
 
 def _write_cloud(out: Path, scans: list[Scan], found: Registration) -> None:

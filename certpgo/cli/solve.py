@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from certpgo.cli import _verdict
-from certpgo.cli._interrupting import ends_at_once, tell_interrupted, tells_unwritten
+from certpgo.cli._interrupting import ends_at_once, tells_unwritten
+from certpgo.cli._next import Asked
 from certpgo.cli._options import (
     CostOption,
     GraphName,
@@ -28,13 +28,12 @@ from certpgo.cli._options import (
     tier_option,
     time_limit_option,
 )
-from certpgo.cli._paging import require_pages
-from certpgo.cli._proving import REFUSED, provable_source
+from certpgo.cli._outputs import Outputs, emit
 from certpgo.cli._reading import Reading, restricted_to, takes_reading
-from certpgo.cli._show import StatusLine, document, notice, noticing, working
+from certpgo.cli._show import StatusLine, notice, noticing, working
 from certpgo.cli._solved import UNPROVABLE, Solved
 from certpgo.cli._truth import KnownPoses, TruthFile, TruthOffset
-from certpgo.cli._writing import refuse_overwriting, refuse_unwritable, targets_of
+from certpgo.cli._verdict import tier_for
 from certpgo.errors import InputError
 from certpgo.optimize.monitor import Monitor, TableMonitor
 
@@ -130,9 +129,6 @@ def command(
     are kept.
     """
     from certpgo import SolveSettings
-    from certpgo.certify.proof_file import refuse_unreadable
-    from certpgo.io import write
-    from certpgo.io.format import format_to_write
     from certpgo.io.matching import Matching
     from certpgo.io.timestamps import timed
 
@@ -141,100 +137,45 @@ def command(
     refuse_unprovable(cost, proof)
     if robust and proof is not None:
         raise InputError(UNPROVABLE)
-    if proof is not None:
-        _verdict.refuse_screening(tier)
-        tier = tier or "proof"
-    if out is not None:
-        format_to_write(out, format)  # report a wrong suffix before any work
-    for written in (out, proof, html, covariances):
-        refuse_unwritable(written)
-    require_pages(html)
+    tier = tier_for(proof, tier)
+    outputs = Outputs(
+        estimate=out, format=format, proof=proof, covariances=covariances, html=html, json=json
+    )
+    inputs = [graph, initial, truth, timestamps]
+    outputs.refuse(inputs, reading.data)
     source = reading.resolve(graph)
-    refuse_overwriting([out, proof, html, covariances], [source, initial, truth, timestamps])
-    provable = None if proof is None else provable_source(source)
+    outputs = outputs.about(source)
     instance = timed(reading.open(source, distances=True), timestamps)
     refuse_with_distances(instance, method=method, robust=robust, proof=proof)
     parts = reading.parts(instance)
-    whole = len(parts) == 1 and certify
-    _refuse_parts(whole, proof=proof, html=html, covariances=covariances)
-    targets = targets_of(out, parts)
-    refuse_overwriting(targets, [source, initial, truth, timestamps])
+    if len(parts) > 1 or not certify:
+        _refuse_parts(proof=proof, html=html, covariances=covariances)
+    each = outputs.split(parts, inputs, reading.data)
     how = Matching.of(timestamps, max_difference)
     truths = [KnownPoses.of(truth, part, reading, how.of_truth(truth_offset)) for part in parts]
     start = None if initial is None else _start(initial, instance, reading, how)
     solver = None if method is None else _solver(method, settings, parts)
     if initial is not None and not getattr(solver, "takes_initial", True):
         raise InputError(f"{method} takes no initial estimate: not with --initial")
-    own = chosen_cost(cost, instance, method=method, robust=robust)
-    if provable is not None:
-        refuse_unreadable(provable, instance, own)
-    outputs = _Outputs(graph, reading, proof, provable, covariances, html, json)
-    results: list[Solved] = []
-    proven = True
-    with ExitStack() as stack:
-        if scheduler is not None:
-            stack.enter_context(_distributed(scheduler))
-        for part, target, known in zip(parts, targets, truths, strict=True):
-            begin = None if start is None else restricted_to(part, start, instance)
-            with working(f"solving {part.name}") as status:
-                monitor = TableMonitor() if trace else StatusLine(status)
-                if solver is None or method is None:
-                    limits = SolveSettings(time_limit, max_rank, tier=tier, try_file_start=stored)
-                    found = _certified(part, begin, limits, robust, monitor, own)
-                else:
-                    requested = (tier or "standard") if certify else None
-                    found = _by_method(part, method, solver, begin, requested, monitor, status)
-            result = replace(found, truth=known)
-            if result.interrupted:
-                tell_interrupted(result.standing, [proof, *targets[len(results) + 1 :]])
-            if target is not None:
-                with noticing():
-                    write(target, result.solution.estimate, instance=part, format=format)
-            results.append(result)
-            if trace and not result.solution.trace:
-                notice(f"{result.method} reports no iterations: nothing to --trace")
-            proven = outputs.emit(result, target)
-            if result.interrupted:
-                break
-    if json:
-        reports = [result.report(target) for result, target in zip(results, targets, strict=False)]
-        document(reports[0] if len(parts) == 1 else reports)
-    if results[-1].interrupted:
-        return _verdict.INTERRUPTED
-    code = _verdict.exit_code(r.certificate for r in results if r.certificate is not None)
-    return code if proven else code or REFUSED
+    asked = Asked(graph, chosen_cost(cost, instance, method=method, robust=robust), reading)
+    outputs.refuse_unreadable(instance, asked.cost)
 
+    def solved(part: Instance, known: KnownPoses | None) -> Solved:
+        begin = None if start is None else restricted_to(part, start, instance)
+        with working(f"solving {part.name}") as status:
+            monitor = TableMonitor() if trace else StatusLine(status)
+            if solver is None or method is None:
+                limits = SolveSettings(time_limit, max_rank, tier=tier, try_file_start=stored)
+                found = _certified(part, begin, limits, robust, monitor, asked)
+            else:
+                requested = (tier or "standard") if certify else None
+                found = _by_method(part, method, solver, begin, requested, monitor, status, asked)
+        if trace and not found.solution.trace:
+            notice(f"{found.method} reports no iterations: nothing to --trace")
+        return replace(found, truth=known)
 
-class _Outputs(NamedTuple):
-    """What was asked for besides the estimate, of a graph that was named and read so."""
-
-    graph: str
-    reading: Reading
-    proof: Path | None
-    provable: Path | None
-    covariances: Path | None
-    html: Path | None
-    json: bool
-
-    def emit(self, result: Solved, target: Path | None) -> bool:
-        """Show a result and write the outputs; returns whether a proof that was asked for is.
-
-        Parameters
-        ----------
-        target : where the estimate was written
-        """
-        if not self.json:
-            result.show(target, self.graph, self.reading)
-        _verdict.warn(result.fit, result.solution)
-        proven = True
-        if self.proof and self.provable and not result.interrupted:
-            proven = result.prove(self.proof, self.provable, json=self.json)
-        if self.covariances is not None:
-            result.write_covariances(self.covariances, quiet=self.json)
-        if self.html is not None:
-            checked = self.proof if proven and not result.interrupted else None
-            result.write_page(self.html, self.graph, target, checked, self.reading)
-        return proven
+    with nullcontext() if scheduler is None else _distributed(scheduler):
+        return emit(map(solved, parts, truths), each)
 
 
 def _solver(method: str, settings: Sequence[str] | None, parts: Sequence[Instance]) -> Solver:
@@ -262,9 +203,9 @@ def _start(path: Path, instance: Instance, reading: Reading, how: Matching) -> E
         )
 
 
-def _refuse_parts(whole: bool, **outputs: Path | None) -> None:
+def _refuse_parts(**outputs: Path | None) -> None:
     for name, output in outputs.items():
-        if output is not None and not whole:
+        if output is not None:
             raise InputError(f"--{name} needs a connected graph and a certified estimate")
 
 
@@ -291,16 +232,16 @@ def _certified(
     settings: SolveSettings,
     robust: bool,
     monitor: Monitor,
-    cost: str,
+    asked: Asked,
 ) -> Solved:
     from certpgo import solve, solve_robustly
 
     search: Callable[..., CertifiedSolution] = solve_robustly
     if not robust:
-        search = partial(solve, cost=cost, on_disagreement=_hinting)
+        search = partial(solve, cost=asked.cost, on_disagreement=_hinting)
     found = search(part.graph if robust else part, settings, initial=initial, monitor=monitor)
     method = "robust" if robust else "certified"
-    return Solved(part, method, found.solution, found.certificate, found, cost)
+    return Solved(part, method, found.solution, found.certificate, asked, found)
 
 
 def _hinting(found: Disagreement) -> None:
@@ -317,6 +258,7 @@ def _by_method(
     tier: str | None,
     monitor: Monitor,
     status: Any,
+    asked: Asked,
 ) -> Solved:
     from certpgo.certify import certify
     from certpgo.objective.problem import problem_of
@@ -325,10 +267,10 @@ def _by_method(
     with ends_at_once() if getattr(solver, "compiled", False) else nullcontext():
         solution = solver.solve(problem, initial=initial, monitor=monitor)
     if tier is None:
-        return Solved(part, name, solution, None)
+        return Solved(part, name, solution, None, asked)
     status.update(f"certifying the estimate of {part.name}")
     certificate = certify(solution.judged(problem), solution.estimate, tier=tier)
-    return Solved(part, name, solution, certificate)
+    return Solved(part, name, solution, certificate, asked)
 
 
 def _refuse_mixtures(

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from certpgo.cli import _verdict
 from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import GraphName, Json
+from certpgo.cli._outputs import Outputs, Result, emit, write_solved
 from certpgo.cli._reading import Reading, takes_reading
-from certpgo.cli._show import document, noticing, working
-from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
+from certpgo.cli._show import working
+
+if TYPE_CHECKING:
+    from certpgo.assess.sparsifying import Sparsified
+    from certpgo.graph import Instance
 
 
 def amount(text: str) -> float:
@@ -50,46 +55,48 @@ def command(
     Chosen by the algebraic connectivity of the graph, with a bound on every other choice of as
     many. The whole and the sparse graph are solved and certified. Parallel edges are all read.
     """
-    from dataclasses import asdict, replace
-
     from certpgo.assess.sparsifying import sparsify
-    from certpgo.io import write
-    from certpgo.io.format import format_to_write
 
-    if out is not None:
-        format_to_write(out, None)
-    refuse_unwritable(out)
-    source = reading.resolve(graph)
-    refuse_overwriting([out], [source])
-    instance = reading.open(source)
+    outputs = Outputs(estimate=out, json=json)
+    outputs.refuse([graph], reading.data)
+    instance = reading.open(reading.resolve(graph))
     with working(f"sparsifying {instance.name}"):
         found = sparsify(instance, keep)
-    if out is not None:
-        with noticing():
-            write(out, replace(found.instance, initial=found.answer.estimate))
-    if json:
-        sides = {"whole": found.whole.certificate, "sparse": found.answer.certificate}
-        document(
-            {
-                "graph": instance.name,
-                "loop_closures": found.loops,
-                "kept": instance.ids[instance.graph.edges[found.chosen]].tolist(),
-                "connectivity": found.connectivity,
-                "connectivity_bound": found.bound,
-                "connectivity_of_all": found.full,
-                "cost_of_all": found.cost,
-                "loss": found.loss,
-                "moved": asdict(found.moved),
-                **{
-                    side: {
-                        "verdict": certificate.verdict.value,
-                        "cost": certificate.cost_upper,
-                        "lower_bound": certificate.lower_bound,
-                    }
-                    for side, certificate in sides.items()
-                },
-            }
-        )
-    else:
-        typer.echo(str(found))
-    return _verdict.exit_code([found.answer.certificate])
+    return emit([_Sparsified(instance, found)], [outputs])
+
+
+@dataclass(frozen=True)
+class _Sparsified(Result):
+    """A graph, and what is left of it."""
+
+    whole: Instance
+    found: Sparsified
+
+    def exit_code(self) -> int:
+        """The exit code of the sparse graph's verdict."""
+        return _verdict.exit_code(self.found.answer.certificate)
+
+    def write(self, outputs: Outputs) -> None:
+        """Write the sparse graph and its estimate."""
+        write_solved(outputs, self.found.instance, self.found.answer)
+
+    def show(self, outputs: Outputs) -> None:
+        """Print what is lost."""
+        typer.echo(str(self.found))
+
+    def report(self, outputs: Outputs) -> dict[str, Any]:
+        """The result for --json."""
+        whole, found = self.whole, self.found
+        return {
+            "graph": whole.name,
+            "loop_closures": found.loops,
+            "kept": whole.ids[whole.graph.edges[found.chosen]].tolist(),
+            "connectivity": found.connectivity,
+            "connectivity_bound": found.bound,
+            "connectivity_of_all": found.full,
+            "cost_of_all": found.cost,
+            "loss": found.loss,
+            "moved": asdict(found.moved),
+            "whole": _verdict.in_short(found.whole.certificate),
+            "sparse": _verdict.in_short(found.answer.certificate),
+        }

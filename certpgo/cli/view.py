@@ -11,9 +11,9 @@ import typer
 
 from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import Data, MaxDifference, Timestamps
+from certpgo.cli._outputs import Outputs
 from certpgo.cli._show import notice, noticing, working
 from certpgo.cli._truth import TruthOffset
-from certpgo.cli._writing import refuse_overwriting, refuse_unwritable
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
@@ -76,8 +76,7 @@ def command(
     """
     from certpgo.view.show import View
 
-    refuse_unwritable(out)
-    refuse_overwriting([out], [*files, truth, timestamps], data)
+    Outputs(scene=out).refuse([*files, truth, timestamps], data)
     if play and out is None:
         raise InputError("--play is for -o; the live view has a box to play")
     matching = {

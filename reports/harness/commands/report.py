@@ -24,15 +24,13 @@ def command(
 ) -> None:
     """Render tables (Markdown, CSV, LaTeX), figures and an index, from records alone."""
     from certpgo import registry
-    from certpgo.cli._paging import require_pages
-    from certpgo.cli._writing import refuse_unwritable
+    from certpgo.cli._outputs import Outputs
     from certpgo.io.writing import atomically
     from reports.harness.rendering.index import summary
     from reports.harness.rendering.publication import report_html, write_report
     from reports.harness.rendering.results import gather
 
-    refuse_unwritable(html)
-    require_pages(html)
+    Outputs(html=html).refuse()
     with working("reading the results"):
         report = gather(results or registry.repository() / "reports" / "results")
         path = write_report(report, out)

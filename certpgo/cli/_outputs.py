@@ -1,0 +1,256 @@
+"""The outputs that a command was asked for: refused before any work, or written in one order."""
+
+from __future__ import annotations
+
+import importlib
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from certpgo.cli._interrupting import tell_interrupted
+from certpgo.cli._proving import REFUSED, provable_source
+from certpgo.cli._show import document, notice, noticing
+from certpgo.cli._verdict import INTERRUPTED
+from certpgo.errors import InputError
+
+if TYPE_CHECKING:
+    from certpgo.datasets.source import Source
+    from certpgo.graph import Instance
+    from certpgo.solvers.certified import CertifiedSolution
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """The outputs that a command was asked for; None for those that it was not.
+
+    Attributes
+    ----------
+    scene, estimate, graph, csv, proof, covariances, html : files to write
+    format : format of the estimate; by default from its suffix
+    proven : the file that the proof is about
+    json : whether the result is printed as JSON
+    """
+
+    scene: Path | None = None
+    estimate: Path | None = None
+    graph: Path | None = None
+    csv: Path | None = None
+    proof: Path | None = None
+    covariances: Path | None = None
+    html: Path | None = None
+    format: str | None = None
+    proven: Path | None = None
+    json: bool = False
+
+    @property
+    def files(self) -> list[Path]:
+        """All files to write."""
+        files = (self.scene, self.estimate, self.graph, self.csv)
+        files += (self.proof, self.covariances, self.html)
+        return [path for path in files if path is not None]
+
+    def refuse(
+        self, inputs: Iterable[Source | str | Path | None] = (), data: Path | None = None
+    ) -> None:
+        """Refuse, before any work, what cannot be written, or would replace an input.
+
+        Parameters
+        ----------
+        inputs : files, folders or dataset names to read, or None
+        data : folder to search for datasets first
+
+        Raises
+        ------
+        InputError
+            A suffix says no format, a file cannot be written or is named twice, or is an input.
+        MissingDependency
+            jinja2, which draws pages, is not installed.
+        """
+        from certpgo.io.format import format_to_write
+
+        for path, format in ((self.estimate, self.format), (self.graph, None)):
+            if path is not None:
+                format_to_write(path, format)
+        for path in self.files:
+            _refuse_unwritable(path)
+        if self.html is not None:
+            importlib.import_module("certpgo.view.page")
+        _refuse_overwriting(self.files, inputs, data)
+
+    def about(self, source: Source) -> Outputs:
+        """The same outputs, where the proof is about this graph; refused if it cannot be."""
+        return self if self.proof is None else replace(self, proven=provable_source(source))
+
+    def refuse_unreadable(self, instance: Instance, cost: str) -> None:
+        """Refuse a proof about landmarks or priors that the checker cannot read."""
+        from certpgo.certify.proof_file import refuse_unreadable
+
+        if self.proven is not None:
+            refuse_unreadable(self.proven, instance, cost)
+
+    def split(
+        self,
+        parts: Sequence[Instance],
+        inputs: Iterable[Source | str | Path | None] = (),
+        data: Path | None = None,
+    ) -> list[Outputs]:
+        """The outputs of each part: several get an estimate each, named by their smallest ids."""
+        out = self.estimate
+        if out is None or len(parts) == 1:
+            return [self] * len(parts)
+        named = [out.with_stem(f"{out.stem}-{int(part.ids.min())}") for part in parts]
+        _refuse_overwriting(named, inputs, data)
+        return [replace(self, estimate=path) for path in named]
+
+
+class Result:
+    """What a command found of a connected graph, as `emit` writes it."""
+
+    #: Outputs that are not written if Ctrl-C ended the work.
+    needs_the_end: tuple[str, ...] = ()
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether Ctrl-C ended the work."""
+        return False
+
+    @property
+    def standing(self) -> str:
+        """What is known after Ctrl-C, in a phrase."""
+        return ""
+
+    def exit_code(self) -> int:
+        """The exit code of its verdict."""
+        raise NotImplementedError
+
+    def write(self, outputs: Outputs) -> None:
+        """Write the scene, the estimate and the graph."""
+
+    def show(self, outputs: Outputs) -> None:
+        """Print the result."""
+        raise NotImplementedError
+
+    def report(self, outputs: Outputs) -> dict[str, Any]:
+        """The result for --json."""
+        raise NotImplementedError
+
+    def notices(self, outputs: Outputs) -> Iterable[str]:
+        """What the verdict does not say, in sentences."""
+        return ()
+
+    def prove(self, out: Path, source: Path, *, json: bool) -> bool:
+        """Write the proof; returns False if there is none."""
+        raise NotImplementedError
+
+    def write_covariances(self, out: Path, *, quiet: bool) -> None:
+        """Write the covariance of each node."""
+        raise NotImplementedError
+
+    def write_page(self, out: Path, outputs: Outputs) -> None:
+        """Write the page of the certificate, unless `write` did."""
+
+
+def write_solved(outputs: Outputs, instance: Instance, answer: CertifiedSolution) -> None:
+    """Write a graph and its estimate, if that is asked for."""
+    from certpgo.io import write
+
+    if outputs.estimate is not None:
+        with noticing():
+            write(outputs.estimate, replace(instance, initial=answer.estimate))
+
+
+def emit(results: Iterable[Result], outputs: Sequence[Outputs]) -> int:
+    """Write and print results as they come, each to its outputs; returns the exit code.
+
+    Of each: scene, estimate and graph, text, notices, proof, covariances, page. The JSON document
+    is in place of the last text, and about all results. One that Ctrl-C interrupted is the last.
+    """
+    codes: list[int] = []
+    reports: list[dict[str, Any]] = []
+    said: set[str] = set()
+    for k, (result, own) in enumerate(zip(results, outputs, strict=False)):
+        later = outputs[k + 1 :]
+        if result.interrupted:
+            missing = [getattr(own, name) for name in result.needs_the_end]
+            tell_interrupted(result.standing, [*missing, *(other.estimate for other in later)])
+            own = replace(own, **dict.fromkeys(result.needs_the_end))
+            later = []
+        result.write(own)
+        if not own.json:
+            result.show(own)
+        else:
+            reports.append(result.report(own))
+            if not later:
+                document(reports[0] if len(outputs) == 1 else reports)
+        for sentence in result.notices(own):
+            if sentence not in said:
+                notice(sentence)
+                said.add(sentence)
+        codes.append(_finished(result, own))
+        if result.interrupted:
+            return INTERRUPTED
+    return max(codes, default=0)
+
+
+def _finished(result: Result, outputs: Outputs) -> int:
+    """Write the proof, covariances and page of a result; returns its exit code."""
+    code = result.exit_code()
+    proof, source = outputs.proof, outputs.proven
+    if proof and source and not result.prove(proof, source, json=outputs.json):
+        code = code or REFUSED
+        outputs = replace(outputs, proof=None)
+    if outputs.covariances is not None:
+        result.write_covariances(outputs.covariances, quiet=outputs.json)
+    if outputs.html is not None:
+        result.write_page(outputs.html, outputs)
+    return code
+
+
+def _refuse_unwritable(out: Path) -> None:
+    """Refuse an output whose folder is missing or not writable, or that is a folder itself."""
+    from certpgo.io.writing import is_stream
+
+    if out.is_dir():
+        raise InputError(f"{out}: cannot be written: it is a folder")
+    folder = Path(os.path.realpath(out)).parent
+    if is_stream(out):  # written to, so its folder need not be
+        writable = os.access(out, os.W_OK)
+    else:
+        writable = folder.is_dir() and os.access(folder, os.W_OK)
+    if not writable:
+        raise InputError(f"{out}: cannot be written: no such folder, or no write permission")
+
+
+def _refuse_overwriting(
+    written: Sequence[Path],
+    inputs: Iterable[Source | str | Path | None],
+    data: Path | None,
+) -> None:
+    """Refuse an output that is also an input, under any path, or is named twice."""
+    for k, out in enumerate(written):
+        if any(_is_same(out, earlier) for earlier in written[:k]):
+            raise InputError(f"{out}: given for two outputs; one would overwrite the other")
+    read = [path for source in inputs if written and source for path in _files(source, data)]
+    for out in written:
+        for path in read:
+            if _is_same(out, path):
+                raise InputError(f"{out}: is also an input, and would be overwritten")
+
+
+def _files(source: Source | str | Path, data: Path | None) -> Iterator[Path]:
+    from certpgo.datasets.source import resolve
+
+    if isinstance(source, str):
+        try:
+            source = resolve(source, data)
+        except InputError:
+            return  # neither a file nor a dataset; reported when it is read
+    path = source if isinstance(source, Path) else source.found
+    if path is not None:
+        yield from path.iterdir() if path.is_dir() else (path,)
+
+
+def _is_same(a: Path, b: Path) -> bool:
+    return a.resolve() == b.resolve() or (a.exists() and b.exists() and a.samefile(b))
