@@ -124,16 +124,22 @@ def chosen_cost(cost: Cost | None, instance: Instance, **options: Any) -> str:
     return own
 
 
-def refuse_unprovable(cost: Cost | None, proof: Path | None) -> None:
-    """Refuse a proof file about a cost that the checker does not know.
+def tier_for(proof: Path | None, tier: str | None, cost: Cost | None) -> str | None:
+    """The tier that is asked for; with a proof that of proofs, if none is.
 
     Raises
     ------
     InputError
-        One is asked for.
+        A proof is asked for, with the tier ``screen``, which proves nothing, or about a cost that
+        the checker does not know.
     """
-    if proof is not None and cost is Cost.GTSAM:
+    if proof is None:
+        return tier
+    if cost is Cost.GTSAM:
         raise InputError(f"--proof is for --cost chordal and g2o, not for --cost {cost.value}")
+    if tier == "screen":
+        raise InputError("--proof needs the proof tier, not --tier screen")
+    return tier or "proof"
 
 
 def time_limit_option(help: str, default: str | bool = True) -> Any:

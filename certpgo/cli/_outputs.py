@@ -7,15 +7,16 @@ import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from certpgo.cli._interrupting import tell_interrupted
-from certpgo.cli._proving import REFUSED, provable_source
+from certpgo.cli._proving import REFUSED
 from certpgo.cli._show import document, notice, noticing
-from certpgo.cli._verdict import INTERRUPTED
+from certpgo.cli._verdict import INTERRUPTED, exit_code
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
+    from certpgo.certify import Certificate
     from certpgo.datasets.source import Source
     from certpgo.graph import Instance
     from certpgo.solvers.certified import CertifiedSolution
@@ -47,8 +48,8 @@ class Outputs:
     @property
     def files(self) -> list[Path]:
         """All files to write."""
-        files = (self.scene, self.estimate, self.graph, self.csv)
-        files += (self.proof, self.covariances, self.html)
+        maps = (self.scene, self.estimate, self.graph)
+        files = (*maps, self.csv, self.proof, self.covariances, self.html)
         return [path for path in files if path is not None]
 
     def refuse(
@@ -81,7 +82,9 @@ class Outputs:
 
     def about(self, source: Source) -> Outputs:
         """The same outputs, where the proof is about this graph; refused if it cannot be."""
-        return self if self.proof is None else replace(self, proven=provable_source(source))
+        from certpgo.certify.proof_file import provable
+
+        return self if self.proof is None else replace(self, proven=provable(source.path()))
 
     def refuse_unreadable(self, instance: Instance, cost: str) -> None:
         """Refuse a proof about landmarks or priors that the checker cannot read."""
@@ -105,32 +108,25 @@ class Outputs:
         return [replace(self, estimate=path) for path in named]
 
 
+@dataclass(frozen=True)
 class Result:
-    """What a command found of a connected graph, as `emit` writes it."""
+    """What a command found of a connected graph, as `emit` writes it; without a verdict, None."""
+
+    certificate: Certificate | None
 
     #: Outputs that are not written if Ctrl-C ended the work.
-    needs_the_end: tuple[str, ...] = ()
-
-    @property
-    def interrupted(self) -> bool:
-        """Whether Ctrl-C ended the work."""
-        return False
+    needs_the_end: ClassVar[tuple[str, ...]] = ()
 
     @property
     def standing(self) -> str:
-        """What is known after Ctrl-C, in a phrase."""
+        """What is known, in a phrase, if Ctrl-C ended the work; else empty."""
         return ""
-
-    def exit_code(self) -> int:
-        """The exit code of its verdict."""
-        raise NotImplementedError
 
     def write(self, outputs: Outputs) -> None:
         """Write the scene, the estimate and the graph."""
 
     def show(self, outputs: Outputs) -> None:
         """Print the result."""
-        raise NotImplementedError
 
     def report(self, outputs: Outputs) -> dict[str, Any]:
         """The result for --json."""
@@ -146,7 +142,6 @@ class Result:
 
     def write_covariances(self, out: Path, *, quiet: bool) -> None:
         """Write the covariance of each node."""
-        raise NotImplementedError
 
     def write_page(self, out: Path, outputs: Outputs) -> None:
         """Write the page of the certificate, unless `write` did."""
@@ -172,10 +167,11 @@ def emit(results: Iterable[Result], outputs: Sequence[Outputs]) -> int:
     said: set[str] = set()
     for k, (result, own) in enumerate(zip(results, outputs, strict=False)):
         later = outputs[k + 1 :]
-        if result.interrupted:
+        if result.standing:
             missing = [getattr(own, name) for name in result.needs_the_end]
             tell_interrupted(result.standing, [*missing, *(other.estimate for other in later)])
-            own = replace(own, **dict.fromkeys(result.needs_the_end))
+            lost: dict[str, Any] = dict.fromkeys(result.needs_the_end)
+            own = replace(own, **lost)
             later = []
         result.write(own)
         if not own.json:
@@ -189,14 +185,14 @@ def emit(results: Iterable[Result], outputs: Sequence[Outputs]) -> int:
                 notice(sentence)
                 said.add(sentence)
         codes.append(_finished(result, own))
-        if result.interrupted:
+        if result.standing:
             return INTERRUPTED
     return max(codes, default=0)
 
 
 def _finished(result: Result, outputs: Outputs) -> int:
     """Write the proof, covariances and page of a result; returns its exit code."""
-    code = result.exit_code()
+    code = 0 if result.certificate is None else exit_code(result.certificate)
     proof, source = outputs.proof, outputs.proven
     if proof and source and not result.prove(proof, source, json=outputs.json):
         code = code or REFUSED

@@ -13,21 +13,7 @@ REFUSED = 6
 
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
-    from certpgo.datasets.source import Source
     from certpgo.graph import Estimate, Instance
-
-
-def provable_source(source: Source) -> Path:
-    """The graph's file, if the checker can read it; called before any work.
-
-    Raises
-    ------
-    InputError
-        It is in another format.
-    """
-    from certpgo.certify.proof_file import provable
-
-    return provable(source.path())
 
 
 def prove(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import typer
 
@@ -19,7 +19,6 @@ from certpgo.cli._truth import KnownPoses
 
 if TYPE_CHECKING:
     from certpgo.assess.metrics import TrajectoryErrors
-    from certpgo.certify import Certificate
     from certpgo.costs import Certifiable
     from certpgo.costs.fit import Fit
     from certpgo.graph import Instance
@@ -43,17 +42,11 @@ class Solved(Result):
     part: Instance
     method: str
     solution: Solution
-    certificate: Certificate | None
     asked: Asked
     found: CertifiedSolution | None = None  # by the certified pipeline
     truth: KnownPoses | None = None
 
-    needs_the_end = ("proof",)
-
-    @property
-    def interrupted(self) -> bool:
-        """Whether Ctrl-C ended the search."""
-        return self.solution.status.value == "interrupted"
+    needs_the_end: ClassVar = ("proof",)
 
     @property
     def stopped(self) -> Status | None:
@@ -63,7 +56,9 @@ class Solved(Result):
 
     @property
     def standing(self) -> str:
-        """What is known of the estimate, in a phrase."""
+        """What is known of the estimate, in a phrase, if Ctrl-C ended the search; else empty."""
+        if self.solution.status.value != "interrupted":
+            return ""
         if self.certificate is None:
             return "the best estimate so far is not certified"
         return f"the best estimate so far is {self.certificate.verdict.value}"
@@ -109,10 +104,6 @@ class Solved(Result):
             ("cost F", f"{cost_shown(kept)}  (of the {solution.kept} measurements kept)"),
             ("cost of all", f"{cost_shown(solution.cost)}  (with those rejected; not certified)"),
         ]
-
-    def exit_code(self) -> int:
-        """The exit code of the verdict, if there is one."""
-        return 0 if self.certificate is None else _verdict.exit_code(self.certificate)
 
     def write(self, outputs: Outputs) -> None:
         """Write the estimate."""

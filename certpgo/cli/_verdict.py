@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from certpgo.cli._show import facts
-from certpgo.errors import InputError
 
 if TYPE_CHECKING:
     from certpgo.assess.assessment import Assessment
@@ -26,21 +24,6 @@ INTERRUPTED = 130
 EXIT_CODES = {"CERTIFIED": 0, "ERROR": 1, "BOUNDED": 3, "REFUTED": 4, "UNDECIDED": 5}
 #: Share of rejected measurements from which on a warning is due.
 MANY = 1.0 / 3.0
-
-
-def tier_for(proof: Path | None, tier: str | None) -> str | None:
-    """The tier that was asked for; that of proofs, if one is and no tier.
-
-    Raises
-    ------
-    InputError
-        The tier is ``screen``, which proves nothing, and a proof is asked for.
-    """
-    if proof is None:
-        return tier
-    if tier == "screen":
-        raise InputError("--proof needs the proof tier, not --tier screen")
-    return tier or "proof"
 
 
 def exit_code(certificate: Certificate) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
@@ -21,8 +21,8 @@ from certpgo.cli._options import (
     ProofOut,
     Timestamps,
     chosen_cost,
-    refuse_unprovable,
     refuse_with_distances,
+    tier_for,
     tier_option,
     time_limit_option,
 )
@@ -89,13 +89,15 @@ def command(
 
     Ctrl-C prints what is proven by then; a second Ctrl-C aborts.
     """
+    from certpgo.assess.batch import JudgedGraph
+    from certpgo.certify.judge import Judge
+    from certpgo.costs import certifiable
     from certpgo.io.digits import writing_of
     from certpgo.io.matching import Matching
     from certpgo.io.timestamps import timed
 
     _refuse_mixtures(estimates, csv, truth=truth, best=best, proof=proof, html=html)
-    refuse_unprovable(cost, proof)
-    tier = _verdict.tier_for(proof, tier) or "standard"
+    tier = tier_for(proof, tier, cost) or "standard"
     outputs = Outputs(estimate=best, csv=csv, proof=proof, html=html, json=json)
     outputs.refuse([graph, *estimates, timestamps, truth], reading.data)
     source = reading.resolve(graph)
@@ -111,7 +113,10 @@ def command(
     settings |= {"time_limit": time_limit, "monitor": status, "ctrl_c": True}
 
     def judged(of: Instance) -> list[JudgedGraph]:
-        return _judged(of, reading, asked.cost, settings)
+        problems = [(part, certifiable(part, asked.cost)) for part in reading.parts(of)]
+        return [
+            JudgedGraph(part, problem, Judge(problem, **settings)) for part, problem in problems
+        ]
 
     if csv is not None:
         return _batch(estimates, instance, judged, how, csv, json, reading, status)
@@ -138,7 +143,8 @@ def command(
             found = part.assessed(estimate, writing)
             disagreement = None if part.judge.ended_by else _disagreement(part.problem, found)
         title = "" if part.instance.name == whole.name else part.instance.name
-        return _Assessed(part, estimate, found, disagreement, accuracy, asked, title)
+        basis = (found.certificate, part, estimate, found)
+        return _Assessed(*basis, disagreement, accuracy, asked, title)
 
     results = map(assessed, parts, given, accuracies)
     return emit(results, outputs.split([part.instance for part in parts]))
@@ -156,20 +162,13 @@ class _Assessed(Result):
     asked: Asked
     title: str
 
-    needs_the_end = ("proof", "html")
-    standing = "what is proven by then stands"
+    needs_the_end: ClassVar = ("proof", "html")
 
     @property
-    def interrupted(self) -> bool:
-        """Whether Ctrl-C ended the certification."""
-        return self.part.judge.interrupted
-
-    def exit_code(self) -> int:
-        """The exit code of the verdict."""
-        return _verdict.exit_code(self.found.certificate)
+    def standing(self) -> str:
+        return "what is proven by then stands" if self.part.judge.interrupted else ""
 
     def write(self, outputs: Outputs) -> None:
-        """Write the best estimate."""
         from certpgo.io import write
 
         if outputs.estimate is not None:
@@ -178,7 +177,6 @@ class _Assessed(Result):
             notice(f"best estimate written to {outputs.estimate}")
 
     def show(self, outputs: Outputs) -> None:
-        """Print the verdict, and what to do next."""
         if self.title:
             typer.echo(self.title)
         found, instance = self.found, self.part.instance
@@ -200,7 +198,6 @@ class _Assessed(Result):
         )
 
     def report(self, outputs: Outputs) -> dict[str, Any]:
-        """The result for --json."""
         return _verdict.as_json(
             self.part.instance,
             self.found.certificate,
@@ -212,20 +209,17 @@ class _Assessed(Result):
         )
 
     def notices(self, outputs: Outputs) -> Iterator[str]:
-        """What the verdict does not say, and what may give a better one."""
         yield from _verdict.warnings(self.found.fit)
         if outputs.estimate is None and _is_better_known(self.found, outputs.json):
             yield "--best OUT writes the lower-cost estimate"
-        if not self.interrupted and _may_gain(self.found, self.part):
+        if not self.standing and _may_gain(self.found, self.part):
             yield "rounding may limit the bound: try --tier proof"
 
     def prove(self, out: Path, source: Path, *, json: bool) -> bool:
-        """Write the proof; returns False if there is none."""
         certificate = self.found.certificate
         return prove(out, source, self.part.instance, self.given, certificate, json=json)
 
     def write_page(self, out: Path, outputs: Outputs) -> None:
-        """Write the page of the certificate."""
         part, disagreement = self.part, self.disagreement
         origin = origin_of(
             self.asked.graph,
@@ -247,18 +241,6 @@ def _timed(parts: Sequence[JudgedGraph], given: Sequence[Estimate]) -> list[Judg
         replace(part, instance=timed_by(point, part.instance))
         for part, point in zip(parts, given, strict=True)
     ]
-
-
-def _judged(
-    of: Instance, reading: Reading, cost: str, settings: dict[str, Any]
-) -> list[JudgedGraph]:
-    """The connected graphs of an instance, each with a certifier of its estimates."""
-    from certpgo.assess.batch import JudgedGraph
-    from certpgo.certify.judge import Judge
-    from certpgo.costs import certifiable
-
-    problems = [(part, certifiable(part, cost)) for part in reading.parts(of)]
-    return [JudgedGraph(part, problem, Judge(problem, **settings)) for part, problem in problems]
 
 
 def _refuse_mixtures(

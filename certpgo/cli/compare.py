@@ -121,13 +121,12 @@ def command(
         results.complete()
     except BaseException as error:
         kept = f"{counted(len(results.rows), 'result{s}')} so far kept in {results.partial}"
-        interrupted = bool(results.rows) and isinstance(error, KeyboardInterrupt)
-        if interrupted:
-            tell_interrupted(kept, [results.path, results.path.with_suffix(".md")])
-        elif results.rows:
-            notice(kept)
-        if not interrupted:
+        if not (results.rows and isinstance(error, KeyboardInterrupt)):
+            if results.rows:
+                notice(kept)
             raise
+        tell_interrupted(kept, [results.path, results.path.with_suffix(".md")])
+        interrupted = True
     if json:
         document([as_data(result) for result in results.rows])
     else:

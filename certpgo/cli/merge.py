@@ -61,7 +61,7 @@ def command(
     joints = reading.resolve(between)
     read = [reading.open(source) for source in sources]
     merged = merge(read, reading.open(joints), offset=offset, robust=robust)
-    return emit([_Merged(merged, [one.name for one in read])], [outputs])
+    return emit([_Merged(merged.answer.certificate, merged, [one.name for one in read])], [outputs])
 
 
 #: Measurements between maps that are listed.
@@ -75,12 +75,7 @@ class _Merged(Result):
     merged: Merged
     names: list[str]
 
-    def exit_code(self) -> int:
-        """The exit code of the verdict on all measurements."""
-        return _verdict.exit_code(self.merged.answer.certificate)
-
     def write(self, outputs: Outputs) -> None:
-        """Write the merged graph and its estimate."""
         write_solved(outputs, self.merged.instance, self.merged.answer)
 
     def _worst(self) -> list[tuple[int, list[int], float, float, bool]]:
@@ -95,7 +90,6 @@ class _Merged(Result):
         ]
 
     def report(self, outputs: Outputs) -> dict[str, Any]:
-        """The result for --json."""
         merged, ids = self.merged, self.merged.instance.ids
         return {
             **_verdict.in_short(merged.answer.certificate),
@@ -118,7 +112,6 @@ class _Merged(Result):
         }
 
     def show(self, outputs: Outputs) -> None:
-        """Print the worst measurements between maps, and the verdict."""
         labels, mark = self.merged.instance.labels, "disagrees"
         if self.merged.left_out:
             mark = "left out"

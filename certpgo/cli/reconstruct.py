@@ -152,7 +152,7 @@ def command(
         else:
             found = fused_at(folder, frames, settings, kept, progress)
     named = graph if of_graph is None else folder
-    return emit([_Reconstructed(found, cutoff, mesh, named)], [outputs])
+    return emit([_Reconstructed(found.answer.certificate, found, cutoff, mesh, named)], [outputs])
 
 
 @dataclass(frozen=True)
@@ -164,12 +164,7 @@ class _Reconstructed(Result):
     mesh: bool
     graph: Path | None
 
-    def exit_code(self) -> int:
-        """The exit code of the verdict."""
-        return _verdict.exit_code(self.found.answer.certificate)
-
     def write(self, outputs: Outputs) -> None:
-        """Write the scene, the poses, the measured edges and the page."""
         from certpgo.io import write
 
         found = self.found
@@ -183,15 +178,53 @@ class _Reconstructed(Result):
             write_reconstruction(outputs.html, found, self.graph)
 
     def show(self, outputs: Outputs) -> None:
-        """Print the verdict, how well loops agree, and what is written."""
-        _show(self.found, outputs.files)
+        from certpgo.certify.wording import meaning
+
+        found, certificate = self.found, self.found.answer.certificate
+        cost = "g2o's cost" if found.averaged.instance.information is not None else "F"
+        facts(
+            [
+                (
+                    certificate.verdict.value,
+                    f"{meaning(certificate)}; in {cost}, of the kept edges",
+                ),
+                *found.consistency(),
+                *(("written", str(path)) for path in outputs.files),
+            ]
+        )
+        rejected = found.rejected_named()
+        for pair in rejected[:NAMED]:
+            notice(f"rejected: {pair}")
+        if len(rejected) > NAMED:
+            notice(f"and {len(rejected) - NAMED} more rejected edges: --json lists all")
 
     def report(self, outputs: Outputs) -> dict[str, Any]:
-        """The result for --json."""
-        return _report(self.found)
+        found = self.found
+        certificate, kept = found.answer.certificate, found.averaged.kept
+        numbers = found.averaged.instance.ids[found.averaged.instance.graph.edges[~kept]]
+        return {
+            "schema": 1,
+            "sequence": found.frames.name,
+            "frames": len(found.frames),
+            "used": found.nodes.tolist(),
+            "skipped": list(found.skipped),
+            "verdict": certificate.verdict.value,
+            "reason": certificate.reason,
+            "cost": found.answer.cost,
+            "lower_bound": certificate.lower_bound,
+            "objective": "F" if found.averaged.instance.information is None else "g2o",
+            "edges": len(kept),
+            "odometry": found.odometry,
+            "fit": None if found.answer.fit is None else _verdict.fit_as_json(found.answer.fit),
+            "consistency": dict(found.consistency()),
+            "rejected": [
+                {"frames": pair, "names": [found.frames.names[k] for k in pair]}
+                for pair in numbers.tolist()
+            ],
+            "points": len(found.scene),
+        }
 
     def notices(self, outputs: Outputs) -> list[str]:
-        """What the verdict does not say."""
         return _verdict.warnings(self.found.answer.fit, self.found.averaged.robust.solution)
 
 
@@ -229,51 +262,3 @@ def _refusal(method: str) -> str:
         "global_icp moves scans that nearly all overlap, and begins near the answer, which frames "
         "of a moving camera do not: certpgo register SCANS --method global_icp is for scans"
     )
-
-
-def _show(found: Reconstruction | Fused, written: list[Path]) -> None:
-    from certpgo.certify.wording import meaning
-
-    certificate = found.answer.certificate
-    cost = "g2o's cost" if found.averaged.instance.information is not None else "F"
-    facts(
-        [
-            (
-                certificate.verdict.value,
-                f"{meaning(certificate)}; in {cost}, of the kept edges",
-            ),
-            *found.consistency(),
-            *(("written", str(path)) for path in written),
-        ]
-    )
-    rejected = found.rejected_named()
-    for pair in rejected[:NAMED]:
-        notice(f"rejected: {pair}")
-    if len(rejected) > NAMED:
-        notice(f"and {len(rejected) - NAMED} more rejected edges: --json lists all")
-
-
-def _report(found: Reconstruction | Fused) -> dict[str, Any]:
-    certificate, kept = found.answer.certificate, found.averaged.kept
-    numbers = found.averaged.instance.ids[found.averaged.instance.graph.edges[~kept]]
-    return {
-        "schema": 1,
-        "sequence": found.frames.name,
-        "frames": len(found.frames),
-        "used": found.nodes.tolist(),
-        "skipped": list(found.skipped),
-        "verdict": certificate.verdict.value,
-        "reason": certificate.reason,
-        "cost": found.answer.cost,
-        "lower_bound": certificate.lower_bound,
-        "objective": "F" if found.averaged.instance.information is None else "g2o",
-        "edges": len(kept),
-        "odometry": found.odometry,
-        "fit": None if found.answer.fit is None else _verdict.fit_as_json(found.answer.fit),
-        "consistency": dict(found.consistency()),
-        "rejected": [
-            {"frames": pair, "names": [found.frames.names[k] for k in pair]}
-            for pair in numbers.tolist()
-        ],
-        "points": len(found.scene),
-    }

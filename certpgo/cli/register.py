@@ -94,35 +94,29 @@ def command(
             reach=reach,
             told=status.update,
         )
-    return emit([_Registered(read, found, out)], [outputs])
+    certificate = None if found.solution is None else found.solution.certificate
+    return emit([_Registered(certificate, read, found)], [outputs])
 
 
 @dataclass(frozen=True)
 class _Registered(Result):
-    """Scans in one frame, whose points are written to a file."""
+    """Scans in one frame."""
 
     scans: list[Scan]
     found: Registration
-    out: Path
-
-    def exit_code(self) -> int:
-        """The exit code of the verdict; global ICP has none."""
-        solved = self.found.solution
-        return 0 if solved is None else _verdict.exit_code(solved.certificate)
 
     def write(self, outputs: Outputs) -> None:
-        """Write the points, the pose graph and the poses."""
         from certpgo import write
 
         with working("writing"):
-            _write_cloud(self.out, self.scans, self.found)
+            if outputs.scene is not None:
+                _write_cloud(outputs.scene, self.scans, self.found)
             if outputs.graph is not None and self.found.instance is not None:
                 write(outputs.graph, self.found.instance)
             if outputs.estimate is not None:
                 write(outputs.estimate, self.found.estimate)
 
     def notices(self, outputs: Outputs) -> Iterator[str]:
-        """What is not proven."""
         if not self.found.coarse.converged:
             yield "global ICP ended at its limit of rounds: look at the scene"
         if self.found.solution is None:
@@ -132,12 +126,64 @@ class _Registered(Result):
         yield from _verdict.warnings(self.found.fit)
 
     def show(self, outputs: Outputs) -> None:
-        """Print how well the scans fit, and the verdict."""
-        _show(self.scans, self.found, self.out)
+        scans, found = self.scans, self.found
+        count = sum(len(scan.points) for scan in scans)
+        coarse = found.coarse
+        lines = [
+            ("scans", f"{len(scans)}, of {count} points"),
+            ("voxel", f"{found.voxel:.3g} m"),
+            (
+                "global ICP",
+                f"{coarse.rounds} rounds, {coarse.groups} groups, rms {coarse.rmse:.2g} m",
+            ),
+        ]
+        if found.disagreement is not None:
+            shares = [pair.found.overlap for pair in found.pairs]
+            overlaps = [f"{share:.0%}" for share in (min(shares), max(shares))]
+            rmse = max(pair.found.rmse for pair in found.pairs)
+            lines += [
+                ("pairs", f"{len(found.pairs)} kept, {len(found.sliding)} contradict the others"),
+                ("overlap", f"{' to '.join(dict.fromkeys(overlaps))} of the smaller scan"),
+                ("surfaces", f"at most {rmse:.2g} m apart, rms of a pair"),
+                (
+                    "disagreement",
+                    f"at most {found.disagreement.max():.2g} m, between a pair and the poses",
+                ),
+            ]
+        facts([*lines, ("written", str(outputs.scene))])
+        if found.solution is not None and found.instance is not None:
+            typer.echo()
+            _verdict.show(found.solution.certificate, found.instance, fit=found.fit)
 
     def report(self, outputs: Outputs) -> dict[str, Any]:
-        """The result for --json."""
-        return _report(self.scans, self.found, self.out)
+        found = self.found
+        names = [scan.name for scan in self.scans]
+        solved, instance = found.solution, found.instance
+        verdict: dict[str, Any] = {"verdict": None}
+        if solved is not None and instance is not None:
+            verdict = _verdict.as_json(instance, solved.certificate, solved.cost, fit=found.fit)
+        disagreement = [] if found.disagreement is None else found.disagreement.tolist()
+        return {
+            **verdict,
+            "registration": {
+                "scans": names,
+                "voxel": found.voxel,
+                "converged": found.coarse.converged,
+                "rounds": found.coarse.rounds,
+                "pairs": [
+                    {
+                        "scans": [names[pair.i], names[pair.j]],
+                        "overlap": pair.found.overlap,
+                        "rmse": pair.found.rmse,
+                        "disagreement": metres,
+                    }
+                    for pair, metres in zip(found.pairs, disagreement, strict=True)
+                ],
+                "sliding": [[names[pair.i], names[pair.j]] for pair in found.sliding],
+                "limits": LIMITS,
+                "written": str(outputs.scene),
+            },
+        }
 
 
 def _write_cloud(out: Path, scans: list[Scan], found: Registration) -> None:
@@ -160,60 +206,3 @@ def _write_cloud(out: Path, scans: list[Scan], found: Registration) -> None:
         painted = np.tile(own.astype(np.uint8), (len(scan.points), 1))
         colours.append(painted if scan.colours is None else scan.colours)
     write_surface(out, Surface(np.concatenate(points), np.concatenate(colours)))
-
-
-def _show(scans: list[Scan], found: Registration, out: Path) -> None:
-    count = sum(len(scan.points) for scan in scans)
-    coarse = found.coarse
-    lines = [
-        ("scans", f"{len(scans)}, of {count} points"),
-        ("voxel", f"{found.voxel:.3g} m"),
-        ("global ICP", f"{coarse.rounds} rounds, {coarse.groups} groups, rms {coarse.rmse:.2g} m"),
-    ]
-    if found.disagreement is not None:
-        shares = [pair.found.overlap for pair in found.pairs]
-        overlaps = [f"{share:.0%}" for share in (min(shares), max(shares))]
-        rmse = max(pair.found.rmse for pair in found.pairs)
-        lines += [
-            ("pairs", f"{len(found.pairs)} kept, {len(found.sliding)} contradict the others"),
-            ("overlap", f"{' to '.join(dict.fromkeys(overlaps))} of the smaller scan"),
-            ("surfaces", f"at most {rmse:.2g} m apart, rms of a pair"),
-            (
-                "disagreement",
-                f"at most {found.disagreement.max():.2g} m, between a pair and the poses",
-            ),
-        ]
-    facts([*lines, ("written", str(out))])
-    if found.solution is not None and found.instance is not None:
-        typer.echo()
-        _verdict.show(found.solution.certificate, found.instance, fit=found.fit)
-
-
-def _report(scans: list[Scan], found: Registration, out: Path) -> dict[str, Any]:
-    names = [scan.name for scan in scans]
-    solved, instance = found.solution, found.instance
-    verdict: dict[str, Any] = {"verdict": None}
-    if solved is not None and instance is not None:
-        verdict = _verdict.as_json(instance, solved.certificate, solved.cost, fit=found.fit)
-    disagreement = [] if found.disagreement is None else found.disagreement.tolist()
-    return {
-        **verdict,
-        "registration": {
-            "scans": names,
-            "voxel": found.voxel,
-            "converged": found.coarse.converged,
-            "rounds": found.coarse.rounds,
-            "pairs": [
-                {
-                    "scans": [names[pair.i], names[pair.j]],
-                    "overlap": pair.found.overlap,
-                    "rmse": pair.found.rmse,
-                    "disagreement": metres,
-                }
-                for pair, metres in zip(found.pairs, disagreement, strict=True)
-            ],
-            "sliding": [[names[pair.i], names[pair.j]] for pair in found.sliding],
-            "limits": LIMITS,
-            "written": str(out),
-        },
-    }

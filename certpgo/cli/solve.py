@@ -23,8 +23,8 @@ from certpgo.cli._options import (
     Timestamps,
     chosen_cost,
     refuse_chordal_only,
-    refuse_unprovable,
     refuse_with_distances,
+    tier_for,
     tier_option,
     time_limit_option,
 )
@@ -33,7 +33,6 @@ from certpgo.cli._reading import Reading, restricted_to, takes_reading
 from certpgo.cli._show import StatusLine, notice, noticing, working
 from certpgo.cli._solved import UNPROVABLE, Solved
 from certpgo.cli._truth import KnownPoses, TruthFile, TruthOffset
-from certpgo.cli._verdict import tier_for
 from certpgo.errors import InputError
 from certpgo.optimize.monitor import Monitor, TableMonitor
 
@@ -134,10 +133,9 @@ def command(
 
     _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank, stored)
     refuse_chordal_only(cost, method=method, robust=robust)
-    refuse_unprovable(cost, proof)
     if robust and proof is not None:
         raise InputError(UNPROVABLE)
-    tier = tier_for(proof, tier)
+    tier = tier_for(proof, tier, cost)
     outputs = Outputs(
         estimate=out, format=format, proof=proof, covariances=covariances, html=html, json=json
     )
@@ -241,7 +239,7 @@ def _certified(
         search = partial(solve, cost=asked.cost, on_disagreement=_hinting)
     found = search(part.graph if robust else part, settings, initial=initial, monitor=monitor)
     method = "robust" if robust else "certified"
-    return Solved(part, method, found.solution, found.certificate, asked, found)
+    return Solved(found.certificate, part, method, found.solution, asked, found)
 
 
 def _hinting(found: Disagreement) -> None:
@@ -267,10 +265,10 @@ def _by_method(
     with ends_at_once() if getattr(solver, "compiled", False) else nullcontext():
         solution = solver.solve(problem, initial=initial, monitor=monitor)
     if tier is None:
-        return Solved(part, name, solution, None, asked)
+        return Solved(None, part, name, solution, asked)
     status.update(f"certifying the estimate of {part.name}")
     certificate = certify(solution.judged(problem), solution.estimate, tier=tier)
-    return Solved(part, name, solution, certificate, asked)
+    return Solved(certificate, part, name, solution, asked)
 
 
 def _refuse_mixtures(

@@ -62,7 +62,7 @@ def command(
     instance = reading.open(reading.resolve(graph))
     with working(f"sparsifying {instance.name}"):
         found = sparsify(instance, keep)
-    return emit([_Sparsified(instance, found)], [outputs])
+    return emit([_Sparsified(found.answer.certificate, instance, found)], [outputs])
 
 
 @dataclass(frozen=True)
@@ -72,20 +72,13 @@ class _Sparsified(Result):
     whole: Instance
     found: Sparsified
 
-    def exit_code(self) -> int:
-        """The exit code of the sparse graph's verdict."""
-        return _verdict.exit_code(self.found.answer.certificate)
-
     def write(self, outputs: Outputs) -> None:
-        """Write the sparse graph and its estimate."""
         write_solved(outputs, self.found.instance, self.found.answer)
 
     def show(self, outputs: Outputs) -> None:
-        """Print what is lost."""
         typer.echo(str(self.found))
 
     def report(self, outputs: Outputs) -> dict[str, Any]:
-        """The result for --json."""
         whole, found = self.whole, self.found
         return {
             "graph": whole.name,
