@@ -6,22 +6,21 @@ import math
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
 from certpgo import checker
-from certpgo.certify import rounding
 from certpgo.certify.bounds import Bounds
-from certpgo.certify.certificate import CHORDAL, Certificate, Tier, Verdict
+from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound, dual_bound
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.parts import Part, outside, parts, sum_of_bounds
 from certpgo.certify.proof import exact_cost, exact_graph, proven_bound
 from certpgo.certify.units import in_units, unit_of
+from certpgo.costs import Certifiable
 from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.graph import Estimate
-from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.lift import Point
 from certpgo.objective.problem import Problem
 from certpgo.optimize.monitor import Monitor, silent
@@ -83,7 +82,7 @@ class Case:
     @classmethod
     def of(
         cls,
-        problem: Problem,
+        problem: Any,
         tier: Tier | str,
         rtol: float,
         atol: float,
@@ -102,34 +101,14 @@ class Case:
         tier = tier_called(tier)
         refuse_tolerances(rtol, atol)
         if tier is Tier.PROOF:
-            cls.refuse_unprovable(problem)
+            refuse_unprovable(problem)
         unit = unit_of(problem)
         try:
             scaled = problem.scaled(1.0 / unit)
         except GraphError as error:
             raise InputError(f"too uneven weights: divided by {unit:.2g}, {error}") from None
         case = cls(scaled, unit, tier, rtol, atol)
-        return replace(case, stop=Stop(monitor, unit, case.objective))
-
-    @staticmethod
-    def refuse_unprovable(problem: Problem) -> None:
-        """Refuse a problem that has no proof tier.
-
-        Raises
-        ------
-        InputError
-            It has edges with couplings or arms.
-        """
-        if has_matrix_weights(problem.graph):
-            raise InputError(
-                "the proof tier is for isotropic weights, not for edges with matrix weights, "
-                "couplings or arms"
-            )
-
-    @property
-    def objective(self) -> str:
-        """The cost that certificates are about."""
-        return CHORDAL
+        return replace(case, stop=Stop(monitor, unit, problem.title))
 
     @property
     def rigorous(self) -> bool:
@@ -265,11 +244,11 @@ class Case:
         """F of the estimate, rounded up."""
         if self.tier is Tier.PROOF:
             return exact_cost(self.problem, self._exact, estimate)
-        return rounding.cost_upper(self.problem, estimate)
+        return self.problem.enclosure(estimate)[1]
 
     def sure(self, estimate: Estimate, cost: float) -> float:
         """A smaller cost is lower than the estimate's, at most ``cost``, despite rounding."""
-        return rounding.cost_lower(self.problem, estimate) - self.difference(cost)
+        return self.problem.enclosure(estimate)[0] - self.difference(cost)
 
     @cached_property
     def _exact(self) -> checker.Graph:
@@ -326,7 +305,7 @@ class Case:
             better_cost=better.cost if better else None,
             bounds=bounds,
             engine=problem.engine,
-            objective=self.objective,
+            objective=problem.title,
             descended=own.descended,
             settled=own.settled,
             support=best.bound.support if best.bound else None,
@@ -348,6 +327,18 @@ def difference_up(high: float, low: float) -> float:
     gap = high - low
     short = math.isfinite(gap) and Fraction(gap) < Fraction(high) - Fraction(low)
     return math.nextafter(gap, math.inf) if short else gap
+
+
+def refuse_unprovable(problem: Certifiable) -> None:
+    """Refuse a problem whose cost the checker does not know.
+
+    Raises
+    ------
+    InputError
+        Its reason says so.
+    """
+    if problem.unprovable:
+        raise InputError(problem.unprovable)
 
 
 def refuse_tolerances(rtol: float, atol: float) -> None:

@@ -16,7 +16,7 @@ from certpgo.graph import Estimate
 from certpgo.graph.wording import cost_shown, gap_shown
 from certpgo.io.plain import plain
 from certpgo.linalg.arrays import FloatArray
-from certpgo.optimize.monitor import CHORDAL
+from certpgo.objective.base import CHORDAL
 
 __all__ = ["CHORDAL", "Certificate", "Tier", "Verdict"]
 

@@ -246,11 +246,11 @@ class Judge:
 def _spectral_start(case: Case) -> Estimate:
     problem: Problem | InformationProblem = case.problem
     try:
-        if isinstance(problem, InformationProblem):
-            start = spectral.spectral_start(problem.chordal)
-            found = newton(problem.chordal, start, DESCENT, monitor=lambda _: case.stop.asked)
-            return found.estimate
-        return spectral.spectral_start(problem)
+        start = spectral.spectral_start(problem.chordal)
+        if problem.is_chordal:
+            return start
+        found = newton(problem.chordal, start, DESCENT, monitor=lambda _: case.stop.asked)
+        return found.estimate
     except (NumericalError, np.linalg.LinAlgError):
         n, d = problem.n, problem.d
         return Estimate(np.tile(np.eye(d), (n, 1, 1)), np.zeros((n, d)))
@@ -258,9 +258,9 @@ def _spectral_start(case: Case) -> Estimate:
 
 def _bounds(problem: Certifiable, point: Estimate) -> Bounds | None:
     # They are about chordal costs with isotropic weights.
-    if isinstance(problem, InformationProblem | RangeProblem) or problem.graph.is_general:
+    if not problem.is_chordal or problem.chordal.graph.is_general:
         return None
     try:
-        return bounds(problem.rotation, point)
+        return bounds(problem.chordal.rotation, point)
     except (NumericalError, np.linalg.LinAlgError):
         return None

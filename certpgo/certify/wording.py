@@ -16,7 +16,7 @@ from certpgo.graph.wording import (
     reading_sentence,
     rounded_up,
 )
-from certpgo.optimize.monitor import CHORDAL
+from certpgo.objective.base import CHORDAL
 
 _MEANINGS = {
     "CERTIFIED": "no estimate can be better by more than the tolerance; this is proven",

@@ -11,11 +11,11 @@ from strategies import definite, dimensions, general_graph, pose_graph, rng_of, 
 from certpgo import certify, solve
 from certpgo.certify import dual
 from certpgo.certify.dual import dual_bound
-from certpgo.certify.rounding import cost_lower, cost_upper
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.lift import Lift
 from certpgo.linalg import so
+from certpgo.objective.enclosure import cost_lower, cost_upper
 from certpgo.objective.problem import PoseProblem, problem_of
 from certpgo.optimize.newton import newton
 

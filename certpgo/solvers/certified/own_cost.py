@@ -19,7 +19,7 @@ from certpgo.certify.case import Basin
 from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound
 from certpgo.certify.obstacle import LimitedBy, Obstacle
-from certpgo.certify.own_cost import RANKS, OwnCostCase, is_provable
+from certpgo.certify.own_cost import RANKS, OwnCostCase
 from certpgo.certify.wording import early
 from certpgo.costs.descent import descend
 from certpgo.costs.problem import InformationProblem
@@ -128,7 +128,7 @@ def _certificate(search: _Search, tier: Tier | None) -> Certificate:
     tight = support is not None and not isinstance(support.point, Lift)
     rounding = tight and search.case.may_close(certificate)
     escalates = (
-        rounding and is_provable(search.case.problem) and tier is None and not search.stop.cuts()
+        rounding and not search.case.problem.unprovable and tier is None and not search.stop.cuts()
     )
     if not (tier is Tier.PROOF or escalates):
         return certificate

@@ -16,7 +16,6 @@ from certpgo.costs.problem import InformationProblem
 from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
-from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.picture import circle_of, closures, drawn
 from certpgo.graph.priors import handedness_is_open
 from certpgo.graph.speaking import Speaking, Text
@@ -105,8 +104,7 @@ class CertifiedSolution(Speaking):
     @property
     def graph(self) -> PoseGraph | RotationGraph:
         """The measurements that the certificate is about."""
-        of = self.problem
-        return of.graph.isotropic if isinstance(of, InformationProblem) else of.graph
+        return self.problem.chordal.graph
 
     @property
     def _headline(self) -> str:
@@ -236,8 +234,7 @@ def _certificate(search: Staircase, tier: Tier | None) -> Certificate:
     certificate = search.case.certificate(estimate, search.basin)
     tight = search.is_certified or search.has_reached_the_floor
     rounding = tight and search.case.may_close(certificate)
-    # Of matrix weights there are no proofs.
-    provable = not has_matrix_weights(search.problem.graph)
+    provable = not search.problem.unprovable
     escalates = rounding and tier is None and provable and not search.stop.cuts()
     if not (tier is Tier.PROOF or escalates):
         return certificate
