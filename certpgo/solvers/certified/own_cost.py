@@ -33,6 +33,7 @@ from certpgo.solvers.certified.pipeline import (
     STOPPED,
     CertifiedSolution,
     early,
+    perhaps_mirrored,
     search_and_certify,
 )
 from certpgo.solvers.certified.settings import OUTLIERS_PATIENCE, SolveSettings
@@ -80,6 +81,10 @@ def search_own_cost(
         ended = stop.ended_by or search.status
     if stop.cut is not None and certificate.verdict is Verdict.UNDECIDED:
         certificate = replace(certificate, reason=STOPPED)
+    if certificate.verdict is Verdict.BOUNDED and (
+        why := perhaps_mirrored(problem.graph.isotropic)
+    ):
+        certificate = replace(certificate, reason=f"{certificate.reason}; {why}")
     surrogates = counted(search.surrogates, "surrogate{s}")
     minimised = f"; {surrogates} minimised" if search.surrogates else ""
     limit = f"; ended {early(search.patience)}" if search.ended_early else ""

@@ -15,7 +15,7 @@ from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.picture import circle_of, closures, drawn
-from certpgo.graph.priors import handedness_is_open
+from certpgo.graph.priors import handedness_is_open, rotations_are_apart
 from certpgo.graph.speaking import Speaking, Text
 from certpgo.graph.wording import counted
 from certpgo.linalg.arrays import FloatArray
@@ -35,10 +35,11 @@ GIVEN = "the given estimate"
 STORED = "the initial values of the file"
 #: Ranks that the staircase may add to d.
 MORE_RANKS = 7
-#: Why the relaxation may be loose where positions alone join parts: for those in a plane, and else.
+#: Why the relaxation may be loose where positions alone join parts: for those on a line of the
+#: plane or in a plane of space, and for others.
 MIRRORED = (
-    "the relaxation does not know left from right, and positions in a plane fit a mirror image as "
-    "well: attitudes, or positions out of the plane, would tell"
+    "the relaxation does not know left from right, and positions {} fit a mirror image as well: "
+    "attitudes, or positions {}, would tell"
 )
 PERHAPS_MIRRORED = (
     "the relaxation does not know left from right, and may mirror what only positions and odometry "
@@ -292,6 +293,16 @@ def early(patience: float) -> str:
     )
 
 
+def perhaps_mirrored(graph: PoseGraph) -> str:
+    """Why the relaxation may be loose on the graph, if positions alone join parts; or empty."""
+    if not graph.is_partial:
+        return ""
+    if handedness_is_open(graph):
+        places = ("on a line", "off the line"), ("in a plane", "out of the plane")
+        return MIRRORED.format(*places[graph.d - 2])
+    return PERHAPS_MIRRORED if graph.d == 3 or rotations_are_apart(graph) else ""
+
+
 def _reason(search: Staircase, certificate: Certificate) -> str:
     """The certificate's reason, extended by what the search explains."""
     stopped = search.stop.cut is not None
@@ -310,9 +321,8 @@ def _reason(search: Staircase, certificate: Certificate) -> str:
     if certificate.verdict is not Verdict.BOUNDED:
         return certificate.reason
     graph = search.problem.graph
-    if isinstance(graph, PoseGraph) and graph.is_partial and graph.d == 3:
-        said = MIRRORED if handedness_is_open(graph) else PERHAPS_MIRRORED
-        return f"{certificate.reason}; {said}"
+    if isinstance(graph, PoseGraph) and (why := perhaps_mirrored(graph)):
+        return f"{certificate.reason}; {why}"
     if minimal:
         limit = "the relaxation has no lower point beyond rounding, which limits the proof"
         return f"{certificate.reason}; {limit}"
