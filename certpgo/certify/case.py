@@ -15,9 +15,9 @@ from certpgo.certify import rounding
 from certpgo.certify.bounds import Bounds
 from certpgo.certify.certificate import CHORDAL, Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound, dual_bound
+from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.parts import Part, outside, parts, sum_of_bounds
 from certpgo.certify.proof import exact_cost, exact_graph, proven_bound
-from certpgo.certify.reason import reason_of
 from certpgo.certify.units import in_units, unit_of
 from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.graph import Estimate
@@ -326,14 +326,21 @@ class Case:
             better_cost=better.cost if better else None,
             bounds=bounds,
             engine=problem.engine,
-            reason="",
             objective=self.objective,
             descended=own.descended,
             settled=own.settled,
             support=best.bound.support if best.bound else None,
         )
-        scaled = in_units(self.unit, judged)
-        return replace(scaled, reason=reason_of(scaled))
+        limit = self._limit(judged, best.bound)
+        return replace(in_units(self.unit, judged), obstacle=Obstacle(limit, stopped=self.stop.cut))
+
+    def _limit(self, judged: Certificate, bound: DualBound | None) -> LimitedBy:
+        """What keeps the gap open, as far as the bound of one point tells."""
+        if judged.basin_is_global or judged.verdict in (Verdict.CERTIFIED, Verdict.REFUTED):
+            return LimitedBy.TIGHT
+        if self.stop.cut is not None:
+            return LimitedBy.STOPPED
+        return LimitedBy.LOOSE if bound is None or bound.loose else LimitedBy.ROUNDING
 
 
 def difference_up(high: float, low: float) -> float:

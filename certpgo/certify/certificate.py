@@ -10,6 +10,7 @@ from typing import Any
 
 from certpgo.certify.bounds import Bounds
 from certpgo.certify.dual import Support
+from certpgo.certify.obstacle import NOTHING, LimitedBy, Obstacle
 from certpgo.certify.wording import Statement
 from certpgo.graph import Estimate
 from certpgo.graph.wording import cost_shown, gap_shown
@@ -20,7 +21,7 @@ from certpgo.optimize.monitor import CHORDAL
 __all__ = ["CHORDAL", "Certificate", "Tier", "Verdict"]
 
 #: Fields that are no numbers or words.
-_ARRAYS = frozenset({"multipliers", "refined", "better", "bounds", "support"})
+_ARRAYS = frozenset({"multipliers", "refined", "better", "bounds", "support", "obstacle"})
 
 
 class Verdict(StrEnum):
@@ -105,12 +106,12 @@ class Certificate(Statement):
     better_cost : F of ``better``
     bounds : bounds that need no factorization, at ``refined``; None if they failed
     engine : factorization engine
-    reason : the reason for the verdict in one sentence
     objective : the cost that the certificate is about: F, or that of another program, see
         `certpgo.costs`; then F stands for that cost everywhere here
     descended : whether ``refined`` comes from local descent
     settled : whether that ended; else it was stopped, or given up as the optimum was known
     support : under the cost of another program, what the lower bound rests on; else None
+    obstacle : what keeps the gap open
 
     Examples
     --------
@@ -151,21 +152,22 @@ class Certificate(Statement):
     better_cost: float | None
     bounds: Bounds | None
     engine: str
-    reason: str
     objective: str = CHORDAL
     descended: bool = True
     settled: bool = True
     support: Support | None = None
+    obstacle: Obstacle = NOTHING
 
     def __repr__(self) -> str:
         cost = f"{cost_shown(self.cost_upper)}, gap {gap_shown(self.gap)}"
         return f"<Certificate: {self.verdict}, {self.objective} = {cost}>"
 
     def as_data(self) -> dict[str, Any]:
-        """The fields without arrays, and the two that follow from them, for JSON."""
+        """The fields without arrays, and what follows from them, for JSON."""
         names = [field.name for field in fields(self) if field.name not in _ARRAYS]
         shown = {name: getattr(self, name) for name in names}
-        return {**shown, "relative_gap": self.relative_gap, "tolerance": self.tolerance}
+        more = {"relative_gap": self.relative_gap, "tolerance": self.tolerance}
+        return {**shown, **more, "limited_by": self.limited_by, "reason": self.reason}
 
     def to_json(self, indent: int | None = 2) -> str:
         """Its numbers and words as a JSON object, without arrays; infinite numbers are null.
@@ -178,6 +180,11 @@ class Certificate(Statement):
 
     def _picture(self) -> str:
         return self.best._picture()
+
+    @property
+    def limited_by(self) -> LimitedBy:
+        """What keeps the gap open."""
+        return self.obstacle.kind
 
     @property
     def relative_gap(self) -> float:

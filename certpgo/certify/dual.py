@@ -12,7 +12,7 @@ the residual is measured instead (`Symbolic.residual`).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -85,6 +85,8 @@ class DualBound(Brief):
     factorizations : number of numeric factorizations
     nonzeros : nonzeros of the factor that proves it; 0 if rounding was not bounded
     support : what a bound on the cost of another program rests on; None for F
+    loose : whether a negative eigenvalue of the certificate matrix weakened it, and not only
+        rounding
     """
 
     value: float
@@ -93,6 +95,7 @@ class DualBound(Brief):
     factorizations: int
     nonzeros: int
     support: Support | None = None
+    loose: bool = False
 
 
 def dual_bound(
@@ -230,7 +233,7 @@ class _Attempts:
                 failed = middle
             else:
                 shift, bound = middle, sharper
-        return bound if bound.value > self.floor else None
+        return replace(bound, loose=True) if bound.value > self.floor else None
 
     def attempt(self, shift: float) -> DualBound | None:
         """The bound with ``shift`` on the rotations, plus the shift due to rounding."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from certpgo.certify.bounds import Bounds, bounds
 from certpgo.certify.case import ATOL, DESCENT, RTOL, Basin, Case, refuse_time_limit
-from certpgo.certify.certificate import Certificate, Tier, Verdict
+from certpgo.certify.certificate import Certificate, Tier
 from certpgo.certify.own_cost import OwnCostCase
 from certpgo.certify.ranged import RangedCase
 from certpgo.costs import Certifiable, certifiable
@@ -29,8 +29,10 @@ from certpgo.optimize.solution import Status
 
 #: Steps of an estimate's descent before one from another start begins; most descents take fewer.
 FEW = 20
-#: Steps, each as good as the last, within which that must reach a proven optimum from then on.
+#: Steps, each as good as the last ones, within which that must reach a proven optimum from then on.
 HOPE = 200.0
+#: Number of these last steps: descents rest at saddles, some for more than twenty steps.
+RECENT = 30
 
 
 def certify(
@@ -162,12 +164,7 @@ class Judge:
             self._best = best = max(known, key=lambda basin: basin.value)
             if best.value > own.value:
                 own = replace(own, bound=best.bound)
-            found = case.certificate(estimate, own, other, _bounds(case.problem, own.point))
-        if self.ended_by is None or found.verdict in (Verdict.CERTIFIED, Verdict.REFUTED):
-            return found
-        return replace(
-            found, reason=f"{found.reason}; the search for a bound ended early ({self.ended_by})"
-        )
+            return case.certificate(estimate, own, other, _bounds(case.problem, own.point))
 
     @property
     def interrupted(self) -> bool:
@@ -220,7 +217,7 @@ class Judge:
             return begun
         other, monitor = self._elsewhere(), None
         if other is not None and case.is_sharp(other):
-            monitor = Hopeful(case.stop, other.cost, HOPE)
+            monitor = Hopeful(case.stop, other.cost, HOPE, RECENT)
         return case.basin(begun.point, True, self._best, monitor)
 
     def _with_best_bound(self, basin: Basin) -> Basin:

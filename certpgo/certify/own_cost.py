@@ -19,6 +19,7 @@ from certpgo.certify.case import Basin, Case
 from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.climb import climb
 from certpgo.certify.dual import DualBound, Support, dual_bound
+from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.proof import proven_surrogate
 from certpgo.costs import Certifiable
 from certpgo.costs.descent import descend
@@ -30,7 +31,6 @@ from certpgo.errors import GraphError, InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.lift import Point
-from certpgo.graph.wording import counted
 from certpgo.linalg.arrays import FloatArray
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.solution import Solution
@@ -234,7 +234,7 @@ class OwnCostCase(Case):
         other: Basin | None = None,
         bounds: Bounds | None = None,
     ) -> Certificate:
-        """The certificate of an estimate; its reason names measurements without a minorant."""
+        """The certificate of an estimate, whose gap measurements without a minorant may limit."""
         found = super().certificate(estimate, own, other, bounds)
         unproven = found.verdict in (Verdict.BOUNDED, Verdict.UNDECIDED)
         if not unproven or self.stop.cut is not None:
@@ -246,10 +246,9 @@ class OwnCostCase(Case):
         missing = np.flatnonzero(~minorants.exist)
         if not len(missing):
             return found
-        i, j = self.problem.graph.edges[missing[0]]
-        count = counted(len(missing), "measurement{s}")
-        spoiled = f"{count} without a minorant there, such as edge ({i}, {j})"
-        return replace(found, reason=f"{found.reason}; {spoiled}")
+        i, j = self.problem.graph.edges[missing[0]].tolist()
+        obstacle = Obstacle(LimitedBy.NO_MINORANT, missing=len(missing), edge=(i, j))
+        return replace(found, obstacle=obstacle)
 
     def below(self, v: FloatArray, Q: FloatArray) -> Surrogate | None:
         """The surrogate expanded there; None if too many measurements have no minorant."""

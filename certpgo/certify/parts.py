@@ -109,4 +109,5 @@ def sum_of_bounds(
         shift=max(bound.shift for bound in bounds),
         factorizations=sum(bound.factorizations for bound in bounds),
         nonzeros=max(bound.nonzeros for bound in bounds),
+        loose=any(bound.loose for bound in bounds),
     )

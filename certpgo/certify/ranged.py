@@ -16,6 +16,7 @@ from certpgo.certify.bounds import Bounds
 from certpgo.certify.case import Basin, Case
 from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound, dual_bound
+from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.costs.range_descent import descend, escape
 from certpgo.costs.ranges import FAINT, SHORTEST, RangeProblem
 from certpgo.errors import InputError, NumericalError
@@ -185,7 +186,7 @@ class RangedCase(Case):
         other: Basin | None = None,
         bounds: Bounds | None = None,
     ) -> Certificate:
-        """The certificate of an estimate; its reason says what the relaxation is worth."""
+        """The certificate of an estimate; with what the relaxation is worth."""
         found = super().certificate(estimate, own, other, bounds)
         if other is not None:
             found = self.search.explained(found)
@@ -306,21 +307,13 @@ class Search:
             raise NumericalError("no descent from the relaxation's point succeeded")
         return Basin(self.best, self.cost, self.status is Status.CONVERGED, self.bound)
 
-    @property
-    def _why(self) -> str:
-        """Why the relaxation was not solved, in words."""
-        if self.stop.cut is not None:
-            return f" before the search was stopped ({self.stop.cut})"
-        return f": the climb ended by itself, at rank {self.rank}"
-
     def explained(self, certificate: Certificate) -> Certificate:
-        """The certificate, with what the relaxation is worth in its reason."""
+        """The certificate, with what the relaxation is worth."""
         if certificate.verdict is not Verdict.BOUNDED or certificate.basin_is_global:
             return certificate
-        worth = (
-            "the relaxation of distances is not tight: its own optimum is proven, at rank "
-            f"{self.rank}, but lies below every estimate found"
-            if self.solved
-            else f"the relaxation was not solved{self._why}"
+        kind = (
+            LimitedBy.STOPPED if self.stop.cut is not None and not self.solved else LimitedBy.LOOSE
         )
-        return replace(certificate, reason=f"{certificate.reason}; {worth}")
+        stopped = None if self.solved else self.stop.cut
+        obstacle = Obstacle(kind, self.solved, self.rank, stopped, of_distances=True)
+        return replace(certificate, obstacle=obstacle)

@@ -19,6 +19,7 @@ from typing import Annotated
 import typer
 
 from certpgo import _start, registry
+from certpgo.cli._interrupting import unmoved
 from certpgo.errors import CertPGOError
 
 Command = Callable[..., int | None]
@@ -60,7 +61,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else int(end.code is not None)
     except KeyboardInterrupt:  # while a command was imported
-        return _fail("interrupted", 130)
+        with unmoved():
+            return _fail("interrupted", 130)
     return 0
 
 
@@ -144,7 +146,8 @@ def _guarded(function: Command) -> Callable[..., None]:
         except CertPGOError as error:
             code = _fail(str(error))
         except KeyboardInterrupt as stop:
-            code = _fail("; ".join(["interrupted", *map(str, stop.args)]), 130)
+            with unmoved():
+                code = _fail("; ".join(["interrupted", *map(str, stop.args)]), 130)
         except BrokenPipeError:
             # The reader is gone (| head): discard what Python flushes at exit.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

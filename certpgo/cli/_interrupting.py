@@ -76,6 +76,19 @@ def _state(path: Path) -> object:
 
 
 @contextmanager
+def unmoved() -> Iterator[None]:
+    """Ignore Ctrl-C during the block, which only says how the work ended."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler if before is None else before)
+
+
+@contextmanager
 def ends_at_once() -> Iterator[None]:
     """Let Ctrl-C end the process during the block, without Python's help.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from certpgo.cli._show import facts, notice
@@ -134,6 +134,7 @@ def as_json(
         "objective": objective(part.options, certificate),
         "verdict": None if c is None else c.verdict.value,
         "reason": None if c is None else c.reason,
+        "limited_by": None if c is None else c.limited_by.value,
         "tier": None if c is None else c.tier.value,
         "cost": cost,
         "lower_bound": None if c is None else c.lower_bound,
@@ -177,10 +178,8 @@ def _averaged(part: Instance, certificate: Certificate | None) -> dict[str, floa
 
 def _details(certificate: Certificate) -> dict[str, Any]:
     """The fields of a certificate without arrays and those of the top level."""
-    top = {"verdict", "reason", "tier", "lower_bound", "gap"}
-    arrays = {"multipliers", "refined", "better", "bounds", "support"}
-    names = [field.name for field in fields(certificate) if field.name not in top | arrays]
-    return {name: getattr(certificate, name) for name in names}
+    top = {"verdict", "reason", "limited_by", "tier", "lower_bound", "gap", "relative_gap"}
+    return {name: value for name, value in certificate.as_data().items() if name not in top}
 
 
 def _disagreement(instance: Instance, found: Disagreement) -> dict[str, Any]:

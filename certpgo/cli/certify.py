@@ -37,7 +37,6 @@ from certpgo.errors import InputError
 if TYPE_CHECKING:
     from certpgo.assess.assessment import Assessment
     from certpgo.assess.batch import JudgedGraph
-    from certpgo.certify import Certificate
     from certpgo.costs import Certifiable
     from certpgo.graph import Estimate, Instance
     from certpgo.io.matching import Matching
@@ -92,7 +91,7 @@ def command(
     from certpgo.certify.proof_file import refuse_unreadable
     from certpgo.io.format import format_to_write
     from certpgo.io.matching import Matching
-    from certpgo.io.timestamps import timed, timed_by
+    from certpgo.io.timestamps import timed
 
     _refuse_mixtures(estimates, csv, truth=truth, best=best, proof=proof, html=html)
     if best is not None:
@@ -133,11 +132,7 @@ def command(
     if proof is not None and whole is not instance:
         raise InputError("--proof needs an estimate of all nodes: it is about the whole file")
     given = [restricted_to(part.instance, estimate, whole) for part in parts]
-    # The nodes have the times of their poses, where the graph has none.
-    parts = [
-        replace(part, instance=timed_by(point, part.instance))
-        for part, point in zip(parts, given, strict=True)
-    ]
+    parts = _timed(parts, given)
     that = how.of_truth(truth_offset)
     truths = [KnownPoses.of(truth, part.instance, reading, that) for part in parts]
     asked = None if json else Asked(graph, own, reading, estimates[0], best is not None)
@@ -153,9 +148,7 @@ def command(
         notice("--best OUT writes the lower-cost estimate")
     if interrupted:
         return _verdict.INTERRUPTED
-    if any(
-        _may_gain(a.certificate, part.problem) for a, part in zip(assessments, parts, strict=True)
-    ):
+    if any(map(_may_gain, assessments, parts)):
         notice("rounding may limit the bound: try --tier proof")
     code = _verdict.exit_code(a.certificate for a in assessments)
     proven = True
@@ -175,6 +168,16 @@ def command(
         )
         write_page(html, parts[0].instance, parts[0].problem, given[0], assessments[0], origin)
     return code if proven else code or REFUSED
+
+
+def _timed(parts: Sequence[JudgedGraph], given: Sequence[Estimate]) -> list[JudgedGraph]:
+    """The parts, whose nodes have the times of their poses where the graph has none."""
+    from certpgo.io.timestamps import timed_by
+
+    return [
+        replace(part, instance=timed_by(point, part.instance))
+        for part, point in zip(parts, given, strict=True)
+    ]
 
 
 def _judged(
@@ -219,14 +222,15 @@ def _is_better_known(found: Assessment, json: bool) -> bool:
     return found.excess > certificate.tolerance and (json or not said)
 
 
-def _may_gain(certificate: Certificate, problem: Certifiable) -> bool:
+def _may_gain(assessment: Assessment, part: JudgedGraph) -> bool:
     """Whether the refined point is so close to the bound that the proof tier may close the gap."""
     from certpgo.certify.case import PROOF_GAIN
     from certpgo.certify.own_cost import has_proofs
 
+    certificate = assessment.certificate
     gap = certificate.refined_cost - certificate.lower_bound
     near = certificate.tolerance < gap <= PROOF_GAIN * certificate.tolerance
-    provable = has_proofs(problem) and certificate.tier.value == "standard"
+    provable = has_proofs(part.problem) and certificate.tier.value == "standard"
     return provable and certificate.better is None and near
 
 

@@ -7,7 +7,7 @@ from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -168,6 +168,7 @@ def command(
     own = chosen_cost(cost, instance, method=method, robust=robust)
     if provable is not None:
         refuse_unreadable(provable, instance, own)
+    outputs = _Outputs(graph, reading, proof, provable, covariances, html, json)
     results: list[Solved] = []
     proven = True
     with ExitStack() as stack:
@@ -192,16 +193,7 @@ def command(
             results.append(result)
             if trace and not result.solution.trace:
                 notice(f"{result.method} reports no iterations: nothing to --trace")
-            if not json:
-                result.show(target, graph, reading)
-            _verdict.warn(result.fit, result.solution)
-            if proof and provable and not result.interrupted:
-                proven = result.prove(proof, provable, json=json)
-            if covariances is not None:
-                result.write_covariances(covariances, quiet=json)
-            if html is not None:
-                checked = proof if proven and not result.interrupted else None
-                result.write_page(html, graph, target, checked, reading)
+            proven = outputs.emit(result, target)
             if result.interrupted:
                 break
     if json:
@@ -211,6 +203,38 @@ def command(
         return _verdict.INTERRUPTED
     code = _verdict.exit_code(r.certificate for r in results if r.certificate is not None)
     return code if proven else code or REFUSED
+
+
+class _Outputs(NamedTuple):
+    """What was asked for besides the estimate, of a graph that was named and read so."""
+
+    graph: str
+    reading: Reading
+    proof: Path | None
+    provable: Path | None
+    covariances: Path | None
+    html: Path | None
+    json: bool
+
+    def emit(self, result: Solved, target: Path | None) -> bool:
+        """Show a result and write the outputs; returns whether a proof that was asked for is.
+
+        Parameters
+        ----------
+        target : where the estimate was written
+        """
+        if not self.json:
+            result.show(target, self.graph, self.reading)
+        _verdict.warn(result.fit, result.solution)
+        proven = True
+        if self.proof and self.provable and not result.interrupted:
+            proven = result.prove(self.proof, self.provable, json=self.json)
+        if self.covariances is not None:
+            result.write_covariances(self.covariances, quiet=self.json)
+        if self.html is not None:
+            checked = self.proof if proven and not result.interrupted else None
+            result.write_page(self.html, self.graph, target, checked, self.reading)
+        return proven
 
 
 def _solver(method: str, settings: Sequence[str] | None, parts: Sequence[Instance]) -> Solver:

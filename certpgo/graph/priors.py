@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 
@@ -284,6 +285,18 @@ def levers(graph: PoseGraph) -> tuple[BoolArray, BoolArray]:
     return first, turned if graph.arms is None else turned | (moved & graph.arms.any(axis=1))
 
 
+def mirrored_by(graph: PoseGraph) -> Literal["line", "plane", "perhaps"] | None:
+    """Whether a mirror image of a part may fit as well, which the relaxation allows.
+
+    Surely for positions on a line of the plane, or in a plane of space, that alone join it.
+    """
+    if not graph.is_partial:
+        return None
+    if handedness_is_open(graph):
+        return "line" if graph.d == 2 else "plane"
+    return "perhaps" if graph.d == 3 or rotations_are_apart(graph) else None
+
+
 def rotations_are_apart(graph: PoseGraph) -> bool:
     """Whether positions alone join some poses to the others, or to the world."""
     part = components_of(graph.num_nodes, graph.edges[graph.rotation.kappa > 0.0])
@@ -294,7 +307,7 @@ def rotations_are_apart(graph: PoseGraph) -> bool:
 def handedness_is_open(graph: PoseGraph) -> bool:
     """Whether positions in a plane, for d = 2 on a line, are all that joins a part to the rest.
 
-    A mirror image of the part fits these as well, and the relaxation allows it.
+    A mirror image of the part fits these as well.
     """
     if not graph.is_partial:
         return False

@@ -16,7 +16,8 @@ class Scale:
     """The sums that W is made of; those of several sets of measurements add up.
 
     How far positions are from the world's origin says nothing of how well measurements can agree.
-    So a position counts by the typical length of a relative measurement, if that is less.
+    So a position counts by the typical length of a relative measurement, if that is less, and by
+    its own only where nothing is relative.
 
     Attributes
     ----------
@@ -64,7 +65,8 @@ class Scale:
     @property
     def total(self) -> float:
         """W."""
-        of_positions = self.far
-        if self.moved > 0.0 and self.held > 0.0:
-            of_positions = min(self.far, self.placed * (self.moved / self.held))
-        return self.turned + self.moved + of_positions
+        relative = self.turned + self.moved
+        if not relative > 0.0:
+            return self.far
+        typical = self.moved / self.held if self.moved > 0.0 else 0.0
+        return relative + min(self.far, self.placed * typical)

@@ -196,23 +196,26 @@ class Stop:
 
 @dataclass
 class Hopeful:
-    """A monitor that stops descents which, at the last step's pace, would stay above the best.
+    """A monitor that stops descents which, at their pace, would stay above the best.
 
     Attributes
     ----------
     stop : the monitor of all phases
     best : cost that is to be reached
-    hope : steps, each as good as the last, within which it must be
+    hope : steps, each as good as the last ones, within which it must be
+    over : number of last steps that make the pace; single ones may be short where a saddle is near
     """
 
     stop: Stop
     best: float
     hope: float
-    last: float = math.inf
+    over: int = 1
+    costs: list[float] = field(default_factory=list)
 
     def __call__(self, iteration: Iteration) -> bool:
         """Forward an iteration; returns whether to stop."""
         if not iteration.accepted:
             return self.stop(iteration)
-        pace, self.last = self.last - iteration.cost, iteration.cost
-        return self.stop(iteration) or iteration.cost - self.best > self.hope * pace
+        self.costs = [*self.costs, iteration.cost][-self.over - 1 :]
+        fallen = self.costs[0] - iteration.cost if len(self.costs) > self.over else math.inf
+        return self.stop(iteration) or iteration.cost - self.best > self.hope * fallen / self.over

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from certpgo.certify import Certificate, Tier, Verdict
+from certpgo.certify.obstacle import LimitedBy
 from certpgo.costs import own_cost
 from certpgo.graph import Instance
 from certpgo.optimize.solution import Status
@@ -129,7 +130,7 @@ def _after_bounded(certificate: Certificate, given: _Given) -> Iterator[Step]:
             given.certify("--best", "better.g2o"),
         )
         return
-    if "round" in certificate.reason:
+    if certificate.limited_by is LimitedBy.ROUNDING:
         yield "Rounding limits this proof; the tier proof has less of it.", given.at("proof")
     rejects = "distances" not in certificate.objective
     if rejects and given.disagreeing:

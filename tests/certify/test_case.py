@@ -14,7 +14,7 @@ from certpgo.certify import Tier, Verdict
 from certpgo.certify import case as module
 from certpgo.certify.case import FLOOR, Basin, Case, difference_up
 from certpgo.certify.dual import DualBound
-from certpgo.certify.reason import reason_of
+from certpgo.certify.wording import reason_of
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
@@ -210,7 +210,7 @@ SMALL = "negligible relative to the total weight W = 1e+03"
         ),
         (
             {"gap": 0.004},
-            f"{FLOOR_6}; this one costs 8, at most 0.00051 F = 0.0041 above the optimum",
+            f"{FLOOR_6}; this one costs 8, at most 5.01e-04 F = 0.00401 above the optimum",
         ),
         ({"cost_upper": math.inf}, "the cost of this estimate is beyond the range of doubles"),
         (
@@ -257,11 +257,11 @@ SMALL = "negligible relative to the total weight W = 1e+03"
         ({"better_cost": 6.5}, f"{FLOOR_6}; this one costs 8; another estimate costs 6.5"),
         (
             {"verdict": Verdict.CERTIFIED, "gap": 8e-6},
-            f"{FLOOR_6}; this one costs 8, within 1e-06 F = 8e-06 of the optimum",
+            f"{FLOOR_6}; this one costs 8, within 1.00e-06 F = 8e-06 of the optimum",
         ),
         (
             {"verdict": Verdict.CERTIFIED, "gap": 0.004},
-            f"{FLOOR_6}; this one costs 8, within 0.00051 F = 0.0041 of the optimum, which is "
+            f"{FLOOR_6}; this one costs 8, within 5.01e-04 F = 0.00401 of the optimum, which is "
             f"{SMALL}",
         ),
         (
@@ -271,7 +271,7 @@ SMALL = "negligible relative to the total weight W = 1e+03"
         ),
         (
             {"verdict": Verdict.CERTIFIED, "cost_upper": 0.5, "gap": 5e-7},
-            f"{FLOOR_6}; this one costs 0.5, within 1e-06 F = 5e-07 of the optimum",
+            f"{FLOOR_6}; this one costs 0.5, within 1.00e-06 F = 5e-07 of the optimum",
         ),
         (
             {"verdict": Verdict.CERTIFIED, "cost_upper": 0.0, "gap": 0.0},

@@ -20,7 +20,7 @@ from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.information import InformationGraph
 from certpgo.graph.ranges import Ranges
 from certpgo.linalg import so
-from certpgo.objective.problem import RotationProblem
+from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.optimize import spectral
 from certpgo.optimize.newton import newton
 from certpgo.optimize.solution import Status
@@ -227,12 +227,23 @@ def test_a_descent_that_cannot_reach_a_proven_optimum_is_given_up(monkeypatch):
     assert whole.settled
     assert (whole.verdict, whole.basin_is_global) == (Verdict.BOUNDED, True)
     monkeypatch.setattr(judge, "HOPE", 0.0)
+    monkeypatch.setattr(judge, "RECENT", 1)
     given_up = certify(problem, far)
     assert (given_up.verdict, given_up.settled) == (Verdict.REFUTED, False)
     assert given_up.better_cost == pytest.approx(whole.refined_cost, rel=1e-9)
     assert given_up.lower_bound == pytest.approx(whole.lower_bound, rel=1e-6)
     assert "was given up far from it" in given_up.reason
     assert "part of a local descent" in str(given_up)
+
+
+@pytest.mark.parametrize("seed", [229, 3901])
+def test_a_descent_that_rests_at_a_saddle_is_not_given_up(seed):
+    """One step there wins next to nothing; those after it lead to the optimum."""
+    graph, _, _ = pose_graph(rng_of(seed), 20, 3, noise=0.05, extra=10 if seed == 229 else 6)
+    problem = PoseProblem(graph)
+    far = problem.complete(so.random(rng_of(seed + 1), 20, 3))
+    judged = certify(problem, far)
+    assert (judged.verdict, judged.basin_is_global) == (Verdict.BOUNDED, True)
 
 
 def test_a_descent_that_is_stopped_refutes_nothing(monkeypatch):

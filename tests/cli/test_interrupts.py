@@ -1,5 +1,6 @@
 """Ctrl-C ends a command promptly, with one line and exit code 130."""
 
+import importlib
 import os
 import signal
 import subprocess
@@ -9,6 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import typer
 
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.io import write
@@ -245,3 +247,22 @@ def test_ctrl_c_between_two_files_names_both(certpgo, square, outputs, monkeypat
     assert done.err.endswith(f"interrupted; written: {solved}; not written: {page}\n")
     assert [path.name for path in outputs.iterdir()] == ["s.g2o"]
     assert solved.read_text() != "old"
+
+
+@needs_signals
+def test_ctrl_c_while_it_is_said_that_the_command_was_interrupted(certpgo, square, monkeypatch):
+    said = []
+
+    def echo(message, **_):
+        os.kill(os.getpid(), signal.SIGINT)
+        said.append(message)
+
+    monkeypatch.setattr(typer, "echo", echo)
+    monkeypatch.setattr(importlib.import_module("certpgo.cli.info"), "facts", interrupting)
+    assert certpgo("info", square).code == 130
+    assert said[-1].startswith("certpgo: interrupted")
+    assert signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
+
+
+def interrupting(*_, **__):
+    raise KeyboardInterrupt

@@ -18,6 +18,7 @@ from strategies import point_graph
 from certpgo.assess.assessment import assess
 from certpgo.certify import Verdict, certify
 from certpgo.certify.curvature import smallest_eigenvalues
+from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.wording import meaning
 from certpgo.costs import information_problem, surrogate
 from certpgo.datasets import synthetic
@@ -249,7 +250,7 @@ def test_what_to_do_next_depends_on_the_verdict(solved):
     assert "--best better.g2o" in said[Verdict.REFUTED, False]
     assert "certpgo bounds" in said[Verdict.UNDECIDED, False]
     judged = replace(certificate, verdict=Verdict.BOUNDED, basin_is_global=False)
-    again = advice(replace(judged, reason="rounding limits it"), "g.g2o", searched=True)
+    again = advice(replace(judged, obstacle=Obstacle(LimitedBy.ROUNDING)), "g.g2o", searched=True)
     commands = [command for _, command in again]
     assert "certpgo solve g.g2o --tier proof" in commands
     found = replace(judged, better=judged.refined, better_cost=judged.lower_bound)
@@ -270,7 +271,6 @@ def test_what_to_do_next_depends_on_the_verdict(solved):
 @pytest.mark.parametrize("verdict", [Verdict.BOUNDED, Verdict.UNDECIDED])
 def test_more_time_is_advised_only_where_the_search_was_stopped(solved, verdict):
     judged = replace(solved[2].certificate, verdict=verdict, basin_is_global=False)
-    judged = replace(judged, reason="ended early, stopped")
     longer = "certpgo solve g.g2o --time-limit 600"
     stopped = dict(advice(judged, "g.g2o", searched=True, stopped=Status.TIME_LIMIT))
     assert longer in stopped.values()

@@ -18,24 +18,21 @@ import numpy as np
 from certpgo.certify.case import Basin
 from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound
+from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.own_cost import RANKS, OwnCostCase, is_provable
+from certpgo.certify.wording import early
 from certpgo.costs.descent import descend
 from certpgo.costs.problem import InformationProblem
 from certpgo.errors import NumericalError
 from certpgo.graph.lift import Lift, rounded
+from certpgo.graph.priors import mirrored_by
 from certpgo.graph.wording import counted
 from certpgo.optimize.monitor import Iteration, Monitor
 from certpgo.optimize.progress import Hopeful, Stop
 from certpgo.optimize.solution import Level, Solution, Status
 from certpgo.optimize.starts import Start
 from certpgo.solvers.certified.disagreement import Disagreement
-from certpgo.solvers.certified.pipeline import (
-    STOPPED,
-    CertifiedSolution,
-    early,
-    perhaps_mirrored,
-    search_and_certify,
-)
+from certpgo.solvers.certified.pipeline import CertifiedSolution, search_and_certify
 from certpgo.solvers.certified.settings import OUTLIERS_PATIENCE, SolveSettings
 
 #: Surrogates after which the search does not begin again.
@@ -80,11 +77,13 @@ def search_own_cost(
         certificate = _certificate(search, None if settings.tier is None else case.tier)
         ended = stop.ended_by or search.status
     if stop.cut is not None and certificate.verdict is Verdict.UNDECIDED:
-        certificate = replace(certificate, reason=STOPPED)
-    if certificate.verdict is Verdict.BOUNDED and (
-        why := perhaps_mirrored(problem.graph.isotropic)
-    ):
-        certificate = replace(certificate, reason=f"{certificate.reason}; {why}")
+        obstacle = Obstacle(LimitedBy.STOPPED, True, problem.d, stop.cut)
+        certificate = replace(certificate, obstacle=obstacle)
+    elif stop.cut is None and certificate.verdict is Verdict.BOUNDED:
+        mirrored = mirrored_by(problem.graph.isotropic)
+        certificate = replace(
+            certificate, obstacle=replace(certificate.obstacle, mirrored=mirrored)
+        )
     surrogates = counted(search.surrogates, "surrogate{s}")
     minimised = f"; {surrogates} minimised" if search.surrogates else ""
     limit = f"; ended {early(search.patience)}" if search.ended_early else ""

@@ -8,6 +8,8 @@ from functools import cached_property
 
 from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.case import Basin, Case
+from certpgo.certify.obstacle import LimitedBy, Obstacle
+from certpgo.certify.wording import early
 from certpgo.costs.fit import Fit, fit_of
 from certpgo.costs.problem import InformationProblem
 from certpgo.costs.ranges import RangeProblem
@@ -15,7 +17,7 @@ from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.picture import circle_of, closures, drawn
-from certpgo.graph.priors import handedness_is_open, rotations_are_apart
+from certpgo.graph.priors import mirrored_by
 from certpgo.graph.speaking import Speaking, Text
 from certpgo.graph.wording import counted
 from certpgo.linalg.arrays import FloatArray
@@ -35,18 +37,6 @@ GIVEN = "the given estimate"
 STORED = "the initial values of the file"
 #: Ranks that the staircase may add to d.
 MORE_RANKS = 7
-#: Why the relaxation may be loose where positions alone join parts: for those on a line of the
-#: plane or in a plane of space, and for others.
-MIRRORED = (
-    "the relaxation does not know left from right, and positions {} fit a mirror image as well: "
-    "attitudes, or positions {}, would tell"
-)
-PERHAPS_MIRRORED = (
-    "the relaxation does not know left from right, and may mirror what only positions and odometry "
-    "hold: attitudes or loop closures would tell"
-)
-#: The reason of a search that was stopped too early.
-STOPPED = "stopped before a useful bound was found"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -263,7 +253,7 @@ def _certificate(search: Staircase, tier: Tier | None) -> Certificate:
 def _result(problem: Problem, search: Staircase, certificate: Certificate) -> CertifiedSolution:
     """The result in the units of the graph."""
     stop, unit, estimate = search.stop, search.case.unit, search.best.estimate
-    certificate = replace(certificate, reason=_reason(search, certificate))
+    certificate = replace(certificate, obstacle=_obstacle(search, certificate))
     solution = Solution(
         estimate=estimate,
         cost=problem.cost(estimate),
@@ -285,45 +275,19 @@ def _end(search: Staircase) -> str:
     return f"{where}, {early(search.patience)}" if search.ended_early else where
 
 
-def early(patience: float) -> str:
-    """That a search ended by its own limit, and how to let it continue."""
-    return (
-        f"{patience:g} s after a first bound; setting a time limit (time_limit, --time-limit) lets "
-        "it continue"
-    )
-
-
-def perhaps_mirrored(graph: PoseGraph) -> str:
-    """Why the relaxation may be loose on the graph, if positions alone join parts; or empty."""
-    if not graph.is_partial:
-        return ""
-    if handedness_is_open(graph):
-        places = ("on a line", "off the line"), ("in a plane", "out of the plane")
-        return MIRRORED.format(*places[graph.d - 2])
-    return PERHAPS_MIRRORED if graph.d == 3 or rotations_are_apart(graph) else ""
-
-
-def _reason(search: Staircase, certificate: Certificate) -> str:
-    """The certificate's reason, extended by what the search explains."""
-    stopped = search.stop.cut is not None
-    minimal = search.has_reached_the_floor and not stopped
-    if certificate.verdict is Verdict.UNDECIDED and minimal:
-        cost, share = certificate.cost_upper, certificate.cost_upper / certificate.scale
-        return (
-            "the relaxation has no lower point beyond rounding, but the cost, "
-            f"{cost:.4g}, is only {share:.1g} of the total weight W, too little for a proof that "
-            "allows for rounding: "
-            f"atol={2.0 * share:.1g} treats it as zero, and weights that state the true precision "
-            "of the data raise it"
-        )
-    if certificate.verdict is Verdict.UNDECIDED:
-        return STOPPED if stopped else f"{_end(search)} before a useful bound was found"
-    if certificate.verdict is not Verdict.BOUNDED:
-        return certificate.reason
-    graph = search.problem.graph
-    if isinstance(graph, PoseGraph) and (why := perhaps_mirrored(graph)):
-        return f"{certificate.reason}; {why}"
-    if minimal:
-        limit = "the relaxation has no lower point beyond rounding, which limits the proof"
-        return f"{certificate.reason}; {limit}"
-    return f"{certificate.reason}; {_end(search)}" if search.ended_early else certificate.reason
+def _obstacle(search: Staircase, certificate: Certificate) -> Obstacle:
+    """What keeps the gap open after the search."""
+    if certificate.verdict not in (Verdict.BOUNDED, Verdict.UNDECIDED):
+        return certificate.obstacle
+    rank, stopped, graph = search.levels[-1].rank, search.stop.cut, search.problem.graph
+    patience = search.patience if search.ended_early else None
+    about = Obstacle(certificate.limited_by, True, rank, stopped, patience)
+    if certificate.verdict is Verdict.BOUNDED and isinstance(graph, PoseGraph):
+        about = replace(about, mirrored=mirrored_by(graph))
+    if about.mirrored is not None:
+        return replace(about, kind=LimitedBy.LOOSE)
+    if stopped is not None:
+        return replace(about, kind=LimitedBy.STOPPED)
+    if search.has_reached_the_floor:
+        return replace(about, kind=LimitedBy.ROUNDING)
+    return replace(about, kind=LimitedBy.STOPPED if search.ended_early else LimitedBy.LOOSE)

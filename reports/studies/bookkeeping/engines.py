@@ -49,13 +49,15 @@ def judge_tasks(rng: np.random.Generator, found: Findings) -> None:
     """`--scheduler`, threads or a worker of a cluster, with every factorization as tasks."""
     of = draw(rng, nodes=(6, 12), priors=0.0)
     cost = Cost(of, str(rng.choice(COSTS)))
+    kind = "cluster" if rng.random() < 0.1 else "threads"
     least, factor.DISTRIBUTED_FROM = factor.DISTRIBUTED_FROM, 0.0
     try:
-        kind = "cluster" if rng.random() < 0.1 else "threads"
         with found.refusals(kind):
             with address(kind) as where, certpgo.scheduler(where):
                 claim = _claim(f"tasks, {kind}", of, cost.name, "standard")
-            judge(found, cost, [claim])
+            plain = _claim("no tasks", of, cost.name, "standard")
+            judge(found, cost, [claim, plain])
+            found.require(claim.verdict == plain.verdict, f"{claim.verdict}, not {plain.verdict}")
     finally:
         factor.DISTRIBUTED_FROM = least
 

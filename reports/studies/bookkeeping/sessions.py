@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -45,20 +44,23 @@ def _judge(rng: np.random.Generator, found: Findings, of: Measurements) -> None:
     of = of.subset(growing(rng, of))
     cost = Cost(of, str(rng.choice(["chordal", "g2o", "gtsam"])))
     session = Session(cost=cost.name, every=int(rng.integers(1, 20)), time_limit=LIMIT)
-    fed: list[int] = []
+    came: list[int] = []  # measurements by the session's numbers
+    kept: list[int] = []  # numbers
     with found.refusals("session"):
         cuts = np.unique(rng.integers(1, of.m + 1, int(rng.integers(0, 5))))
         for part in np.split(np.arange(of.m), cuts[cuts < of.m]):
             session.add(part_of(rng, of, part))
-            fed += part.tolist()
+            kept += range(len(came), len(came) + len(part))
+            came += part.tolist()
+            if rng.random() < 0.4:
+                kept = _removed(rng, found, session, kept)
             if rng.random() < 0.3:
-                judge_session(found, session, cost, fed, "on the way")
-        if rng.random() < 0.6:
-            fed = _removed(rng, found, session, of, fed)
+                judge_session(found, session, of_known(cost, [came[k] for k in kept]), "on the way")
         if rng.random() < 0.8:
             session.refresh()
-        kept = judge_session(found, session, cost, fed, "session")
-        _judge_beside_batch(found, session, kept)
+        rest = of_known(cost, [came[k] for k in kept])
+        judge_session(found, session, rest, "session")
+        _judge_beside_batch(found, session, rest)
 
 
 def _judge_beside_batch(found: Findings, session: Session, kept: Cost) -> None:
@@ -74,21 +76,16 @@ def _judge_beside_batch(found: Findings, session: Session, kept: Cost) -> None:
         found.require(off <= ours.tolerance + theirs.tolerance, differ)
 
 
-def judge_session(
-    found: Findings, session: Session, cost: Cost, fed: Sequence[int], name: str
-) -> Cost:
-    """Judge where it stands on the measurements that it was fed; returns their cost."""
-    kept = of_known(cost, fed)
-    standing = session.standing
+def judge_session(found: Findings, session: Session, cost: Cost, name: str) -> None:
+    """Judge where it stands on the measurements that it has."""
+    s, of = session.standing, cost.of
     found.require(
-        (standing.nodes, standing.edges) == (kept.of.n, kept.of.m),
-        f"{name}: {standing.nodes} nodes and {standing.edges} measurements, "
-        f"but {kept.of.n} and {kept.of.m} were given",
+        (s.nodes, s.edges) == (of.n, of.m),
+        f"{name}: {s.nodes} nodes and {s.edges} measurements, but {of.n} and {of.m} were given",
     )
-    x, s = poses_in(session, kept.of), standing
+    x = poses_in(session, of)
     claim = Claim(name, x, s.cost, s.lower_bound, s.tolerance, s.verdict.value)
-    judge(found, kept, [claim])
-    return kept
+    judge(found, cost, [claim])
 
 
 def of_known(cost: Cost, fed: Sequence[int]) -> Cost:
@@ -147,10 +144,9 @@ def growing(rng: np.random.Generator, of: Measurements) -> Array:
 
 
 def part_of(rng: np.random.Generator, of: Measurements, part: Array) -> Instance:
-    """Some measurements, in the order that the reader gives them, on their own nodes."""
-    part_in_order = sorted(part.tolist(), key=lambda e: _rank(of, e))
-    part[:] = part_in_order
-    sub = of.subset(np.array(part_in_order))
+    """Some measurements on their own nodes; ``part`` takes the order that the reader gives them."""
+    part[:] = sorted(part.tolist(), key=lambda e: _rank(of, e))
+    sub = of.subset(part)
     sub = sub.induced(np.unique(sub.edges))
     prior = sub.world & (sub.edges[:, 0] == sub.n - 1)
     # A file has more than priors, and says which points are numbered apart.
@@ -163,27 +159,18 @@ def _rank(of: Measurements, e: int) -> tuple[bool, bool]:
 
 
 def _removed(
-    rng: np.random.Generator,
-    found: Findings,
-    session: Session,
-    of: Measurements,
-    fed: list[int],
+    rng: np.random.Generator, found: Findings, session: Session, kept: list[int]
 ) -> list[int]:
-    """Remove some measurements; a refusal leaves the session as it was."""
+    """The numbers that are left; a refusal leaves the session as it was."""
     before = session.standing, session.edges.tolist(), session.nodes
-    gone = rng.choice(len(fed), int(rng.integers(1, 3)), replace=False).tolist()
+    gone = rng.choice(kept, min(len(kept), int(rng.integers(1, 3))), replace=False).tolist()
     try:
         session.remove(gone)
     except CertPGOError as error:
         found.said[f"remove refused: {type(error).__name__}"] += 1
         after = session.standing, session.edges.tolist(), session.nodes
-        found.require(_same(before, after), "a refused removal changed the session")
-        return fed
-    kept = [edge for k, edge in enumerate(fed) if k not in gone]
-    nodes = np.unique(of.edges[kept])
-    found.require(len(nodes) == len(np.unique(of.edges[fed])), "a removal left nodes without edges")
-    return kept
-
-
-def _same(before: Any, after: Any) -> bool:
-    return bool(before == after)
+        found.require(before == after, "a refused removal changed the session")
+        return kept
+    left = [number for number in kept if number not in gone]
+    found.require(session.edges.tolist() == left, f"{left} are left, not {session.edges}")
+    return left

@@ -16,7 +16,7 @@ from functools import cache
 from io import StringIO
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, NoReturn, TextIO
 
 import numpy as np
 
@@ -171,33 +171,39 @@ def _judge_said(found: Findings, of: Measurements, said: dict[str, Any], path: P
 
 def run(arguments: list[str], folder: Path, waits: list[float]) -> tuple[int, str, str]:
     """The command in a process of its own, which is sent SIGINT after these seconds."""
-    sys.stdout.flush()
-    with warnings.catch_warnings():
+    files = folder / "stdout", folder / "stderr"
+    with files[0].open("w") as out, files[1].open("w") as err, warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # other threads only wait
         child = os.fork()
-    if not child:
-        code = 99
-        try:
-            # As in the command itself, where Python does not show these warnings either.
-            signal.signal(signal.SIGINT, _start._end)
-            warnings.simplefilter("ignore", ResourceWarning)
-            for number, file in ((1, "stdout"), (2, "stderr")):
-                os.dup2(os.open(folder / file, os.O_WRONLY | os.O_CREAT), number)
-            code = main(arguments)
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
-        except BaseException:
-            os.write(2, traceback.format_exc().encode())
-        finally:
-            sys.stdout.flush()
-            sys.stderr.flush()
-            os._exit(code)
+        if not child:
+            _become(arguments, out, err)
     for wait in waits:
         time.sleep(wait)
         os.kill(child, signal.SIGINT)
     _, status = os.waitpid(child, 0)
     code = os.waitstatus_to_exitcode(status)
     code = 130 if code == -signal.SIGINT else code
-    return code, (folder / "stdout").read_text(), (folder / "stderr").read_text()
+    return code, files[0].read_text(), files[1].read_text()
+
+
+def _become(arguments: list[str], out: TextIO, err: TextIO) -> NoReturn:
+    """Be the command: only its handler of Ctrl-C, and its warnings."""
+    code = 99
+    try:
+        signal.signal(signal.SIGINT, _start._end)
+        warnings.simplefilter("ignore", ResourceWarning)
+        for number, file in ((1, out), (2, err)):
+            os.dup2(file.fileno(), number)
+        sys.stdout, sys.stderr = out, err
+        code = main(arguments)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    except BaseException:
+        if code == 99:  # later, the command had ended
+            err.write(traceback.format_exc())
+    finally:
+        out.flush()
+        err.flush()
+        os._exit(code)
 
 
 def _judge_files(found: Findings, of: Measurements, graph: Path, outputs: list[Path]) -> None:

@@ -49,6 +49,17 @@ def test_positions_nearer_than_a_step_count_by_their_distance():
     assert PoseProblem(fixed).scale == 1.0 + 100.0 + 18.0
 
 
+def test_positions_count_nothing_where_rotations_alone_are_relative():
+    turns = certpgo.RotationGraph(
+        3, np.array([[0, 1], [1, 2]]), np.tile(np.eye(2), (2, 1, 1)), np.ones(2)
+    )
+    graph = PoseGraph(turns, np.zeros((2, 2)), np.zeros(2))
+    fixes = np.array([[0.0, 0.0], [3.0, 4.0], [6.0, 8.0]])
+    fixed = certpgo.with_priors(graph, np.arange(3), translations=fixes, tau=2.0)
+    assert Scale.of(fixed).total == 2.0
+    assert Scale.of(fixed.with_edges(fixed.absolute)).total == 2.0 * (25.0 + 100.0)
+
+
 @given(seeds, dimensions)
 @settings(max_examples=20)
 def test_scales_of_parts_add_up(seed, d):
