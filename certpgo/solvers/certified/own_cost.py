@@ -25,6 +25,7 @@ from certpgo.costs.descent import descend
 from certpgo.costs.problem import InformationProblem
 from certpgo.errors import NumericalError
 from certpgo.graph.lift import Lift, rounded
+from certpgo.graph.priors import mirrored_by
 from certpgo.graph.wording import counted
 from certpgo.optimize.monitor import Iteration, Monitor
 from certpgo.optimize.progress import Hopeful, Stop
@@ -78,6 +79,11 @@ def search_own_cost(
     if stop.cut is not None and certificate.verdict is Verdict.UNDECIDED:
         obstacle = Obstacle(LimitedBy.STOPPED, True, problem.d, stop.cut)
         certificate = replace(certificate, obstacle=obstacle)
+    elif stop.cut is None and certificate.verdict is Verdict.BOUNDED:
+        mirrored = mirrored_by(problem.graph.isotropic)
+        certificate = replace(
+            certificate, obstacle=replace(certificate.obstacle, mirrored=mirrored)
+        )
     surrogates = counted(search.surrogates, "surrogate{s}")
     minimised = f"; {surrogates} minimised" if search.surrogates else ""
     limit = f"; ended {early(search.patience)}" if search.ended_early else ""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
 
 from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.case import Basin, Case
@@ -17,7 +16,7 @@ from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
 from certpgo.graph.picture import circle_of, closures, drawn
-from certpgo.graph.priors import handedness_is_open
+from certpgo.graph.priors import mirrored_by
 from certpgo.graph.speaking import Speaking, Text
 from certpgo.graph.wording import counted
 from certpgo.linalg.arrays import FloatArray
@@ -280,11 +279,10 @@ def _obstacle(search: Staircase, certificate: Certificate) -> Obstacle:
     rank, stopped, graph = search.levels[-1].rank, search.stop.cut, search.problem.graph
     patience = search.patience if search.ended_early else None
     about = Obstacle(certificate.limited_by, True, rank, stopped, patience)
-    bounded = certificate.verdict is Verdict.BOUNDED
-    if bounded and isinstance(graph, PoseGraph) and graph.is_partial and graph.d == 3:
-        mirrored: Literal["surely", "perhaps"]
-        mirrored = "surely" if handedness_is_open(graph) else "perhaps"
-        return replace(about, kind=LimitedBy.LOOSE, mirrored=mirrored)
+    if certificate.verdict is Verdict.BOUNDED and isinstance(graph, PoseGraph):
+        about = replace(about, mirrored=mirrored_by(graph))
+    if about.mirrored is not None:
+        return replace(about, kind=LimitedBy.LOOSE)
     if stopped is not None:
         return replace(about, kind=LimitedBy.STOPPED)
     if search.has_reached_the_floor:

@@ -37,7 +37,7 @@ class Terms:
     cost: str
 
     @classmethod
-    def chosen(cls, cost: str | None, first: Graph | Instance) -> Terms:
+    def chosen(cls, cost: str | None, first: Graph | Instance | None = None) -> Terms:
         """The cost of this name; by default that of `certpgo.costs.own_cost`, F for graphs.
 
         Raises
