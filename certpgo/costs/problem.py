@@ -124,7 +124,7 @@ class InformationProblem(Speaking):
         """Why there are no proofs of the cost; empty if there are."""
         if self.edge_cost.provable:
             return ""
-        return f"proofs are for the chordal cost and g2o's, not for {self.title}"
+        return f"proofs and their tier are for the chordal cost and g2o's, not for {self.title}"
 
     @property
     def n(self) -> int:

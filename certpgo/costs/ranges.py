@@ -151,7 +151,7 @@ class RangeProblem(Brief):
     @property
     def unprovable(self) -> str:
         """Why there are no proofs of the cost."""
-        return "proofs are not for graphs with measured distances"
+        return "the proof tier is not for graphs with measured distances"
 
     def enclosure(self, estimate: Estimate) -> tuple[float, float]:
         """Lower and upper bounds on f of an estimate, whose translations are taken as stored."""

@@ -116,7 +116,10 @@ class Objective(Speaking, ABC):
         """Why there are no proofs of the cost; empty if there are."""
         if not has_matrix_weights(self.graph):
             return ""
-        return "proofs are for isotropic weights, not for matrix weights, couplings or arms"
+        return (
+            "the proof tier is for isotropic weights, not for edges with matrix weights, "
+            "couplings or arms"
+        )
 
     def enclosure(self, estimate: Estimate) -> tuple[float, float]:
         """Lower and upper bounds on F of an estimate, whose translations are taken as stored."""

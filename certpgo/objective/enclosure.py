@@ -6,8 +6,6 @@ Valid for round-to-nearest IEEE 754 doubles.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from certpgo.graph import Estimate, Graph, PoseGraph
@@ -16,14 +14,6 @@ from certpgo.linalg.balls import U
 from certpgo.linalg.so import rotation_defect
 from certpgo.objective import operators
 from certpgo.objective.edge_sums import EdgeSums
-
-if TYPE_CHECKING:
-    from certpgo.objective.problem import Problem
-
-
-def cost_upper(problem: Problem, estimate: Estimate) -> float:
-    """An upper bound on F of the estimate, whose translations are taken as stored."""
-    return enclosure(problem.graph, estimate)[1]
 
 
 def enclosure(graph: Graph, estimate: Estimate) -> tuple[float, float]:
@@ -36,7 +26,8 @@ def enclosure(graph: Graph, estimate: Estimate) -> tuple[float, float]:
         return max(cost - 2.0 * error, 0.0), cost + error
     weights, sizes, errors = _residuals(graph, estimate)
     least = np.maximum(sizes * (1.0 - 32.0 * U) - 2.0 * errors, 0.0)
-    low, high = weights * least**2, weights * (sizes * (1.0 + 32.0 * U) + errors) ** 2
+    low = weights * least**2
+    high = weights * (sizes * (1.0 + 32.0 * U) + errors) ** 2
     return (
         float(np.sum(low) * (1.0 - _of_a_sum(low))),
         float(np.sum(high) * (1.0 + _of_a_sum(high))),

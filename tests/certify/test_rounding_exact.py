@@ -9,8 +9,7 @@ from strategies import random_edges, rng_of
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import so
 from certpgo.linalg.so import rotation_defect
-from certpgo.objective.enclosure import cost_upper
-from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.objective.problem import PoseProblem, RotationProblem, cost_upper
 
 U = 2.0**-53
 
