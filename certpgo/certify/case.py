@@ -202,9 +202,9 @@ class Case:
         """
         whole = self._bound(self.problem, point, cost, sharp=sharp, tight=tight)
         value = whole.value if whole else 0.0
-        if value >= cost - self.rtol * cost or not self._parts:
+        if value >= cost - self.rtol * cost or not self.parts:
             return whole
-        if value > 0.0 and outside(self.problem, self._parts) < MUCH:
+        if value > 0.0 and outside(self.problem, self.parts) < MUCH:
             return whole
 
         def bound_of(part: Part) -> DualBound | None:
@@ -212,7 +212,7 @@ class Case:
             cost = part.problem.cost(here)
             return self._bound(part.problem, here, cost, sharp=sharp, tight=tight)
 
-        summed = sum_of_bounds(self.problem, self._parts, bound_of)
+        summed = sum_of_bounds(self.problem, self.parts, bound_of)
         return summed if summed is not None and summed.value > value else whole
 
     def _bound(
@@ -237,7 +237,8 @@ class Case:
         return basin
 
     @cached_property
-    def _parts(self) -> list[Part]:
+    def parts(self) -> list[Part]:
+        """The parts between bridges; see `certpgo.certify.parts`."""
         return parts(self.problem)
 
     def cost_upper(self, estimate: Estimate) -> float:

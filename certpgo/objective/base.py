@@ -220,12 +220,12 @@ class Objective(Speaking, ABC):
 
     @cached_property
     def anchor(self) -> int:
-        """The pose at which the gauge is fixed: the heaviest where positions may be measured.
+        """The pose at which the gauge is fixed: the heaviest, whatever the nodes are called.
 
-        If another one were fixed there, the world would turn, and far positions move along arcs.
+        That is the world where positions are measured: if another one were fixed, the world would
+        turn, and far positions move along arcs.
         """
-        partial = isinstance(self.graph, PoseGraph) and self.graph.is_partial
-        return int(self.poses[np.argmax(self.curvature[self.poses]) if partial else 0])
+        return int(self.poses[np.argmax(self.curvature[self.poses])])
 
     def grounded_factor(self, laplacian: CSC) -> Factor | None:
         """The factor of a graph Laplacian (n, n) without its first node; None if it fails."""
