@@ -23,6 +23,7 @@ from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.graph import Estimate
 from certpgo.graph.lift import Point
 from certpgo.objective.problem import Problem
+from certpgo.optimize import spectral
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.optimize.progress import Stop
@@ -178,6 +179,25 @@ class Case:
         """Local descent from an estimate."""
         monitor = monitor or self.stop
         return newton(self.problem, start, DESCENT, monitor=monitor, watch=self.stop.watch)
+
+    def short_descent(self, start: Estimate, settings: NewtonSettings) -> Estimate:
+        """The end of a descent that begins near it."""
+        return newton(self.problem, start, settings).estimate
+
+    def elsewhere(self) -> Basin | None:
+        """The basin reached without an estimate, from eigenvectors; None if there is none."""
+        return self.basin(self._spectral_start(), True)
+
+    def _spectral_start(self) -> Estimate:
+        chordal = self.problem.chordal
+        try:
+            start = spectral.spectral_start(chordal)
+            if self.problem.is_chordal:
+                return start
+            return newton(chordal, start, DESCENT, monitor=lambda _: self.stop.asked).estimate
+        except (NumericalError, np.linalg.LinAlgError):
+            n, d = chordal.n, chordal.d
+            return Estimate(np.tile(np.eye(d), (n, 1, 1)), np.zeros((n, d)))
 
     def bound(
         self,

@@ -28,10 +28,13 @@ from certpgo.graph import Estimate
 from certpgo.graph.lift import Point
 from certpgo.linalg.arrays import FloatArray
 from certpgo.optimize.monitor import Monitor, silent
+from certpgo.optimize.newton import NewtonSettings
 from certpgo.optimize.solution import Solution
 
 #: Ranks that a point is lifted by for a bound, and surrogates that are tried.
 RANKS, EXPANSIONS = 3, 6
+#: Stationarity at which a short descent ends; the cost is then exact to rounding.
+STATIONARY = 1e-8
 #: Share of the gap that another surrogate must be able to close.
 WORTH = 0.1
 
@@ -80,6 +83,10 @@ class OwnCostCase(Case):
     def descent(self, start: Estimate, monitor: Monitor | None = None) -> Solution:
         """Local descent on the cost from an estimate."""
         return descend(self.problem, start, monitor=monitor or self.stop, watch=self.stop.watch)
+
+    def short_descent(self, start: Estimate, settings: NewtonSettings) -> Estimate:
+        """The end of a descent that begins near it."""
+        return descend(self.problem, start, tolerance=STATIONARY).estimate
 
     def bound(
         self,

@@ -377,20 +377,23 @@ def test_a_descent_does_not_depend_on_how_the_world_is_turned(seed):
     assert ends[1] == pytest.approx(ends[0], rel=1e-9)
 
 
-@pytest.mark.parametrize("seed", [0, 1, 3, 4])
+@pytest.mark.parametrize("seed", range(6))
 def test_at_the_time_limit_the_answer_has_been_descended(clock, seed):
-    """A second for each step: the climb is cut, and leaves time for what follows."""
+    """A second for each step: the climb is cut after 70 % of them, and the rest are descent."""
     problem, _, _ = measured(seed, 3, noise=1.0, poses=12, points=4)
+    costs = []
 
     def tick(step):
         clock.now += 1.0
+        costs.append(step.cost)
         return False
 
     answer = solve(problem, time_limit=30.0, monitor=tick)
     assert (answer.solution.status, answer.levels[-1].status) == (Status.TIME_LIMIT,) * 2
     assert clock.now <= 32.0
-    below, _ = descend(problem, answer.estimate)
-    assert answer.cost <= 1.1 * problem.cost(below)
+    descended = costs[22:]
+    assert len(descended) >= 8
+    assert answer.cost <= min(descended) * (1.0 + 1e-9) < 0.9 * descended[0]
     assert answer.solution.note.startswith("initialized by a random point of higher rank")
 
 
