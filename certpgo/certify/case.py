@@ -12,14 +12,14 @@ import numpy as np
 
 from certpgo import checker
 from certpgo.certify.bounds import Bounds
-from certpgo.certify.certificate import Certificate, Tier, Verdict
+from certpgo.certify.certificate import Certificate, Tier, Verdict, tier_called
 from certpgo.certify.dual import DualBound, dual_bound
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.parts import Part, outside, parts, sum_of_bounds
 from certpgo.certify.proof import exact_cost, exact_graph, proven_bound
 from certpgo.certify.units import in_units, unit_of
 from certpgo.costs import Certifiable
-from certpgo.errors import GraphError, InputError, NumericalError, SpecError
+from certpgo.errors import GraphError, InputError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.lift import Point
 from certpgo.objective.problem import Problem
@@ -384,19 +384,3 @@ def refuse_time_limit(seconds: float | None) -> None:
     """
     if seconds is not None and not seconds >= 0.0:
         raise InputError(f"the time limit must not be negative: {seconds}")
-
-
-def tier_called(tier: Tier | str) -> Tier:
-    """The tier itself, or the one with that name.
-
-    Raises
-    ------
-    SpecError
-        There is none.
-    """
-    if isinstance(tier, Tier):
-        return tier
-    known = {t.value: t for t in Tier}
-    if tier not in known:
-        raise SpecError.unknown("tier", str(tier), known)
-    return known[tier]

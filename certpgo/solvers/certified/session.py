@@ -21,7 +21,8 @@ from typing import Any
 import numpy as np
 
 from certpgo.certify import Certificate, Tier, Verdict
-from certpgo.certify.case import FLOOR, difference_up, tier_called
+from certpgo.certify.case import FLOOR, difference_up
+from certpgo.certify.certificate import tier_called
 from certpgo.errors import GraphError, InputError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.labels import WORLD, Label, called
