@@ -14,7 +14,6 @@ from certpgo.assess import metrics
 from certpgo.certify import Certificate, certify
 from certpgo.costs import CHORDAL, Certifiable, certifiable
 from certpgo.costs.fit import Fit
-from certpgo.costs.problem import InformationProblem
 from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import CertPGOError, InputError, InputNotice
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph
@@ -22,7 +21,7 @@ from certpgo.io.digits import Digits, Writing
 from certpgo.io.gtsam_values import estimate_from_values
 from certpgo.io.opening import AnyPath, measured
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
-from certpgo.objective.problem import PoseProblem, Problem
+from certpgo.objective.problem import PoseProblem
 
 #: Number of costliest edges listed.
 EDGES = 5
@@ -189,7 +188,7 @@ def costly_edges(
 
 def measured_parts(problem: Certifiable) -> tuple[BoolArray, BoolArray]:
     """(m,) which edges measure a rotation, and which a translation."""
-    graph = _of_poses(problem).graph
+    graph = problem.chordal.graph
     if isinstance(graph, PoseGraph):
         return graph.rotation.kappa > 0.0, graph.tau > 0.0
     return graph.kappa > 0.0, np.zeros(graph.num_edges, dtype=bool)
@@ -199,7 +198,7 @@ def residual_lengths(problem: Certifiable, estimate: Estimate) -> FloatArray | N
     """(m,) norms of t_j - t_i - R_i t_ij, or errors of distances, metres; None without either."""
     if isinstance(problem, RangeProblem):
         return problem.residual_lengths(estimate)
-    poses = _of_poses(problem)
+    poses = problem.chordal
     if not isinstance(poses, PoseProblem):
         return None
     return np.asarray(np.linalg.norm(poses.translation_residuals(estimate), axis=1))
@@ -227,14 +226,7 @@ def rounding_cost(
 
 def _poses(problem: Certifiable) -> IntArray:
     """The nodes that have a rotation."""
-    return _of_poses(problem).poses
-
-
-def _of_poses(problem: Certifiable) -> Problem:
-    """The problem of F with all edges."""
-    if isinstance(problem, RangeProblem):
-        return problem.whole
-    return problem.chordal if isinstance(problem, InformationProblem) else problem
+    return problem.chordal.poses
 
 
 def certify_values(

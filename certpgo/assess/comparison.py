@@ -188,11 +188,7 @@ def compare(
         Ctrl-C, also where a method returns an estimate after it.
     """
     judge = problem_under(instance, cost)
-    problem, objective = (
-        (judge.chordal, judge.edge_cost.title)
-        if isinstance(judge, InformationProblem)
-        else (judge, OF_F)
-    )
+    problem, objective = judge.chordal, OF_F if judge.is_chordal else judge.title
     for method in methods_under(cost) if methods is None else methods:
         announce(method.label)
         blank = MethodResult(
@@ -225,7 +221,7 @@ def _result(
         raise KeyboardInterrupt
     certificate, _ = certified(solution, problem)
     kept = solution.kept
-    graph = problem.chordal.graph if isinstance(problem, InformationProblem) else problem.graph
+    graph = problem.chordal.graph
     return replace(
         blank,
         status=solution.status.value,

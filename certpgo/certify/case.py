@@ -6,24 +6,24 @@ import math
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
 from certpgo import checker
-from certpgo.certify import rounding
 from certpgo.certify.bounds import Bounds
-from certpgo.certify.certificate import CHORDAL, Certificate, Tier, Verdict
+from certpgo.certify.certificate import Certificate, Tier, Verdict, tier_called
 from certpgo.certify.dual import DualBound, dual_bound
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.parts import Part, outside, parts, sum_of_bounds
 from certpgo.certify.proof import exact_cost, exact_graph, proven_bound
 from certpgo.certify.units import in_units, unit_of
-from certpgo.errors import GraphError, InputError, NumericalError, SpecError
+from certpgo.costs import Certifiable
+from certpgo.errors import GraphError, InputError, NumericalError
 from certpgo.graph import Estimate
-from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.lift import Point
 from certpgo.objective.problem import Problem
+from certpgo.optimize import spectral
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.optimize.progress import Stop
@@ -83,7 +83,7 @@ class Case:
     @classmethod
     def of(
         cls,
-        problem: Problem,
+        problem: Any,
         tier: Tier | str,
         rtol: float,
         atol: float,
@@ -102,34 +102,14 @@ class Case:
         tier = tier_called(tier)
         refuse_tolerances(rtol, atol)
         if tier is Tier.PROOF:
-            cls.refuse_unprovable(problem)
+            refuse_unprovable(problem)
         unit = unit_of(problem)
         try:
             scaled = problem.scaled(1.0 / unit)
         except GraphError as error:
             raise InputError(f"too uneven weights: divided by {unit:.2g}, {error}") from None
         case = cls(scaled, unit, tier, rtol, atol)
-        return replace(case, stop=Stop(monitor, unit, case.objective))
-
-    @staticmethod
-    def refuse_unprovable(problem: Problem) -> None:
-        """Refuse a problem that has no proof tier.
-
-        Raises
-        ------
-        InputError
-            It has edges with couplings or arms.
-        """
-        if has_matrix_weights(problem.graph):
-            raise InputError(
-                "the proof tier is for isotropic weights, not for edges with matrix weights, "
-                "couplings or arms"
-            )
-
-    @property
-    def objective(self) -> str:
-        """The cost that certificates are about."""
-        return CHORDAL
+        return replace(case, stop=Stop(monitor, unit, problem.title))
 
     @property
     def rigorous(self) -> bool:
@@ -200,6 +180,25 @@ class Case:
         monitor = monitor or self.stop
         return newton(self.problem, start, DESCENT, monitor=monitor, watch=self.stop.watch)
 
+    def short_descent(self, start: Estimate, settings: NewtonSettings) -> Estimate:
+        """The end of a descent that begins near it."""
+        return newton(self.problem, start, settings).estimate
+
+    def elsewhere(self) -> Basin | None:
+        """The basin reached without an estimate, from eigenvectors; None if there is none."""
+        return self.basin(self._spectral_start(), True)
+
+    def _spectral_start(self) -> Estimate:
+        chordal = self.problem.chordal
+        try:
+            start = spectral.spectral_start(chordal)
+            if self.problem.is_chordal:
+                return start
+            return newton(chordal, start, DESCENT, monitor=lambda _: self.stop.asked).estimate
+        except (NumericalError, np.linalg.LinAlgError):
+            n, d = chordal.n, chordal.d
+            return Estimate(np.tile(np.eye(d), (n, 1, 1)), np.zeros((n, d)))
+
     def bound(
         self,
         point: Point,
@@ -223,9 +222,9 @@ class Case:
         """
         whole = self._bound(self.problem, point, cost, sharp=sharp, tight=tight)
         value = whole.value if whole else 0.0
-        if value >= cost - self.rtol * cost or not self._parts:
+        if value >= cost - self.rtol * cost or not self.parts:
             return whole
-        if value > 0.0 and outside(self.problem, self._parts) < MUCH:
+        if value > 0.0 and outside(self.problem, self.parts) < MUCH:
             return whole
 
         def bound_of(part: Part) -> DualBound | None:
@@ -233,7 +232,7 @@ class Case:
             cost = part.problem.cost(here)
             return self._bound(part.problem, here, cost, sharp=sharp, tight=tight)
 
-        summed = sum_of_bounds(self.problem, self._parts, bound_of)
+        summed = sum_of_bounds(self.problem, self.parts, bound_of)
         return summed if summed is not None and summed.value > value else whole
 
     def _bound(
@@ -258,18 +257,19 @@ class Case:
         return basin
 
     @cached_property
-    def _parts(self) -> list[Part]:
+    def parts(self) -> list[Part]:
+        """The parts between bridges; see `certpgo.certify.parts`."""
         return parts(self.problem)
 
     def cost_upper(self, estimate: Estimate) -> float:
         """F of the estimate, rounded up."""
         if self.tier is Tier.PROOF:
             return exact_cost(self.problem, self._exact, estimate)
-        return rounding.cost_upper(self.problem, estimate)
+        return self.problem.enclosure(estimate)[1]
 
     def sure(self, estimate: Estimate, cost: float) -> float:
         """A smaller cost is lower than the estimate's, at most ``cost``, despite rounding."""
-        return rounding.cost_lower(self.problem, estimate) - self.difference(cost)
+        return self.problem.enclosure(estimate)[0] - self.difference(cost)
 
     @cached_property
     def _exact(self) -> checker.Graph:
@@ -326,7 +326,7 @@ class Case:
             better_cost=better.cost if better else None,
             bounds=bounds,
             engine=problem.engine,
-            objective=self.objective,
+            objective=problem.title,
             descended=own.descended,
             settled=own.settled,
             support=best.bound.support if best.bound else None,
@@ -348,6 +348,18 @@ def difference_up(high: float, low: float) -> float:
     gap = high - low
     short = math.isfinite(gap) and Fraction(gap) < Fraction(high) - Fraction(low)
     return math.nextafter(gap, math.inf) if short else gap
+
+
+def refuse_unprovable(problem: Certifiable) -> None:
+    """Refuse a problem whose cost the checker does not know.
+
+    Raises
+    ------
+    InputError
+        Its reason says so.
+    """
+    if problem.unprovable:
+        raise InputError(problem.unprovable)
 
 
 def refuse_tolerances(rtol: float, atol: float) -> None:
@@ -372,19 +384,3 @@ def refuse_time_limit(seconds: float | None) -> None:
     """
     if seconds is not None and not seconds >= 0.0:
         raise InputError(f"the time limit must not be negative: {seconds}")
-
-
-def tier_called(tier: Tier | str) -> Tier:
-    """The tier itself, or the one with that name.
-
-    Raises
-    ------
-    SpecError
-        There is none.
-    """
-    if isinstance(tier, Tier):
-        return tier
-    known = {t.value: t for t in Tier}
-    if tier not in known:
-        raise SpecError.unknown("tier", str(tier), known)
-    return known[tier]

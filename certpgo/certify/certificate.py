@@ -12,11 +12,12 @@ from certpgo.certify.bounds import Bounds
 from certpgo.certify.dual import Support
 from certpgo.certify.obstacle import NOTHING, LimitedBy, Obstacle
 from certpgo.certify.wording import Statement
+from certpgo.errors import SpecError
 from certpgo.graph import Estimate
 from certpgo.graph.wording import cost_shown, gap_shown
 from certpgo.io.plain import plain
 from certpgo.linalg.arrays import FloatArray
-from certpgo.optimize.monitor import CHORDAL
+from certpgo.objective.base import CHORDAL
 
 __all__ = ["CHORDAL", "Certificate", "Tier", "Verdict"]
 
@@ -74,6 +75,22 @@ class Tier(StrEnum):
     SCREEN = "screen"
     STANDARD = "standard"
     PROOF = "proof"
+
+
+def tier_called(tier: Tier | str) -> Tier:
+    """The tier itself, or the one with that name.
+
+    Raises
+    ------
+    SpecError
+        There is none.
+    """
+    if isinstance(tier, Tier):
+        return tier
+    known = {t.value: t for t in Tier}
+    if tier not in known:
+        raise SpecError.unknown("tier", str(tier), known)
+    return known[tier]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo import checker
+from certpgo.certify.case import refuse_unprovable
 from certpgo.certify.certificate import Certificate, Tier
 from certpgo.certify.own_cost import OwnCostCase
 from certpgo.certify.proof import Witness, prove
@@ -44,7 +45,7 @@ def problem_of_certificate(instance: Instance, certificate: Certificate) -> Info
     """
     problems = [information_problem(instance, name) for name in COSTS]
     problem = next(p for p in problems if p.edge_cost.title == certificate.objective)
-    OwnCostCase.refuse_unprovable(problem)
+    refuse_unprovable(problem)
     return problem
 
 

@@ -8,22 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from certpgo.certify.bounds import Bounds, bounds
-from certpgo.certify.case import ATOL, DESCENT, RTOL, Basin, Case, refuse_time_limit
+from certpgo.certify.case import ATOL, RTOL, Basin, refuse_time_limit
+from certpgo.certify.cases import case_of
 from certpgo.certify.certificate import Certificate, Tier
-from certpgo.certify.own_cost import OwnCostCase
-from certpgo.certify.ranged import RangedCase
 from certpgo.costs import Certifiable, certifiable
-from certpgo.costs.problem import InformationProblem
-from certpgo.costs.ranges import RangeProblem
-from certpgo.errors import InputError, NumericalError, kind_of
+from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.io.opening import AnyPath, estimated, measured
 from certpgo.io.writing import AnyAnswer
-from certpgo.objective.base import Objective
-from certpgo.objective.problem import Problem
-from certpgo.optimize import spectral
 from certpgo.optimize.monitor import Iteration, Monitor, silent
-from certpgo.optimize.newton import newton
 from certpgo.optimize.progress import Hopeful
 from certpgo.optimize.solution import Status
 
@@ -130,16 +123,7 @@ class Judge:
         ctrl_c: bool = False,
     ) -> None:
         refuse_time_limit(time_limit)
-        if isinstance(problem, InformationProblem):
-            self._case: Case = OwnCostCase.of(problem, tier, rtol, atol, monitor)
-        elif isinstance(problem, RangeProblem):
-            self._case = RangedCase.of(problem, tier, rtol, atol, monitor)
-        elif isinstance(problem, Objective):
-            self._case = Case.of(problem, tier, rtol, atol, monitor)
-        else:
-            raise InputError(
-                f"a PoseProblem(graph) or RotationProblem(graph) is judged, not {kind_of(problem)}"
-            )
+        self._case = case_of(problem, tier, rtol, atol, monitor)
         self._problem, self._refine = problem, refine
         self._time_limit, self._ctrl_c = time_limit, ctrl_c
         self._best: Basin | None = None
@@ -232,35 +216,18 @@ class Judge:
             return self._best
         if self._other is None:
             case = self._case
-            found = (
-                case.elsewhere()
-                if isinstance(case, RangedCase)
-                else case.basin(_spectral_start(case), True)
-            )
+            found = case.elsewhere()
             if case.stop.cut is not None:
                 return found
             self._other = found
         return self._other
 
 
-def _spectral_start(case: Case) -> Estimate:
-    problem: Problem | InformationProblem = case.problem
-    try:
-        if isinstance(problem, InformationProblem):
-            start = spectral.spectral_start(problem.chordal)
-            found = newton(problem.chordal, start, DESCENT, monitor=lambda _: case.stop.asked)
-            return found.estimate
-        return spectral.spectral_start(problem)
-    except (NumericalError, np.linalg.LinAlgError):
-        n, d = problem.n, problem.d
-        return Estimate(np.tile(np.eye(d), (n, 1, 1)), np.zeros((n, d)))
-
-
 def _bounds(problem: Certifiable, point: Estimate) -> Bounds | None:
     # They are about chordal costs with isotropic weights.
-    if isinstance(problem, InformationProblem | RangeProblem) or problem.graph.is_general:
+    if not problem.is_chordal or problem.chordal.graph.is_general:
         return None
     try:
-        return bounds(problem.rotation, point)
+        return bounds(problem.chordal.rotation, point)
     except (NumericalError, np.linalg.LinAlgError):
         return None

@@ -48,7 +48,7 @@ class Obstacle:
     patience : seconds after a first bound that its own limit allowed; None if that did not end it
     of_distances : whether the relaxation is that of measured distances
     missing, edge : number of measurements without a minorant, and the nodes of one
-    mirrored : whether positions fit a mirror image as well: surely, or perhaps; None if not
+    mirrored : where positions lie whose mirror image fits as well, or perhaps; None if it does not
     """
 
     kind: LimitedBy = LimitedBy.TIGHT
@@ -59,7 +59,7 @@ class Obstacle:
     of_distances: bool = False
     missing: int = 0
     edge: tuple[int, int] | None = None
-    mirrored: Literal["surely", "perhaps"] | None = None
+    mirrored: Literal["line", "plane", "perhaps"] | None = None
 
 
 #: The gap is closed, up to the tolerance.

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -21,22 +21,20 @@ from certpgo.certify.climb import climb
 from certpgo.certify.dual import DualBound, Support, dual_bound
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.proof import proven_surrogate
-from certpgo.costs import Certifiable
 from certpgo.costs.descent import descend
-from certpgo.costs.g2o import G2oCost
-from certpgo.costs.positions import WithPositions
 from certpgo.costs.problem import InformationProblem, Surrogate, surrogate_at, surrogate_of
-from certpgo.costs.ranges import RangeProblem
-from certpgo.errors import GraphError, InputError, NumericalError
+from certpgo.errors import GraphError, NumericalError
 from certpgo.graph import Estimate
-from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.lift import Point
 from certpgo.linalg.arrays import FloatArray
 from certpgo.optimize.monitor import Monitor, silent
+from certpgo.optimize.newton import NewtonSettings
 from certpgo.optimize.solution import Solution
 
 #: Ranks that a point is lifted by for a bound, and surrogates that are tried.
 RANKS, EXPANSIONS = 3, 6
+#: Stationarity at which a short descent ends; the cost is then exact to rounding.
+STATIONARY = 1e-8
 #: Share of the gap that another surrogate must be able to close.
 WORTH = 0.1
 
@@ -50,19 +48,6 @@ class Reached:
     number: int
 
 
-def is_provable(problem: InformationProblem) -> bool:
-    """Whether the checker knows the problem's cost."""
-    cost = problem.edge_cost
-    return issubclass(cost.between if isinstance(cost, WithPositions) else type(cost), G2oCost)
-
-
-def has_proofs(problem: Certifiable) -> bool:
-    """Whether a problem has the proof tier."""
-    if isinstance(problem, InformationProblem):
-        return is_provable(problem)
-    return not isinstance(problem, RangeProblem) and not has_matrix_weights(problem.graph)
-
-
 @dataclass(frozen=True)
 class OwnCostCase(Case):
     """A `Case` whose cost is that of another program; ``problem`` is an `InformationProblem`."""
@@ -72,9 +57,9 @@ class OwnCostCase(Case):
     ranks: int = RANKS
 
     @classmethod
-    def of(  # type: ignore[override]
+    def of(
         cls,
-        problem: InformationProblem,
+        problem: Any,
         tier: Tier | str,
         rtol: float,
         atol: float,
@@ -89,27 +74,7 @@ class OwnCostCase(Case):
             definite.
         """
         problem.refuse_indefinite()
-        return super().of(problem, tier, rtol, atol, monitor)  # type: ignore[arg-type]
-
-    @staticmethod
-    def refuse_unprovable(problem: InformationProblem) -> None:  # type: ignore[override]
-        """Refuse a cost that the checker does not know.
-
-        Raises
-        ------
-        InputError
-            It is not that of g2o.
-        """
-        if not is_provable(problem):
-            raise InputError(
-                "proofs and their tier are for the chordal cost and g2o's, "
-                f"not for {problem.edge_cost.title}"
-            )
-
-    @property
-    def objective(self) -> str:
-        """The cost that certificates are about."""
-        return self.problem.edge_cost.title
+        return super().of(problem, tier, rtol, atol, monitor)
 
     def completed(self, estimate: Estimate) -> Estimate:
         """The estimate itself: its best translations depend on the cost, and come by descent."""
@@ -118,6 +83,10 @@ class OwnCostCase(Case):
     def descent(self, start: Estimate, monitor: Monitor | None = None) -> Solution:
         """Local descent on the cost from an estimate."""
         return descend(self.problem, start, monitor=monitor or self.stop, watch=self.stop.watch)
+
+    def short_descent(self, start: Estimate, settings: NewtonSettings) -> Estimate:
+        """The end of a descent that begins near it."""
+        return descend(self.problem, start, tolerance=STATIONARY).estimate
 
     def bound(
         self,
@@ -260,7 +229,3 @@ class OwnCostCase(Case):
     def cost_upper(self, estimate: Estimate) -> float:
         """The cost of the estimate, rounded up."""
         return self.problem.enclosure(estimate)[1]
-
-    def sure(self, estimate: Estimate, cost: float) -> float:
-        """A smaller cost is lower than the estimate's, at most ``cost``, despite rounding."""
-        return self.problem.enclosure(estimate)[0] - self.difference(cost)

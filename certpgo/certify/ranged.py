@@ -7,26 +7,22 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
 
 import numpy as np
 
-from certpgo.certify import rounding
 from certpgo.certify.bounds import Bounds
 from certpgo.certify.case import Basin, Case
-from certpgo.certify.certificate import Certificate, Tier, Verdict
+from certpgo.certify.certificate import Certificate, Verdict
 from certpgo.certify.dual import DualBound, dual_bound
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.costs.range_descent import descend, escape
 from certpgo.costs.ranges import FAINT, SHORTEST, RangeProblem
-from certpgo.errors import InputError, NumericalError
+from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.lift import Lift, Point, lifted, main_subspace, translations_of
 from certpgo.graph.trees import tree_initialization
 from certpgo.linalg import so
-from certpgo.linalg.arrays import FloatArray
-from certpgo.linalg.balls import U
-from certpgo.optimize.monitor import Monitor, silent
+from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.solution import Level, Solution, Status
 from certpgo.optimize.starts import Start
 
@@ -52,34 +48,6 @@ RANKS = 7
 def _lever(graph: PoseGraph) -> float:
     """The largest coordinate that is measured, or 1 without any."""
     return float(np.abs(graph.translations).max()) or 1.0
-
-
-def cost_upper(problem: RangeProblem, estimate: Estimate) -> float:
-    """An upper bound on f of the estimate, whose translations are taken as stored."""
-    size, error = _misfits(problem, estimate)
-    terms = problem.ranges.weights * (size + error) ** 2
-    total = rounding.cost_upper(problem.alone, estimate) + float(np.sum(terms))
-    return math.nextafter(total * (1.0 + _of_a_sum(terms)), math.inf)
-
-
-def cost_lower(problem: RangeProblem, estimate: Estimate) -> float:
-    """A lower bound on f of the estimate."""
-    size, error = _misfits(problem, estimate)
-    terms = problem.ranges.weights * np.maximum(size - error, 0.0) ** 2
-    total = rounding.cost_lower(problem.alone, estimate) + float(np.sum(terms))
-    return total * (1.0 - _of_a_sum(terms))
-
-
-def _misfits(problem: RangeProblem, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
-    """How far distances are from the measured ones, and bounds on the rounding of that."""
-    distances, length = problem.ranges.distances, problem.lengths(estimate)
-    # The difference, d squares, their sum and the root, each relative to the length.
-    return np.abs(length - distances), 16.0 * U * (length + distances) + 2.0**-500
-
-
-def _of_a_sum(terms: FloatArray) -> float:
-    # A few roundings within each term, and at most one per term in the sum, in any order.
-    return (len(terms) + 16) * 2.0 * U
 
 
 def range_bound(problem: RangeProblem, point: Point, cost: float) -> DualBound | None:
@@ -113,34 +81,6 @@ class RangedCase(Case):
 
     problem: RangeProblem  # type: ignore[assignment]
 
-    @classmethod
-    def of(  # type: ignore[override]
-        cls,
-        problem: RangeProblem,
-        tier: Tier | str,
-        rtol: float,
-        atol: float,
-        monitor: Monitor = silent,
-    ) -> Self:
-        """Normalize a problem; see `Case.of`."""
-        return super().of(problem, tier, rtol, atol, monitor)  # type: ignore[arg-type]
-
-    @staticmethod
-    def refuse_unprovable(problem: RangeProblem) -> None:  # type: ignore[override]
-        """Refuse the proof tier.
-
-        Raises
-        ------
-        InputError
-            Always.
-        """
-        raise InputError("the proof tier is not for graphs with measured distances")
-
-    @property
-    def objective(self) -> str:
-        """The cost that certificates are about."""
-        return self.problem.title
-
     def completed(self, estimate: Estimate) -> Estimate:
         """The estimate itself: its best translations come by descent."""
         return estimate
@@ -157,14 +97,6 @@ class RangedCase(Case):
     def bound(self, point: Point, cost: float, **_: bool) -> DualBound | None:
         """The bound by the tangents at a point; see `range_bound`."""
         return range_bound(self.problem, point, cost)
-
-    def cost_upper(self, estimate: Estimate) -> float:
-        """The cost of the estimate, rounded up."""
-        return cost_upper(self.problem, estimate)
-
-    def sure(self, estimate: Estimate, cost: float) -> float:
-        """A smaller cost is lower than the estimate's, at most ``cost``, despite rounding."""
-        return cost_lower(self.problem, estimate) - self.difference(cost)
 
     @cached_property
     def search(self) -> Search:

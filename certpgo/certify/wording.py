@@ -16,7 +16,7 @@ from certpgo.graph.wording import (
     reading_sentence,
     rounded_up,
 )
-from certpgo.optimize.monitor import CHORDAL
+from certpgo.objective.base import CHORDAL
 
 _MEANINGS = {
     "CERTIFIED": "no estimate can be better by more than the tolerance; this is proven",
@@ -43,9 +43,12 @@ _ANGLES = ", and its library's sine and arctangent to 4 units in the last place"
 
 #: Gap relative to F that is never called small.
 LARGE = 0.01
-#: Why the relaxation may be loose where positions alone join parts: for those in a plane, and else.
+#: Why the relaxation may be loose where positions alone join parts: for those on a line of the
+#: plane or in a plane of space, and else.
 _MIRRORED = {
-    "surely": "the relaxation does not know left from right, and positions in a plane fit a mirror "
+    "line": "the relaxation does not know left from right, and positions on a line fit a mirror "
+    "image as well: attitudes, or positions off the line, would tell",
+    "plane": "the relaxation does not know left from right, and positions in a plane fit a mirror "
     "image as well: attitudes, or positions out of the plane, would tell",
     "perhaps": "the relaxation does not know left from right, and may mirror what only positions "
     "and odometry hold: attitudes or loop closures would tell",

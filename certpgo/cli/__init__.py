@@ -6,6 +6,7 @@ heavy at the top, so that ``certpgo --help`` is quick.
 
 from __future__ import annotations
 
+import errno
 import functools
 import importlib
 import inspect
@@ -152,7 +153,8 @@ def _guarded(function: Command) -> Callable[..., None]:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             code = 141
         except OSError as error:
-            place = f"{error.filename}: " if error.filename else ""
+            where = "standard output" if error.errno == errno.ENOSPC else ""
+            place = f"{named}: " if (named := error.filename or where) else ""
             code = _fail(f"{place}{error.strerror or error}")
         raise typer.Exit(code or 0)
 

@@ -276,25 +276,22 @@ def _is_better_known(found: Assessment, json: bool) -> bool:
 def _may_gain(assessment: Assessment, part: JudgedGraph) -> bool:
     """Whether the refined point is so close to the bound that the proof tier may close the gap."""
     from certpgo.certify.case import PROOF_GAIN
-    from certpgo.certify.own_cost import has_proofs
 
     certificate = assessment.certificate
     gap = certificate.refined_cost - certificate.lower_bound
     near = certificate.tolerance < gap <= PROOF_GAIN * certificate.tolerance
-    provable = has_proofs(part.problem) and certificate.tier.value == "standard"
+    provable = not part.problem.unprovable and certificate.tier.value == "standard"
     return provable and certificate.better is None and near
 
 
 def _disagreement(problem: Certifiable, found: Assessment) -> Disagreement | None:
     """Measurements that disagree with the rest, by their residual angles and chordal cost."""
-    from certpgo.costs import InformationProblem, RangeProblem
+    from certpgo.costs import RangeProblem
     from certpgo.solvers.certified.disagreement import disagreement
 
     if isinstance(problem, RangeProblem):
         return None
-    if isinstance(problem, InformationProblem):
-        problem = problem.chordal
-    return disagreement(problem, found.best, refit=not found.best_is_optimal)
+    return disagreement(problem.chordal, found.best, refit=not found.best_is_optimal)
 
 
 def _batch(

@@ -14,6 +14,9 @@ from certpgo.cli._proving import REFUSED
 from certpgo.cli._show import document, working
 from certpgo.errors import InputError
 
+#: What the checker's line begins with if it cannot read a file.
+SAYS = "error: "
+
 
 def command(
     graph: Annotated[str, typer.Argument(metavar="GRAPH", help="g2o or 1DSfM file, or dataset.")],
@@ -31,6 +34,8 @@ def command(
     arguments = [sys.executable, str(program), str(path), str(proof)]
     with working(f"checking {proof}"):
         done = subprocess.run(arguments, capture_output=True, text=True, check=False)
+    if done.stderr.startswith(SAYS):
+        raise InputError(done.stderr.removeprefix(SAYS).strip())
     typer.echo(done.stdout, nl=False)
     typer.echo(done.stderr, nl=False, err=True)
     return done.returncode

@@ -73,6 +73,8 @@ class EdgeCost(ABC):
 
     #: Name in options and reports.
     name: ClassVar[str]
+    #: Whether the checker knows it.
+    provable: ClassVar[bool] = False
 
     @property
     @abstractmethod

@@ -45,6 +45,7 @@ class G2oCost(EdgeCost):
     """
 
     name: ClassVar[str] = "g2o"
+    provable: ClassVar[bool] = True
 
     @property
     def title(self) -> str:

@@ -44,6 +44,11 @@ class WithPositions(EdgeCost):
         return self.between.name
 
     @property
+    def provable(self) -> bool:  # type: ignore[override]
+        """Whether the checker knows it."""
+        return self.between.provable
+
+    @property
     def title(self) -> str:
         """What it is, in the words of the program's users."""
         return f"{self.between(self.graph).title}, and of positions"

@@ -107,6 +107,25 @@ class InformationProblem(Speaking):
         """The problem of the same measurements with isotropic weights; shares pattern and order."""
         return PoseProblem(self.graph.isotropic, self.engine)
 
+    is_chordal = False
+
+    @property
+    def cost_name(self) -> str:
+        """The cost's name in options."""
+        return self.edge_cost.name
+
+    @property
+    def title(self) -> str:
+        """What the cost is, in the words of the program's users."""
+        return self.edge_cost.title
+
+    @property
+    def unprovable(self) -> str:
+        """Why there are no proofs of the cost; empty if there are."""
+        if self.edge_cost.provable:
+            return ""
+        return f"proofs and their tier are for the chordal cost and g2o's, not for {self.title}"
+
     @property
     def n(self) -> int:
         """Number of poses."""

@@ -126,6 +126,8 @@ def _factor(problem: RangeProblem, state: _State, exact: bool, damping: float) -
     # Of positions and of turns by themselves, as their ratio depends on the unit of length.
     r = state.point.rank
     largest = np.repeat([size[:, :r].max(), size[:, r:].max()], [r, size.shape[1] - r])
+    # Each position's mean: entries of single coordinates depend on how the world is turned.
+    size[:, :r] = size[:, :r].mean(axis=1, keepdims=True)
     least = state.layout.pack(np.maximum(size, 1e-12 * largest))
     A = add_to_diagonal(H, damping * least)
     return problem.symbolic(A).factor(A)

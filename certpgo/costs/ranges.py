@@ -140,6 +140,32 @@ class RangeProblem(Brief):
         distances = self.ranges.weights @ self.ranges.distances**2
         return self.alone.scale + float(distances)
 
+    cost_name = "chordal"
+    is_chordal = False
+
+    @property
+    def chordal(self) -> PoseProblem:
+        """The problem of the measurements and of edges as long as the distances."""
+        return self.whole
+
+    @property
+    def unprovable(self) -> str:
+        """Why there are no proofs of the cost."""
+        return "the proof tier is not for graphs with measured distances"
+
+    def enclosure(self, estimate: Estimate) -> tuple[float, float]:
+        """Lower and upper bounds on f of an estimate, whose translations are taken as stored."""
+        distances, length = self.ranges.distances, self.lengths(estimate)
+        # The difference, d squares, their sum and the root, each relative to the length.
+        error = 16.0 * U * (length + distances) + 2.0**-500
+        size, weights = np.abs(length - distances), self.ranges.weights
+        low, high = self.alone.enclosure(estimate)
+        low += float(np.sum(weights * np.maximum(size - error, 0.0) ** 2))
+        high += float(np.sum(weights * (size + error) ** 2))
+        # A few roundings within each term, and at most one per term in the sum, in any order.
+        of_sum = (len(distances) + 16) * 2.0 * U
+        return low * (1.0 - of_sum), math.nextafter(high * (1.0 + of_sum), math.inf)
+
     def check(self, estimate: Estimate) -> None:
         """Refuse an estimate of another graph by an InputError."""
         self.alone.check(estimate)

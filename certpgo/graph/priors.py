@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg import so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
-#: Positions this near to a plane, over their extent, determine no handedness.
+#: Positions this near to a plane, in the plane to a line, over their extent, leave handedness open.
 FLAT = 0.02
 #: Extents from the origin at which positions are far away.
 FARAWAY = 8.0
@@ -284,12 +285,31 @@ def levers(graph: PoseGraph) -> tuple[BoolArray, BoolArray]:
     return first, turned if graph.arms is None else turned | (moved & graph.arms.any(axis=1))
 
 
-def handedness_is_open(graph: PoseGraph) -> bool:
-    """Whether a part of a graph in space is joined to the rest by positions in a plane alone.
+def mirrored_by(graph: PoseGraph) -> Literal["line", "plane", "perhaps"] | None:
+    """Whether a mirror image of a part may fit as well, which the relaxation allows.
 
-    A mirror image of the part fits these as well, and the relaxation allows it.
+    Surely for positions on a line of the plane, or in a plane of space, that alone join it.
     """
-    if graph.d == 2 or not graph.is_partial:
+    if not graph.is_partial:
+        return None
+    if handedness_is_open(graph):
+        return "line" if graph.d == 2 else "plane"
+    return "perhaps" if graph.d == 3 or rotations_are_apart(graph) else None
+
+
+def rotations_are_apart(graph: PoseGraph) -> bool:
+    """Whether positions alone join some poses to the others, or to the world."""
+    part = components_of(graph.num_nodes, graph.edges[graph.rotation.kappa > 0.0])
+    poses = slice(None) if graph.points is None else ~graph.points
+    return len(np.unique(part[poses])) > 1
+
+
+def handedness_is_open(graph: PoseGraph) -> bool:
+    """Whether positions in a plane, for d = 2 on a line, are all that joins a part to the rest.
+
+    A mirror image of the part fits these as well.
+    """
+    if not graph.is_partial:
         return False
     turned = graph.rotation.kappa > 0.0
     part = components_of(graph.num_nodes, graph.edges[turned])
@@ -297,10 +317,10 @@ def handedness_is_open(graph: PoseGraph) -> bool:
     i = graph.edges[between, 0]
     for label in np.unique(part[i]):
         seen = graph.translations[between][part[i] == label]
-        # In the frame of one node; the frames of several do not lie in one plane.
+        # In the frame of one node; those of several do not lie in one plane, or on one line.
         if len(np.unique(i[part[i] == label])) > 1:
             continue
         extent = np.linalg.svd(seen - seen.mean(axis=0), compute_uv=False)
-        if len(extent) < 3 or extent[2] <= FLAT * extent[0]:
+        if len(extent) < graph.d or extent[-1] <= FLAT * extent[0]:
             return True
     return False

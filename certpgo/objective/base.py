@@ -6,12 +6,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar
+from typing import Self, TypeVar
 
 import numpy as np
 
 from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.lift import Point
 from certpgo.graph.speaking import Brief, Speaking
 from certpgo.linalg import factor, so
@@ -20,6 +21,10 @@ from certpgo.linalg.blocks import BlockPattern, Layout, pinned
 from certpgo.linalg.factor import Analysis, Factor, Symbolic
 from certpgo.objective import operators
 from certpgo.objective.edge_sums import EdgeSums
+from certpgo.objective.enclosure import enclosure
+
+#: What the cost of isotropic weights is called.
+CHORDAL = "F"
 
 AnyPoint = TypeVar("AnyPoint", bound=Point)
 AnyProblem = TypeVar("AnyProblem", bound="Objective")
@@ -91,6 +96,34 @@ class Objective(Speaking, ABC):
     @cached_property
     def _sums(self) -> EdgeSums:
         return EdgeSums(self.graph)
+
+    @property
+    def title(self) -> str:
+        """What the cost is."""
+        return CHORDAL
+
+    #: The cost's name in options, and whether it is F, which its own matrix states.
+    cost_name = "chordal"
+    is_chordal = True
+
+    @property
+    def chordal(self) -> Self:
+        """The problem of the same measurements under F: this one."""
+        return self
+
+    @property
+    def unprovable(self) -> str:
+        """Why there are no proofs of the cost; empty if there are."""
+        if not has_matrix_weights(self.graph):
+            return ""
+        return (
+            "the proof tier is for isotropic weights, not for edges with matrix weights, "
+            "couplings or arms"
+        )
+
+    def enclosure(self, estimate: Estimate) -> tuple[float, float]:
+        """Lower and upper bounds on F of an estimate, whose translations are taken as stored."""
+        return enclosure(self.graph, estimate)
 
     def gradient(self, point: Point) -> FloatArray:
         """Half the Euclidean gradient of F, (n, r, d); in the papers' notation X M by blocks.
@@ -187,12 +220,12 @@ class Objective(Speaking, ABC):
 
     @cached_property
     def anchor(self) -> int:
-        """The pose at which the gauge is fixed: the heaviest where positions may be measured.
+        """The pose at which the gauge is fixed: the heaviest, whatever the nodes are called.
 
-        If another one were fixed there, the world would turn, and far positions move along arcs.
+        That is the world where positions are measured: if another one were fixed, the world would
+        turn, and far positions move along arcs.
         """
-        partial = isinstance(self.graph, PoseGraph) and self.graph.is_partial
-        return int(self.poses[np.argmax(self.curvature[self.poses]) if partial else 0])
+        return int(self.poses[np.argmax(self.curvature[self.poses])])
 
     def grounded_factor(self, laplacian: CSC) -> Factor | None:
         """The factor of a graph Laplacian (n, n) without its first node; None if it fails."""

@@ -224,3 +224,8 @@ def problem_of(graph: RotationGraph | PoseGraph, engine: str | None = None) -> P
     if isinstance(graph, PoseGraph):
         return PoseProblem(graph, engine)
     return RotationProblem(graph, engine)
+
+
+def cost_upper(problem: Problem, estimate: Estimate) -> float:
+    """An upper bound on F of the estimate, whose translations are taken as stored."""
+    return problem.enclosure(estimate)[1]

@@ -10,8 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Protocol, TextIO
 
-#: What the cost of isotropic weights is called.
-CHORDAL = "F"
+from certpgo.objective.base import CHORDAL
 
 
 @dataclass(frozen=True, slots=True)

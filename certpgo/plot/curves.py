@@ -141,8 +141,8 @@ def bounds(
     """
     problem, proven = _certified(of, certificate)
     shown: list[tuple[str, float]] = []
-    if not isinstance(problem, InformationProblem | RangeProblem):
-        rungs = rungs_of_eigenvalues(problem, proven.refined, proven)
+    if problem.is_chordal:
+        rungs = rungs_of_eigenvalues(problem.chordal, proven.refined, proven)
         shown = [(r.title, r.value) for r in rungs if r.about == "cost" and r.value is not None]
     shown = [(title, value) for title, value in shown if value != proven.lower_bound]
     labels = [f"{value:.6g}" for _, value in shown]

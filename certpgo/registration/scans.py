@@ -87,8 +87,10 @@ def _read_xyz(path: Path) -> FloatArray:
     try:
         return _numbers(path, lines, columns, "x y z", 1)[:, :3]
     except FormatError as error:
-        expected = f"{columns} numbers expected, x y z first, as on line {kept[0] + 1}"
-        raise FormatError(path, kept[(error.line or 1) - 1] + 1, expected) from None
+        line = kept[(error.line or 1) - 1] + 1
+        model = "" if line == kept[0] + 1 else f", as on line {kept[0] + 1}"
+        expected = f"{columns} numbers expected, x y z first{model}"
+        raise FormatError(path, line, expected) from None
 
 
 def _read_pcd(path: Path) -> FloatArray:

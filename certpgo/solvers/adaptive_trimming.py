@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from certpgo.errors import GraphError, SpecError
 from certpgo.graph import Estimate
@@ -96,7 +96,8 @@ class AdaptiveTrimming(Iterative):
                 f"estimate their noise: adaptive trimming needs {PLENTY} per node"
             )
         # kappa |E|^2 is about 2 kappa times the squared angle, a sum over axes.
-        median = np.sqrt(stats.chi2.median(so.tangent_dim(problem.d)))
+        freedom = so.tangent_dim(problem.d)  # chi^2's median is twice gamma's
+        median = np.sqrt(2.0 * special.gammaincinv(0.5 * freedom, 0.5))
         exact = EXACT * np.sqrt(2.0 * rotation.graph.kappa.mean())
         r = np.sqrt(rotation.edge_costs(point))
         threshold, kept, moved = np.inf, np.ones(len(r), dtype=bool), np.inf

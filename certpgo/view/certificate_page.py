@@ -16,10 +16,8 @@ from certpgo.assess.ladder import Rung, rungs_of_eigenvalues
 from certpgo.assess.wording import digits, distances, ends, provenance
 from certpgo.certify.certificate import Certificate
 from certpgo.certify.curvature import smallest_eigenvalues
-from certpgo.certify.own_cost import has_proofs
 from certpgo.certify.wording import meaning, numbers, part, stated_objective, trusts
 from certpgo.costs import (
-    CHORDAL,
     Certifiable,
     InformationProblem,
     RangeProblem,
@@ -148,7 +146,7 @@ def _advice(
 
 
 def _cost_name(problem: Certifiable) -> str:
-    return problem.edge_cost.name if isinstance(problem, InformationProblem) else CHORDAL
+    return problem.cost_name
 
 
 def _scene(
@@ -174,9 +172,7 @@ def _scene(
 
 def _measured(problem: Certifiable) -> Graph:
     """The measurements that a problem is about, without distances."""
-    if isinstance(problem, RangeProblem):
-        return problem.measured
-    return (problem.chordal if isinstance(problem, InformationProblem) else problem).graph
+    return problem.measured if isinstance(problem, RangeProblem) else problem.chordal.graph
 
 
 def _is_same(a: Estimate, b: Estimate) -> bool:
@@ -212,10 +208,8 @@ _EDGE_HEADER = ("edge", "nodes", "term of F", "share of F", "residual, degrees",
 
 
 def _cost(problem: Certifiable) -> Iterable[str]:
-    if isinstance(problem, InformationProblem):
-        yield f"The cost F is {problem.edge_cost.title} on this page."
-    if isinstance(problem, RangeProblem):
-        yield f"The cost is {problem.title} on this page."
+    if not problem.is_chordal:
+        yield f"The cost F is {problem.title} on this page."
 
 
 def _misfit(assessment: Assessment) -> Iterable[str]:
@@ -226,9 +220,9 @@ def _misfit(assessment: Assessment) -> Iterable[str]:
 
 def _rungs(problem: Certifiable, estimate: Estimate, certificate: Certificate) -> tuple[Rung, ...]:
     """The bounds by eigenvalues and angles, which are about isotropic weights."""
-    if isinstance(problem, (InformationProblem, RangeProblem)):
+    if not problem.is_chordal:
         return ()
-    return rungs_of_eigenvalues(problem, estimate, certificate)
+    return rungs_of_eigenvalues(problem.chordal, estimate, certificate)
 
 
 def _head(instance: Instance, origin: Origin) -> Iterable[tuple[str, str]]:
@@ -369,7 +363,7 @@ def _recheck(
     lines_ = [] if origin.estimate else [f"{solving} -o {estimate}"]
     certify = f"certpgo certify {quoted(origin.graph)} {quoted(estimate)} {options}".rstrip()
     tier = "" if certificate.tier.value == "standard" else f" --tier {certificate.tier.value}"
-    if not has_proofs(problem):
+    if problem.unprovable:
         return "To certify the estimate again:", [*lines_, f"{certify}{tier}"]
     return "No proof file was written. To certify the estimate again and write a proof:", [
         *lines_,

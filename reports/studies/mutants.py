@@ -58,7 +58,7 @@ TESTS = {
     "certpgo/certify/proof.py": ("certify/test_proof*", "test_checker*"),
     "certpgo/certify/proof_file.py": ("certify/test_proof*", "test_checker*"),
     "certpgo/certify/residual.py": ("certify/test_residual*",),
-    "certpgo/certify/rounding.py": (
+    "certpgo/objective/enclosure.py": (
         "certify/test_rounding*",
         "certify/test_dual*",
         "certify/test_extremes*",

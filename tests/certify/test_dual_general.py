@@ -11,12 +11,11 @@ from strategies import definite, dimensions, general_graph, pose_graph, rng_of, 
 from certpgo import certify, solve
 from certpgo.certify import dual
 from certpgo.certify.dual import dual_bound
-from certpgo.certify.rounding import cost_lower, cost_upper
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.lift import Lift
 from certpgo.linalg import so
-from certpgo.objective.problem import PoseProblem, problem_of
+from certpgo.objective.problem import PoseProblem, cost_upper, problem_of
 from certpgo.optimize.newton import newton
 
 #: With the files' own rotational information (OBJECTIVES, section 2), and relative gaps.
@@ -222,7 +221,7 @@ def test_upper_and_lower_costs_enclose_the_exact_cost(seed, d, poses, off):
     far = Estimate(so.random(rng, n, d), 1e3 * rng.standard_normal((n, d)) if poses else None)
     for x in (near, far):
         exact = exact_cost(problem, x)
-        low, high = cost_lower(problem, x), cost_upper(problem, x)
+        low, high = problem.enclosure(x)[0], cost_upper(problem, x)
         assert exact >= low
         assert exact <= high
         if x is far:

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 import certpgo
 from certpgo.certify import Tier, Verdict, certify, cost_upper
-from certpgo.certify.rounding import cost_lower
 from certpgo.certify.units import in_units, scaled_blocks, scaled_down, scaled_up
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import FormatError, GraphError, InputError
@@ -97,7 +96,7 @@ def test_costs_are_enclosed(seed):
     problem = problem_of(uneven(rng.uniform(-8, 8, 5)))
     estimate = Estimate(so.random(rng, 4, 3), 10.0 ** rng.uniform(-6, 6) * rng.random((4, 3)))
     exact = _exact_cost(problem.graph, estimate)
-    low, high = cost_lower(problem, estimate), cost_upper(problem, estimate)
+    low, high = problem.enclosure(estimate)[0], cost_upper(problem, estimate)
     # The stored matrices are rotations but for rounding, which both bounds allow for.
     assert Fraction(low) <= exact <= Fraction(high)
     assert high - low <= 1e-9 * high

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from strategies import random_edges, rng_of
 
-from certpgo.certify.rounding import cost_upper
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.linalg import so
 from certpgo.linalg.so import rotation_defect
-from certpgo.objective.problem import PoseProblem, RotationProblem
+from certpgo.objective.problem import PoseProblem, RotationProblem, cost_upper
 
 U = 2.0**-53
 

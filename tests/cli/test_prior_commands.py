@@ -38,7 +38,9 @@ def test_solving_and_certifying_in_the_world(certpgo, field, tmp_path):
     there = np.array([line[2:4] for line in lines], dtype=float)
     np.testing.assert_allclose(there[[0, 2, 3]], [[10, 20], [11.1, 21.2], [10, 21.2]], atol=0.2)
     assert len(table.read_text().splitlines()) == 5
-    assert certpgo("certify", field, out).code == 0
+    judged = certpgo("certify", field, out)
+    assert judged.code == 0
+    assert "costliest edges   the world to" in judged.out
     moved = tmp_path / "moved.tum"
     moved.write_text("".join(f"{k} 0 0 0 0 0 0 1\n" for k in range(4)))
     assert certpgo("certify", field, moved).code != 0

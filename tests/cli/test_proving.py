@@ -49,6 +49,7 @@ def test_check_names_what_it_cannot_read(certpgo, square, proof, tmp_path):
     assert done.code == 1
     assert not done.out
     assert done.err.count("\n") == 1
+    assert done.err.startswith("certpgo: ")
     assert "not a readable proof" in done.err
     done = certpgo("check", square, tmp_path / "nowhere.cert", "--json")
     assert done.code == 1

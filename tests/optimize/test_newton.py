@@ -8,7 +8,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from strategies import dimensions, pose_graph, rng_of, seeds
+from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
@@ -256,3 +256,16 @@ def test_products_are_worth_more_the_more_a_factor_costs():
         problem = PoseProblem(pose_graph(rng_of(0), n, 3, extra=extra)[0])
         worth.append(problem.symbolic(problem.matrix).products)
     assert 1.0 < worth[0] < worth[1] < worth[2] < 100.0
+
+
+@pytest.mark.parametrize("seed", [4, 7, 13, 17, 18])
+def test_a_descent_does_not_depend_on_what_the_nodes_are_called(seed):
+    """Far from a minimum, where a damped step depends on which pose fixes the gauge."""
+    graph, _ = rotation_graph(rng_of(seed), 10, 3, noise=1.5, extra=6)
+    called, start = rng_of(seed).permutation(10), so.random(rng_of(seed + 1), 10, 3)
+    renamed = RotationGraph(10, called[graph.edges], graph.rotations, graph.kappa)
+    ends = [
+        newton(RotationProblem(g), Estimate(R)).cost
+        for g, R in ((graph, start), (renamed, start[np.argsort(called)]))
+    ]
+    assert ends[1] == pytest.approx(ends[0], rel=1e-9)

@@ -991,3 +991,15 @@ def test_low_rank_optimization_has_the_forcing_terms_of_the_settings(monkeypatch
     answer = solve_from(instance.graph, wound, newton=own)
     assert len(answer.levels) > 1
     assert asked[0] == {"tolerance": 1e-3, "loosest": 1e-3, "tightest": 1e-5}
+
+
+@pytest.mark.parametrize("seed", [11, 15, 102, 537])
+@pytest.mark.parametrize("order", [0, 1])
+def test_bounds_reach_the_relaxation_where_bridges_join_parts(seed, order):
+    """Also where a tight bound succeeds in some parts only, which depends on rounding."""
+    graph, _, _ = pose_graph(rng_of(seed), 10, 2, noise=1.5, extra=3)
+    if order:
+        graph = graph.with_edges(rng_of(seed).permutation(graph.num_edges))
+    answer = solve(graph)
+    lowest = min(level.cost for level in answer.levels)
+    assert answer.certificate.lower_bound == pytest.approx(lowest, rel=1e-6)

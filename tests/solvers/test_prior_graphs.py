@@ -124,6 +124,24 @@ def test_positions_in_a_plane_leave_handedness_open_and_attitudes_settle_it():
         assert cured.verdict is Verdict.CERTIFIED
 
 
+@pytest.mark.parametrize("cost", ["chordal", "g2o"])
+@pytest.mark.parametrize(("off", "said"), [(0.05, "on a line fit a"), (0.1, "may mirror")])
+def test_positions_on_a_line_of_the_plane_leave_handedness_open(tmp_path, cost, off, said):
+    rng, road = rng_of(0), tmp_path / "road.g2o"
+    lines = []
+    for k in range(9):
+        x, y, turn = np.array([1.0, 0.0, 0.0]) + 0.1 * rng.standard_normal(3)
+        lines.append(f"EDGE_SE2 {k} {k + 1} {x} {y} {turn} 100 0 0 100 0 100")
+    fixes_at = ((0, off), (4, -off), (9, off))
+    lines += [f"EDGE_PRIOR_SE2_XY {k} {k} {y} 100 0 100" for k, y in fixes_at]
+    road.write_text("\n".join(lines))
+    answer = solve(certpgo.read(road, quiet=True), cost=cost)
+    assert answer.verdict is Verdict.BOUNDED
+    assert said in answer.certificate.reason
+    road.write_text("\n".join([*lines, "EDGE_PRIOR_SE2 0 0 0 0 100 0 0 100 0 100"]))
+    assert solve(certpgo.read(road, quiet=True), cost=cost).verdict is Verdict.CERTIFIED
+
+
 def test_other_methods_refuse_partial_edges_or_solve_them():
     rng = rng_of(3)
     graph, R, t = pose_graph(rng, 8, 3, noise=0.05)

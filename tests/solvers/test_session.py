@@ -270,4 +270,4 @@ def test_measurements_without_what_the_cost_needs_are_refused(graph):
         session.add(one)
     assert session.standing.edges == instance.graph.num_edges
     with pytest.raises(SpecError, match="nothing"):
-        Session(cost="nothing").add(graph)
+        Session(cost="nothing")

@@ -18,14 +18,12 @@ from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.solution import Solution
 from certpgo.optimize.starts import Start
 from certpgo.solvers.certified.disagreement import Disagreement, ignore
-from certpgo.solvers.certified.own_cost import search_own_cost
 from certpgo.solvers.certified.pipeline import (
     GIVEN,
     STORED,
     CertifiedSolution,
-    search_and_certify,
 )
-from certpgo.solvers.certified.ranged import search_ranges
+from certpgo.solvers.certified.search import search
 from certpgo.solvers.certified.settings import SolveSettings
 
 
@@ -99,11 +97,7 @@ def solve(
     problem = certifiable(posed, cost)
     given = None if start is None else Start(start, GIVEN)
     stored = _stored(source) if chosen.try_file_start else None
-    if isinstance(problem, RangeProblem):
-        starts = [begin for begin in (given, stored) if begin is not None]
-        found = search_ranges(problem, chosen, starts, monitor)
-    else:
-        found = _searched(problem, chosen, given, monitor, on_disagreement, stored)
+    found = search(problem, chosen, given, monitor, on_disagreement, stored)
     return replace(found, instance=source)
 
 
@@ -113,19 +107,6 @@ def _stored(source: Instance | None) -> Start | None:
         return None
     lacks = isinstance(source.graph, PoseGraph) and source.initial.translations is None
     return None if lacks else Start(source.initial, STORED)
-
-
-def _searched(
-    problem: Problem | InformationProblem,
-    settings: SolveSettings,
-    initial: Start | None,
-    monitor: Monitor,
-    on_disagreement: Callable[[Disagreement], object] | None = None,
-    stored: Start | None = None,
-) -> CertifiedSolution:
-    if isinstance(problem, InformationProblem):
-        return search_own_cost(problem, settings, initial, monitor, on_disagreement, stored)
-    return search_and_certify(problem, settings, initial, monitor, on_disagreement, stored)
 
 
 @dataclass(frozen=True)
@@ -156,7 +137,7 @@ class Certified(SolveSettings):
     ) -> Solution:
         """The best estimate found."""
         begin = None if initial is None else Start(initial, GIVEN)
-        return _searched(problem, self, begin, monitor).solution
+        return search(problem, self, begin, monitor).solution
 
 
 SOLVER = Certified

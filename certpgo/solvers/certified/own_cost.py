@@ -19,12 +19,13 @@ from certpgo.certify.case import Basin
 from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.dual import DualBound
 from certpgo.certify.obstacle import LimitedBy, Obstacle
-from certpgo.certify.own_cost import RANKS, OwnCostCase, is_provable
+from certpgo.certify.own_cost import RANKS, OwnCostCase
 from certpgo.certify.wording import early
 from certpgo.costs.descent import descend
 from certpgo.costs.problem import InformationProblem
 from certpgo.errors import NumericalError
 from certpgo.graph.lift import Lift, rounded
+from certpgo.graph.priors import mirrored_by
 from certpgo.graph.wording import counted
 from certpgo.optimize.monitor import Iteration, Monitor
 from certpgo.optimize.progress import Hopeful, Stop
@@ -78,6 +79,11 @@ def search_own_cost(
     if stop.cut is not None and certificate.verdict is Verdict.UNDECIDED:
         obstacle = Obstacle(LimitedBy.STOPPED, True, problem.d, stop.cut)
         certificate = replace(certificate, obstacle=obstacle)
+    elif stop.cut is None and certificate.verdict is Verdict.BOUNDED:
+        mirrored = mirrored_by(problem.graph.isotropic)
+        certificate = replace(
+            certificate, obstacle=replace(certificate.obstacle, mirrored=mirrored)
+        )
     surrogates = counted(search.surrogates, "surrogate{s}")
     minimised = f"; {surrogates} minimised" if search.surrogates else ""
     limit = f"; ended {early(search.patience)}" if search.ended_early else ""
@@ -128,7 +134,7 @@ def _certificate(search: _Search, tier: Tier | None) -> Certificate:
     tight = support is not None and not isinstance(support.point, Lift)
     rounding = tight and search.case.may_close(certificate)
     escalates = (
-        rounding and is_provable(search.case.problem) and tier is None and not search.stop.cuts()
+        rounding and not search.case.problem.unprovable and tier is None and not search.stop.cuts()
     )
     if not (tier is Tier.PROOF or escalates):
         return certificate

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
 
 from certpgo.certify import Certificate, Tier, Verdict
 from certpgo.certify.case import Basin, Case
@@ -16,9 +15,8 @@ from certpgo.costs.problem import InformationProblem
 from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
-from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.picture import circle_of, closures, drawn
-from certpgo.graph.priors import handedness_is_open
+from certpgo.graph.priors import mirrored_by
 from certpgo.graph.speaking import Speaking, Text
 from certpgo.graph.wording import counted
 from certpgo.linalg.arrays import FloatArray
@@ -105,8 +103,7 @@ class CertifiedSolution(Speaking):
     @property
     def graph(self) -> PoseGraph | RotationGraph:
         """The measurements that the certificate is about."""
-        of = self.problem
-        return of.graph.isotropic if isinstance(of, InformationProblem) else of.graph
+        return self.problem.chordal.graph
 
     @property
     def _headline(self) -> str:
@@ -236,8 +233,7 @@ def _certificate(search: Staircase, tier: Tier | None) -> Certificate:
     certificate = search.case.certificate(estimate, search.basin)
     tight = search.is_certified or search.has_reached_the_floor
     rounding = tight and search.case.may_close(certificate)
-    # Of matrix weights there are no proofs.
-    provable = not has_matrix_weights(search.problem.graph)
+    provable = not search.problem.unprovable
     escalates = rounding and tier is None and provable and not search.stop.cuts()
     if not (tier is Tier.PROOF or escalates):
         return certificate
@@ -283,11 +279,10 @@ def _obstacle(search: Staircase, certificate: Certificate) -> Obstacle:
     rank, stopped, graph = search.levels[-1].rank, search.stop.cut, search.problem.graph
     patience = search.patience if search.ended_early else None
     about = Obstacle(certificate.limited_by, True, rank, stopped, patience)
-    bounded = certificate.verdict is Verdict.BOUNDED
-    if bounded and isinstance(graph, PoseGraph) and graph.is_partial and graph.d == 3:
-        mirrored: Literal["surely", "perhaps"]
-        mirrored = "surely" if handedness_is_open(graph) else "perhaps"
-        return replace(about, kind=LimitedBy.LOOSE, mirrored=mirrored)
+    if certificate.verdict is Verdict.BOUNDED and isinstance(graph, PoseGraph):
+        about = replace(about, mirrored=mirrored_by(graph))
+    if about.mirrored is not None:
+        return replace(about, kind=LimitedBy.LOOSE)
     if stopped is not None:
         return replace(about, kind=LimitedBy.STOPPED)
     if search.has_reached_the_floor:

@@ -5,33 +5,27 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from certpgo.certify import Certificate, Tier
-from certpgo.certify.case import Basin, Case
-from certpgo.certify.own_cost import OwnCostCase
+from certpgo.certify.case import Basin
+from certpgo.certify.cases import case_of
 from certpgo.certify.units import scaled_down, scaled_up
-from certpgo.costs.descent import descend
 from certpgo.costs.problem import InformationProblem
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.objective.problem import Problem
-from certpgo.optimize.monitor import silent
-from certpgo.optimize.newton import newton
 from certpgo.optimize.solution import Status
 from certpgo.optimize.starts import Start
-from certpgo.solvers.certified.own_cost import search_own_cost
-from certpgo.solvers.certified.pipeline import CertifiedSolution, search_and_certify
+from certpgo.solvers.certified.pipeline import CertifiedSolution
+from certpgo.solvers.certified.search import search
 from certpgo.solvers.certified.settings import SolveSettings
 
 #: Share of F that a descent from the last optimum leaves, a tenth of what batches differ by.
 ENOUGH = 1e-10
 #: Stationarity, radians, from which the exact Hessian is tried: the last optimum is not far.
 NEAR = 0.1
-#: Stationarity at which a descent on another program's cost ends; F is then exact to rounding.
-STATIONARY = 1e-8
 
 
 @dataclass(eq=False)
@@ -53,11 +47,11 @@ def descended(
     problem: Problem | InformationProblem, start: Estimate, settings: SolveSettings
 ) -> Found | None:
     """The end of descent from an estimate, if that is certified."""
-    own = isinstance(problem, InformationProblem)
-    kind: Any = OwnCostCase if own else Case
-    case: Case = kind.of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
+    case = case_of(problem, settings.tier or Tier.STANDARD, settings.rtol, settings.atol)
+    newtons = settings.newton
+    nearer = replace(newtons, enough=max(ENOUGH, newtons.enough), near=max(NEAR, newtons.near))
     try:
-        end = _descent(case, start, settings)
+        end = case.short_descent(start, nearer)
         cost = case.cost_upper(end)
         bound = case.bound(end, cost, sharp=False, tight=True)
     except (NumericalError, np.linalg.LinAlgError):
@@ -72,15 +66,6 @@ def descended(
         scaled_down(unit, basin.value),
         lambda: case.certificate(end, basin),
     )
-
-
-def _descent(case: Case, start: Estimate, settings: SolveSettings) -> Estimate:
-    """The end of a descent that begins near it."""
-    if isinstance(case, OwnCostCase):
-        return descend(case.problem, start, tolerance=STATIONARY).estimate
-    newtons = settings.newton
-    nearer = replace(newtons, enough=max(ENOUGH, newtons.enough), near=max(NEAR, newtons.near))
-    return newton(case.problem, start, nearer).estimate
 
 
 def searched(
@@ -98,6 +83,4 @@ def found_anew(
     problem: Problem | InformationProblem, settings: SolveSettings, start: Start | None
 ) -> CertifiedSolution:
     """The answer of the whole search; that on F alone begins from an estimate."""
-    if isinstance(problem, InformationProblem):
-        return search_own_cost(problem, settings, None, silent)
-    return search_and_certify(problem, settings, start, silent)
+    return search(problem, settings, start if problem.is_chordal else None)

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from certpgo.certify import Certificate, Tier, Verdict
-from certpgo.certify.case import FLOOR, difference_up, tier_called
-from certpgo.costs import CHORDAL
+from certpgo.certify.case import FLOOR, difference_up
+from certpgo.certify.certificate import tier_called
 from certpgo.errors import GraphError, InputError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.labels import WORLD, Label, called
@@ -70,7 +70,7 @@ class Session(Speaking):
     InputError
         ``every`` is not positive; a setting out of its range.
     SpecError
-        An unknown setting.
+        An unknown setting or cost.
 
     Examples
     --------
@@ -103,7 +103,7 @@ class Session(Speaking):
             raise InputError(f"certificates are refreshed every k measurements, not every {every}")
         self.settings = (settings or SolveSettings()).changed(options)
         self.every = every
-        self._asked, self._terms = cost, Terms(CHORDAL)
+        self._asked, self._terms = cost, Terms.chosen(cost)
         self._tier = tier_called(self.settings.tier or Tier.STANDARD)
         self._parts: list[Part] = []  # the measurements in order, but for those that came since
         self._new: list[tuple[Part, IntArray]] = []  # with the numbers of their nodes

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from certpgo.certify import Tier
-from certpgo.certify.case import ATOL, RTOL, refuse_time_limit, refuse_tolerances, tier_called
+from certpgo.certify.case import ATOL, RTOL, refuse_time_limit, refuse_tolerances
+from certpgo.certify.certificate import tier_called
 from certpgo.errors import InputError, SpecError
 from certpgo.optimize.iterative import refuse_mistyped
 from certpgo.optimize.newton import NewtonSettings

@@ -247,7 +247,7 @@ class Staircase:
             return
         with self.watch.phase("certify"):
             bound = self.case.bound(point, self.cost, sharp=False, tight=tight)
-        if bound is not None or not tight:
+        if not tight or (bound is not None and self.is_of_all(bound, point)):
             self.exhausted = point
         if bound is None:
             return
@@ -256,6 +256,11 @@ class Staircase:
         if self.bound is None or bound.value > self.bound.value:
             self.bound = bound
         self.lose_patience()
+
+    def is_of_all(self, bound: DualBound, point: Point) -> bool:
+        """Whether a tight bound leaves out no part of the graph, as one by parts may."""
+        cost = self.problem.cost(point)
+        return not self.case.parts or cost - bound.value <= self.case.tolerance(cost)
 
     def settle_for_less(self, point: Point) -> None:
         """Bounds weakened by a negative eigenvalue, if there is no other."""

@@ -90,7 +90,7 @@ def suspicion(
     settings : of the search without them
     """
     # The law that residuals follow is that of the chordal weights, whatever the cost.
-    chordal = problem.chordal if isinstance(problem, InformationProblem) else problem
+    chordal = problem.chordal
     found = disagreement(chordal, estimate, refit=True)
     if found is None:
         return None

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from certpgo.certify import certificate
-from certpgo.certify.rounding import measured_upper
 from certpgo.costs import CHORDAL, COSTS, edge_cost, own_cost
 from certpgo.costs.problem import InformationProblem
 from certpgo.errors import GraphError, InputError, SpecError
@@ -19,6 +18,7 @@ from certpgo.graph.joining import joined
 from certpgo.graph.priors import require_determined
 from certpgo.graph.scale import Scale
 from certpgo.linalg.arrays import BoolArray, IntArray
+from certpgo.objective.enclosure import enclosure
 from certpgo.objective.problem import Problem, problem_of
 
 #: Measurements with what their cost needs.
@@ -37,7 +37,7 @@ class Terms:
     cost: str
 
     @classmethod
-    def chosen(cls, cost: str | None, first: Graph | Instance) -> Terms:
+    def chosen(cls, cost: str | None, first: Graph | Instance | None = None) -> Terms:
         """The cost of this name; by default that of `certpgo.costs.own_cost`, F for graphs.
 
         Raises
@@ -80,7 +80,7 @@ class Terms:
         """The cost of an estimate, rounded up."""
         if isinstance(part, InformationGraph):
             return edge_cost(part, self.cost).enclosure(estimate)[1]
-        return measured_upper(part, estimate)
+        return enclosure(part, estimate)[1]
 
     def problem(self, part: Part, named: Callable[[int], str]) -> Problem | InformationProblem:
         """The problem of measurements, of nodes that are called so.

@@ -14,32 +14,24 @@ from certpgo.linalg.balls import U
 from certpgo.linalg.so import rotation_defect
 from certpgo.objective import operators
 from certpgo.objective.edge_sums import EdgeSums
-from certpgo.objective.problem import Problem
 
 
-def cost_upper(problem: Problem, estimate: Estimate) -> float:
-    """An upper bound on F of the estimate, whose translations are taken as stored."""
-    return measured_upper(problem.graph, estimate)
+def enclosure(graph: Graph, estimate: Estimate) -> tuple[float, float]:
+    """Lower and upper bounds on F of the estimate, whose measurements need not connect the nodes.
 
-
-def measured_upper(graph: Graph, estimate: Estimate) -> float:
-    """The same for measurements that need not connect the nodes."""
+    The lower bound also holds for quaternions rounded from the estimate's rotations.
+    """
     if graph.is_general:
         cost, error = _general(graph, estimate)
-        return cost + error
+        return max(cost - 2.0 * error, 0.0), cost + error
     weights, sizes, errors = _residuals(graph, estimate)
-    terms = weights * (sizes * (1.0 + 32.0 * U) + errors) ** 2
-    return float(np.sum(terms) * (1.0 + _of_a_sum(terms)))
-
-
-def cost_lower(problem: Problem, estimate: Estimate) -> float:
-    """A lower bound on F of the estimate, also for quaternions rounded from its rotations."""
-    if problem.graph.is_general:
-        cost, error = _general(problem.graph, estimate)
-        return max(cost - 2.0 * error, 0.0)
-    weights, sizes, errors = _residuals(problem.graph, estimate)
-    terms = weights * np.maximum(sizes * (1.0 - 32.0 * U) - 2.0 * errors, 0.0) ** 2
-    return float(np.sum(terms) * (1.0 - _of_a_sum(terms)))
+    least = np.maximum(sizes * (1.0 - 32.0 * U) - 2.0 * errors, 0.0)
+    low = weights * least**2
+    high = weights * (sizes * (1.0 + 32.0 * U) + errors) ** 2
+    return (
+        float(np.sum(low) * (1.0 - _of_a_sum(low))),
+        float(np.sum(high) * (1.0 + _of_a_sum(high))),
+    )
 
 
 def _residuals(graph: Graph, estimate: Estimate) -> tuple[FloatArray, FloatArray, FloatArray]:
