@@ -18,8 +18,7 @@ from certpgo.errors import InputError
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
     from certpgo.datasets.source import Source
-    from certpgo.graph import Instance
-    from certpgo.solvers.certified import CertifiedSolution
+    from certpgo.graph import Estimate, Instance
 
 
 @dataclass(frozen=True)
@@ -80,32 +79,31 @@ class Outputs:
             importlib.import_module("certpgo.view.page")
         _refuse_overwriting(self.files, inputs, data)
 
-    def about(self, source: Source) -> Outputs:
-        """The same outputs, where the proof is about this graph; refused if it cannot be."""
-        from certpgo.certify.proof_file import provable
+    def about(self, source: Source, instance: Instance, cost: str) -> Outputs:
+        """The same outputs, whose proof is about this graph; refused if the checker cannot be."""
+        from certpgo.certify.proof_file import provable, refuse_unreadable
 
-        return self if self.proof is None else replace(self, proven=provable(source.path()))
+        if self.proof is None:
+            return self
+        proven = provable(source.path())
+        refuse_unreadable(proven, instance, cost)
+        return replace(self, proven=proven)
 
-    def refuse_unreadable(self, instance: Instance, cost: str) -> None:
-        """Refuse a proof about landmarks or priors that the checker cannot read."""
-        from certpgo.certify.proof_file import refuse_unreadable
-
-        if self.proven is not None:
-            refuse_unreadable(self.proven, instance, cost)
-
-    def split(
-        self,
-        parts: Sequence[Instance],
-        inputs: Iterable[Source | str | Path | None] = (),
-        data: Path | None = None,
-    ) -> list[Outputs]:
+    def split(self, parts: Sequence[Instance]) -> list[Outputs]:
         """The outputs of each part: several get an estimate each, named by their smallest ids."""
         out = self.estimate
         if out is None or len(parts) == 1:
             return [self] * len(parts)
-        named = [out.with_stem(f"{out.stem}-{int(part.ids.min())}") for part in parts]
-        _refuse_overwriting(named, inputs, data)
+        named = (out.with_stem(f"{out.stem}-{int(part.ids.min())}") for part in parts)
         return [replace(self, estimate=path) for path in named]
+
+    def write(self, found: Instance | Estimate, **how: Any) -> None:
+        """Write an estimate, alone or as the initial one of a graph, if it is asked for."""
+        from certpgo.io import write
+
+        if self.estimate is not None:
+            with noticing():
+                write(self.estimate, found, format=self.format, **how)
 
 
 @dataclass(frozen=True)
@@ -145,15 +143,6 @@ class Result:
 
     def write_page(self, out: Path, outputs: Outputs) -> None:
         """Write the page of the certificate, unless `write` did."""
-
-
-def write_solved(outputs: Outputs, instance: Instance, answer: CertifiedSolution) -> None:
-    """Write a graph and its estimate, if that is asked for."""
-    from certpgo.io import write
-
-    if outputs.estimate is not None:
-        with noticing():
-            write(outputs.estimate, replace(instance, initial=answer.estimate))
 
 
 def emit(results: Iterable[Result], outputs: Sequence[Outputs]) -> int:

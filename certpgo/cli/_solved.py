@@ -14,7 +14,7 @@ from certpgo.cli._next import Asked, steps_after
 from certpgo.cli._outputs import Outputs, Result
 from certpgo.cli._paging import origin_of, write_page
 from certpgo.cli._proving import prove
-from certpgo.cli._show import facts, notice, noticing
+from certpgo.cli._show import facts, notice
 from certpgo.cli._truth import KnownPoses
 
 if TYPE_CHECKING:
@@ -107,12 +107,7 @@ class Solved(Result):
 
     def write(self, outputs: Outputs) -> None:
         """Write the estimate."""
-        from certpgo.io import write
-
-        if outputs.estimate is not None:
-            with noticing():
-                estimate = self.solution.estimate
-                write(outputs.estimate, estimate, instance=self.part, format=outputs.format)
+        outputs.write(self.solution.estimate, instance=self.part)
 
     def notices(self, outputs: Outputs) -> list[str]:
         """What the verdict does not say."""

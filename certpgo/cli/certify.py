@@ -30,7 +30,7 @@ from certpgo.cli._outputs import Outputs, Result, emit
 from certpgo.cli._paging import origin_of, write_page
 from certpgo.cli._proving import prove
 from certpgo.cli._reading import Reading, covered, restricted_to, takes_reading
-from certpgo.cli._show import StatusLine, document, notice, noticing, working
+from certpgo.cli._show import StatusLine, document, notice, working
 from certpgo.cli._truth import KnownPoses, TruthFile, TruthOffset
 from certpgo.errors import InputError
 
@@ -94,18 +94,17 @@ def command(
     from certpgo.costs import certifiable
     from certpgo.io.digits import writing_of
     from certpgo.io.matching import Matching
-    from certpgo.io.timestamps import timed
+    from certpgo.io.timestamps import timed, timed_by
 
     _refuse_mixtures(estimates, csv, truth=truth, best=best, proof=proof, html=html)
     tier = tier_for(proof, tier, cost) or "standard"
     outputs = Outputs(estimate=best, csv=csv, proof=proof, html=html, json=json)
     outputs.refuse([graph, *estimates, timestamps, truth], reading.data)
     source = reading.resolve(graph)
-    outputs = outputs.about(source)
     instance = timed(reading.open(source, distances=True), timestamps)
     refuse_with_distances(instance, proof=proof)
     asked = Asked(graph, chosen_cost(cost, instance), reading, estimates[0], best is not None)
-    outputs.refuse_unreadable(instance, asked.cost)
+    outputs = outputs.about(source, instance, asked.cost)
     status = StatusLine()
     how = Matching.of(timestamps, max_difference)
 
@@ -128,26 +127,24 @@ def command(
     if proof is not None and whole is not instance:
         raise InputError("--proof needs an estimate of all nodes: it is about the whole file")
     given = [restricted_to(part.instance, estimate, whole) for part in parts]
-    parts = _timed(parts, given)
+    parts = [
+        replace(part, instance=timed_by(point, part.instance))
+        for part, point in zip(parts, given, strict=True)
+    ]
     that, writing = how.of_truth(truth_offset), writing_of(path)
     truths = [KnownPoses.of(truth, part.instance, reading, that) for part in parts]
-    accuracies = [
-        None if known is None else known.errors(estimate)
-        for known, estimate in zip(truths, given, strict=True)
-    ]
 
-    def assessed(
-        part: JudgedGraph, estimate: Estimate, accuracy: TrajectoryErrors | None
-    ) -> _Assessed:
+    def assessed(part: JudgedGraph, point: Estimate, known: KnownPoses | None) -> _Assessed:
+        accuracy = None if known is None else known.errors(point)
         with working(f"certifying {part.instance.name}") as status.line:
-            found = part.assessed(estimate, writing)
+            found = part.assessed(point, writing)
             disagreement = None if part.judge.ended_by else _disagreement(part.problem, found)
         title = "" if part.instance.name == whole.name else part.instance.name
-        basis = (found.certificate, part, estimate, found)
-        return _Assessed(*basis, disagreement, accuracy, asked, title)
+        return _Assessed(
+            found.certificate, part, point, found, disagreement, accuracy, asked, title
+        )
 
-    results = map(assessed, parts, given, accuracies)
-    return emit(results, outputs.split([part.instance for part in parts]))
+    return emit(map(assessed, parts, given, truths), [outputs] * len(parts))
 
 
 @dataclass(frozen=True)
@@ -169,11 +166,8 @@ class _Assessed(Result):
         return "what is proven by then stands" if self.part.judge.interrupted else ""
 
     def write(self, outputs: Outputs) -> None:
-        from certpgo.io import write
-
+        outputs.write(self.found.best, instance=self.part.instance)
         if outputs.estimate is not None:
-            with noticing():
-                write(outputs.estimate, self.found.best, instance=self.part.instance)
             notice(f"best estimate written to {outputs.estimate}")
 
     def show(self, outputs: Outputs) -> None:
@@ -188,13 +182,7 @@ class _Assessed(Result):
             disagreement=self.disagreement,
         )
         _verdict.show(
-            found.certificate,
-            instance,
-            found,
-            self.disagreement,
-            self.accuracy,
-            steps,
-            found.fit,
+            found.certificate, instance, found, self.disagreement, self.accuracy, steps, found.fit
         )
 
     def report(self, outputs: Outputs) -> dict[str, Any]:
@@ -231,16 +219,6 @@ class _Assessed(Result):
             disagreeing=disagreement is not None,
         )
         write_page(out, part.instance, part.problem, self.given, self.found, origin)
-
-
-def _timed(parts: Sequence[JudgedGraph], given: Sequence[Estimate]) -> list[JudgedGraph]:
-    """The parts, whose nodes have the times of their poses where the graph has none."""
-    from certpgo.io.timestamps import timed_by
-
-    return [
-        replace(part, instance=timed_by(point, part.instance))
-        for part, point in zip(parts, given, strict=True)
-    ]
 
 
 def _refuse_mixtures(

@@ -60,11 +60,12 @@ def command(
     reading: Reading,
 ) -> None:
     """Convert a graph (to g2o, npz, PyFG) or an estimate (those, TUM, KITTI, rots)."""
-    from certpgo.io import read_estimate, write
+    from certpgo.io import read_estimate
     from certpgo.io.format import format_of, format_to_write
 
     inputs = [source, graph, timestamps]
-    Outputs(estimate=target, format=format).refuse(inputs, reading.data)
+    outputs = Outputs(estimate=target, format=format)
+    outputs.refuse(inputs, reading.data)
     out = format_to_write(target, format)
     given = reading.resolve(source)
     path = given.path()
@@ -79,25 +80,18 @@ def command(
                     )
             if isotropic:
                 converted = replace(converted, information=None)
-            with noticing():
-                write(target, converted, format=format)
+            outputs.write(converted)
             return
     if isotropic:
         raise InputError(f"--isotropic is about measurements, and {path} is converted as poses")
     instance = None if graph is None else reading.open(reading.resolve(graph), distances=True)
     with noticing():
-        topic = reading.topic_of(path)
-        write(
-            target,
-            read_estimate(
-                path,
-                instance,
-                timestamps=timestamps,
-                max_difference=max_difference,
-                topic=topic,
-            ),
-            instance=instance,
-            format=format,
-            anchor=None if anchor is None else anchor.value,
+        poses = read_estimate(
+            path,
+            instance,
             timestamps=timestamps,
+            max_difference=max_difference,
+            topic=reading.topic_of(path),
         )
+    frame = None if anchor is None else anchor.value
+    outputs.write(poses, instance=instance, anchor=frame, timestamps=timestamps)

@@ -15,7 +15,7 @@ from certpgo.cli._interrupting import tell_interrupted, tells_unwritten
 from certpgo.cli._options import CostOption, Json, refuse_chordal_only, time_limit_option
 from certpgo.cli._outputs import Outputs
 from certpgo.cli._reading import Reading, takes_reading
-from certpgo.cli._show import notice, noticing, working
+from certpgo.cli._show import notice, working
 
 if TYPE_CHECKING:
     from certpgo.view.scene import Scene
@@ -65,11 +65,11 @@ def command(
     estimated so far.
     """
     from certpgo import RobustSession, Session, SolveSettings
-    from certpgo.io import write
 
     refuse_chordal_only(cost, robust=robust)
     is_pipe = graph == PIPE
-    Outputs(estimate=out).refuse([None if is_pipe else graph], reading.data)
+    outputs = Outputs(estimate=out)
+    outputs.refuse([None if is_pipe else graph], reading.data)
     source = None if is_pipe else reading.resolve(graph)
     stream = Stream.of(source, every, reading, cost, robust)
     limits = SolveSettings(time_limit=time_limit)
@@ -85,9 +85,8 @@ def command(
             nothing = [] if session.nodes else [out]
             tell_interrupted("what came so far stands, with its last certificate", nothing)
         if out is not None and session.nodes:
-            with noticing():
-                instance, estimate = followed.best()
-                write(out, estimate, instance=instance)
+            instance, estimate = followed.best()
+            outputs.write(estimate, instance=instance)
         code = followed.tell(json, interrupted=interrupted)
         if view and not interrupted:
             _wait()

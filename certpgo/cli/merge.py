@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,7 +11,7 @@ import typer
 from certpgo.cli import _verdict
 from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import Json
-from certpgo.cli._outputs import Outputs, Result, emit, write_solved
+from certpgo.cli._outputs import Outputs, Result, emit
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import table
 
@@ -76,7 +76,7 @@ class _Merged(Result):
     names: list[str]
 
     def write(self, outputs: Outputs) -> None:
-        write_solved(outputs, self.merged.instance, self.merged.answer)
+        outputs.write(replace(self.merged.instance, initial=self.merged.answer.estimate))
 
     def _worst(self) -> list[tuple[int, list[int], float, float, bool]]:
         """Measurements between maps: edge, nodes, term, tail, whether it disagrees."""
@@ -112,15 +112,12 @@ class _Merged(Result):
         }
 
     def show(self, outputs: Outputs) -> None:
-        labels, mark = self.merged.instance.labels, "disagrees"
-        if self.merged.left_out:
-            mark = "left out"
+        labels = self.merged.instance.labels
+        mark = "left out" if self.merged.left_out else "disagrees"
         rows = [
             [
                 "-".join(str(labels[node]) for node in nodes),
-                f"{term:.4g}",
-                f"{tail:.2g}",
-                mark if disagrees else "",
+                *(f"{term:.4g}", f"{tail:.2g}", mark if disagrees else ""),
             ]
             for _, nodes, term, tail, disagrees in self._worst()[:SHOWN]
         ]

@@ -170,8 +170,7 @@ class _Reconstructed(Result):
         found = self.found
         if outputs.scene is not None:
             write_scene(outputs.scene, found, self.cutoff, mesh=self.mesh)
-        if outputs.estimate is not None:
-            write(outputs.estimate, found.estimate, ids=found.nodes, format=outputs.format)
+        outputs.write(found.estimate, ids=found.nodes)
         if outputs.graph is not None:
             write(outputs.graph, found.averaged.instance)
         if outputs.html is not None:

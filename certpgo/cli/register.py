@@ -113,8 +113,7 @@ class _Registered(Result):
                 _write_cloud(outputs.scene, self.scans, self.found)
             if outputs.graph is not None and self.found.instance is not None:
                 write(outputs.graph, self.found.instance)
-            if outputs.estimate is not None:
-                write(outputs.estimate, self.found.estimate)
+            outputs.write(self.found.estimate)
 
     def notices(self, outputs: Outputs) -> Iterator[str]:
         if not self.found.coarse.converged:

@@ -142,21 +142,22 @@ def command(
     inputs = [graph, initial, truth, timestamps]
     outputs.refuse(inputs, reading.data)
     source = reading.resolve(graph)
-    outputs = outputs.about(source)
     instance = timed(reading.open(source, distances=True), timestamps)
     refuse_with_distances(instance, method=method, robust=robust, proof=proof)
+    asked = Asked(graph, chosen_cost(cost, instance, method=method, robust=robust), reading)
+    outputs = outputs.about(source, instance, asked.cost)
     parts = reading.parts(instance)
     if len(parts) > 1 or not certify:
         _refuse_parts(proof=proof, html=html, covariances=covariances)
-    each = outputs.split(parts, inputs, reading.data)
+    each = outputs.split(parts)
+    for own in each:
+        own.refuse(inputs, reading.data)
     how = Matching.of(timestamps, max_difference)
     truths = [KnownPoses.of(truth, part, reading, how.of_truth(truth_offset)) for part in parts]
     start = None if initial is None else _start(initial, instance, reading, how)
     solver = None if method is None else _solver(method, settings, parts)
     if initial is not None and not getattr(solver, "takes_initial", True):
         raise InputError(f"{method} takes no initial estimate: not with --initial")
-    asked = Asked(graph, chosen_cost(cost, instance, method=method, robust=robust), reading)
-    outputs.refuse_unreadable(instance, asked.cost)
 
     def solved(part: Instance, known: KnownPoses | None) -> Solved:
         begin = None if start is None else restricted_to(part, start, instance)

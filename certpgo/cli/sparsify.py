@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,7 +11,7 @@ import typer
 from certpgo.cli import _verdict
 from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import GraphName, Json
-from certpgo.cli._outputs import Outputs, Result, emit, write_solved
+from certpgo.cli._outputs import Outputs, Result, emit
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import working
 
@@ -73,7 +73,7 @@ class _Sparsified(Result):
     found: Sparsified
 
     def write(self, outputs: Outputs) -> None:
-        write_solved(outputs, self.found.instance, self.found.answer)
+        outputs.write(replace(self.found.instance, initial=self.found.answer.estimate))
 
     def show(self, outputs: Outputs) -> None:
         typer.echo(str(self.found))
