@@ -13,15 +13,12 @@ from certpgo.cli._show import working
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
-    from certpgo.graph import Estimate
-    from certpgo.linalg.arrays import IntArray
     from certpgo.registration.averaging import Averaged
     from certpgo.registration.features import ColourCamera
     from certpgo.registration.fuse import ColouredCloud
     from certpgo.registration.reconstruct import Reconstruction, ReconstructSettings
     from certpgo.registration.sequences import FrameSequence
     from certpgo.registration.stages import Progress
-    from certpgo.solvers.certified.pipeline import CertifiedSolution
 
 #: Voxels of a mesh, metres.
 MESH = 0.02
@@ -38,21 +35,6 @@ class Fused:
     scene: ColouredCloud
     colour: ColourCamera | None
     skipped: tuple[str, ...] = ()
-
-    @property
-    def answer(self) -> CertifiedSolution:
-        """The certified solution for the kept edges."""
-        return self.averaged.answer
-
-    @property
-    def estimate(self) -> Estimate:
-        """Poses; the first is the identity."""
-        return self.averaged.estimate
-
-    @property
-    def nodes(self) -> IntArray:
-        """Numbers of the frames."""
-        return self.averaged.nodes
 
     @property
     def odometry(self) -> int:
@@ -133,13 +115,13 @@ def write_scene(out: Path, found: Reconstruction | Fused, cutoff: float, *, mesh
     from certpgo.registration import tsdf
 
     def seen() -> Iterator[tuple[Any, Any]]:
-        for k in found.nodes.tolist():
+        for k in found.averaged.nodes.tolist():
             frame, lens = found.frames.frame(k), found.colour
             colours = frame.colour if lens is None else lens.seen(frame, found.frames.camera)
             yield colours, np.where(frame.depth <= cutoff, frame.depth, 0.0)
 
     with working("fusing the mesh"):
-        volume = tsdf.integrate(seen(), found.estimate, found.frames.camera, voxel=MESH)
+        volume = tsdf.integrate(seen(), found.averaged.estimate, found.frames.camera, voxel=MESH)
         vertices, faces, colours = tsdf.mesh(volume)
     write_surface(out, Surface(vertices, colours, faces))
 
@@ -149,12 +131,12 @@ def write_reconstruction(out: Path, found: Reconstruction | Fused, graph: Path |
     from certpgo.assess.assessment import assess
     from certpgo.io.surfaces import Surface
 
-    averaged, answer = found.averaged, found.answer
+    averaged, answer = found.averaged, found.averaged.answer
     given, problem, kept = averaged.instance, answer.problem, averaged.kept
     information = None if given.information is None else given.information.subset(kept)
     instance = replace(given, graph=given.graph.with_edges(kept), information=information)
     assessment = assess(
-        problem, found.estimate, answer.certificate, ids=instance.ids, fit=answer.fit
+        problem, averaged.estimate, answer.certificate, ids=instance.ids, fit=answer.fit
     )
     remarks = [f"{name}: {said}." for name, said in found.consistency()]
     if rejected := found.rejected_named():
@@ -172,7 +154,7 @@ def write_reconstruction(out: Path, found: Reconstruction | Fused, graph: Path |
         out,
         instance,
         problem,
-        found.estimate,
+        averaged.estimate,
         assessment,
         origin,
         cloud=Surface(found.scene.points.astype(float), found.scene.colours),

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from certpgo.cli._interrupting import tell_interrupted
 from certpgo.cli._proving import REFUSED
 from certpgo.cli._show import document, notice, noticing
-from certpgo.cli._verdict import INTERRUPTED, exit_code
+from certpgo.cli._verdict import EXIT_CODES, INTERRUPTED
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ def emit(results: Iterable[Result], outputs: Sequence[Outputs]) -> int:
 
 def _finished(result: Result, outputs: Outputs) -> int:
     """Write the proof, covariances and page of a result; returns its exit code."""
-    code = 0 if result.certificate is None else exit_code(result.certificate)
+    code = 0 if result.certificate is None else EXIT_CODES[result.certificate.verdict.value]
     proof, source = outputs.proof, outputs.proven
     if proof and source and not result.prove(proof, source, json=outputs.json):
         code = code or REFUSED

@@ -26,11 +26,6 @@ EXIT_CODES = {"CERTIFIED": 0, "ERROR": 1, "BOUNDED": 3, "REFUTED": 4, "UNDECIDED
 MANY = 1.0 / 3.0
 
 
-def exit_code(certificate: Certificate) -> int:
-    """The exit code of a verdict."""
-    return EXIT_CODES[certificate.verdict.value]
-
-
 def weakest(verdicts: Iterable[str]) -> int:
     """The exit code of the weakest of these verdicts, which include ``ERROR``."""
     return max((EXIT_CODES[verdict] for verdict in verdicts), default=0)

@@ -139,7 +139,7 @@ def command(
         with working(f"certifying {part.instance.name}") as status.line:
             found = part.assessed(point, writing)
             disagreement = None if part.judge.ended_by else _disagreement(part.problem, found)
-        title = "" if part.instance.name == whole.name else part.instance.name
+        title = "" if part.instance.name == instance.name else part.instance.name
         return _Assessed(
             found.certificate, part, point, found, disagreement, accuracy, asked, title
         )

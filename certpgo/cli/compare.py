@@ -225,8 +225,7 @@ def _compare(
 
 
 def _section(
-    results: Sequence[MethodResult],
-    hidden: Sequence[str] = (),
+    results: Sequence[MethodResult], hidden: Sequence[str] = ()
 ) -> tuple[str, Sequence[str], list[Sequence[str]], str]:
     """Title, header, rows and caption of the results on one graph."""
     from certpgo.assess.comparison_table import captions, cells, columns, title
@@ -297,18 +296,13 @@ def _methods(names: Sequence[str], cost: Cost) -> tuple[Competitor, ...]:
 
 def _duration(sources: Sequence[Source], methods: int) -> str | None:
     """How long a comparison takes, roughly, from the size of the files; None if that is short."""
-    from certpgo.graph.wording import counted
-
     sizes = [path.stat().st_size for source in sources if (path := source.path()).is_file()]
     seconds = PACE * methods * sum(sizes)
     if seconds < SHORT:
         return None
-    short = seconds < 100.0
-    return (
-        f"{round(seconds, -1):.0f} seconds"
-        if short
-        else counted(round(seconds / 60.0), "minute{s}")
-    )
+    if seconds < 100.0:
+        return f"{round(seconds, -1):.0f} seconds"
+    return counted(round(seconds / 60.0), "minute{s}")
 
 
 def _usual(reading: Reading, quick: bool) -> list[Source]:

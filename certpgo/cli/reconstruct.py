@@ -151,8 +151,8 @@ def command(
             found = reconstruct(frames, settings, cache=kept, progress=progress)
         else:
             found = fused_at(folder, frames, settings, kept, progress)
-    named = graph if of_graph is None else folder
-    return emit([_Reconstructed(found.answer.certificate, found, cutoff, mesh, named)], [outputs])
+    certificate, source = found.averaged.answer.certificate, graph if of_graph is None else folder
+    return emit([_Reconstructed(certificate, found, cutoff, mesh, source)], [outputs])
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ class _Reconstructed(Result):
         found = self.found
         if outputs.scene is not None:
             write_scene(outputs.scene, found, self.cutoff, mesh=self.mesh)
-        outputs.write(found.estimate, ids=found.nodes)
+        outputs.write(found.averaged.estimate, ids=found.averaged.nodes)
         if outputs.graph is not None:
             write(outputs.graph, found.averaged.instance)
         if outputs.html is not None:
@@ -179,7 +179,7 @@ class _Reconstructed(Result):
     def show(self, outputs: Outputs) -> None:
         from certpgo.certify.wording import meaning
 
-        found, certificate = self.found, self.found.answer.certificate
+        found, certificate = self.found, self.found.averaged.answer.certificate
         cost = "g2o's cost" if found.averaged.instance.information is not None else "F"
         facts(
             [
@@ -198,23 +198,24 @@ class _Reconstructed(Result):
             notice(f"and {len(rejected) - NAMED} more rejected edges: --json lists all")
 
     def report(self, outputs: Outputs) -> dict[str, Any]:
-        found = self.found
-        certificate, kept = found.answer.certificate, found.averaged.kept
-        numbers = found.averaged.instance.ids[found.averaged.instance.graph.edges[~kept]]
+        found, averaged = self.found, self.found.averaged
+        answer, instance, kept = averaged.answer, averaged.instance, averaged.kept
+        certificate = answer.certificate
+        numbers = instance.ids[instance.graph.edges[~kept]]
         return {
             "schema": 1,
             "sequence": found.frames.name,
             "frames": len(found.frames),
-            "used": found.nodes.tolist(),
+            "used": averaged.nodes.tolist(),
             "skipped": list(found.skipped),
             "verdict": certificate.verdict.value,
             "reason": certificate.reason,
-            "cost": found.answer.cost,
+            "cost": answer.cost,
             "lower_bound": certificate.lower_bound,
-            "objective": "F" if found.averaged.instance.information is None else "g2o",
+            "objective": "F" if instance.information is None else "g2o",
             "edges": len(kept),
             "odometry": found.odometry,
-            "fit": None if found.answer.fit is None else _verdict.fit_as_json(found.answer.fit),
+            "fit": None if answer.fit is None else _verdict.fit_as_json(answer.fit),
             "consistency": dict(found.consistency()),
             "rejected": [
                 {"frames": pair, "names": [found.frames.names[k] for k in pair]}
@@ -224,7 +225,8 @@ class _Reconstructed(Result):
         }
 
     def notices(self, outputs: Outputs) -> list[str]:
-        return _verdict.warnings(self.found.answer.fit, self.found.averaged.robust.solution)
+        averaged = self.found.averaged
+        return _verdict.warnings(averaged.answer.fit, averaged.robust.solution)
 
 
 def _frames(

@@ -144,13 +144,10 @@ def command(
     source = reading.resolve(graph)
     instance = timed(reading.open(source, distances=True), timestamps)
     refuse_with_distances(instance, method=method, robust=robust, proof=proof)
-    asked = Asked(graph, chosen_cost(cost, instance, method=method, robust=robust), reading)
-    outputs = outputs.about(source, instance, asked.cost)
     parts = reading.parts(instance)
     if len(parts) > 1 or not certify:
         _refuse_parts(proof=proof, html=html, covariances=covariances)
-    each = outputs.split(parts)
-    for own in each:
+    for own in outputs.split(parts):
         own.refuse(inputs, reading.data)
     how = Matching.of(timestamps, max_difference)
     truths = [KnownPoses.of(truth, part, reading, how.of_truth(truth_offset)) for part in parts]
@@ -158,6 +155,8 @@ def command(
     solver = None if method is None else _solver(method, settings, parts)
     if initial is not None and not getattr(solver, "takes_initial", True):
         raise InputError(f"{method} takes no initial estimate: not with --initial")
+    asked = Asked(graph, chosen_cost(cost, instance, method=method, robust=robust), reading)
+    outputs = outputs.about(source, instance, asked.cost)
 
     def solved(part: Instance, known: KnownPoses | None) -> Solved:
         begin = None if start is None else restricted_to(part, start, instance)
@@ -174,7 +173,7 @@ def command(
         return replace(found, truth=known)
 
     with nullcontext() if scheduler is None else _distributed(scheduler):
-        return emit(map(solved, parts, truths), each)
+        return emit(map(solved, parts, truths), outputs.split(parts))
 
 
 def _solver(method: str, settings: Sequence[str] | None, parts: Sequence[Instance]) -> Solver:

@@ -17,7 +17,6 @@ from certpgo.cli._truth import TruthOffset
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
-    from certpgo.graph import Instance
     from certpgo.solvers.certified import CertifiedSolution
     from certpgo.view.scene import Scene
 
@@ -107,12 +106,6 @@ def _kept(answer: CertifiedSolution) -> str:
     return f" of {kept} measurements kept, {rejected} rejected" if rejected else ""
 
 
-def _robust(instance: Instance) -> CertifiedSolution:
-    from certpgo import solve_robustly
-
-    return solve_robustly(instance.graph)
-
-
 def _scene(
     files: list[str], data: Path | None, matching: dict[str, Any], *, solve: bool, robust: bool
 ) -> Scene:
@@ -127,6 +120,6 @@ def _scene(
     with noticing():
         instance = resolve(files[0], data).graph(quiet=True)
         with working(f"solving {instance.name}"):
-            answer = _robust(instance) if robust else certpgo.solve(instance)
+            answer = certpgo.solve_robustly(instance.graph) if robust else certpgo.solve(instance)
         notice(f"{instance.name}: {answer.certificate.in_brief}{_kept(answer)}")
         return scene_of(instance, *files[1:], answer, data=data, **matching)
