@@ -80,7 +80,7 @@ class Outputs:
         _refuse_overwriting(self.files, inputs, data)
 
     def about(self, source: Source, instance: Instance, cost: str) -> Outputs:
-        """The same outputs, whose proof is about this graph; refused if the checker cannot be."""
+        """The same outputs, with a proof about this graph, if the checker can read that."""
         from certpgo.certify.proof_file import provable, refuse_unreadable
 
         if self.proof is None:
@@ -108,7 +108,7 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Result:
-    """What a command found of a connected graph, as `emit` writes it; without a verdict, None."""
+    """What a command found of a connected graph, with its certificate, if any; see `emit`."""
 
     certificate: Certificate | None
 
@@ -209,9 +209,7 @@ def _refuse_unwritable(out: Path) -> None:
 
 
 def _refuse_overwriting(
-    written: Sequence[Path],
-    inputs: Iterable[Source | str | Path | None],
-    data: Path | None,
+    written: Sequence[Path], inputs: Iterable[Source | str | Path | None], data: Path | None
 ) -> None:
     """Refuse an output that is also an input, under any path, or is named twice."""
     for k, out in enumerate(written):

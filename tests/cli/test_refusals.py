@@ -119,6 +119,12 @@ def test_an_estimate_for_another_graph(certpgo, square, tmp_path, estimate, said
     fails_in_one_line(certpgo("certify", square, path), said)
 
 
+@pytest.mark.parametrize("option", ["--trajectory", "--graph"])
+def test_frames_are_not_read_for_outputs_of_no_format(certpgo, option):
+    done = certpgo("reconstruct", "nowhere", option, "poses.docx")
+    fails_in_one_line(done, "poses.docx: unknown suffix")
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
