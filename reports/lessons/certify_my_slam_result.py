@@ -371,17 +371,17 @@ for decimals in (1, 2, 3, 4):
     print(f"{decimals} decimals: {c.verdict.value:9} relative gap {c.relative_gap:.1e}")
 
 # %% [markdown]
-# **3.** Give the robot's gyroscope a bias of -360 degrees per lap instead, and of 180. What are the
-# verdicts for the three estimates, and why does a bias of 180 degrees per lap do no harm?
+# **3.** Give the robot's gyroscope a bias of -360 degrees per lap instead, and of 120. What are the
+# verdicts for the three estimates, and why does a bias of 120 degrees per lap do no harm?
 
 # %% tags=["hide-cell"] jupyter={"source_hidden": true, "outputs_hidden": true}
-# Closures after a lap fit any integer number of turns. Half a turn is not an integer, so the
+# Closures after a lap fit any integer number of turns. A third of a turn is not an integer, so the
 # closures pull the map to a neighbouring one. With -360 degrees per lap the initial estimate does
 # not turn at all: the robot would drive straight on, and the closures contradict that. GTSAM ends
 # at a map that costs three times as much as the one wound up once, Newton's method at the latter.
 # Both are REFUTED.
 biased = {}
-for degrees in (-360, 180):
+for degrees in (-360, 120):
     start = odometry(drift=np.radians(degrees) / LAP)
     biased[degrees] = judged(optimized(folder / "drive.g2o", start))
     c = biased[degrees]

@@ -70,7 +70,7 @@ def test_exercises(taught):
     wound_up = taught["judgements"]["wound up"].cost_upper
     times = 1.0 if taught["gtsam"] is None else 3.06
     assert taught["biased"][-360].cost_upper == pytest.approx(times * wound_up, rel=1e-2)
-    assert taught["biased"][180].verdict.value == "BOUNDED"
+    assert taught["biased"][120].verdict.value == "BOUNDED"
 
 
 @pytest.mark.gtsam
