@@ -30,7 +30,7 @@ from certpgo.cli._outputs import Outputs, Result, emit
 from certpgo.cli._paging import origin_of, write_page
 from certpgo.cli._proving import prove
 from certpgo.cli._reading import Reading, covered, restricted_to, takes_reading
-from certpgo.cli._show import StatusLine, document, notice, working
+from certpgo.cli._show import StatusLine, document, working
 from certpgo.cli._truth import KnownPoses, TruthFile, TruthOffset
 from certpgo.errors import InputError
 
@@ -167,8 +167,6 @@ class _Assessed(Result):
 
     def write(self, outputs: Outputs) -> None:
         outputs.write(self.found.best, instance=self.part.instance)
-        if outputs.estimate is not None:
-            notice(f"best estimate written to {outputs.estimate}")
 
     def show(self, outputs: Outputs) -> None:
         if self.title:
@@ -198,7 +196,9 @@ class _Assessed(Result):
 
     def notices(self, outputs: Outputs) -> Iterator[str]:
         yield from _verdict.warnings(self.found.fit)
-        if outputs.estimate is None and _is_better_known(self.found, outputs.json):
+        if outputs.estimate is not None:
+            yield f"best estimate written to {outputs.estimate}"
+        elif _is_better_known(self.found, outputs.json):
             yield "--best OUT writes the lower-cost estimate"
         if not self.standing and _may_gain(self.found, self.part):
             yield "rounding may limit the bound: try --tier proof"
