@@ -13,7 +13,11 @@ from reports.studies.bookkeeping.judging import Claim, Findings, judge
 from reports.studies.bookkeeping.oracle import Cost
 
 
-@pytest.mark.parametrize("kind", study.KINDS)
+#: Moments of Ctrl-C in a command differ from run to run; `tests/cli/test_interrupts` chooses them.
+BY_CHANCE = {"Ctrl-C in commands"}
+
+
+@pytest.mark.parametrize("kind", sorted(study.KINDS.keys() - BY_CHANCE))
 def test_nothing_is_false(kind):
     numbers = range(20 if kind == "readers" else 3)
     assert [study.judged(kind, 0, number)["false"] for number in numbers] == [[] for _ in numbers]
