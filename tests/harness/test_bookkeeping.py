@@ -12,7 +12,6 @@ from reports.studies.bookkeeping.drawing import draw
 from reports.studies.bookkeeping.judging import Claim, Findings, judge
 from reports.studies.bookkeeping.oracle import Cost
 
-
 #: Moments of Ctrl-C in a command differ from run to run; `tests/cli/test_interrupts` chooses them.
 BY_CHANCE = {"Ctrl-C in commands"}
 
