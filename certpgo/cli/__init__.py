@@ -19,7 +19,7 @@ from typing import Annotated
 import typer
 
 from certpgo import _start, registry
-from certpgo.cli._interrupting import unmoved
+from certpgo.cli._interrupting import heard_late, unmoved
 from certpgo.errors import CertPGOError
 
 Command = Callable[..., int | None]
@@ -57,7 +57,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if not known and arguments and arguments[0] in BENCHMARKS:
             return _fail(f"{arguments[0]} is a command of the benchmarks; {registry.NO_CHECKOUT}")
         names = arguments[:1] if known else command_names()
-        application(names)(arguments, prog_name="certpgo")
+        with heard_late():
+            application(names)(arguments, prog_name="certpgo")
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else int(end.code is not None)
     except KeyboardInterrupt:  # while a command was imported

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _thread
 import functools
 import os
 import signal
@@ -14,6 +15,8 @@ from typing import Any
 
 import typer
 
+#: Seconds after which Ctrl-C that was dropped is delivered again.
+LATER = 0.01
 _SHOW_CURSOR = "\x1b[?25h"
 
 
@@ -73,6 +76,29 @@ def _state(path: Path) -> object:
     except OSError:
         return None
     return found.st_ino, found.st_mtime_ns, found.st_size
+
+
+@contextmanager
+def heard_late() -> Iterator[None]:
+    """Deliver Ctrl-C again where Python would drop it during the block.
+
+    What is raised in a destructor or a weak reference's callback is printed, and ignored.
+    """
+    before = sys.unraisablehook
+
+    def again(dropped: Any) -> None:
+        if isinstance(dropped.exc_value, KeyboardInterrupt):
+            later = threading.Timer(LATER, _thread.interrupt_main)
+            later.daemon = True
+            later.start()
+        else:
+            before(dropped)
+
+    sys.unraisablehook = again
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 @contextmanager

@@ -5,6 +5,8 @@ import os
 import signal
 import subprocess
 import sys
+import time
+import weakref
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,6 +14,7 @@ from types import SimpleNamespace
 import pytest
 import typer
 
+from certpgo.cli._interrupting import heard_late
 from certpgo.datasets.synthetic import winding_cycle
 from certpgo.io import write
 from certpgo.optimize.progress import Stop
@@ -266,3 +269,16 @@ def test_ctrl_c_while_it_is_said_that_the_command_was_interrupted(certpgo, squar
 
 def interrupting(*_, **__):
     raise KeyboardInterrupt
+
+
+def test_ctrl_c_that_a_callback_drops_is_delivered_again():
+    class Held:
+        pass
+
+    held = [Held()]
+    dying = weakref.ref(held[0], interrupting)
+    with heard_late():
+        held.clear()
+        with pytest.raises(KeyboardInterrupt):
+            time.sleep(5.0)
+    assert dying() is None
