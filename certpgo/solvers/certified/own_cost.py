@@ -27,7 +27,7 @@ from certpgo.errors import NumericalError
 from certpgo.graph.lift import Lift, rounded
 from certpgo.graph.priors import mirrored_by
 from certpgo.graph.wording import counted
-from certpgo.optimize.monitor import Iteration, Monitor
+from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.progress import Hopeful, Stop
 from certpgo.optimize.solution import Level, Solution, Status
 from certpgo.optimize.starts import Start
@@ -212,12 +212,9 @@ class _Search:
         """Descend from another estimate as long as that may lead to a lower cost."""
         hopeful = Hopeful(self.stop, self.best.cost, self.settings.hope)
 
-        def monitor(iteration: Iteration) -> bool:
-            return hopeful(iteration) if iteration.accepted else self.stop(iteration)
-
         problem, watch = self.case.problem, self.stop.watch
         with suppress(NumericalError, np.linalg.LinAlgError):
-            if self.improve(descend(problem, start.estimate, monitor=monitor, watch=watch)):
+            if self.improve(descend(problem, start.estimate, monitor=hopeful, watch=watch)):
                 self.start = start.name
                 self.origin = f"{start.name}, which led to a lower cost than {self.origin}"
 
