@@ -7,33 +7,20 @@ are searched recursively by file name and checksum. An unknown name is a SpecErr
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
-import numpy as np
-
-from certpgo.datasets import lookup
-from certpgo.datasets.catalogue import KINDS, Entry, entries, entry
-from certpgo.errors import InputError, SpecError
+from certpgo.datasets.catalogue import Entry, entry, names
+from certpgo.datasets.source import dataset
 from certpgo.graph import Estimate, Instance
-from certpgo.linalg.arrays import BoolArray, IntArray
+from certpgo.linalg.arrays import IntArray
 
 __all__ = ["Entry", "entry", "fetch", "find", "load", "names", "truth"]
 
 
-def names(kind: str | None = None) -> tuple[str, ...]:
-    """Names of the catalogue's entries: all, or those of one kind (``"graph"``, ...)."""
-    if kind is not None and kind not in KINDS:
-        raise SpecError.unknown("kind of dataset", kind, KINDS)
-    return tuple(e.name for e in entries().values() if kind in (None, e.kind))
-
-
 def find(name: str, data: str | Path | None = None) -> Path | None:
     """The local file of the dataset, or None; never downloads."""
-    path, _ = lookup.search(entry(name), lookup.places(data).values())
-    return path
+    return dataset(name, data).found
 
 
 def fetch(name: str, data: str | Path | None = None, *, download: bool = True) -> Path:
@@ -49,13 +36,7 @@ def fetch(name: str, data: str | Path | None = None, *, download: bool = True) -
     InputError
         The file is missing (with the folders searched), or the download failed.
     """
-    dataset, folders = entry(name), lookup.places(data)
-    path, others = lookup.search(dataset, folders.values())
-    if path is not None:
-        return path
-    if download and dataset.url is not None:
-        return lookup.download(dataset)
-    raise lookup.missing(dataset, folders, others)
+    return dataset(name, data).path(download=download)
 
 
 def load(
@@ -74,29 +55,7 @@ def load(
     InputError
         The file is missing, is not a graph, or cannot be read.
     """
-    _require_graph(name)
-    return load_file(name, fetch(name, data, download=download), data, **options)
-
-
-def load_file(name: str, path: Path, data: str | Path | None = None, **options: Any) -> Instance:
-    """`load` for a file that was already found."""
-    from certpgo import io
-
-    dataset = _require_graph(name)
-    options["weights_are"] = options.get("weights_are") or dataset.weights_are or None
-    instance = replace(io.read(path, **options), name=dataset.name)
-    instance = replace(instance, outliers=_outliers(dataset, instance, data))
-    known = None if instance.truth is not None else truth(name, instance, data)
-    if known is None or len(known[0]) < instance.graph.num_nodes:
-        return instance
-    return replace(instance, truth=known[1])
-
-
-def _require_graph(name: str) -> Entry:
-    dataset = entry(name)
-    if dataset.kind not in ("graph", "adjacency"):
-        raise InputError(f"{name} holds no graph but {dataset.kind}; fetch returns its path")
-    return dataset
+    return dataset(name, data).graph(download=download, **options)
 
 
 def truth(
@@ -106,25 +65,4 @@ def truth(
 
     See `certpgo.io.read_truth`.
     """
-    dataset = entry(name)
-    path = find(dataset.truth, data) if dataset.truth else None
-    if path is None:
-        return None
-    from certpgo import io
-
-    return io.read_truth(path, instance)
-
-
-def _outliers(dataset: Entry, instance: Instance, data: str | Path | None) -> BoolArray | None:
-    """(m,) outliers according to the dataset's labels; None without labels."""
-    labels = f"{dataset.name}_labels"
-    if labels not in names("labels"):
-        return None
-    path = find(labels, data)
-    if path is None or instance.graph.num_edges != dataset.edges:
-        return None
-    outliers = np.zeros(instance.graph.num_edges, dtype=bool)
-    # Loop closures by line number from 1.
-    found = ElementTree.parse(path).iter("outlier_lc_indices")
-    outliers[np.array([int(line.text or "") for line in found], dtype=np.intp) - 1] = True
-    return outliers
+    return dataset(name, data).truth(instance)

@@ -1,76 +1,148 @@
-"""A path or the name of a dataset, resolved once."""
+"""What a user names: a file, or a dataset of the catalogue."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
-from certpgo import datasets, io
+import numpy as np
+
+from certpgo import io
+from certpgo.datasets import lookup
+from certpgo.datasets.catalogue import Entry, entries, entry, names
 from certpgo.errors import InputError, SpecError, nearest
-from certpgo.graph import Instance
+from certpgo.graph import Estimate, Instance
+from certpgo.linalg.arrays import BoolArray, IntArray
 
 
 @dataclass(frozen=True)
 class Source:
-    """A file, or a dataset of the catalogue; see `resolve`.
-
-    Attributes
-    ----------
-    name : as given by the user
-    is_file : whether it is the path of a file
-    data : folder to search first for datasets
-    """
+    """A file, by its path; see `resolve`."""
 
     name: str
-    is_file: bool
-    data: Path | None = None
+
+    @property
+    def found(self) -> Path | None:
+        """The local file, or None."""
+        return Path(self.name)
 
     @property
     def hides_dataset(self) -> bool:
         """Whether it is a file whose path is also the name of a dataset."""
-        return self.is_file and self.name in datasets.names()
+        return self.name in entries()
 
-    @cached_property
-    def found(self) -> Path | None:
-        """The local file, or None; searched only once."""
-        return Path(self.name) if self.is_file else datasets.find(self.name, self.data)
+    def path(self, *, download: bool = True) -> Path:
+        """The local file, downloaded if necessary and allowed.
 
-    @property
-    def is_here(self) -> bool:
-        """Whether no download is needed."""
-        return self.found is not None
-
-    def path(self) -> Path:
-        """The local file, downloaded if necessary."""
-        return self.found or datasets.fetch(self.name, self.data)
+        Raises
+        ------
+        InputError
+            The file is missing (with the folders searched), or the download failed.
+        """
+        return Path(self.name)
 
     def graph(self, *, download: bool = True, **reading: Any) -> Instance:
-        """The graph, with the dataset's ground truth if that is found.
+        """The graph, with its outliers and its ground truth of all nodes, if found.
 
         Parameters
         ----------
         download : whether to download a missing file
         **reading : options of `certpgo.io.read`
+
+        Raises
+        ------
+        InputError
+            The file is missing, is not a graph, or cannot be read.
         """
-        if self.is_file:
-            return io.read(self.name, **reading)
-        if self.found is None:
-            return datasets.load(self.name, self.data, download=download, **reading)
-        return datasets.load_file(self.name, self.found, self.data, **reading)
+        return io.read(self.name, **reading)
+
+    def truth(self, instance: Instance) -> tuple[IntArray, Estimate] | None:
+        """Ground truth that is in another local file, or None: nodes and their poses.
+
+        See `certpgo.io.read_truth`.
+        """
+        return None
 
 
-def resolve(name: str, data: Path | None = None) -> Source:
+@dataclass(frozen=True)
+class Dataset(Source):
+    """A file of the catalogue, which is searched in the folder ``data`` first."""
+
+    entry: Entry
+    data: str | Path | None = None
+
+    #: It is the dataset.
+    hides_dataset = False
+
+    @cached_property
+    def found(self) -> Path | None:
+        """The local file, or None; searched only once."""
+        return lookup.find(self.entry, self.data)
+
+    @cached_property
+    def _downloaded(self) -> Path:
+        return lookup.download(self.entry)
+
+    def path(self, *, download: bool = True) -> Path:
+        """The local file, as of a `Source`; downloaded only once."""
+        if self.found is not None:
+            return self.found
+        if download and self.entry.url is not None:
+            return self._downloaded
+        raise lookup.missing(self.entry, self.data)
+
+    def graph(self, *, download: bool = True, **reading: Any) -> Instance:
+        """The graph, as of a `Source`."""
+        kind = self.entry.kind
+        if kind not in ("graph", "adjacency"):
+            raise InputError(f"{self.name} holds no graph but {kind}; fetch returns its path")
+        reading["weights_are"] = reading.get("weights_are") or self.entry.weights_are or None
+        instance = io.read(self.path(download=download), **reading)
+        instance = replace(instance, name=self.entry.name, outliers=self._outliers(instance))
+        known = None if instance.truth is not None else self.truth(instance)
+        if known is None or len(known[0]) < instance.graph.num_nodes:
+            return instance
+        return replace(instance, truth=known[1])
+
+    def truth(self, instance: Instance) -> tuple[IntArray, Estimate] | None:
+        """The dataset's ground truth, as of a `Source`."""
+        path = self._other(self.entry.truth)
+        return None if path is None else io.read_truth(path, instance)
+
+    def _outliers(self, instance: Instance) -> BoolArray | None:
+        """(m,) outliers according to the dataset's labels; None without labels."""
+        path = self._other(f"{self.entry.name}_labels")
+        if path is None or instance.graph.num_edges != self.entry.edges:
+            return None
+        outliers = np.zeros(instance.graph.num_edges, dtype=bool)
+        # Loop closures by line number from 1.
+        found = ElementTree.parse(path).iter("outlier_lc_indices")
+        outliers[np.array([int(line.text or "") for line in found], dtype=np.intp) - 1] = True
+        return outliers
+
+    def _other(self, name: str) -> Path | None:
+        """The local file of another entry of the catalogue; None if there is no such entry."""
+        other = entries().get(name)
+        return None if other is None else lookup.find(other, self.data)
+
+
+def resolve(name: str, data: str | Path | None = None) -> Source:
     """The file at a path, otherwise the dataset of that name; InputError if neither exists."""
     if not name:
         raise InputError("a file or dataset expected, not an empty name")
     if Path(name).exists():
-        return Source(name, is_file=True, data=data)
+        return Source(name)
     try:
-        datasets.entry(name)
+        return dataset(name, data)
     except SpecError:
-        near = nearest(name, datasets.names("graph"))
+        near = nearest(name, names("graph"))
         hint = f"did you mean {' or '.join(near)}?" if near else "see certpgo list datasets"
         raise InputError(f"{name}: no such file or dataset; {hint}") from None
-    return Source(name, is_file=False, data=data)
+
+
+def dataset(name: str, data: str | Path | None = None) -> Dataset:
+    """The dataset with this name or file name, whatever files there are; SpecError if none."""
+    return Dataset(name, entry(name), data)

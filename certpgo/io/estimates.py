@@ -34,7 +34,7 @@ from certpgo.io.matching import (
     nearest,
 )
 from certpgo.io.names import name_numbers
-from certpgo.io.timestamps import node_times, refuse_number, refuse_repeats, timed
+from certpgo.io.timestamps import file_of_times, node_times, refuse_number, refuse_repeats, timed
 from certpgo.linalg.arrays import IntArray
 
 
@@ -88,7 +88,7 @@ def read_estimate(
     how = Matching.of(timestamps, max_difference)
     with _located(path):
         if instance is None:
-            return _in_own_order(poses, timestamps, how)
+            return _in_own_order(poses, file_of_times(timestamps), how)
         of = timed(instance, timestamps)
         poses = _fitting(poses, of)
         found = match(poses, of, how)
@@ -302,8 +302,8 @@ def _incomplete(instance: Instance, found: Match) -> str:
     return f"the estimate lacks {instance.named(int(found.missing[0]))} ({count})"
 
 
-def _in_own_order(poses: LabelledPoses, timestamps: str | Path | None, how: Matching) -> Estimate:
-    """The poses by ascending id, or in the file's order; with the times of a file, those alone."""
+def _in_own_order(poses: LabelledPoses, times: Path | None, how: Matching) -> Estimate:
+    """The poses by ascending id, or in the file's order; with a file of times, those alone."""
     keys = poses.keys
     if poses.names:
         keys = replace(keys, ids=name_numbers(poses.names) if poses.ids is None else poses.ids)
@@ -322,21 +322,19 @@ def _in_own_order(poses: LabelledPoses, timestamps: str | Path | None, how: Matc
         raise InputError(str(error)) from None
     if keys.ids is not None:
         estimate = estimate.subset(np.argsort(keys.ids))
-    return (
-        estimate if how.timestamps or timestamps is None else _at_times(estimate, timestamps, how)
-    )
+    return estimate if times is None else _at_times(estimate, times, how)
 
 
-def _at_times(estimate: Estimate, timestamps: str | Path, how: Matching) -> Estimate:
+def _at_times(estimate: Estimate, path: Path, how: Matching) -> Estimate:
     """The poses nearest to the times in a file; where poses have no times, these are theirs."""
-    known, times = node_times(Path(timestamps)), estimate.keys.times_ns
+    known, times = node_times(path), estimate.keys.times_ns
     if times is None:
-        refuse_number(Path(timestamps), known, estimate.num_nodes)
+        refuse_number(path, known, estimate.num_nodes)
         return estimate.keyed(replace(estimate.keys, times_ns=known))
     place = nearest(known, times, how.max_difference)
     if (place < 0).any():
         time = in_seconds(int(known[np.argmin(place)]))
-        said = f"no pose of its own within {how.max_difference:g} s of {time} s in {timestamps}"
+        said = f"no pose of its own within {how.max_difference:g} s of {time} s in {path}"
         raise InputError(said)
     return estimate.subset(place).keyed(Keys(times_ns=known))
 

@@ -91,7 +91,7 @@ def test_simulated_rotations_on_a_viewing_graph(dataset_path):
 
 
 def test_a_viewing_graph_that_is_not_here_is_refused(monkeypatch):
-    monkeypatch.setattr("certpgo.datasets.find", lambda name, data: None)
+    monkeypatch.setattr("certpgo.datasets.lookup.find", lambda entry, data: None)
     with pytest.raises(InputError, match="file not here"):
         synthetic.viewing_graph("Ellis_Island.mat", 0.1, rng())
 

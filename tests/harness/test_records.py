@@ -41,7 +41,7 @@ def test_a_missing_result_has_a_reason_and_words_for_it(more):
 
 
 def test_a_file_that_is_not_here_is_not_a_failure(monkeypatch):
-    monkeypatch.setattr("certpgo.datasets.find", lambda name, data: None)
+    monkeypatch.setattr("certpgo.datasets.lookup.find", lambda entry, data: None)
     with pytest.raises(InputError) as caught:
         viewing_edges("Ellis_Island.mat")
     found = missing(caught.value)
