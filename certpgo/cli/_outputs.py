@@ -81,8 +81,8 @@ class Outputs:
         InputError
             An output is an input, or a file in a folder that is one.
         """
-        read = [path for source in inputs if source is not None for path in _files(source)]
         for out in self.files:
+            read = (path for source in inputs if source is not None for path in _files(source))
             if any(_is_same(out, path) for path in read):
                 raise InputError(f"{out}: is also an input, and would be overwritten")
 
