@@ -17,8 +17,8 @@ from certpgo.errors import InputError
 
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
-    from certpgo.datasets.source import Source
     from certpgo.graph import Estimate, Instance
+    from certpgo.io.datasets.source import Source
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,8 @@ from certpgo.cli._show import notice, noticing, progress_bar
 from certpgo.errors import GraphError, InputError
 
 if TYPE_CHECKING:
-    from certpgo.datasets.source import Source
     from certpgo.graph import Estimate, Instance
+    from certpgo.io.datasets.source import Source
     from certpgo.io.matching import Matching
 
 #: Seconds of reading after which a progress bar appears.
@@ -143,7 +143,7 @@ class Reading:
         InputError
             There is neither.
         """
-        from certpgo.datasets.source import resolve
+        from certpgo.io.datasets.source import resolve
 
         if name is None:
             return None

@@ -13,8 +13,8 @@ from certpgo.errors import InputError
 if TYPE_CHECKING:
     from certpgo.assess.metrics import TrajectoryErrors
     from certpgo.cli._reading import Reading
-    from certpgo.datasets.source import Source
     from certpgo.graph import Estimate, Instance
+    from certpgo.io.datasets.source import Source
     from certpgo.io.matching import Matching
     from certpgo.linalg.arrays import IntArray
 

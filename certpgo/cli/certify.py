@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from certpgo.assess.batch import JudgedGraph
     from certpgo.assess.metrics import TrajectoryErrors
     from certpgo.costs import Certifiable
-    from certpgo.datasets.source import Source
     from certpgo.graph import Estimate, Instance
+    from certpgo.io.datasets.source import Source
     from certpgo.io.matching import Matching
     from certpgo.solvers.certified.disagreement import Disagreement
 

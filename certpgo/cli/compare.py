@@ -21,8 +21,8 @@ from certpgo.graph.wording import counted
 
 if TYPE_CHECKING:
     from certpgo.assess.comparison import Competitor, MethodResult
-    from certpgo.datasets.source import Source
     from certpgo.graph import Instance
+    from certpgo.io.datasets.source import Source
 
 #: Datasets compared by default, if available locally; otherwise small files of the gtsam wheel.
 USUAL = (
@@ -307,7 +307,7 @@ def _duration(sources: Sequence[Source], methods: int) -> str | None:
 
 def _usual(reading: Reading, quick: bool) -> list[Source]:
     """The usual datasets that are available locally, or their substitutes; never other files."""
-    from certpgo.datasets.source import dataset
+    from certpgo.io.datasets.source import dataset
 
     local = [
         [one for name in group if (one := dataset(name, reading.data)).found is not None]

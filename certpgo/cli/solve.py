@@ -38,8 +38,8 @@ from certpgo.optimize.monitor import Monitor, TableMonitor
 
 if TYPE_CHECKING:
     from certpgo import SolveSettings
-    from certpgo.datasets.source import Source
     from certpgo.graph import Estimate, Instance
+    from certpgo.io.datasets.source import Source
     from certpgo.io.matching import Matching
     from certpgo.optimize.solution import Solver
     from certpgo.solvers.certified import CertifiedSolution

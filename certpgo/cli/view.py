@@ -18,7 +18,7 @@ from certpgo.cli._truth import TruthOffset
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
-    from certpgo.datasets.source import Source
+    from certpgo.io.datasets.source import Source
     from certpgo.solvers.certified import CertifiedSolution
     from certpgo.view.scene import Scene
 

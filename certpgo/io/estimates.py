@@ -76,7 +76,7 @@ def read_estimate(
     --------
     >>> import numpy as np
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import helix
+    >>> from certpgo.io.datasets.synthetic import helix
     >>> instance = helix(3, np.random.default_rng(0))
     >>> certpgo.write("truth.tum", instance.truth, instance=instance, anchor="none")
     >>> estimate = certpgo.read_estimate("truth.tum", instance)

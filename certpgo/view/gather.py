@@ -9,9 +9,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from certpgo.datasets.source import Source, resolve
 from certpgo.errors import FormatError, InputError, NoMeasurements, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.io.datasets.source import Source, resolve
 from certpgo.io.estimates import (
     is_in_order,
     matched_truth,

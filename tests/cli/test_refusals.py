@@ -7,8 +7,8 @@ import pytest
 
 from certpgo import InputError, certify, read_estimate, registry
 from certpgo.cli import BENCHMARKS
-from certpgo.datasets import entry
-from certpgo.datasets.synthetic import cycle
+from certpgo.io.datasets import entry
+from certpgo.io.datasets.synthetic import cycle
 from certpgo.objective.problem import problem_of
 
 EDGE = "EDGE_SE2 0 1 1 0 0.1 1 0 0 1 0 1"
@@ -77,7 +77,7 @@ def test_a_file_that_hides_a_dataset_is_noted(certpgo, square, monkeypatch):
 def test_the_usual_datasets_are_never_files_here(certpgo, square, monkeypatch):
     monkeypatch.chdir(square.parent)
     monkeypatch.delenv("CERTPGO_DATA", raising=False)
-    monkeypatch.setattr("certpgo.datasets.lookup.places", lambda data: {"here": square.parent})
+    monkeypatch.setattr("certpgo.io.datasets.lookup.places", lambda data: {"here": square.parent})
     square.rename("sphere2500.txt")
     fails_in_one_line(certpgo("compare"), "none of the usual datasets is available")
 
@@ -302,8 +302,8 @@ def test_an_input_is_never_overwritten(certpgo, square, tmp_path, monkeypatch, a
 def test_the_file_of_a_dataset_that_an_option_names_is_not_overwritten(
     certpgo, square, tmp_path, monkeypatch, option
 ):
-    monkeypatch.setattr("certpgo.datasets.lookup.places", lambda data: {"here": tmp_path})
-    monkeypatch.setattr("certpgo.datasets.catalogue.Entry.agrees", lambda entry, path: True)
+    monkeypatch.setattr("certpgo.io.datasets.lookup.places", lambda data: {"here": tmp_path})
+    monkeypatch.setattr("certpgo.io.datasets.catalogue.Entry.agrees", lambda entry, path: True)
     held = tmp_path / "data" / entry("intel").filename
     held.parent.mkdir()
     held.write_text(square.read_text())

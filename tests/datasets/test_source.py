@@ -2,10 +2,10 @@
 
 import pytest
 
-from certpgo import datasets
-from certpgo.datasets import lookup
-from certpgo.datasets.source import resolve
 from certpgo.errors import InputError
+from certpgo.io import datasets
+from certpgo.io.datasets import lookup
+from certpgo.io.datasets.source import resolve
 
 
 def test_a_file_goes_before_a_dataset_of_its_name(tmp_path, monkeypatch):

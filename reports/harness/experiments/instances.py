@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from certpgo import datasets
-from certpgo.datasets.source import resolve
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate, Instance
 from certpgo.graph.components import restricted, rotations_alone
+from certpgo.io import datasets
+from certpgo.io.datasets.source import resolve
 from certpgo.linalg.arrays import IntArray
 from reports.harness.experiments.absence import Absence, NotRun
 from reports.harness.experiments.spec import Row
@@ -68,7 +68,7 @@ def seed_of(base: int, row: int, repetition: int) -> np.random.SeedSequence:
 
 
 def _generate(row: Row, data: Path | None, seed: np.random.SeedSequence) -> Instance:
-    from certpgo.datasets import synthetic, thesis
+    from certpgo.io.datasets import synthetic, thesis
 
     public = {**vars(synthetic), **vars(thesis)}
     families = {name: f for name, f in public.items() if _is_family(name, f)}

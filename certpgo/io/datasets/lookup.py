@@ -7,8 +7,8 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from certpgo.datasets.catalogue import Entry
 from certpgo.errors import FileNotHere, InputError, MissingDependency
+from certpgo.io.datasets.catalogue import Entry
 
 #: Environment variable naming a data folder.
 DATA_VARIABLE = "CERTPGO_DATA"

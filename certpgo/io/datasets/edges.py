@@ -9,10 +9,10 @@ import numpy as np
 from scipy import linalg
 from scipy.sparse import csgraph
 
-from certpgo.datasets.source import dataset
 from certpgo.errors import FileNotHere, InputError
 from certpgo.graph import PoseGraph
-from certpgo.io import read
+from certpgo.io.datasets.source import dataset
+from certpgo.io.reading import read
 from certpgo.linalg.arrays import IntArray
 from certpgo.linalg.blocks import adjacency
 

@@ -10,11 +10,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from certpgo import io
-from certpgo.datasets import lookup
-from certpgo.datasets.catalogue import Entry, entries, entry, names
 from certpgo.errors import InputError, SpecError, nearest
 from certpgo.graph import Estimate, Instance
+from certpgo.io.datasets import lookup
+from certpgo.io.datasets.catalogue import Entry, entries, entry, names
+from certpgo.io.estimates import read_truth
+from certpgo.io.reading import read
 from certpgo.linalg.arrays import BoolArray, IntArray
 
 
@@ -57,7 +58,7 @@ class Source:
         InputError
             The file is missing, is not a graph, or cannot be read.
         """
-        return io.read(self.name, **reading)
+        return read(self.name, **reading)
 
     def truth(self, instance: Instance) -> tuple[IntArray, Estimate] | None:
         """Ground truth that is in another local file, or None: nodes and their poses.
@@ -100,7 +101,7 @@ class Dataset(Source):
         if kind not in ("graph", "adjacency"):
             raise InputError(f"{self.name} holds no graph but {kind}; fetch returns its path")
         reading["weights_are"] = reading.get("weights_are") or self.entry.weights_are or None
-        instance = io.read(self.path(download=download), **reading)
+        instance = read(self.path(download=download), **reading)
         instance = replace(instance, name=self.entry.name, outliers=self._outliers(instance))
         known = None if instance.truth is not None else self.truth(instance)
         if known is None or len(known[0]) < instance.graph.num_nodes:
@@ -110,7 +111,7 @@ class Dataset(Source):
     def truth(self, instance: Instance) -> tuple[IntArray, Estimate] | None:
         """The dataset's ground truth, as of a `Source`."""
         path = self._other(self.entry.truth)
-        return None if path is None else io.read_truth(path, instance)
+        return None if path is None else read_truth(path, instance)
 
     def _outliers(self, instance: Instance) -> BoolArray | None:
         """(m,) outliers according to the dataset's labels; None without labels."""

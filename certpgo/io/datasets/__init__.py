@@ -10,9 +10,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from certpgo.datasets.catalogue import Entry, entry, names
-from certpgo.datasets.source import dataset
 from certpgo.graph import Estimate, Instance
+from certpgo.io.datasets.catalogue import Entry, entry, names
+from certpgo.io.datasets.source import dataset
 from certpgo.linalg.arrays import IntArray
 
 __all__ = ["Entry", "entry", "fetch", "find", "load", "names", "truth"]
