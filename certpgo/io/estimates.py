@@ -13,11 +13,12 @@ import numpy as np
 from certpgo.errors import CertPGOError, FormatError, InputError, InputNotice
 from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.graph.components import restricted
+from certpgo.graph.graph import require_connected
 from certpgo.graph.keys import NO_TIME, Keys, in_seconds
 from certpgo.graph.points import with_points
+from certpgo.graph.trees import compose, spanning_tree
 from certpgo.graph.wording import counted
 from certpgo.io.assemble import estimate_at, require_translations
-from certpgo.io.dead_reckoning import integrated
 from certpgo.io.format import (
     LabelledPoses,
     ReadOptions,
@@ -224,11 +225,22 @@ def matched_truth(
     if form.read_poses is not None:
         poses = form.read_poses(path)
     elif form.read_graph is not None:
-        poses = integrated(form.read_graph(path, ReadOptions(ignore_information=True)))
+        poses = _integrated(form.read_graph(path, ReadOptions(ignore_information=True)))
     else:
         raise FormatError(path, None, f"{form.name} files hold {form.holds}, no truth")
     with _located(path):
         return truth_among(poses, instance, how)
+
+
+def _integrated(instance: Instance) -> LabelledPoses:
+    """Poses relative to the node of smallest id, from noise-free relative poses.
+
+    A breadth-first tree has short chains, hence little accumulated rounding.
+    """
+    graph = instance.graph
+    require_connected(graph)
+    poses = compose(graph, spanning_tree(graph))
+    return LabelledPoses(poses.rotations, poses.translations, ids=instance.ids)
 
 
 def truth_among(
