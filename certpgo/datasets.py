@@ -3,35 +3,10 @@
 import sys
 import warnings
 
-from certpgo.io.datasets import (
-    Entry,
-    catalogue,
-    edges,
-    entry,
-    fetch,
-    find,
-    load,
-    names,
-    synthetic,
-    thesis,
-    truth,
-)
+from certpgo.io import datasets
+from certpgo.io.datasets import catalogue, edges, synthetic, thesis
 
-__all__ = [
-    "Entry",
-    "catalogue",
-    "edges",
-    "entry",
-    "fetch",
-    "find",
-    "load",
-    "names",
-    "synthetic",
-    "thesis",
-    "truth",
-]
-
-# So that `from certpgo.datasets.synthetic import helix` works too.
-for _module in (catalogue, edges, synthetic, thesis):
-    sys.modules[_module.__name__.replace(".io.", ".")] = _module
 warnings.warn("certpgo.datasets is now certpgo.io.datasets", DeprecationWarning, stacklevel=2)
+# Both names are of the same modules.
+for _module in (datasets, catalogue, edges, synthetic, thesis):
+    sys.modules[_module.__name__.replace(".io.", ".")] = _module
