@@ -16,13 +16,14 @@ from certpgo.graph.components import restricted
 from certpgo.graph.keys import NO_TIME, Keys, in_seconds
 from certpgo.graph.points import with_points
 from certpgo.graph.wording import counted
-from certpgo.io.assemble import estimate_at, require_translations
-from certpgo.io.dead_reckoning import integrated
 from certpgo.io.format import (
     LabelledPoses,
     ReadOptions,
+    estimate_at,
     file_of,
     format_of,
+    integrated,
+    require_translations,
 )
 from certpgo.io.matching import (
     MAX_DIFFERENCE,
