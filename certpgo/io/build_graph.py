@@ -90,8 +90,8 @@ def poses_from_lines(dialect: Dialect, path: Path) -> LabelledPoses:
     """The poses and points on the vertex lines of a file."""
     content = read_lines(path, dialect, ReadOptions(ignore_information=True))
     if dialect.named:
-        nodes = named_nodes(path, content)
-        values, keys = nodes.values, (None, nodes.times_ns, nodes.names, nodes.points)
+        nodes, values = named_nodes(path, content)
+        keys = None, nodes.times_ns, nodes.names, nodes.points
         return LabelledPoses(values.rotations, values.translations, *keys)
     poses, points = content.take("pose"), content.take("point")
     if not len(poses):
@@ -136,9 +136,12 @@ def _refuse_far(path: Path, ids: IntArray, rows: Rows) -> None:
         raise FormatError(path, None, said)
 
 
-def _graph(nodes: Nodes, measured: Rows) -> PoseGraph:
+def _graph(nodes: Nodes, measured: Rows, *, with_translations: bool) -> PoseGraph | RotationGraph:
     """Measurements between poses, then those of points."""
-    rotation = RotationGraph(len(nodes.ids), measured.nodes, measured.rotations, measured.kappa)
+    n, R, kappa = len(nodes.ids), measured.rotations, measured.kappa
+    rotation = RotationGraph(n, measured.nodes, R, kappa)
+    if not with_translations:
+        return rotation
     return PoseGraph(rotation, measured.translations, measured.tau, points=nodes.points)
 
 

@@ -34,7 +34,7 @@ class Nodes:
     Attributes
     ----------
     ids : (n,) ids
-    values : of all nodes, or None
+    values : initial ones of all nodes, or None
     points : (n,) which are points; None if none are
     names, times_ns, fixed, apart, moved_by : see `certpgo.Instance`
     unvalued : how many lack an initial value that others have
@@ -89,29 +89,23 @@ def numbered_by_id(path: Path, content: Records) -> tuple[Nodes, Measured]:
         and of no node; or a sensor is unknown, not at its body's origin (of priors), or has two
         poses.
     """
-    poses, points, edges = content.take("pose"), content.take("point"), content.take("edge")
-    sightings, priors = content.take("sighting"), content.take("prior")
-    others = np.concatenate([poses.nodes[:, 0], edges.nodes.ravel()])
-    sightings, moved_by = _moved_apart(path, sightings, others)
+    poses, points = content.take("pose"), content.take("point")
+    measured = _taken(content, "edge", "sighting", "prior")
+    edges = measured["edge"].nodes.ravel()
+    others = np.concatenate([poses.nodes[:, 0], edges])
+    sightings, moved_by = _moved_apart(path, measured["sighting"], others)
     seen = np.isin(points.nodes[:, 0], sightings.nodes[:, 1])
     content.counts["point{s} without a sighting skipped"] += int(np.sum(~seen))
     values = Rows.joined([poses, points.subset(seen)])
     vertices = values.nodes[:, 0]
     refuse_duplicates(path, vertices, values.lines)
-    ids = distinct(np.concatenate([vertices, edges.nodes.ravel(), sightings.nodes.ravel()]))
+    ids = distinct(np.concatenate([vertices, edges, sightings.nodes.ravel()]))
     sensors = _sensors(path, content.take("sensor"))
-    sightings = _in_body_frame(path, sightings, sensors)
-    _refuse_sensors(path, priors, sensors)
-    measured: Measured = {
-        kind: replace(rows, nodes=numbered(ids, rows.nodes))
-        for kind, rows in (("edge", edges), ("sighting", sightings), ("prior", priors))
-    }
-    foreign = priors.nodes[measured["prior"].nodes < 0]
-    if len(foreign):
-        raise FormatError(path, None, f"prior of node {foreign[0]}: no such node")
-    fixed = numbered(ids, np.array(content.fixed, dtype=np.intp))
-    if (fixed < 0).any():
-        raise FormatError(path, None, f"FIX {content.fixed[int(np.argmin(fixed))]}: no such node")
+    measured["sighting"] = _in_body_frame(path, sightings, sensors)
+    _refuse_sensors(path, measured["prior"], sensors)
+    _known(path, ids, measured["prior"].nodes.ravel(), "prior of node {}")
+    fixed = _known(path, ids, np.array(content.fixed, dtype=np.intp), "FIX {}")
+    measured = {k: replace(rows, nodes=numbered(ids, rows.nodes)) for k, rows in measured.items()}
     order, unvalued = np.argsort(vertices), len(ids) - len(vertices)
     known = None if unvalued else Estimate(values.rotations[order], values.translations[order])
     apart = distinct(sightings.nodes[sightings.apart, 1])
@@ -125,6 +119,18 @@ def numbered_by_id(path: Path, content: Records) -> tuple[Nodes, Measured]:
         unvalued=unvalued if len(vertices) else 0,
     )
     return nodes, measured
+
+
+def _taken(content: Records, *kinds: Kind) -> Measured:
+    return {kind: content.take(kind) for kind in kinds}
+
+
+def _known(path: Path, ids: IntArray, queries: IntArray, what: str) -> IntArray:
+    """The numbers of nodes that must be there."""
+    found = numbered(ids, queries)
+    if (found < 0).any():
+        raise FormatError(path, None, f"{what.format(queries[np.argmin(found)])}: no such node")
+    return found
 
 
 def _moved_apart(path: Path, sightings: Rows, others: IntArray) -> tuple[Rows, int]:
@@ -201,10 +207,8 @@ def _refuse_sensors(path: Path, priors: Rows, sensors: dict[int, _Pose]) -> None
         raise FormatError(path, None, where)
 
 
-def named_nodes(path: Path, content: Records) -> Nodes:
-    """The nodes by the order of their vertices, poses before points.
-
-    Vertices that are all at the origin only name the nodes.
+def named_nodes(path: Path, content: Records) -> tuple[Nodes, Estimate]:
+    """The nodes by the order of their vertices, poses before points, and their vertices.
 
     Raises
     ------
@@ -215,21 +219,22 @@ def named_nodes(path: Path, content: Records) -> Nodes:
     vertices = Rows.joined([poses, points])
     if not len(vertices):
         raise FormatError(path, None, "no vertex lines, which name the nodes")
-    ids = vertices.nodes[:, 0]
+    ids, values = vertices.nodes[:, 0], Estimate(vertices.rotations, vertices.translations)
     refuse_duplicates(path, ids, vertices.lines, content.names.__getitem__)
     try:
         times, _ = times_and_ids(poses.stamps)
     except InputError as error:
         raise FormatError(path, None, str(error)) from None
     times = np.append(times, np.full(len(points), NO_TIME))
-    return Nodes(
+    nodes = Nodes(
         ids,
-        Estimate(vertices.rotations, vertices.translations),
+        None,
         np.arange(len(ids)) >= len(poses) if len(points) else None,
         names=tuple(content.names[k] for k in ids.tolist()),
         # Equal times are a placeholder.
         times_ns=times if len(np.unique(poses.stamps, axis=0)) > 1 else None,
     )
+    return nodes, values
 
 
 def numbered_by_name(
@@ -242,22 +247,23 @@ def numbered_by_name(
     FormatError
         As `named_nodes`; or a name is unknown, or of a point where a pose is expected or reversely.
     """
-    nodes = named_nodes(path, content)
+    nodes, values = named_nodes(path, content)
     n, place = len(nodes.ids), np.full(len(content.names), -1, dtype=np.intp)
     place[nodes.ids] = np.arange(n)
     is_point = np.zeros(n, dtype=np.bool_) if nodes.points is None else nodes.points
-    kinds: tuple[Kind, ...] = ("edge", "sighting", "range", "prior")
-    measured: Measured = {kind: content.take(kind) for kind in kinds}
+    measured = _taken(content, "edge", "sighting", "range", "prior")
     _refuse_misplaced(path, content.names, measured, place, is_point)
     measured = {kind: replace(rows, nodes=place[rows.nodes]) for kind, rows in measured.items()}
     kept = np.arange(n)
     if skip_landmarks:
         kept = kept[~is_point]
-        for kind, what in (("range", "range{s} to points"), ("prior", "prior{s} of points")):
-            of_points = is_point[measured[kind].nodes].any(axis=1)
-            measured[kind] = measured[kind].subset(~of_points)
-            content.counts[f"{what} skipped"] += int(np.sum(of_points))
-    values = nodes.values.subset(kept)
+        of_points: dict[Kind, str] = {"prior": "prior{s} of points", "range": "range{s} to points"}
+        for kind, what in of_points.items():
+            apart = np.asarray(is_point[measured[kind].nodes].any(axis=1))
+            measured[kind] = measured[kind].subset(~apart)
+            content.counts[f"{what} skipped"] += int(np.sum(apart))
+    values = values.subset(kept)
+    # Vertices that are all at the origin only name the nodes.
     known = np.any(values.translations) or np.any(values.rotations != np.eye(values.d))
     times = nodes.times_ns
     return replace(
