@@ -42,11 +42,8 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
     measured, priors = Rows.joined([rows["edge"], rows["sighting"]]), rows["prior"]
     _refuse_far(path, nodes.ids, measured)
     _refuse_far(path, nodes.ids, priors)
-    graph: PoseGraph | RotationGraph = _graph(nodes, measured)
-    if not (
-        dialect.named or len(priors) or nodes.points is not None or measured.translations.any()
-    ):
-        graph = graph.rotation
+    of_poses = dialect.named or nodes.points is not None or measured.translations.any()
+    graph = _graph(nodes, measured, with_translations=bool(of_poses or len(priors)))
     notices = _notices(content, nodes, graph, len(rows["sighting"]))
     information, initial = measured.information, nodes.values
     world, origin = None, None

@@ -21,9 +21,7 @@ import numpy as np
 
 from certpgo.errors import FormatError, InputError, InputNotice, SpecError, UnusableFile, kind_of
 from certpgo.graph import Estimate, Instance
-from certpgo.graph.graph import require_connected
 from certpgo.graph.keys import Keys
-from certpgo.graph.trees import compose, spanning_tree
 from certpgo.io.compressed import opened, uncompressed_name
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
@@ -121,17 +119,6 @@ def require_translations(poses: LabelledPoses) -> FloatArray:
     if poses.translations is None:
         raise InputError("rotations only, but the graph measures translations")
     return poses.translations
-
-
-def integrated(instance: Instance) -> LabelledPoses:
-    """Poses relative to the node of smallest id, from noise-free relative poses.
-
-    A breadth-first tree has short chains, hence little accumulated rounding.
-    """
-    graph = instance.graph
-    require_connected(graph)
-    poses = compose(graph, spanning_tree(graph))
-    return LabelledPoses(poses.rotations, poses.translations, ids=instance.ids)
 
 
 @dataclass(frozen=True)
