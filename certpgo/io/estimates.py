@@ -18,10 +18,6 @@ from certpgo.graph.keys import NO_TIME, Keys, in_seconds
 from certpgo.graph.points import with_points
 from certpgo.graph.trees import compose, spanning_tree
 from certpgo.graph.wording import counted
-<<<<<<< HEAD
-=======
-from certpgo.io.assemble import estimate_at, require_translations
->>>>>>> main
 from certpgo.io.format import (
     LabelledPoses,
     ReadOptions,
