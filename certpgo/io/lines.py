@@ -73,8 +73,8 @@ class _Parser:
                 if tag.d and content.d not in (0, tag.d):
                     raise InputError(f"{name.decode()} in a file of {content.d}D poses")
                 content.d = tag.d or content.d
-                words, x, texts = self._fields(name.decode(), tag, bodies)
-                rows = self._rows(tag, words, x, texts, content.counts)
+                columns, texts = self._fields(name.decode(), tag, bodies)
+                rows = self._rows(tag, columns, texts, content.counts)
                 rows = replace(rows, lines=np.array(numbers))
                 content.rows.setdefault(tag.kind, []).append(rows)
         self._d = content.d
@@ -118,10 +118,9 @@ class _Parser:
 
     def _fields(
         self, name: str, tag: Tag, bodies: list[bytes]
-    ) -> tuple[list[list[bytes]], FloatArray, list[bytes]]:
-        """Columns of words before the numbers, numbers (k, p), and texts (k) of precisions."""
-        size, lead = self._dialect.precision_size(tag), tag.timed + tag.ids
-        width, fields = lead + tag.numbers, list[bytes]()
+    ) -> tuple[list[list[bytes]], list[bytes]]:
+        """Columns of words, and texts (k) of precisions, empty if absent."""
+        width, fields = tag.timed + tag.ids + tag.numbers, list[bytes]()
         for body in bodies:
             values = body.split(None, width)
             if len(values) == width:
@@ -130,12 +129,10 @@ class _Parser:
                 raise InputError(self._miscounted(name, tag, len(values)))
             fields += values
         texts = fields[width :: width + 1]
-        if not self._complete(texts, size):
+        if not self._complete(texts, self._dialect.precision_size(tag)):
             found = max(len(body.split()) for body in bodies)
             raise InputError(self._miscounted(name, tag, found))
-        columns = [fields[k :: width + 1] for k in range(width)]
-        numbers = [floats(column, self._after) for column in columns[lead:]]
-        return columns[:lead], np.stack(numbers, axis=-1), texts
+        return [fields[k :: width + 1] for k in range(width)], texts
 
     def _complete(self, texts: list[bytes], size: int) -> bool:
         if self._dialect.precision:
@@ -151,14 +148,15 @@ class _Parser:
     def _rows(
         self,
         tag: Tag,
-        words: list[list[bytes]],
-        numbers: FloatArray,
+        columns: list[list[bytes]],
         texts: list[bytes],
         counts: Counter[str],
     ) -> Rows:
-        k, ids = len(texts), self._ids(tag, words[tag.timed :])
+        k, lead = len(texts), tag.timed + tag.ids
+        ids = self._ids(tag, columns[tag.timed : lead])
         if tag.timed:
-            floats(words[0], "tag")
+            floats(columns[0], "tag")
+        numbers = np.stack([floats(column, self._after) for column in columns[lead:]], axis=-1)
         if self._dialect.named and (np.abs(numbers[:, : max(tag.d, 1)]) > FARTHEST).any():
             raise InputError(f"positions and distances up to {FARTHEST:.0e} expected")
         nodes = ids[:, : tag.nodes]
@@ -174,7 +172,7 @@ class _Parser:
             sensors = ids[:, -1] if tag.sensor else np.full(k, BODY)
             return replace(rows, sensors=sensors, apart=np.full(k, tag.apart))
         if tag.kind == "pose" and tag.timed:
-            return replace(rows, stamps=decimals(words[0]))
+            return replace(rows, stamps=decimals(columns[0]))
         return rows
 
     def _ids(self, tag: Tag, columns: list[list[bytes]]) -> IntArray:
@@ -198,7 +196,7 @@ class _Parser:
             raise InputError(f"a distance must not be negative, as {distances.min():g} is")
         k, weights = len(texts), np.ones(len(texts))
         if not self._options.ignore_information:
-            variances = floats(texts, self._after)
+            variances = floats([text.strip() for text in texts], self._after)
             if not (variances > 0.0).all():
                 raise InputError(f"a variance must be positive, not {variances.min():g}")
             with np.errstate(over="ignore"):
