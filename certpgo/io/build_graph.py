@@ -55,13 +55,11 @@ def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> I
         world, nodes = len(nodes.ids), nodes.with_world(path)
         information = joined_information([information, priors.information])
     chosen = _choices(dialect, options, content.counts[UNINFORMED], len(measured))
-    if options.weights_are == chosen.get("weights_are") and not dialect.precision:
-        notices.append(
-            f"the numbers of a measurement's precision are read as its {options.weights_are}"
-        )
-    ranges = None
-    if "range" in rows and len(rows["range"]):
-        ranges = _ranges(graph.num_nodes, rows["range"])
+    if "weights_are" in chosen and not dialect.precision:
+        kind = options.weights_are
+        notices.append(f"the numbers of a measurement's precision are read as its {kind}")
+    ranges = _ranges(graph.num_nodes, rows.get("range"))
+    if ranges is not None:
         notices.append(counted(ranges.num_edges, "range{s}"))
     instance = Instance(
         name=uncompressed_name(path).stem,
@@ -160,7 +158,9 @@ def _anchored(graph: PoseGraph, priors: Rows) -> tuple[PoseGraph, FloatArray | N
     return joined, origin if origin.any() else None, said
 
 
-def _ranges(num_nodes: int, rows: Rows) -> Ranges:
+def _ranges(num_nodes: int, rows: Rows | None) -> Ranges | None:
+    if rows is None or not len(rows):
+        return None
     return Ranges(num_nodes, rows.nodes, rows.translations[:, 0], rows.tau)
 
 
