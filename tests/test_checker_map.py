@@ -17,7 +17,7 @@ from certpgo.certify.proof_file import write_proof
 from certpgo.errors import FormatError
 from certpgo.io.datasets.synthetic import helix
 from certpgo.io.exact.circle import half_angle_pair
-from certpgo.io.stated import position_weights
+from certpgo.io.precision_kind import position_weights
 from certpgo.linalg import so
 from certpgo.objective.problem import problem_of
 

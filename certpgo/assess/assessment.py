@@ -17,9 +17,9 @@ from certpgo.costs.fit import Fit
 from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import CertPGOError, InputError, InputNotice
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph
+from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.io.digits import Digits, Writing
 from certpgo.io.gtsam_values import estimate_from_values
-from certpgo.io.opening import AnyPath, measured
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.problem import PoseProblem
 

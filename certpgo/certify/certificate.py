@@ -15,7 +15,7 @@ from certpgo.certify.wording import Statement
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate
 from certpgo.graph.wording import cost_shown, gap_shown
-from certpgo.io.plain import plain
+from certpgo.io.json_values import plain
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.base import CHORDAL
 

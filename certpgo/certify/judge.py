@@ -14,7 +14,7 @@ from certpgo.certify.certificate import Certificate, Tier
 from certpgo.costs import Certifiable, certifiable
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
-from certpgo.io.opening import AnyPath, estimated, measured
+from certpgo.io.accept_paths import AnyPath, estimated, measured
 from certpgo.io.writing import AnyAnswer
 from certpgo.optimize.monitor import Iteration, Monitor, silent
 from certpgo.optimize.progress import Hopeful

@@ -227,7 +227,7 @@ class Stream:
 def _piped(every: int, reading: Reading) -> Iterator[tuple[Instance, Sequence[Label]]]:
     """Measurements from the pipe; what is left out of it is said once."""
     from certpgo.graph.components import rotations_alone
-    from certpgo.io.piped import piped
+    from certpgo.io.stream import piped
 
     said = set()
     for part in piped(sys.stdin.buffer, every, **reading.options):

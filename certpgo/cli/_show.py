@@ -46,7 +46,7 @@ def noticing() -> Iterator[None]:
 
 def document(data: Any) -> None:
     """Print one JSON document on stdout; numbers that are not finite become null."""
-    from certpgo.io.plain import plain
+    from certpgo.io.json_values import plain
 
     typer.echo(json.dumps(plain(data), indent=2, allow_nan=False))
 

@@ -161,7 +161,7 @@ class _Results:
         import json
 
         from certpgo.assess.comparison import as_data
-        from certpgo.io.plain import plain
+        from certpgo.io.json_values import plain
         from certpgo.io.writing import folder_to_write
 
         folder_to_write(self.path.parent)

@@ -178,8 +178,10 @@ def whole(numbers: FloatArray) -> FloatArray:
     return numbers
 
 
-def refuse_loops(pairs: FloatArray | IntArray) -> None:
+def refuse_loops(
+    pairs: FloatArray | IntArray, called: Callable[[int], str] = "node {}".format
+) -> None:
     """Refuse an edge (i, i) among (k, 2) pairs of ids by an InputError."""
     loop = pairs[:, 0] == pairs[:, 1]
     if loop.any():
-        raise InputError(f"node {int(pairs[np.argmax(loop), 0])} is measured from itself")
+        raise InputError(f"{called(int(pairs[np.argmax(loop), 0]))} is measured from itself")

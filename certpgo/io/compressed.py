@@ -1,4 +1,4 @@
-"""Files as they are, or compressed with gzip: told apart by their first bytes."""
+"""Files as they are or compressed, which their first bytes tell, and limits on their size."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from certpgo.errors import FormatError
 
 _MAGIC = b"\x1f\x8b"
 _SUFFIX = ".gz"
+#: Archives of graphs expand at most 50 times; adjacency matrices with repeated rows more, up to
+#: complete graphs of a thousand nodes, which are small.
+RATIO, SMALL = 100, 16 << 20
 
 
 @contextmanager
@@ -46,6 +49,17 @@ def is_compressed(path: Path) -> bool:
 def uncompressed_name(path: Path) -> Path:
     """The path without the suffix of compression."""
     return path.with_suffix("") if path.suffix == _SUFFIX else path
+
+
+def largest(path: Path) -> int:
+    """The largest allowed size of a decompressed file, bytes."""
+    return max(RATIO * path.stat().st_size, SMALL)
+
+
+def refuse_bombs(path: Path, size: int) -> None:
+    """Refuse a file that claims to expand to ``size`` bytes, if that is disproportionate."""
+    if size > largest(path):
+        raise FormatError(path, None, f"expands to {size >> 20} MB, out of proportion to its size")
 
 
 def _begins_compressed(head: bytes) -> bool:

@@ -18,12 +18,13 @@ from certpgo.graph.keys import NO_TIME, Keys, in_seconds
 from certpgo.graph.points import with_points
 from certpgo.graph.trees import compose, spanning_tree
 from certpgo.graph.wording import counted
-from certpgo.io.assemble import estimate_at, require_translations
 from certpgo.io.format import (
     LabelledPoses,
     ReadOptions,
+    estimate_at,
     file_of,
     format_of,
+    require_translations,
 )
 from certpgo.io.matching import (
     MAX_DIFFERENCE,

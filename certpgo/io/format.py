@@ -101,6 +101,26 @@ class LabelledPoses:
         return replace(self.subset(np.flatnonzero(~self.points)), points=None)
 
 
+def estimate_at(poses: LabelledPoses, order: IntArray, with_translations: bool) -> Estimate:
+    """Some poses, by index, in that order, without keys.
+
+    Raises
+    ------
+    InputError
+        Translations are missing.
+    """
+    if not with_translations:
+        return Estimate(poses.rotations[order])
+    return Estimate(poses.rotations[order], require_translations(poses)[order])
+
+
+def require_translations(poses: LabelledPoses) -> FloatArray:
+    """The translations of poses; an InputError if there are none."""
+    if poses.translations is None:
+        raise InputError("rotations only, but the graph measures translations")
+    return poses.translations
+
+
 @dataclass(frozen=True)
 class Chart:
     """How a text file represents a pose.

@@ -1,157 +1,84 @@
-"""Files of tagged lines (g2o, TORO, iSAM), read in chunks.
+"""The reader of tagged lines: one loop for all dialects.
 
-Every line is a tag, integer ids, the numbers of a pose, and perhaps an information matrix. A chunk
-of lines is parsed at once, grouped by tag.
+A chunk of lines is parsed at once, grouped by tag.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
+from certpgo.checker import FAR
 from certpgo.errors import InputError
+from certpgo.graph.edges import in_range
 from certpgo.graph.information import Information, of_positions
-from certpgo.io.chunks import parsed, refuse_loops, without_comments
-from certpgo.io.contents import BODY, Priors, Sightings, TaggedLines
-from certpgo.io.exact import quaternion
-from certpgo.io.exact.information import InformationLayout
+from certpgo.io.chunks import parsed, printable, refuse_loops
+from certpgo.io.dialect import Dialect, Tag
+from certpgo.io.edge_weights import INDEFINITE
 from certpgo.io.exact.weighing import weigh
-from certpgo.io.format import ReadOptions, RotationInformation
-from certpgo.io.stated import POSITIONS, as_information, position_weights
+from certpgo.io.format import ReadOptions
+from certpgo.io.precision_kind import as_information, position_weights
+from certpgo.io.records import BODY, Records, Rows
+from certpgo.io.timestamps import decimals
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 #: Notice about edges without information, with their number.
 UNINFORMED = "edge{s} without information: kappa = tau = 1"
+OFF_NORM = "quaternion{s} off norm 1 by more than 1e-3, normalized"
+#: Largest translation or distance, metres.
+FARTHEST = 1e90
 #: How unknown tags begin that are of values, parameters and raw data, as other programs have them.
 _NO_MEASUREMENTS = (b"VERTEX", b"PARAM", b"DATA", b"ROBOTLASER", b"RAWLASER", b"FLASER")
-#: Rotations (k, d, d), translations (k, d), and how many quaternions are off norm 1.
-Poses = tuple[FloatArray, FloatArray, int]
+Weights = tuple[FloatArray, FloatArray, Information | None]
 
 
-@dataclass(frozen=True)
-class Tag:
-    """The contents of lines with one tag.
-
-    Attributes
-    ----------
-    kind : measurement, of a pair, (prior) of one pose or position or (sighting) of a point from a
-        pose, initial value of a pose or a point, fixed nodes, a sensor's pose on its body, or
-        something to skip and count
-    d : dimension of space
-    numbers : number of parameters after the ids; d for positions
-    what : for the notice on skipped lines
-    sensor : whether the id of a sensor follows those of nodes
-    apart : whether points may be numbered apart, so that poses have the same numbers
-    """
-
-    kind: Literal["edge", "prior", "sighting", "vertex", "point", "fix", "sensor", "skip"]
-    d: int = 0
-    numbers: int = 0
-    what: str = ""
-    sensor: bool = False
-    apart: bool = False
-
-    @property
-    def ids(self) -> int:
-        """Number of ids after the tag."""
-        return (2 if self.kind in ("edge", "sighting") else 1) + self.sensor
-
-    @property
-    def is_position(self) -> bool:
-        """Whether it measures a position alone."""
-        return self.kind in ("prior", "sighting") and self.numbers == self.d
-
-
-@dataclass(frozen=True)
-class Dialect:
-    """A format of tagged lines.
-
-    Attributes
-    ----------
-    name : of the format
-    tags : by their text
-    layouts : order of the information in 2D and 3D, by d
-    poses : from d and the numbers (k, p) of a pose
-    refused : tags that are refused, with what is expected instead
-    rotation_information : what the format's rotational information refers to
-    residual : see `Information`
-    """
-
-    name: str
-    tags: Mapping[bytes, Tag]
-    layouts: Mapping[int, InformationLayout]
-    poses: Callable[[int, FloatArray], Poses]
-    refused: Mapping[bytes, str] = field(default_factory=dict)
-    rotation_information: RotationInformation = "tangent"
-    residual: str | None = None
-
-
-def rpy_poses(d: int, numbers: FloatArray) -> Poses:
-    """Poses of x y theta (d = 2) or x y z roll pitch yaw (d = 3)."""
-    t, angles = numbers[:, :d], numbers[:, d:]
-    if d == 2:
-        return quaternion.planar_rotations(angles[:, 0]), t, 0
-    return quaternion.rotations(quaternion.from_roll_pitch_yaw(angles)), t, 0
-
-
-def first_tags(head: bytes) -> set[bytes]:
-    """The first words of the lines in the first bytes of a file, without comments."""
-    lines = (line.split(None, 1) for line in without_comments(head).splitlines())
-    return {words[0] for words in lines if words}
-
-
-def read_lines(path: Path, dialect: Dialect, options: ReadOptions) -> TaggedLines:
+def read_lines(path: Path, dialect: Dialect, options: ReadOptions) -> Records:
     """The contents of the file; a FormatError names the line and what was expected."""
-    parser = _Parser(dialect, options)
-    content = TaggedLines(0)
+    parser, content = _Parser(dialect, options), Records()
     for part in parsed(path, parser.parse, options.progress):
         content.extend(part)
+    content.names = parser.names
     return content
 
 
 class _Parser:
-    """Parses lists of lines; remembers only the dimension, and how many lines there were."""
+    """Parses lists of lines; remembers the dimension, the names, and how many lines there were."""
 
     def __init__(self, dialect: Dialect, options: ReadOptions) -> None:
         self._dialect = dialect
         self._options = options
-        self._d = self._lines = 0
+        self._d, self._lines = 0, 1
+        self._named: dict[bytes, int] = {}
+        self._after = "names" if dialect.named else "ids"
 
-    def parse(self, lines: list[bytes]) -> TaggedLines:
+    @property
+    def names(self) -> list[str]:
+        """The names so far."""
+        return [word.decode() for word in self._named]
+
+    def parse(self, lines: list[bytes]) -> Records:
         """The contents of the lines."""
-        content = TaggedLines(self._d)
+        content = Records(self._d)
         for name, (bodies, numbers) in self._by_tag(lines).items():
             tag = self._tag(name)
-            if tag.kind == "skip" or self._leaves_out(tag) or self._is_planar_sensor(tag, content):
-                content.counts[f"{name.decode()} line{{s}} skipped: {tag.what}"] += len(bodies)
+            if what := self._skipped(tag, content.d):
+                content.counts[f"{name.decode()} line{{s}} skipped: {what}"] += len(bodies)
             elif tag.kind == "fix":
                 content.fixed.extend(_integers([x for body in bodies for x in body.split()]))
             else:
-                if content.d not in (0, tag.d):
+                if tag.d and content.d not in (0, tag.d):
                     raise InputError(f"{name.decode()} in a file of {content.d}D poses")
-                content.d = tag.d
-                self._poses(name.decode(), tag, bodies, content)
-                if tag.kind == "prior":
-                    content.prior_lines.append(np.array(numbers))
-                elif tag.kind == "sighting":
-                    content.sighting_lines.append(np.array(numbers))
+                content.d = tag.d or content.d
+                columns, texts = self._fields(name.decode(), tag, bodies)
+                rows = self._rows(tag, columns, texts, content.counts)
+                rows = replace(rows, lines=np.array(numbers))
+                content.rows.setdefault(tag.kind, []).append(rows)
         self._d = content.d
         return content
-
-    def _leaves_out(self, tag: Tag) -> bool:
-        """Whether lines of a kind are skipped by choice."""
-        priors, landmarks = self._options.skip_priors, self._options.skip_landmarks
-        if tag.kind == "sensor":
-            return priors and landmarks
-        return priors if tag.kind == "prior" else landmarks and tag.kind in ("sighting", "point")
-
-    @staticmethod
-    def _is_planar_sensor(tag: Tag, content: TaggedLines) -> bool:
-        return tag.kind == "sensor" and content.d == 2
 
     def _by_tag(self, lines: list[bytes]) -> dict[bytes, tuple[list[bytes], list[int]]]:
         """What follows each tag, and the numbers of these lines."""
@@ -166,149 +93,172 @@ class _Parser:
         return groups
 
     def _tag(self, name: bytes) -> Tag:
-        if name in self._dialect.refused:
-            raise InputError(self._dialect.refused[name])
-        if name in self._dialect.tags:
-            return self._dialect.tags[name]
-        if name.startswith(_NO_MEASUREMENTS):
-            return Tag("skip", what=f"no tag of {self._dialect.name}, and no measurement")
-        known = ", ".join(tag.decode() for tag in self._dialect.tags)
+        dialect = self._dialect
+        if name in dialect.refused:
+            raise InputError(dialect.refused[name])
+        if name in dialect.tags:
+            return dialect.tags[name]
+        if name.startswith(_NO_MEASUREMENTS) and not dialect.named:
+            return Tag("skip", what=f"no tag of {dialect.name}, and no measurement")
+        known = ", ".join(tag.decode() for tag in dialect.tags)
         shown = name[:40].decode("ascii", "backslashreplace")
-        raise InputError(f"{self._dialect.name} has no tag {shown!r}; known: {known}")
+        raise InputError(f"{dialect.name} has no tag {shown!r}; known: {known}")
 
-    def _poses(self, name: str, tag: Tag, bodies: list[bytes], content: TaggedLines) -> None:
-        ids, numbers, texts = _fields(name, tag, bodies, self._information_size(tag))
-        if tag.kind == "sighting":
-            content.sightings.append(self._sightings(tag, ids, numbers, texts))
-        elif tag.kind == "point":
-            content.points.append((ids[:, 0], numbers))
-        elif tag.is_position:
-            content.priors.append(self._positions(tag.d, ids, numbers, texts))
-        else:
-            rotations, translations, off_norm = self._dialect.poses(tag.d, numbers)
-            content.counts["quaternion{s} off norm 1 by more than 1e-3, normalized"] += off_norm
-            self._whole_poses(tag, ids, rotations, translations, texts, content)
+    def _skipped(self, tag: Tag, d: int) -> str:
+        """What skipped lines are about; empty for lines that are read."""
+        priors, landmarks = self._options.skip_priors, self._options.skip_landmarks
+        skipped = {
+            "skip": True,
+            "prior": priors,
+            "sighting": landmarks,
+            "point": landmarks,
+            "sensor": d == 2 or (priors and landmarks),
+        }
+        return tag.what if skipped.get(tag.kind) else ""
 
-    def _whole_poses(
+    def _fields(
+        self, name: str, tag: Tag, bodies: list[bytes]
+    ) -> tuple[list[list[bytes]], list[bytes]]:
+        """Columns of words, and texts (k) of precisions, empty if absent."""
+        width, fields = tag.timed + tag.ids + tag.numbers, list[bytes]()
+        for body in bodies:
+            values = body.split(None, width)
+            if len(values) == width:
+                values.append(b"")
+            elif len(values) < width:
+                raise InputError(self._miscounted(name, tag, len(values)))
+            fields += values
+        texts = fields[width :: width + 1]
+        if not self._complete(texts, self._dialect.precision_size(tag)):
+            found = max(len(body.split()) for body in bodies)
+            raise InputError(self._miscounted(name, tag, found))
+        return [fields[k :: width + 1] for k in range(width)], texts
+
+    def _complete(self, texts: list[bytes], size: int) -> bool:
+        if self._dialect.precision:
+            return all(len(text.split()) == size for text in texts)
+        if not any(texts):
+            return True
+        # For many lines `weigh` counts the numbers; a single line is counted for its message.
+        return size > 0 and (len(texts) > 1 or len(texts[0].split()) == size)
+
+    def _miscounted(self, name: str, tag: Tag, found: int) -> str:
+        return f"{name} takes {self._dialect.expected(tag)}; {found} values found"
+
+    def _rows(
         self,
         tag: Tag,
-        ids: IntArray,
-        rotations: FloatArray,
-        translations: FloatArray,
+        columns: list[list[bytes]],
         texts: list[bytes],
-        content: TaggedLines,
-    ) -> None:
-        if tag.kind == "vertex":
-            content.vertices.append(ids[:, 0])
-            content.values.append((rotations, translations))
-        elif tag.kind == "sensor":
-            for sensor, *pose in zip(ids[:, 0].tolist(), rotations, translations, strict=True):
-                content.add_sensor(sensor, (pose[0], pose[1]))
-        elif tag.kind == "prior":
-            weighed = TaggedLines(tag.d)
-            self._weigh(tag.d, texts, weighed)
-            content.counts.update(weighed.counts)
-            (weights,), (information,) = weighed.weights, weighed.information
-            sensors = ids[:, 1] if tag.sensor else np.full(len(ids), BODY)
-            content.priors.append(
-                Priors(ids[:, 0], rotations, translations, *weights, information, sensors)
-            )
-        else:
-            refuse_loops(ids)
-            content.edges.append(ids)
-            content.measured.append((rotations, translations))
-            self._weigh(tag.d, texts, content)
-
-    def _information_size(self, tag: Tag) -> int:
+        counts: Counter[str],
+    ) -> Rows:
+        k, lead = len(texts), tag.timed + tag.ids
+        ids = self._ids(tag, columns[tag.timed : lead])
+        if tag.timed:
+            floats(columns[0], "tag")
+        numbers = np.stack([floats(column, self._after) for column in columns[lead:]], axis=-1)
+        if self._dialect.named and (np.abs(numbers[:, : max(tag.d, 1)]) > FARTHEST).any():
+            raise InputError(f"positions and distances up to {FARTHEST:.0e} expected")
+        nodes = ids[:, : tag.nodes]
+        if tag.kind == "range":
+            return self._ranges(nodes, numbers, texts)
         if tag.is_position:
-            return POSITIONS[tag.d].size
-        return self._dialect.layouts[tag.d].size if tag.kind in ("edge", "prior") else 0
+            R, t = np.tile(np.eye(tag.d), (k, 1, 1)), numbers
+        else:
+            R, t, off_norm = self._dialect.poses(tag.d, numbers)
+            counts[OFF_NORM] += off_norm
+        rows = Rows(nodes, R, t, *self._weights(tag, texts, counts))
+        if tag.kind in ("prior", "sighting"):
+            sensors = ids[:, -1] if tag.sensor else np.full(k, BODY)
+            return replace(rows, sensors=sensors, apart=np.full(k, tag.apart))
+        if tag.kind == "pose" and tag.timed:
+            return replace(rows, stamps=decimals(columns[0]))
+        return rows
 
-    def _positions(
-        self, d: int, ids: IntArray, positions: FloatArray, texts: list[bytes]
-    ) -> Priors:
-        """Positions alone."""
-        k, (tau, matrices) = len(ids), self._weighed_positions(d, texts)
-        sensors = ids[:, 1] if d == 3 else np.full(k, BODY)
-        identity, information = np.tile(np.eye(d), (k, 1, 1)), None
-        if matrices is not None:
-            residual = self._dialect.residual
-            information = Information(of_positions(matrices), np.arange(k), residual)
-        return Priors(ids[:, 0], identity, positions, np.zeros(k), tau, information, sensors)
+    def _ids(self, tag: Tag, columns: list[list[bytes]]) -> IntArray:
+        """Ids (k, 1 to 3), or numbers of names."""
+        convert = self._numbers_of if self._dialect.named else _integers
+        ids = np.array([convert(column) for column in columns], dtype=np.intp).T
+        if tag.kind == "edge" or (tag.nodes == 2 and self._dialect.named):
+            called = (lambda k: self.names[k]) if self._dialect.named else "node {}".format
+            refuse_loops(ids, called)
+        return ids
 
-    def _sightings(
-        self, tag: Tag, ids: IntArray, positions: FloatArray, texts: list[bytes]
-    ) -> Sightings:
-        weights = self._weighed_positions(tag.d, texts)
-        sensors = ids[:, 2] if tag.sensor else np.full(len(ids), BODY)
-        return Sightings(ids[:, :2], positions, *weights, sensors, tag.apart)
+    def _numbers_of(self, names: list[bytes]) -> list[int]:
+        for word in dict.fromkeys(names):
+            if word not in self._named:
+                _check_name(word)
+                self._named[word] = len(self._named)
+        return [self._named[word] for word in names]
 
-    def _weighed_positions(
-        self, d: int, texts: list[bytes]
-    ) -> tuple[FloatArray, FloatArray | None]:
-        """Weights, and matrices unless some are not stated."""
-        ignored = self._options.ignore_information
-        given = [b""] * len(texts) if ignored else texts
-        tau, matrices = position_weights(d, given, self._options.weights_are)
-        return tau, matrices if all(given) else None
+    def _ranges(self, nodes: IntArray, distances: FloatArray, texts: list[bytes]) -> Rows:
+        if (distances < 0.0).any():
+            raise InputError(f"a distance must not be negative, as {distances.min():g} is")
+        k, weights = len(texts), np.ones(len(texts))
+        if not self._options.ignore_information:
+            variances = floats([text.strip() for text in texts], self._after)
+            if not (variances > 0.0).all():
+                raise InputError(f"a variance must be positive, not {variances.min():g}")
+            with np.errstate(over="ignore"):
+                weights = 1.0 / variances
+            if not in_range(weights).all():
+                raise InputError(f"variances between {1.0 / FAR:.2g} and {FAR:.2g} expected")
+        return Rows(nodes, np.empty((k, 0, 0)), distances, np.zeros(k), weights)
 
-    def _weigh(self, d: int, texts: list[bytes], content: TaggedLines) -> None:
-        kappa, tau = np.ones(len(texts)), np.ones(len(texts))
-        content.weights.append((kappa, tau))
-        if self._options.ignore_information:
-            content.information.append(None)
-            return
+    def _weights(self, tag: Tag, texts: list[bytes], counts: Counter[str]) -> Weights:
+        """Weights kappa and tau, and matrices unless some are missing or ignored."""
+        k, options, dialect = len(texts), self._options, self._dialect
+        kappa, tau = np.zeros(k) if tag.is_position else np.ones(k), np.ones(k)
+        if options.ignore_information or not dialect.precision_size(tag):
+            return kappa, tau, None
+        if dialect.precision:
+            floats([word for text in dict.fromkeys(texts) for word in text.split()], self._after)
+        kind = dialect.precision or options.weights_are
+        if tag.is_position:
+            tau, positions = position_weights(tag.d, texts, kind)
+            whole = Information(of_positions(positions), np.arange(k), dialect.residual)
+            return kappa, tau, whole if all(texts) else None
         stated = np.array([bool(text) for text in texts])
-        content.counts[UNINFORMED] += int(np.sum(~stated))
-        layout = self._dialect.layouts[d]
-        given = as_information([t for t in texts if t], layout, self._options.weights_are)
-        weighed = weigh(given, layout)
+        counts[UNINFORMED] += int(np.sum(~stated))
+        layout = dialect.layouts[tag.d]
+        weighed = weigh(as_information([text for text in texts if text], layout, kind), layout)
         kappa[stated], tau[stated] = weighed.kappa, weighed.tau
-        content.counts["edge{s} with information indefinite as a whole, diagonal blocks used"] += (
-            weighed.indefinite
-        )
-        if self._options.rotation_information == "quaternion":
+        counts[INDEFINITE] += weighed.indefinite
+        if options.rotation_information == "quaternion":
             kappa[stated] *= 0.25  # half the angle, a quarter of the information; exact
-        matrices = weighed.distinct[:, np.array(layout.positions)]
         # Only small roll, pitch and yaw are tangent vectors.
-        whole = stated.all() and not (d == 3 and self._dialect.rotation_information == "rpy")
-        content.information.append(
-            Information(matrices, weighed.which, self._dialect.residual) if whole else None
-        )
+        if not stated.all() or (tag.d == 3 and dialect.rotation_information == "rpy"):
+            return kappa, tau, None
+        matrices = weighed.distinct[:, np.array(layout.positions)]
+        return kappa, tau, Information(matrices, weighed.which, dialect.residual)
 
 
-def _fields(
-    name: str, tag: Tag, bodies: list[bytes], information: int
-) -> tuple[IntArray, FloatArray, list[bytes]]:
-    """Ids (k, 1 or 2), pose numbers (k, p), information texts (k), empty if absent."""
-    width = tag.ids + tag.numbers
-    fields: list[bytes] = []
-    for body in bodies:
-        values = body.split(None, width)
-        if len(values) == width:
-            values.append(b"")
-        elif len(values) < width:
-            raise InputError(_count_message(name, tag, information, len(values)))
-        fields += values
-    texts = fields[width :: width + 1]
-    if any(texts) and not (information and _complete(bodies, width + information)):
-        found = max(len(body.split()) for body in bodies)
-        raise InputError(_count_message(name, tag, information, found))
-    columns = [fields[k :: width + 1] for k in range(width)]
-    ids = [_integers(column) for column in columns[: tag.ids]]
-    numbers = [floats(column) for column in columns[tag.ids :]]
-    return np.array(ids, dtype=np.intp).T, np.stack(numbers, axis=-1), texts
+def is_name(name: str) -> bool:
+    """Whether a name can be written and read again."""
+    try:
+        word = name.encode()
+    except UnicodeEncodeError:
+        return False
+    return word.split() == [word] and b"#" not in word and not is_number(word) and printable(word)
 
 
-def _complete(bodies: list[bytes], size: int) -> bool:
-    # For many lines `weigh` counts the numbers; a single line is counted for its message.
-    return len(bodies) > 1 or len(bodies[0].split()) == size
+def is_number(word: bytes) -> bool:
+    """Whether a word is a number, and so no name."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
-def _count_message(name: str, tag: Tag, information: int, found: int) -> str:
-    ids = "id" if tag.ids == 1 else "ids"
-    rest = f", then {information} or no information numbers" if information else ""
-    return f"{name} takes {tag.ids} {ids} and {tag.numbers} numbers{rest}; {found} values found"
+def _check_name(word: bytes) -> None:
+    if is_number(word):
+        raise InputError(f"a name expected, such as A0, not the number {word.decode()!r}")
+    try:
+        word.decode()
+    except UnicodeDecodeError:
+        shown = word[:40].decode("ascii", "backslashreplace")
+        raise InputError(f"names in UTF-8 expected, not {shown!r}") from None
 
 
 def _integers(fields: list[bytes]) -> list[int]:
@@ -324,7 +274,7 @@ def _integers(fields: list[bytes]) -> list[int]:
     return values
 
 
-def floats(fields: list[bytes], after: str = "ids") -> FloatArray:
+def floats(fields: list[bytes], after: str) -> FloatArray:
     """Finite numbers, from words that follow something else; an InputError shows another word."""
     try:
         values = np.array(list(map(float, fields)))

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from certpgo.errors import FormatError, InputError
-from certpgo.io.expansion import largest, refuse_bombs
+from certpgo.io.compressed import largest, refuse_bombs
 from certpgo.linalg.arrays import IntArray
 
 #: The first bytes of a file.

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from certpgo.errors import MissingDependency
-from certpgo.io.plain import plain
+from certpgo.io.json_values import plain
 
 try:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined

@@ -13,7 +13,7 @@ from scipy import sparse
 
 from certpgo import io
 from certpgo.errors import FormatError
-from certpgo.io import expansion
+from certpgo.io import compressed
 from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.io.matlab import sparse_pattern
 
@@ -263,7 +263,7 @@ def test_arrays_by_columns_are_read(graph):
 @pytest.fixture
 def small(monkeypatch):
     """A limit that small files reach."""
-    monkeypatch.setattr(expansion, "SMALL", 1 << 16)
+    monkeypatch.setattr(compressed, "SMALL", 1 << 16)
 
 
 def test_an_archive_out_of_proportion(graph, small):

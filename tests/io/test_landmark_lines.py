@@ -47,6 +47,13 @@ def test_sightings_stay_in_the_order_of_the_file(file):
     assert graph.translations[1:, 0].tolist() == [1.0, 2.0, 3.0]
 
 
+def test_points_without_sightings_are_noted(file):
+    """Where some points are seen, and where none is."""
+    unseen = "VERTEX_XY 8 1 2\n"
+    for text in (PLANE + unseen, "EDGE_SE2 0 1 1 0 0\n" + unseen):
+        assert "1 point without a sighting skipped" in io.read(file(text), quiet=True).notices
+
+
 def test_in_space_with_a_sensor_on_its_body(file):
     """The sensor is turned by a right angle about x, and 1, 2, 3 metres away."""
     graph = io.read(file(SPACE), quiet=True).graph
@@ -270,3 +277,11 @@ def test_npz_keeps_where_a_world_is_assumed_to_be(tmp_path):
     ]
     with pytest.raises(GraphError, match="assumed must be 3 flags"):
         certpgo.PoseGraph(turned.rotation, turned.translations, turned.tau, assumed=[True])
+
+
+def test_a_sensor_with_two_poses_is_refused_at_its_line(monkeypatch, file):
+    other = "PARAMS_SE3OFFSET 7 0 0 0 0 0 0 1\n"
+    for size in (1 << 20, 50):
+        monkeypatch.setattr("certpgo.io.chunks._CHUNK_BYTES", size)
+        with pytest.raises(FormatError, match=r":3: sensor 7 has two different poses"):
+            io.read(file(SPACE.replace("EDGE_SE3_T", other + "EDGE_SE3_T", 1)), quiet=True)

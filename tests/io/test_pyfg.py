@@ -155,6 +155,26 @@ def test_choices(pyfg):
     assert read(path, mahalanobis=True).graph.rotation.kappa[0] == 200.0
 
 
+def test_priors_are_in_the_order_of_the_file(pyfg):
+    lines = PLANE.splitlines(keepends=True)
+    lines.insert(3, lines.pop(4))
+    graph = read(pyfg("".join(lines))).graph
+    assert graph.edges.tolist() == [[0, 1], [1, 2], [3, 2], [3, 0]]
+    assert graph.rotation.kappa.tolist() == [400.0, 0.0, 0.0, 8.0]
+
+
+def test_matrices_of_what_is_left_out_are_left_out(pyfg):
+    skew = PLANE.replace("0.04 0.01 0.0625", "4e-6 0 0.0625")
+    information = read(pyfg(skew), landmarks=False).information
+    assert len(information.distinct) == 2
+    assert information.anisotropy == (1.0, 1.0)
+
+
+def test_lines_that_are_skipped_are_not_read(pyfg):
+    text = PLANE.replace("VERTEX_XY:PRIOR 0 L0", "VERTEX_XY:PRIOR 0 7")
+    assert "1 VERTEX_XY:PRIOR line skipped: priors" in read(pyfg(text), priors=False).notices
+
+
 def test_unit_weights_take_what_is_no_covariance(pyfg):
     text = PLANE.replace("0.0025\n", "-1\n").replace("2.25 0.0625", "2.25 0")
     assert read(pyfg(text), unit_weights=True).ranges.weights.tolist() == [1.0, 1.0]

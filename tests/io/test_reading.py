@@ -291,3 +291,12 @@ def test_viewing_graphs_are_topology_alone(tmp_path):
 
 def test_a_graph_with_translations_is_a_pose_graph(file):
     assert isinstance(io.read(file(PARALLEL)).graph, PoseGraph)
+
+
+@pytest.mark.parametrize("size", [1 << 20, 30])
+def test_edges_are_in_the_order_of_the_file_whatever_their_tags(monkeypatch, file, size):
+    monkeypatch.setattr("certpgo.io.chunks._CHUNK_BYTES", size)
+    lines = ("EDGE2 0 1 1 0 0", "ODOMETRY 1 2 2 0 0", "EDGE2 1 2 3 0 0", "ODOMETRY 0 1 4 0 0")
+    path = file("\n".join(lines), "mixed.txt")
+    assert io.read(path, quiet=True).graph.translations[:, 0].tolist() == [1, 2, 3, 4]
+    assert io.read(path, keep="last", quiet=True).graph.translations[:, 0].tolist() == [3, 4]

@@ -22,9 +22,9 @@ import numpy as np
 from certpgo.errors import FormatError
 from certpgo.graph import Instance, RotationGraph
 from certpgo.graph.wording import counted
-from certpgo.io.assemble import distinct
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, ReadOptions
+from certpgo.io.nodes import distinct
 from certpgo.linalg.arrays import FloatArray, numbered
 
 _MAGIC = b"SQLite format 3\0"

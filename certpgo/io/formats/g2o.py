@@ -33,13 +33,11 @@ from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.graph.information import Information
 from certpgo.graph.keys import Keys
-from certpgo.io.assemble import instance_from_lines, poses_from_lines
-from certpgo.io.exact import quaternion
-from certpgo.io.exact.information import ROW_MAJOR_2D, ROW_MAJOR_3D
+from certpgo.io.build_graph import instance_from_lines, poses_from_lines
+from certpgo.io.dialect import Dialect, Tag, first_tags, pose_texts, quaternion_poses
 from certpgo.io.format import Chart, Format
-from certpgo.io.lines import Dialect, Poses, Tag, first_tags, rpy_poses
-from certpgo.io.named_lines import is_named
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
+from certpgo.io.formats.pyfg import recognises as is_pyfg
+from certpgo.linalg.arrays import BoolArray, IntArray
 
 _SKIPPED = ("VERTEX_POINT_XYZ", "EDGE_BEARING_SE2_XY", "EDGE_POINT_XYZ", "LANDMARK3")
 #: Of poses and of positions, in the plane and in space. Those that are written come first.
@@ -51,19 +49,12 @@ _SIGHTINGS = {2: "EDGE_SE2_XY", 3: "EDGE_SE3_TRACKXYZ"}
 _PARAMETERS = ("PARAMS_SE2OFFSET", "PARAMS_CAMERACALIB")
 
 
-def _poses(d: int, numbers: FloatArray) -> Poses:
-    if d == 2:
-        return rpy_poses(d, numbers)
-    t, q = numbers[:, :3], numbers[:, 3:]
-    return quaternion.rotations(q), t, quaternion.off_norm(q)
-
-
 DIALECT = Dialect(
     name="g2o",
     tags={
-        b"VERTEX_SE3:QUAT": Tag("vertex", 3, 7),
+        b"VERTEX_SE3:QUAT": Tag("pose", 3, 7),
         b"EDGE_SE3:QUAT": Tag("edge", 3, 7),
-        b"VERTEX_SE2": Tag("vertex", 2, 3),
+        b"VERTEX_SE2": Tag("pose", 2, 3),
         b"EDGE_SE2": Tag("edge", 2, 3),
         b"FIX": Tag("fix"),
         b"VERTEX_XY": Tag("point", 2, 2, "landmarks"),
@@ -85,14 +76,13 @@ DIALECT = Dialect(
         b"PARAMS_SE3OFFSET": Tag("sensor", 3, 7, "sensor parameters"),
         **{name.encode(): Tag("skip", what="sensor parameters") for name in _PARAMETERS},
     },
-    layouts={2: ROW_MAJOR_2D, 3: ROW_MAJOR_3D},
-    poses=_poses,
+    poses=quaternion_poses,
     residual="g2o",
 )
 
 
 def _recognises(path: Path, head: bytes) -> bool:
-    return bool(first_tags(head) & DIALECT.tags.keys()) and not is_named(path, head)
+    return bool(first_tags(head) & DIALECT.tags.keys()) and not is_pyfg(path, head)
 
 
 def _pose_words(words: list[bytes]) -> list[bytes]:
@@ -100,18 +90,12 @@ def _pose_words(words: list[bytes]) -> list[bytes]:
 
 
 def _vertex_lines(ids: IntArray, estimate: Estimate, points: BoolArray) -> list[str]:
-    numbers, d = _pose_numbers(estimate.rotations, estimate.translations), estimate.d
+    numbers, d = pose_texts(estimate.rotations, estimate.translations), estimate.d
     pose, point = _VERTICES[d]
     return [
         f"{point} {k} {_position(text, d)}\n" if is_point else f"{pose} {k} {text}\n"
         for k, text, is_point in zip(ids.tolist(), numbers, points.tolist(), strict=True)
     ]
-
-
-def _pose_numbers(R: FloatArray, translations: FloatArray | None) -> list[str]:
-    t = np.zeros(R.shape[:2]) if translations is None else translations
-    angles = quaternion.to_write(R) if R.shape[-1] == 3 else np.arctan2(R[:, 1, :1], R[:, 0, :1])
-    return [" ".join(map(repr, row)) for row in np.hstack([t, angles]).tolist()]
 
 
 def _position(pose: str, d: int) -> str:
@@ -184,7 +168,7 @@ def _write_graph(path: Path, instance: Instance) -> None:
     )
     if t is not None and instance.origin is not None:
         t = t + np.where(graph.edges[:, :1] == instance.world, instance.origin, 0.0)
-    numbers = _pose_numbers(rotation.rotations, t)
+    numbers = pose_texts(rotation.rotations, t)
     pairs = ids[graph.edges].tolist()
     weights, of_positions = _weights(instance)
     lines = [

@@ -17,10 +17,9 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from certpgo.io.assemble import instance_from_lines
-from certpgo.io.exact.information import ROW_MAJOR_2D, ROW_MAJOR_3D
+from certpgo.io.build_graph import instance_from_lines
+from certpgo.io.dialect import Dialect, Tag, first_tags, rpy_poses
 from certpgo.io.format import Format
-from certpgo.io.lines import Dialect, Tag, first_tags, rpy_poses
 
 _VARIANT = "EDGE2, EDGE3 or ODOMETRY expected; iSAM's older {} lines are not supported"
 
@@ -33,7 +32,6 @@ DIALECT = Dialect(
         b"LANDMARK": Tag("sighting", 2, 2, "landmarks", apart=True),
         b"POINT3": Tag("sighting", 3, 3, "landmarks", apart=True),
     },
-    layouts={2: ROW_MAJOR_2D, 3: ROW_MAJOR_3D},
     poses=rpy_poses,
     refused={b"EDGE": _VARIANT.format("EDGE")},
     rotation_information="rpy",

@@ -28,7 +28,7 @@ from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.graph.keys import Keys
 from certpgo.graph.ranges import Ranges
-from certpgo.io.expansion import refuse_bombs
+from certpgo.io.compressed import refuse_bombs
 from certpgo.io.format import Format, LabelledPoses, ReadOptions
 
 _VERSION = 1

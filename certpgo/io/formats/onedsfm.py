@@ -17,11 +17,11 @@ import numpy as np
 from certpgo.errors import FormatError
 from certpgo.graph import Estimate, Instance, RotationGraph
 from certpgo.graph.wording import counted
-from certpgo.io.assemble import distinct
 from certpgo.io.chunks import first_row, read_rows, refuse_loops, whole
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, ReadOptions, format_of
 from certpgo.io.matching import Matching, known_poses, match
+from certpgo.io.nodes import distinct
 from certpgo.linalg.arrays import FloatArray, IntArray, numbered
 
 _GRAPH, _COMPONENT = "EGs.txt", "cc.txt"

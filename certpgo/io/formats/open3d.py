@@ -28,9 +28,9 @@ from certpgo.graph.keys import Keys
 from certpgo.graph.trees import tree_initialization
 from certpgo.graph.wording import counted
 from certpgo.io.compressed import opened, uncompressed_name
+from certpgo.io.edge_weights import weighed
 from certpgo.io.exact import quaternion
 from certpgo.io.format import Format, LabelledPoses, ReadOptions
-from certpgo.io.informed import weighed
 from certpgo.linalg.arrays import FloatArray, IntArray
 
 _CLASS = re.compile(rb'"class_name"\s*:\s*"PoseGraph(Node|Edge)?"')

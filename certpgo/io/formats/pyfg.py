@@ -21,221 +21,216 @@ where all of them are at the origin they are no initial values.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from certpgo.errors import FormatError, InputError, NoMeasurements
-from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
+from certpgo.errors import InputError
+from certpgo.graph import Estimate, Instance, PoseGraph
+from certpgo.graph.edges import symmetric
 from certpgo.graph.information import Information
-from certpgo.graph.keys import NO_TIME
-from certpgo.graph.labels import unused
-from certpgo.graph.ranges import Ranges
-from certpgo.graph.wording import counted
-from certpgo.io.compressed import uncompressed_name
-from certpgo.io.contents import BODY, Priors
-from certpgo.io.format import Chart, Format, LabelledPoses, ReadOptions
-from certpgo.io.named_lines import (
-    ENDS,
-    TAGS,
-    Kind,
-    NamedLines,
-    NamedPart,
-    is_name,
-    is_named,
-    located,
-    read_named,
-)
-from certpgo.io.named_writing import write_graph, write_poses
-from certpgo.io.priors import anchored_graph, joined_information
-from certpgo.io.timestamps import times_and_ids
+from certpgo.graph.keys import NO_TIME, Keys, in_seconds
+from certpgo.io.build_graph import instance_from_lines, poses_from_lines
+from certpgo.io.chunks import without_comments
+from certpgo.io.dialect import Dialect, Kind, Tag, pose_texts, quaternion_poses
+from certpgo.io.format import Chart, Format
+from certpgo.io.lines import is_name, is_number
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
-#: The name of the world, from which priors are measured.
-_WORLD = "world"
+DIALECT = Dialect(
+    name="pyfg",
+    tags={
+        b"VERTEX_SE2": Tag("pose", 2, 3, timed=True),
+        b"VERTEX_SE3:QUAT": Tag("pose", 3, 7, timed=True),
+        b"VERTEX_XY": Tag("point", 2, 2),
+        b"VERTEX_XYZ": Tag("point", 3, 3),
+        b"EDGE_SE2": Tag("edge", 2, 3, timed=True),
+        b"EDGE_SE3:QUAT": Tag("edge", 3, 7, timed=True),
+        b"EDGE_SE2_XY": Tag("sighting", 2, 2, "landmarks", timed=True),
+        b"EDGE_SE3_XYZ": Tag("sighting", 3, 3, "landmarks", timed=True),
+        b"VERTEX_SE2:PRIOR": Tag("prior", 2, 3, "priors", timed=True),
+        b"VERTEX_SE3:QUAT:PRIOR": Tag("prior", 3, 7, "priors", timed=True),
+        b"VERTEX_XY:PRIOR": Tag("prior", 2, 2, "priors", timed=True),
+        b"VERTEX_XYZ:PRIOR": Tag("prior", 3, 3, "priors", timed=True),
+        b"EDGE_RANGE": Tag("range", 0, 1, timed=True),
+    },
+    poses=quaternion_poses,
+    precision="covariance",
+    named=True,
+)
+#: Tags by kind, dimension, and whether they are of positions alone.
+_TAGS = {(tag.kind, tag.d, tag.is_position): name.decode() for name, tag in DIALECT.tags.items()}
+#: Of measurements, and of nodes without a time.
+_TIME = "0"
 
 
-@dataclass(frozen=True)
-class _Nodes:
-    """The nodes of a file, poses before points, their initial values, and times if any differ."""
+def recognises(path: Path, head: bytes) -> bool:
+    """Whether the first bytes of a file are of lines with names, rather than g2o's with numbers.
 
-    path: Path
-    names: tuple[str, ...]
-    values: Estimate
-    points: BoolArray
-    number: dict[str, int]
-    times_ns: IntArray | None
-
-    def of(self, kind: Kind, part: NamedPart) -> IntArray:
-        """The numbers of the nodes of each line (k, names); a FormatError names a wrong line."""
-        ends = ENDS[kind]
-        flat = [self.number.get(name, -1) for names in part.names for name in names]
-        found = np.array(flat, dtype=np.intp).reshape(-1, len(ends))
-        is_point = self.points[found]
-        wrong = found < 0
-        for column, expected in enumerate(ends):
-            if expected is not None:
-                wrong[:, column] |= is_point[:, column] != (expected == "point")
-        if wrong.any():
-            raise self.error()
-        return found
-
-    def without_points(self) -> _Nodes:
-        """The poses alone."""
-        kept = int(np.sum(~self.points))
-        names, values = self.names[:kept], self.values.subset(np.arange(kept))
-        times = None if self.times_ns is None else self.times_ns[:kept]
-        return _Nodes(self.path, names, values, self.points[:kept], self.number, times)
-
-    def error(self) -> FormatError:
-        """The error of the first line whose names do not fit."""
-        kinds = ("point" if flag else "pose" for flag in self.points.tolist())
-        return located(self.path, dict(zip(self.names, kinds, strict=True)))
-
-
-def _nodes(path: Path, content: NamedLines) -> _Nodes:
-    poses, points = content.joined("pose"), content.joined("point")
-    names = tuple(name for (name,) in poses.names + points.names)
-    if not names:
-        raise FormatError(path, None, "no vertex lines, which name the nodes")
-    number = {name: k for k, name in enumerate(names)}
-    values = Estimate(
-        np.concatenate([poses.rotations, points.rotations]),
-        np.concatenate([poses.translations, points.translations]),
-    )
-    try:
-        times, _ = times_and_ids(poses.stamps)
-    except InputError as error:
-        raise FormatError(path, None, str(error)) from None
-    times = np.append(times, np.full(len(points.names), NO_TIME))
-    is_timed = len(np.unique(poses.stamps, axis=0)) > 1  # else they are a placeholder
-    is_point = np.arange(len(names)) >= len(poses.names)
-    nodes = _Nodes(path, names, values, is_point, number, times if is_timed else None)
-    if len(number) < len(names):
-        raise nodes.error()
-    return nodes
+    A whole line tells; in a file with the suffix .pyfg, also one with too many or too few words.
+    """
+    for line in without_comments(head).splitlines():
+        words = line.split()
+        tag = DIALECT.tags.get(words[0]) if words else None
+        if tag is None or len(words) < 2 + tag.timed or is_number(words[1 + tag.timed]):
+            continue
+        size = tag.timed + tag.ids + tag.numbers + DIALECT.precision_size(tag)
+        if len(words) == 1 + size or path.suffix == ".pyfg":
+            return True
+    return False
 
 
 def _pose_words(words: list[bytes]) -> list[bytes]:
-    tag = TAGS.get(words[0])
+    tag = DIALECT.tags.get(words[0])
     return words[3:] if tag is not None and tag.kind == "pose" else []
 
 
-def _read_poses(path: Path) -> LabelledPoses:
-    nodes = _nodes(path, read_named(path, ReadOptions(ignore_information=True)))
-    values, points = nodes.values, nodes.points if nodes.points.any() else None
-    keys = None, nodes.times_ns, nodes.names, points
-    return LabelledPoses(values.rotations, values.translations, *keys)
+def _write_poses(path: Path, estimate: Estimate, keys: Keys) -> None:
+    """Write the vertices of an estimate."""
+    t = estimate.translations
+    if t is None:
+        raise InputError("pyfg needs translations; the estimate has rotations only")
+    points = keys.is_point(len(t))
+    names = _names(keys.names, keys.ids_of(len(t)), points)
+    _write(path, _vertices(names, _times(keys.times_ns, len(t)), estimate.rotations, t, points))
 
 
-def _read_graph(path: Path, options: ReadOptions) -> Instance:
-    _refuse_choices(path, options)
-    content = read_named(path, options)
-    nodes = _nodes(path, content)
-    measured = {kind: _measured(nodes, content, kind, options) for kind in ENDS}
-    if options.skip_landmarks:
-        nodes = nodes.without_points()
-    graph, information = _graph(path, nodes, measured)
-    names, values, origin, world = nodes.names, nodes.values, None, None
-    # Vertices that are all at the origin only name the nodes.
-    known = np.any(values.translations) or np.any(values.rotations != np.eye(values.d))
-    notices = [counted(count, what) for what, count in content.counts.items() if count]
-    if nodes.points.any():
-        seen = counted(len(measured["sighting"][0]), "sighting{s}")
-        notices.append(f"{counted(int(nodes.points.sum()), 'point{s}')}, {seen}")
-    priors = _priors(measured)
-    if priors is not None:
-        graph, origin, notice = anchored_graph(graph, priors)
-        notices.append(notice)
-        world, names = len(names), (*names, unused(_WORLD, nodes.names))
-        information = joined_information([information, priors.information])
-    pairs, part = measured["range"]
-    if len(pairs):
-        notices.append(counted(len(pairs), "range{s}"))
-    instance = Instance(
-        name=uncompressed_name(path).stem,
-        graph=graph,
-        ids=np.arange(graph.num_nodes),
-        source=str(path),
-        options={"rotation_information": "tangent", "weights_are": "covariance"},
-        notices=tuple(notices),
-        names=names,
-        information=information,
-        world=world,
-        origin=origin,
-        ranges=Ranges(graph.num_nodes, pairs, part.numbers, part.tau) if len(pairs) else None,
-        times_ns=nodes.times_ns,
+def _write_graph(path: Path, instance: Instance) -> None:
+    """Write a graph: vertices, priors, measurements and ranges."""
+    graph, known = instance.graph, slice(instance.world)
+    if not isinstance(graph, PoseGraph):
+        raise InputError("pyfg holds poses, and this graph measures rotations alone")
+    if (graph.tau == 0.0).any():
+        raise InputError("pyfg has no measurements of an attitude alone")
+    n, d, t = len(instance.ids[known]), graph.d, graph.translations
+    points = np.zeros(n, dtype=bool) if graph.points is None else graph.points[known]
+    names = _names(instance.names[known], instance.ids[known], points)
+    # Every node needs a vertex; without initial values all are at the origin.
+    values = Estimate(np.tile(np.eye(d), (n, 1, 1)), np.zeros((n, d)))
+    if instance.initial is not None:
+        values = instance.in_world(instance.initial)
+    of_world = np.zeros(graph.num_edges, dtype=bool)
+    if instance.world is not None:
+        of_world = np.asarray(graph.edges[:, 0] == instance.world)
+        if instance.origin is not None:
+            t = t + np.where(of_world[:, None], instance.origin, 0.0)
+    at = values.translations
+    at = np.zeros((n, d)) if at is None else at
+    lines = _vertices(names, _times(instance.times_ns, n), values.rotations, at, points)
+    poses = pose_texts(graph.rotation.rotations, t)
+    covariances = _covariances(instance, graph)
+    turned = graph.rotation.kappa > 0.0
+    kinds: tuple[tuple[Kind, BoolArray], ...] = (
+        ("prior", of_world & turned),
+        ("prior", of_world & ~turned),
+        ("edge", ~of_world & turned),
+        ("sighting", ~of_world & ~turned),
     )
-    return replace(instance, initial=instance.with_world(values) if known else None)
+    for kind, chosen in kinds:
+        for k in np.flatnonzero(chosen).tolist():
+            i, j = graph.edges[k].tolist()
+            tag = _TAGS[kind, d, not turned[k]]
+            ends = names[j] if kind == "prior" else f"{names[i]} {names[j]}"
+            measured = poses[k] if turned[k] else " ".join(map(repr, t[k].tolist()))
+            lines.append(f"{tag} {_TIME} {ends} {measured} {covariances[k]}\n")
+    _write(path, [*lines, *_ranges(instance, names)])
 
 
-def _refuse_choices(path: Path, options: ReadOptions) -> None:
-    if options.rotation_information not in (None, "tangent"):
-        said = f"not {options.rotation_information}"
-        raise FormatError(path, None, f"the rotational covariances are about tangents, {said}")
-    if options.weights_are == "sqrt-information":
-        raise FormatError(path, None, "the numbers are covariances, not sqrt-information")
+def _ranges(instance: Instance, names: Sequence[str]) -> Iterator[str]:
+    if instance.ranges is None:
+        return
+    variances = (1.0 / instance.ranges.weights).tolist()
+    distances = instance.ranges.distances.tolist()
+    for (i, j), *numbers in zip(instance.ranges.edges.tolist(), distances, variances, strict=True):
+        if instance.world in (i, j):
+            raise InputError("pyfg has no ranges from the world")
+        distance, variance = numbers
+        yield f"EDGE_RANGE {_TIME} {names[i]} {names[j]} {distance!r} {variance!r}\n"
 
 
-def _measured(
-    nodes: _Nodes, content: NamedLines, kind: Kind, options: ReadOptions
-) -> tuple[IntArray, NamedPart]:
-    """The nodes (k, names) of measurements of a kind, and what is measured."""
-    part = content.joined(kind)
-    ends = nodes.of(kind, part)
-    if not options.skip_landmarks:
-        return ends, part
-    kept = np.asarray(~nodes.points[ends].any(axis=1))
-    what = "range{s} to points" if kind == "range" else "prior{s} of points"
-    content.counts[f"{what} skipped"] += int(np.sum(~kept))
-    return ends[kept], part.subset(kept)
+def _times(times_ns: IntArray | None, n: int) -> list[str]:
+    """The times of nodes in seconds."""
+    if times_ns is None:
+        return [_TIME] * n
+    return [_TIME if time == NO_TIME else in_seconds(time) for time in times_ns.tolist()]
 
 
-def _graph(
-    path: Path, nodes: _Nodes, measured: Mapping[Kind, tuple[IntArray, NamedPart]]
-) -> tuple[PoseGraph, Information | None]:
-    """Measurements between poses, then those of points, and their information."""
-    of_graph: tuple[Kind, ...] = ("edge", "sighting")
-    parts = [measured[kind] for kind in of_graph if len(measured[kind][0])]
-    if not parts:
-        if any(len(ends) for ends, _ in measured.values()):
-            said = "no edges: measurements between poses, or of points, expected with ranges"
-            raise FormatError(path, None, said)
-        raise NoMeasurements(path, None, "no edges: this is an estimate, not a graph")
-    R, t, kappa, tau = _concatenated([part for _, part in parts])
-    pairs = np.concatenate([ends for ends, _ in parts])
-    points = nodes.points if nodes.points.any() else None
-    graph = PoseGraph(RotationGraph(len(nodes.names), pairs, R, kappa), t, tau, points=points)
-    return graph, joined_information([part.information for _, part in parts])
+def _vertices(
+    names: Sequence[str], times: Sequence[str], R: FloatArray, t: FloatArray, points: BoolArray
+) -> list[str]:
+    d = t.shape[1]
+    pose, point = _TAGS["pose", d, False], _TAGS["point", d, True]
+    return [
+        f"{point} {name} {' '.join(map(repr, at))}\n"
+        if is_point
+        else f"{pose} {time} {name} {text}\n"
+        for name, time, text, at, is_point in zip(
+            names, times, pose_texts(R, t), t.tolist(), points.tolist(), strict=True
+        )
+    ]
 
 
-def _priors(measured: Mapping[Kind, tuple[IntArray, NamedPart]]) -> Priors | None:
-    of_one: tuple[Kind, ...] = ("prior", "position")
-    parts = [measured[kind] for kind in of_one if len(measured[kind][0])]
-    if not parts:
-        return None
-    R, t, kappa, tau = _concatenated([part for _, part in parts])
-    nodes = np.concatenate([ends[:, 0] for ends, _ in parts])
-    information = joined_information([part.information for _, part in parts])
-    return Priors(nodes, R, t, kappa, tau, information, np.full(len(nodes), BODY))
+def _names(names: Sequence[str], ids: IntArray, points: BoolArray) -> list[str]:
+    """The nodes' names; without any, A and L with the ids of poses and points."""
+    if not names:
+        letters = ("L" if flag else "A" for flag in points.tolist())
+        return [f"{letter}{k}" for letter, k in zip(letters, ids.tolist(), strict=True)]
+    for name in names:
+        if not is_name(name):
+            raise InputError(f"pyfg has names without blanks that are no numbers, not {name!r}")
+    return list(names)
 
 
-def _concatenated(parts: list[NamedPart]) -> Iterator[FloatArray]:
-    for name in ("rotations", "translations", "kappa", "tau"):
-        yield np.concatenate([getattr(part, name) for part in parts])
+def _covariances(instance: Instance, graph: PoseGraph) -> list[str]:
+    """The upper triangles of the covariances of all edges, row by row."""
+    about = instance.options.get("rotation_information", "tangent")
+    if instance.information is not None and (graph.d == 2 or about == "tangent"):
+        return _full(instance, instance.information)
+    weights = zip(graph.rotation.kappa.tolist(), graph.tau.tolist(), strict=True)
+    return [_isotropic(graph.d, *pair) for pair in weights]
+
+
+def _full(instance: Instance, information: Information) -> list[str]:
+    texts, d = [], instance.graph.d
+    for k, whole in enumerate(information.distinct):
+        matrix = whole if whole[d:].any() else whole[:d, :d]
+        if not np.linalg.eigvalsh(matrix)[0] > 0.0:
+            i, j = instance.ids[instance.graph.edges[np.argmax(information.index == k)]]
+            raise InputError(
+                f"edge {i} to {j}: pyfg holds covariances, and the information is not positive "
+                "definite (--isotropic writes the weights of F)"
+            )
+        texts.append(_upper(symmetric(np.linalg.inv(matrix)[None])[0]))
+    return [texts[k] for k in information.index.tolist()]
+
+
+def _isotropic(d: int, kappa: float, tau: float) -> str:
+    variances = [1.0 / tau] * d
+    if kappa > 0.0:
+        variances += [1.0 / kappa] if d == 2 else [0.5 / kappa] * 3
+    return _upper(np.diag(variances))
+
+
+def _upper(matrix: FloatArray) -> str:
+    return " ".join(map(repr, matrix[np.triu_indices(len(matrix))].tolist()))
+
+
+def _write(path: Path, lines: Sequence[str]) -> None:
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        file.writelines(lines)
 
 
 FORMAT = Format(
     name="pyfg",
     suffixes=(".pyfg",),
-    recognises=is_named,
+    recognises=recognises,
     holds="poses, points, measurements and ranges",
-    read_graph=_read_graph,
-    read_poses=_read_poses,
-    write_graph=write_graph,
-    write_poses=write_poses,
+    read_graph=partial(instance_from_lines, DIALECT),
+    read_poses=partial(poses_from_lines, DIALECT),
+    write_graph=_write_graph,
+    write_poses=_write_poses,
     holds_points=True,
     holds_ranges=True,
     chart=Chart("quaternion", _pose_words, planar_angle=True),

@@ -21,11 +21,11 @@ from certpgo.errors import FormatError, NoMeasurements
 from certpgo.graph import Instance, PoseGraph, RotationGraph
 from certpgo.graph.keys import SECOND
 from certpgo.graph.wording import counted
-from certpgo.io.assemble import distinct, estimate_at
 from certpgo.io.bags import Bag, opened_bag
+from certpgo.io.edge_weights import weighed
 from certpgo.io.exact import quaternion
-from certpgo.io.format import Format, LabelledPoses, ReadOptions
-from certpgo.io.informed import weighed
+from certpgo.io.format import Format, LabelledPoses, ReadOptions, estimate_at
+from certpgo.io.nodes import distinct
 from certpgo.io.timestamps import times_and_ids
 from certpgo.linalg.arrays import FloatArray, numbered
 

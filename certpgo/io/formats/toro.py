@@ -12,17 +12,17 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from certpgo.io.assemble import instance_from_lines, poses_from_lines
+from certpgo.io.build_graph import instance_from_lines, poses_from_lines
+from certpgo.io.dialect import Dialect, Tag, first_tags, rpy_poses
 from certpgo.io.exact.information import ROW_MAJOR_3D, TORO_2D
 from certpgo.io.format import Format
-from certpgo.io.lines import Dialect, Tag, first_tags, rpy_poses
 
 DIALECT = Dialect(
     name="TORO",
     tags={
-        b"VERTEX2": Tag("vertex", 2, 3),
+        b"VERTEX2": Tag("pose", 2, 3),
         b"EDGE2": Tag("edge", 2, 3),
-        b"VERTEX3": Tag("vertex", 3, 6),
+        b"VERTEX3": Tag("pose", 3, 6),
         b"EDGE3": Tag("edge", 3, 6),
         b"EQUIV": Tag("skip", what="equivalences of nodes"),
         b"EQUIV2": Tag("skip", what="equivalences of nodes"),

@@ -8,9 +8,9 @@ import numpy as np
 
 from certpgo.errors import FormatError
 from certpgo.graph import Instance, RotationGraph
-from certpgo.io.assemble import distinct
 from certpgo.io.format import Format, ReadOptions
 from certpgo.io.matlab import SIGNATURE, sparse_pattern
+from certpgo.io.nodes import distinct
 from certpgo.linalg.arrays import IntArray
 
 

@@ -11,7 +11,7 @@ from certpgo.costs.problem import InformationProblem
 from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
-from certpgo.io.opening import AnyPath, estimated, measured
+from certpgo.io.accept_paths import AnyPath, estimated, measured
 from certpgo.io.writing import AnyAnswer
 from certpgo.objective.problem import Problem
 from certpgo.optimize.monitor import Monitor, silent

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 from certpgo.graph import Estimate, Graph, Instance
-from certpgo.io.opening import AnyPath, measured
+from certpgo.io.accept_paths import AnyPath, measured
 from certpgo.linalg.arrays import IntArray
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.monitor import Monitor, silent

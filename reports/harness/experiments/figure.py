@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from certpgo.assess.provenance import provenance
 from certpgo.errors import MissingDependency
-from certpgo.io.plain import plain
+from certpgo.io.json_values import plain
 from certpgo.io.writing import folder_to_write, write_whole
 from certpgo.linalg.factor import default_engine
 from certpgo.registry import source

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from certpgo.errors import FormatError, InputError
-from certpgo.io.plain import plain
+from certpgo.io.json_values import plain
 
 Entry = TypeVar("Entry", bound="JournalEntry")
 

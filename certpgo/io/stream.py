@@ -38,7 +38,7 @@ def piped(stream: BinaryIO, most: int, **options: Any) -> Iterator[Instance]:
     Examples
     --------
     >>> import io
-    >>> from certpgo.io.piped import piped
+    >>> from certpgo.io.stream import piped
     >>> lines = "EDGE_SE2 0 1 1 0 0\nEDGE_SE2 1 2 1 0 0\nEDGE_SE2 0 2 2 0 0\n"
     >>> [part.ids.tolist() for part in piped(io.BytesIO(lines.encode()), 2)]
     [[0, 1, 2], [0, 2]]

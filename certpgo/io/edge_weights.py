@@ -15,7 +15,7 @@ from certpgo.graph.wording import counted
 from certpgo.io.exact.information import ROW_MAJOR_3D
 from certpgo.io.exact.weighing import weigh
 from certpgo.io.format import ReadOptions
-from certpgo.io.stated import as_information
+from certpgo.io.precision_kind import as_information
 from certpgo.linalg.arrays import FloatArray
 
 #: How far a matrix may be from its transpose, relative to its largest entry.

@@ -1,0 +1,193 @@
+"""From the contents of a file of tagged lines to a graph."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from certpgo.errors import FormatError, NoEdges, NoMeasurements
+from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.graph.priors import origin_of, with_priors
+from certpgo.graph.ranges import Ranges
+from certpgo.graph.wording import counted
+from certpgo.io.compressed import uncompressed_name
+from certpgo.io.dialect import Dialect
+from certpgo.io.format import LabelledPoses, ReadOptions
+from certpgo.io.lines import FARTHEST, UNINFORMED, read_lines
+from certpgo.io.nodes import (
+    Nodes,
+    named_nodes,
+    numbered_by_id,
+    numbered_by_name,
+    refuse_duplicates,
+)
+from certpgo.io.records import Records, Rows, joined_information
+from certpgo.linalg.arrays import FloatArray, IntArray
+
+#: What becomes of nodes that a file fixes: one chooses the frame, more are measurements.
+FREED = "all are estimated, and only differences between poses are measured"
+
+
+def instance_from_lines(dialect: Dialect, path: Path, options: ReadOptions) -> Instance:
+    """The instance in a file of tagged lines."""
+    _refuse_choices(path, dialect, options)
+    content = read_lines(path, dialect, options)
+    _refuse_no_edges(path, dialect, content)
+    if dialect.named:
+        nodes, rows = numbered_by_name(path, content, skip_landmarks=options.skip_landmarks)
+    else:
+        nodes, rows = numbered_by_id(path, content)
+    measured, priors = Rows.joined([rows["edge"], rows["sighting"]]), rows["prior"]
+    _refuse_far(path, nodes.ids, measured)
+    _refuse_far(path, nodes.ids, priors)
+    of_poses = dialect.named or nodes.points is not None or measured.translations.any()
+    graph = _graph(nodes, measured, with_translations=bool(of_poses or len(priors)))
+    notices = _notices(content, nodes, graph, len(rows["sighting"]))
+    information, initial = measured.information, nodes.values
+    world, origin = None, None
+    if isinstance(graph, RotationGraph):
+        information, initial = None, initial and Estimate(initial.rotations)
+    elif len(priors):
+        graph, origin, notice = _anchored(graph, priors)
+        notices.append(notice)
+        world, nodes = len(nodes.ids), nodes.with_world(path)
+        information = joined_information([information, priors.information])
+    chosen = _choices(dialect, options, content.counts[UNINFORMED], len(measured))
+    if "weights_are" in chosen and not dialect.precision:
+        kind = options.weights_are
+        notices.append(f"the numbers of a measurement's precision are read as its {kind}")
+    ranges = _ranges(graph.num_nodes, rows.get("range"))
+    if ranges is not None:
+        notices.append(counted(ranges.num_edges, "range{s}"))
+    instance = Instance(
+        name=uncompressed_name(path).stem,
+        graph=graph,
+        ids=nodes.ids,
+        fixed=nodes.fixed,
+        source=str(path),
+        options=chosen,
+        notices=tuple(notices),
+        names=nodes.names,
+        information=information,
+        world=world,
+        origin=origin,
+        ranges=ranges,
+        apart=nodes.apart,
+        moved_by=nodes.moved_by,
+        times_ns=nodes.times_ns,
+    )
+    return replace(instance, initial=None if initial is None else instance.with_world(initial))
+
+
+def poses_from_lines(dialect: Dialect, path: Path) -> LabelledPoses:
+    """The poses and points on the vertex lines of a file."""
+    content = read_lines(path, dialect, ReadOptions(ignore_information=True))
+    if dialect.named:
+        nodes, values = named_nodes(path, content)
+        keys = None, nodes.times_ns, nodes.names, nodes.points
+        return LabelledPoses(values.rotations, values.translations, *keys)
+    poses, points = content.take("pose"), content.take("point")
+    if not len(poses):
+        raise FormatError(path, None, "no vertex lines")
+    vertices = Rows.joined([poses, points])
+    ids = vertices.nodes[:, 0]
+    refuse_duplicates(path, ids, vertices.lines)
+    is_point = np.arange(len(ids)) >= len(poses) if len(points) else None
+    return LabelledPoses(vertices.rotations, vertices.translations, ids=ids, points=is_point)
+
+
+def _refuse_choices(path: Path, dialect: Dialect, options: ReadOptions) -> None:
+    """Refuse what a dialect that states the kind of its precisions leaves no choice of."""
+    if dialect.precision is None:
+        return
+    if options.rotation_information not in (None, dialect.rotation_information):
+        said = f"not {options.rotation_information}"
+        raise FormatError(path, None, f"the rotational covariances are about tangents, {said}")
+    if options.weights_are == "sqrt-information":
+        raise FormatError(path, None, "the numbers are covariances, not sqrt-information")
+
+
+def _refuse_no_edges(path: Path, dialect: Dialect, content: Records) -> None:
+    known = content.rows.keys()
+    if known & {"edge", "sighting"}:
+        return
+    if dialect.named and known & {"range", "prior"}:
+        said = "no edges: measurements between poses, or of points, expected with ranges"
+        raise FormatError(path, None, said)
+    if "pose" in known:
+        raise NoMeasurements(path, None, "no edges: this is an estimate, not a graph")
+    raise NoEdges(path, None, "no edges")
+
+
+def _refuse_far(path: Path, ids: IntArray, rows: Rows) -> None:
+    """Refuse a translation whose square, times a weight, may be beyond the range of doubles."""
+    largest = np.abs(rows.translations).max(axis=1, initial=0.0)
+    if len(rows) and largest.max() > FARTHEST:
+        row = int(np.argmax(largest))
+        i, j = ids[rows.nodes[row][[0, -1]]]
+        said = f"edge {i} to {j}: translations up to {FARTHEST:.0e} expected, not {largest[row]:g}"
+        raise FormatError(path, None, said)
+
+
+def _graph(nodes: Nodes, measured: Rows, *, with_translations: bool) -> PoseGraph | RotationGraph:
+    """Measurements between poses, then those of points."""
+    n, R, kappa = len(nodes.ids), measured.rotations, measured.kappa
+    rotation = RotationGraph(n, measured.nodes, R, kappa)
+    if not with_translations:
+        return rotation
+    return PoseGraph(rotation, measured.translations, measured.tau, points=nodes.points)
+
+
+def _anchored(graph: PoseGraph, priors: Rows) -> tuple[PoseGraph, FloatArray | None, str]:
+    """The graph with the world as its last node, the world's origin, and a notice."""
+    origin = origin_of(priors.translations)
+    joined = with_priors(
+        graph,
+        priors.nodes[:, 0],
+        priors.rotations if priors.kappa.any() else None,
+        priors.translations - origin,
+        kappa=priors.kappa,
+        tau=priors.tau,
+    )
+    positions = int(np.count_nonzero(priors.kappa == 0.0))
+    said = counted(len(priors), "prior{s}, measured from a node that stands for the world")
+    if positions:
+        said += f"; {positions} of them positions alone"
+    return joined, origin if origin.any() else None, said
+
+
+def _ranges(num_nodes: int, rows: Rows | None) -> Ranges | None:
+    if rows is None or not len(rows):
+        return None
+    return Ranges(num_nodes, rows.nodes, rows.translations[:, 0], rows.tau)
+
+
+def _choices(
+    dialect: Dialect, options: ReadOptions, uninformed: int, measurements: int
+) -> dict[str, str]:
+    """The reading options of the instance."""
+    about = options.rotation_information or dialect.rotation_information
+    chosen: dict[str, str] = {"rotation_information": about}
+    if uninformed:
+        chosen["information"] = "none" if uninformed == measurements else "some"
+    if (kind := dialect.precision or options.weights_are) != "information":
+        chosen["weights_are"] = kind
+    return chosen
+
+
+def _notices(content: Records, nodes: Nodes, graph: Graph, sightings: int) -> list[str]:
+    notices = [counted(count, what) for what, count in content.counts.items() if count]
+    if nodes.points is not None:
+        points = counted(int(nodes.points.sum()), "point{s}")
+        moved = f"; point k has the id k + {nodes.moved_by}" if nodes.moved_by else ""
+        notices.append(f"{points}, {counted(sightings, 'sighting{s}')}{moved}")
+    if isinstance(graph, RotationGraph):
+        notices.append("all translations are zero: read as a rotation graph")
+    if len(nodes.fixed) > 1:
+        notices.append(f"{len(nodes.fixed)} nodes fixed by the file: {FREED}")
+    if nodes.unvalued:
+        said = "node{s} without a vertex line: no initial values"
+        notices.append(counted(nodes.unvalued, said))
+    return notices
