@@ -9,6 +9,10 @@ from matplotlib.figure import Figure
 import certpgo
 from certpgo import plot
 from certpgo.io.datasets import synthetic
+from certpgo.io.surfaces import Surface
+from certpgo.view import maps
+from certpgo.view.load_scene import scene_of
+from certpgo.view.scene import Kind
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +49,26 @@ def test_a_planar_trajectory_is_drawn_as_it_is(ax):
     for line in ax.lines:
         assert np.allclose(line.get_xydata(), t, rtol=0.0, atol=1e-12)
     assert ax.lines[1].get_color() == "red"
+
+
+def test_a_picture_of_a_scene_has_all_that_is_in_it(ax):
+    instance = synthetic.grid3d(3, np.random.default_rng(0))
+    cloud = Surface(np.random.default_rng(0).standard_normal((7, 3)))
+    scene = scene_of(instance, ("before", instance.truth), instance.truth, cloud, rejected=[5])
+    maps.draw(scene, ax, unit="metres")
+    assert [line.get_label() for line in ax.lines[:3]] == ["truth", "before", "estimate"]
+    loops = (scene.kinds == Kind.LOOP).sum()
+    lengths = [len(c.get_segments()) for c in ax.collections if hasattr(c, "get_segments")]
+    assert lengths == [loops - 1, 1]
+    assert len(ax.collections[0].get_offsets()) == 7
+
+
+def test_graphs_without_positions_are_drawn_as_laid_out(ax):
+    cycle, around = synthetic.winding_cycle(6, 0.3, 0)
+    maps.draw(scene_of(cycle, around), ax)
+    (edges,) = (c for c in ax.collections if hasattr(c, "get_segments"))
+    lengths = [np.linalg.norm(b - a) for a, b in edges.get_segments()]
+    assert np.allclose(lengths, 1.0)  # a regular hexagon, from straight above
 
 
 def test_curves_are_those_of_the_answer(answer, ax):

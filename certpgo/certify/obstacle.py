@@ -61,6 +61,11 @@ class Obstacle:
     edge: tuple[int, int] | None = None
     mirrored: Literal["line", "plane", "perhaps"] | None = None
 
+    @property
+    def ended_early(self) -> bool:
+        """Whether a limit, the monitor or Ctrl-C ended the search before it was through."""
+        return self.stopped is not None or self.patience is not None
+
 
 #: The gap is closed, up to the tolerance.
 NOTHING = Obstacle()

@@ -216,6 +216,6 @@ class Relaxed:
         """What keeps a gap open: what the relaxation is worth, or that it was not solved."""
         if certificate.verdict is not Verdict.BOUNDED or certificate.basin_is_global:
             return certificate.obstacle
-        stopped = None if self.solved else self.stop.cut
-        kind = LimitedBy.LOOSE if stopped is None else LimitedBy.STOPPED
-        return Obstacle(kind, self.solved, self.rank, stopped, of_distances=True)
+        cut = self.stop.cut
+        kind = LimitedBy.LOOSE if self.solved or cut is None else LimitedBy.STOPPED
+        return Obstacle(kind, self.solved, self.rank, cut, of_distances=True)

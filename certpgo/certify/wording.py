@@ -178,13 +178,18 @@ def part(share: float) -> str:
     return f"{float(rounded_up(share, 3)):.2e}"
 
 
+def bound_claim(certificate: Statement) -> str:
+    """What the lower bound says of all estimates."""
+    claim = "no estimate of this graph costs less"
+    return f"likely: {claim}" if certificate.tier == "screen" else claim
+
+
 def numbers(certificate: Statement) -> Iterable[tuple[str, str]]:
     """Cost, bound, gap and tolerance as names and values."""
     yield "cost F, at most", cost_shown(certificate.cost_upper)
     if math.isfinite(certificate.lower_bound):
-        claim = "no estimate of this graph costs less"
-        claim = f"likely: {claim}" if certificate.tier == "screen" else claim
-        yield "lower bound", f"{bound_shown(certificate.lower_bound)}  ({claim})"
+        shown = f"{bound_shown(certificate.lower_bound)}  ({bound_claim(certificate)})"
+        yield "lower bound", shown
         positive = certificate.cost_upper > 0.0
         share = f"  ({part(certificate.relative_gap)} of the cost)" if positive else ""
         yield "gap", f"{gap_shown(certificate.gap)}{share}"

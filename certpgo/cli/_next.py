@@ -9,7 +9,6 @@ from certpgo.cli._reading import Reading
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
     from certpgo.graph import Instance
-    from certpgo.optimize.solution import Status
     from certpgo.solvers.certified.disagreement import Disagreement
 
 
@@ -32,7 +31,6 @@ def steps_after(
     asked: Asked,
     *,
     searched: bool = False,
-    stopped: Status | None = None,
     disagreement: Disagreement | None = None,
 ) -> list[str]:
     """What to do after the verdict, with commands; nothing if the estimate is good.
@@ -40,20 +38,19 @@ def steps_after(
     Parameters
     ----------
     searched : whether the certified search found the estimate
-    stopped : why the search, or that for a bound, ended early; None if it did not
     disagreement : measurements that disagree with the rest
     """
     from certpgo.cli._paging import arguments
-    from certpgo.view.advice import advice, cost_options
+    from certpgo.view.advice import advice
 
     steps = advice(
         certificate,
+        part,
         asked.graph,
         asked.estimate,
         reading=list(arguments(asked.reading)),
-        cost=cost_options(part, asked.cost),
+        cost=asked.cost,
         searched=searched,
-        stopped=stopped,
         disagreeing=disagreement is not None,
     )
     return [

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from certpgo.costs import Certifiable
     from certpgo.graph import Estimate, Instance
     from certpgo.optimize.monitor import Iteration
-    from certpgo.optimize.solution import Status
     from certpgo.solvers.certified.settings import SolveSettings
     from certpgo.view.certificate_page import Origin
 
@@ -28,7 +27,6 @@ def origin_of(
     estimate: str | Path | None = None,
     proof: Path | None = None,
     method: str = "",
-    stopped: Status | None = None,
     remarks: Sequence[str] = (),
     partial: bool = False,
     disagreeing: bool = False,
@@ -48,7 +46,6 @@ def origin_of(
         reading=tuple(arguments(reading)),
         proof=_portable(proof),
         method=method,
-        stopped=stopped,
         remarks=tuple(remarks),
         partial=partial,
         disagreeing=disagreeing,

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from certpgo.costs import Certifiable
     from certpgo.costs.fit import Fit
     from certpgo.graph import Instance
-    from certpgo.optimize.solution import Solution, Status
+    from certpgo.optimize.solution import Solution
     from certpgo.solvers.certified import CertifiedSolution
     from certpgo.solvers.certified.disagreement import Disagreement
 
@@ -47,12 +47,6 @@ class Solved(Result):
     truth: KnownPoses | None = None
 
     needs_the_end: ClassVar = ("proof",)
-
-    @property
-    def stopped(self) -> Status | None:
-        """Why the search ended early; None if it did not."""
-        status = self.solution.status
-        return status if status.is_early else None
 
     @property
     def standing(self) -> str:
@@ -199,7 +193,6 @@ class Solved(Result):
                 part,
                 self.asked._replace(estimate=written),
                 searched=True,
-                stopped=self.stopped,
                 disagreement=self.disagreement,
             )
         _verdict.show(
@@ -300,7 +293,6 @@ class Solved(Result):
             estimate=outputs.estimate,
             proof=outputs.proof,
             method=self.method,
-            stopped=self.stopped,
             remarks=remarks,
             partial=len(solution.rejected) > 0,
             disagreeing=self.disagreement is not None,

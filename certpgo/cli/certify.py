@@ -180,7 +180,6 @@ class _Assessed(Result):
             found.certificate,
             instance,
             self.asked,
-            stopped=self.part.judge.ended_by,
             disagreement=self.disagreement,
         )
         _verdict.show(
@@ -218,7 +217,6 @@ class _Assessed(Result):
             self.asked.reading,
             estimate=self.asked.estimate,
             proof=outputs.proof,
-            stopped=part.judge.ended_by,
             remarks=[] if disagreement is None else [f"{disagreement}."],
             disagreeing=disagreement is not None,
         )

@@ -113,8 +113,8 @@ def _unseen() -> Iterator[Callable[[Followed], object]]:
 @contextmanager
 def _shown(port: int) -> Iterator[Callable[[Followed], object]]:
     """Show the map at each certificate while the block runs."""
-    from certpgo.view.gather import scene_of
-    from certpgo.view.growing import growing
+    from certpgo.view.live import growing
+    from certpgo.view.load_scene import scene_of
 
     with growing(port=port) as screen:
         notice(f"{screen.address} shows the map; Ctrl-C ends")

@@ -44,7 +44,12 @@ def command(
     ],
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", metavar="HTML", help="Write one page that works offline."),
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="FILE",
+            help="Write a page that works offline, .html, or a picture: .png, .pdf or .svg.",
+        ),
     ] = None,
     timestamps: Timestamps = None,
     max_difference: MaxDifference = 0.01,
@@ -71,13 +76,15 @@ def command(
     ] = 8080,
     data: Data = None,
 ) -> None:
-    """Look at graphs, trajectories, clouds and meshes: live in the browser, or as one HTML file.
+    """Look at graphs, trajectories, clouds and meshes: live in the browser, or as a file.
 
     Without -o the scene is live at the printed address, on this machine, until Ctrl-C.
     """
     from certpgo.io.timestamps import file_of_times
-    from certpgo.view.show import View
+    from certpgo.view.show import View, form_of
 
+    if out is not None:
+        form_of(out, play=play)
     outputs, reading = Outputs(scene=out), Reading(data=data)
     outputs.refuse()
     sources = [reading.resolve(name) for name in files]
@@ -115,7 +122,7 @@ def _kept(answer: CertifiedSolution) -> str:
 def _scene(sources: list[Source], matching: dict[str, Any], *, solve: bool, robust: bool) -> Scene:
     """The scene of the files, with an answer if one is asked for."""
     import certpgo
-    from certpgo.view.gather import scene_of
+    from certpgo.view.load_scene import scene_of
 
     if not (solve or robust):
         with noticing():

@@ -107,7 +107,17 @@ class InformationProblem(Speaking):
         """The problem of the same measurements with isotropic weights; shares pattern and order."""
         return PoseProblem(self.graph.isotropic, self.engine)
 
-    is_chordal = False
+    is_chordal = is_lifted = False
+
+    @property
+    def measured(self) -> PoseGraph:
+        """The measurements with isotropic weights."""
+        return self.graph.isotropic
+
+    def surrogate(self, point: Estimate) -> tuple[PoseProblem, float]:
+        """The problem and the constant of the function `surrogate`."""
+        below = surrogate(self, point)
+        return below.problem, below.constant
 
     @property
     def cost_name(self) -> str:

@@ -141,7 +141,7 @@ class RangeProblem(Brief):
         return self.alone.scale + float(distances)
 
     cost_name = "chordal"
-    is_chordal = False
+    is_chordal, is_lifted = False, True
 
     @property
     def chordal(self) -> PoseProblem:

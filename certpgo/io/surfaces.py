@@ -150,3 +150,25 @@ def write_surface(path: str | Path, surface: Surface) -> None:
         made = trimesh.PointCloud(surface.points, surface.colours)  # type: ignore[no-untyped-call]
     content = made.export(file_type="ply", encoding="binary")
     atomically(Path(path), lambda temporary: temporary.write_bytes(content))
+
+
+def glb(surface: Surface) -> bytes:
+    """A coloured mesh as binary glTF, matt and seen from both sides.
+
+    Raises
+    ------
+    MissingDependency
+        trimesh is not installed.
+    """
+    try:
+        import trimesh
+        from trimesh.visual.material import PBRMaterial
+    except ImportError:
+        raise MissingDependency("trimesh, which writes meshes,", "view") from None
+    matt = PBRMaterial(doubleSided=True, metallicFactor=0.0, roughnessFactor=1.0)  # type: ignore[no-untyped-call]
+    visual: Any = trimesh.visual.TextureVisuals(material=matt)  # type: ignore[no-untyped-call]
+    opaque = np.full((len(surface.points), 1), 255, dtype=np.uint8)
+    visual.vertex_attributes["color"] = np.hstack([surface.colours, opaque])  # type: ignore[list-item]
+    made: Any = trimesh.Trimesh(surface.points, surface.faces, process=False, visual=visual)
+    content: bytes = made.export(file_type="glb")
+    return content

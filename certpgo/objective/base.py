@@ -102,14 +102,25 @@ class Objective(Speaking, ABC):
         """What the cost is."""
         return CHORDAL
 
-    #: The cost's name in options, and whether it is F, which its own matrix states.
+    #: The cost's name in options, whether it is F, which its own matrix states, and whether its
+    #: bound is that of a point above this space.
     cost_name = "chordal"
     is_chordal = True
+    is_lifted = False
 
     @property
     def chordal(self) -> Self:
         """The problem of the same measurements under F: this one."""
         return self
+
+    @property
+    def measured(self) -> RotationGraph | PoseGraph:
+        """The measurements without distances: all of them."""
+        return self.graph
+
+    def surrogate(self, point: Point) -> tuple[Self, float]:
+        """A problem under F, and a constant: together nowhere above the cost, and equal there."""
+        return self, 0.0
 
     @property
     def unprovable(self) -> str:

@@ -29,6 +29,7 @@ class _Given(NamedTuple):
     searched: bool
     stopped: bool
     disagreeing: bool
+    rejects: bool
 
     @property
     def _named(self) -> str:
@@ -57,28 +58,38 @@ class _Given(NamedTuple):
 
 def advice(
     certificate: Certificate,
+    instance: Instance,
     graph: str,
     estimate: str = "",
     *,
     reading: Sequence[str] = (),
-    cost: Sequence[str] = (),
+    cost: str,
     searched: bool = False,
-    stopped: Status | None = None,
     disagreeing: bool = False,
 ) -> list[Step]:
     """Sentences on what to do next, each with a command or an empty text.
 
     Parameters
     ----------
+    instance : the graph
     graph, estimate : their files, as named in commands
-    reading, cost : the command-line options with which they were read and judged
+    reading : the command-line options with which they were read
+    cost : the name of the cost that judged them
     searched : whether the certified search found the estimate, not another program
-    stopped : why the search, or that for a bound, ended early; None if it did not
     disagreeing : whether some measurements disagree with the rest
     """
-    early = stopped is not None
-    given = _Given(graph, estimate, tuple(reading), tuple(cost), searched, early, disagreeing)
-    interrupted = searched and stopped is Status.INTERRUPTED
+    obstacle = certificate.obstacle
+    given = _Given(
+        graph,
+        estimate,
+        tuple(reading),
+        cost_options(instance, cost),
+        searched=searched,
+        stopped=obstacle.ended_early,
+        disagreeing=disagreeing,
+        rejects=instance.ranges is None,
+    )
+    interrupted = searched and obstacle.stopped is Status.INTERRUPTED
     if interrupted and certificate.verdict is not Verdict.CERTIFIED:
         on = given.search_on() if estimate else given.solve()
         return [("The search was interrupted; go on with it.", on)]
@@ -132,14 +143,13 @@ def _after_bounded(certificate: Certificate, given: _Given) -> Iterator[Step]:
         return
     if certificate.limited_by is LimitedBy.ROUNDING:
         yield "Rounding limits this proof; the tier proof has less of it.", given.at("proof")
-    rejects = "distances" not in certificate.objective
-    if rejects and given.disagreeing:
+    if given.rejects and given.disagreeing:
         yield _REJECT, given.reject()
     if not given.searched:
         yield "Search further from it.", given.search_on()
     elif given.stopped:
         yield "The search was stopped early: search longer.", given.solve("--time-limit", "600")
-    if rejects and not given.disagreeing:
+    if given.rejects and not given.disagreeing:
         yield _REJECT, given.reject()
     ended = given.searched and not given.stopped
     yield f"{_ENDED if ended else 'If the gap stays, it'} {_GUARANTEE}", ""

@@ -6,7 +6,6 @@ import math
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -15,27 +14,23 @@ from certpgo.assess.diagnostics import kinds_in_words
 from certpgo.assess.ladder import Rung, rungs_of_eigenvalues
 from certpgo.assess.wording import digits, distances, ends, provenance
 from certpgo.certify.certificate import Certificate
-from certpgo.certify.curvature import smallest_eigenvalues
-from certpgo.certify.wording import meaning, numbers, part, stated_objective, trusts
+from certpgo.certify.wording import bound_claim, meaning, numbers, part, stated_objective, trusts
 from certpgo.costs import (
     Certifiable,
-    InformationProblem,
-    RangeProblem,
-    surrogate,
 )
 from certpgo.errors import CertPGOError, NumericalError
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph
+from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.graph.wording import bound_shown, cost_shown, counted, gap_shown
 from certpgo.io.surfaces import Surface
-from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.objective.problem import Problem, RotationProblem
+from certpgo.linalg.arrays import IntArray
+from certpgo.objective.problem import RotationProblem
 from certpgo.optimize.monitor import Iteration
-from certpgo.optimize.solution import Status
 from certpgo.view.advice import advice, cost_options
-from certpgo.view.gather import scene_of, start
+from certpgo.view.charts import Bars, Curve, Lines, bars, histogram, lines
+from certpgo.view.eigenvalues import CertificateMatrix, certificate_matrix
+from certpgo.view.load_scene import scene_of, start
 from certpgo.view.page import page
 from certpgo.view.page_scene import Data, page_scene
-from certpgo.view.plots import Bars, Curve, Lines, bars, histogram, lines
 
 #: Eigenvalues shown beyond the d of the gauge.
 EIGENVALUES = 5
@@ -51,7 +46,6 @@ class Origin:
     reading : command-line options with which the graph was read
     proof : the proof file, if one was written
     method : the method that found the estimate, or empty
-    stopped : why the search, or that for a bound, ended early; None if it did not
     remarks : sentences shown below the verdict
     partial : whether the verdict is only about the measurements that the method kept
     disagreeing : whether some measurements disagree with the rest
@@ -64,7 +58,6 @@ class Origin:
     reading: tuple[str, ...] = ()
     proof: str = ""
     method: str = ""
-    stopped: Status | None = None
     remarks: tuple[str, ...] = ()
     partial: bool = False
     disagreeing: bool = False
@@ -135,18 +128,14 @@ def _advice(
         return []
     return advice(
         certificate,
+        instance,
         origin.graph,
         origin.estimate,
         reading=origin.reading,
-        cost=cost_options(instance, _cost_name(problem)),
+        cost=problem.cost_name,
         searched=origin.method == "certified",
-        stopped=origin.stopped,
         disagreeing=origin.disagreeing,
     )
-
-
-def _cost_name(problem: Certifiable) -> str:
-    return problem.cost_name
 
 
 def _scene(
@@ -158,7 +147,7 @@ def _scene(
 ) -> Data:
     """The estimate of the measurements that the certificate is about, and how it began."""
     judged = replace(
-        instance, graph=_measured(problem), initial=None, information=None, outliers=None
+        instance, graph=problem.measured, initial=None, information=None, outliers=None
     )
     if not judged.graph.is_connected and instance.initial is None:  # joined by distances
         return page_scene(scene_of(judged, ("estimate", estimate)), problem.edge_costs(estimate))
@@ -168,11 +157,6 @@ def _scene(
     clouds = () if cloud is None else (cloud,)
     shown = scene_of(judged, begun, ("estimate", estimate), *clouds)
     return page_scene(shown, problem.edge_costs(estimate), rejected=rejected)
-
-
-def _measured(problem: Certifiable) -> Graph:
-    """The measurements that a problem is about, without distances."""
-    return problem.measured if isinstance(problem, RangeProblem) else problem.chordal.graph
 
 
 def _is_same(a: Estimate, b: Estimate) -> bool:
@@ -195,7 +179,7 @@ def _figures(certificate: Certificate) -> list[tuple[str, str, str]]:
     gap, relative = certificate.gap, certificate.relative_gap
     return [
         ("cost", cost_shown(certificate.cost_upper), "F of this estimate"),
-        ("bound", bound_shown(certificate.lower_bound), "no estimate costs less"),
+        ("bound", bound_shown(certificate.lower_bound), bound_claim(certificate)),
         (
             "gap",
             gap_shown(gap),
@@ -262,66 +246,47 @@ def _edge(edge: CostlyEdge, instance: Instance) -> tuple[str, ...]:
     return (*cells, "" if edge.metres is None else f"{edge.metres:.4g}")
 
 
-class _Multipliers(NamedTuple):
-    """The multipliers of a chordal problem, and what follows if its matrix is definite."""
-
-    problem: Problem
-    values: FloatArray
-    claim: str
-    source: str = ""
-    proof: str = ""
-
-
-def _multipliers(
-    problem: Problem | InformationProblem, certificate: Certificate
-) -> _Multipliers | None:
-    """Those of the certificate, under the cost of another program those of a surrogate."""
-    if not isinstance(problem, InformationProblem):
-        if certificate.multipliers is None:
-            return None
-        return _Multipliers(
-            problem,
-            certificate.multipliers,
-            "no estimate is better than the point at which they are computed",
-            proof="; the proof is a factorization with "
-            f"{certificate.shift:.3g} added to each, which the bound accounts for",
-        )
-    try:
-        below = surrogate(problem, certificate.refined)
-        point = below.problem.settled(certificate.refined)
-    except CertPGOError:
-        return None
-    value = below.problem.cost(point) + below.constant
-    where = "after local descent" if certificate.descended else "at this estimate"
-    return _Multipliers(
-        below.problem,
-        below.problem.multipliers(point),
-        "no estimate costs less than that",
-        source="The matrix is that of the surrogate, a pose graph whose cost plus a constant is "
-        f"never above F, and equal to it {where}: {cost_shown(value)}. ",
-    )
-
-
 def _spectrum(problem: Certifiable, certificate: Certificate) -> tuple[Bars | None, str]:
     """A chart with its explanation, or the reason why there is none."""
-    if isinstance(problem, RangeProblem):
+    if problem.is_lifted:
         return None, "The bound is that of a relaxation above this space, which is not drawn."
-    source = _multipliers(problem, certificate)
-    if source is None:
+    try:
+        matrix = certificate_matrix(problem, certificate)
+    except CertPGOError:
+        matrix = None
+    if matrix is None:
         return None, "There is no certificate matrix: no lower bound was found."
     d = problem.d
     try:
-        values = smallest_eigenvalues(source.problem, source.values, d + EIGENVALUES)
+        values = matrix.eigenvalues(d + EIGENVALUES)
     except (NumericalError, np.linalg.LinAlgError) as error:
         return None, f"The eigenvalues could not be computed: {error}."
     gauge = set(np.argsort(np.abs(values), kind="stable")[:d].tolist())
     names = [f"{k + 1}" + (" (gauge)" if k in gauge else "") for k in range(len(values))]
-    note = (
-        f"{source.source}Translations are eliminated. If none is negative, {source.claim}; "
-        f"the {d} nearest to zero belong to the gauge, a rotation of the whole world. Computed "
-        f"eigenvalues only illustrate{source.proof}."
+    return bars(values.tolist(), names), _spectrum_in_words(matrix, certificate)
+
+
+def _spectrum_in_words(matrix: CertificateMatrix, certificate: Certificate) -> str:
+    """What the eigenvalues of the matrix say."""
+    source, proof = "", ""
+    if matrix.touches is None:
+        claim = "no estimate is better than the point at which they are computed"
+        proof = (
+            f"; the proof is a factorization with {certificate.shift:.3g} added to each, which the "
+            "bound accounts for"
+        )
+    else:
+        where = "after local descent" if certificate.descended else "at this estimate"
+        claim = "no estimate costs less than that"
+        source = (
+            "The matrix is that of the surrogate, a pose graph whose cost plus a constant is never "
+            f"above F, and equal to it {where}: {cost_shown(matrix.touches)}. "
+        )
+    return (
+        f"{source}Translations are eliminated. If none is negative, {claim}; the "
+        f"{matrix.problem.d} nearest to zero belong to the gauge, a rotation of the whole world. "
+        f"Computed eigenvalues only illustrate{proof}."
     )
-    return bars(values.tolist(), names), note
 
 
 def _charts(trace: Sequence[Iteration], certificate: Certificate) -> list[Lines]:
@@ -352,7 +317,7 @@ def _recheck(
     if origin.proof:
         note = "An independent program, which shares no code with certpgo, checks the proof file:"
         return note, [f"certpgo check {quoted(origin.graph)} {quoted(origin.proof)}"]
-    chosen = cost_options(instance, _cost_name(problem))
+    chosen = cost_options(instance, problem.cost_name)
     options = " ".join(quoted(option) for option in (*chosen, *origin.reading))
     estimate = origin.estimate or "best.g2o"
     named = f" --method {quoted(origin.method)}"

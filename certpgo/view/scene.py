@@ -7,7 +7,9 @@ from enum import IntEnum
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
+from certpgo.errors import InputError
 from certpgo.graph import Instance, PoseGraph
 from certpgo.io.surfaces import Surface
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, round_below
@@ -28,6 +30,21 @@ _CAMERA = np.array([[0, 0, 0], [-0.7, -0.5, 1], [0.7, -0.5, 1], [0.7, 0.5, 1], [
 _RAYS = np.array([[0, 1], [0, 2], [0, 3], [0, 4], [1, 2], [2, 3], [3, 4], [4, 1]])
 _ARROW = np.array([[1.2, 0, 0], [-0.4, 0.5, 0], [-0.4, -0.5, 0]])
 _SIDES = np.array([[0, 1], [1, 2], [2, 0]])
+
+#: Viridis, sampled; the pages' script has the same.
+STOPS = np.array(
+    [
+        [68, 1, 84],
+        [71, 44, 122],
+        [59, 81, 139],
+        [44, 113, 142],
+        [33, 144, 141],
+        [39, 173, 129],
+        [92, 200, 99],
+        [170, 220, 50],
+        [253, 231, 37],
+    ]
+)
 
 
 class Kind(IntEnum):
@@ -192,6 +209,30 @@ class Scene:
         measures = [*(m for p in self.placements[-1:] for m in p.measures), *self.weights]
         return [measure.unit for measure in measures]
 
+    def unit(self, colour: str | None) -> str:
+        """The unit that colours edges: the chosen one, by default the first; empty without any.
+
+        Raises
+        ------
+        InputError
+            No edge has the chosen one.
+        """
+        if colour is not None and colour not in self.units:
+            known = ", ".join(self.units) or "none here"
+            raise InputError(f"edges can be coloured by {known}; not by {colour}")
+        return colour or next(iter(self.units), "")
+
+    def colours(
+        self, placement: Placement, unit: str, drawn: BoolArray, *, dark: bool
+    ) -> NDArray[np.uint8]:
+        """(e, 3) colours of the ``drawn`` edges (m,); grey where the unit is not measured."""
+        chosen = np.full((int(drawn.sum()), 3), 128, dtype=np.uint8)
+        measure = self.measure(placement, unit)
+        if measure is not None:
+            known = measure.values[drawn] >= 0.0
+            chosen[known] = colours(measure.shares[drawn][known], dark=dark)
+        return chosen
+
     def measure(self, placement: Placement, unit: str) -> Measure | None:
         """The measure of edges in a placement by its unit; None if there is none."""
         found = [m for m in (*placement.measures, *self.weights) if m.unit == unit]
@@ -275,3 +316,11 @@ def kinds_of(instance: Instance) -> tuple[IntArray, IntArray]:
         edges = np.concatenate([edges, instance.ranges.edges])
         kinds = np.r_[kinds, np.full(instance.ranges.num_edges, Kind.RANGE)]
     return edges, kinds
+
+
+def colours(shares: FloatArray, *, dark: bool = False) -> NDArray[np.uint8]:
+    """(k, 3) colours of shares (k,); large ones stand out on a light or ``dark`` background."""
+    at = np.clip(shares, 0.0, 1.0)
+    place = (0.2 + 0.8 * at if dark else 0.88 * (1.0 - at)) * (len(STOPS) - 1)
+    channels = [np.interp(place, np.arange(len(STOPS)), STOPS[:, c]) for c in range(3)]
+    return np.stack(channels, axis=1).round().astype(np.uint8)

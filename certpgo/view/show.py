@@ -10,14 +10,36 @@ from pathlib import Path
 
 from numpy.typing import ArrayLike
 
+from certpgo.errors import InputError
 from certpgo.graph import Estimate
 from certpgo.io.writing import write_whole
-from certpgo.view import viewer
-from certpgo.view.gather import Thing, scene_of
+from certpgo.view.live import live
+from certpgo.view.load_scene import Thing, scene_of
+from certpgo.view.maps import picture
 from certpgo.view.scene import Scene
+from certpgo.view.viewer import PORT, offline
 
+#: Suffixes of files that show a scene: a page, or a picture.
+FORMS = ("html", "png", "pdf", "svg")
 #: Height of a view in a notebook, pixels.
 HEIGHT = 480
+
+
+def form_of(path: str | Path, *, play: bool = False) -> str:
+    """What a file shows a scene as, by its suffix: ``"html"``, ``"png"``, ``"pdf"`` or ``"svg"``.
+
+    Raises
+    ------
+    InputError
+        Another suffix; or ``play`` for a picture.
+    """
+    form = Path(path).suffix.lower().removeprefix(".") or "html"
+    form = "html" if form == "htm" else form
+    if form not in FORMS:
+        raise InputError(f"{path}: a scene is written as .{', .'.join(FORMS[:-1])} or .{FORMS[-1]}")
+    if play and form != "html":
+        raise InputError(f"{path}: a picture cannot play; a page can, .html")
+    return form
 
 
 @dataclass(frozen=True)
@@ -36,20 +58,30 @@ class View:
     colour: str | None = None
 
     def save(self, path: str | Path, *, play: bool = False) -> None:
-        """Write one HTML file that needs no network; with ``play``, a frustum walks along it.
+        """Write one HTML file that needs no network, or a picture: .png, .pdf or .svg.
+
+        Parameters
+        ----------
+        path : its suffix says which; HTML without one
+        play : whether a frustum walks along the trajectory, in HTML
 
         Raises
         ------
         InputError
-            No edge has the measure ``colour``, or the file cannot be written.
+            Another suffix, no edge has the measure ``colour``, or the file cannot be written.
         MissingDependency
-            viser is not installed.
+            viser or, for pictures, Matplotlib is not installed.
         """
-        page = viewer.offline(self.scene, dark=self.dark, colour=self.colour, play=play)
-        write_whole(Path(path), page.encode())
+        form = form_of(path, play=play)
+        if form == "html":
+            page = offline(self.scene, dark=self.dark, colour=self.colour, play=play)
+            write_whole(Path(path), page.encode())
+        else:
+            drawn = picture(self.scene, form, dark=self.dark, colour=self.colour)
+            write_whole(Path(path), drawn)
 
     @contextmanager
-    def serve(self, *, host: str = "127.0.0.1", port: int = viewer.PORT) -> Iterator[str]:
+    def serve(self, *, host: str = "127.0.0.1", port: int = PORT) -> Iterator[str]:
         """Show the scene in the browser while the block runs; yields the address.
 
         Raises
@@ -59,13 +91,11 @@ class View:
         MissingDependency
             viser is not installed.
         """
-        with viewer.live(
-            self.scene, dark=self.dark, colour=self.colour, host=host, port=port
-        ) as address:
+        with live(self.scene, dark=self.dark, colour=self.colour, host=host, port=port) as address:
             yield address
 
     def _repr_html_(self) -> str:
-        page = html.escape(viewer.offline(self.scene, dark=self.dark, colour=self.colour))
+        page = html.escape(offline(self.scene, dark=self.dark, colour=self.colour))
         return f'<iframe srcdoc="{page}" width="100%" height="{HEIGHT}" frameborder="0"></iframe>'
 
 

@@ -15,7 +15,7 @@ from certpgo.io.format import LabelledPoses, format_of
 from certpgo.io.matching import Matching, nearest
 from certpgo.io.surfaces import Surface
 from certpgo.linalg.arrays import IntArray
-from certpgo.view.placing import aligned, in_space, placement
+from certpgo.view.placements import aligned, in_space, placement
 from certpgo.view.scene import Placement, Scene
 
 

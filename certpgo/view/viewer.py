@@ -12,13 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from certpgo.errors import InputError, MissingDependency
+from certpgo.errors import MissingDependency
 from certpgo.io.exact import quaternion
-from certpgo.io.surfaces import Surface
+from certpgo.io.surfaces import Surface, glb
 from certpgo.linalg.arrays import BoolArray, FloatArray
-from certpgo.view.glb import glb
-from certpgo.view.palette import colours
-from certpgo.view.scene import Kind, Placement, Scene
+from certpgo.view.scene import Kind, Placement, Scene, colours
 
 #: The scene's extent in the browser, whose camera and controls are made for it.
 EXTENT = 10.0
@@ -76,36 +74,6 @@ def offline(
 
 
 @contextmanager
-def live(
-    scene: Scene,
-    *,
-    dark: bool = False,
-    colour: str | None = None,
-    host: str = "127.0.0.1",
-    port: int = PORT,
-) -> Iterator[str]:
-    """A scene in the browser while the block runs; yields the address.
-
-    Parameters
-    ----------
-    dark, colour : as for `offline`
-    host : address of this machine to listen at; by default only this machine can connect
-    port : that is tried first; the next ones if it is taken
-
-    Raises
-    ------
-    InputError
-        No edge has such a measure.
-    MissingDependency
-        viser is not installed.
-    """
-    with serving(host, port) as server:
-        drawing = Drawing(server, scene, dark=dark, colour=colour)
-        with drawing.controls():
-            yield f"http://{host}:{server.get_port()}"
-
-
-@contextmanager
 def serving(host: str, port: int) -> Iterator[Any]:
     """A server of viser's while the block runs, which prints nothing."""
     try:
@@ -136,10 +104,7 @@ class Drawing:
         self._coloured: list[tuple[Any, Placement, BoolArray]] = []
         self.layers: dict[str, Any] = {}
         self.units = scene.units
-        if colour is not None and colour not in self.units:
-            known = ", ".join(self.units) or "none here"
-            raise InputError(f"edges can be coloured by {known}; not by {colour}")
-        self._unit = colour or (self.units[0] if self.units else "")
+        self._unit = scene.unit(colour)
         answer = scene.placements[-1] if scene.placements else None
         for number, placement in enumerate(reversed(scene.placements)):
             self._add_estimate(placement, _ink(number, dark), shown=placement is answer)
@@ -237,12 +202,8 @@ class Drawing:
         self._coloured.append((handle, placement, drawn))
 
     def _colours(self, placement: Placement, drawn: BoolArray) -> NDArray[np.uint8]:
-        """(e, 2, 3) colours of edges; grey where the measure is of something else."""
-        measure = self._scene.measure(placement, self._unit)
-        chosen = np.full((int(drawn.sum()), 3), 128, dtype=np.uint8)
-        if measure is not None:
-            known = measure.values[drawn] >= 0.0
-            chosen[known] = colours(measure.shares[drawn][known], dark=self._dark)
+        """(e, 2, 3) colours of both ends of edges."""
+        chosen = self._scene.colours(placement, self._unit, drawn, dark=self._dark)
         return np.repeat(chosen[:, None], 2, axis=1)
 
     def _add_poses(self, placement: Placement, ink: Rgb) -> None:
@@ -293,7 +254,7 @@ class Drawing:
             low, high = height.min(initial=0.0), height.max(initial=0.0)
             ink = colours((height - low) / max(high - low, 1e-12), dark=self._dark)
         if len(surface.faces):
-            data = glb(self._placed(points), ink, surface.faces)
+            data = glb(Surface(self._placed(points), ink, surface.faces))
             self.layers[name] = self._server.scene.add_glb(f"/{name}", data)
         elif len(points):
             size = float(np.clip(EXTENT / np.sqrt(len(points)), 0.01, 0.1))

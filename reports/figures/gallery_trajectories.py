@@ -8,7 +8,7 @@ from certpgo import solve
 from certpgo.assess import metrics
 from certpgo.objective.problem import PoseProblem
 from certpgo.solvers.spanning_tree import SpanningTree
-from certpgo.view.gather import scene_of
+from certpgo.view.load_scene import scene_of
 from certpgo.view.page_scene import page_scene
 from reports.harness.experiments.figure import VIEWS, Data, Figure
 

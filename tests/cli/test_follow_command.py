@@ -100,8 +100,8 @@ def test_the_map_is_shown_as_it_grows(certpgo, lines, monkeypatch):
     def interrupt(seconds):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("certpgo.view.growing.Drawing", Drawn)
-    monkeypatch.setattr("certpgo.view.growing.PAUSE", 0.0)
+    monkeypatch.setattr("certpgo.view.live.Drawing", Drawn)
+    monkeypatch.setattr("certpgo.view.live.PAUSE", 0.0)
     monkeypatch.setattr("certpgo.cli.follow.time.sleep", interrupt)
     done = certpgo("follow", lines, "--view", "--every", 40, "--port", "8150")
     assert done.code == 0

@@ -24,6 +24,16 @@ def test_a_scene_is_written_as_one_page(certpgo, square, tmp_path):
     assert str(tmp_path) not in page.partition("__VISER_EMBED_DATA__")[0]
 
 
+@pytest.mark.parametrize(
+    ("suffix", "begins"), [(".png", b"\x89PNG"), (".PDF", b"%PDF"), (".svg", b"<?xml")]
+)
+def test_a_file_holds_what_its_suffix_says(certpgo, square, tmp_path, suffix, begins):
+    pytest.importorskip("matplotlib")
+    out = tmp_path / f"scene{suffix}"
+    assert certpgo("view", square, "-o", out, "--dark").code == 0
+    assert out.read_bytes().startswith(begins)
+
+
 def test_the_live_view_prints_its_address_until_it_is_interrupted(certpgo, square, monkeypatch):
     def interrupt(seconds):
         raise KeyboardInterrupt
@@ -65,6 +75,9 @@ def test_files_are_told_apart_by_what_they_hold(certpgo, square, tmp_path, monke
         (("{text}",), "text.txt: no known format"),
         (("{cloud}",), "cloud.ply: at least one vertex with x, y and z expected"),
         (("{graph}", "--colour", "rotation-weight", "-o", "{out}"), "not by rotation weight"),
+        (("{graph}", "-o", "{out}.gif"), r"written as \.html, \.png, \.pdf or \.svg"),
+        (("{graph}", "-o", "{out}.png", "--play"), "a picture cannot play"),
+        (("{graph}", "-o", "{out}.png", "--colour", "rotation-weight"), "not by rotation weight"),
     ],
 )
 def test_refusals(certpgo, square, tmp_path, arguments, said):
@@ -80,7 +93,7 @@ def test_refusals(certpgo, square, tmp_path, arguments, said):
     assert done.code == 1
     assert re.search(said, done.err)
     assert done.err.count("\n") == 1
-    assert not names["out"].exists()
+    assert not list(tmp_path.glob("out.html*"))
     assert square.read_text() == before
 
 

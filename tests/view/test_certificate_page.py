@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from strategies import point_graph
 
+from certpgo import Ranges
 from certpgo.assess.assessment import assess
 from certpgo.certify import Verdict, certify
 from certpgo.certify.curvature import smallest_eigenvalues
@@ -28,9 +29,9 @@ from certpgo.io.datasets import synthetic
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.solution import Status
 from certpgo.solvers.certified.interface import solve
-from certpgo.view.advice import advice
+from certpgo.view.advice import advice as advice_on
 from certpgo.view.certificate_page import Origin, certificate_page
-from certpgo.view.gather import scene_of
+from certpgo.view.load_scene import scene_of
 from certpgo.view.page import embedded, numeric
 from certpgo.view.page_scene import page_scene
 from reports.harness.experiments.absence import Absence
@@ -237,7 +238,11 @@ def test_three_figures_come_first(solved):
 
 
 def test_what_to_do_next_depends_on_the_verdict(solved):
-    certificate = solved[2].certificate
+    instance, certificate = solved[0], solved[2].certificate
+
+    def advice(*about, cost="chordal", **more):
+        return advice_on(about[0], instance, *about[1:], cost=cost, **more)
+
     said = {}
     for verdict in Verdict:
         for basin in (True, False):
@@ -260,7 +265,7 @@ def test_what_to_do_next_depends_on_the_verdict(solved):
     unrefined = replace(certificate, verdict=Verdict.UNDECIDED, descended=False)
     assert advice(unrefined, "g.g2o", "e.tum")[0][1] == "certpgo certify g.g2o e.tum"
     refuted = replace(certificate, verdict=Verdict.REFUTED)
-    chosen = advice(refuted, "g.g2o", "e.tum", reading=["--kappa", "3"], cost=["--cost", "gtsam"])
+    chosen = advice(refuted, "g.g2o", "e.tum", reading=["--kappa", "3"], cost="gtsam")
     assert "certpgo solve g.g2o --cost gtsam --kappa 3 -o start.g2o" in dict(chosen).values()
     certified = replace(certificate, verdict=Verdict.CERTIFIED)
     assert [c for _, c in advice(certified, "g.g2o", disagreeing=True)] == [
@@ -271,16 +276,41 @@ def test_what_to_do_next_depends_on_the_verdict(solved):
 @pytest.mark.parametrize("verdict", [Verdict.BOUNDED, Verdict.UNDECIDED])
 def test_more_time_is_advised_only_where_the_search_was_stopped(solved, verdict):
     judged = replace(solved[2].certificate, verdict=verdict, basin_is_global=False)
+    cut = replace(judged, obstacle=Obstacle(LimitedBy.STOPPED, stopped=Status.TIME_LIMIT))
+    impatient = replace(judged, obstacle=Obstacle(LimitedBy.STOPPED, True, 4, patience=5.0))
+    by_itself = replace(judged, obstacle=Obstacle(LimitedBy.LOOSE, True, 4))
+
+    def steps(certificate, *estimate, searched=False):
+        about = certificate, solved[0], "g.g2o", *estimate
+        return dict(advice_on(*about, cost="chordal", searched=searched))
+
     longer = "certpgo solve g.g2o --time-limit 600"
-    stopped = dict(advice(judged, "g.g2o", searched=True, stopped=Status.TIME_LIMIT))
-    assert longer in stopped.values()
-    by_itself = dict(advice(judged, "g.g2o", searched=True))
-    assert longer not in by_itself.values()
-    assert "ended by itself" in " ".join(by_itself)
-    bound = dict(advice(judged, "g.g2o", "e.tum", stopped=Status.TIME_LIMIT))
-    of_others = dict(advice(judged, "g.g2o", "e.tum"))
+    for stopped in (cut, impatient):
+        assert longer in steps(stopped, searched=True).values()
+    assert longer not in steps(by_itself, searched=True).values()
+    assert "ended by itself" in " ".join(steps(by_itself, searched=True))
+    bound, of_others = steps(cut, "e.tum"), steps(by_itself, "e.tum")
     more = "The search for a bound was stopped: give it more time."
     assert (more in bound, more in of_others) == (verdict is Verdict.UNDECIDED, False)
+
+
+def test_rejecting_is_advised_where_it_can_be_done(solved):
+    judged = replace(solved[2].certificate, verdict=Verdict.BOUNDED, basin_is_global=False)
+    ranges = Ranges(27, np.array([[0, 26]]), np.ones(1), np.ones(1))
+    for instance, found in ((solved[0], True), (replace(solved[0], ranges=ranges), False)):
+        steps = advice_on(judged, instance, "g.pyfg", cost="chordal", disagreeing=True)
+        assert any("--robust" in command for _, command in steps) is found
+
+
+def test_the_bound_of_a_tier_that_proves_nothing_is_called_likely(solved):
+    instance, problem, found, _ = solved
+    for tier, said in (("screen", "likely: no estimate"), ("standard", "no estimate")):
+        certificate = certify(problem, found.estimate, tier=tier)
+        assessment = assess(problem, found.estimate, certificate, ids=instance.ids)
+        about = instance, problem, found.estimate, assessment, Origin("g", "e")
+        page = certificate_page(*about)
+        notes = re.findall(r'<dd class="note">([^<]*)</dd>', page)
+        assert notes[1] == f"{said} of this graph costs less"
 
 
 def test_undecided_says_whether_a_lower_cost_is_known(solved):

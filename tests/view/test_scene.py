@@ -14,11 +14,10 @@ from certpgo.io.datasets import synthetic
 from certpgo.io.surfaces import Surface, read_surface
 from certpgo.linalg import so
 from certpgo.objective.problem import problem_of
-from certpgo.view.gather import scene_of
 from certpgo.view.layout import layout
-from certpgo.view.palette import colours
-from certpgo.view.placing import aligned
-from certpgo.view.scene import NOT_MEASURED, Kind, Measure, frame_of
+from certpgo.view.load_scene import scene_of
+from certpgo.view.placements import aligned
+from certpgo.view.scene import NOT_MEASURED, Kind, Measure, colours, frame_of
 
 RNG = np.random.default_rng(0)
 FIELD = """\

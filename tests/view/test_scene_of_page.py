@@ -16,11 +16,11 @@ from certpgo.costs import certifiable
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.io.datasets import synthetic
 from certpgo.objective.problem import problem_of
-from certpgo.view.gather import scene_of
+from certpgo.view.charts import Curve, bars, histogram, lines
+from certpgo.view.load_scene import scene_of
 from certpgo.view.page import TEMPLATES
 from certpgo.view.page_scene import page_scene
-from certpgo.view.palette import colours
-from certpgo.view.plots import Curve, bars, histogram, lines
+from certpgo.view.scene import colours
 
 
 def scene(graph, problem, estimate, **limit):

@@ -1,5 +1,6 @@
 """The viewer: what is given to viser, offline files, and what a browser makes of them."""
 
+import io
 import re
 import sys
 from dataclasses import replace
@@ -12,10 +13,10 @@ from certpgo.errors import InputError, MissingDependency
 from certpgo.io.datasets import synthetic
 from certpgo.io.surfaces import Surface
 from certpgo.view import viewer
-from certpgo.view.gather import scene_of
-from certpgo.view.glb import glb
+from certpgo.view.load_scene import scene_of
 
 pytest.importorskip("viser", reason="viser is not installed: pip install 'certpgo[view]'")
+import trimesh
 
 
 class Handle:
@@ -36,6 +37,7 @@ class Api:
     def __getattr__(self, kind):
         def add(name, *values, **given):
             names = {"add_line_segments": ("points", "colors"), "add_point_cloud": ("points",)}
+            names["add_glb"] = ("glb",)
             given |= dict(zip(names.get(kind, ()), values, strict=False))
             assert name not in self.added
             self.added[name] = Handle(kind, name, given)
@@ -136,9 +138,11 @@ def test_clouds_and_meshes_are_given_with_their_colours():
     assert added["/mesh"].kind == "add_glb"
     # Near the origin, where half precision has digits.
     assert np.abs(added["/cloud"].points).max() < viewer.EXTENT
-    data = glb(points, red, faces)
-    assert data[:4] == b"glTF"
-    assert int.from_bytes(data[8:12], "little") == len(data)
+    written = trimesh.load_scene(io.BytesIO(added["/mesh"].glb), file_type="glb")
+    (mesh,) = written.geometry.values()
+    assert np.array_equal(mesh.visual.vertex_attributes["color"][:, :3], red)
+    assert np.allclose(mesh.vertices, added["/cloud"].points, rtol=0, atol=1e-6)
+    assert (mesh.visual.material.doubleSided, mesh.visual.material.metallicFactor) == (True, 0.0)
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ from typing import Any
 from markupsafe import Markup
 
 from certpgo.graph.wording import counted
+from certpgo.view.charts import Curve, Lines, lines
 from certpgo.view.page import data_uri, page
-from certpgo.view.plots import Curve, Lines, lines
 from reports.harness.experiments.figure import DARK
 from reports.harness.experiments.records import Record
 from reports.harness.experiments.spec import Table

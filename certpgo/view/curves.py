@@ -9,17 +9,16 @@ import numpy as np
 
 from certpgo.assess.ladder import rungs_of_eigenvalues
 from certpgo.certify import Certificate
-from certpgo.certify.curvature import smallest_eigenvalues
-from certpgo.costs.problem import InformationProblem, surrogate
-from certpgo.costs.ranges import RangeProblem
+from certpgo.costs import Certifiable, InformationProblem
 from certpgo.errors import InputError, kind_of
 from certpgo.graph import Estimate
 from certpgo.graph.wording import bound_shown, cost_shown, gap_shown
 from certpgo.objective.problem import Problem
 from certpgo.optimize.monitor import Iteration
 from certpgo.optimize.solution import Solution
-from certpgo.plot.axes import GREY, given_or_current
 from certpgo.solvers.certified.result import CertifiedSolution
+from certpgo.view.eigenvalues import certificate_matrix
+from certpgo.view.maps import GREY, given_or_current
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -100,15 +99,10 @@ def spectrum(
     >>> len(ax.patches)
     5
     """
-    problem, proven = _certified(of, certificate)
-    if isinstance(problem, InformationProblem):
-        below = surrogate(problem, proven.refined).problem
-        problem, multipliers = below, below.multipliers(below.settled(proven.refined))
-    elif proven.multipliers is None or isinstance(problem, RangeProblem):
+    matrix = certificate_matrix(*_certified(of, certificate))
+    if matrix is None:
         raise InputError("there is no certificate matrix to draw")
-    else:
-        multipliers = proven.multipliers
-    values = smallest_eigenvalues(problem, multipliers, count)
+    values = matrix.eigenvalues(count)
     ax = given_or_current(ax)
     ax.bar(np.arange(1, len(values) + 1), values)
     ax.axhline(0.0, color=GREY, linewidth=0.8)
@@ -206,9 +200,7 @@ def convergence(
     return ax
 
 
-def _certified(
-    of: object, certificate: Certificate | None
-) -> tuple[Problem | InformationProblem | RangeProblem, Certificate]:
+def _certified(of: object, certificate: Certificate | None) -> tuple[Certifiable, Certificate]:
     """The problem, and a certificate about it."""
     if isinstance(of, CertifiedSolution):
         return of.problem, certificate or of.certificate

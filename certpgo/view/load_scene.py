@@ -32,7 +32,7 @@ from certpgo.optimize.starts import start_of
 from certpgo.solvers.certified.result import CertifiedSolution
 from certpgo.solvers.spanning_tree import SpanningTree
 from certpgo.view.layout import Arrangement, layout
-from certpgo.view.placing import aligned, placement, residuals, weights
+from certpgo.view.placements import aligned, placement, residuals, weights
 from certpgo.view.scene import IN_METRES, Placement, Scene, kinds_of
 from certpgo.view.tracks import scene_of_trajectories
 

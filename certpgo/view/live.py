@@ -1,4 +1,4 @@
-"""A map in the browser that is drawn again as it grows."""
+"""Scenes that are live in the browser: one to look at, or a map that is drawn as it grows."""
 
 from __future__ import annotations
 
@@ -41,13 +41,42 @@ class Screen:
 
 
 @contextmanager
+def live(
+    scene: Scene,
+    *,
+    dark: bool = False,
+    colour: str | None = None,
+    host: str = "127.0.0.1",
+    port: int = PORT,
+) -> Iterator[str]:
+    """A scene in the browser while the block runs; yields the address.
+
+    Parameters
+    ----------
+    dark, colour : as for `offline`
+    host : address of this machine to listen at; by default only this machine can connect
+    port : that is tried first; the next ones if it is taken
+
+    Raises
+    ------
+    InputError
+        No edge has such a measure.
+    MissingDependency
+        viser is not installed.
+    """
+    with serving(host, port) as server:
+        drawing = Drawing(server, scene, dark=dark, colour=colour)
+        with drawing.controls():
+            yield f"http://{host}:{server.get_port()}"
+
+
+@contextmanager
 def growing(*, host: str = "127.0.0.1", port: int = PORT) -> Iterator[Screen]:
     """Show scenes in the browser while the block runs.
 
     Parameters
     ----------
-    host : address of this machine to listen at; by default only this machine can connect
-    port : that is tried first; the next ones if it is taken
+    host, port : as for `live`
 
     Raises
     ------
