@@ -209,7 +209,7 @@ def squares(
     """
     rotation = problem.rotation.graph
     turning = problem.rotation.edge_costs(estimate.with_translations(None))
-    couplings, ranks = rotation.couplings, problem.d * (rotation.kappa > 0.0)
+    couplings, ranks = rotation.couplings, problem.d * rotation.measures_rotation
     if couplings is not None:
         ranks = np.linalg.matrix_rank(couplings, rtol=NONE)
     if problem.d == 2 and not mahalanobis:
@@ -219,7 +219,7 @@ def squares(
     moving, moved = np.zeros_like(turning), np.zeros_like(turned)
     if isinstance(problem, PoseProblem):
         moving = problem.graph.tau * (problem.translation_residuals(estimate) ** 2).sum(axis=1)
-        moved = problem.d * (problem.graph.tau > 0.0)
+        moved = problem.d * problem.graph.measures_translation
     return np.stack([moving, turning], axis=1), np.stack([moved, turned], axis=1)
 
 

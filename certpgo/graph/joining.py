@@ -34,7 +34,7 @@ def joined(
         They are of different dimensions or kinds, or only some have couplings or arms.
     """
     require_one_make(map(make_of, graphs))
-    rotations = [graph.rotation if isinstance(graph, PoseGraph) else graph for graph in graphs]
+    rotations = [graph.rotation for graph in graphs]
     rotation = RotationGraph(
         num_nodes,
         np.concatenate([r.edges for r in rotations] if edges is None else edges),
@@ -66,8 +66,7 @@ def require_one_make(makes: Iterable[str]) -> None:
 def make_of(graph: Graph) -> str:
     """What it measures, such as ``poses in 3D``: only graphs of one make can be joined."""
     poses = isinstance(graph, PoseGraph)
-    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
-    extras = ["couplings"] if rotation.is_general else []
+    extras = ["couplings"] if graph.rotation.is_general else []
     extras += ["arms"] if isinstance(graph, PoseGraph) and graph.arms is not None else []
     said = f"{'poses' if poses else 'rotations'} in {graph.d}D"
     return " with ".join([said, " and ".join(extras)]) if extras else said

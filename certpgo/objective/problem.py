@@ -140,7 +140,7 @@ class PoseProblem(Objective):
     def _eliminated(self, point: Point) -> FloatArray:
         graph = self.graph
         steps = operators.steps(graph, point)
-        known = graph.tau > 0.0
+        known = graph.measures_translation
         measured = graph.edges[known], graph.tau[known], steps[known]
         t = network.positions(self.n, *measured, self.order)
         return np.asarray(t - t[0])

@@ -8,7 +8,7 @@ import numpy as np
 
 from certpgo.assess.metrics import align_positions
 from certpgo.errors import InputError, kind_of
-from certpgo.graph import Estimate, Instance, PoseGraph
+from certpgo.graph import Estimate, Instance
 from certpgo.graph.picture import closures, principal_frame, seen
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.plot.axes import GREY, given_or_current, scale_bar
@@ -89,7 +89,7 @@ def _parts(of: object) -> tuple[Estimate, IntArray, IntArray]:
     none = np.empty((0, 2), dtype=np.intp)
     if isinstance(of, CertifiedSolution):
         graph = of.graph
-        nodes = graph.pose_nodes if isinstance(graph, PoseGraph) else np.arange(graph.num_nodes)
+        nodes = graph.pose_nodes
         return of.estimate, nodes, closures(graph.edges)
     if isinstance(of, Estimate):
         return of, np.arange(of.num_nodes), none
