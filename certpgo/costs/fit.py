@@ -201,12 +201,17 @@ def _law(
 
 
 def squares(
-    problem: Problem, estimate: Estimate, *, mahalanobis: bool = False
+    problem: Problem | RangeProblem, estimate: Estimate, *, mahalanobis: bool = False
 ) -> tuple[FloatArray, IntArray]:
     """(m, 2) squares of translations and rotations over their variances, and numbers measured.
 
-    The variances are those that kappa and tau state.
+    The variances are those that kappa and tau state. Distances come last, as translations.
     """
+    if isinstance(problem, RangeProblem):
+        terms, numbers = squares(problem.alone, estimate)
+        of_ranges = problem.edge_costs(estimate)[len(terms) :, None] * np.array([1.0, 0.0])
+        ones = np.tile([1, 0], (len(of_ranges), 1))
+        return np.concatenate([terms, of_ranges]), np.concatenate([numbers, ones])
     rotation = problem.rotation.graph
     turning = problem.rotation.edge_costs(estimate.with_translations(None))
     couplings, ranks = rotation.couplings, problem.d * rotation.measures_rotation

@@ -9,6 +9,7 @@ import numpy as np
 from certpgo.errors import GraphError
 from certpgo.graph.graph import Graph
 from certpgo.graph.pose_graph import PoseGraph
+from certpgo.graph.ranges import Ranges
 from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
@@ -53,6 +54,21 @@ def joined(
         points,
         _flags([graph.assumed for graph in poses], poses),
         _flags([graph.absolute for graph in poses], poses),
+    )
+
+
+def joined_ranges(
+    ranges: Sequence[Ranges | None], num_nodes: int, nodes: Sequence[IntArray]
+) -> Ranges | None:
+    """All distances of several graphs, whose nodes have these numbers; None for none."""
+    known = [(of, own) for of, own in zip(ranges, nodes, strict=True) if of is not None]
+    if not known:
+        return None
+    return Ranges(
+        num_nodes,
+        np.concatenate([own[of.edges] for of, own in known]),
+        np.concatenate([of.distances for of, _ in known]),
+        np.concatenate([of.weights for of, _ in known]),
     )
 
 

@@ -39,6 +39,8 @@ class Kind(IntEnum):
         return _PHRASES[self]
 
 
+#: Kinds of measurements between two poses.
+RELATIVE = (Kind.BETWEEN, Kind.ROTATION, Kind.TRANSLATION)
 #: Kinds of measurements from the world, a node that is no pose of the source.
 PRIORS = (Kind.PRIOR, Kind.POSITION, Kind.ATTITUDE)
 
