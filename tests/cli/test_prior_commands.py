@@ -119,7 +119,7 @@ def test_landmarks_and_priors_together(certpgo, tmp_path):
     done = certpgo("solve", path, "--html", page, "-o", out)
     assert done.code == 0
     text = page.read_text()
-    assert "1 landmark, 2 sightings, 3 priors" in text
+    assert "1 landmark, 2 sightings, 3 position priors" in text
     assert "the world to " in text
     assert "sightings and distances</label>" in text
     # A wrong rotation of the landmark is no distance: only poses have one.
