@@ -35,7 +35,7 @@ class Kind(IntEnum):
 
     @property
     def phrase(self) -> str:
-        """What it is called, see `certpgo.graph.wording.counted`."""
+        """What it is called; ``{s}`` marks the plural."""
         return _PHRASES[self]
 
 
