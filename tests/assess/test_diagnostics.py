@@ -87,7 +87,7 @@ def test_distances_join_nodes_and_check_measurements():
     assert connected_parts(near, "largest")[0].ranges.edges.tolist() == [[0, 2]]
 
 
-def test_every_kind_is_told_from_weights_points_and_world():
+def test_kinds_follow_from_weights_points_and_the_world():
     edges = [[0, 1], [0, 1], [0, 1], [0, 2], [3, 0], [3, 1], [3, 1], [3, 2]]
     kappa, tau = [1, 1, 0, 0, 1, 0, 1, 0], [1, 0, 1, 1, 1, 1, 0, 1]
     rotation = RotationGraph(4, edges, [np.eye(2)] * 8, np.array(kappa, dtype=float))
