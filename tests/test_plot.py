@@ -12,7 +12,6 @@ from certpgo.io.datasets import synthetic
 from certpgo.io.surfaces import Surface
 from certpgo.view import maps
 from certpgo.view.load_scene import scene_of
-from certpgo.view.scene import Kind
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +56,7 @@ def test_a_picture_of_a_scene_has_all_that_is_in_it(ax):
     scene = scene_of(instance, ("before", instance.truth), instance.truth, cloud, rejected=[5])
     maps.draw(scene, ax, unit="metres")
     assert [line.get_label() for line in ax.lines[:3]] == ["truth", "before", "estimate"]
-    loops = (scene.kinds == Kind.LOOP).sum()
+    loops = scene.are_loops.sum()
     lengths = [len(c.get_segments()) for c in ax.collections if hasattr(c, "get_segments")]
     assert lengths == [loops - 1, 1]
     assert len(ax.collections[0].get_offsets()) == 7

@@ -189,9 +189,7 @@ def costly_edges(
 def measured_parts(problem: Certifiable) -> tuple[BoolArray, BoolArray]:
     """(m,) which edges measure a rotation, and which a translation."""
     graph = problem.chordal.graph
-    if isinstance(graph, PoseGraph):
-        return graph.rotation.kappa > 0.0, graph.tau > 0.0
-    return graph.kappa > 0.0, np.zeros(graph.num_edges, dtype=bool)
+    return graph.measures_rotation, graph.measures_translation
 
 
 def residual_lengths(problem: Certifiable, estimate: Estimate) -> FloatArray | None:

@@ -13,6 +13,7 @@ from certpgo.costs import CHORDAL, certifiable
 from certpgo.errors import GraphError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph
 from certpgo.graph.bridges import bridges
+from certpgo.graph.kinds import Kind
 from certpgo.linalg import so
 from certpgo.linalg.factor import default_engine, engines
 from certpgo.objective.problem import RotationProblem
@@ -29,11 +30,12 @@ class Structure:
     kind : ``"poses"`` or ``"rotations"``
     d, nodes, edges : dimension and counts
     first_id, last_id, consecutive : node ids of the source
-    component_sizes : nodes in each component, largest first
+    component_sizes : nodes in each component of all measurements, largest first
     points : nodes that are points
     sightings, priors : edges that lead to points from poses; edges that leave the world
     parallel_edges : edges after the first between the same two nodes
-    bridges : edges whose removal disconnects their component
+    measurements : how many of each kind, by the names of `certpgo.graph.kinds.Kind`
+    bridges : pairs of nodes whose measurement is in no cycle of measurements
     kappa, tau : smallest and largest concentration; tau in 1/m^2, None for rotations
     """
 
@@ -49,6 +51,7 @@ class Structure:
     sightings: int
     priors: int
     parallel_edges: int
+    measurements: dict[str, int]
     bridges: int
     kappa: tuple[float, float]
     tau: tuple[float, float] | None
@@ -77,7 +80,7 @@ class Spectrum:
 def structure(instance: Instance) -> Structure:
     """Counts and connectivity of an instance."""
     graph, ids = instance.graph, instance.ids
-    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    measured, kappa = instance.measurements, graph.rotation.kappa
     points, sightings, priors = instance.kinds
     simple = len(np.unique(np.sort(graph.edges, axis=1), axis=0))
     return Structure(
@@ -88,13 +91,14 @@ def structure(instance: Instance) -> Structure:
         first_id=int(ids.min()),
         last_id=int(ids.max()),
         consecutive=int(ids.max()) - int(ids.min()) + 1 == len(ids),
-        component_sizes=tuple(sorted(graph.component_sizes, reverse=True)),
+        component_sizes=tuple(sorted(measured.component_sizes, reverse=True)),
         points=points,
         sightings=sightings,
         priors=priors,
         parallel_edges=graph.num_edges - simple,
-        bridges=len(bridges(graph)),
-        kappa=(float(rotation.kappa.min()), float(rotation.kappa.max())),
+        measurements={kind.name.lower(): count for kind, count in measured.counts.items()},
+        bridges=len(bridges(measured)),
+        kappa=(float(kappa.min()), float(kappa.max())),
         tau=(float(graph.tau.min()), float(graph.tau.max()))
         if isinstance(graph, PoseGraph)
         else None,
@@ -112,9 +116,10 @@ def open_in_words(instance: Instance) -> str | None:
     They are linearized at random poses, at which as much is determined as anywhere.
     """
     graph = instance.graph
-    if not isinstance(graph, PoseGraph) or not (graph.is_partial or instance.ranges is not None):
+    measured = instance.measurements
+    if not isinstance(graph, PoseGraph) or not measured.is_connected:
         return None
-    if not graph.is_connected and instance.ranges is None:
+    if not measured.without(Kind.BETWEEN, Kind.PRIOR).counts:
         return None
     try:
         problem = certifiable(instance, CHORDAL)
@@ -131,19 +136,16 @@ def open_in_words(instance: Instance) -> str | None:
 def spectra(graph: Graph) -> Mapping[str, Spectrum]:
     """Eigenvalues with unit weights and with the graph's own.
 
-    None if some edges measure no rotation.
+    None if some edges measure no rotation, or rotations do not connect the nodes.
 
     Raises
     ------
-    GraphError
-        The graph is not connected.
     NumericalError
         An eigenvalue computation failed.
     """
-    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
-    if not rotation.kappa.all():
+    if not (graph.measures_rotation.all() and graph.is_connected):
         return {}
-    weighted = RotationProblem(rotation)
+    weighted = RotationProblem(graph.rotation)
     return {"unit": _spectrum(weighted.with_unit_weights()), "weighted": _spectrum(weighted)}
 
 

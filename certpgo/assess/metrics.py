@@ -22,7 +22,7 @@ def f_ml(graph: RotationGraph | PoseGraph, estimate: Estimate) -> float:
     -1/2 sum ||t_j - t_i - R_i t_ij||^2 + sum tr(R_ij R_j^T R_i); without translations the second
     sum alone.
     """
-    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    rotation = graph.rotation
     i, j = rotation.edges.T
     R = estimate.rotations
     total = float(np.einsum("mab,mcb,mca->", rotation.rotations, R[j], R[i]))

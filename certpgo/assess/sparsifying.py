@@ -8,21 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import KDTree
 
 from certpgo.assess.metrics import TrajectoryErrors, trajectory_errors
-from certpgo.errors import InputError
-from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.costs import CHORDAL, certifiable
+from certpgo.errors import GraphError, InputError
+from certpgo.graph import Estimate, Graph, Instance, RotationGraph
 from certpgo.graph.edges import components_of
 from certpgo.graph.graph import require_connected
+from certpgo.graph.kinds import Kind
 from certpgo.graph.speaking import Speaking
 from certpgo.graph.trees import minimum_spanning_tree
 from certpgo.graph.wording import counted
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
-from certpgo.objective.problem import RotationProblem, problem_of
+from certpgo.objective.problem import RotationProblem
 from certpgo.optimize.connectivity import Connectivity, choose
 from certpgo.solvers.certified.result import CertifiedSolution
 from certpgo.solvers.certified.search import search
@@ -164,8 +166,9 @@ def sparsify(
     """Keep the loop closures that connect a graph best, and solve it with and without the others.
 
     Steps of odometry, between nodes whose ids are consecutive, are always kept; where they do not
-    connect the graph, so is a spanning tree. Among the others, the choice approximately maximises
-    lambda_2 of the graph Laplacian weighted by kappa (Doherty et al., arXiv 2403.19879).
+    connect the graph, so is a spanning tree. Sightings, priors and distances are kept too. Among
+    the others, the choice approximately maximises lambda_2 of the graph Laplacian weighted by kappa
+    (Doherty et al., arXiv 2403.19879).
 
     Parameters
     ----------
@@ -175,10 +178,9 @@ def sparsify(
     Raises
     ------
     InputError
-        ``keep`` is out of range, the graph has no loop closures, or it has landmarks, priors,
-        distances, or measurements of no rotation.
+        ``keep`` is out of range, or the graph has no loop closures.
     GraphError
-        It is not connected.
+        It is not connected, or only measurements of other kinds than relative rotations connect it.
     NumericalError
         An eigenvector was not found.
 
@@ -193,21 +195,24 @@ def sparsify(
     (30, True)
     """
     settings = (settings or SolveSettings()).changed(options)
-    whole, rotation = _of_poses(graph)
-    loops = _loop_closures(whole)
+    whole, rotations = _with_rotations(graph)
+    loops = _loop_closures(rotations)
     count = _number(keep, int(loops.sum()))
-    connectivity = Connectivity(rotation)
+    connectivity = Connectivity(rotations.problem)
     choice = choose(connectivity, loops, count)
     full = connectivity(np.ones(len(loops)))[0]
-    kept = np.union1d(np.flatnonzero(~loops), choice.chosen)
+    chosen = rotations.edges[choice.chosen]
+    left_out = np.setdiff1d(rotations.edges[loops], chosen)
+    kept = np.setdiff1d(np.arange(whole.graph.num_edges), left_out)
     sparse = whole.with_edges(kept)
-    problem = problem_of(whole.graph)
+    problem = certifiable(whole, CHORDAL)
     best = search(problem, settings)
-    answer = search(problem_of(sparse.graph), settings)
+    answer = search(certifiable(sparse, CHORDAL), settings)
+    poses = whole.poses
     return Sparsified(
         instance=sparse,
         kept=kept,
-        chosen=choice.chosen,
+        chosen=chosen,
         loops=int(loops.sum()),
         full=full,
         connectivity=choice.connectivity,
@@ -215,7 +220,7 @@ def sparsify(
         whole=best,
         answer=answer,
         cost=problem.cost(answer.estimate),
-        moved=trajectory_errors(answer.estimate, best.estimate),
+        moved=trajectory_errors(answer.estimate.subset(poses), best.estimate.subset(poses)),
     )
 
 
@@ -262,9 +267,10 @@ def suggest_loops(
     """
     if count < 1:
         raise InputError(f"the number of loop closures must be at least 1, not {count}")
-    instance, problem = _of_poses(graph)
-    near = None if within is None else _near(instance, within, estimate)
-    loops = _loop_closures(instance)
+    instance, rotations = _with_rotations(graph)
+    problem, nodes = rotations.problem, rotations.nodes
+    near = None if within is None else _near(instance, nodes, within, estimate)
+    loops = _loop_closures(rotations)
     kappa = float(np.median(problem.graph.kappa[loops] if loops.any() else problem.graph.kappa))
     connectivity = Connectivity(problem)
     values = [connectivity(np.ones(problem.graph.num_edges))[0]]
@@ -286,36 +292,42 @@ def suggest_loops(
         values.append(value)
     if not pairs:
         raise InputError(f"{instance.name}: no two nodes are left to connect")
-    return SuggestedLoops(instance, np.array(pairs), np.array(values), kappa)
+    return SuggestedLoops(instance, nodes[np.array(pairs)], np.array(values), kappa)
 
 
-def _of_poses(graph: Instance | Graph) -> tuple[Instance, RotationProblem]:
-    """The instance, and its rotation problem."""
+class _Rotations(NamedTuple):
+    """The relative rotations of an instance: their edges and nodes in it, with ids, and problem."""
+
+    edges: IntArray
+    nodes: IntArray
+    ids: IntArray
+    problem: RotationProblem
+
+
+def _with_rotations(graph: Instance | Graph) -> tuple[Instance, _Rotations]:
+    """The instance, and its relative rotations."""
     instance = graph
     if not isinstance(instance, Instance):
         instance = Instance("graph", instance, np.arange(instance.num_nodes))
-    if instance.world is not None or instance.ranges is not None:
-        raise InputError(
-            f"{instance.name}: priors and distances are not taken here (--no-priors skips priors)"
-        )
-    require_connected(instance.graph)
-    rotation = instance.graph
-    if isinstance(rotation, PoseGraph):
-        rotation = rotation.rotation
-    if not rotation.kappa.all():
-        raise InputError(f"{instance.name}: some measurements are of no rotation, as of landmarks")
-    return instance, RotationProblem(rotation)
+    require_connected(instance.measurements)
+    edges = np.flatnonzero(instance.measurements.are(Kind.BETWEEN, Kind.ROTATION))
+    nodes = np.unique(instance.graph.edges[edges])
+    if not len(edges):
+        raise GraphError(f"{instance.name}: no rotation is measured between poses")
+    rotation = instance.graph.rotation.with_edges(edges).subgraph(nodes)
+    if not rotation.is_connected:
+        raise GraphError(f"{instance.name}: rotations between poses do not connect them")
+    return instance, _Rotations(edges, nodes, instance.ids[nodes], RotationProblem(rotation))
 
 
-def _loop_closures(instance: Instance) -> BoolArray:
-    """(m,) measurements that are neither odometry nor needed to connect it."""
-    graph = instance.graph
-    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
-    i, j = instance.ids[graph.edges].T
+def _loop_closures(rotations: _Rotations) -> BoolArray:
+    """(r,) relative rotations that are neither odometry nor needed to connect the nodes."""
+    graph = rotations.problem.graph
+    i, j = rotations.ids[graph.edges].T
     loops = np.asarray(np.abs(i - j) != 1)
     if components_of(graph.num_nodes, graph.edges[~loops]).max(initial=0) > 0:
         # Odometry is shorter than all others, so that the tree completes it.
-        lengths = 1.0 / rotation.kappa
+        lengths = 1.0 / graph.kappa
         lengths = np.where(loops, lengths, 0.5 * lengths.min())
         tree = minimum_spanning_tree(graph, lengths)
         pair = np.sort(graph.edges, axis=1) @ np.array([graph.num_nodes, 1])
@@ -339,15 +351,16 @@ def _number(keep: float, loops: int) -> int:
     return max(1, round(keep * loops))
 
 
-def _near(instance: Instance, within: float, estimate: Estimate | None) -> IntArray:
-    """(p, 2) pairs of nodes at most this far from each other, but not consecutive."""
+def _near(
+    instance: Instance, nodes: IntArray, within: float, estimate: Estimate | None
+) -> IntArray:
+    """(p, 2) pairs of these nodes, by place, at most this far apart, but not consecutive."""
     if estimate is None:
-        problem = problem_of(instance.graph)
-        estimate = search(problem, SolveSettings()).estimate
+        estimate = search(certifiable(instance, CHORDAL), SolveSettings()).estimate
     if estimate.translations is None:
         raise InputError(f"{instance.name}: nodes of a rotation graph have no distance")
-    pairs = KDTree(estimate.translations).query_pairs(within, output_type="ndarray")
-    apart = np.abs(np.diff(instance.ids[pairs], axis=1)[:, 0]) != 1
+    pairs = KDTree(estimate.translations[nodes]).query_pairs(within, output_type="ndarray")
+    apart = np.abs(np.diff(instance.ids[nodes][pairs], axis=1)[:, 0]) != 1
     if not apart.any():
         raise InputError(f"{instance.name}: no two nodes are within {within:g} m of each other")
     return np.asarray(pairs[apart])

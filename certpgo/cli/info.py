@@ -50,20 +50,17 @@ def command(
             *(["--no-priors skips priors"] if found.priors else []),
             *(["--no-landmarks skips landmarks"] if found.points else []),
         ]
-        said = "eigenvalues need edges that all measure rotations"
+        said = "eigenvalues need edges that all measure rotations and connect the nodes"
         typer.echo(f"\n{said}{': ' * bool(skipping)}{', '.join(skipping)}")
     elif not spectra:
-        cure = ": use --components largest or each"
-        if instance.ranges is not None:
-            cure = "; distances do not count"
-        typer.echo(f"\neigenvalues need a connected graph{cure}")
+        typer.echo("\neigenvalues need a connected graph: use --components largest or each")
 
 
 _WEIGHTS = {"unit": "all weights 1", "weighted": "weights kappa"}
 
 
 def _parts(reading: Reading, instance: Instance) -> list[Instance]:
-    if not instance.graph.is_connected and reading.components is Components.REFUSE:
+    if not instance.measurements.is_connected and reading.components is Components.REFUSE:
         return []
     return reading.parts(instance)
 
@@ -105,12 +102,8 @@ def _lines(
     yield "edges", f"{found.edges}, {found.parallel_edges} of them parallel to an earlier edge"
     if found.points:
         yield "landmarks", f"{counted(found.points, 'point{s}')} among the nodes"
-        yield "sightings", f"{found.sightings} among the edges"
-    if instance.ranges is not None:
-        yield "ranges", counted(instance.ranges.num_edges, "measured distance{s}")
-    if found.priors:
-        yield "priors", f"{found.priors} among the edges"
-    yield "bridges", f"{found.bridges} (edges in no cycle, which no other measurement checks)"
+    yield "measurements", ", ".join(instance.measurements.in_words)
+    yield "bridges", f"{found.bridges} (in no cycle: no other measurement checks them)"
     sizes = found.component_sizes
     shown = ", ".join(map(str, sizes[:8])) + (", ..." if len(sizes) > 8 else "")
     yield "components", f"{len(sizes)}" + ("" if len(sizes) == 1 else f" of {shown} nodes")

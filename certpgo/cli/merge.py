@@ -60,8 +60,9 @@ def command(
     sources = [reading.resolve(name) for name in maps]
     joints = reading.resolve(between)
     outputs.refuse_overwriting(*sources, joints)
-    read = [reading.open(source) for source in sources]
-    merged = merge(read, reading.open(joints), offset=offset, robust=robust)
+    read = [reading.open(source, distances=True) for source in sources]
+    joint = reading.open(joints, distances=True)
+    merged = merge(read, joint, offset=offset, robust=robust)
     return emit([_Merged(merged.answer.certificate, merged, [one.name for one in read])], [outputs])
 
 
@@ -83,7 +84,7 @@ class _Merged(Result):
         """Measurements between maps: edge, nodes, term, tail, whether it disagrees."""
         merged, disagreeing = self.merged, set(self.merged.disagreeing.tolist())
         order = (-merged.terms).argsort(kind="stable").tolist()
-        edges = merged.instance.graph.edges[merged.between].tolist()
+        edges = merged.instance.measurements.edges[merged.between].tolist()
         named = merged.between.tolist()
         return [
             (named[k], edges[k], merged.terms[k], merged.tails[k], named[k] in disagreeing)

@@ -61,7 +61,7 @@ def command(
     outputs.refuse()
     source = reading.resolve(graph)
     outputs.refuse_overwriting(source)
-    instance = reading.open(source)
+    instance = reading.open(source, distances=True)
     with working(f"sparsifying {instance.name}"):
         found = sparsify(instance, keep)
     return emit([_Sparsified(found.answer.certificate, instance, found)], [outputs])

@@ -36,7 +36,7 @@ def command(
     """
     from certpgo.assess.sparsifying import suggest_loops
 
-    instance = reading.open(reading.resolve(graph))
+    instance = reading.open(reading.resolve(graph), distances=True)
     with working(f"connectivity of {instance.name}"):
         found = suggest_loops(instance, count, within=within)
     pairs, values = found.named.tolist(), found.connectivity.tolist()

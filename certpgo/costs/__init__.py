@@ -146,8 +146,8 @@ def information_problem(instance: Instance, cost: str) -> InformationProblem:
 
 def edge_cost(graph: InformationGraph, cost: str) -> EdgeCost:
     """The cost of a program, ``"g2o"`` or ``"gtsam"``, for measurements of poses or positions."""
-    positions = (graph.rotation.kappa == 0.0).any()
-    return WithPositions(graph, COSTS[cost]) if positions else COSTS[cost](graph)
+    whole = graph.rotation.measures_rotation.all()
+    return COSTS[cost](graph) if whole else WithPositions(graph, COSTS[cost])
 
 
 def _lack(instance: Instance) -> str:

@@ -201,15 +201,20 @@ def _law(
 
 
 def squares(
-    problem: Problem, estimate: Estimate, *, mahalanobis: bool = False
+    problem: Problem | RangeProblem, estimate: Estimate, *, mahalanobis: bool = False
 ) -> tuple[FloatArray, IntArray]:
     """(m, 2) squares of translations and rotations over their variances, and numbers measured.
 
-    The variances are those that kappa and tau state.
+    The variances are those that kappa and tau state. Distances come last, as translations.
     """
+    if isinstance(problem, RangeProblem):
+        terms, numbers = squares(problem.alone, estimate)
+        of_ranges = problem.edge_costs(estimate)[len(terms) :, None] * np.array([1.0, 0.0])
+        ones = np.tile([1, 0], (len(of_ranges), 1))
+        return np.concatenate([terms, of_ranges]), np.concatenate([numbers, ones])
     rotation = problem.rotation.graph
     turning = problem.rotation.edge_costs(estimate.with_translations(None))
-    couplings, ranks = rotation.couplings, problem.d * (rotation.kappa > 0.0)
+    couplings, ranks = rotation.couplings, problem.d * rotation.measures_rotation
     if couplings is not None:
         ranks = np.linalg.matrix_rank(couplings, rtol=NONE)
     if problem.d == 2 and not mahalanobis:
@@ -219,7 +224,7 @@ def squares(
     moving, moved = np.zeros_like(turning), np.zeros_like(turned)
     if isinstance(problem, PoseProblem):
         moving = problem.graph.tau * (problem.translation_residuals(estimate) ** 2).sum(axis=1)
-        moved = problem.d * (problem.graph.tau > 0.0)
+        moved = problem.d * problem.graph.measures_translation
     return np.stack([moving, turning], axis=1), np.stack([moved, turned], axis=1)
 
 

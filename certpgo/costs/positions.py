@@ -56,7 +56,7 @@ class WithPositions(EdgeCost):
     @cached_property
     def _positions(self) -> BoolArray:
         """(m,) which edges measure positions."""
-        return np.asarray(self.graph.rotation.kappa == 0.0)
+        return ~self.graph.rotation.measures_rotation
 
     @cached_property
     def _poses(self) -> EdgeCost:

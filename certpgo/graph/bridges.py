@@ -9,11 +9,12 @@ import numpy as np
 from scipy.sparse import csgraph
 
 from certpgo.graph import Graph
+from certpgo.graph.kinds import Measurements
 from certpgo.linalg.arrays import IntArray
 from certpgo.linalg.blocks import adjacency
 
 
-def bridges(graph: Graph) -> IntArray:
+def bridges(graph: Graph | Measurements) -> IntArray:
     """(k, 2) node pairs, smaller first, of the bridges, in linear time (up to sorting).
 
     The tree edge above v is a bridge if all other edges from v's subtree end in that subtree.

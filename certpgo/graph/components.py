@@ -33,13 +33,12 @@ def connected_parts(instance: Instance, components: Components) -> list[Instance
     GraphError
         The graph is disconnected, and ``components`` is ``"refuse"``.
     """
-    graph = instance.graph
-    # Distances join nodes too; whoever takes them sees whether they do.
-    if graph.is_connected or instance.ranges is not None:
+    measured = instance.measurements
+    if measured.is_connected:
         return [instance]
     if components == "refuse":
-        require_connected(graph)
-    sizes = np.array(graph.component_sizes)
+        require_connected(measured)
+    sizes = np.array(measured.component_sizes)
     by_size = [int(label) for label in np.argsort(-sizes, kind="stable") if sizes[label] > 1]
     return [
         component(instance, label) for label in by_size[: 1 if components == "largest" else None]
@@ -48,7 +47,7 @@ def connected_parts(instance: Instance, components: Components) -> list[Instance
 
 def component(instance: Instance, label: int) -> Instance:
     """One connected component of an instance."""
-    nodes = np.flatnonzero(instance.graph.components == label)
+    nodes = np.flatnonzero(instance.measurements.components == label)
     first = int(instance.ids[nodes].min())
     return restricted(instance, nodes, f"{instance.name} [{len(nodes)} nodes from id {first}]")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -14,6 +15,28 @@ from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.linalg.blocks import adjacency
 
 Keep = Literal["all", "first", "last"]
+
+
+class Pairs:
+    """Nodes that pairs connect."""
+
+    num_nodes: int
+    edges: IntArray
+
+    @cached_property
+    def components(self) -> IntArray:
+        """(n,) label of each node's connected component; labels count from 0."""
+        return components_of(self.num_nodes, self.edges)
+
+    @cached_property
+    def component_sizes(self) -> tuple[int, ...]:
+        """Nodes in each component, in the order of the labels."""
+        return tuple(int(k) for k in np.bincount(self.components))
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether there is one component."""
+        return len(self.component_sizes) == 1
 
 
 def in_range(weights: FloatArray) -> BoolArray:

@@ -7,6 +7,7 @@ world <- body i, an edge (i, j) measures R_ij ~ R_i^T R_j and t_ij ~ R_i^T (t_j 
 from __future__ import annotations
 
 from certpgo.errors import GraphError, InputError
+from certpgo.graph.kinds import Measurements
 from certpgo.graph.pose_graph import PoseGraph
 from certpgo.graph.rotation_graph import RotationGraph
 
@@ -22,7 +23,7 @@ __all__ = [
 Graph = RotationGraph | PoseGraph
 
 
-def require_connected(graph: Graph) -> None:
+def require_connected(graph: Graph | Measurements) -> None:
     """Refuse a disconnected graph by a GraphError with the component sizes, largest first."""
     if not graph.is_connected:
         sizes = tuple(sorted(graph.component_sizes, reverse=True))

@@ -216,7 +216,7 @@ class InformationGraph(Brief):
     @cached_property
     def is_definite(self) -> BoolArray:
         """(m,) which matrices are proven to be positive definite, on positions if on them alone."""
-        return _definite(self.information, self.rotation.kappa == 0.0)
+        return _definite(self.information, ~self.rotation.measures_rotation)
 
     @cached_property
     def scale(self) -> float:

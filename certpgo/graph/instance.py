@@ -14,11 +14,19 @@ from certpgo.graph.estimate import Estimate
 from certpgo.graph.graph import Graph, PoseGraph
 from certpgo.graph.information import Information
 from certpgo.graph.keys import NO_TIME, Keys
+from certpgo.graph.kinds import PRIORS, Kind, Measurements, kinds_of
 from certpgo.graph.labels import WORLD, Label, Landmark, numbering
 from certpgo.graph.picture import closures, drawn
 from certpgo.graph.ranges import Ranges
 from certpgo.graph.speaking import Speaking
-from certpgo.graph.wording import averaged, counted, few, reading_sentence, shown_path
+from certpgo.graph.wording import (
+    averaged,
+    components_in_words,
+    counted,
+    few,
+    reading_sentence,
+    shown_path,
+)
 from certpgo.linalg.arrays import (
     BoolArray,
     FloatArray,
@@ -99,34 +107,40 @@ class Instance(Speaking):
             raise GraphError(f"ids must be {n} distinct integers")
         if self.names and len(set(self.names)) != n:
             raise GraphError(f"names must be {n} distinct strings, or none")
+        self._check_arrays(n)
+        self._check_world(n)
         for what, value in (("truth", self.truth), ("initial", self.initial)):
-            if value is not None and (value.num_nodes, value.d) != (n, self.graph.d):
+            if value is None:
+                continue
+            if (value.num_nodes, value.d) != (n, self.graph.d):
                 raise GraphError(f"{what} is for another graph: {value.num_nodes} nodes, not {n}")
-        if self.times_ns is not None:
-            object.__setattr__(self, "times_ns", frozen_indices(self.times_ns))
-            if self.times_ns.shape != (count := len(self.ids[: self.world]),):
-                raise GraphError(f"times_ns must be of {count} nodes, not {self.times_ns.shape}")
-        for what, value in (("truth", self.truth), ("initial", self.initial)):
-            if value is not None:
-                object.__setattr__(self, what, value.keyed(self.keys))
-        if self.outliers is not None:
-            object.__setattr__(self, "outliers", frozen_flags(self.outliers))
-            if self.outliers.shape != (self.graph.num_edges,):
-                raise GraphError(f"outliers must be {self.graph.num_edges} flags, one per edge")
-        if self.world not in (None, n - 1):
-            raise GraphError(f"the world must be the last node, {n - 1}, not {self.world}")
-        if self.world is not None and (self.graph.edges[:, 1] == self.world).any():
-            raise GraphError("edges leave the world, and none leads to it")
-        if self.origin is not None:
-            object.__setattr__(self, "origin", frozen_floats(self.origin))
-        if self.apart is not None:
-            object.__setattr__(self, "apart", frozen_flags(self.apart))
-            if self.apart.shape != (n,):
-                raise GraphError(f"apart must be {n} flags, one per node")
+            object.__setattr__(self, what, value.keyed(self.keys))
         if self.ranges is not None and self.ranges.num_nodes != n:
             raise GraphError(f"ranges are of {self.ranges.num_nodes} nodes, the graph has {n}")
         if self.information is not None:
             self._check_information(self.information)
+
+    def _check_arrays(self, n: int) -> None:
+        """Freeze the arrays that may be there, and refuse those of another length."""
+        m, poses = self.graph.num_edges, len(self.ids[: self.world])
+        for name, freeze, shape, what in (
+            ("times_ns", frozen_indices, (poses,), f"of {poses} nodes"),
+            ("outliers", frozen_flags, (m,), f"{m} flags, one per edge"),
+            ("apart", frozen_flags, (n,), f"{n} flags, one per node"),
+            ("origin", frozen_floats, (self.graph.d,), f"{self.graph.d} coordinates"),
+        ):
+            if (given := getattr(self, name)) is None:
+                continue
+            value = freeze(given)
+            if value.shape != shape:
+                raise GraphError(f"{name} must be {what}, not {value.shape}")
+            object.__setattr__(self, name, value)
+
+    def _check_world(self, n: int) -> None:
+        if self.world not in (None, n - 1):
+            raise GraphError(f"the world must be the last node, {n - 1}, not {self.world}")
+        if (self.graph.edges[:, 1] == self.world).any():
+            raise GraphError("edges leave the world, and none leads to it")
 
     def _check_information(self, information: Information) -> None:
         if not isinstance(self.graph, PoseGraph):
@@ -183,22 +197,30 @@ class Instance(Speaking):
             labels[self.world] = WORLD
         return tuple(labels)
 
+    @cached_property
+    def measurements(self) -> Measurements:
+        """All measurements with their kinds: the graph's edges, then the distances."""
+        graph, ranges = self.graph, self.ranges
+        kinds = kinds_of(graph, graph.from_world | (graph.edges[:, 0] == self.world))
+        if ranges is None:
+            return Measurements(graph.num_nodes, graph.edges, kinds)
+        edges = np.concatenate([graph.edges, ranges.edges])
+        kinds = np.append(kinds, np.full(ranges.num_edges, Kind.RANGE))
+        return Measurements(graph.num_nodes, edges, kinds)
+
     @property
     def kinds(self) -> tuple[int, int, int]:
         """Numbers of points, of sightings of these, and of priors."""
-        graph, world = self.graph, self.world
-        first, second = graph.edges.T
-        of_world = np.zeros(graph.num_edges, dtype=bool) if world is None else first == world
-        if not isinstance(graph, PoseGraph) or graph.points is None:
-            return 0, 0, int(of_world.sum())
-        seen = graph.points[second] & ~of_world
-        return int(graph.points.sum()), int(seen.sum()), int(of_world.sum())
+        are = self.measurements.are
+        sightings, priors = are(Kind.SIGHTING), are(*PRIORS)
+        return int(self.graph.is_point.sum()), int(sightings.sum()), int(priors.sum())
 
     @property
     def kinds_in_words(self) -> list[str]:
-        """The same, without those of which there are none."""
-        names = ("landmark{s}", "sighting{s}", "prior{s}")
-        return [counted(k, name) for k, name in zip(self.kinds, names, strict=True) if k]
+        """Numbers of points, and of measurements but relative poses, where there are any."""
+        points = int(self.graph.is_point.sum())
+        of_points = [counted(points, "landmark{s}")] if points else []
+        return [*of_points, *self.measurements.without(Kind.BETWEEN, Kind.ROTATION).in_words]
 
     @property
     def states_noise(self) -> bool:
@@ -212,8 +234,7 @@ class Instance(Speaking):
             return False
         if isinstance(graph, PoseGraph) and not np.isin(graph.tau, (0.0, 1.0)).all():
             return True
-        rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
-        return not np.isin(rotation.kappa, OF_ONES).all()
+        return not np.isin(graph.rotation.kappa, OF_ONES).all()
 
     @property
     def averaged(self) -> str:
@@ -229,14 +250,12 @@ class Instance(Speaking):
             yield "source", shown_path(self.source)
         if found := self.kinds_in_words:
             yield "among these", ", ".join(found)
-        if self.ranges is not None:
-            yield "ranges", counted(self.ranges.num_edges, "distance{s}")
         yield "read with", reading_sentence(self.options)
-        *weights, connected, _ = self.graph._facts()
+        *weights, _, _ = self.graph._facts()
         yield from weights
         if self.averaged:
             yield "", f"kappa and tau average {self.averaged}"
-        yield connected
+        yield "connected", components_in_words(self.measurements.component_sizes)
         yield "initial", "values are in the source" if self.initial is not None else "no values"
         yield "truth", "known" if self.truth is not None else "not known"
         if self.fixed:
@@ -264,8 +283,7 @@ class Instance(Speaking):
     @property
     def poses(self) -> IntArray:
         """The nodes that are poses of the trajectory, ascending: no points, and not the world."""
-        graph = self.graph
-        nodes = graph.pose_nodes if isinstance(graph, PoseGraph) else np.arange(graph.num_nodes)
+        nodes = self.graph.pose_nodes
         return nodes if self.world is None else nodes[nodes != self.world]
 
     @property

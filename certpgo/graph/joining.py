@@ -9,6 +9,7 @@ import numpy as np
 from certpgo.errors import GraphError
 from certpgo.graph.graph import Graph
 from certpgo.graph.pose_graph import PoseGraph
+from certpgo.graph.ranges import Ranges
 from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
@@ -34,7 +35,7 @@ def joined(
         They are of different dimensions or kinds, or only some have couplings or arms.
     """
     require_one_make(map(make_of, graphs))
-    rotations = [graph.rotation if isinstance(graph, PoseGraph) else graph for graph in graphs]
+    rotations = [graph.rotation for graph in graphs]
     rotation = RotationGraph(
         num_nodes,
         np.concatenate([r.edges for r in rotations] if edges is None else edges),
@@ -56,6 +57,21 @@ def joined(
     )
 
 
+def joined_ranges(
+    ranges: Sequence[Ranges | None], num_nodes: int, nodes: Sequence[IntArray]
+) -> Ranges | None:
+    """All distances of several graphs, whose nodes have these numbers; None for none."""
+    known = [(of, own) for of, own in zip(ranges, nodes, strict=True) if of is not None]
+    if not known:
+        return None
+    return Ranges(
+        num_nodes,
+        np.concatenate([own[of.edges] for of, own in known]),
+        np.concatenate([of.distances for of, _ in known]),
+        np.concatenate([of.weights for of, _ in known]),
+    )
+
+
 def require_one_make(makes: Iterable[str]) -> None:
     """Refuse graphs that cannot be joined, by a GraphError, as `joined`."""
     found = sorted(set(makes))
@@ -66,8 +82,7 @@ def require_one_make(makes: Iterable[str]) -> None:
 def make_of(graph: Graph) -> str:
     """What it measures, such as ``poses in 3D``: only graphs of one make can be joined."""
     poses = isinstance(graph, PoseGraph)
-    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
-    extras = ["couplings"] if rotation.is_general else []
+    extras = ["couplings"] if graph.rotation.is_general else []
     extras += ["arms"] if isinstance(graph, PoseGraph) and graph.arms is not None else []
     said = f"{'poses' if poses else 'rotations'} in {graph.d}D"
     return " with ".join([said, " and ".join(extras)]) if extras else said

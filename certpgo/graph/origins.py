@@ -57,7 +57,7 @@ def _places(graph: Graph, world: int | None) -> bool:
     """Whether a graph measures a position from its world."""
     if world is None or not isinstance(graph, PoseGraph):
         return False
-    moved = (graph.edges[:, 0] == world) & (graph.tau > 0.0)
+    moved = (graph.edges[:, 0] == world) & graph.measures_translation
     return bool((moved if graph.assumed is None else moved & ~graph.assumed).any())
 
 
@@ -69,7 +69,7 @@ def _moved(
         return graph
     zero = np.zeros(graph.d)
     by = _exact_sum(zero if own is None else own, zero if other is None else -other)
-    t, chosen = graph.translations.copy(), (graph.edges[:, 0] == world) & (graph.tau > 0.0)
+    t, chosen = graph.translations.copy(), (graph.edges[:, 0] == world) & graph.measures_translation
     if graph.assumed is not None:
         chosen &= ~graph.assumed
     positions = None if by is None else _exact_sum(t[chosen], by)

@@ -20,6 +20,7 @@ from certpgo.graph.edges import (
     simple_edges,
     symmetric,
 )
+from certpgo.graph.kinds import kinds_of
 from certpgo.graph.picture import circle_of
 from certpgo.graph.rotation_graph import RotationGraph
 from certpgo.graph.speaking import Speaking
@@ -97,7 +98,7 @@ class PoseGraph(Speaking):
 
     def _check_tau(self) -> None:
         check_weights("tau", self.tau, self.edges, or_none=True)
-        nothing = (self.tau == 0.0) & (self.rotation.kappa == 0.0)
+        nothing = ~self.measures_translation & ~self.measures_rotation
         if nothing.any():
             raise GraphError(f"{edge_name(self.edges, nothing)}: kappa and tau are 0")
 
@@ -117,7 +118,7 @@ class PoseGraph(Speaking):
         leaving = points[self.edges[:, 0]] & self.translations.any(axis=1)
         if leaving.any():
             raise GraphError(f"{edge_name(self.edges, leaving)}: edges lead to points, not from")
-        turned = points[self.edges].any(axis=1) & (self.rotation.kappa > 0.0)
+        turned = points[self.edges].any(axis=1) & self.measures_rotation
         if self.arms is not None:
             turned |= points[self.edges[:, 1]] & self.arms.any(axis=1)
         if turned.any():
@@ -180,11 +181,34 @@ class PoseGraph(Speaking):
         return self.rotation.num_nodes
 
     @cached_property
+    def is_point(self) -> BoolArray:
+        """(n,) which nodes are points."""
+        return self.rotation.is_point if self.points is None else self.points
+
+    @cached_property
     def pose_nodes(self) -> IntArray:
         """The nodes that are poses, ascending."""
-        if self.points is None:
-            return np.arange(self.num_nodes)
-        return np.flatnonzero(~self.points)
+        return np.flatnonzero(~self.is_point)
+
+    @property
+    def measures_rotation(self) -> BoolArray:
+        """(m,) which edges measure a rotation."""
+        return self.rotation.measures_rotation
+
+    @cached_property
+    def measures_translation(self) -> BoolArray:
+        """(m,) which edges measure a translation."""
+        return frozen_flags(self.tau != 0.0)
+
+    @property
+    def from_world(self) -> BoolArray:
+        """(m,) which edges are known to measure from a world, see `certpgo.with_priors`."""
+        return self.rotation.from_world if self.absolute is None else self.absolute
+
+    @cached_property
+    def kinds(self) -> IntArray:
+        """(m,) what each edge measures, a `certpgo.graph.kinds.Kind`."""
+        return kinds_of(self, self.from_world)
 
     @property
     def num_edges(self) -> int:
@@ -261,4 +285,4 @@ class PoseGraph(Speaking):
     @cached_property
     def is_partial(self) -> bool:
         """Whether some edges measure only a rotation or only a translation."""
-        return bool((self.rotation.kappa == 0.0).any() or (self.tau == 0.0).any())
+        return not (self.measures_rotation & self.measures_translation).all()

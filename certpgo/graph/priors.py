@@ -204,7 +204,7 @@ def _placing(
         weights[: graph.num_edges][settled] = 0.0
         assumed[: graph.num_edges][settled] = False
     if world is None and not tau.any() and len(tau):
-        weights[graph.num_edges] = np.median(graph.tau[graph.tau > 0.0])
+        weights[graph.num_edges] = np.median(graph.tau[graph.measures_translation])
         assumed[graph.num_edges] = True
     return weights, assumed, absolute
 
@@ -245,7 +245,7 @@ def require_determined(graph: PoseGraph, named: Callable[[int], str] = "node {}"
     GraphError
         Its message names the node, and the measurements that would determine it.
     """
-    joined = components_of(graph.num_nodes, graph.edges[graph.tau > 0.0])
+    joined = components_of(graph.num_nodes, graph.edges[graph.measures_translation])
     if joined.max(initial=0) > 0:
         sizes = np.bincount(joined)
         most = int(np.argmax(sizes))
@@ -279,8 +279,7 @@ def free_rotations(graph: PoseGraph, kept: BoolArray | None = None) -> BoolArray
 
 def levers(graph: PoseGraph) -> tuple[BoolArray, BoolArray]:
     """(m,) which edges hold the rotation of their first node, and of their second."""
-    turned = graph.rotation.kappa > 0.0
-    moved = graph.tau > 0.0
+    turned, moved = graph.measures_rotation, graph.measures_translation
     first = turned | (moved & graph.translations.any(axis=1))
     return first, turned if graph.arms is None else turned | (moved & graph.arms.any(axis=1))
 
@@ -299,9 +298,8 @@ def mirrored_by(graph: PoseGraph) -> Literal["line", "plane", "perhaps"] | None:
 
 def rotations_are_apart(graph: PoseGraph) -> bool:
     """Whether positions alone join some poses to the others, or to the world."""
-    part = components_of(graph.num_nodes, graph.edges[graph.rotation.kappa > 0.0])
-    poses = slice(None) if graph.points is None else ~graph.points
-    return len(np.unique(part[poses])) > 1
+    part = components_of(graph.num_nodes, graph.edges[graph.measures_rotation])
+    return len(np.unique(part[graph.pose_nodes])) > 1
 
 
 def handedness_is_open(graph: PoseGraph) -> bool:
@@ -311,8 +309,7 @@ def handedness_is_open(graph: PoseGraph) -> bool:
     """
     if not graph.is_partial:
         return False
-    turned = graph.rotation.kappa > 0.0
-    part = components_of(graph.num_nodes, graph.edges[turned])
+    part = components_of(graph.num_nodes, graph.edges[graph.measures_rotation])
     between = part[graph.edges[:, 0]] != part[graph.edges[:, 1]]
     i = graph.edges[between, 0]
     for label in np.unique(part[i]):

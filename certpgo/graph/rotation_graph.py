@@ -12,25 +12,33 @@ import numpy as np
 from certpgo.errors import GraphError
 from certpgo.graph.edges import (
     Keep,
+    Pairs,
     broadcast,
     check_edges,
     check_matrices,
     check_weights,
-    components_of,
     edge_name,
     induced,
     polar_factors,
     simple_edges,
 )
+from certpgo.graph.kinds import kinds_of
 from certpgo.graph.picture import circle_of
 from certpgo.graph.speaking import Speaking
 from certpgo.graph.wording import components_in_words, ranges_of_weights, size_in_words
 from certpgo.linalg import so
-from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, frozen_floats, frozen_indices
+from certpgo.linalg.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    frozen_flags,
+    frozen_floats,
+    frozen_indices,
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RotationGraph(Speaking):
+class RotationGraph(Speaking, Pairs):
     """Relative rotations between nodes.
 
     Attributes
@@ -127,7 +135,7 @@ class RotationGraph(Speaking):
         K = np.asarray(K, dtype=np.float64)
         if K.shape != self.rotations.shape or (np.swapaxes(K, 1, 2) != K).any():
             raise GraphError(f"matrix weights must be {self.rotations.shape} and symmetric")
-        unmeasured = (self.kappa == 0.0) & ~K.any(axis=(1, 2))
+        unmeasured = ~self.measures_rotation & ~K.any(axis=(1, 2))
         indefinite = np.asarray(~(np.linalg.eigvalsh(K)[:, 0] > 0.0) & ~unmeasured)
         if indefinite.any():
             raise GraphError(f"{edge_name(self.edges, indefinite)}: K is not positive definite")
@@ -176,20 +184,40 @@ class RotationGraph(Speaking):
         """Number m of edges, parallel ones counted."""
         return len(self.edges)
 
-    @cached_property
-    def components(self) -> IntArray:
-        """(n,) label of each node's connected component; labels count from 0."""
-        return components_of(self.num_nodes, self.edges)
+    @property
+    def rotation(self) -> RotationGraph:
+        """The graph of relative rotations: this one."""
+        return self
 
     @cached_property
-    def component_sizes(self) -> tuple[int, ...]:
-        """Nodes in each component, in the order of the labels."""
-        return tuple(int(k) for k in np.bincount(self.components))
+    def measures_rotation(self) -> BoolArray:
+        """(m,) which edges measure a rotation."""
+        return frozen_flags(self.kappa > 0.0)
+
+    @cached_property
+    def measures_translation(self) -> BoolArray:
+        """(m,) which edges measure a translation: none."""
+        return frozen_flags(np.zeros(self.num_edges))
+
+    @cached_property
+    def is_point(self) -> BoolArray:
+        """(n,) which nodes are points: none."""
+        return frozen_flags(np.zeros(self.num_nodes))
 
     @property
-    def is_connected(self) -> bool:
-        """Whether there is one component."""
-        return len(self.component_sizes) == 1
+    def pose_nodes(self) -> IntArray:
+        """The nodes that are poses: all."""
+        return np.arange(self.num_nodes)
+
+    @property
+    def from_world(self) -> BoolArray:
+        """(m,) which edges are known to measure from a world: none."""
+        return self.measures_translation
+
+    @property
+    def kinds(self) -> IntArray:
+        """(m,) what each edge measures, a `certpgo.graph.kinds.Kind`."""
+        return kinds_of(self, self.from_world)
 
     def with_weights(self, kappa: FloatArray | float) -> RotationGraph:
         """The same measurements with other concentrations (a scalar applies to all edges)."""

@@ -11,7 +11,6 @@ from certpgo.graph.graph import Graph
 from certpgo.graph.information import Information
 from certpgo.graph.instance import Instance
 from certpgo.graph.labels import Label
-from certpgo.graph.pose_graph import PoseGraph
 from certpgo.linalg.arrays import IntArray
 
 
@@ -21,9 +20,7 @@ def arrivals(measured: Graph | Instance) -> IntArray:
     Priors and sightings of landmarks are there with their pose.
     """
     graph = measured.graph if isinstance(measured, Instance) else measured
-    order = np.arange(graph.num_nodes)
-    if isinstance(graph, PoseGraph) and graph.points is not None:
-        order[graph.points] = -1
+    order = np.where(graph.is_point, -1, np.arange(graph.num_nodes))
     if isinstance(measured, Instance) and measured.world is not None:
         order[measured.world] = -1
     return np.argsort(order[graph.edges].max(axis=1), kind="stable")

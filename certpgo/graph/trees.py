@@ -83,7 +83,7 @@ def compose(graph: RotationGraph | PoseGraph, parents: IntArray) -> Estimate:
     ----------
     parents : (n,) parent of each node, negative for the root
     """
-    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    rotation = graph.rotation
     n, d = rotation.num_nodes, rotation.d
     if not compiled.AVAILABLE:
         return _composed(graph, rotation, parents)

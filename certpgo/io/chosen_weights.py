@@ -69,7 +69,7 @@ class ChosenWeights:
     def _overridden(self, graph: Graph) -> Graph:
         kappa, tau = (1.0, 1.0) if self.unit else (self.kappa, self.tau)
         if isinstance(graph, PoseGraph):
-            known = graph.rotation.kappa > 0.0
+            known = graph.measures_rotation
             if kappa is not None and not known.all():  # positions have no rotational weight
                 return graph.with_weights(np.where(known, kappa, 0.0), tau)
             return graph.with_weights(kappa, tau)

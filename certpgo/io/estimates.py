@@ -358,7 +358,7 @@ def _fitting(poses: LabelledPoses, instance: Instance) -> LabelledPoses:
     Planar poses embedded at z = 0 become 2D.
     """
     d, graph = instance.graph.d, instance.graph
-    if not isinstance(graph, PoseGraph) or graph.points is None:
+    if not graph.is_point.any():
         poses = poses.without_points()
     R, t = poses.rotations, poses.translations
     if R.shape[-1] == d:

@@ -215,10 +215,10 @@ def _match(
 
 def _expected(poses: LabelledPoses, instance: Instance) -> IntArray:
     """The nodes that such poses are of: all but the world, and points only if the file has some."""
-    n, graph = len(instance.ids[: instance.world]), instance.graph
-    if poses.points is not None or not isinstance(graph, PoseGraph) or graph.points is None:
+    n = len(instance.ids[: instance.world])
+    if poses.points is not None:
         return np.arange(n)
-    return np.flatnonzero(~graph.points[:n])
+    return np.flatnonzero(~instance.graph.is_point[:n])
 
 
 def _by_name(poses: LabelledPoses, instance: Instance) -> Match:

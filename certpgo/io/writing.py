@@ -21,6 +21,7 @@ from certpgo.errors import InputError, InputNotice, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
 from certpgo.graph.graph import has_matrix_weights
 from certpgo.graph.keys import SECOND, Keys
+from certpgo.graph.kinds import Kind
 from certpgo.graph.wording import counted
 from certpgo.io.format import Format, format_to_write
 from certpgo.io.names import name_numbers
@@ -210,15 +211,12 @@ def _says(names: tuple[str, ...], ids: IntArray | None) -> bool:
 
 def _is_partly_unwritable(whole: Instance) -> bool:
     """Whether edges measure a part, and are neither priors nor sightings."""
-    graph = whole.graph
-    if not isinstance(graph, PoseGraph):
+    if not isinstance(whole.graph, PoseGraph):
         return False
-    partial = (graph.rotation.kappa == 0.0) | (graph.tau == 0.0)
-    if whole.world is not None:
-        partial &= graph.edges[:, 0] != whole.world
-    if graph.points is not None:
-        partial &= ~graph.points[graph.edges[:, 1]]
-    return bool(partial.any())
+    partial = {Kind.ROTATION, Kind.TRANSLATION}
+    if whole.world is None:
+        partial |= {Kind.POSITION, Kind.ATTITUDE}
+    return not partial.isdisjoint(whole.measurements.counts)
 
 
 def _refuse_ranges(path: Path, whole: Instance) -> None:
@@ -226,12 +224,11 @@ def _refuse_ranges(path: Path, whole: Instance) -> None:
     graph, holding = whole.graph, "only .npz and .pyfg files hold"
     if whole.ranges is not None:
         raise InputError(f"{path}: {holding} ranges, and there are {whole.ranges.num_edges}")
-    if isinstance(graph, PoseGraph) and graph.points is not None:
-        seen = graph.edges[graph.edges[:, 0] != (-1 if whole.world is None else whole.world), 1]
-        unseen = int(graph.points.sum() - graph.points[np.unique(seen)].sum())
-        if unseen:
-            said = counted(unseen, "point{s}")
-            raise InputError(f"{path}: {holding} points that no pose sees, and there are {said}")
+    seen = np.unique(graph.edges[whole.measurements.are(Kind.SIGHTING), 1])
+    unseen = int(graph.is_point.sum() - graph.is_point[seen].sum())
+    if unseen:
+        said = counted(unseen, "point{s}")
+        raise InputError(f"{path}: {holding} points that no pose sees, and there are {said}")
 
 
 def _as_instance(path: Path, what: Graph | Instance, ids: ArrayLike | None) -> Instance:

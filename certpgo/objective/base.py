@@ -226,8 +226,7 @@ class Objective(Speaking, ABC):
     @property
     def poses(self) -> IntArray:
         """The nodes that have a rotation, ascending: those that are no points."""
-        graph = self.graph
-        return graph.pose_nodes if isinstance(graph, PoseGraph) else np.arange(self.n)
+        return self.graph.pose_nodes
 
     @cached_property
     def anchor(self) -> int:

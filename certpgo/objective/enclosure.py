@@ -36,7 +36,7 @@ def enclosure(graph: Graph, estimate: Estimate) -> tuple[float, float]:
 
 def _residuals(graph: Graph, estimate: Estimate) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Weights, computed norms and their absolute errors, of rotations, then of translations."""
-    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    rotation = graph.rotation
     norm, r = EdgeSums(graph).residuals(estimate)
     # R_j - R_i R_ij: three matrices near rotations, and a product of d terms.
     own, measured = rotation_defect(estimate.rotations), rotation_defect(rotation.rotations)
@@ -52,7 +52,7 @@ def _residuals(graph: Graph, estimate: Estimate) -> tuple[FloatArray, FloatArray
 
 def _general(graph: Graph, estimate: Estimate) -> tuple[float, float]:
     """F and a bound on its error, for edges with couplings or arms."""
-    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    rotation = graph.rotation
     _, K, _ = rotation.polar
     nuclear = np.trace(K, axis1=1, axis2=2)
     own = rotation_defect(estimate.rotations)

@@ -173,7 +173,7 @@ def gradient(graph: RotationGraph | PoseGraph, point: Point) -> tuple[FloatArray
     The gradient is (n, r, d) for rotations; of poses (n, r, d + 1), the translation's column first.
     It is computed from residuals, which lose no digits.
     """
-    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    rotation = graph.rotation
     n, (i, j), R = graph.num_nodes, graph.edges.T, point.rotations
     measured, K, _ = rotation.polar
     E = R[j] - R[i] @ measured
@@ -197,7 +197,7 @@ def gradient(graph: RotationGraph | PoseGraph, point: Point) -> tuple[FloatArray
 
 def explained(graph: RotationGraph | PoseGraph, estimate: Estimate) -> RotationGraph | PoseGraph:
     """The graph with the same weights that measures exactly the relative poses of an estimate."""
-    rotation, (i, j) = graph.rotation if isinstance(graph, PoseGraph) else graph, graph.edges.T
+    rotation, (i, j) = graph.rotation, graph.edges.T
     back = np.swapaxes(estimate.rotations[i], 1, 2)
     Q = back @ estimate.rotations[j]
     N = Q @ rotation.polar[1] if rotation.is_general else None
@@ -264,7 +264,7 @@ def hessian_diagonal(sums: NodeSums, R: FloatArray, multipliers: FloatArray) -> 
 
 def couplings(graph: RotationGraph | PoseGraph, R: FloatArray) -> FloatArray:
     """(m, b, b) blocks of edges (i, j) of the same Hessian, for rotations (n, d, d)."""
-    rotation, (i, j) = graph.rotation if isinstance(graph, PoseGraph) else graph, graph.edges.T
+    rotation, (i, j) = graph.rotation, graph.edges.T
     between = np.swapaxes(R[j], 1, 2) @ R[i]
     if rotation.couplings is None:
         turned = -rotation.kappa[:, None, None] * _tangent_coupling(rotation.rotations, between)
@@ -305,7 +305,7 @@ def lifted_hessian(
     (n, b, b) diagonal blocks and (m, b, b) blocks of edges (i, j); b = r + q for poses, over
     translations first, and b = q for rotations
     """
-    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    rotation = graph.rotation
     n, q, r, d = basis.shape
     i, j = graph.edges.T
     flat = basis.reshape(n, q, r * d)

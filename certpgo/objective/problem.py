@@ -140,7 +140,7 @@ class PoseProblem(Objective):
     def _eliminated(self, point: Point) -> FloatArray:
         graph = self.graph
         steps = operators.steps(graph, point)
-        known = graph.tau > 0.0
+        known = graph.measures_translation
         measured = graph.edges[known], graph.tau[known], steps[known]
         t = network.positions(self.n, *measured, self.order)
         return np.asarray(t - t[0])
@@ -180,9 +180,7 @@ class PoseProblem(Objective):
 
     @cached_property
     def _stiffness(self) -> tuple[FloatArray, FloatArray | None]:
-        turning = self.curvature
-        if self.graph.points is not None:
-            turning = np.where(self.graph.points, np.inf, turning)
+        turning = np.where(self.graph.is_point, np.inf, self.curvature)
         length = np.sqrt(self.lever_weights.sum() / self.graph.tau.sum())
         return turning, self.translation_weights * length if length > 0.0 else None
 

@@ -12,17 +12,16 @@ from certpgo.objective import operators
 
 def residual_angles(graph: RotationGraph | PoseGraph, R: FloatArray) -> FloatArray:
     """(m,) angles between R_i R_ij and R_j, radians; 0 where no rotation is measured."""
-    rotation, (i, j) = graph.rotation if isinstance(graph, PoseGraph) else graph, graph.edges.T
+    rotation, (i, j) = graph.rotation, graph.edges.T
     angles = so.angle(np.swapaxes(R[j], 1, 2) @ R[i] @ rotation.rotations)
-    return np.where(rotation.kappa > 0.0, angles, 0.0)
+    return np.where(rotation.measures_rotation, angles, 0.0)
 
 
 def residual_norms(
     graph: RotationGraph | PoseGraph, estimate: Estimate
 ) -> tuple[FloatArray, FloatArray | None]:
     """(m,) norms of R_j - R_i R_ij, and those of t_j - t_i - R_i t_ij if there are translations."""
-    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
-    E = operators.rotation_residuals(rotation, estimate.rotations)
+    E = operators.rotation_residuals(graph.rotation, estimate.rotations)
     turned = np.sqrt(np.einsum("mab,mab->m", E, E))
     if not isinstance(graph, PoseGraph) or estimate.translations is None:
         return turned, None

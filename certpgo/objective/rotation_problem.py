@@ -57,10 +57,11 @@ class RotationProblem(Objective):
     def __post_init__(self) -> None:
         require_graph(self, RotationGraph, "of a PoseGraph g take RotationProblem(g.rotation)")
         require_connected(self.graph)
-        if not self.graph.kappa.all():
+        unmeasured = ~self.graph.measures_rotation
+        if unmeasured.any():
             raise GraphError(
-                f"{edge_name(self.graph.edges, self.graph.kappa == 0.0)}: kappa is 0; only edges "
-                "of a pose graph can do without"
+                f"{edge_name(self.graph.edges, unmeasured)}: kappa is 0; only edges of a pose "
+                "graph can do without"
             )
 
     @property
@@ -129,7 +130,7 @@ class RotationProblem(Objective):
     @property
     def median_kappa(self) -> float:
         """The median concentration of the edges that measure a rotation; 0 if none does."""
-        known = self.graph.kappa[self.graph.kappa > 0.0]
+        known = self.graph.kappa[self.graph.measures_rotation]
         return float(np.median(known)) if len(known) else 0.0
 
     @property
@@ -180,7 +181,7 @@ class RotationsOfPoses(RotationProblem):
 
     def require_joined(self) -> None:
         """As in the base class."""
-        turned = self.graph.kappa > 0.0
+        turned = self.graph.measures_rotation
         if turned.all():  # the graph is connected
             return
         labels = components_of(self.n, self.graph.edges[turned])

@@ -32,7 +32,7 @@ def connected(problem: Problem, weights: FloatArray, costs: FloatArray) -> Float
     if not (isinstance(graph, PoseGraph) and graph.is_partial):
         tree = minimum_spanning_tree(graph, lengths)
         return np.where((weights <= 0.0) & np.isin(lengths, tree.data), 1.0, weights)
-    for kind in (graph.tau > 0.0, graph.rotation.kappa > 0.0):
+    for kind in (graph.measures_translation, graph.measures_rotation):
         if not kind.any():
             continue
         tree = minimum_spanning_tree(graph.with_edges(kind), lengths[kind])

@@ -170,10 +170,7 @@ def quantiles(problem: Problem, probability: float) -> FloatArray:
 
 def measured(problem: Problem) -> tuple[BoolArray, BoolArray]:
     """(m,) which edges measure a rotation, and which a translation."""
-    turned = problem.rotation.graph.kappa > 0.0
-    if not isinstance(problem, PoseProblem):
-        return turned, np.zeros_like(turned)
-    return turned, problem.graph.tau > 0.0
+    return problem.graph.measures_rotation, problem.graph.measures_translation
 
 
 def surrogate_weights(r: FloatArray, c: FloatArray | float, mu: float) -> FloatArray:

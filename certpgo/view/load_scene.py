@@ -33,7 +33,7 @@ from certpgo.solvers.certified.result import CertifiedSolution
 from certpgo.solvers.spanning_tree import SpanningTree
 from certpgo.view.layout import Arrangement, layout
 from certpgo.view.placements import aligned, placement, residuals, weights
-from certpgo.view.scene import IN_METRES, Placement, Scene, kinds_of
+from certpgo.view.scene import IN_METRES, Placement, Scene, drawn_edges
 from certpgo.view.tracks import scene_of_trajectories
 
 #: What there is to look at: a path, the name of a dataset, what that was resolved to, or an object.
@@ -194,16 +194,14 @@ def _of_graph(
     for name, estimate in estimates:
         moved = estimate if estimate is last else aligned(estimate, last, poses, poses)
         drawn.append(_placed(instance, name, moved, places))
-    edges, kinds = kinds_of(instance)
-    flags = np.zeros(graph.num_nodes, dtype=bool)
     return Scene(
         instance.name,
         graph.d,
         instance.ids,
-        edges,
-        kinds,
+        drawn_edges(instance),
+        instance.measurements.kinds,
         _flags(rejected, found.rejected, instance),
-        graph.points if isinstance(graph, PoseGraph) and graph.points is not None else flags,
+        graph.is_point,
         tuple(drawn),
         _truth(instance, truth, found.how.of_truth(found.truth_offset), last, places),
         weights(instance),

@@ -12,12 +12,13 @@ import numpy as np
 
 from certpgo.errors import InputError, MissingDependency, kind_of
 from certpgo.graph import Estimate, Instance
+from certpgo.graph.kinds import PRIORS
 from certpgo.graph.picture import principal_frame, seen
 from certpgo.io.surfaces import Surface
 from certpgo.linalg.arrays import FloatArray, round_below
 from certpgo.solvers.certified.result import CertifiedSolution
 from certpgo.view.load_scene import scene_of
-from certpgo.view.scene import Kind, Placement, Scene
+from certpgo.view.scene import Placement, Scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -219,9 +220,9 @@ class _Map:
     def add_edges(self, answer: Placement, unit: str, dark: bool) -> None:
         """Edges of the answer, of which rejected ones are red, and its landmarks."""
         scene = self.scene
-        drawn = scene.joins(answer) & (scene.kinds != Kind.PRIOR)
+        drawn = scene.joins(answer) & ~scene.are(*PRIORS)
         if scene.metric:  # steps are the trajectory
-            drawn &= scene.kinds != Kind.STEP
+            drawn &= ~scene.are_steps
         kept = drawn & ~scene.rejected
         ink = scene.colours(answer, unit, kept, dark=dark) / 255.0 if unit else GREY
         self._add_lines(scene.ends(answer, kept), ink, 0.5 if unit else 0.3)

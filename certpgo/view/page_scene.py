@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from certpgo.graph.kinds import PRIORS, Kind
 from certpgo.graph.wording import counted
 from certpgo.io.surfaces import Surface
 from certpgo.linalg.arrays import FloatArray, IntArray
-from certpgo.view.scene import Kind, Placement, Scene
+from certpgo.view.scene import Placement, Scene
 
 #: Edges drawn at most: the costliest, and the others sampled evenly.
 EDGES = 20_000
@@ -24,7 +25,7 @@ CLOUD = 15_000
 GREY = 128
 #: Kinds of edges, in data.
 BETWEEN, SIGHTING, PRIOR, RANGE = 0, 1, 2, 3
-_CODES = {Kind.SIGHTING: SIGHTING, Kind.PRIOR: PRIOR, Kind.RANGE: RANGE}
+_CODES = {SIGHTING: [Kind.SIGHTING], PRIOR: PRIORS, RANGE: [Kind.RANGE]}
 
 Data = dict[str, Any]
 
@@ -62,7 +63,7 @@ def page_scene(
     count = len(answer.nodes)
     if count <= limit:
         nodes = np.arange(count)
-    kinds = np.select([scene.kinds == kind for kind in _CODES], list(_CODES.values()), BETWEEN)
+    kinds = np.select([scene.are(*of) for of in _CODES.values()], list(_CODES), BETWEEN)
     sentences = [scene.sentence, *_said(scene)]
     if len(drawn) < len(scene.edges):
         sentences.append(
@@ -107,7 +108,7 @@ def page_scene(
         "ids": scene.ids[nodes].tolist(),
         "edges": np.searchsorted(nodes, scene.edges[drawn]).tolist(),
         "numbers": drawn.tolist(),
-        "loop": (scene.kinds[drawn] != Kind.STEP).astype(int).tolist(),
+        "loop": (~scene.are_steps[drawn]).astype(int).tolist(),
         "measures": [
             {
                 "unit": measure.unit,
@@ -152,12 +153,11 @@ def _said(scene: Scene) -> list[str]:
     said = []
     if scene.landmarks.any():
         said.append(f"Drawn as dots: {counted(int(scene.landmarks.sum()), 'landmark{s}')}.")
-    if (scene.kinds == Kind.PRIOR).any():
-        priors = counted(int((scene.kinds == Kind.PRIOR).sum()), "prior{s}")
+    if count := int(scene.are(*PRIORS).sum()):
+        priors = counted(count, "prior{s}")
         said.append(f"Drawn as rings, at the nodes that they measure: {priors}.")
-    faint = {Kind.SIGHTING: "sighting{s}", Kind.RANGE: "distance{s}"}
-    counts = {what: int((scene.kinds == kind).sum()) for kind, what in faint.items()}
-    if drawn := [counted(count, what) for what, count in counts.items() if count]:
+    faint = {kind: int(scene.are(kind).sum()) for kind in (Kind.SIGHTING, Kind.RANGE)}
+    if drawn := [counted(count, kind.phrase) for kind, count in faint.items() if count]:
         said.append(f"Drawn as faint lines: {', '.join(drawn)}.")
     return said
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from certpgo.errors import InputError
-from certpgo.graph import Instance, PoseGraph
+from certpgo.graph import Instance
+from certpgo.graph.kinds import PRIORS, RELATIVE, Kind
 from certpgo.io.surfaces import Surface
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray, round_below
 
@@ -45,16 +45,6 @@ STOPS = np.array(
         [253, 231, 37],
     ]
 )
-
-
-class Kind(IntEnum):
-    """What an edge is between."""
-
-    STEP = 0  #: nodes whose ids are consecutive
-    LOOP = 1
-    SIGHTING = 2  #: a pose and a landmark
-    PRIOR = 3  #: the world and a node, which is both ends
-    RANGE = 4  #: nodes whose distance is measured
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +140,7 @@ class Scene:
     d : dimension of space, 2 or 3
     ids : (n,) node ids
     edges : (m, 2) nodes that are joined; both ends of a prior are its node
-    kinds : (m,) a `Kind` each
+    kinds : (m,) a `certpgo.graph.kinds.Kind` each
     rejected : (m,) measurements that the last estimate does without
     landmarks : (n,) which nodes are points
     placements : of each estimate, the answer last
@@ -174,6 +164,21 @@ class Scene:
     surfaces: tuple[tuple[str, Surface], ...] = ()
     sentence: str = IN_METRES
     metric: bool = True
+
+    def are(self, *kinds: Kind) -> BoolArray:
+        """(m,) which edges are of one of these kinds."""
+        return np.isin(self.kinds, kinds)
+
+    @property
+    def are_steps(self) -> BoolArray:
+        """(m,) which edges are between poses whose ids are consecutive."""
+        i, j = self.ids[self.edges].T
+        return np.asarray(self.are(*RELATIVE) & (np.abs(i - j) == 1))
+
+    @property
+    def are_loops(self) -> BoolArray:
+        """(m,) which edges are between other poses."""
+        return self.are(*RELATIVE) & ~self.are_steps
 
     @cached_property
     def frame(self) -> Box:
@@ -252,8 +257,7 @@ class Scene:
         """(s, 2, 3) both ends of the trajectory's steps, or without any, of all edges."""
         if not len(self.edges):
             return np.stack([placement.positions[:-1], placement.positions[1:]], axis=1)
-        steps = self.kinds == Kind.STEP
-        drawn = steps if steps.any() else self.kinds == Kind.LOOP
+        drawn = self.are_steps if self.are_steps.any() else self.are_loops
         return self.ends(placement, drawn & self.joins(placement))
 
     def poses(self, placement: Placement) -> IntArray:
@@ -301,21 +305,10 @@ def frame_of(points: FloatArray, d: int = 3) -> Box:
     return Box(0.5 * (low + high) @ axes, axes, 0.5 * (high - low))
 
 
-def kinds_of(instance: Instance) -> tuple[IntArray, IntArray]:
-    """Edges (m, 2) as drawn, without the world, and their kinds (m,); distances come last."""
-    graph, ids, world = instance.graph, instance.ids, instance.world
-    edges = graph.edges
-    steps = np.abs(ids[edges[:, 0]] - ids[edges[:, 1]]) == 1
-    kinds = np.where(steps, Kind.STEP, Kind.LOOP)
-    if isinstance(graph, PoseGraph) and graph.points is not None:
-        kinds[graph.points[edges].any(axis=1)] = Kind.SIGHTING
-    if world is not None:
-        kinds[edges[:, 0] == world] = Kind.PRIOR
-        edges = np.where((kinds == Kind.PRIOR)[:, None], edges[:, 1:], edges)
-    if instance.ranges is not None:
-        edges = np.concatenate([edges, instance.ranges.edges])
-        kinds = np.r_[kinds, np.full(instance.ranges.num_edges, Kind.RANGE)]
-    return edges, kinds
+def drawn_edges(instance: Instance) -> IntArray:
+    """(m, 2) nodes that measurements join as drawn, without the world."""
+    measured = instance.measurements
+    return np.where(measured.are(*PRIORS)[:, None], measured.edges[:, 1:], measured.edges)
 
 
 def colours(shares: FloatArray, *, dark: bool = False) -> NDArray[np.uint8]:

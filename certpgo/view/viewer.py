@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from certpgo.errors import MissingDependency
+from certpgo.graph.kinds import PRIORS, Kind
 from certpgo.io.exact import quaternion
 from certpgo.io.surfaces import Surface, glb
 from certpgo.linalg.arrays import BoolArray, FloatArray
-from certpgo.view.scene import Kind, Placement, Scene, colours
+from certpgo.view.scene import Placement, Scene, colours
 
 #: The scene's extent in the browser, whose camera and controls are made for it.
 EXTENT = 10.0
@@ -31,14 +32,8 @@ STEPS, SECONDS = 300, 15.0
 #: Port that is tried first.
 PORT = 8080
 
-_LAYERS = {
-    Kind.STEP: "steps",
-    Kind.LOOP: "loop closures",
-    Kind.SIGHTING: "sightings",
-    Kind.RANGE: "distances",
-}
 #: Widths of lines, pixels.
-_WIDTHS = {Kind.STEP: 2.5, Kind.LOOP: 1.5, Kind.SIGHTING: 0.5, Kind.RANGE: 0.5}
+_WIDTHS = {"steps": 2.5, "loop closures": 1.5, "sightings": 0.5, "distances": 0.5}
 
 Rgb = tuple[int, int, int]
 
@@ -183,9 +178,10 @@ class Drawing:
     def _add_estimate(self, placement: Placement, ink: Rgb, *, shown: bool) -> None:
         scene, name = self._scene, placement.name
         self._layer(name, shown=shown)
-        for kind, layer in _LAYERS.items():
-            drawn = (scene.kinds == kind) & ~scene.rejected & scene.joins(placement)
-            self._add_edges(f"/{name}/{layer}", placement, drawn, _WIDTHS[kind])
+        layers = scene.are_steps, scene.are_loops, scene.are(Kind.SIGHTING), scene.are(Kind.RANGE)
+        for chosen, (layer, width) in zip(layers, _WIDTHS.items(), strict=True):
+            drawn = chosen & ~scene.rejected & scene.joins(placement)
+            self._add_edges(f"/{name}/{layer}", placement, drawn, width)
         rejected = scene.ends(placement, scene.rejected & scene.joins(placement))
         if len(rejected):
             self._lines(f"/{name}/rejected", self._placed(rejected), (220, 50, 47), 1.0)
@@ -217,7 +213,7 @@ class Drawing:
         everywhere = placement.spread(len(scene.ids))
         dots = {
             "landmarks": (everywhere[scene.landmarks], (213, 94, 0)),
-            "priors": (scene.ends(placement, scene.kinds == Kind.PRIOR)[:, 0], (204, 121, 167)),
+            "priors": (scene.ends(placement, scene.are(*PRIORS))[:, 0], (204, 121, 167)),
         }
         for name, (points, ink) in dots.items():
             points = points[np.isfinite(points).all(axis=1)]

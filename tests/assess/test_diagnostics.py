@@ -1,11 +1,16 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from certpgo.assess.diagnostics import spectra, structure
-from certpgo.graph import Instance, RotationGraph
+from certpgo.graph import Instance, PoseGraph, RotationGraph
 from certpgo.graph.bridges import bridges
+from certpgo.graph.components import connected_parts
+from certpgo.graph.kinds import Kind
+from certpgo.graph.ranges import Ranges
 from certpgo.io.datasets import synthetic
 
 
@@ -59,6 +64,55 @@ def test_structure_counts_what_is_there():
     assert found.component_sizes == (3, 2, 1)
     assert (found.parallel_edges, found.bridges) == (1, 2)
     assert found.tau is None
+
+
+def test_distances_join_nodes_and_check_measurements():
+    # A chain of four poses; distances from the first and the third to a point, none from the last.
+    rotation = RotationGraph(5, [[0, 1], [1, 2], [2, 3]], [np.eye(2)] * 3, np.ones(3))
+    points = np.arange(5) == 4
+    graph = PoseGraph(rotation, np.tile([1.0, 0.0], (3, 1)), np.ones(3), points=points)
+    ranges = Ranges(5, [[0, 4], [2, 4]], [2.0, 2.0], [1.0, 1.0])
+    chain = Instance("chain", graph, np.arange(5), ranges=ranges)
+    found = structure(chain)
+    assert found.measurements == {"between": 3, "range": 2}
+    assert (found.component_sizes, found.bridges) == ((5,), 1)
+    assert bridges(chain.measurements).tolist() == [[2, 3]]
+    assert structure(replace(chain, ranges=None)).component_sizes == (4, 1)
+    (one,) = connected_parts(chain, "refuse")
+    assert one is chain
+    apart = replace(chain, graph=graph.with_edges([0, 2]))  # 0-1-4-2-3
+    assert structure(apart).component_sizes == (5,)
+    near = replace(apart, ranges=Ranges(5, [[2, 4]], [2.0], [1.0]))
+    assert [part.ids.tolist() for part in connected_parts(near, "each")] == [[2, 3, 4], [0, 1]]
+    assert connected_parts(near, "largest")[0].ranges.edges.tolist() == [[0, 2]]
+
+
+def test_kinds_follow_from_weights_points_and_the_world():
+    edges = [[0, 1], [0, 1], [0, 1], [0, 2], [3, 0], [3, 1], [3, 1], [3, 2]]
+    kappa, tau = [1, 1, 0, 0, 1, 0, 1, 0], [1, 0, 1, 1, 1, 1, 0, 1]
+    rotation = RotationGraph(4, edges, [np.eye(2)] * 8, np.array(kappa, dtype=float))
+    points = np.arange(4) == 2
+    graph = PoseGraph(rotation, np.ones((8, 2)), np.array(tau, dtype=float), points=points)
+    kinds = [
+        "BETWEEN",
+        "ROTATION",
+        "TRANSLATION",
+        "SIGHTING",
+        "PRIOR",
+        "POSITION",
+        "ATTITUDE",
+        "POSITION",
+        "RANGE",
+    ]
+    ranges = Ranges(4, [[1, 2]], [1.0], [1.0])
+    whole = Instance("all", graph, np.arange(4), world=3, ranges=ranges)
+    assert [Kind(kind).name for kind in whole.measurements.kinds] == kinds
+    assert whole.kinds == (1, 1, 4)
+    # The same from flags of a graph alone, but for distances, which it has not.
+    flagged = replace(graph, absolute=np.array(edges)[:, 0] == 3)
+    assert [Kind(kind).name for kind in flagged.kinds] == kinds[:-1]
+    assert rotation.kinds[0] == Kind.ROTATION
+    assert not rotation.is_point.any()
 
 
 @pytest.mark.parametrize("n", [3, 6])

@@ -7,6 +7,7 @@ import pytest
 
 import certpgo
 from certpgo import GraphError, InputError, Instance, RotationGraph, Verdict
+from certpgo.graph.kinds import Kind
 from certpgo.io.datasets.synthetic import helix, sphere, winding_cycle
 from certpgo.objective.problem import RotationProblem
 from certpgo.optimize.connectivity import Connectivity, choose, relaxed
@@ -153,9 +154,34 @@ def test_graphs_without_choice_are_refused(graph):
         certpgo.sparsify(path, 0.5)
     with pytest.raises(GraphError, match="connected"):
         certpgo.sparsify(path.with_edges([0, 1]), 0.5)
-    partial = graph.with_weights(np.r_[0.0, np.ones(graph.num_edges - 1)], 1.0)
-    with pytest.raises(InputError, match="no rotation"):
-        certpgo.sparsify(partial, 0.5)
+    moved = certpgo.PoseGraph(path, np.ones((5, path.d)), np.ones(5))
+    halved = moved.with_weights(np.r_[1.0, 1.0, 0.0, 1.0, 1.0])
+    with pytest.raises(GraphError, match="rotations between poses do not connect them"):
+        certpgo.sparsify(halved, 0.5)
+
+
+def test_distances_sightings_and_priors_are_kept():
+    rng = np.random.default_rng(2)
+    made = sphere(4, rng, rotation_noise=0.02)
+    n, truth = made.graph.num_nodes, made.truth.translations
+    graph = certpgo.with_priors(made.graph, [0, 5, 9], translations=truth[[0, 5, 9]], tau=25.0)
+    pairs = np.array([[0, 7], [2, 11], [n, 6]])
+    ends = np.vstack([truth, np.zeros(3)])
+    apart = np.linalg.norm(ends[pairs[:, 1]] - ends[pairs[:, 0]], axis=1)
+    ranges = certpgo.Ranges(n + 1, pairs, apart + 0.05, np.full(3, 100.0))
+    whole = Instance("whole", graph, np.arange(n + 1), world=n, ranges=ranges)
+    all_kept, some = certpgo.sparsify(whole, 1.0), certpgo.sparsify(whole, 0.5)
+    assert all_kept.cost == pytest.approx(certpgo.solve(whole).cost, rel=1e-9)
+    assert all_kept.kept.tolist() == list(range(graph.num_edges))
+    for found in (all_kept, some):
+        counts = found.instance.measurements.counts
+        assert (counts[Kind.RANGE], counts[Kind.POSITION]) == (3, 3)
+        assert found.answer.certificate.lower_bound <= some.whole.cost  # of fewer terms
+        assert found.cost >= some.whole.certificate.lower_bound
+    assert len(some.chosen) == round(0.5 * some.loops)
+    relaid = certpgo.sparsify(made.graph, 0.5)  # the choice is by rotations alone
+    assert some.chosen.tolist() == relaid.chosen.tolist()
+    assert n not in certpgo.suggest_loops(whole, 2).pairs
 
 
 def test_a_path_is_closed_first():

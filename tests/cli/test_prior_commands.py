@@ -49,7 +49,7 @@ def test_solving_and_certifying_in_the_world(certpgo, field, tmp_path):
 def test_describing_and_bounding(certpgo, field):
     done = certpgo("info", field)
     assert "world           node 4, which priors are measured from" in done.out
-    assert "priors          3 among the edges" in done.out
+    assert "measurements    4 relative poses, 3 position priors" in done.out
     assert "landmarks" not in done.out
     assert "eigenvalues need edges that all measure rotations" in done.out
     assert certpgo("info", field, "--json").json["world_id"] == 4
@@ -112,15 +112,14 @@ def test_landmarks_and_priors_together(certpgo, tmp_path):
     path.write_text(SEEN)
     done = certpgo("info", path)
     assert "landmarks       1 point among the nodes" in done.out
-    assert "sightings       2 among the edges" in done.out
     assert "--no-priors skips priors, --no-landmarks skips landmarks" in done.out
-    assert "priors          3 among the edges" in done.out
+    assert "measurements    4 relative poses, 2 sightings, 3 position priors" in done.out
     found = certpgo("info", path, "--json").json
     assert (found["points"], found["sightings"], found["priors"]) == (1, 2, 3)
     done = certpgo("solve", path, "--html", page, "-o", out)
     assert done.code == 0
     text = page.read_text()
-    assert "1 landmark, 2 sightings, 3 priors" in text
+    assert "1 landmark, 2 sightings, 3 position priors" in text
     assert "the world to " in text
     assert "sightings and distances</label>" in text
     # A wrong rotation of the landmark is no distance: only poses have one.

@@ -1,11 +1,14 @@
 """Maps merged by measurements between them: F* of the whole, and who disagrees."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import certpgo
 from certpgo import WORLD, Instance, PoseGraph, Ranges, RotationGraph, Verdict
 from certpgo.errors import GraphError, InputError
+from certpgo.graph.kinds import Kind
 from certpgo.graph.labels import Landmark
 from certpgo.io.datasets.synthetic import helix
 
@@ -35,6 +38,50 @@ def test_the_parts_have_the_optimum_of_the_whole(graph, parts):
     assert merged.raised >= merged.terms.sum() * (1 - 1e-9)  # the maps' own terms cannot fall
     assert len(merged.between) == joints.graph.num_edges
     assert ((merged.tails >= 0.0) & (merged.tails <= 1.0)).all()
+
+
+def test_distances_within_and_between_maps_have_the_optimum_of_the_whole():
+    made = helix(4, np.random.default_rng(3))
+    graph, at = made.graph, made.truth.translations
+    half, n = graph.num_nodes // 2, graph.num_nodes
+    pairs = np.array([[0, half - 1], [1, n - 1], [3, half + 2], [half, n - 1]])
+    apart = np.linalg.norm(at[pairs[:, 1]] - at[pairs[:, 0]], axis=1)
+    apart += np.array([0.1, -0.1, 0.0, 0.05])
+    ranges = Ranges(n, pairs, apart, np.array([9.0, 4.0, 25.0, 16.0]))
+    whole = Instance("whole", graph, np.arange(n), ranges=ranges)
+    (first, second), joints = cut(graph, 2)
+    own = Instance("first", first, np.arange(half), ranges=ranges.between(np.arange(half)))
+    other = ranges.between(np.arange(half, n))
+    theirs = Instance("second", second, np.arange(n - half), ranges=other)
+    place = {label: k for k, label in enumerate(joints.ids.tolist())}
+    across = [(k % half + 100 * (k >= half)) for k in pairs[1:3].ravel().tolist()]
+    new = [k for k in across if k not in place]
+    place |= {label: len(place) + k for k, label in enumerate(new)}
+    edges = np.array([place[k] for k in across]).reshape(2, 2)
+    rotation = replace(joints.graph.rotation, num_nodes=len(place))
+    between = Instance(
+        "between",
+        replace(joints.graph, rotation=rotation),
+        np.array(list(place)),
+        ranges=Ranges(len(place), edges, apart[1:3], ranges.weights[1:3]),
+    )
+    merged, direct = certpgo.merge([own, theirs], between, offset=100), certpgo.solve(whole)
+    assert merged.answer.cost == pytest.approx(direct.cost, rel=1e-8)
+    assert merged.answer.certificate.lower_bound <= direct.cost
+    assert direct.certificate.lower_bound <= merged.answer.cost
+    m, joined = graph.num_edges, merged.instance.measurements
+    assert joined.counts == {Kind.BETWEEN: m, Kind.RANGE: 4}
+    assert merged.between.tolist() == [*range(m - joints.graph.num_edges, m), m + 2, m + 3]
+    named = {tuple(merged.instance.ids[pair]) for pair in joined.edges[m + 2 :].tolist()}
+    assert named == {tuple(across[:2]), tuple(across[2:])}
+    assert merged.raised >= merged.terms.sum() - 1e-6
+    assert len(merged.disagreeing) == 0
+    far = replace(
+        between, ranges=replace(between.ranges, distances=apart[1:3] + np.array([5.0, 0.0]))
+    )
+    wrong = certpgo.merge([own, theirs], far, offset=100)
+    assert m + 2 in wrong.disagreeing
+    assert "1-" in wrong.named(m + 2)
 
 
 def test_eight_maps_have_the_optimum_of_the_sphere(dataset):
@@ -96,9 +143,21 @@ def test_maps_that_cannot_be_merged_are_refused(graph):
         certpgo.merge(maps, joints, offset=1000)
     ranges = Ranges(graph.num_nodes, np.array([[0, 1]]), np.ones(1), np.ones(1))
     far = Instance("far", graph, np.arange(graph.num_nodes), ranges=ranges)
-    for between, first in ((joints, far), (far, maps[0])):
-        with pytest.raises(InputError, match="far: measured distances cannot be merged"):
-            certpgo.merge([first, maps[1]], between, offset=100)
+    with pytest.raises(InputError, match="maps with distances are merged without"):
+        certpgo.merge(
+            [
+                replace(
+                    far,
+                    graph=maps[0],
+                    ids=np.arange(maps[0].num_nodes),
+                    ranges=replace(ranges, num_nodes=maps[0].num_nodes),
+                ),
+                maps[1],
+            ],
+            joints,
+            offset=100,
+            robust=True,
+        )
     names = tuple(f"x{k}" for k in range(maps[0].num_nodes))
     named = Instance("named", maps[0], np.arange(maps[0].num_nodes), names=names)
     with pytest.raises(InputError, match="node x0 of map 0 has a name: an offset is for ids"):

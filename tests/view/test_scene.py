@@ -10,6 +10,7 @@ import certpgo
 from certpgo.errors import FormatError, InputError, InputNotice
 from certpgo.graph import Estimate, Instance, RotationGraph
 from certpgo.graph.keys import Keys
+from certpgo.graph.kinds import Kind
 from certpgo.io.datasets import synthetic
 from certpgo.io.surfaces import Surface, read_surface
 from certpgo.linalg import so
@@ -17,7 +18,7 @@ from certpgo.objective.problem import problem_of
 from certpgo.view.layout import layout
 from certpgo.view.load_scene import scene_of
 from certpgo.view.placements import aligned
-from certpgo.view.scene import NOT_MEASURED, Kind, Measure, colours, frame_of
+from certpgo.view.scene import NOT_MEASURED, Measure, colours, frame_of
 
 RNG = np.random.default_rng(0)
 FIELD = """\
@@ -109,9 +110,10 @@ def test_planar_graphs_lie_at_zero_and_are_seen_upright(tmp_path):
     assert scene.frame.axes[2].tolist() == [0, 0, 1]
     assert scene.ids[answer.nodes].tolist() == [0, 3, 4, 6]
     assert scene.landmarks[answer.nodes].tolist() == [True, False, False, False]
-    assert [Kind(kind).name for kind in scene.kinds] == [
-        *("STEP", "LOOP", "SIGHTING", "SIGHTING", "PRIOR")
-    ]
+    kinds = (Kind.BETWEEN, Kind.BETWEEN, Kind.SIGHTING, Kind.SIGHTING, Kind.PRIOR)
+    assert scene.kinds.tolist() == list(kinds)
+    assert scene.are_steps.tolist() == [True, False, False, False, False]
+    assert scene.are_loops.tolist() == [False, True, False, False, False]
     assert scene.edges[-1, 0] == scene.edges[-1, 1]
     degrees = scene.measure(answer, "degrees").values
     assert (degrees == NOT_MEASURED).tolist() == [False, False, True, True, False]

@@ -86,7 +86,7 @@ def test_edges_are_coloured_by_what_is_chosen(answered):
         drawing, added, _ = drawn(scene, colour=unit)
         steps = added["/answer/loop closures"]
         measure = scene.measure(scene.placements[-1], unit)
-        shown = (scene.kinds == 1) & ~scene.rejected
+        shown = scene.are_loops & ~scene.rejected
         lightness = steps.colors[:, 0].astype(int) @ [2126, 7152, 722]
         worst = np.argmax(np.where(shown, measure.values, -1)[shown])
         assert lightness[worst] == lightness.min()

@@ -245,7 +245,7 @@ def _read_poses(path: Path) -> LabelledPoses:
 
 def _write_graph(path: Path, instance: Instance) -> None:
     graph = instance.graph
-    rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
+    rotation = graph.rotation
     arrays: dict[str, Any] = {
         "num_nodes": graph.num_nodes,
         "edges": graph.edges,

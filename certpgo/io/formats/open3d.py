@@ -172,7 +172,7 @@ def _write_graph(path: Path, instance: Instance) -> None:
         raise InputError("open3d holds poses, and this graph measures rotations alone")
     if graph.d == 2:
         raise InputError("open3d holds poses in space, and this graph is planar")
-    if instance.world is not None or graph.points is not None:
+    if instance.world is not None or graph.is_point.any():
         raise InputError("open3d holds poses alone, neither priors nor points")
     initial = instance.initial
     if initial is None:

@@ -102,10 +102,10 @@ def _write_graph(path: Path, instance: Instance) -> None:
     graph, known = instance.graph, slice(instance.world)
     if not isinstance(graph, PoseGraph):
         raise InputError("pyfg holds poses, and this graph measures rotations alone")
-    if (graph.tau == 0.0).any():
+    if not graph.measures_translation.all():
         raise InputError("pyfg has no measurements of an attitude alone")
     n, d, t = len(instance.ids[known]), graph.d, graph.translations
-    points = np.zeros(n, dtype=bool) if graph.points is None else graph.points[known]
+    points = graph.is_point[known]
     names = _names(instance.names[known], instance.ids[known], points)
     # Every node needs a vertex; without initial values all are at the origin.
     values = Estimate(np.tile(np.eye(d), (n, 1, 1)), np.zeros((n, d)))
@@ -121,7 +121,7 @@ def _write_graph(path: Path, instance: Instance) -> None:
     lines = _vertices(names, _times(instance.times_ns, n), values.rotations, at, points)
     poses = pose_texts(graph.rotation.rotations, t)
     covariances = _covariances(instance, graph)
-    turned = graph.rotation.kappa > 0.0
+    turned = graph.measures_rotation
     kinds: tuple[tuple[Kind, BoolArray], ...] = (
         ("prior", of_world & turned),
         ("prior", of_world & ~turned),

@@ -160,7 +160,7 @@ def disagreement(
         with suppress(NumericalError, np.linalg.LinAlgError):
             chosen = select(problem, fit=estimate, monitor=monitor)
             found, angles = chosen.rejected, problem.residual_angles(chosen.estimate)
-    turned = problem.rotation.graph.kappa > 0.0
+    turned = problem.graph.measures_rotation
     edges = np.flatnonzero(found if stated else found & ((angles > UNREMARKABLE) | ~turned))
     if len(edges) == 0:
         return None

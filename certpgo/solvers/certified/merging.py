@@ -14,18 +14,21 @@ from typing import Any
 import numpy as np
 from scipy import special
 
+from certpgo.costs import CHORDAL, certifiable, range_problem
 from certpgo.costs.fit import squares
+from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import GraphError, InputError
-from certpgo.graph import Graph, Instance, PoseGraph
+from certpgo.graph import Estimate, Graph, Instance
 from certpgo.graph.information import Information
-from certpgo.graph.joining import joined
+from certpgo.graph.joining import joined, joined_ranges
+from certpgo.graph.kinds import Kind
 from certpgo.graph.labels import WORLD, Label, Landmark, called, in_order
 from certpgo.graph.origins import in_one_world
 from certpgo.graph.speaking import Speaking
 from certpgo.graph.wording import counted, few
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
-from certpgo.objective.problem import problem_of
-from certpgo.solvers.certified.disagreement import outlying, select
+from certpgo.objective.problem import Problem, problem_of
+from certpgo.solvers.certified.disagreement import FALSE_ALARMS, outlying, select
 from certpgo.solvers.certified.result import CertifiedSolution
 from certpgo.solvers.certified.search import search
 from certpgo.solvers.certified.settings import SolveSettings
@@ -37,13 +40,14 @@ class Merged(Speaking):
 
     Attributes
     ----------
-    instance : the merged graph: measurements of the maps in order, then those between them
+    instance : the merged graph: measurements of the maps in order, then those between them, and
+        distances likewise
     answer : its best estimate, with the certificate
     parts : the certified answer of each map alone
-    between : (k,) indices in the merged graph of the measurements between the maps
+    between : (k,) rows of the measurements between the maps in `Instance.measurements`
     terms : (k,) their terms of F at the optimum
     tails : (k,) probabilities that a correct measurement is as far off, or further
-    disagreeing : indices in the merged graph of those between maps that disagree with the rest
+    disagreeing : rows of those between maps that disagree with the rest
     left_out : whether these were left out, so that the answer is about the others
 
     Examples
@@ -91,15 +95,16 @@ class Merged(Speaking):
             terms = terms[~np.isin(self.between, self.disagreeing)]
             measured = f"{len(terms)} of {measured} kept"
         yield "between", f"{measured}, whose terms add up to {float(terms.sum()):.4g}"
-        yield "cost", "F, the chordal cost"
+        ranged = Kind.RANGE in self.instance.measurements.counts
+        yield "cost", "F and squared errors of distances" if ranged else "F, the chordal cost"
         if len(self.disagreeing):
             named = few([self.named(edge) for edge in self.disagreeing.tolist()])
             yield "left out" if self.left_out else "disagree", named
 
     def named(self, edge: int) -> str:
         """A measurement between maps by the labels of its nodes, with its term."""
-        i, j = (self.instance.labels[k] for k in self.instance.graph.edges[edge].tolist())
-        return f"{i}-{j} (term {self.terms[edge - self.between[0]]:.3g})"
+        i, j = (self.instance.labels[k] for k in self.instance.measurements.edges[edge].tolist())
+        return f"{i}-{j} (term {self.terms[np.searchsorted(self.between, edge)]:.3g})"
 
     def _picture(self) -> str:
         return self.answer._picture()
@@ -132,7 +137,8 @@ def merge(
     ------
     InputError
         Fewer than two maps, ids that occur in several of them, a measurement between unknown nodes
-        or within one map, distances, or positions from origins that are too far apart.
+        or within one map, or positions from origins that are too far apart; or ``robust`` for
+        maps with distances.
     GraphError
         The maps are not connected, or of different kinds, or a node is a pose in one and a point
         in another.
@@ -153,51 +159,67 @@ def merge(
     ('CERTIFIED', '0.029994', [0, 1, 2, 10, 11, 12])
     """
     chosen = (settings or SolveSettings()).changed(options)
-    labelled = _labelled(maps, offset)
-    origins = [one.origin if isinstance(one, Instance) else None for one in maps]
-    whole, first = _joined(labelled, origins, between)
-    whole = replace(whole, information=_information([*maps, between]))
-    parts = tuple(search(problem_of(one), chosen) for one, _ in labelled)
-    across = np.arange(first, whole.graph.num_edges)
-    problem = problem_of(whole.graph)
+    instances = [_as_instance(one) for one in maps]
+    whole, across = _joined(instances, _labelled(instances, offset), between)
+    problem = problem_of(whole.graph) if whole.ranges is None else range_problem(whole)
+    if robust and isinstance(problem, RangeProblem):
+        raise InputError("robust fits are of poses: maps with distances are merged without")
+    parts = tuple(search(certifiable(one, CHORDAL), chosen) for one in instances)
     answer = search(problem, chosen)
-    costs = problem.edge_costs(answer.estimate)
-    disagreeing = across[outlying(problem, costs, 1.0)[across]]
+    if isinstance(problem, RangeProblem):
+        tails = _tails(problem, answer.estimate)
+        disagreeing = across[tails[across] < FALSE_ALARMS / len(tails)]
+        return _merged(whole, answer, parts, across, problem, disagreeing)
+    disagreeing = across[outlying(problem, problem.edge_costs(answer.estimate), 1.0)[across]]
     left_out = False
     if len(disagreeing):
         # Least squares spreads the error of a wrong measurement over right ones.
-        selection = select(problem, trusted=np.arange(first))
+        selection = select(problem, trusted=np.arange(across[0]))
         disagreeing = across[selection.rejected[across]]
         if left_out := robust and len(disagreeing) > 0:
-            kept = problem.reweighted(selection.weights)
-            answer = search(kept, chosen)
-            costs = problem.edge_costs(answer.estimate)
-    chi2, numbers = (of.sum(axis=1)[across] for of in squares(problem, answer.estimate))
-    tails = np.asarray(special.gammaincc(0.5 * numbers, 0.5 * chi2))
-    return Merged(whole, answer, parts, across, costs[across], tails, disagreeing, left_out)
+            answer = search(problem.reweighted(selection.weights), chosen)
+    return _merged(whole, answer, parts, across, problem, disagreeing, left_out=left_out)
 
 
-def _labelled(
-    maps: Sequence[Instance | Graph], offset: int | None
-) -> list[tuple[Graph, list[Label]]]:
-    """The graphs of the maps, and different labels for all nodes but the world."""
+def _merged(
+    whole: Instance,
+    answer: CertifiedSolution,
+    parts: tuple[CertifiedSolution, ...],
+    across: IntArray,
+    problem: Problem | RangeProblem,
+    disagreeing: IntArray,
+    *,
+    left_out: bool = False,
+) -> Merged:
+    """The result, with the terms of the measurements between maps and how likely they are."""
+    terms = problem.edge_costs(answer.estimate)[across]
+    tails = _tails(problem, answer.estimate)[across]
+    return Merged(whole, answer, parts, across, terms, tails, disagreeing, left_out)
+
+
+def _tails(problem: Problem | RangeProblem, estimate: Estimate) -> FloatArray:
+    """Probabilities that correct measurements are as far off, or further."""
+    chi2, numbers = (of.sum(axis=1) for of in squares(problem, estimate))
+    return np.asarray(special.gammaincc(0.5 * numbers, 0.5 * chi2))
+
+
+def _as_instance(one: Instance | Graph) -> Instance:
+    return one if isinstance(one, Instance) else Instance("map", one, np.arange(one.num_nodes))
+
+
+def _labelled(maps: Sequence[Instance], offset: int | None) -> list[list[Label]]:
+    """Different labels for all nodes of the maps but the world."""
     if len(maps) < 2:
         raise InputError(f"merging takes at least two maps, not {len(maps)}")
-    found: list[tuple[Graph, list[Label]]] = []
+    found: list[list[Label]] = []
     known: set[Label] = set()
     for k, one in enumerate(maps):
-        own: Sequence[Label]
-        if isinstance(one, Instance):
-            _refuse_distances(one)
-            graph, own = one.graph, one.labels
-        else:
-            graph, own = one, range(one.num_nodes)
-        labels = [_raised(label, k, offset) for label in own]
+        labels = [_raised(label, k, offset) for label in one.labels]
         shared = [label for label in labels if label in known and label is not WORLD]
         if shared:
             raise InputError(f"{called(shared[0])} is in several maps: an offset tells them apart")
         known.update(labels)
-        found.append((graph, labels))
+        found.append(labels)
     return found
 
 
@@ -214,15 +236,9 @@ def _raised(label: Label, k: int, offset: int | None) -> Label:
     return Landmark(number) if isinstance(label, Landmark) else number
 
 
-def _refuse_distances(one: Instance) -> None:
-    if one.ranges is not None:
-        raise InputError(f"{one.name}: measured distances cannot be merged")
-
-
-def _information(parts: Sequence[Instance | Graph]) -> Information | None:
+def _information(parts: Sequence[Instance]) -> Information | None:
     """The information matrices of all measurements; None where some have none."""
-    stated = [part.information if isinstance(part, Instance) else None for part in parts]
-    known = [one for one in stated if one is not None]
+    known = [part.information for part in parts if part.information is not None]
     if len(known) < len(parts) or len({one.residual for one in known}) > 1:
         return None
     starts = np.cumsum([0, *(len(one.distinct) for one in known)])
@@ -232,25 +248,29 @@ def _information(parts: Sequence[Instance | Graph]) -> Information | None:
 
 
 def _joined(
-    maps: Sequence[tuple[Graph, list[Label]]],
-    origins: Sequence[FloatArray | None],
-    between: Instance,
-) -> tuple[Instance, int]:
-    """All measurements, and the index of the first one between maps."""
-    owner = {label: k for k, (_, own) in enumerate(maps) for label in own}
-    labelled = [*(own for _, own in maps), _across(owner, between)]
+    maps: Sequence[Instance], names: Sequence[Sequence[Label]], between: Instance
+) -> tuple[Instance, IntArray]:
+    """All measurements, and the rows of those between maps."""
+    owner = {label: k for k, own in enumerate(names) for label in own}
+    parts, labelled = [*maps, between], [*names, _across(owner, between)]
     worlds = [own.index(WORLD) if WORLD in own else None for own in labelled]
-    graphs = [*(graph for graph, _ in maps), between.graph]
-    origin, graphs = in_one_world(list(zip(graphs, worlds, [*origins, None], strict=True)))
+    origins = [*(one.origin for one in maps), None]
+    posed = zip((part.graph for part in parts), worlds, origins, strict=True)
+    origin, graphs = in_one_world(list(posed))
     labels = list(owner)
     labels = [labels[k] for k in in_order(labels).tolist()]
     place = {label: k for k, label in enumerate(labels)}
     nodes = [np.array([place[label] for label in own]) for own in labelled]
     edges = [own[graph.edges] for own, graph in zip(nodes, graphs, strict=True)]
     whole = joined(graphs, len(labels), _points(graphs, nodes, labels), edges)
-    name = f"{len(maps)} maps"
-    first = sum(graph.num_edges for graph, _ in maps)
-    return Instance.labelled(name, whole, labels, origin=origin), first
+    ranges = joined_ranges([part.ranges for part in parts], len(labels), nodes)
+    merged = Instance.labelled(f"{len(maps)} maps", whole, labels, origin=origin)
+    merged = replace(merged, information=_information(parts), ranges=ranges)
+    # Rows are of all graphs in order, then of their distances.
+    own_rows = [part.graph.num_edges for part in parts]
+    own_rows += [0 if part.ranges is None else part.ranges.num_edges for part in parts]
+    source = np.repeat(np.tile(np.arange(len(parts)), 2), own_rows)
+    return merged, np.flatnonzero(source == len(maps))
 
 
 def _points(
@@ -259,11 +279,8 @@ def _points(
     """Which nodes are points, as all graphs say it."""
     points, poses = np.zeros((2, len(labels)), dtype=bool)
     for graph, own in zip(graphs, nodes, strict=True):
-        flags = np.zeros(graph.num_nodes, dtype=bool)
-        if isinstance(graph, PoseGraph) and graph.points is not None:
-            flags = graph.points
-        points[own[flags]] = True
-        poses[own[~flags]] = True
+        points[own[graph.is_point]] = True
+        poses[own[~graph.is_point]] = True
     if (points & poses).any():
         raise GraphError(f"{called(labels[int(np.argmax(points & poses))])} is a pose and a point")
     return points if points.any() else None
@@ -271,14 +288,13 @@ def _points(
 
 def _across(owner: Mapping[Label, int], between: Instance) -> tuple[Label, ...]:
     """The labels of the nodes of measurements between maps, if that is what they are."""
-    _refuse_distances(between)
     labels = between.labels
     if between.world is not None:
         raise InputError(f"{between.name}: priors are of one map, not between two: add them to it")
     for label in labels:
         if label not in owner:
             raise InputError(f"{between.name}: {called(label)} is in none of the maps")
-    for i, j in between.graph.edges.tolist():
+    for i, j in between.measurements.edges.tolist():
         if owner[labels[i]] == owner[labels[j]]:
             said = f"{labels[i]}-{labels[j]}"
             raise InputError(f"{between.name}: {said} is within one map, not between two")

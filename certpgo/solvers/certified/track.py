@@ -107,8 +107,7 @@ class Track:
         if n == len(self._rotations):
             self._rotations = _doubled(self._rotations)
             self._translations = _doubled(self._translations)
-        rotation = graph.rotation if isinstance(graph, PoseGraph) else graph
-        R, forward = rotation.rotations[edge], graph.edges[edge, 0] == here
+        R, forward = graph.rotation.rotations[edge], graph.edges[edge, 0] == here
         self._rotations[n] = self._rotations[known] @ (R if forward else R.T)
         if isinstance(graph, PoseGraph):
             t, back = graph.translations[edge], n if not forward else known
@@ -119,8 +118,7 @@ class Track:
 
 def _points(graph: Graph) -> set[int]:
     """The nodes that are points."""
-    points = graph.points if isinstance(graph, PoseGraph) else None
-    return set() if points is None else set(np.flatnonzero(points).tolist())
+    return set(np.flatnonzero(graph.is_point).tolist())
 
 
 def _steps(
