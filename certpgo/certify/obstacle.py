@@ -61,6 +61,11 @@ class Obstacle:
     edge: tuple[int, int] | None = None
     mirrored: Literal["line", "plane", "perhaps"] | None = None
 
+    @property
+    def is_final(self) -> bool:
+        """Whether the relaxation is solved and not tight, so that no search closes the gap."""
+        return self.of_distances and self.searched
+
 
 #: The gap is closed, up to the tolerance.
 NOTHING = Obstacle()

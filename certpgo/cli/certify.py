@@ -169,8 +169,6 @@ class _Assessed(Result):
         outputs.write(self.found.best, instance=self.part.instance)
 
     def show(self, outputs: Outputs) -> None:
-        if self.title:
-            typer.echo(self.title)
         found, instance = self.found, self.part.instance
         steps = steps_after(
             found.certificate,
@@ -179,6 +177,9 @@ class _Assessed(Result):
             stopped=self.part.judge.ended_by,
             disagreement=self.disagreement,
         )
+        if self.title:
+            typer.echo(self.title)
+        _verdict.headline(found.certificate)
         _verdict.show(
             found.certificate, instance, found, self.disagreement, self.accuracy, steps, found.fit
         )
@@ -201,7 +202,7 @@ class _Assessed(Result):
         elif _is_better_known(self.found, outputs.json):
             yield "--best OUT writes the lower-cost estimate"
         if not self.standing and _may_gain(self.found, self.part):
-            yield "rounding may limit the bound: try --tier proof"
+            yield "only rounding may keep the gap open: try --tier proof"
 
     def prove(self, out: Path, source: Path, *, json: bool) -> bool:
         certificate = self.found.certificate

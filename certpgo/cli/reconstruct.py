@@ -177,16 +177,13 @@ class _Reconstructed(Result):
             write_reconstruction(outputs.html, found, self.graph)
 
     def show(self, outputs: Outputs) -> None:
-        from certpgo.certify.wording import meaning
+        from certpgo.certify.wording import named_cost
 
         found, certificate = self.found, self.found.averaged.answer.certificate
-        cost = "g2o's cost" if found.averaged.instance.information is not None else "F"
+        _verdict.headline(certificate)
         facts(
             [
-                (
-                    certificate.verdict.value,
-                    f"{meaning(certificate)}; in {cost}, of the kept edges",
-                ),
+                ("cost", f"{named_cost(certificate.objective)}, of the kept edges"),
                 *found.consistency(),
                 *(("written", str(path)) for path in outputs.files),
             ]

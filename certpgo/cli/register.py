@@ -149,6 +149,8 @@ class _Registered(Result):
                     f"at most {found.disagreement.max():.2g} m, between a pair and the poses",
                 ),
             ]
+        if found.solution is not None:
+            _verdict.headline(found.solution.certificate)
         facts([*lines, ("written", str(outputs.scene))])
         if found.solution is not None and found.instance is not None:
             typer.echo()
