@@ -130,15 +130,14 @@ def tier_for(proof: Path | None, tier: str | None, cost: Cost | None) -> str | N
     Raises
     ------
     InputError
-        A proof is asked for, with the tier ``screen``, which proves nothing, or about a cost that
-        the checker does not know.
+        The tier ``screen``, or a proof about a cost that the checker does not know.
     """
+    if tier == "screen":
+        raise InputError("--tier screen proves nothing and is for Python only: use --tier standard")
     if proof is None:
         return tier
     if cost is Cost.GTSAM:
         raise InputError(f"--proof is for --cost chordal and g2o, not for --cost {cost.value}")
-    if tier == "screen":
-        raise InputError("--proof needs the proof tier, not --tier screen")
     return tier or "proof"
 
 
@@ -151,8 +150,8 @@ def tier_option(default: str) -> Any:
     """The option --tier of a command with this default."""
     return typer.Option(
         "--tier",
-        metavar="screen|standard|proof",
+        metavar="standard|proof",
         show_default=default,
-        help="Rigor: screen ignores rounding (no proof), standard bounds it, and proof relies on "
-        "IEEE 754 arithmetic only.",
+        help="What the verdict may rely on: the usual error bounds of linear algebra (standard), "
+        "or IEEE 754 arithmetic alone (proof).",
     )

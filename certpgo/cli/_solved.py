@@ -151,7 +151,7 @@ class Solved(Result):
         """Print the verdict, how the estimate was found, what is proven, and what to do next."""
         certificate, written = self.certificate, str(outputs.estimate or "")
         if certificate is None:
-            facts(self._search(written))
+            facts([*self._search(written), *self._uncertified()])
             notice(f"{self._own_bound()}; --certify certifies the estimate")
             return
         _verdict.headline(certificate)
@@ -162,6 +162,7 @@ class Solved(Result):
             self.part,
             self.assessment,
             self.disagreement,
+            more=self._uncertified(),
             steps=self._steps(written),
             fit=self.fit,
         )
@@ -171,7 +172,6 @@ class Solved(Result):
 
     def _search(self, written: str) -> Iterator[tuple[str, str]]:
         """How the estimate was found, as names and values."""
-        from certpgo.assess import wording
         from certpgo.assess.provenance import peak_memory
 
         solution, part = self.solution, self.part
@@ -192,13 +192,10 @@ class Solved(Result):
             yield "chordal", f"{chordal.certificate.in_brief}, at another estimate"
         if self._undetermined is not None:
             yield "undetermined", self._undetermined
-        if self.accuracy is not None:
-            yield from wording.accuracy(self.accuracy)
 
     def _kept(self) -> Iterator[tuple[str, str]]:
-        """What a robust method kept and rejected, and the costs that no certificate shows."""
+        """What a robust method kept and rejected."""
         from certpgo.assess.wording import few_edges
-        from certpgo.graph.wording import cost_shown
 
         solution, part = self.solution, self.part
         if solution.kept is not None:
@@ -206,10 +203,19 @@ class Solved(Result):
             yield "kept", f"{kept}; the verdict is about these, with their final weights"
         if len(solution.rejected):
             yield "rejected", few_edges(part, solution.rejected)
+
+    def _uncertified(self) -> Iterator[tuple[str, str]]:
+        """The numbers that no certificate is about."""
+        from certpgo.assess import wording
+        from certpgo.graph.wording import cost_shown
+
+        solution = self.solution
         if self.certificate is None:
             yield "cost", f"{cost_shown(self.certified_cost)}  (chordal cost F)"
         if solution.kept is not None:
             yield "cost of all", f"{cost_shown(solution.cost)}  (with those rejected)"
+        if self.accuracy is not None:
+            yield from wording.accuracy(self.accuracy)
 
     def _own_bound(self) -> str:
         """The method's own bound, in words."""

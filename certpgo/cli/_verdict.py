@@ -46,11 +46,12 @@ def show(
     part: Instance,
     assessment: Assessment | None = None,
     disagreement: Disagreement | None = None,
-    accuracy: TrajectoryErrors | None = None,
+    *,
+    more: Iterable[tuple[str, str]] = (),
     steps: Sequence[str] = (),
     fit: Fit | None = None,
 ) -> None:
-    """Print the numbers behind a verdict, what limits it, and what to do next."""
+    """Print the numbers behind a verdict, ``more`` of them, what limits it, and what to do next."""
     from certpgo.assess import wording
     from certpgo.certify.certificate import CHORDAL
     from certpgo.certify.wording import limits, numbers, stated_objective, trusts
@@ -62,7 +63,7 @@ def show(
             *limits(certificate),
             *([] if fit is None else [("chi^2", str(fit))]),
             *wording.redundancy(part),
-            *([] if accuracy is None else wording.accuracy(accuracy)),
+            *more,
             *([] if disagreement is None else [("outliers?", wording.hint(disagreement))]),
             *([] if assessment is None else wording.comparison(assessment, part)),
             *trusts(certificate),

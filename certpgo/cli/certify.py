@@ -169,6 +169,8 @@ class _Assessed(Result):
         outputs.write(self.found.best, instance=self.part.instance)
 
     def show(self, outputs: Outputs) -> None:
+        from certpgo.assess.wording import accuracy
+
         found, instance = self.found, self.part.instance
         steps = steps_after(
             found.certificate,
@@ -181,7 +183,13 @@ class _Assessed(Result):
             typer.echo(self.title)
         _verdict.headline(found.certificate)
         _verdict.show(
-            found.certificate, instance, found, self.disagreement, self.accuracy, steps, found.fit
+            found.certificate,
+            instance,
+            found,
+            self.disagreement,
+            more=[] if self.accuracy is None else accuracy(self.accuracy),
+            steps=steps,
+            fit=found.fit,
         )
 
     def report(self, outputs: Outputs) -> dict[str, Any]:

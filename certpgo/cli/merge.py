@@ -121,5 +121,8 @@ class _Merged(Result):
             ]
             for _, nodes, term, tail, disagrees in self._worst()[:SHOWN]
         ]
+        typer.echo(f"{self.merged}\n")
         table("Between the maps", ["nodes", "term of F", "probability", ""], rows)
-        typer.echo(str(self.merged))
+
+    def notices(self, outputs: Outputs) -> list[str]:
+        return _verdict.warnings(self.merged.fit)

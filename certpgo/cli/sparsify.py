@@ -78,6 +78,9 @@ class _Sparsified(Result):
     def show(self, outputs: Outputs) -> None:
         typer.echo(str(self.found))
 
+    def notices(self, outputs: Outputs) -> list[str]:
+        return _verdict.warnings(self.found.fit)
+
     def report(self, outputs: Outputs) -> dict[str, Any]:
         whole, found = self.whole, self.found
         return {

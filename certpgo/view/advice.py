@@ -132,16 +132,17 @@ def _after_bounded(certificate: Certificate, given: _Given) -> Iterator[Step]:
         return
     if certificate.limited_by is LimitedBy.ROUNDING:
         yield "Rounding limits this proof; the tier proof has less of it.", given.at("proof")
-    rejects = "distances" not in certificate.objective
+    rejects = not certificate.obstacle.of_distances
     if rejects and given.disagreeing:
         yield _REJECT, given.reject()
-    if not given.searched:
+    final = certificate.obstacle.is_final
+    if not given.searched and not final:
         yield "Search further from it.", given.search_on()
-    elif given.stopped:
+    elif given.stopped and not final:
         yield "The search was stopped early: search longer.", given.solve("--time-limit", "600")
     if rejects and not given.disagreeing:
         yield _REJECT, given.reject()
-    ended = given.searched and not given.stopped
+    ended = final or (given.searched and not given.stopped)
     yield f"{_ENDED if ended else 'If the gap stays, it'} {_GUARANTEE}", ""
 
 

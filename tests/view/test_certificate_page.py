@@ -151,7 +151,7 @@ def test_a_certificate_page_is_whole(solved):
     certificate = solved[2].certificate
     assert certificate.verdict.value == "CERTIFIED"
     upper, lower = rounded_up(certificate.cost_upper, 12), rounded_down(certificate.lower_bound, 12)
-    for said in (certificate.verdict.value, upper, "is proven", HOSTILE):
+    for said in (certificate.verdict.value, upper, "Proven: at most", HOSTILE):
         assert said in reader.text
     assert f"{lower} (no estimate of this graph costs less)" in reader.text
     assert "certpgo certify 'a graph.g2o' best.g2o --proof estimate.cert" in reader.text
@@ -286,9 +286,9 @@ def test_more_time_is_advised_only_where_the_search_was_stopped(solved, verdict)
 def test_undecided_says_whether_a_lower_cost_is_known(solved):
     judged = replace(solved[2].certificate, verdict=Verdict.UNDECIDED)
     judged = replace(judged, refined_cost=judged.cost_upper)
-    assert "nothing useful" in meaning(judged)
+    assert "Nothing useful" in meaning(judged)
     for lower in ({"refined_cost": 0.01 * judged.cost_upper}, {"better_cost": 0.0}):
-        assert meaning(replace(judged, **lower)).endswith("an estimate of lower cost is known")
+        assert meaning(replace(judged, **lower)).endswith("An estimate of lower cost is known")
 
 
 @pytest.fixture(scope="module")
