@@ -55,7 +55,7 @@ def command(
     cost: CostOption = None,
     tier: Annotated[str | None, tier_option("standard, or proof with --proof")] = None,
     rtol: Annotated[
-        float, typer.Option("--rtol", help="Tolerance on the gap, relative to the cost F.")
+        float, typer.Option("--rtol", help="Tolerance on the gap, relative to the cost.")
     ] = 1e-5,
     atol: Annotated[
         float, typer.Option("--atol", help="Additional tolerance, relative to the total weight W.")

@@ -51,7 +51,9 @@ QUICK = ("smallGrid3D", "MIT", "w100")
 def command(
     graphs: Annotated[
         list[str] | None,
-        typer.Argument(metavar="DATASET|FILE", help="By default the usual datasets found locally."),
+        typer.Argument(
+            metavar="DATASET|FILE", help="Graphs (default: the usual datasets found locally)."
+        ),
     ] = None,
     methods: Annotated[
         str | None, typer.Option("--methods", help="Method names or labels, separated by commas.")

@@ -110,7 +110,7 @@ def _lines(
         yield "ranges", counted(instance.ranges.num_edges, "measured distance{s}")
     if found.priors:
         yield "priors", f"{found.priors} among the edges"
-    yield "bridges", f"{found.bridges} (edges in no cycle, which no other measurement checks)"
+    yield "bridges", f"{found.bridges} (edges in no cycle: no other measurement checks them)"
     sizes = found.component_sizes
     shown = ", ".join(map(str, sizes[:8])) + (", ..." if len(sizes) > 8 else "")
     yield "components", f"{len(sizes)}" + ("" if len(sizes) == 1 else f" of {shown} nodes")

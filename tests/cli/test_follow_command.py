@@ -42,7 +42,8 @@ def test_a_file_ends_with_the_verdict_of_the_whole(certpgo, lines, tmp_path):
 def test_the_chordal_cost_is_followed_if_asked(certpgo, lines):
     best = package.solve(package.read(lines).graph)
     said = certpgo("follow", lines, "--cost", "chordal").out
-    assert "; F is the chordal cost; chi^2 " in said
+    assert ": chordal cost F = " in said
+    assert "; chi^2 " in said
     assert float(said.split()[2].strip(",")) == pytest.approx(best.cost, rel=1e-9)
     both = certpgo("follow", lines, "--robust", "--cost", "g2o")
     assert both.code == 1
@@ -127,7 +128,8 @@ def test_wrong_measurements_are_named_or_put_aside(certpgo, lines):
     assert "--robust" in named.err
     aside = certpgo("follow", lines, "--robust")
     assert aside.code == 0
-    assert " put aside; F is the chordal cost" in aside.out
+    assert "CERTIFIED: chordal cost F = " in aside.out
+    assert " put aside" in aside.out
 
 
 #: Of a measurement to a decimetre and a few degrees.
