@@ -33,8 +33,8 @@ def command(
         typer.Option(
             "--offset",
             min=1,
-            help="Raise the ids of the second map by this, those of the third by twice this and so on; "
-            "--between has the raised ids.",
+            help="Raise the ids of the second map by this, those of the third by twice this, and "
+            "so on; --between has the raised ids.",
         ),
     ] = None,
     robust: Annotated[

@@ -31,8 +31,8 @@ def command(
 ) -> None:
     """Name the pairs of nodes whose loop closures would connect a graph best.
 
-    Each raises the algebraic connectivity most, given those before it. New loop closures are assumed
-    to have the median precision of those in the graph.
+    Each raises the algebraic connectivity most, given those before it. New loop closures are
+    assumed to have the median precision of those in the graph.
     """
     from certpgo.assess.sparsifying import suggest_loops
 
