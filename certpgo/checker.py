@@ -1221,7 +1221,7 @@ def check(graph_path: str | Path, proof_path: str | Path) -> Answer:
     --------
     >>> import numpy as np
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import helix
+    >>> from certpgo.io.datasets.synthetic import helix
     >>> certpgo.write("helix.g2o", helix(3, np.random.default_rng(0)))
     >>> instance = certpgo.read("helix.g2o")
     >>> result = certpgo.solve(instance.graph)

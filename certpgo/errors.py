@@ -203,7 +203,7 @@ class InputNotice(UserWarning):
 
     >>> import warnings
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> certpgo.write("cycle.g2o", winding_cycle(4, 0.1, 0)[0])
     >>> with warnings.catch_warnings(record=True) as caught:
     ...     warnings.simplefilter("always")

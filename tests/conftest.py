@@ -5,8 +5,9 @@ from types import SimpleNamespace
 import pytest
 from hypothesis import settings
 
-from certpgo import datasets, registry
+from certpgo import registry
 from certpgo.errors import InputNotice
+from certpgo.io import datasets
 from certpgo.optimize import progress
 
 settings.register_profile("ci", derandomize=True, deadline=None)

@@ -25,7 +25,7 @@ RANKS = {
     "graph": 2,
     "io": 3,
     "objective": 3,
-    "datasets": 4,
+    "datasets": 4,  # the former name of io/datasets
     "optimize": 4,
     "costs": 5,
     "certify": 6,
@@ -51,7 +51,7 @@ HARNESS_RANKS = {
 HOMES = {
     "cvxpy": ("certpgo/solvers/sdp_",),
     "pymetis": ("certpgo/linalg/factor.py",),
-    "pooch": ("certpgo/datasets/lookup.py",),
+    "pooch": ("certpgo/io/datasets/lookup.py",),
     "rosbags": ("certpgo/io/bags.py",),
     "typer": ("certpgo/cli/", "reports/harness/commands/"),
     "rich": ("certpgo/cli/", "reports/harness/commands/"),

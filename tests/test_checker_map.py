@@ -14,8 +14,8 @@ import certpgo
 from certpgo import InputError, checker
 from certpgo.certify.proof import exact_graph, prove
 from certpgo.certify.proof_file import write_proof
-from certpgo.datasets.synthetic import helix
 from certpgo.errors import FormatError
+from certpgo.io.datasets.synthetic import helix
 from certpgo.io.exact.circle import half_angle_pair
 from certpgo.io.stated import position_weights
 from certpgo.linalg import so

@@ -12,8 +12,8 @@ import pytest
 
 from certpgo import registry
 from certpgo.cli import main
-from certpgo.datasets.synthetic import winding_cycle
 from certpgo.io import write
+from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.objective.problem import RotationProblem
 from reports.harness.experiments import scan
 from reports.harness.experiments.runner import run_table

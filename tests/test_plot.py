@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 import certpgo
 from certpgo import plot
-from certpgo.datasets import synthetic
+from certpgo.io.datasets import synthetic
 
 
 @pytest.fixture(scope="module")

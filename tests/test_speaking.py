@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import certpgo
-from certpgo.datasets import synthetic
 from certpgo.graph.wording import aligned, rounded_up, shown_path
+from certpgo.io.datasets import synthetic
 from certpgo.optimize.solution import Status
 
 LINES, WIDTH = 24, 80

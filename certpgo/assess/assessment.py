@@ -269,7 +269,7 @@ def certify_values(
     Any object with this interface of GTSAM's Values can be certified:
 
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> instance, around = winding_cycle(9, 0.3, 1)
     >>> class Rotation:
     ...     def __init__(self, R):

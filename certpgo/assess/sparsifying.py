@@ -59,7 +59,7 @@ class Sparsified(Speaking):
     --------
     >>> import numpy as np
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import sphere
+    >>> from certpgo.io.datasets.synthetic import sphere
     >>> graph = sphere(10, np.random.default_rng(0), rotation_noise=0.05).graph
     >>> sparse = certpgo.sparsify(graph, 0.25)
     >>> len(sparse.chosen) == round(0.25 * sparse.loops), sparse.answer.verdict.value
@@ -134,7 +134,7 @@ class SuggestedLoops(Speaking):
 
     >>> import numpy as np
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> path = winding_cycle(9, 0.0, 0)[0].graph.with_edges(np.arange(8))
     >>> certpgo.suggest_loops(path, 1).pairs.tolist()
     [[0, 8]]
@@ -195,7 +195,7 @@ def sparsify(
     --------
     >>> import numpy as np
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import sphere
+    >>> from certpgo.io.datasets.synthetic import sphere
     >>> graph = sphere(10, np.random.default_rng(0), rotation_noise=0.05).graph
     >>> sparse = certpgo.sparsify(graph, 30)
     >>> len(sparse.chosen), sparse.instance.graph.num_edges == len(sparse.kept)
@@ -263,7 +263,7 @@ def suggest_loops(
     form: 2 - 2 cos(pi / 9) and 2 - 2 cos(2 pi / 9).
 
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> path = winding_cycle(9, 0.0, 0)[0].graph.with_edges(range(8))
     >>> found = certpgo.suggest_loops(path, 1)
     >>> (found.connectivity / found.kappa).round(4).tolist()

@@ -63,7 +63,7 @@ class Tier(StrEnum):
     Examples
     --------
     >>> from certpgo import RotationProblem, certify
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> instance, _ = winding_cycle(6, 0.3, 0)
     >>> problem = RotationProblem(instance.graph)
     >>> certify(problem, instance.truth, tier="proof").verdict.value
@@ -133,7 +133,7 @@ class Certificate(Statement):
     Examples
     --------
     >>> from certpgo import RotationProblem, certify
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> instance, _ = winding_cycle(6, 0.3, 0)
     >>> certificate = certify(RotationProblem(instance.graph), instance.truth)
     >>> certificate.lower_bound <= certificate.cost_upper

@@ -73,7 +73,7 @@ def certify(
     descent cannot leave it, yet it is not optimal.
 
     >>> from certpgo import RotationProblem, certify
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> instance, around = winding_cycle(9, 0.3, 1)
     >>> problem = RotationProblem(instance.graph)
     >>> certificate = certify(problem, around)

@@ -23,7 +23,7 @@ class LimitedBy(StrEnum):
     Examples
     --------
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> certpgo.solve(winding_cycle(6, 0.3, 0)[0].graph).certificate.limited_by.value
     'tight'
     """

@@ -104,7 +104,7 @@ def write_proof(
     --------
     >>> import numpy as np
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import helix
+    >>> from certpgo.io.datasets.synthetic import helix
     >>> certpgo.write("helix.g2o", helix(3, np.random.default_rng(0)))
     >>> instance = certpgo.read("helix.g2o")
     >>> result = certpgo.solve(instance.graph)
@@ -177,7 +177,7 @@ def check(graph_path: str | Path, proof_path: str | Path) -> checker.Answer:
     --------
     >>> import numpy as np
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import helix
+    >>> from certpgo.io.datasets.synthetic import helix
     >>> certpgo.write("helix.g2o", helix(3, np.random.default_rng(0)))
     >>> instance = certpgo.read("helix.g2o")
     >>> result = certpgo.solve(instance.graph)

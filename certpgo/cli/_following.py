@@ -20,9 +20,9 @@ from certpgo.errors import GraphError, InputError
 if TYPE_CHECKING:
     from certpgo import Session, Standing
     from certpgo.costs.fit import Fit
-    from certpgo.datasets.source import Source
     from certpgo.graph import Estimate, Instance
     from certpgo.graph.labels import Label
+    from certpgo.io.datasets.source import Source
 
 #: The name of a graph that comes from a pipe.
 PIPE = "-"

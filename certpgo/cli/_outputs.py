@@ -17,8 +17,8 @@ from certpgo.errors import InputError
 
 if TYPE_CHECKING:
     from certpgo.certify import Certificate
-    from certpgo.datasets.source import Source
     from certpgo.graph import Estimate, Instance
+    from certpgo.io.datasets.source import Source
 
 
 @dataclass(frozen=True)
@@ -51,20 +51,13 @@ class Outputs:
         files = (*maps, self.csv, self.proof, self.covariances, self.html)
         return [path for path in files if path is not None]
 
-    def refuse(
-        self, inputs: Iterable[Source | str | Path | None] = (), data: Path | None = None
-    ) -> None:
-        """Refuse, before any work, what cannot be written, or would replace an input.
-
-        Parameters
-        ----------
-        inputs : files, folders or dataset names to read, or None
-        data : folder to search for datasets first
+    def refuse(self) -> None:
+        """Refuse, before any work, what cannot be written.
 
         Raises
         ------
         InputError
-            A suffix says no format, a file cannot be written or is named twice, or is an input.
+            A suffix says no format, or a file cannot be written or is named twice.
         MissingDependency
             jinja2, which draws pages, is not installed.
         """
@@ -73,11 +66,25 @@ class Outputs:
         for path, format in ((self.estimate, self.format), (self.graph, None)):
             if path is not None:
                 format_to_write(path, format)
-        for path in self.files:
+        for k, path in enumerate(self.files):
             _refuse_unwritable(path)
+            if any(_is_same(path, earlier) for earlier in self.files[:k]):
+                raise InputError(f"{path}: given for two outputs; one would overwrite the other")
         if self.html is not None:
             importlib.import_module("certpgo.view.page")
-        _refuse_overwriting(self.files, inputs, data)
+
+    def refuse_overwriting(self, *inputs: Source | Path | None) -> None:
+        """Refuse, before any work, to replace what is read, under any path: sources, other files.
+
+        Raises
+        ------
+        InputError
+            An output is an input, or a file in a folder that is one.
+        """
+        for out in self.files:
+            read = (path for source in inputs if source is not None for path in _files(source))
+            if any(_is_same(out, path) for path in read):
+                raise InputError(f"{out}: is also an input, and would be overwritten")
 
     def about(self, source: Source, instance: Instance, cost: str) -> Outputs:
         """The same outputs, with a proof about this graph, if the checker can read that."""
@@ -208,28 +215,7 @@ def _refuse_unwritable(out: Path) -> None:
         raise InputError(f"{out}: cannot be written: no such folder, or no write permission")
 
 
-def _refuse_overwriting(
-    written: Sequence[Path], inputs: Iterable[Source | str | Path | None], data: Path | None
-) -> None:
-    """Refuse an output that is also an input, under any path, or is named twice."""
-    for k, out in enumerate(written):
-        if any(_is_same(out, earlier) for earlier in written[:k]):
-            raise InputError(f"{out}: given for two outputs; one would overwrite the other")
-    read = [path for source in inputs if written and source for path in _files(source, data)]
-    for out in written:
-        for path in read:
-            if _is_same(out, path):
-                raise InputError(f"{out}: is also an input, and would be overwritten")
-
-
-def _files(source: Source | str | Path, data: Path | None) -> Iterator[Path]:
-    from certpgo.datasets.source import resolve
-
-    if isinstance(source, str):
-        try:
-            source = resolve(source, data)
-        except InputError:
-            return  # neither a file nor a dataset; reported when it is read
+def _files(source: Source | Path) -> Iterator[Path]:
     path = source if isinstance(source, Path) else source.found
     if path is not None:
         yield from path.iterdir() if path.is_dir() else (path,)

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints, overload
 
 import typer
 
@@ -19,8 +19,8 @@ from certpgo.cli._show import notice, noticing, progress_bar
 from certpgo.errors import GraphError, InputError
 
 if TYPE_CHECKING:
-    from certpgo.datasets.source import Source
     from certpgo.graph import Estimate, Instance
+    from certpgo.io.datasets.source import Source
     from certpgo.io.matching import Matching
 
 #: Seconds of reading after which a progress bar appears.
@@ -133,28 +133,41 @@ class Reading:
                 "or --cost gtsam, which take the file's full information matrices"
             )
 
-    def resolve(self, name: str) -> Source:
-        """The file or dataset with this path or name."""
-        from certpgo.datasets.source import resolve
+    @overload
+    def resolve(self, name: str) -> Source: ...
+    @overload
+    def resolve(self, name: str | None) -> Source | None: ...
+    def resolve(self, name: str | None) -> Source | None:
+        """The file or dataset with this path or name; called once, before any work.
 
+        Raises
+        ------
+        InputError
+            There is neither.
+        """
+        from certpgo.io.datasets.source import resolve
+
+        if name is None:
+            return None
         source = resolve(name, self.data)
         if source.hides_dataset:
             notice(f"{name} is a file here; the dataset of that name is not used")
         return source
 
-    def topic_of(self, path: Path) -> str | None:
+    def topic_of(self, source: Source) -> str | None:
         """The topic that is chosen, if this is a bag."""
         from certpgo.io.format import has_topics
 
-        return self.topic if self.topic is not None and has_topics(path) else None
+        return self.topic if self.topic is not None and has_topics(source.path()) else None
 
     def refuse_useless_topic(self, arguments: Iterable[Any]) -> None:
         """Refuse ``--topic`` unless some argument, or an item of one, is a bag."""
+        from certpgo.io.format import has_topics
+
         if self.topic is None:
             return
         listed = [one for given in arguments for one in (given if _is_list(given) else [given])]
-        paths = (Path(one) for one in listed if isinstance(one, str | Path))
-        if not any(self.topic_of(path) for path in paths):
+        if not any(has_topics(Path(one)) for one in listed if isinstance(one, str | Path)):
             raise InputError("--topic is for ROS bags, and none is given")
 
     @property
@@ -182,7 +195,7 @@ class Reading:
 
         with _reading_progress() as progress:
             chosen: dict[str, Any] = {}
-            if topic := self.topic_of(Path(source.name)):
+            if topic := self.topic_of(source):
                 chosen["topic"] = topic
             instance = source.graph(progress=progress, quiet=True, **self.options, **chosen)
         for sentence in instance.notices if notices else ():
@@ -259,7 +272,7 @@ def restricted_to(part: Instance, estimate: Estimate, instance: Instance) -> Est
 
 
 def covered(
-    path: Path, instance: Instance, reading: Reading, how: Matching
+    source: Source, instance: Instance, reading: Reading, how: Matching
 ) -> tuple[Instance, Estimate]:
     """The estimate in a file, and the instance of the nodes that it has; a notice says if not all.
 
@@ -274,8 +287,9 @@ def covered(
     from certpgo.graph.wording import counted
     from certpgo.io.estimates import read_part
 
+    path = source.path()
     with noticing():
-        nodes, estimate = read_part(path, instance, how, topic=reading.topic_of(path))
+        nodes, estimate = read_part(path, instance, how, topic=reading.topic_of(source))
     n = instance.graph.num_nodes
     if len(nodes) == n:
         return instance, estimate

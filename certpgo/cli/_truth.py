@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -15,11 +14,12 @@ if TYPE_CHECKING:
     from certpgo.assess.metrics import TrajectoryErrors
     from certpgo.cli._reading import Reading
     from certpgo.graph import Estimate, Instance
+    from certpgo.io.datasets.source import Source
     from certpgo.io.matching import Matching
     from certpgo.linalg.arrays import IntArray
 
 TruthFile = Annotated[
-    Path | None,
+    str | None,
     typer.Option(
         "--truth",
         metavar="FILE",
@@ -43,7 +43,7 @@ class KnownPoses:
 
     @classmethod
     def of(
-        cls, path: Path | None, part: Instance, reading: Reading, how: Matching
+        cls, source: Source | None, part: Instance, reading: Reading, how: Matching
     ) -> KnownPoses | None:
         """The truth in a file or dataset, of the poses of a graph; None without a file.
 
@@ -58,12 +58,12 @@ class KnownPoses:
 
         from certpgo.io.estimates import matched_truth, truth_in_words
 
-        if path is None:
+        if source is None:
             if how.offset:
                 raise InputError("--truth-offset is about --truth")
             return None
-        path = reading.resolve(str(path)).path()
-        nodes, poses, found = matched_truth(path, part, how, topic=reading.topic_of(path))
+        path = source.path()
+        nodes, poses, found = matched_truth(path, part, how, topic=reading.topic_of(source))
         notice(f"{path}: {truth_in_words(found, part)}")
         of_poses = np.isin(nodes, part.poses)
         return cls(nodes[of_poses], poses.subset(np.flatnonzero(of_poses)))

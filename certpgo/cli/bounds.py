@@ -45,12 +45,12 @@ def command(
     from certpgo.io.timestamps import timed
     from certpgo.objective.problem import problem_of
 
-    path = None if estimate is None else reading.resolve(estimate).path()
-    instance = timed(reading.open(reading.resolve(graph)), timestamps)
+    source, of_estimate = reading.resolve(graph), reading.resolve(estimate)
+    instance = timed(reading.open(source), timestamps)
     given: Estimate | None = None
-    if path is not None:
+    if of_estimate is not None:
         how = Matching.of(timestamps, max_difference)
-        instance, given = covered(path, instance, reading, how)
+        instance, given = covered(of_estimate, instance, reading, how)
     documents = []
     parts = reading.parts(instance)
     for part in parts:

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from certpgo.assess.metrics import TrajectoryErrors
     from certpgo.costs import Certifiable
     from certpgo.graph import Estimate, Instance
+    from certpgo.io.datasets.source import Source
     from certpgo.io.matching import Matching
     from certpgo.solvers.certified.disagreement import Disagreement
 
@@ -94,13 +95,16 @@ def command(
     from certpgo.costs import certifiable
     from certpgo.io.digits import writing_of
     from certpgo.io.matching import Matching
-    from certpgo.io.timestamps import timed, timed_by
+    from certpgo.io.timestamps import file_of_times, timed, timed_by
 
     _refuse_mixtures(estimates, csv, truth=truth, best=best, proof=proof, html=html)
     tier = tier_for(proof, tier, cost) or "standard"
     outputs = Outputs(estimate=best, csv=csv, proof=proof, html=html, json=json)
-    outputs.refuse([graph, *estimates, timestamps, truth], reading.data)
-    source = reading.resolve(graph)
+    outputs.refuse()
+    source, of_truth = reading.resolve(graph), reading.resolve(truth)
+    sources = _resolved(estimates, reading, batch=csv is not None)
+    here = [found for found in sources.values() if not isinstance(found, InputError)]
+    outputs.refuse_overwriting(source, *here, of_truth, file_of_times(timestamps))
     instance = timed(reading.open(source, distances=True), timestamps)
     refuse_with_distances(instance, proof=proof)
     asked = Asked(graph, chosen_cost(cost, instance), reading, estimates[0], best is not None)
@@ -118,9 +122,9 @@ def command(
         ]
 
     if csv is not None:
-        return _batch(estimates, instance, judged, how, csv, json, reading, status)
-    path = reading.resolve(estimates[0]).path()
-    whole, estimate = covered(path, instance, reading, how)
+        return _batch(estimates, sources, instance, judged, how, csv, json, reading, status)
+    [of_estimate] = here  # several need --csv
+    whole, estimate = covered(of_estimate, instance, reading, how)
     parts = judged(whole)
     if len(parts) > 1:
         _refuse_parts(best=best, proof=proof, html=html)
@@ -131,11 +135,11 @@ def command(
         replace(part, instance=timed_by(point, part.instance))
         for part, point in zip(parts, given, strict=True)
     ]
-    that, writing = how.of_truth(truth_offset), writing_of(path)
-    truths = [KnownPoses.of(truth, part.instance, reading, that) for part in parts]
+    that, writing = how.of_truth(truth_offset), writing_of(of_estimate.path())
+    truths = [KnownPoses.of(of_truth, part.instance, reading, that) for part in parts]
 
-    def assessed(part: JudgedGraph, point: Estimate, known: KnownPoses | None) -> _Assessed:
-        accuracy = None if known is None else known.errors(point)
+    def assessed(part: JudgedGraph, point: Estimate, truth: KnownPoses | None) -> _Assessed:
+        accuracy = None if truth is None else truth.errors(point)
         with working(f"certifying {part.instance.name}") as status.line:
             found = part.assessed(point, writing)
             disagreement = None if part.judge.ended_by else _disagreement(part.problem, found)
@@ -231,7 +235,7 @@ class _Assessed(Result):
 
 
 def _refuse_mixtures(
-    estimates: Sequence[str], csv: Path | None, *, truth: Path | None, **outputs: Path | None
+    estimates: Sequence[str], csv: Path | None, *, truth: str | None, **outputs: Path | None
 ) -> None:
     """Refuse options for one estimate where there may be several."""
     if csv is not None and truth is not None:
@@ -240,6 +244,21 @@ def _refuse_mixtures(
         raise InputError("several estimates need --csv OUT")
     if csv is not None and any(outputs.values()):
         raise InputError("--best, --proof and --html need a single estimate, without --csv")
+
+
+def _resolved(
+    names: Sequence[str], reading: Reading, *, batch: bool
+) -> dict[str, Source | InputError]:
+    """What each estimate is; in a batch, the error of one that is missing, for its row."""
+    found: dict[str, Source | InputError] = {}
+    for name in names:
+        try:
+            found[name] = reading.resolve(name)
+        except InputError as error:
+            if not batch:
+                raise
+            found[name] = error
+    return found
 
 
 def _refuse_parts(*, best: Path | None, proof: Path | None, html: Path | None) -> None:
@@ -283,6 +302,7 @@ def _disagreement(problem: Certifiable, found: Assessment) -> Disagreement | Non
 
 def _batch(
     names: Sequence[str],
+    sources: dict[str, Source | InputError],
     instance: Instance,
     judged: Callable[[Instance], list[JudgedGraph]],
     how: Matching,
@@ -302,7 +322,10 @@ def _batch(
 
         def read(name: str) -> Iterator[tuple[JudgedGraph, Estimate]]:
             status.line.update(f"certifying {name}")
-            of, estimate = covered(reading.resolve(name).path(), instance, reading, how)
+            source = sources[name]
+            if isinstance(source, InputError):
+                raise source
+            of, estimate = covered(source, instance, reading, how)
             parts = whole if of is instance else judged(of)
             used.extend(parts)
             return ((part, restricted_to(part.instance, estimate, of)) for part in parts)
@@ -313,12 +336,12 @@ def _batch(
             result = row.reason
             if row.cost is not None:
                 result = f"{row.estimate}: F {cost_shown(row.cost)}"
-            typer.echo(f"{done}/{len(set(names))} {row.verdict} {result}", err=True)
+            typer.echo(f"{done}/{len(sources)} {row.verdict} {result}", err=True)
     write_rows(out, rows)
     if json:
         document([asdict(row) for row in rows])
     if any(part.judge.interrupted for part in used):
         done = len({row.estimate for row in rows})
-        tell_interrupted(f"{out} has {done} of {len(set(names))} estimates")
+        tell_interrupted(f"{out} has {done} of {len(sources)} estimates")
         return _verdict.INTERRUPTED
     return _verdict.weakest(row.verdict for row in rows)

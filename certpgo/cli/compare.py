@@ -22,8 +22,8 @@ from certpgo.graph.wording import counted
 
 if TYPE_CHECKING:
     from certpgo.assess.comparison import Competitor, MethodResult
-    from certpgo.datasets.source import Source
     from certpgo.graph import Graph, Instance
+    from certpgo.io.datasets.source import Source
 
 #: Datasets compared by default, if available locally; otherwise small files of the gtsam wheel.
 USUAL = (
@@ -85,7 +85,7 @@ def command(
     names = None if methods is None else methods.split(",")
     _refuse_unknown(names, cost)
     named = [reading.resolve(name) for name in dict.fromkeys(graphs or ())]
-    sources = named or _usual(reading, quick)
+    sources, of_truth = named or _usual(reading, quick), reading.resolve(truth)
     for source in sources:
         source.path()  # report missing files and download datasets before any work
     if truth is not None and len(sources) > 1:
@@ -105,7 +105,7 @@ def command(
                 results.leave_out(source.name, str(error))
                 continue
             for part in parts:
-                known = KnownPoses.of(truth, part, reading, how)
+                known = KnownPoses.of(of_truth, part, reading, how)
                 chosen = _methods(names, under, part.graph)
                 _compare(part, chosen, under, results, known, None if json else phases)
     if json:
@@ -349,13 +349,13 @@ def _duration(sources: Sequence[Source], methods: int) -> str | None:
 
 def _usual(reading: Reading, quick: bool) -> list[Source]:
     """The usual datasets that are available locally, or their substitutes; never other files."""
-    from certpgo.datasets.source import Source
+    from certpgo.io.datasets.source import dataset
 
     local = [
-        [s for name in group if (s := Source(name, is_file=False, data=reading.data)).is_here]
+        [one for name in group if (one := dataset(name, reading.data)).found is not None]
         for group in (USUAL, STAND_INS)
     ]
-    found = local[0] or local[1]
+    found: list[Source] = [*(local[0] or local[1])]
     if not found:
         raise InputError(
             "none of the usual datasets is available: name a graph, download some with certpgo "

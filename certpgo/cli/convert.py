@@ -62,12 +62,13 @@ def command(
     """Convert a graph (to g2o, npz, PyFG) or an estimate (those, TUM, KITTI, rots)."""
     from certpgo.io import read_estimate
     from certpgo.io.format import format_of, format_to_write
+    from certpgo.io.timestamps import file_of_times
 
-    inputs = [source, graph, timestamps]
     outputs = Outputs(estimate=target, format=format)
-    outputs.refuse(inputs, reading.data)
+    outputs.refuse()
+    given, of_graph = reading.resolve(source), reading.resolve(graph)
+    outputs.refuse_overwriting(given, of_graph, file_of_times(timestamps))
     out = format_to_write(target, format)
-    given = reading.resolve(source)
     path = given.path()
     if not estimate and out.write_graph is not None and format_of(path).read_graph is not None:
         with suppress(NoMeasurements):
@@ -84,14 +85,14 @@ def command(
             return
     if isotropic:
         raise InputError(f"--isotropic is about measurements, and {path} is converted as poses")
-    instance = None if graph is None else reading.open(reading.resolve(graph), distances=True)
+    instance = None if of_graph is None else reading.open(of_graph, distances=True)
     with noticing():
         poses = read_estimate(
             path,
             instance,
             timestamps=timestamps,
             max_difference=max_difference,
-            topic=reading.topic_of(path),
+            topic=reading.topic_of(given),
         )
     frame = None if anchor is None else anchor.value
     outputs.write(poses, instance=instance, anchor=frame, timestamps=timestamps)

@@ -18,7 +18,7 @@ def command(
     json: Json = False,
 ) -> None:
     """Find or download datasets, verify their checksums, and print their paths."""
-    from certpgo import datasets
+    from certpgo.io import datasets
 
     for name in names:
         datasets.entry(name)  # report unknown names before any download

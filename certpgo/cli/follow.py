@@ -68,10 +68,10 @@ def command(
     from certpgo import RobustSession, Session, SolveSettings
 
     refuse_chordal_only(cost, robust=robust)
-    is_pipe = graph == PIPE
     outputs = Outputs(estimate=out)
-    outputs.refuse([None if is_pipe else graph], reading.data)
-    source = None if is_pipe else reading.resolve(graph)
+    outputs.refuse()
+    source = None if graph == PIPE else reading.resolve(graph)
+    outputs.refuse_overwriting(source)
     stream = Stream.of(source, every, reading, cost, robust)
     limits = SolveSettings(time_limit=time_limit)
     session = (

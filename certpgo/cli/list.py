@@ -131,7 +131,7 @@ def _missing_package(method: str) -> str:
 
 
 def _datasets(data: Path | None) -> Rows:
-    from certpgo import datasets
+    from certpgo.io import datasets
 
     rows = []
     for name in datasets.names():

@@ -56,9 +56,10 @@ def command(
     from certpgo.solvers.certified.merging import merge
 
     outputs = Outputs(estimate=out, json=json)
-    outputs.refuse([*maps, between], reading.data)
+    outputs.refuse()
     sources = [reading.resolve(name) for name in maps]
     joints = reading.resolve(between)
+    outputs.refuse_overwriting(*sources, joints)
     read = [reading.open(source) for source in sources]
     merged = merge(read, reading.open(joints), offset=offset, robust=robust)
     return emit([_Merged(merged.answer.certificate, merged, [one.name for one in read])], [outputs])

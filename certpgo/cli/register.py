@@ -80,7 +80,8 @@ def command(
     from certpgo.registration.scans import read_initial, read_scan
 
     outputs = Outputs(scene=out, graph=graph, estimate=trajectory, json=json)
-    outputs.refuse([*scans, initial])
+    outputs.refuse()
+    outputs.refuse_overwriting(*scans, initial)
     if graph is not None and method == "global_icp":
         raise InputError("global_icp has no pose graph: not with --graph")
     with working("reading scans") as status:

@@ -39,6 +39,7 @@ from certpgo.optimize.monitor import Monitor, TableMonitor
 if TYPE_CHECKING:
     from certpgo import SolveSettings
     from certpgo.graph import Estimate, Instance
+    from certpgo.io.datasets.source import Source
     from certpgo.io.matching import Matching
     from certpgo.optimize.solution import Solver
     from certpgo.solvers.certified import CertifiedSolution
@@ -59,7 +60,7 @@ def command(
     ] = None,
     cost: CostOption = None,
     initial: Annotated[
-        Path | None,
+        str | None,
         typer.Option("--initial", metavar="FILE", help="Initial estimate: a file or dataset."),
     ] = None,
     out: Annotated[
@@ -128,7 +129,7 @@ def command(
     """
     from certpgo import SolveSettings
     from certpgo.io.matching import Matching
-    from certpgo.io.timestamps import timed
+    from certpgo.io.timestamps import file_of_times, timed
 
     _refuse_mixtures(method, settings, certify, robust, time_limit, max_rank, stored)
     refuse_chordal_only(cost, method=method, robust=robust)
@@ -138,21 +139,24 @@ def command(
     outputs = Outputs(
         estimate=out, format=format, proof=proof, covariances=covariances, html=html, json=json
     )
-    inputs = [graph, initial, truth, timestamps]
-    outputs.refuse(inputs, reading.data)
-    source = reading.resolve(graph)
+    outputs.refuse()
+    source, of_truth = reading.resolve(graph), reading.resolve(truth)
+    of_initial = reading.resolve(initial)
+    inputs = (source, of_initial, of_truth, file_of_times(timestamps))
+    outputs.refuse_overwriting(*inputs)
     instance = timed(reading.open(source, distances=True), timestamps)
     refuse_with_distances(instance, method=method, robust=robust, proof=proof)
     parts = reading.parts(instance)
     if len(parts) > 1 or not certify:
         _refuse_parts(proof=proof, html=html, covariances=covariances)
     for own in outputs.split(parts):
-        own.refuse(inputs, reading.data)
+        own.refuse()
+        own.refuse_overwriting(*inputs)
     how = Matching.of(timestamps, max_difference)
-    truths = [KnownPoses.of(truth, part, reading, how.of_truth(truth_offset)) for part in parts]
-    start = None if initial is None else _start(initial, instance, reading, how)
+    truths = [KnownPoses.of(of_truth, part, reading, how.of_truth(truth_offset)) for part in parts]
+    start = None if of_initial is None else _start(of_initial, instance, reading, how)
     solver = None if method is None else _solver(method, settings, parts)
-    if initial is not None and not getattr(solver, "takes_initial", True):
+    if start is not None and not getattr(solver, "takes_initial", True):
         raise InputError(f"{method} takes no initial estimate: not with --initial")
     asked = Asked(graph, chosen_cost(cost, instance, method=method, robust=robust), reading)
     outputs = outputs.about(source, instance, asked.cost)
@@ -185,18 +189,17 @@ def _solver(method: str, settings: Sequence[str] | None, parts: Sequence[Instanc
     return solver
 
 
-def _start(path: Path, instance: Instance, reading: Reading, how: Matching) -> Estimate:
+def _start(source: Source, instance: Instance, reading: Reading, how: Matching) -> Estimate:
     """The initial estimate in a file or dataset, of all nodes."""
     from certpgo.io import read_estimate
 
-    path = reading.resolve(str(path)).path()
     with noticing():
         return read_estimate(
-            path,
+            source.path(),
             instance,
             timestamps=how.timestamps,
             max_difference=how.max_difference,
-            topic=reading.topic_of(path),
+            topic=reading.topic_of(source),
         )
 
 

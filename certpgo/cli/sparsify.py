@@ -58,8 +58,10 @@ def command(
     from certpgo.assess.sparsifying import sparsify
 
     outputs = Outputs(estimate=out, json=json)
-    outputs.refuse([graph], reading.data)
-    instance = reading.open(reading.resolve(graph))
+    outputs.refuse()
+    source = reading.resolve(graph)
+    outputs.refuse_overwriting(source)
+    instance = reading.open(source)
     with working(f"sparsifying {instance.name}"):
         found = sparsify(instance, keep)
     return emit([_Sparsified(found.answer.certificate, instance, found)], [outputs])

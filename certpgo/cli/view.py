@@ -12,11 +12,13 @@ import typer
 from certpgo.cli._interrupting import tells_unwritten
 from certpgo.cli._options import Data, MaxDifference, Timestamps
 from certpgo.cli._outputs import Outputs
+from certpgo.cli._reading import Reading
 from certpgo.cli._show import notice, noticing, working
 from certpgo.cli._truth import TruthOffset
 from certpgo.errors import InputError
 
 if TYPE_CHECKING:
+    from certpgo.io.datasets.source import Source
     from certpgo.solvers.certified import CertifiedSolution
     from certpgo.view.scene import Scene
 
@@ -73,9 +75,13 @@ def command(
 
     Without -o the scene is live at the printed address, on this machine, until Ctrl-C.
     """
+    from certpgo.io.timestamps import file_of_times
     from certpgo.view.show import View
 
-    Outputs(scene=out).refuse([*files, truth, timestamps], data)
+    outputs, reading = Outputs(scene=out), Reading(data=data)
+    outputs.refuse()
+    sources = [reading.resolve(name) for name in files]
+    outputs.refuse_overwriting(*sources, truth, file_of_times(timestamps))
     if play and out is None:
         raise InputError("--play is for -o; the live view has a box to play")
     matching = {
@@ -84,7 +90,7 @@ def command(
         "max_difference": max_difference,
         "truth_offset": truth_offset,
     }
-    scene = _scene(files, data, matching, solve=solve, robust=robust)
+    scene = _scene(sources, matching, solve=solve, robust=robust)
     view = View(scene, dark, None if colour is None else colour.value.replace("-", " "))
     if out is not None:
         with working(f"drawing {scene.name}"):
@@ -106,20 +112,17 @@ def _kept(answer: CertifiedSolution) -> str:
     return f" of {kept} measurements kept, {rejected} rejected" if rejected else ""
 
 
-def _scene(
-    files: list[str], data: Path | None, matching: dict[str, Any], *, solve: bool, robust: bool
-) -> Scene:
+def _scene(sources: list[Source], matching: dict[str, Any], *, solve: bool, robust: bool) -> Scene:
     """The scene of the files, with an answer if one is asked for."""
     import certpgo
-    from certpgo.datasets.source import resolve
     from certpgo.view.gather import scene_of
 
     if not (solve or robust):
         with noticing():
-            return scene_of(*files, data=data, **matching)
+            return scene_of(*sources, **matching)
     with noticing():
-        instance = resolve(files[0], data).graph(quiet=True)
+        instance = sources[0].graph(quiet=True)
         with working(f"solving {instance.name}"):
             answer = certpgo.solve_robustly(instance.graph) if robust else certpgo.solve(instance)
         notice(f"{instance.name}: {answer.certificate.in_brief}{_kept(answer)}")
-        return scene_of(instance, *files[1:], answer, data=data, **matching)
+        return scene_of(instance, *sources[1:], answer, **matching)

@@ -156,7 +156,7 @@ class InformationGraph(Brief):
     Examples
     --------
     >>> import numpy as np
-    >>> from certpgo.datasets.synthetic import helix
+    >>> from certpgo.io.datasets.synthetic import helix
     >>> graph = helix(3, np.random.default_rng(0)).graph
     >>> information = np.tile(np.diag([4.0, 4, 4, 1, 1, 1]), (graph.num_edges, 1, 1))
     >>> full = InformationGraph(graph, information)

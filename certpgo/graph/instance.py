@@ -65,7 +65,7 @@ class Instance(Speaking):
 
     Examples
     --------
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> instance, _ = winding_cycle(5, 0.1, 0)
     >>> instance.name, instance.graph.num_nodes, instance.truth.num_nodes
     ('winding_cycle-5', 5, 5)

@@ -62,7 +62,7 @@ def with_priors(
 
     >>> import numpy as np
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import helix
+    >>> from certpgo.io.datasets.synthetic import helix
     >>> instance = helix(6, np.random.default_rng(0))
     >>> nodes = np.arange(0, 36, 2)
     >>> fixes = instance.truth.translations[nodes]
@@ -142,7 +142,7 @@ def with_directions(
 
     >>> import numpy as np
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import helix
+    >>> from certpgo.io.datasets.synthetic import helix
     >>> instance = helix(6, np.random.default_rng(0))
     >>> up = instance.truth.rotations[:, 2, :]  # R_i^T e_z
     >>> kappa = 1.0 / np.radians(1.0) ** 2

@@ -50,7 +50,7 @@ def streamed(
 
     Examples
     --------
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> from certpgo.graph.streaming import streamed
     >>> [nodes for _, nodes in streamed(winding_cycle(4, 0.3, 0)[0].graph)]
     [[0, 1], [1, 2], [2, 3], [0, 3]]

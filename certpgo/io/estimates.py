@@ -13,11 +13,12 @@ import numpy as np
 from certpgo.errors import CertPGOError, FormatError, InputError, InputNotice
 from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.graph.components import restricted
+from certpgo.graph.graph import require_connected
 from certpgo.graph.keys import NO_TIME, Keys, in_seconds
 from certpgo.graph.points import with_points
+from certpgo.graph.trees import compose, spanning_tree
 from certpgo.graph.wording import counted
 from certpgo.io.assemble import estimate_at, require_translations
-from certpgo.io.dead_reckoning import integrated
 from certpgo.io.format import (
     LabelledPoses,
     ReadOptions,
@@ -34,7 +35,7 @@ from certpgo.io.matching import (
     nearest,
 )
 from certpgo.io.names import name_numbers
-from certpgo.io.timestamps import node_times, refuse_number, refuse_repeats, timed
+from certpgo.io.timestamps import file_of_times, node_times, refuse_number, refuse_repeats, timed
 from certpgo.linalg.arrays import IntArray
 
 
@@ -76,7 +77,7 @@ def read_estimate(
     --------
     >>> import numpy as np
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import helix
+    >>> from certpgo.io.datasets.synthetic import helix
     >>> instance = helix(3, np.random.default_rng(0))
     >>> certpgo.write("truth.tum", instance.truth, instance=instance, anchor="none")
     >>> estimate = certpgo.read_estimate("truth.tum", instance)
@@ -88,7 +89,7 @@ def read_estimate(
     how = Matching.of(timestamps, max_difference)
     with _located(path):
         if instance is None:
-            return _in_own_order(poses, timestamps, how)
+            return _in_own_order(poses, file_of_times(timestamps), how)
         of = timed(instance, timestamps)
         poses = _fitting(poses, of)
         found = match(poses, of, how)
@@ -224,11 +225,22 @@ def matched_truth(
     if form.read_poses is not None:
         poses = form.read_poses(path)
     elif form.read_graph is not None:
-        poses = integrated(form.read_graph(path, ReadOptions(ignore_information=True)))
+        poses = _integrated(form.read_graph(path, ReadOptions(ignore_information=True)))
     else:
         raise FormatError(path, None, f"{form.name} files hold {form.holds}, no truth")
     with _located(path):
         return truth_among(poses, instance, how)
+
+
+def _integrated(instance: Instance) -> LabelledPoses:
+    """Poses relative to the node of smallest id, from noise-free relative poses.
+
+    A breadth-first tree has short chains, hence little accumulated rounding.
+    """
+    graph = instance.graph
+    require_connected(graph)
+    poses = compose(graph, spanning_tree(graph))
+    return LabelledPoses(poses.rotations, poses.translations, ids=instance.ids)
 
 
 def truth_among(
@@ -302,8 +314,8 @@ def _incomplete(instance: Instance, found: Match) -> str:
     return f"the estimate lacks {instance.named(int(found.missing[0]))} ({count})"
 
 
-def _in_own_order(poses: LabelledPoses, timestamps: str | Path | None, how: Matching) -> Estimate:
-    """The poses by ascending id, or in the file's order; with the times of a file, those alone."""
+def _in_own_order(poses: LabelledPoses, times: Path | None, how: Matching) -> Estimate:
+    """The poses by ascending id, or in the file's order; with a file of times, those alone."""
     keys = poses.keys
     if poses.names:
         keys = replace(keys, ids=name_numbers(poses.names) if poses.ids is None else poses.ids)
@@ -322,21 +334,19 @@ def _in_own_order(poses: LabelledPoses, timestamps: str | Path | None, how: Matc
         raise InputError(str(error)) from None
     if keys.ids is not None:
         estimate = estimate.subset(np.argsort(keys.ids))
-    return (
-        estimate if how.timestamps or timestamps is None else _at_times(estimate, timestamps, how)
-    )
+    return estimate if times is None else _at_times(estimate, times, how)
 
 
-def _at_times(estimate: Estimate, timestamps: str | Path, how: Matching) -> Estimate:
+def _at_times(estimate: Estimate, path: Path, how: Matching) -> Estimate:
     """The poses nearest to the times in a file; where poses have no times, these are theirs."""
-    known, times = node_times(Path(timestamps)), estimate.keys.times_ns
+    known, times = node_times(path), estimate.keys.times_ns
     if times is None:
-        refuse_number(Path(timestamps), known, estimate.num_nodes)
+        refuse_number(path, known, estimate.num_nodes)
         return estimate.keyed(replace(estimate.keys, times_ns=known))
     place = nearest(known, times, how.max_difference)
     if (place < 0).any():
         time = in_seconds(int(known[np.argmin(place)]))
-        said = f"no pose of its own within {how.max_difference:g} s of {time} s in {timestamps}"
+        said = f"no pose of its own within {how.max_difference:g} s of {time} s in {path}"
         raise InputError(said)
     return estimate.subset(place).keyed(Keys(times_ns=known))
 

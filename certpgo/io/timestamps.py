@@ -93,21 +93,25 @@ def node_times(path: Path) -> IntArray:
     return times
 
 
+def file_of_times(timestamps: str | Path | None) -> Path | None:
+    """The file with times; None, ``"ids"`` and ``"index"`` are none."""
+    return None if timestamps in (None, "ids", "index") else Path(str(timestamps))
+
+
 def timed(instance: Instance, timestamps: str | Path | None) -> Instance:
     """The instance with the times of its nodes from a file, one a line; otherwise as it is.
 
     Parameters
     ----------
-    timestamps : the file; None, ``"ids"`` and ``"index"`` are none
+    timestamps : see `file_of_times`
 
     Raises
     ------
     InputError
         There are neither as many as nodes nor as poses.
     """
-    if timestamps in (None, "ids", "index"):
+    if (path := file_of_times(timestamps)) is None:
         return instance
-    path = Path(str(timestamps))
     found, n = node_times(path), len(instance.ids[: instance.world])
     times = np.full(n, NO_TIME)
     nodes = np.arange(n) if len(found) == n else instance.poses

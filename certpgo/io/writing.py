@@ -86,7 +86,7 @@ def write(
     --------
     >>> import numpy as np
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import helix
+    >>> from certpgo.io.datasets.synthetic import helix
     >>> instance = helix(3, np.random.default_rng(0))
     >>> certpgo.write("helix.g2o", instance)
     >>> certpgo.read("helix.g2o").graph.num_edges == instance.graph.num_edges

@@ -55,7 +55,7 @@ class PoseProblem(Objective):
     --------
     >>> import numpy as np
     >>> from certpgo import PoseProblem
-    >>> from certpgo.datasets.synthetic import helix
+    >>> from certpgo.io.datasets.synthetic import helix
     >>> instance = helix(3, np.random.default_rng(0))
     >>> problem = PoseProblem(instance.graph)
     >>> best = problem.complete(instance.truth.rotations)  # the optimal t for these rotations

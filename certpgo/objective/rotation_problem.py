@@ -42,7 +42,7 @@ class RotationProblem(Objective):
 
     >>> import numpy as np
     >>> from certpgo import RotationProblem
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> instance, around = winding_cycle(5, 0.0, 1)
     >>> problem = RotationProblem(instance.graph)
     >>> print(f"{problem.cost(around):.6f}")

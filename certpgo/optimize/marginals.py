@@ -76,7 +76,7 @@ class Marginals:
     --------
     >>> import numpy as np
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import helix
+    >>> from certpgo.io.datasets.synthetic import helix
     >>> answer = certpgo.solve(helix(6, np.random.default_rng(0)).graph)
     >>> np.sqrt(np.diag(answer.covariance(35)))[:3].round(2)  # metres
     array([0.07, 0.04, 0.07])

@@ -54,7 +54,7 @@ class Monitor(Protocol):
     Record the costs, and stop at the second step:
 
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import cycle
+    >>> from certpgo.io.datasets.synthetic import cycle
     >>> import numpy as np
     >>> costs = []
     >>> def monitor(iteration):

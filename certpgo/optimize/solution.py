@@ -105,7 +105,7 @@ class Solution(Brief):
     Examples
     --------
     >>> from certpgo import RotationProblem, get_solver
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
     >>> solution = get_solver("spanning_tree")().solve(problem)
     >>> solution.status.value, solution.lower_bound

@@ -81,7 +81,7 @@ def undetermined(problem: Measured, estimate: Estimate, anchor: int) -> Undeterm
 
     >>> import numpy as np
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import helix
+    >>> from certpgo.io.datasets.synthetic import helix
     >>> made = helix(3, np.random.default_rng(0))
     >>> fixes = made.truth.translations[[0, 8]]
     >>> graph = certpgo.with_priors(made.graph, [0, 8], translations=fixes, tau=25.0)

@@ -46,7 +46,7 @@ def residuals(
 
     >>> from matplotlib.figure import Figure
     >>> from certpgo import RotationProblem, plot
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> instance, around = winding_cycle(9, 0.0, 1)
     >>> problem = RotationProblem(instance.graph)
     >>> ax = plot.residuals(problem, around, ax=Figure().add_subplot())
@@ -94,7 +94,7 @@ def spectrum(
     --------
     >>> from matplotlib.figure import Figure
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> answer = certpgo.solve(winding_cycle(9, 0.3, 0)[0])
     >>> ax = certpgo.plot.spectrum(answer, count=5, ax=Figure().add_subplot())
     >>> len(ax.patches)
@@ -133,7 +133,7 @@ def bounds(
     --------
     >>> from matplotlib.figure import Figure
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> answer = certpgo.solve(winding_cycle(9, 0.3, 0)[0])
     >>> ax = certpgo.plot.bounds(answer, ax=Figure().add_subplot())
     >>> [label.get_text() for label in ax.get_yticklabels()][-2:]
@@ -182,7 +182,7 @@ def convergence(
     >>> import numpy as np
     >>> from matplotlib.figure import Figure
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import helix
+    >>> from certpgo.io.datasets.synthetic import helix
     >>> answer = certpgo.solve(helix(4, np.random.default_rng(0)))
     >>> ax = certpgo.plot.convergence(answer, ax=Figure().add_subplot())
     >>> ax.get_ylabel()

@@ -53,7 +53,7 @@ def trajectory(
     >>> import numpy as np
     >>> from matplotlib.figure import Figure
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import helix
+    >>> from certpgo.io.datasets.synthetic import helix
     >>> answer = certpgo.solve(helix(4, np.random.default_rng(0)))
     >>> ax = certpgo.plot.trajectory(answer, ax=Figure().add_subplot())
     >>> [line.get_label() for line in ax.lines[:2]]

@@ -53,7 +53,7 @@ class AdaptiveTrimming(Iterative):
     --------
     >>> import numpy as np
     >>> from certpgo import RotationProblem, get_solver
-    >>> from certpgo.datasets.thesis import langevin_graph
+    >>> from certpgo.io.datasets.thesis import langevin_graph
     >>> instance = langevin_graph(40, 12.0, 3.0, np.random.default_rng(0), outliers=0.15)
     >>> problem = RotationProblem(instance.graph)
     >>> solution = get_solver("adaptive_trimming")().solve(problem)

@@ -50,7 +50,7 @@ class BlockCoordinateDescent(Sweeping):
     Examples
     --------
     >>> from certpgo import RotationProblem, get_solver
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
     >>> solution = get_solver("block_coordinate_descent")(tolerance=1e-6).solve(problem)
     >>> solution.cost - solution.lower_bound <= 1e-6 * solution.cost

@@ -47,7 +47,7 @@ class CycleClosedForm:
     Examples
     --------
     >>> from certpgo import RotationProblem, get_solver
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
     >>> print(f"{get_solver('cycle_closed_form')().solve(problem).cost:.6f}")
     0.029994

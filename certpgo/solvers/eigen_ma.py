@@ -34,7 +34,7 @@ class EigenMA(Settings):
     --------
     >>> import numpy as np
     >>> from certpgo import PoseProblem, get_solver
-    >>> from certpgo.datasets.synthetic import helix
+    >>> from certpgo.io.datasets.synthetic import helix
     >>> problem = PoseProblem(helix(3, np.random.default_rng(0)).graph)
     >>> ml, thesis = (
     ...     get_solver("eigen_ma")(translations=which).solve(problem) for which in ("ml", "thesis")

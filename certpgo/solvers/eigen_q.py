@@ -29,7 +29,7 @@ class EigenQ(Settings):
     --------
     >>> import numpy as np
     >>> from certpgo import PoseProblem, get_solver
-    >>> from certpgo.datasets.synthetic import helix
+    >>> from certpgo.io.datasets.synthetic import helix
     >>> problem = PoseProblem(helix(3, np.random.default_rng(0)).graph)
     >>> solution = get_solver("eigen_q")().solve(problem)
     >>> solution.lower_bound <= solution.cost

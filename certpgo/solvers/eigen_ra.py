@@ -34,7 +34,7 @@ class EigenRA(Settings):
     Examples
     --------
     >>> from certpgo import RotationProblem, get_solver
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
     >>> solution = get_solver("eigen_ra")().solve(problem)
     >>> solution.lower_bound <= solution.cost  # the spectral bound, after eq. 4.7

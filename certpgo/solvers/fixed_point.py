@@ -31,7 +31,7 @@ class FixedPoint(Iterative):
     Examples
     --------
     >>> from certpgo import RotationProblem, get_solver
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
     >>> get_solver("fixed_point")(tolerance=1e-9).solve(problem).status.value
     'converged'

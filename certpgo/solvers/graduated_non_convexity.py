@@ -54,7 +54,7 @@ class GraduatedNonConvexity(Iterative):
     --------
     >>> import numpy as np
     >>> from certpgo import RotationProblem, get_solver
-    >>> from certpgo.datasets.thesis import langevin_graph
+    >>> from certpgo.io.datasets.thesis import langevin_graph
     >>> instance = langevin_graph(40, 12.0, 3.0, np.random.default_rng(0), outliers=0.15)
     >>> problem = RotationProblem(instance.graph.with_weights(180.0))
     >>> solution = get_solver("graduated_non_convexity")().solve(problem)

@@ -28,7 +28,7 @@ class LaplacianGaussNewton(Iterative):
     Examples
     --------
     >>> from certpgo import RotationProblem, get_solver
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
     >>> get_solver("laplacian_gauss_newton")().solve(problem).status.value
     'converged'

@@ -33,7 +33,7 @@ class LowRank(Iterative):
     At rank d + 1 a winding can be undone, which at rank d it cannot:
 
     >>> from certpgo import RotationProblem, get_solver
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> instance, _ = winding_cycle(9, 0.3, 1)
     >>> problem = RotationProblem(instance.graph)
     >>> solution = get_solver("low_rank")(seed=1).solve(problem)

@@ -21,7 +21,7 @@ class Newton(NewtonSettings):
     Examples
     --------
     >>> from certpgo import RotationProblem, get_solver
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
     >>> solution = get_solver("newton")().solve(problem)
     >>> solution.status.value, problem.stationarity(solution.estimate) < 1e-9

@@ -53,7 +53,7 @@ class RiemannianGradient(Iterative):
     --------
     Local: an initial estimate that winds around the cycle once still does at the end.
 
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> from certpgo import RotationProblem, get_solver
     >>> instance, around = winding_cycle(9, 0.3, 1)
     >>> problem = RotationProblem(instance.graph)

@@ -33,7 +33,7 @@ class RotationCoordinateDescent(Sweeping):
     Examples
     --------
     >>> from certpgo import RotationProblem, get_solver
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
     >>> solution = get_solver("rotation_coordinate_descent")().solve(problem)
     >>> solution.status.value, solution.lower_bound

@@ -21,7 +21,7 @@ class DualSDP(Semidefinite):
     Examples
     --------
     >>> from certpgo import RotationProblem, get_solver
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
     >>> solution = get_solver("sdp_dual")().solve(problem)
     >>> bool(abs(solution.lower_bound - solution.cost) < 1e-6)  # strong duality, numerically

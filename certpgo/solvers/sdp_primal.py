@@ -21,7 +21,7 @@ class PrimalSDP(Semidefinite):
     Examples
     --------
     >>> from certpgo import RotationProblem, get_solver
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
     >>> solution = get_solver("sdp_primal")().solve(problem)
     >>> solution.relaxation.rank  # d: the relaxation is tight

@@ -32,7 +32,7 @@ class SpanningTree(Settings):
     Examples
     --------
     >>> from certpgo import RotationProblem, get_solver
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> problem = RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
     >>> solution = get_solver("spanning_tree")(tree="odometry").solve(problem)
     >>> print(problem.residual_angles(solution.estimate).round(6))  # all on the last edge

@@ -9,9 +9,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from certpgo.datasets.source import Source, resolve
 from certpgo.errors import FormatError, InputError, NoMeasurements, kind_of
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.io.datasets.source import Source, resolve
 from certpgo.io.estimates import (
     is_in_order,
     matched_truth,
@@ -36,10 +36,11 @@ from certpgo.view.placing import aligned, placement, residuals, weights
 from certpgo.view.scene import IN_METRES, Placement, Scene, kinds_of
 from certpgo.view.tracks import scene_of_trajectories
 
-#: What there is to look at: a path, the name of a dataset, or an object.
+#: What there is to look at: a path, the name of a dataset, what that was resolved to, or an object.
 Thing: TypeAlias = (
     str
     | Path
+    | Source
     | Graph
     | Instance
     | Estimate
@@ -117,6 +118,8 @@ class _Found:
         match thing:
             case str() | Path():
                 self._add_file(resolve(str(thing), self.data))
+            case Source():
+                self._add_file(thing)
             case Instance():
                 self._add_graph(thing)
             case PoseGraph() | RotationGraph():

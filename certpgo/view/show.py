@@ -107,7 +107,7 @@ def show(
     --------
     >>> import numpy as np
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import helix
+    >>> from certpgo.io.datasets.synthetic import helix
     >>> instance = helix(3, np.random.default_rng(0))
     >>> view = certpgo.show(instance, certpgo.solve(instance))
     >>> [placement.name for placement in view.scene.placements], view.scene.truth.name

@@ -10,7 +10,7 @@ from sphinx.application import Sphinx
 
 from certpgo import Instance, certify, solve
 from certpgo.assess.assessment import assess
-from certpgo.datasets import synthetic
+from certpgo.io.datasets import synthetic
 from certpgo.objective.problem import problem_of
 from certpgo.view.certificate_page import Origin, certificate_page
 

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import Instance, RotationGraph, RotationProblem, datasets
+from certpgo import Instance, RotationGraph, RotationProblem
 from certpgo.assess.consistency import consistency
-from certpgo.datasets import thesis
 from certpgo.graph import Estimate
+from certpgo.io import datasets
+from certpgo.io.datasets import thesis
 from certpgo.linalg import so
 from certpgo.linalg.arrays import IntArray
 from reports.harness.experiments.absence import Absence, NotRun

@@ -15,7 +15,7 @@ import numpy as np
 
 from certpgo import Certificate, Estimate, RotationProblem, certify
 from certpgo.assess import metrics
-from certpgo.datasets import synthetic
+from certpgo.io.datasets import synthetic
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.optimize.newton import NewtonSettings, newton

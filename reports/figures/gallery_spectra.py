@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from certpgo import Estimate, RotationProblem, solve
-from certpgo.datasets import synthetic
+from certpgo.io.datasets import synthetic
 from certpgo.linalg import so
 from certpgo.optimize.newton import newton
 from reports.harness.experiments.figure import Data, Figure

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from certpgo import PoseProblem
 from certpgo.assess import metrics
-from certpgo.datasets import thesis
+from certpgo.io.datasets import thesis
 from certpgo.registry import get_solver
 from certpgo.solvers.eigen_ma import EigenMA
 from reports.harness.experiments.claims import Claim
@@ -101,7 +101,7 @@ FIGURE = Figure(
         "those of its Table 5.7.",
         "Of the noise in the thesis' six panels that of four is legible in our copy, (a) and (f) "
         "the same, two draws here. It does not define the path; see "
-        "certpgo.datasets.thesis.spherical_path.",
+        "certpgo.io.datasets.thesis.spherical_path.",
     ),
     claims=CLAIMS,
 )

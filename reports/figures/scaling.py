@@ -10,8 +10,8 @@ from statistics import median
 import numpy as np
 
 from certpgo import Estimate, PoseGraph
-from certpgo.datasets import synthetic
 from certpgo.errors import CertPGOError
+from certpgo.io.datasets import synthetic
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.solution import Solver
 from certpgo.registry import get_solver, solver_names

@@ -19,15 +19,16 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from certpgo import PoseGraph, RotationGraph, certify, datasets, solve
+from certpgo import PoseGraph, RotationGraph, certify, solve
 from certpgo.costs import InformationProblem, information_problem, surrogate
 from certpgo.costs.descent import descend
 from certpgo.costs.g2o import G2oCost
 from certpgo.costs.gtsam import GtsamCost
-from certpgo.datasets.synthetic import grid3d
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
 from certpgo.graph.information import InformationGraph
+from certpgo.io import datasets
+from certpgo.io.datasets.synthetic import grid3d
 from certpgo.linalg import so
 from reports.harness.experiments.figure import STYLE
 

@@ -22,10 +22,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import certpgo
-from certpgo import RotationProblem, datasets, get_solver, solve
+from certpgo import RotationProblem, get_solver, solve
 from certpgo.assess.ladder import ladder
-from certpgo.datasets.synthetic import helix
 from certpgo.errors import InputError
+from certpgo.io import datasets
+from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import so
 from certpgo.objective.problem import problem_of
 from reports.harness.experiments.figure import STYLE

@@ -19,7 +19,7 @@ import numpy as np
 
 import certpgo
 from certpgo.assess.metrics import angular_errors, position_errors
-from certpgo.datasets import synthetic, thesis
+from certpgo.io.datasets import synthetic, thesis
 from certpgo.linalg import so
 from certpgo.solvers.graduated_non_convexity import quantiles
 

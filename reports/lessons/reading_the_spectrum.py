@@ -20,8 +20,8 @@ import numpy as np
 
 from certpgo import Estimate, Instance, RotationGraph, RotationProblem, get_solver, solve
 from certpgo.assess.consistency import consistency, perturbation_bound
-from certpgo.datasets.synthetic import winding_cycle
-from certpgo.datasets.thesis import langevin_graph
+from certpgo.io.datasets.synthetic import winding_cycle
+from certpgo.io.datasets.thesis import langevin_graph
 from certpgo.linalg import so
 from certpgo.optimize.spectral import smallest_eigenpairs, spectral_bound
 from reports.harness.experiments.figure import STYLE

@@ -20,7 +20,7 @@ from scipy.optimize import brentq
 
 import certpgo
 from certpgo.certify.bounds import alpha_max, fiedler_value
-from certpgo.datasets.synthetic import complete, winding_cycle
+from certpgo.io.datasets.synthetic import complete, winding_cycle
 
 BLUE, VERMILION, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#999999"  # Okabe and Ito's
 plt.rcParams.update({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False})

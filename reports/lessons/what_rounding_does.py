@@ -23,8 +23,8 @@ import numpy as np
 
 import certpgo
 from certpgo import RotationProblem, certify, checker
-from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import MissingDependency
+from certpgo.io.datasets.synthetic import winding_cycle
 from reports.harness.certifiers import rules
 from reports.harness.experiments.figure import STYLE
 

@@ -19,8 +19,8 @@ import numpy as np
 import certpgo
 from certpgo.assess.ladder import ladder
 from certpgo.certify.bounds import alpha_max, fiedler_value, normalized_fiedler_value, row_bound
-from certpgo.datasets.synthetic import complete, random_graph
 from certpgo.graph.lift import Lift
+from certpgo.io.datasets.synthetic import complete, random_graph
 from certpgo.linalg import so
 from certpgo.optimize.newton import newton
 

@@ -21,8 +21,8 @@ import numpy as np
 
 import certpgo
 from certpgo.certify.curvature import negative_curvature
-from certpgo.datasets.synthetic import winding_cycle
 from certpgo.graph.lift import Lift
+from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import so
 from certpgo.objective import operators
 from certpgo.optimize.low_rank import descend, tangent_basis

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 import certpgo
-from certpgo.datasets.synthetic import helix
+from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import factor
 from certpgo.linalg.distributed.fronts import DistributedFronts
 from certpgo.linalg.distributed.tasks import Key, TaskGraph

@@ -36,9 +36,9 @@ from scipy import sparse
 
 from certpgo import checker, io
 from certpgo.certify.proof_file import write_proof
-from certpgo.datasets.synthetic import helix
 from certpgo.errors import CertPGOError, InputNotice
 from certpgo.graph import Estimate, Instance
+from certpgo.io.datasets.synthetic import helix
 from certpgo.io.digits import writing_of
 from certpgo.io.exact import quaternion
 from certpgo.io.format import formats

@@ -1,6 +1,6 @@
 """Large graphs from file to proof, and checked: ``python -m reports.studies.large_proofs``.
 
-Solves helices (`certpgo.datasets.synthetic.helix`) on the command line, writes their proofs, and
+Solves helices (`certpgo.io.datasets.synthetic.helix`) on the command line, writes their proofs, and
 runs the checker alone on them. Both are processes of their own, of one thread. Seconds are of the
 processor, but those of the solver alone are by the clock; memory is the most that a process had.
 The last of the default sizes, a million poses, takes 13 GB and about half an hour. Writes
@@ -20,7 +20,7 @@ import numpy as np
 
 import certpgo
 from certpgo import checker
-from certpgo.datasets import synthetic
+from certpgo.io.datasets import synthetic
 
 OUT = Path(__file__).parents[1] / "results" / "large_proofs.md"
 TURNS = (100, 200, 316, 1000)

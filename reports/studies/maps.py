@@ -18,11 +18,12 @@ import gtsam
 import numpy as np
 
 import certpgo
-from certpgo import Estimate, Instance, PoseProblem, certify, datasets
+from certpgo import Estimate, Instance, PoseProblem, certify
 from certpgo.costs import range_problem
 from certpgo.costs.ranges import RangeProblem
 from certpgo.graph.points import with_points
 from certpgo.graph.trees import tree_initialization
+from certpgo.io import datasets
 from certpgo.linalg import so
 
 DATASETS = (

@@ -17,8 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import Instance, PoseGraph, RotationGraph, datasets, merge, solve
+from certpgo import Instance, PoseGraph, RotationGraph, merge, solve
 from certpgo.graph.joining import joined
+from certpgo.io import datasets
 from certpgo.linalg import so
 from reports.studies._printing import print_table
 

@@ -28,12 +28,12 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 import certpgo
-from certpgo import datasets
 from certpgo.certify.ranged import RangedCase, Search
 from certpgo.costs import range_problem
 from certpgo.costs.ranges import RangeProblem
 from certpgo.costs.signed import SignedProblem
 from certpgo.graph.lift import Lift, translations_of
+from certpgo.io import datasets
 from certpgo.linalg import so
 
 DATASETS = ("goats_15", "goats_16", "mrclam5a", "plaza2")

@@ -15,10 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import datasets
 from certpgo.certify import Verdict
 from certpgo.graph import PoseGraph, RotationGraph
-from certpgo.io import read, write
+from certpgo.io import datasets, read, write
 from certpgo.linalg import so
 from certpgo.objective import operators
 from certpgo.objective.problem import problem_of

@@ -29,9 +29,9 @@ from certpgo import (
     read_sequence,
     solve_robustly,
 )
-from certpgo.datasets.source import resolve
 from certpgo.graph.joining import joined
 from certpgo.graph.streaming import arrivals, streamed
+from certpgo.io.datasets.source import resolve
 from certpgo.linalg import so
 from certpgo.linalg.arrays import BoolArray, IntArray
 from reports.studies._printing import print_table

@@ -16,8 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import datasets, solve, sparsify
+from certpgo import solve, sparsify
 from certpgo.assess.metrics import trajectory_errors
+from certpgo.io import datasets
 from certpgo.objective.problem import problem_of
 from certpgo.optimize import connectivity
 from reports.studies._printing import print_table

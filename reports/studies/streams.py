@@ -21,10 +21,11 @@ from pathlib import Path
 import gtsam
 import numpy as np
 
-from certpgo import Instance, Session, Verdict, datasets, solve
+from certpgo import Instance, Session, Verdict, solve
 from certpgo.costs import information_problem
 from certpgo.costs.gtsam_graph import factors_of
 from certpgo.graph.streaming import arrivals, streamed
+from certpgo.io import datasets
 from reports.studies._printing import print_table
 
 GRAPHS = ("manhattan", "sphere2500", "city10000", "kitti_00")

@@ -13,10 +13,10 @@ from certpgo.assess.assessment import assess, costly_edges, distance
 from certpgo.assess.batch import JudgedGraph, judge_all, write_rows
 from certpgo.certify import Verdict, certify
 from certpgo.certify.judge import Judge
-from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance
 from certpgo.graph.wording import bound_shown, cost_shown
+from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.io.digits import writing_of
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of

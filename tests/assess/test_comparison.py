@@ -8,8 +8,8 @@ from certpgo.assess.comparison import METHODS, Competitor, MethodResult, compare
 from certpgo.assess.comparison_table import COLUMNS, NOTES, captions, columns, notes, title
 from certpgo.certify import certify
 from certpgo.costs import information_problem
-from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import InputError
+from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.objective.problem import problem_of
 
 NAMES = ("certified", "certified (F)", "spanning_tree")

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from strategies import dimensions, rng_of, rotation_graph, seeds
 
 from certpgo.assess.consistency import consistency, inconsistency, perturbation_bound
-from certpgo.datasets import synthetic, thesis
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, RotationGraph
+from certpgo.io.datasets import synthetic, thesis
 from certpgo.linalg import so
 from certpgo.objective.problem import RotationProblem
 

@@ -4,9 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from certpgo.assess.diagnostics import spectra, structure
-from certpgo.datasets import synthetic
 from certpgo.graph import Instance, RotationGraph
 from certpgo.graph.bridges import bridges
+from certpgo.io.datasets import synthetic
 
 
 def graph_of(n, edges):

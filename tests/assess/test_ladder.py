@@ -9,9 +9,9 @@ from certpgo import registry
 from certpgo.assess import ladder as ladder_of
 from certpgo.assess.ladder import PROGRAM, ladder
 from certpgo.certify import Verdict
-from certpgo.datasets import synthetic
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate
+from certpgo.io.datasets import synthetic
 from certpgo.objective.problem import RotationProblem, problem_of
 from certpgo.optimize import spectral
 from certpgo.optimize.solution import Relaxation, Solution, Status

@@ -7,7 +7,7 @@ import pytest
 
 import certpgo
 from certpgo import GraphError, InputError, Instance, RotationGraph, Verdict
-from certpgo.datasets.synthetic import helix, sphere, winding_cycle
+from certpgo.io.datasets.synthetic import helix, sphere, winding_cycle
 from certpgo.objective.problem import RotationProblem
 from certpgo.optimize.connectivity import Connectivity, choose, relaxed
 

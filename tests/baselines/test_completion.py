@@ -10,9 +10,9 @@ from hypothesis import given, settings
 
 from certpgo import registry
 from certpgo.assess import metrics
-from certpgo.datasets import synthetic
 from certpgo.errors import InputError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.io.datasets import synthetic
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.optimize.solution import Status

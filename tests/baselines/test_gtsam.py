@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from certpgo import registry
-from certpgo.datasets import synthetic
 from certpgo.errors import InputError, MissingDependency, NumericalError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.io.datasets import synthetic
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.optimize.solution import Status

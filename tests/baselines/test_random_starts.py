@@ -5,8 +5,8 @@ import pytest
 
 from certpgo import registry
 from certpgo.certify import certify
-from certpgo.datasets import synthetic
 from certpgo.errors import SpecError
+from certpgo.io.datasets import synthetic
 from certpgo.linalg import so
 from certpgo.objective.problem import RotationProblem
 from certpgo.solvers.cycle_closed_form import stationary_point

@@ -10,9 +10,9 @@ import pytest
 import certpgo
 from certpgo import registry
 from certpgo.certify import Verdict
-from certpgo.datasets import synthetic
 from certpgo.errors import InputError, MissingDependency, NumericalError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.io.datasets import synthetic
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.optimize.solution import Status

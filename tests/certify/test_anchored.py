@@ -16,8 +16,8 @@ from strategies import dimensions, general_graph, point_graph, pose_graph, rng_o
 import certpgo
 from certpgo.certify import cost_upper, dual, dual_bound
 from certpgo.certify.anchored import Anchored, EdgeForces
-from certpgo.datasets.synthetic import winding_cycle
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import factor, so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.optimize.newton import newton

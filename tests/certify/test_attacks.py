@@ -7,9 +7,9 @@ import pytest
 from scipy import sparse
 
 from certpgo.certify import Verdict, case, certify, dual_bound
-from certpgo.datasets.synthetic import helix, winding_cycle
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.io.datasets.synthetic import helix, winding_cycle
 from certpgo.linalg import factor, so
 from certpgo.linalg.arrays import CSC
 from certpgo.linalg.rounding_bound import RoundingBound, is_cholesky

@@ -15,9 +15,9 @@ from certpgo.certify.bounds import (
     normalized_fiedler_value,
     row_bound,
 )
-from certpgo.datasets.synthetic import winding_cycle
 from certpgo.graph import Estimate, RotationGraph
 from certpgo.io import read
+from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import so
 from certpgo.objective.problem import RotationProblem
 from certpgo.optimize.newton import NewtonSettings, newton

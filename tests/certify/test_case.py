@@ -15,9 +15,9 @@ from certpgo.certify import case as module
 from certpgo.certify.case import FLOOR, Basin, Case, difference_up
 from certpgo.certify.dual import DualBound
 from certpgo.certify.wording import reason_of
-from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
+from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem, RotationProblem
 

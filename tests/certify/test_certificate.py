@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 
 from certpgo import RotationProblem, certify
-from certpgo.datasets.synthetic import winding_cycle
+from certpgo.io.datasets.synthetic import winding_cycle
 
 
 def test_gaps_are_relative_to_the_cost_and_tolerances_to_both_scales():

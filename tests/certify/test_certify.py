@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
 from certpgo.certify import Tier, Verdict, certify
-from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import InputError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import factor, so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.optimize import spectral

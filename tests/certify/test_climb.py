@@ -11,9 +11,9 @@ from certpgo.certify.own_cost import OwnCostCase
 from certpgo.costs import InformationProblem
 from certpgo.costs.descent import descend
 from certpgo.costs.g2o import G2oCost
-from certpgo.datasets.synthetic import grid3d, winding_cycle
 from certpgo.graph import PoseGraph
 from certpgo.graph.information import InformationGraph
+from certpgo.io.datasets.synthetic import grid3d, winding_cycle
 from certpgo.linalg import so
 from certpgo.optimize.newton import newton
 

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, seeds
 
 from certpgo.certify.curvature import negative_curvature, smallest_eigenvalues
-from certpgo.datasets.synthetic import winding_cycle
 from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.lift import lifted
+from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import factor
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.optimize import low_rank

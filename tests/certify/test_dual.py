@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, seeds
 
 from certpgo.certify import cost_upper, dual, dual_bound
-from certpgo.datasets.synthetic import winding_cycle
 from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.lift import Lift, lifted
+from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import factor, so, superlu
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.optimize.newton import NewtonSettings, newton

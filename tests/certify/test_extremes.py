@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 import certpgo
 from certpgo.certify import Tier, Verdict, certify, cost_upper
 from certpgo.certify.units import in_units, scaled_blocks, scaled_down, scaled_up
-from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import FormatError, GraphError, InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 

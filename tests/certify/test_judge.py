@@ -14,11 +14,11 @@ from certpgo.certify.own_cost import OwnCostCase
 from certpgo.certify.units import unit_of
 from certpgo.costs import InformationProblem, RangeProblem
 from certpgo.costs.g2o import G2oCost
-from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.information import InformationGraph
 from certpgo.graph.ranges import Ranges
+from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.optimize import spectral

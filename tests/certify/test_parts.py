@@ -10,9 +10,9 @@ from certpgo.certify import Tier, Verdict, certify
 from certpgo.certify.case import Case
 from certpgo.certify.dual import DualBound
 from certpgo.certify.parts import outside, parts, sum_of_bounds
-from certpgo.datasets.synthetic import winding_cycle
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.bridges import bridges
+from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem, RotationProblem
 

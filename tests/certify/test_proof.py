@@ -11,9 +11,9 @@ from certpgo import checker
 from certpgo.certify import Tier, Verdict, certify
 from certpgo.certify.proof import exact_cost, exact_graph, prove, quaternions
 from certpgo.certify.proof_file import write_proof
-from certpgo.datasets.synthetic import corridor, winding_cycle
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate, PoseGraph
+from certpgo.io.datasets.synthetic import corridor, winding_cycle
 from certpgo.linalg import factor, so
 from certpgo.objective.problem import problem_of
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from certpgo.datasets import synthetic
 from certpgo.graph import Estimate
 from certpgo.io import write
+from certpgo.io.datasets import synthetic
 
 TWO_PARTS = """\
 EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1

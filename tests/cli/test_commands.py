@@ -225,7 +225,7 @@ def test_certify_polishes(certpgo, square, tmp_path):
 
 
 def test_a_wrong_winding_is_refuted(certpgo, tmp_path):
-    from certpgo.datasets.synthetic import winding_cycle
+    from certpgo.io.datasets.synthetic import winding_cycle
 
     instance, wound = winding_cycle(60, 0.0, 1)
     graph, estimate = tmp_path / "cycle.npz", tmp_path / "wound.npz"
@@ -389,7 +389,7 @@ def test_compare_names_the_cost_it_judges_by(certpgo, square, tmp_path):
 
 
 def test_a_graph_without_the_cost_fails_the_comparison_or_is_a_row(certpgo, square, tmp_path):
-    from certpgo.datasets.synthetic import winding_cycle
+    from certpgo.io.datasets.synthetic import winding_cycle
 
     path, out = tmp_path / "cycle.npz", tmp_path / "r"
     package.write(path, winding_cycle(5, 0.1, 0)[0])
@@ -437,7 +437,7 @@ def test_compare_takes_components_one_by_one(certpgo, tmp_path):
 
 
 def test_compare_leaves_out_methods_for_other_graphs_unless_asked(certpgo, tmp_path):
-    from certpgo.datasets.synthetic import winding_cycle
+    from certpgo.io.datasets.synthetic import winding_cycle
 
     path = tmp_path / "cycle.npz"
     package.write(path, winding_cycle(5, 0.1, 0)[0])
@@ -639,7 +639,7 @@ def test_certify_says_how_far_the_best_answer_is_and_where_the_cost_sits(certpgo
 
 
 def test_certify_polishes_to_the_better_answer(certpgo, tmp_path):
-    from certpgo.datasets.synthetic import winding_cycle
+    from certpgo.io.datasets.synthetic import winding_cycle
 
     instance, wound = winding_cycle(60, 0.0, 1)
     graph, estimate, best = (tmp_path / name for name in ("cycle.npz", "wound.npz", "best.npz"))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import certpgo as package
-from certpgo.datasets import synthetic
+from certpgo.io.datasets import synthetic
 
 
 def lines_of(path):

@@ -8,7 +8,7 @@ import pytest
 
 import certpgo as package
 from certpgo.costs import problem_under
-from certpgo.datasets.synthetic import helix
+from certpgo.io.datasets.synthetic import helix
 
 
 @pytest.fixture

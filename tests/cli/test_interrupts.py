@@ -15,8 +15,8 @@ import pytest
 import typer
 
 from certpgo.cli._interrupting import heard_late
-from certpgo.datasets.synthetic import winding_cycle
 from certpgo.io import write
+from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.optimize.progress import Stop
 from certpgo.optimize.solution import Status
 from certpgo.solvers._sdp import Semidefinite

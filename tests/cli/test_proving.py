@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from certpgo.certify.dual import _Attempts
-from certpgo.datasets import synthetic
 from certpgo.io import write
+from certpgo.io.datasets import synthetic
 
 
 @pytest.fixture

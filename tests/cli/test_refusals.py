@@ -7,7 +7,8 @@ import pytest
 
 from certpgo import InputError, certify, read_estimate, registry
 from certpgo.cli import BENCHMARKS
-from certpgo.datasets.synthetic import cycle
+from certpgo.io.datasets import entry
+from certpgo.io.datasets.synthetic import cycle
 from certpgo.objective.problem import problem_of
 
 EDGE = "EDGE_SE2 0 1 1 0 0.1 1 0 0 1 0 1"
@@ -76,7 +77,7 @@ def test_a_file_that_hides_a_dataset_is_noted(certpgo, square, monkeypatch):
 def test_the_usual_datasets_are_never_files_here(certpgo, square, monkeypatch):
     monkeypatch.chdir(square.parent)
     monkeypatch.delenv("CERTPGO_DATA", raising=False)
-    monkeypatch.setattr("certpgo.datasets.lookup.places", lambda data: {"here": square.parent})
+    monkeypatch.setattr("certpgo.io.datasets.lookup.places", lambda data: {"here": square.parent})
     square.rename("sphere2500.txt")
     fails_in_one_line(certpgo("compare"), "none of the usual datasets is available")
 
@@ -295,6 +296,31 @@ def test_an_input_is_never_overwritten(certpgo, square, tmp_path, monkeypatch, a
     (tmp_path / "link.g2o").symlink_to("g.g2o")
     fails_in_one_line(certpgo(*arguments), "would be overwritten")
     assert all((tmp_path / name).read_text() == text for name in ("g.g2o", "e.g2o", "link.g2o"))
+
+
+@pytest.mark.parametrize("option", ["--initial", "--truth"])
+def test_the_file_of_a_dataset_that_an_option_names_is_not_overwritten(
+    certpgo, square, tmp_path, monkeypatch, option
+):
+    monkeypatch.setattr("certpgo.io.datasets.lookup.places", lambda data: {"here": tmp_path})
+    monkeypatch.setattr("certpgo.io.datasets.catalogue.Entry.agrees", lambda entry, path: True)
+    held = tmp_path / "data" / entry("intel").filename
+    held.parent.mkdir()
+    held.write_text(square.read_text())
+    done = certpgo("solve", square, option, "intel", "-o", held)
+    fails_in_one_line(done, "would be overwritten")
+    assert held.read_text() == square.read_text()
+
+
+def test_the_truth_is_resolved_once_for_all_components(certpgo, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    nodes = "".join(f"VERTEX_SE2 {k} {k} 0 0\n" for k in (0, 1, 5, 6))
+    text = f"{nodes}{EDGE}\n{EDGE.replace('0 1 1', '5 6 1', 1)}\n"
+    for name in ("two.g2o", "MIT"):
+        (tmp_path / name).write_text(text)
+    done = certpgo("solve", "two.g2o", "--components", "each", "--truth", "MIT")
+    assert done.code == 0
+    assert done.err.count("the dataset of that name is not used") == 1
 
 
 def test_the_file_of_a_component_is_no_input_either(certpgo, tmp_path):

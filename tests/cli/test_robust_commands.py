@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from certpgo.datasets import thesis
 from certpgo.io import write
+from certpgo.io.datasets import thesis
 
 
 @pytest.fixture

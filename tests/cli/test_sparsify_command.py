@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import certpgo as package
-from certpgo.datasets.synthetic import helix
+from certpgo.io.datasets.synthetic import helix
 
 
 @pytest.fixture

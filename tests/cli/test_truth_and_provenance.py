@@ -7,8 +7,8 @@ import pytest
 
 from certpgo import read, write
 from certpgo.assess.metrics import trajectory_errors
-from certpgo.datasets import synthetic
 from certpgo.io import read_estimate
+from certpgo.io.datasets import synthetic
 
 FILE = """\
 FIX 0

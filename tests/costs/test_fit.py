@@ -10,9 +10,9 @@ import certpgo
 from certpgo import Instance, PoseGraph, PoseProblem, Ranges, RotationGraph, RotationProblem
 from certpgo.costs import information_problem, range_problem
 from certpgo.costs.fit import Fit, fit_of, goodness_of_fit, squares
-from certpgo.datasets.synthetic import helix
 from certpgo.graph import Estimate
 from certpgo.graph.information import Information, InformationGraph
+from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import so
 
 NODES, EDGES, RUNS = 12, 30, 25

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from certpgo.datasets import synthetic
 from certpgo.errors import InputError
+from certpgo.io.datasets import synthetic
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 
@@ -91,7 +91,7 @@ def test_simulated_rotations_on_a_viewing_graph(dataset_path):
 
 
 def test_a_viewing_graph_that_is_not_here_is_refused(monkeypatch):
-    monkeypatch.setattr("certpgo.datasets.find", lambda name, data: None)
+    monkeypatch.setattr("certpgo.io.datasets.lookup.find", lambda entry, data: None)
     with pytest.raises(InputError, match="file not here"):
         synthetic.viewing_graph("Ellis_Island.mat", 0.1, rng())
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from certpgo.datasets import edges, thesis
 from certpgo.errors import GraphError, InputError, SpecError
 from certpgo.graph.components import component, rotations_alone
+from certpgo.io.datasets import edges, thesis
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from reports.harness.experiments.instances import load_row

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from certpgo.certify import certify
-from certpgo.datasets import synthetic
+from certpgo.io.datasets import synthetic
 from certpgo.objective.problem import RotationProblem
 from reports.harness.experiments import evaluate
 from reports.harness.experiments.absence import Absence

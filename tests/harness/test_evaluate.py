@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from certpgo.datasets import thesis
+from certpgo.io.datasets import thesis
 from certpgo.objective.problem import RotationProblem
 from certpgo.optimize.solution import Solution, Status
 from reports.harness.experiments import evaluate

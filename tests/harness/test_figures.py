@@ -116,7 +116,7 @@ def test_figure_1_of_eriksson_shows_three_minima_of_which_the_lowest_is_certifie
 
 def test_a_figure_whose_file_is_nowhere_says_which(monkeypatch, tmp_path):
     monkeypatch.setenv("CERTPGO_DATA", str(tmp_path))
-    monkeypatch.setattr("certpgo.datasets.lookup.cache_folder", lambda: tmp_path)
+    monkeypatch.setattr("certpgo.io.datasets.lookup.cache_folder", lambda: tmp_path)
     with pytest.raises(InputError, match=r"file not here \(Ellis_Island\)"):
         computed(scan.get_figure("moreira2020_figure4_4"))
 
@@ -154,7 +154,7 @@ def test_errors_vanish_without_noise_and_are_larger_on_sparser_graphs(quick):
 def test_eigen_rao_s_iterates_are_its_answers(quick, dataset):
     from certpgo import RotationProblem
     from certpgo.assess import metrics
-    from certpgo.datasets import truth
+    from certpgo.io.datasets import truth
     from certpgo.solvers.eigen_ra import EigenRA
     from certpgo.solvers.eigen_rao import EigenRAO
 

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from certpgo.assess.provenance import provenance
-from certpgo.datasets.edges import viewing_edges
 from certpgo.errors import FormatError, InputError
 from certpgo.graph import Estimate
+from certpgo.io.datasets.edges import viewing_edges
 from certpgo.optimize.monitor import Iteration
 from certpgo.optimize.solution import Solution, Status
 from reports.harness.experiments.absence import Absence, missing
@@ -41,7 +41,7 @@ def test_a_missing_result_has_a_reason_and_words_for_it(more):
 
 
 def test_a_file_that_is_not_here_is_not_a_failure(monkeypatch):
-    monkeypatch.setattr("certpgo.datasets.find", lambda name, data: None)
+    monkeypatch.setattr("certpgo.io.datasets.lookup.find", lambda entry, data: None)
     with pytest.raises(InputError) as caught:
         viewing_edges("Ellis_Island.mat")
     found = missing(caught.value)

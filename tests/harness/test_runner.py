@@ -5,9 +5,9 @@ import pytest
 
 from certpgo import registry
 from certpgo.assess.comparison import solution_of
-from certpgo.datasets.synthetic import cycle
 from certpgo.errors import InputError, SpecError
 from certpgo.graph.trees import compose, spanning_tree
+from certpgo.io.datasets.synthetic import cycle
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.monitor import Iteration
 from certpgo.optimize.solution import Solution, Status
@@ -110,7 +110,7 @@ def test_a_family_that_reads_a_file_finds_it_in_the_data_folder(
     here = dataset_path("Ellis_Island.mat").parent
     row = Row(generator="viewing_graph", arguments={"name": "Ellis_Island.mat", "sigma": 0.0})
     monkeypatch.setenv("CERTPGO_DATA", str(tmp_path))
-    monkeypatch.setattr("certpgo.datasets.lookup.cache_folder", lambda: tmp_path)
+    monkeypatch.setattr("certpgo.io.datasets.lookup.cache_folder", lambda: tmp_path)
     assert load_row(row, here, None).graph.num_edges == 20297
     with pytest.raises(InputError, match="file not here"):
         load_row(row, None, None)

@@ -12,9 +12,9 @@ from scipy import io as matlab
 from scipy import sparse
 
 from certpgo import io
-from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import FormatError
 from certpgo.io import expansion
+from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.io.matlab import sparse_pattern
 
 #: Of the benchmark, which reads 100,000.

@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from certpgo import io, solve
-from certpgo.datasets.synthetic import helix
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.information import Information, mahalanobis
+from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import so
 from certpgo.objective.problem import problem_of
 from tests.strategies import rng_of

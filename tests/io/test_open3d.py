@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import certpgo
-from certpgo.datasets.synthetic import helix
 from certpgo.errors import FormatError, InputError, InputNotice, NoMeasurements
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
+from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import so
 
 #: A quarter turn about z, and (1, 2, 3): source points to target points.

@@ -9,8 +9,8 @@ import pytest
 import certpgo
 from certpgo import FormatError, InputError, InputNotice, io
 from certpgo.cli import main
-from certpgo.datasets.synthetic import helix
 from certpgo.errors import NoMeasurements
+from certpgo.io.datasets.synthetic import helix
 from certpgo.io.format import format_of
 
 #: Nodes, edges of the graph (priors too), points, sightings, priors, ranges.
@@ -69,7 +69,7 @@ def test_counts(dataset, name):
         sightings = 0  # positions of points are priors
     found = (graph.num_nodes, graph.num_edges, int(graph.points.sum()), sightings, priors)
     assert (*found, ranges.num_edges) == SAMPLES[name]
-    entry = certpgo.datasets.entry(name)
+    entry = certpgo.io.datasets.entry(name)
     assert (entry.nodes, entry.edges) == found[:2]
     assert instance.initial.num_nodes == len(instance.names) == graph.num_nodes
     assert instance.options["weights_are"] == "covariance"

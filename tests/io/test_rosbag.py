@@ -8,9 +8,9 @@ pytest.importorskip("rosbags", reason="rosbags is not installed")
 from bags import Messages, trajectory
 
 import certpgo
-from certpgo.datasets.synthetic import helix
 from certpgo.errors import FormatError, InputError, InputNotice, NoMeasurements
 from certpgo.graph import Instance
+from certpgo.io.datasets.synthetic import helix
 from certpgo.io.format import format_of
 
 #: A generation of ROS, the name of a bag, and how its messages are stored.

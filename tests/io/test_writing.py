@@ -14,9 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from certpgo import io
-from certpgo.datasets import synthetic
 from certpgo.errors import FormatError, InputError, InputNotice, SpecError
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
+from certpgo.io.datasets import synthetic
 from certpgo.linalg import so
 
 seeds = st.integers(0, 2**32 - 1)

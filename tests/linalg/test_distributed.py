@@ -18,8 +18,8 @@ from strategies import rng_of, seeds
 
 import certpgo
 from certpgo import Marginals
-from certpgo.datasets.synthetic import grid3d
 from certpgo.errors import CertPGOError, InputError, MissingDependency
+from certpgo.io.datasets.synthetic import grid3d
 from certpgo.linalg import compiled, factor
 from certpgo.linalg.distributed import fronts, schedulers
 from certpgo.linalg.distributed.fronts import DistributedFronts

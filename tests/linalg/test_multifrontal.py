@@ -14,7 +14,7 @@ from scipy import sparse
 from strategies import random_edges, rng_of, seeds
 
 import certpgo
-from certpgo.datasets.synthetic import grid3d
+from certpgo.io.datasets.synthetic import grid3d
 from certpgo.linalg import compiled, factor, multifrontal
 from certpgo.linalg.arrays import CSC
 from certpgo.linalg.blocks import BlockPattern, add_to_diagonal
@@ -327,7 +327,7 @@ import sys
 
 import numpy as np
 import certpgo
-from certpgo.datasets.synthetic import grid3d
+from certpgo.io.datasets.synthetic import grid3d
 answer = certpgo.solve(grid3d(3, np.random.default_rng(0)).graph)
 print(answer.verdict.value, answer.certificate.engine)
 """

@@ -15,11 +15,11 @@ from strategies import (
 )
 
 from certpgo import get_solver, solve
-from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import GraphError, InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.graph import require_isotropic
 from certpgo.graph.lift import Lift
+from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import so
 from certpgo.objective import operators
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of

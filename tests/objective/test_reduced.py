@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, seeds
 
-from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.lift import Lift
+from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import factor, so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.objective.reduced import ELIMINATED_SHIFTS, SHIFTS, Reduced

@@ -7,7 +7,7 @@ import pytest
 from strategies import rng_of, rotation_graph
 
 import certpgo
-from certpgo.datasets.synthetic import cycle
+from certpgo.io.datasets.synthetic import cycle
 from certpgo.objective.problem import RotationProblem
 from certpgo.solvers.block_coordinate_descent import BlockCoordinateDescent
 from certpgo.solvers.cycle_closed_form import CycleClosedForm

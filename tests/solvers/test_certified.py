@@ -18,9 +18,9 @@ from certpgo.certify import Tier, Verdict
 from certpgo.certify.case import Case
 from certpgo.certify.curvature import resolution
 from certpgo.certify.dual import _Attempts
-from certpgo.datasets.synthetic import corridor, grid3d, helix, winding_cycle
 from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.io.datasets.synthetic import corridor, grid3d, helix, winding_cycle
 from certpgo.linalg import factor, so
 from certpgo.objective.problem import RotationProblem, problem_of
 from certpgo.optimize import low_rank

@@ -7,9 +7,9 @@ import pytest
 
 from certpgo import registry
 from certpgo.certify import certify
-from certpgo.datasets import synthetic
 from certpgo.errors import CertPGOError, GraphError, MissingDependency, SpecError
 from certpgo.graph import Estimate
+from certpgo.io.datasets import synthetic
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem, problem_of
 from certpgo.optimize.solution import Solution, Status

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
 import certpgo
-from certpgo.datasets.synthetic import cycle, random_graph, winding_cycle
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate
+from certpgo.io.datasets.synthetic import cycle, random_graph, winding_cycle
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.optimize.solution import Status

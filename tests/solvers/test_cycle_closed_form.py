@@ -8,10 +8,10 @@ from strategies import dimensions, rng_of, seeds
 
 from certpgo.certify import Verdict, certify
 from certpgo.certify.bounds import cycle_bound, cycle_sum_holds
-from certpgo.datasets import synthetic
 from certpgo.errors import GraphError
 from certpgo.graph import RotationGraph
 from certpgo.graph.cycles import walk
+from certpgo.io.datasets import synthetic
 from certpgo.linalg import so
 from certpgo.objective.problem import RotationProblem
 from certpgo.solvers.certified.interface import solve

@@ -11,8 +11,8 @@ from strategies import rng_of
 import certpgo
 from certpgo.assess import metrics
 from certpgo.certify import Verdict
-from certpgo.datasets import synthetic
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.io.datasets import synthetic
 from certpgo.linalg import so
 from certpgo.objective.problem import RotationProblem, problem_of
 from certpgo.optimize.newton import newton

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from strategies import dimensions, pose_graph, rng_of, seeds
 
 from certpgo.certify.curvature import negative_curvature
-from certpgo.datasets.synthetic import winding_cycle
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate
 from certpgo.graph.lift import Lift, lifted
+from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import factor, so
 from certpgo.objective import operators
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of

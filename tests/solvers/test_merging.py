@@ -5,9 +5,9 @@ import pytest
 
 import certpgo
 from certpgo import WORLD, Instance, PoseGraph, Ranges, RotationGraph, Verdict
-from certpgo.datasets.synthetic import helix
 from certpgo.errors import GraphError, InputError
 from certpgo.graph.labels import Landmark
+from certpgo.io.datasets.synthetic import helix
 
 
 @pytest.fixture(scope="module")

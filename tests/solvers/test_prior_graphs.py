@@ -9,7 +9,7 @@ from strategies import dense_cost, dimensions, pose_graph, rng_of, seeds
 
 import certpgo
 from certpgo import Estimate, PoseGraph, RotationGraph, Verdict, certify, solve, with_priors
-from certpgo.datasets.synthetic import helix
+from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem
 from certpgo.optimize.newton import newton

@@ -5,8 +5,8 @@ import pytest
 
 import certpgo
 from certpgo import PoseGraph, RobustSession, RotationGraph, Session, Verdict
-from certpgo.datasets.synthetic import helix
 from certpgo.graph.streaming import streamed
+from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import so
 
 #: Weight of the wrong loop's rotation.

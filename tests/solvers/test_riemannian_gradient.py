@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
-from certpgo.datasets import synthetic
 from certpgo.graph import Estimate
+from certpgo.io.datasets import synthetic
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.optimize.solution import Status

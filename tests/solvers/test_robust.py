@@ -10,9 +10,9 @@ from strategies import rng_of, rotation_graph
 
 from certpgo.assess import metrics
 from certpgo.certify import Verdict, certify
-from certpgo.datasets import synthetic, thesis, truth
 from certpgo.errors import GraphError, SpecError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.io.datasets import synthetic, thesis, truth
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem, RotationProblem, problem_of
 from certpgo.solvers._robust import connected

@@ -13,9 +13,9 @@ from strategies import dimensions, pose_graph, rng_of, rotation_graph, seeds
 
 from certpgo import solve
 from certpgo.certify import certify
-from certpgo.datasets import synthetic
 from certpgo.errors import InputError, MissingDependency, NumericalError, SpecError
 from certpgo.graph import Estimate, RotationGraph
+from certpgo.io.datasets import synthetic
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem, RotationProblem
 from certpgo.optimize.solution import Status

@@ -9,10 +9,10 @@ import pytest
 import certpgo
 from certpgo import Instance, PoseGraph, RotationGraph, Session, Verdict
 from certpgo.costs import problem_under
-from certpgo.datasets.synthetic import helix, winding_cycle
 from certpgo.errors import GraphError, InputError, SpecError
 from certpgo.graph.information import Information
 from certpgo.graph.streaming import streamed
+from certpgo.io.datasets.synthetic import helix, winding_cycle
 
 
 @pytest.fixture(scope="module")

@@ -13,10 +13,10 @@ from strategies import definite, rng_of, seeds
 
 import certpgo
 from certpgo import WORLD, Instance, RobustSession, Session, Verdict
-from certpgo.datasets.synthetic import helix
 from certpgo.errors import GraphError, InputError
 from certpgo.graph.components import restricted
 from certpgo.graph.labels import Landmark
+from certpgo.io.datasets.synthetic import helix
 from certpgo.linalg import so
 
 #: Cuts of each kind of file.

@@ -21,10 +21,10 @@ from certpgo.certify.curvature import smallest_eigenvalues
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.wording import meaning
 from certpgo.costs import information_problem, surrogate
-from certpgo.datasets import synthetic
 from certpgo.graph import Estimate, Instance, RotationGraph
 from certpgo.graph.information import Information
 from certpgo.graph.wording import rounded_down, rounded_up
+from certpgo.io.datasets import synthetic
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.solution import Status
 from certpgo.solvers.certified.interface import solve

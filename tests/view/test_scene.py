@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import certpgo
-from certpgo.datasets import synthetic
 from certpgo.errors import FormatError, InputError, InputNotice
 from certpgo.graph import Estimate, Instance, RotationGraph
 from certpgo.graph.keys import Keys
+from certpgo.io.datasets import synthetic
 from certpgo.io.surfaces import Surface, read_surface
 from certpgo.linalg import so
 from certpgo.objective.problem import problem_of

@@ -13,8 +13,8 @@ from strategies import point_graph
 
 from certpgo import Ranges, read, solve
 from certpgo.costs import certifiable
-from certpgo.datasets import synthetic
 from certpgo.graph import Estimate, RotationGraph
+from certpgo.io.datasets import synthetic
 from certpgo.objective.problem import problem_of
 from certpgo.view.gather import scene_of
 from certpgo.view.page import TEMPLATES

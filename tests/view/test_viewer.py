@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import certpgo
-from certpgo.datasets import synthetic
 from certpgo.errors import InputError, MissingDependency
+from certpgo.io.datasets import synthetic
 from certpgo.io.surfaces import Surface
 from certpgo.view import viewer
 from certpgo.view.gather import scene_of

@@ -158,7 +158,7 @@ def scheduler(address: str) -> Iterator[None]:
     --------
     >>> import numpy as np
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import helix
+    >>> from certpgo.io.datasets.synthetic import helix
     >>> with certpgo.scheduler("threads"):
     ...     answer = certpgo.solve(helix(3, np.random.default_rng(0)).graph)
     >>> print(answer.verdict.value)

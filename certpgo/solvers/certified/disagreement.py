@@ -236,7 +236,7 @@ def select(
     --------
     >>> import numpy as np
     >>> from certpgo import RotationProblem
-    >>> from certpgo.datasets.thesis import langevin_graph
+    >>> from certpgo.io.datasets.thesis import langevin_graph
     >>> from certpgo.solvers.certified.disagreement import select
     >>> instance = langevin_graph(40, 12.0, 3.0, np.random.default_rng(0), outliers=0.15)
     >>> chosen = select(RotationProblem(instance.graph))

@@ -79,7 +79,7 @@ def solve(
     Examples
     --------
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> instance, _ = winding_cycle(6, 0.3, 0)
     >>> result = certpgo.solve(instance.graph, time_limit=10.0)
     >>> result.verdict.value
@@ -118,7 +118,7 @@ class Certified(SolveSettings):
     Examples
     --------
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> problem = certpgo.RotationProblem(winding_cycle(6, 0.3, 0)[0].graph)
     >>> certpgo.get_solver("certified")().solve(problem).lower_bound > 0.029
     True

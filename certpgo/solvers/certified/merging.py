@@ -53,7 +53,7 @@ class Merged(Speaking):
 
     >>> import numpy as np
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> graph = winding_cycle(4, 0.0, 0)[0].graph
     >>> halves = [graph.subgraph([0, 1]), graph.subgraph([2, 3])]
     >>> joints = certpgo.Instance("joints", graph.with_edges([1, 3]).subgraph([1, 2, 3, 0]),
@@ -149,7 +149,7 @@ def merge(
     Two halves of a hexagon, each with its own numbers:
 
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> graph = winding_cycle(6, 0.3, 0)[0].graph
     >>> halves = [graph.subgraph([0, 1, 2]), graph.subgraph([3, 4, 5])]
     >>> import numpy as np

@@ -60,7 +60,7 @@ class CertifiedSolution(Speaking):
     Examples
     --------
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> result = certpgo.solve(winding_cycle(6, 0.3, 0)[0].graph)
     >>> result.solution.status.value, len(result.levels)
     ('converged', 1)

@@ -48,7 +48,7 @@ class RobustSession(Session):
     --------
     >>> import numpy as np
     >>> import certpgo
-    >>> from certpgo.datasets.thesis import langevin_graph
+    >>> from certpgo.io.datasets.thesis import langevin_graph
     >>> instance = langevin_graph(40, 12.0, 3.0, np.random.default_rng(0), outliers=0.15)
     >>> session = certpgo.RobustSession(every=None)
     >>> session.add(instance.graph)

@@ -60,7 +60,7 @@ def solve_robustly(
     --------
     >>> import numpy as np
     >>> import certpgo
-    >>> from certpgo.datasets.thesis import langevin_graph
+    >>> from certpgo.io.datasets.thesis import langevin_graph
     >>> instance = langevin_graph(40, 12.0, 3.0, np.random.default_rng(0), outliers=0.15)
     >>> result = certpgo.solve_robustly(instance.graph)
     >>> wrong = np.flatnonzero(instance.outliers)

@@ -77,7 +77,7 @@ class Session(Speaking):
     Five steps along a hexagon, then the measurement that closes it, 0.3 radians off:
 
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> graph = winding_cycle(6, 0.3, 0)[0].graph
     >>> session = certpgo.Session()
     >>> for k in range(6):

@@ -27,7 +27,7 @@ class Standing(Speaking):
     Examples
     --------
     >>> import certpgo
-    >>> from certpgo.datasets.synthetic import winding_cycle
+    >>> from certpgo.io.datasets.synthetic import winding_cycle
     >>> session = certpgo.Session()
     >>> session.add(winding_cycle(6, 0.3, 0)[0].graph)
     >>> session.standing.edges, session.standing.gap <= session.standing.cost

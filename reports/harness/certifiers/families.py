@@ -13,12 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo import datasets
-from certpgo.datasets import synthetic
 from certpgo.errors import InputNotice
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.components import rotations_alone
-from certpgo.io import read, read_estimate
+from certpgo.io import datasets, read, read_estimate
+from certpgo.io.datasets import synthetic
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import PoseProblem, RotationProblem

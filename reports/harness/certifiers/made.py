@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from certpgo.datasets.synthetic import winding_cycle
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
+from certpgo.io.datasets.synthetic import winding_cycle
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray
 from certpgo.objective.problem import PoseProblem, RotationProblem

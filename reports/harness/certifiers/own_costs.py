@@ -9,12 +9,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from certpgo import datasets
 from certpgo.costs import COSTS, InformationProblem, information_problem
 from certpgo.errors import InputNotice
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.information import InformationGraph
 from certpgo.graph.trees import compose, spanning_tree
+from certpgo.io import datasets
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.solvers.certified.interface import solve

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from certpgo import datasets
-from certpgo.datasets.source import resolve
 from certpgo.errors import SpecError
 from certpgo.graph import Estimate, Instance
 from certpgo.graph.components import restricted, rotations_alone
+from certpgo.io import datasets
+from certpgo.io.datasets.source import resolve
 from certpgo.linalg.arrays import IntArray
 from reports.harness.experiments.absence import Absence, NotRun
 from reports.harness.experiments.spec import Row
@@ -19,7 +19,7 @@ from reports.harness.experiments.spec import Row
 
 def is_here(row: Row, data: Path | None) -> bool:
     """Whether the row needs no download."""
-    return bool(row.generator) or resolve(row.dataset, data).is_here
+    return bool(row.generator) or resolve(row.dataset, data).found is not None
 
 
 def load_row(row: Row, data: Path | None, seed: np.random.SeedSequence | None) -> Instance:
@@ -48,7 +48,7 @@ def _load(row: Row, data: Path | None, seed: np.random.SeedSequence | None) -> I
     if row.generator:
         return _generate(row, data, seed or np.random.SeedSequence(0))
     source = resolve(row.dataset, data)
-    if not source.is_here:
+    if source.found is None:
         raise NotRun(Absence.NOT_HERE, "file not here")
     return source.graph(download=False, quiet=True, **row.reading)
 
@@ -59,9 +59,7 @@ def known_truth(
     """The nodes of a row's instance, or of a part of it, whose truth is known, and theirs."""
     if instance.truth is not None:
         return np.arange(instance.graph.num_nodes), instance.truth
-    if row.generator or resolve(row.dataset, data).is_file:
-        return None
-    return datasets.truth(row.dataset, instance, data)
+    return None if row.generator else resolve(row.dataset, data).truth(instance)
 
 
 def seed_of(base: int, row: int, repetition: int) -> np.random.SeedSequence:
@@ -70,7 +68,7 @@ def seed_of(base: int, row: int, repetition: int) -> np.random.SeedSequence:
 
 
 def _generate(row: Row, data: Path | None, seed: np.random.SeedSequence) -> Instance:
-    from certpgo.datasets import synthetic, thesis
+    from certpgo.io.datasets import synthetic, thesis
 
     public = {**vars(synthetic), **vars(thesis)}
     families = {name: f for name, f in public.items() if _is_family(name, f)}

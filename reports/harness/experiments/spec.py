@@ -41,8 +41,8 @@ class Row:
     rotations : of a pose graph, the rotations alone
     known : the nodes alone whose truth is known, and the edges between them
     methods : labels of the methods that run on this row; empty for all
-    generator : function of `certpgo.datasets.synthetic` or `certpgo.datasets.thesis`, called with
-        ``arguments``, ``rng`` and, if it takes that, ``data``, the folder to look in first
+    generator : function of `certpgo.io.datasets.synthetic` or `certpgo.io.datasets.thesis`, called
+        with ``arguments``, ``rng`` and, if it takes that, ``data``, the folder to look in first
     arguments : its keyword arguments
     published : the key of this row in the table's published numbers
     comparable : those are of this very instance; others are shown, never compared

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from certpgo.certify import Verdict
-from certpgo.datasets.edges import random_edges
 from certpgo.graph import Estimate, Graph, PoseGraph, RotationGraph
+from certpgo.io.datasets.edges import random_edges
 from certpgo.linalg import so
 from certpgo.objective.problem import Problem, problem_of
 from certpgo.optimize.newton import NewtonSettings, newton

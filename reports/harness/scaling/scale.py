@@ -16,10 +16,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from certpgo.assess.provenance import peak_memory, provenance
-from certpgo.datasets import synthetic
 from certpgo.errors import CertPGOError, SpecError
 from certpgo.graph import Instance
 from certpgo.graph.components import rotations_alone
+from certpgo.io.datasets import synthetic
 from certpgo.linalg.factor import default_engine
 from certpgo.solvers.certified.interface import solve
 from reports.harness.experiments.absence import DIED, missing

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import importlib.util
 import os
-from collections.abc import Iterable
+from collections.abc import Iterator
 from pathlib import Path
 
-from certpgo.datasets.catalogue import Entry
 from certpgo.errors import FileNotHere, InputError, MissingDependency
+from certpgo.io.datasets.catalogue import Entry
 
 #: Environment variable naming a data folder.
 DATA_VARIABLE = "CERTPGO_DATA"
@@ -39,22 +39,23 @@ def cache_folder() -> Path:
     return Path(platformdirs.user_cache_dir("certpgo"))
 
 
-def search(entry: Entry, folders: Iterable[Path]) -> tuple[Path | None, list[Path]]:
-    """The first file with the entry's name and checksum, and files with wrong checksums."""
-    others: list[Path] = []
-    for folder in folders:
-        for path in sorted(folder.rglob(entry.filename)):
-            if path.is_file() and entry.agrees(path):
-                return path, others
-            others.append(path)
-    return None, others
+def find(entry: Entry, data: str | Path | None) -> Path | None:
+    """The first file with the entry's name and checksum, or None."""
+    return next(filter(entry.agrees, _namesakes(entry, data)), None)
 
 
-def missing(entry: Entry, places: dict[str, Path], others: list[Path]) -> FileNotHere:
+def missing(entry: Entry, data: str | Path | None) -> FileNotHere:
     """The error for a missing file: folders searched, and files with wrong checksums."""
-    where = ", ".join(f"{place} ({folder})" for place, folder in places.items())
+    where = ", ".join(f"{place} ({folder})" for place, folder in places(data).items())
+    others = _namesakes(entry, data)
     wrong = "".join(f"; {path} is another file (its checksum differs)" for path in others)
     return FileNotHere(f"{entry.name}: {entry.filename} is not in {where}{wrong}; {_remedy(entry)}")
+
+
+def _namesakes(entry: Entry, data: str | Path | None) -> Iterator[Path]:
+    """The files with the entry's name, in the order of `places`."""
+    for folder in places(data).values():
+        yield from filter(Path.is_file, sorted(folder.rglob(entry.filename)))
 
 
 def download(entry: Entry) -> Path:

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from certpgo.datasets.edges import connected_choice, random_edges, viewing_edges
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, Graph, Instance, PoseGraph, RotationGraph
+from certpgo.io.datasets.edges import connected_choice, random_edges, viewing_edges
 from certpgo.linalg import so
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 
@@ -158,7 +158,7 @@ def sphere(
     Examples
     --------
     >>> import numpy as np
-    >>> from certpgo.datasets.synthetic import sphere
+    >>> from certpgo.io.datasets.synthetic import sphere
     >>> sphere(6, np.random.default_rng(0)).graph.num_edges
     131
     """
@@ -201,7 +201,7 @@ def corridor(
     Examples
     --------
     >>> import numpy as np
-    >>> from certpgo.datasets.synthetic import corridor
+    >>> from certpgo.io.datasets.synthetic import corridor
     >>> instance = corridor(40, np.random.default_rng(0))
     >>> instance.graph.num_edges
     71

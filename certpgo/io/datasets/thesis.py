@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from certpgo.datasets.edges import edges_of_connectivity, path_with_closures, viewing_edges
-from certpgo.datasets.synthetic import at_least, instance
 from certpgo.errors import InputError
 from certpgo.graph import Estimate, Instance, PoseGraph, RotationGraph
+from certpgo.io.datasets.edges import edges_of_connectivity, path_with_closures, viewing_edges
+from certpgo.io.datasets.synthetic import at_least, instance
 from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray, IntArray
 

@@ -11,16 +11,15 @@ from scipy.sparse import csgraph
 
 from certpgo.errors import FileNotHere, InputError
 from certpgo.graph import PoseGraph
-from certpgo.io import read
+from certpgo.io.datasets.source import dataset
+from certpgo.io.reading import read
 from certpgo.linalg.arrays import IntArray
 from certpgo.linalg.blocks import adjacency
 
 
 def viewing_edges(name: str, data: str | Path | None = None) -> tuple[str, int, IntArray]:
     """Name, number of nodes and edges of the largest component of a local dataset."""
-    from certpgo import datasets
-
-    path = datasets.find(name, data)
+    path = dataset(name, data).found
     if path is None:
         raise FileNotHere(f"{name}: file not here; certpgo fetch {name}")
     graph = read(path, quiet=True).graph

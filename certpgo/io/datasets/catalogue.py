@@ -89,6 +89,13 @@ def entries() -> dict[str, Entry]:
     return {row["name"]: _entry(row) for row in csv.DictReader(text.splitlines())}
 
 
+def names(kind: str | None = None) -> tuple[str, ...]:
+    """Names of the catalogue's entries: all, or those of one kind (``"graph"``, ...)."""
+    if kind is not None and kind not in KINDS:
+        raise SpecError.unknown("kind of dataset", kind, KINDS)
+    return tuple(e.name for e in entries().values() if kind in (None, e.kind))
+
+
 def entry(name: str) -> Entry:
     """The entry or the file called ``name``; SpecError if there is none."""
     known = entries()

@@ -1,0 +1,149 @@
+"""What a user names: a file, or a dataset of the catalogue."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from certpgo.errors import InputError, SpecError, nearest
+from certpgo.graph import Estimate, Instance
+from certpgo.io.datasets import lookup
+from certpgo.io.datasets.catalogue import Entry, entries, entry, names
+from certpgo.io.estimates import read_truth
+from certpgo.io.reading import read
+from certpgo.linalg.arrays import BoolArray, IntArray
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file, by its path; see `resolve`."""
+
+    name: str
+
+    @property
+    def found(self) -> Path | None:
+        """The local file, or None."""
+        return Path(self.name)
+
+    @property
+    def hides_dataset(self) -> bool:
+        """Whether it is a file whose path is also the name of a dataset."""
+        return self.name in entries()
+
+    def path(self, *, download: bool = True) -> Path:
+        """The local file, downloaded if necessary and allowed.
+
+        Raises
+        ------
+        InputError
+            The file is missing (with the folders searched), or the download failed.
+        """
+        return Path(self.name)
+
+    def graph(self, *, download: bool = True, **reading: Any) -> Instance:
+        """The graph, with its outliers and its ground truth of all nodes, if found.
+
+        Parameters
+        ----------
+        download : whether to download a missing file
+        **reading : options of `certpgo.io.read`
+
+        Raises
+        ------
+        InputError
+            The file is missing, is not a graph, or cannot be read.
+        """
+        return read(self.name, **reading)
+
+    def truth(self, instance: Instance) -> tuple[IntArray, Estimate] | None:
+        """Ground truth that is in another local file, or None: nodes and their poses.
+
+        See `certpgo.io.read_truth`.
+        """
+        return None
+
+
+@dataclass(frozen=True)
+class Dataset(Source):
+    """A file of the catalogue, which is searched in the folder ``data`` first."""
+
+    entry: Entry
+    data: str | Path | None = None
+
+    #: It is the dataset.
+    hides_dataset = False
+
+    @cached_property
+    def found(self) -> Path | None:
+        """The local file, or None; searched only once."""
+        return lookup.find(self.entry, self.data)
+
+    @cached_property
+    def _downloaded(self) -> Path:
+        return lookup.download(self.entry)
+
+    def path(self, *, download: bool = True) -> Path:
+        """The local file, as of a `Source`; downloaded only once."""
+        if self.found is not None:
+            return self.found
+        if download and self.entry.url is not None:
+            return self._downloaded
+        raise lookup.missing(self.entry, self.data)
+
+    def graph(self, *, download: bool = True, **reading: Any) -> Instance:
+        """The graph, as of a `Source`."""
+        kind = self.entry.kind
+        if kind not in ("graph", "adjacency"):
+            raise InputError(f"{self.name} holds no graph but {kind}; fetch returns its path")
+        reading["weights_are"] = reading.get("weights_are") or self.entry.weights_are or None
+        instance = read(self.path(download=download), **reading)
+        instance = replace(instance, name=self.entry.name, outliers=self._outliers(instance))
+        known = None if instance.truth is not None else self.truth(instance)
+        if known is None or len(known[0]) < instance.graph.num_nodes:
+            return instance
+        return replace(instance, truth=known[1])
+
+    def truth(self, instance: Instance) -> tuple[IntArray, Estimate] | None:
+        """The dataset's ground truth, as of a `Source`."""
+        path = self._other(self.entry.truth)
+        return None if path is None else read_truth(path, instance)
+
+    def _outliers(self, instance: Instance) -> BoolArray | None:
+        """(m,) outliers according to the dataset's labels; None without labels."""
+        path = self._other(f"{self.entry.name}_labels")
+        if path is None or instance.graph.num_edges != self.entry.edges:
+            return None
+        outliers = np.zeros(instance.graph.num_edges, dtype=bool)
+        # Loop closures by line number from 1.
+        found = ElementTree.parse(path).iter("outlier_lc_indices")
+        outliers[np.array([int(line.text or "") for line in found], dtype=np.intp) - 1] = True
+        return outliers
+
+    def _other(self, name: str) -> Path | None:
+        """The local file of another entry of the catalogue; None if there is no such entry."""
+        other = entries().get(name)
+        return None if other is None else lookup.find(other, self.data)
+
+
+def resolve(name: str, data: str | Path | None = None) -> Source:
+    """The file at a path, otherwise the dataset of that name; InputError if neither exists."""
+    if not name:
+        raise InputError("a file or dataset expected, not an empty name")
+    if Path(name).exists():
+        return Source(name)
+    try:
+        return dataset(name, data)
+    except SpecError:
+        near = nearest(name, names("graph"))
+        hint = f"did you mean {' or '.join(near)}?" if near else "see certpgo list datasets"
+        raise InputError(f"{name}: no such file or dataset; {hint}") from None
+
+
+def dataset(name: str, data: str | Path | None = None) -> Dataset:
+    """The dataset with this name or file name, whatever files there are; SpecError if none."""
+    return Dataset(name, entry(name), data)
