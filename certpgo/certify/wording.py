@@ -311,9 +311,10 @@ def limit_in_words(c: Statement) -> str:
         return "only rounding keeps the gap open: the relaxation has no lower point"
     share = c.cost_upper / c.scale
     return (
-        f"the cost, {c.cost_upper:.4g}, is only {share:.1g} of the total weight W, which is too "
-        f"little for a proof that allows for rounding: atol={2.0 * share:.1g} treats it as zero, "
-        "and weights that state the true precision of the data raise it"
+        f"the relaxation has no lower point, but the cost, {c.cost_upper:.4g}, is only "
+        f"{share:.1g} of the total weight W, too little for a proof that allows for rounding: "
+        f"atol={2.0 * share:.1g} treats it as zero, and weights that state the true precision of "
+        "the data raise it"
     )
 
 

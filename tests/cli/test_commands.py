@@ -185,7 +185,7 @@ def test_an_answer_that_is_not_certified_says_what_to_try(certpgo, square):
     chordal = certpgo("solve", square, "--method", "newton", "--cost", "chordal")
     assert "note" not in chordal.err
     default = certpgo("solve", square, "--method", "newton")
-    assert "--method minimises F, the chordal cost, not g2o's" in default.err
+    assert "--method minimises the chordal cost F, not the default cost of g2o" in default.err
 
 
 def test_list_shows_settings_as_they_are_given(certpgo):

@@ -283,6 +283,21 @@ def test_more_time_is_advised_only_where_the_search_was_stopped(solved, verdict)
     assert (more in bound, more in of_others) == (verdict is Verdict.UNDECIDED, False)
 
 
+def test_what_cannot_be_closed_is_not_searched_further(solved):
+    """The sentences and the advice follow from the same fields."""
+    obstacle = Obstacle(LimitedBy.LOOSE, True, 6, Status.TIME_LIMIT, of_distances=True)
+    judged = replace(solved[2].certificate, verdict=Verdict.BOUNDED, basin_is_global=False)
+    judged = replace(judged, obstacle=obstacle)
+    assert "this gap cannot be closed" in judged.reason
+    assert "searches further" not in str(judged)
+    for given in ({"searched": True, "stopped": Status.TIME_LIMIT}, {"searched": True}, {}):
+        [(sentence, command)] = advice(judged, "g.pyfg", "e.pyfg", **given)
+        assert ("more time would not help" in sentence, command) == (True, "")
+    unsolved = replace(judged, obstacle=replace(obstacle, searched=False))
+    longer = dict(advice(unsolved, "g.pyfg", searched=True, stopped=Status.TIME_LIMIT))
+    assert "certpgo solve g.pyfg --time-limit 600" in longer.values()
+
+
 def test_undecided_says_whether_a_lower_cost_is_known(solved):
     judged = replace(solved[2].certificate, verdict=Verdict.UNDECIDED)
     judged = replace(judged, refined_cost=judged.cost_upper)
