@@ -29,7 +29,7 @@ from certpgo.optimize.newton import NewtonSettings
 from certpgo.optimize.solution import Solution, Status
 from certpgo.solvers.certified.disagreement import Disagreement
 from certpgo.solvers.certified.interface import solve
-from certpgo.solvers.certified.pipeline import CertifiedSolution
+from certpgo.solvers.certified.result import CertifiedSolution
 from certpgo.solvers.certified.robust import solve_robustly
 from certpgo.solvers.certified.settings import SolveSettings
 

@@ -34,7 +34,7 @@ from certpgo.optimize import spectral
 from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.optimize.solution import Status
 from certpgo.solvers.certified.interface import solve
-from certpgo.solvers.certified.pipeline import CertifiedSolution
+from certpgo.solvers.certified.result import CertifiedSolution
 
 #: The method that solves the semidefinite program.
 PROGRAM = "sdp_dual"

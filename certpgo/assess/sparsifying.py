@@ -26,8 +26,8 @@ from certpgo.graph.wording import counted
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.problem import RotationProblem, problem_of
 from certpgo.optimize.connectivity import Connectivity, choose
-from certpgo.optimize.monitor import silent
-from certpgo.solvers.certified.pipeline import CertifiedSolution, search_and_certify
+from certpgo.solvers.certified.result import CertifiedSolution
+from certpgo.solvers.certified.search import search
 from certpgo.solvers.certified.settings import SolveSettings
 
 #: Pairs whose lambda_2 is computed, of those with the largest gain in first order.
@@ -211,8 +211,8 @@ def sparsify(
     kept = np.union1d(np.flatnonzero(~loops), choice.chosen)
     sparse = whole.with_edges(kept)
     problem = problem_of(whole.graph)
-    best = search_and_certify(problem, settings, None, silent)
-    answer = search_and_certify(problem_of(sparse.graph), settings, None, silent)
+    best = search(problem, settings)
+    answer = search(problem_of(sparse.graph), settings)
     return Sparsified(
         instance=sparse,
         kept=kept,
@@ -352,7 +352,7 @@ def _near(instance: Instance, within: float, estimate: Estimate | None) -> IntAr
     """(p, 2) pairs of nodes at most this far from each other, but not consecutive."""
     if estimate is None:
         problem = problem_of(instance.graph)
-        estimate = search_and_certify(problem, SolveSettings(), None, silent).estimate
+        estimate = search(problem, SolveSettings()).estimate
     if estimate.translations is None:
         raise InputError(f"{instance.name}: nodes of a rotation graph have no distance")
     pairs = KDTree(estimate.translations).query_pairs(within, output_type="ndarray")

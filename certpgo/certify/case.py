@@ -256,6 +256,10 @@ class Case:
         """The basin, with a better bound if one takes more work than `bound` does."""
         return basin
 
+    def proven(self, basin: Basin) -> DualBound | None:
+        """The bound of a basin at this tier, which is the proof tier."""
+        return self.bound(basin.point, basin.cost)
+
     @cached_property
     def parts(self) -> list[Part]:
         """The parts between bridges; see `certpgo.certify.parts`."""

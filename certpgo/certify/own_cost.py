@@ -136,6 +136,10 @@ class OwnCostCase(Case):
             return best
         return replace(best, support=replace(best.support, lowered=True))
 
+    def proven(self, basin: Basin) -> DualBound | None:
+        """The bound of a basin at the proof tier, from that of the standard tier."""
+        return None if basin.bound is None else self.reproven(basin.bound)
+
     def reproven(self, found: DualBound) -> DualBound | None:
         """A bound of the standard tier at the proof tier; None if that fails."""
         if found.support is None:

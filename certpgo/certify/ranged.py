@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -24,7 +24,6 @@ from certpgo.graph.trees import tree_initialization
 from certpgo.linalg import so
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.solution import Level, Solution, Status
-from certpgo.optimize.starts import Start
 
 #: Relative gap between a point of the relaxation and its bound below which it is solved.
 SOLVED = 1e-6
@@ -34,13 +33,8 @@ PROJECTIONS = 12
 OUT = 0.3
 #: Steps of a descent to an estimate.
 STEPS = 250
-#: Shares of the remaining time for descents from given estimates, and then for the climb; the rest
-#: is for descents from its end.
-GIVEN_SHARE, CLIMB_SHARE = 0.3, 0.7
-#: Relative difference below which costs count as equal.
-SAME_COST = 1e-9
-#: Where the search begins of itself, for reports.
-ORIGIN = "a random point of higher rank"
+#: Share of the remaining time for the climb; the rest is for descents from its end.
+CLIMB_SHARE = 0.7
 #: Ranks above d that the relaxation is climbed to.
 RANKS = 7
 
@@ -99,16 +93,38 @@ class RangedCase(Case):
         return range_bound(self.problem, point, cost)
 
     @cached_property
-    def search(self) -> Search:
-        """The search of the relaxation and of estimates near its minimum, done once."""
-        found = Search(self)
-        found.run()
-        return found
+    def relaxation(self) -> Relaxed:
+        """The relaxation, climbed to its minimum once."""
+        relaxed = Relaxed(self)
+        for _ in relaxed.bounds():
+            pass
+        return relaxed
+
+    @cached_property
+    def near_relaxation(self) -> Basin | None:
+        """The best estimate near the relaxation's minimum, with its bound."""
+        with self.stop.for_at_most(CLIMB_SHARE * self.stop.remaining):
+            relaxed = self.relaxation
+        best: Basin | None = None
+        for start in relaxed.projections():
+            if best is not None and (self.stop.cuts() or self.is_closed(best)):
+                break
+            with self.stop.watch.phase("round"), suppress(NumericalError, np.linalg.LinAlgError):
+                found = self.descent(start)
+                cost = self.cost_upper(found.estimate)
+                if best is None or cost < best.cost:
+                    settled = found.status is Status.CONVERGED
+                    best = Basin(found.estimate, cost, settled, relaxed.bound)
+        return best
+
+    def is_closed(self, basin: Basin) -> bool:
+        """Whether its gap is closed."""
+        return basin.cost - basin.value <= self.tolerance(basin.cost)
 
     def elsewhere(self) -> Basin | None:
-        """The best estimate of the search, with the bound of the relaxation; None without one."""
+        """The best estimate near the relaxation's minimum, with its bound; None without one."""
         with suppress(NumericalError):
-            return self.search.basin
+            return self.near_relaxation
         return None
 
     def certificate(
@@ -121,49 +137,34 @@ class RangedCase(Case):
         """The certificate of an estimate; with what the relaxation is worth."""
         found = super().certificate(estimate, own, other, bounds)
         if other is not None:
-            found = self.search.explained(found)
-        if self.stop.cut is not None:
-            self.__dict__.pop("search", None)  # another estimate may have the time for it
+            found = replace(found, obstacle=self.relaxation.obstacle(found))
+        if self.stop.cut is not None:  # another estimate may have the time for it
+            for name in ("relaxation", "near_relaxation"):
+                self.__dict__.pop(name, None)
         return found
 
 
-class Search:
-    """The best estimate and bound so far.
+class Relaxed:
+    """The relaxation, climbed from rank d + 1 to its minimum.
 
     Parameters
     ----------
-    highest : rank up to which the relaxation is climbed
+    highest : the largest rank
     """
 
     def __init__(self, case: RangedCase, highest: int | None = None) -> None:
-        self.case, self.problem, self.stop = case, case.problem, case.stop
+        self.problem, self.stop = case.problem, case.stop
         lowest = self.problem.d + self.problem.whole.dimensions
         self.highest = max(highest or self.problem.d + RANKS, lowest)
-        self.best: Estimate | None = None
-        self.cost, self.status, self.origin = math.inf, Status.ITERATION_LIMIT, ORIGIN
+        self.rng = np.random.default_rng(0)
+        self.point = self.start()
         self.bound: DualBound | None = None
         self.levels: list[Level] = []
         self.solved = False
 
-    def run(self, starts: Iterable[Start] = ()) -> None:
-        """Descend from given estimates, climb to the relaxation's minimum, then round.
-
-        Each phase leaves time for the next ones.
-        """
-        rng = np.random.default_rng(0)
-        with self.stop.for_at_most(GIVEN_SHARE * self.stop.remaining):
-            for start in starts:
-                self.try_from(start.estimate, start.name)
-        with self.stop.for_at_most(CLIMB_SHARE * self.stop.remaining):
-            point = self.climb(self.start(rng))
-        for projected in self.projections(point, rng):
-            if self.best is not None and (self.stop.cuts() or self.is_certified):
-                break
-            self.try_from(projected)
-
-    def start(self, rng: np.random.Generator) -> Lift:
+    def start(self) -> Lift:
         """Rotations along a tree, and random positions in new dimensions too."""
-        problem = self.problem
+        problem, rng = self.problem, self.rng
         tree = tree_initialization(problem.graph.rotation)
         distances = problem.ranges.distances
         # Those of nodes that coincide say nothing of the extent.
@@ -175,77 +176,46 @@ class Search:
         out = OUT * length * rng.standard_normal((problem.n, new))
         return Lift(point.rotations, np.concatenate([t, out], axis=1))
 
-    def climb(self, point: Lift) -> Lift:
-        """The minimum of the relaxation, or what was found before a limit, and its bound."""
-        following: Lift | None = point
+    def bounds(self) -> Iterator[DualBound | None]:
+        """Climb to the minimum, or to what is found before a limit; the bound at each rank."""
+        following: Lift | None = self.point
         with suppress(NumericalError, np.linalg.LinAlgError):
             while following is not None and following.rank <= self.highest:
                 with self.stop.watch.phase("descend"):
-                    point, status = descend(self.problem, following, monitor=self.stop)
-                cost = self.problem.cost(point)
-                self.levels.append(Level(point.rank, cost, self.stop.request or status))
+                    self.point, status = descend(self.problem, following, monitor=self.stop)
+                cost = self.problem.cost(self.point)
+                self.levels.append(Level(self.rank, cost, self.stop.request or status))
                 if self.stop.cuts():
                     break
                 with self.stop.watch.phase("certify"):
-                    bound = range_bound(self.problem, point, cost)
+                    bound = range_bound(self.problem, self.point, cost)
                 if bound is not None and (self.bound is None or bound.value > self.bound.value):
                     self.bound = bound
+                yield bound
                 self.solved = bound is not None and bound.value >= (1.0 - SOLVED) * cost
                 if self.solved:
                     break
                 with self.stop.watch.phase("escape"):
-                    following = escape(self.problem, point, self.stop.cuts)
-        return point
+                    following = escape(self.problem, self.point, self.stop.cuts)
 
-    def projections(self, point: Lift, rng: np.random.Generator) -> Iterator[Lift]:
-        """Points of rank d: in the main subspace, then in random ones."""
+    def projections(self) -> Iterator[Estimate]:
+        """Estimates near the last point: in its main subspace, then in random ones."""
+        point = self.point
         basis = main_subspace(point.subset(self.problem.poses))
         for _ in range(PROJECTIONS):
             for B in self.problem.whole.frames(basis):
-                rotations = so.project(B.T @ point.rotations)
-                yield Lift(rotations, translations_of(point) @ B)
-            basis = np.linalg.qr(rng.standard_normal((point.rank, point.d)))[0]
-
-    def try_from(self, start: Point, origin: str = ORIGIN) -> None:
-        """Descend, and keep the end if it is the best."""
-        with self.stop.watch.phase("round"), suppress(NumericalError, np.linalg.LinAlgError):
-            found = self.case.descent(start)
-            cost = self.case.cost_upper(found.estimate)
-            if self.best is None or cost < (1.0 - SAME_COST) * self.cost:
-                self.best, self.cost = found.estimate, cost
-                self.status, self.origin = found.status, origin
-
-    @property
-    def is_certified(self) -> bool:
-        """Whether the gap is closed."""
-        value = self.bound.value if self.bound is not None else 0.0
-        return self.cost - value <= self.case.tolerance(self.cost)
+                yield Estimate(so.project(B.T @ point.rotations), translations_of(point) @ B)
+            basis = np.linalg.qr(self.rng.standard_normal((point.rank, point.d)))[0]
 
     @property
     def rank(self) -> int:
-        """Of the last point of the relaxation."""
-        return self.levels[-1].rank if self.levels else self.problem.d
+        """Of the last point."""
+        return self.point.rank
 
-    @property
-    def basin(self) -> Basin:
-        """The best estimate, with the bound.
-
-        Raises
-        ------
-        NumericalError
-            There is none.
-        """
-        if self.best is None:
-            raise NumericalError("no descent from the relaxation's point succeeded")
-        return Basin(self.best, self.cost, self.status is Status.CONVERGED, self.bound)
-
-    def explained(self, certificate: Certificate) -> Certificate:
-        """The certificate, with what the relaxation is worth."""
+    def obstacle(self, certificate: Certificate) -> Obstacle:
+        """What keeps a gap open: what the relaxation is worth, or that it was not solved."""
         if certificate.verdict is not Verdict.BOUNDED or certificate.basin_is_global:
-            return certificate
-        kind = (
-            LimitedBy.STOPPED if self.stop.cut is not None and not self.solved else LimitedBy.LOOSE
-        )
+            return certificate.obstacle
         stopped = None if self.solved else self.stop.cut
-        obstacle = Obstacle(kind, self.solved, self.rank, stopped, of_distances=True)
-        return replace(certificate, obstacle=obstacle)
+        kind = LimitedBy.LOOSE if stopped is None else LimitedBy.STOPPED
+        return Obstacle(kind, self.solved, self.rank, stopped, of_distances=True)

@@ -19,7 +19,7 @@ from certpgo.objective.problem import Problem
 from certpgo.optimize.monitor import Iteration
 from certpgo.optimize.solution import Solution
 from certpgo.plot.axes import GREY, given_or_current
-from certpgo.solvers.certified.pipeline import CertifiedSolution
+from certpgo.solvers.certified.result import CertifiedSolution
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,7 +12,7 @@ from certpgo.graph import Estimate, Instance, PoseGraph
 from certpgo.graph.picture import closures, principal_frame, seen
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.plot.axes import GREY, given_or_current, scale_bar
-from certpgo.solvers.certified.pipeline import CertifiedSolution
+from certpgo.solvers.certified.result import CertifiedSolution
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

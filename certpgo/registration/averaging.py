@@ -21,7 +21,7 @@ from certpgo.graph.trees import compose, spanning_tree
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.registration.pairs import FramePair
 from certpgo.solvers.certified.interface import solve
-from certpgo.solvers.certified.pipeline import CertifiedSolution
+from certpgo.solvers.certified.result import CertifiedSolution
 from certpgo.solvers.certified.robust import solve_robustly
 
 #: Residuals of g2o over tangents (rotation, translation): a quaternion's vector is half the angle,

@@ -26,7 +26,7 @@ from certpgo.registration.pairs import VOXEL, Clouds, FramePair, Keyframe, measu
 from certpgo.registration.ransac import RansacSettings
 from certpgo.registration.sequences import FrameSequence
 from certpgo.registration.stages import UNKEPT, Arrays, Cache, Progress, digest, each, silent
-from certpgo.solvers.certified.pipeline import CertifiedSolution
+from certpgo.solvers.certified.result import CertifiedSolution
 
 #: Keypoints with a depth from which on a frame can be matched.
 FEWEST = 30

@@ -18,7 +18,7 @@ from certpgo.registration.global_icp import GlobalRegistration, global_icp
 from certpgo.registration.pairwise import Pair, aligned_pairs, pose_graph
 from certpgo.registration.scans import Scan, read_scan
 from certpgo.solvers.certified.interface import solve
-from certpgo.solvers.certified.pipeline import CertifiedSolution
+from certpgo.solvers.certified.result import CertifiedSolution
 
 Method = Literal["pose_graph", "global_icp"]
 #: Points of a scan that the default voxel leaves, about.

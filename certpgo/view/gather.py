@@ -29,7 +29,7 @@ from certpgo.linalg.arrays import BoolArray, IntArray
 from certpgo.objective.problem import problem_of
 from certpgo.optimize.solution import Solution
 from certpgo.optimize.starts import start_of
-from certpgo.solvers.certified.pipeline import CertifiedSolution
+from certpgo.solvers.certified.result import CertifiedSolution
 from certpgo.solvers.spanning_tree import SpanningTree
 from certpgo.view.layout import Arrangement, layout
 from certpgo.view.placing import aligned, placement, residuals, weights

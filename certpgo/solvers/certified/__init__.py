@@ -6,7 +6,7 @@ these).
 """
 
 from certpgo.solvers.certified.interface import SOLVER, solve
-from certpgo.solvers.certified.pipeline import CertifiedSolution
+from certpgo.solvers.certified.result import CertifiedSolution
 from certpgo.solvers.certified.robust import solve_robustly
 
 __all__ = ["SOLVER", "CertifiedSolution", "solve", "solve_robustly"]

@@ -18,13 +18,12 @@ from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.solution import Solution
 from certpgo.optimize.starts import Start
 from certpgo.solvers.certified.disagreement import Disagreement, ignore
-from certpgo.solvers.certified.pipeline import (
-    GIVEN,
-    STORED,
-    CertifiedSolution,
-)
+from certpgo.solvers.certified.result import GIVEN, CertifiedSolution
 from certpgo.solvers.certified.search import search
 from certpgo.solvers.certified.settings import SolveSettings
+
+#: Name of the initial values of an instance.
+STORED = "the initial values of the file"
 
 
 def solve(

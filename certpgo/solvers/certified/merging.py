@@ -26,9 +26,9 @@ from certpgo.graph.speaking import Speaking
 from certpgo.graph.wording import counted, few
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.objective.problem import problem_of
-from certpgo.optimize.monitor import silent
 from certpgo.solvers.certified.disagreement import outlying, select
-from certpgo.solvers.certified.pipeline import CertifiedSolution, search_and_certify
+from certpgo.solvers.certified.result import CertifiedSolution
+from certpgo.solvers.certified.search import search
 from certpgo.solvers.certified.settings import SolveSettings
 
 
@@ -164,10 +164,10 @@ def merge(
     origins = [one.origin if isinstance(one, Instance) else None for one in maps]
     whole, first = _joined(labelled, origins, between)
     whole = replace(whole, information=_information([*maps, between]))
-    parts = tuple(search_and_certify(problem_of(one), chosen, None, silent) for one, _ in labelled)
+    parts = tuple(search(problem_of(one), chosen) for one, _ in labelled)
     across = np.arange(first, whole.graph.num_edges)
     problem = problem_of(whole.graph)
-    answer = search_and_certify(problem, chosen, None, silent)
+    answer = search(problem, chosen)
     costs = problem.edge_costs(answer.estimate)
     disagreeing = across[outlying(problem, costs, 1.0)[across]]
     left_out = False
@@ -177,7 +177,7 @@ def merge(
         disagreeing = across[selection.rejected[across]]
         if left_out := robust and len(disagreeing) > 0:
             kept = problem.reweighted(selection.weights)
-            answer = search_and_certify(kept, chosen, None, silent)
+            answer = search(kept, chosen)
             costs = problem.edge_costs(answer.estimate)
     chi2, numbers = (of.sum(axis=1)[across] for of in squares(problem, answer.estimate))
     tails = np.asarray(special.gammaincc(0.5 * numbers, 0.5 * chi2))

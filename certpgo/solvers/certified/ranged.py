@@ -1,55 +1,94 @@
-"""The certified search for graphs with measured distances: climb, bound, round, descend."""
+"""The search for graphs with measured distances: climb, bound, round, descend."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator
 
-from certpgo.certify import Tier
-from certpgo.certify.ranged import RangedCase, Search
+from certpgo.certify.case import Case
+from certpgo.certify.certificate import Certificate
+from certpgo.certify.obstacle import Obstacle
+from certpgo.certify.ranged import CLIMB_SHARE, RangedCase, Relaxed
 from certpgo.costs.ranges import RangeProblem
+from certpgo.graph import Estimate
+from certpgo.graph.lift import Lift, Point
+from certpgo.graph.trees import tree_initialization
 from certpgo.optimize.monitor import Monitor
-from certpgo.optimize.solution import Solution
+from certpgo.optimize.solution import Solution, Status
 from certpgo.optimize.starts import Start
-from certpgo.solvers.certified.pipeline import CertifiedSolution
+from certpgo.solvers.certified.loop import Report, Search
+from certpgo.solvers.certified.result import CertifiedSolution
 from certpgo.solvers.certified.settings import SolveSettings
 
+#: Share of the remaining time for descents from a given estimate.
+GIVEN_SHARE = 0.3
+#: Where the search begins of itself, for reports.
+ORIGIN = "a random point of higher rank"
 
-def search_ranges(
-    problem: RangeProblem, settings: SolveSettings, starts: Sequence[Start], monitor: Monitor
-) -> CertifiedSolution:
-    """The best estimate found, with what is proven about it.
 
-    Parameters
-    ----------
-    starts : estimates that descents begin from, before the climb
+class RangeSearch(Search):
+    """The search with distances: descents begin near the minimum of a relaxation seldom tight."""
 
-    Raises
-    ------
-    InputError
-        A start of another graph, tolerances out of range, or the proof tier.
-    NumericalError
-        No descent succeeded.
-    """
-    for start in starts:
-        problem.check(start.estimate)
-    tier = settings.tier or Tier.STANDARD
-    case = RangedCase.of(problem, tier, settings.rtol, settings.atol, monitor)
-    stop = case.stop
-    with stop.within(settings.time_limit):
-        search = Search(case, settings.max_rank)
-        search.run(starts)
-    found = search.basin
-    certificate = search.explained(case.certificate(found.point, found))
-    solution = Solution(
-        estimate=found.point,
-        cost=problem.cost(found.point),
-        status=stop.ended_by or search.status,
-        iterations=max(len(stop.trace) - 1, 0),
-        lower_bound=certificate.lower_bound,
-        seconds=stop.watch.seconds,
-        trace=tuple(stop.trace),
-        note=f"initialized by {search.origin}; the relaxation ended at rank {search.rank}",
-    )
-    levels = tuple(replace(level, cost=case.unit * level.cost) for level in search.levels)
-    return CertifiedSolution(solution, certificate, search.origin, levels, settings, problem)
+    posed: RangeProblem
+    problem: RangeProblem
+    case: RangedCase
+
+    def __init__(self, posed: RangeProblem, case: Case, settings: SolveSettings) -> None:
+        super().__init__(posed, case, settings)
+        self.relaxed = Relaxed(self.case, settings.max_rank)
+
+    def solved(
+        self, initial: Start | None, stored: Start | None, report: Report | None
+    ) -> CertifiedSolution:
+        """The best estimate found, with its certificate; a file's values begin it, too."""
+        if initial is None:
+            initial, stored = stored, None
+        return super().solved(initial, stored, report)
+
+    def begin(self, initial: Start | None, report: Report | None) -> None:
+        """Descend from a given estimate; without one, any point is a first answer."""
+        if initial is None:
+            rotations = tree_initialization(self.problem.graph.rotation).rotations
+            along = self.problem.whole.complete(rotations)
+            cost, status = self.problem.cost(along), Status.ITERATION_LIMIT
+            self.start = self.origin = ORIGIN
+            self.take(Solution(along, cost, status))
+            return
+        self.start = self.origin = initial.name
+        with self.stop.for_at_most(GIVEN_SHARE * self.stop.remaining):
+            self.take(self.descend(initial.estimate))
+
+    def try_stored(self, start: Start | None) -> None:
+        """Descend from another estimate, in its share of the time."""
+        with self.stop.for_at_most(GIVEN_SHARE * self.stop.remaining):
+            super().try_stored(start)
+
+    def relaxation(self) -> Iterator[Lift]:
+        """The minimum of the relaxation."""
+        with self.stop.for_at_most(CLIMB_SHARE * self.stop.remaining):
+            for bound in self.relaxed.bounds():
+                self.keep(bound)
+        before, self.levels = self.best, self.relaxed.levels
+        yield self.relaxed.point
+        if self.best is not before:
+            self.start = self.origin = ORIGIN
+
+    def roundings(self, point: Lift) -> Iterator[Estimate]:
+        """Its projections to d dimensions."""
+        return self.relaxed.projections()
+
+    def descend(self, start: Estimate, *, monitor: Monitor | None = None) -> Solution:
+        """Levenberg and Marquardt's method."""
+        with self.watch.phase("round"):
+            return self.case.descent(start, monitor)
+
+    def improve_bound(self, point: Point) -> None:
+        """Nothing: estimates have no bounds of their own worth their time."""
+
+    @property
+    def ending(self) -> str:
+        """Where the search ended."""
+        return f"; the relaxation ended at rank {self.relaxed.rank}"
+
+    def obstacle(self, certificate: Certificate) -> Obstacle:
+        """What keeps the gap open after the search."""
+        return self.relaxed.obstacle(certificate)

@@ -18,7 +18,7 @@ from certpgo.graph import Estimate
 from certpgo.objective.problem import Problem
 from certpgo.optimize.solution import Status
 from certpgo.optimize.starts import Start
-from certpgo.solvers.certified.pipeline import CertifiedSolution
+from certpgo.solvers.certified.result import CertifiedSolution
 from certpgo.solvers.certified.search import search
 from certpgo.solvers.certified.settings import SolveSettings
 

@@ -17,7 +17,8 @@ from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.progress import Stop
 from certpgo.optimize.starts import Start
 from certpgo.solvers.certified.disagreement import select
-from certpgo.solvers.certified.pipeline import CertifiedSolution, search_and_certify
+from certpgo.solvers.certified.result import CertifiedSolution
+from certpgo.solvers.certified.search import search
 from certpgo.solvers.certified.settings import SolveSettings
 
 
@@ -80,7 +81,7 @@ def solve_robustly(
             selection = select(problem, initial=initial, trusted=trusted, monitor=stop)
         left = None if limit is None else limit - min(limit, stop.watch.total)
         ended = stop.ended_by
-        found = search_and_certify(
+        found = search(
             problem.reweighted(selection.weights),
             replace(chosen, time_limit=left if ended is None else 0.0),
             Start(selection.estimate, "the robust fit"),

@@ -1,19 +1,26 @@
-"""Which search a problem's cost has: the one place that asks for the kind of a problem."""
+"""The best estimate of a problem, with its certificate, in any cost."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
+from certpgo.certify.case import Case
+from certpgo.certify.own_cost import OwnCostCase
+from certpgo.certify.ranged import RangedCase
 from certpgo.costs import Certifiable
-from certpgo.costs.problem import InformationProblem
-from certpgo.costs.ranges import RangeProblem
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.starts import Start
-from certpgo.solvers.certified.disagreement import Disagreement
-from certpgo.solvers.certified.own_cost import search_own_cost
-from certpgo.solvers.certified.pipeline import CertifiedSolution, search_and_certify
-from certpgo.solvers.certified.ranged import search_ranges
+from certpgo.solvers.certified.loop import Report, Search, case_under
+from certpgo.solvers.certified.ranged import RangeSearch
+from certpgo.solvers.certified.result import CertifiedSolution
 from certpgo.solvers.certified.settings import SolveSettings
+from certpgo.solvers.certified.staircase import Staircase
+from certpgo.solvers.certified.surrogates import SurrogateSearch
+
+#: The search of each kind of certificate.
+_SEARCHES: dict[type[Case], type[Search]] = {
+    Case: Staircase,
+    OwnCostCase: SurrogateSearch,
+    RangedCase: RangeSearch,
+}
 
 
 def search(
@@ -21,7 +28,7 @@ def search(
     settings: SolveSettings,
     initial: Start | None = None,
     monitor: Monitor = silent,
-    on_disagreement: Callable[[Disagreement], object] | None = None,
+    on_disagreement: Report | None = None,
     stored: Start | None = None,
 ) -> CertifiedSolution:
     """The best estimate found, with its certificate; see `certpgo.solve`.
@@ -29,11 +36,8 @@ def search(
     Parameters
     ----------
     initial : where the search begins; by default it finds a start of its own
-    stored : another start, that of the file
+    on_disagreement : is called with measurements that disagree with the rest
+    stored : another start, that of the file, which is tried if the first descent is not certified
     """
-    if isinstance(problem, RangeProblem):
-        starts = [start for start in (initial, stored) if start is not None]
-        return search_ranges(problem, settings, starts, monitor)
-    if isinstance(problem, InformationProblem):
-        return search_own_cost(problem, settings, initial, monitor, on_disagreement, stored)
-    return search_and_certify(problem, settings, initial, monitor, on_disagreement, stored)
+    case = case_under(problem, settings, monitor)
+    return _SEARCHES[type(case)](problem, case, settings).solved(initial, stored, on_disagreement)

@@ -33,8 +33,8 @@ from certpgo.graph.wording import counted
 from certpgo.linalg.arrays import BoolArray, FloatArray, IntArray
 from certpgo.optimize.starts import Start
 from certpgo.solvers.certified.naming import instance_of, labels_of
-from certpgo.solvers.certified.pipeline import GIVEN
 from certpgo.solvers.certified.renewal import Found, descended, searched
+from certpgo.solvers.certified.result import GIVEN
 from certpgo.solvers.certified.settings import SolveSettings
 from certpgo.solvers.certified.standing import Standing
 from certpgo.solvers.certified.suspicion import Suspicion, suspicion

@@ -9,60 +9,72 @@ from __future__ import annotations
 
 import math
 import time
-from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
-from certpgo.certify import DualBound, cost_upper
-from certpgo.certify.case import Basin, Case
+from certpgo.certify.case import Case
+from certpgo.certify.certificate import Certificate, Tier, Verdict
 from certpgo.certify.curvature import negative_curvature, resolution
-from certpgo.errors import NumericalError
-from certpgo.graph import Estimate
+from certpgo.certify.dual import DualBound
+from certpgo.certify.obstacle import LimitedBy, Obstacle
+from certpgo.certify.wording import early
+from certpgo.errors import InputError, NumericalError
+from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.lift import Lift, Point, rounded
+from certpgo.graph.priors import mirrored_by
 from certpgo.linalg.arrays import FloatArray
+from certpgo.objective.problem import PoseProblem, Problem
 from certpgo.optimize import low_rank
 from certpgo.optimize.monitor import Monitor
 from certpgo.optimize.newton import newton
-from certpgo.optimize.progress import Hopeful
 from certpgo.optimize.roundings import roundings
 from certpgo.optimize.solution import Level, Solution, Status
 from certpgo.optimize.starts import Start, start_of
+from certpgo.solvers.certified.disagreement import agrees, disagreement
+from certpgo.solvers.certified.loop import Report, Search
+from certpgo.solvers.certified.result import CertifiedSolution
 from certpgo.solvers.certified.settings import OUTLIERS_PATIENCE, SolveSettings
 
+#: Ranks that the staircase may add to d.
+MORE_RANKS = 7
 
-class Staircase:
-    """The search: the best estimate and bound so far, and how they were found.
 
-    The constructor runs the first descent at rank d and computes its bound: from the initial
-    estimate and, if that is not certified, from a computed initialization.
+class Staircase(Search):
+    """The search under F: points of the relaxation are local minima of rising rank.
 
     Parameters
     ----------
-    case : the normalized problem, its tolerances and the monitor of all phases
-    initial : initial estimate; None computes one
+    highest : the largest rank; by default that of the settings
+
+    Raises
+    ------
+    InputError
+        That is below d.
     """
 
-    def __init__(self, case: Case, settings: SolveSettings, initial: Start | None) -> None:
-        self.case, self.problem, self.settings = case, case.problem, settings
-        self.stop, self.watch = case.stop, case.stop.watch
-        self.patience = settings.patience if settings.time_limit is None else math.inf
+    posed: Problem
+    problem: Problem
+
+    def __init__(self, posed: Problem, case: Case, settings: SolveSettings) -> None:
+        super().__init__(posed, case, _as_close_as(case, settings))
+        d, limit = self.problem.d, settings.max_rank
+        self.highest = d + MORE_RANKS if limit is None else limit
+        if self.highest < d:
+            raise InputError(f"the maximal rank must be at least {d}, not {self.highest}")
         self.impatient = math.inf
-        self.counts: Counter[str] = Counter()
-        self.bound: DualBound | None = None
         self.exhausted: Point | None = None  # point without a better bound
         self.floor = -math.inf  # the relaxation's minimum up to rounding, once it is reached
-        self.ended_early = False
+
+    def begin(self, initial: Start | None, report: Report | None) -> None:
+        """The first descent, and if that is not certified, one from a computed initialization."""
         start = self.own_start() if initial is None else self.given(initial)
         self.start = self.origin = start.name
-        self.best = self.descend(start.estimate, near=start.near)
-        self.cost = cost_upper(self.problem, self.best.estimate)
-        self.improve_bound(self.best.estimate)
-        if initial is not None and settings.try_own_start:
+        self.take(self.descend(start.estimate, near=start.near))
+        if initial is not None and self.settings.try_own_start:
             self.start_again(initial.name)
-        self.levels = [Level(self.problem.d, self.best.cost, self.best.status)]
 
     def start_again(self, initial: str) -> None:
         """Descend from a computed initialization; keep the better result."""
@@ -75,17 +87,21 @@ class Staircase:
                 self.start = own.name
                 self.origin = f"{own.name}, which led to a lower cost than {initial}"
 
-    def try_stored(self, start: Start | None) -> None:
-        """Descend from another estimate; keep the end if it is better."""
-        if start is None or self.ends():
+    def look_for_outliers(self, report: Report | None) -> None:
+        """Look for measurements that disagree with the rest, and report them."""
+        if report is None:
             return
-        with suppress(NumericalError, np.linalg.LinAlgError):
-            before = self.best
-            self.improve_from([self.given(start).estimate])
-            if self.best is not before:
-                self.start = start.name
-                self.origin = f"{start.name}, which led to a lower cost than {self.origin}"
-                self.levels = [Level(self.problem.d, self.best.cost, self.best.status)]
+        refit = not self.is_done
+        with self.watch.phase("residuals"):
+            found = disagreement(
+                self.posed, self.best.estimate, refit=refit, monitor=lambda _: self.stop.asked
+            )
+        if found is None:
+            return
+        report(found)
+        self.disagreement = found
+        if found.is_widespread(self.problem.graph):
+            self.hurry()
 
     def hurry(self) -> None:
         """Climb for a short time only after a first bound, unless a time limit was set."""
@@ -108,43 +124,38 @@ class Staircase:
         with self.watch.phase("start"):
             return start_of(self.problem)
 
-    def go_on(self, highest: int) -> None:
-        """Continue if the first descent is not certified."""
-        point = self.climb(highest)
-        self.round(point)
-        self.settle_for_less(point)
+    def relaxation(self) -> Iterator[Lift]:
+        """Escape to higher ranks until the gap is closed or the relaxation is solved."""
+        self.levels = [Level(self.problem.d, self.best.cost, self.best.status)]
+        self.point: Point = self.best.estimate
+        while not self.ends():
+            eigenvalue, direction = self.way_down(self.point)
+            rank = self.levels[-1].rank + 1
+            self.ended_early = self.is_impatient
+            if eigenvalue is None or rank > self.highest or self.ended_early:
+                return
+            before = self.problem.cost(self.point)
+            self.point = lift = self.escape(self.point, rank, direction)
+            lower = self.levels[-1].cost
+            negligible = self.settings.negligible * self.case.tolerance(lower)
+            if before - lower <= negligible and not self.is_done:
+                self.floor = lower  # the eigenvalue was rounding
+                return
+            yield lift
+            if self.best.cost < (1.0 - self.settings.same_cost) * lower:
+                self.point = self.best.estimate  # no gain at the higher rank yet
+            elif not self.is_certified:
+                self.improve_bound(self.point)
 
-    def climb(self, highest: int) -> Point:
-        """Escape to higher ranks until the gap is closed or the relaxation is solved.
+    def roundings(self, point: Lift) -> Iterator[Estimate]:
+        """The nearest estimate."""
+        poses = point.subset(self.problem.poses)
+        yield self.problem.complete(rounded(poses).rotations)
 
-        Returns the last point of the relaxation.
-        """
-        point: Point = self.best.estimate
-        # After an error, the search continues with what was found before.
-        with suppress(NumericalError, np.linalg.LinAlgError):
-            while not self.ends():
-                eigenvalue, direction = self.way_down(point)
-                rank = self.levels[-1].rank + 1
-                self.ended_early = self.is_impatient
-                if eigenvalue is None or rank > highest or self.ended_early:
-                    break
-                before = self.problem.cost(point)
-                point = self.escape(point, rank, direction)
-                lower = self.levels[-1].cost
-                if (
-                    before - lower <= self.settings.negligible * self.case.tolerance(lower)
-                    and not self.is_done
-                ):
-                    self.floor = lower  # the eigenvalue was rounding
-                    break
-                poses = point.subset(self.problem.poses)
-                nearest = self.problem.complete(rounded(poses).rotations)
-                self.improve(self.descend(nearest))
-                if self.best.cost < (1.0 - self.settings.same_cost) * lower:
-                    point = self.best.estimate  # no gain at the higher rank yet
-                elif not self.is_certified:
-                    self.improve_bound(point)
-        return point
+    def finish(self) -> None:
+        """Descents from random roundings; then a weaker bound, if there is no other."""
+        self.round(self.point)
+        self.settle_for_less(self.point)
 
     def way_down(self, point: Point) -> tuple[float | None, FloatArray]:
         """A negative eigenvalue of the certificate matrix with its vector; None at the minimum.
@@ -201,17 +212,8 @@ class Staircase:
             before = self.best
             with self.watch.phase("round"):
                 starts = roundings(self.problem, point, before.estimate, rng)
-            self.improve_from(starts)
+            self.improve_hopefully(starts)
             failures = failures + 1 if self.best is before else 0
-
-    def improve_from(self, starts: Iterable[Estimate]) -> None:
-        """Descents from several initial estimates; unpromising ones are stopped early."""
-        for start in starts:
-            if self.ends():
-                break
-            self.improve(
-                self.descend(start, monitor=Hopeful(self.stop, self.best.cost, self.settings.hope))
-            )
 
     def descend(
         self, start: Estimate, *, near: bool = False, monitor: Monitor | None = None
@@ -228,19 +230,6 @@ class Staircase:
         self.counts.update(found.counts)
         return found
 
-    def improve(self, found: Solution) -> bool:
-        """Keep a solution if it is better than the best so far; returns whether it is."""
-        better = found.cost < (1.0 - self.settings.same_cost) * self.best.cost
-        if better:
-            self.take(found)
-        return better
-
-    def take(self, best: Solution) -> None:
-        """Make a solution the best so far, and compute its bound if needed."""
-        self.best, self.cost = best, cost_upper(self.problem, best.estimate)
-        if self.bound is None or not self.is_certified:
-            self.improve_bound(best.estimate)
-
     def improve_bound(self, point: Point, *, tight: bool = True) -> None:
         """Compute the bound of a point and keep it if it is better."""
         if self.stop.cuts():
@@ -253,8 +242,7 @@ class Staircase:
             return
         self.counts["factorizations"] += bound.factorizations
         self.counts["nonzeros"] = max(self.counts["nonzeros"], bound.nonzeros)
-        if self.bound is None or bound.value > self.bound.value:
-            self.bound = bound
+        self.keep(bound)
         self.lose_patience()
 
     def is_of_all(self, bound: DualBound, point: Point) -> bool:
@@ -270,25 +258,10 @@ class Staircase:
             if self.basin.value > 0.0:
                 break
 
-    def ends(self) -> bool:
-        """Whether the gap is closed, or a stop leaves the rest of the search out."""
-        return self.is_certified or self.stop.cuts()
-
-    @property
-    def status(self) -> Status:
-        """How the search ended."""
-        limit = Status.TIME_LIMIT if self.ended_early else None
-        return self.stop.ended_by or limit or self.best.status
-
     @property
     def has_reached_the_floor(self) -> bool:
         """Whether no point of the relaxation is lower than the best estimate, beyond rounding."""
         return self.best.cost - self.floor <= self.case.tolerance(self.best.cost)
-
-    @property
-    def is_certified(self) -> bool:
-        """Whether the gap is closed."""
-        return self.cost - self.basin.value <= self.case.tolerance(self.cost)
 
     @property
     def is_done(self) -> bool:
@@ -301,6 +274,52 @@ class Staircase:
         return time.monotonic() > self.impatient
 
     @property
-    def basin(self) -> Basin:
-        """The best estimate so far with its bound."""
-        return Basin(self.best.estimate, self.cost, True, self.bound)
+    def status(self) -> Status:
+        """How the search ended."""
+        limit = Status.TIME_LIMIT if self.ended_early else None
+        return self.stop.ended_by or limit or self.best.status
+
+    def result(self, certificate: Certificate) -> CertifiedSolution:
+        """The result; outliers of a first descent to a local minimum may be none."""
+        if self.disagreement is not None and agrees(self.posed, self.best.estimate):
+            self.disagreement = None
+        return super().result(certificate)
+
+    @property
+    def is_tight(self) -> bool:
+        """Whether only rounding keeps the gap open."""
+        return self.is_certified or self.has_reached_the_floor
+
+    @property
+    def ending(self) -> str:
+        """Where the search ended, and how to continue it if its own limit ended it."""
+        where = f"; the staircase ended at rank {self.levels[-1].rank}"
+        return f"{where}, {early(self.patience)}" if self.ended_early else where
+
+    def obstacle(self, certificate: Certificate) -> Obstacle:
+        """What keeps the gap open after the search."""
+        if certificate.verdict not in (Verdict.BOUNDED, Verdict.UNDECIDED):
+            return certificate.obstacle
+        rank, stopped, graph = self.levels[-1].rank, self.stop.cut, self.problem.graph
+        patience = self.patience if self.ended_early else None
+        about = Obstacle(certificate.limited_by, True, rank, stopped, patience)
+        if certificate.verdict is Verdict.BOUNDED and isinstance(graph, PoseGraph):
+            about = replace(about, mirrored=mirrored_by(graph))
+        if about.mirrored is not None:
+            return replace(about, kind=LimitedBy.LOOSE)
+        if stopped is not None:
+            return replace(about, kind=LimitedBy.STOPPED)
+        if self.has_reached_the_floor:
+            return replace(about, kind=LimitedBy.ROUNDING)
+        return replace(about, kind=LimitedBy.STOPPED if self.ended_early else LimitedBy.LOOSE)
+
+
+def _as_close_as(case: Case, settings: SolveSettings) -> SolveSettings:
+    """Settings whose descents end as close to the minimum as the certificate can tell."""
+    newton = settings.newton
+    if case.tier is Tier.PROOF:
+        return replace(settings, newton=replace(newton, enough=0.0))
+    if isinstance(case.problem, PoseProblem):
+        return settings
+    # A certificate of rotations alone compensates nothing but their rounding.
+    return replace(settings, newton=replace(newton, enough=0.1 * newton.enough))

@@ -17,8 +17,8 @@ from certpgo.objective.problem import Problem
 from certpgo.optimize.starts import Start
 from certpgo.solvers._robust import connected
 from certpgo.solvers.certified.disagreement import Disagreement, disagreement
-from certpgo.solvers.certified.pipeline import CertifiedSolution
 from certpgo.solvers.certified.renewal import found_anew
+from certpgo.solvers.certified.result import CertifiedSolution
 from certpgo.solvers.certified.settings import SolveSettings
 
 
