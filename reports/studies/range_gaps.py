@@ -28,7 +28,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 import certpgo
-from certpgo.certify.ranged import RangedCase, Search
+from certpgo.certify.ranged import RangedCase
 from certpgo.costs import range_problem
 from certpgo.costs.ranges import RangeProblem
 from certpgo.costs.signed import SignedProblem
@@ -188,13 +188,6 @@ def lowest_mean(problem: RangeProblem, starts: list[Lift], scale: float, copies:
     return cost
 
 
-def solved(case: RangedCase) -> tuple[Search, Lift]:
-    """The search, after its climb to the minimum of the relaxation, and that point."""
-    search = Search(case)
-    point = search.climb(search.start(np.random.default_rng(0)))
-    return search, point
-
-
 def row(name: str, copies: int) -> str:
     """The line of a dataset."""
     with warnings.catch_warnings():
@@ -202,7 +195,7 @@ def row(name: str, copies: int) -> str:
         problem = range_problem(datasets.load(name))
     best = certpgo.solve(problem).cost
     case = RangedCase.of(problem, "standard", 1e-5, 1e-9)
-    search, point = solved(case)
+    relaxed, point = case.relaxation, case.relaxation.point
 
     def gap(value: float) -> str:
         return f"{100.0 * (1.0 - value / best):.2f} %"
@@ -212,12 +205,12 @@ def row(name: str, copies: int) -> str:
         flat = RangedCase.of(problem, "standard", 1e-5, 1e-9)
         whole = flat.problem.whole
         flat.problem.__dict__["whole"] = SignedProblem(whole.graph, whole.engine)
-        real = gap(case.unit * solved(flat)[0].bound.value)
-    starts = [*islice(search.projections(point, np.random.default_rng(0)), PROJECTED)]
+        real = gap(case.unit * flat.relaxation.bound.value)
+    starts = [*islice(relaxed.projections(), PROJECTED)]
     costs = np.array([case.unit * case.descent(start).cost for start in starts])
     found = int((costs < (1.0 + SAME) * best).sum())
     lowest = lowest_mean(problem, starts, np.sqrt(point.rank / problem.d), copies)
-    ours = gap(case.unit * search.bound.value)
+    ours = gap(case.unit * relaxed.bound.value)
     violated = f"{triangles(problem, translations_of(point)):.1e}"
     return ROW.format(
         name, f"{best:.8g}", real, ours, f"{found}/{len(starts)}", violated, gap(lowest)

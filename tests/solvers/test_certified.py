@@ -27,9 +27,10 @@ from certpgo.optimize import low_rank
 from certpgo.optimize.monitor import Iteration, silent
 from certpgo.optimize.newton import NewtonSettings, newton
 from certpgo.optimize.progress import Stop
-from certpgo.optimize.solution import Status
+from certpgo.optimize.solution import Level, Status
 from certpgo.optimize.starts import Start
-from certpgo.solvers.certified import pipeline, staircase
+from certpgo.solvers.certified import staircase
+from certpgo.solvers.certified.loop import Search
 from certpgo.solvers.certified.staircase import Staircase
 from certpgo.solvers.low_rank import LowRank
 
@@ -450,16 +451,16 @@ def test_no_time_at_all_still_gives_an_estimate(d):
 
 
 def test_a_deadline_after_the_search_is_not_the_reason_of_the_verdict(clock, monkeypatch):
-    certificate = pipeline._certificate
+    certificate = Search.certificate
 
-    def late(search, tier):
+    def late(search):
         clock.now = 2.0
-        return certificate(search, tier)
+        return certificate(search)
 
     graph = winding_cycle(40, 1e-8, 0)[0].graph
     options = {"time_limit": 1.0, "atol": 0.0, "tier": "standard"}
     expected = solve(graph, **options).certificate.reason
-    monkeypatch.setattr(pipeline, "_certificate", late)
+    monkeypatch.setattr(Search, "certificate", late)
     answer = solve(graph, **options)
     assert (answer.verdict, answer.solution.status) == (Verdict.UNDECIDED, Status.CONVERGED)
     assert answer.certificate.reason == expected
@@ -503,15 +504,15 @@ def shifts_alone(monkeypatch):
 @pytest.mark.usefixtures("shifts_alone")
 @pytest.mark.parametrize("tier", [None, "proof"])
 def test_a_proof_that_the_deadline_leaves_out_is_a_stop(clock, monkeypatch, tier):
-    certificate = pipeline._certificate
+    certificate = Search.certificate
 
-    def late(search, tier):
+    def late(search):
         clock.now = 2.0
-        return certificate(search, tier)
+        return certificate(search)
 
     graph = corridor(400, np.random.default_rng(0)).graph
     assert solve(graph, atol=1e-13, time_limit=1.0, tier=tier).verdict is Verdict.CERTIFIED
-    monkeypatch.setattr(pipeline, "_certificate", late)
+    monkeypatch.setattr(Search, "certificate", late)
     answer = solve(graph, atol=1e-13, time_limit=1.0, tier=tier)
     assert answer.solution.status is Status.TIME_LIMIT
     assert answer.verdict is (Verdict.BOUNDED if tier is None else Verdict.UNDECIDED)
@@ -812,7 +813,9 @@ def test_a_bound_that_rounding_limits_is_computed_once(monkeypatch):
 def test_only_an_eigenvalue_beyond_rounding_is_a_way_down(monkeypatch, over):
     problem = problem_of(winding_cycle(6, 0.3, 0)[0].graph)
     case = Case.of(problem, Tier.STANDARD, 0.0, 0.0)
-    search = Staircase(case, SolveSettings(), None)
+    search = Staircase(problem, case, SolveSettings())
+    search.begin(None, None)
+    search.levels = [Level(3, search.best.cost, search.best.status)]
     eigenvalue = -over * resolution(case.problem)
     direction = np.ones((6, 3))
     monkeypatch.setattr(staircase, "negative_curvature", lambda *_: (eigenvalue, direction))
@@ -914,13 +917,15 @@ def test_the_proof_tier_is_asked_where_rounding_is_all_that_is_missing():
 def test_a_search_stopped_before_its_proof_claims_none():
     """The standard tier certifies, and then the time is up: that is no proof."""
     instance, _ = winding_cycle(6, 0.3, 0)
-    case = Case.of(problem_of(instance.graph), Tier.STANDARD, 1e-5, 1e-12)
-    search = Staircase(case, SolveSettings(), None)
+    problem = problem_of(instance.graph)
+    case = Case.of(problem, Tier.STANDARD, 1e-5, 1e-12)
+    search = Staircase(problem, case, SolveSettings(tier=Tier.STANDARD))
+    search.begin(None, None)
     assert search.is_certified
     search.stop.deadline = -math.inf
-    judged = pipeline._certificate
-    assert judged(search, Tier.STANDARD).verdict is Verdict.CERTIFIED
-    stopped = judged(search, Tier.PROOF)
+    assert search.certificate().verdict is Verdict.CERTIFIED
+    search.tier = Tier.PROOF
+    stopped = search.certificate()
     assert (stopped.verdict, stopped.tier) == (Verdict.UNDECIDED, Tier.PROOF)
     assert stopped.lower_bound == 0.0
 

@@ -19,7 +19,7 @@ from certpgo import (
     RotationGraph,
     solve,
 )
-from certpgo.certify.ranged import RangedCase, Search, range_bound
+from certpgo.certify.ranged import RangedCase, Relaxed, range_bound
 from certpgo.costs import range_problem
 from certpgo.costs.range_descent import descend, escape
 from certpgo.costs.ranges import RangeProblem
@@ -357,7 +357,7 @@ def test_estimates_beyond_the_range_of_doubles_are_undecided(far):
 
 
 def test_a_search_that_finds_nothing_decides_nothing(monkeypatch):
-    monkeypatch.setattr(Search, "try_from", lambda self, *start: None)
+    monkeypatch.setattr(Relaxed, "projections", lambda self: [])
     problem, truth, rng = measured(3, 3, noise=1.0)
     t = truth.translations + rng.standard_normal(truth.translations.shape)
     found = certpgo.certify(problem, Estimate(truth.rotations, t))
@@ -415,9 +415,8 @@ def test_the_values_of_the_file_are_a_start(clock):
 
 def test_ways_down_are_not_looked_for_after_a_stop():
     problem, _, _ = measured(2, 3, noise=1.0, poses=12, points=4)
-    point, _ = descend(
-        problem, Search(RangedCase.of(problem, "standard", 0.0, 0.0)).start(rng_of(0))
-    )
+    relaxed = Relaxed(RangedCase.of(problem, "standard", 0.0, 0.0))
+    point, _ = descend(problem, relaxed.point)
     asked = []
 
     def third():

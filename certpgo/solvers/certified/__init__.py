@@ -1,7 +1,7 @@
 """The certified pipeline: initialize, optimize, certify; climb, round and polish if that fails.
 
-Reading order: `interface`, `pipeline`, `staircase` (the search), `own_cost` (the search in the cost
-of another program), `disagreement` (finds outlying measurements) and `robust` (the pipeline without
+Reading order: `interface`, `search`, `loop` (the search), `staircase`, `surrogates` and `ranged`
+(its relaxations), `disagreement` (finds outlying measurements) and `robust` (the search without
 these).
 """
 

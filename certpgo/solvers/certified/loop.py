@@ -95,6 +95,7 @@ class Search(ABC):
         self.begin(initial, report)
         self.try_stored(stored)
         self.look_for_outliers(report)
+        self.levels = [Level(self.problem.d, self.best.cost, self.best.status)]
         # After an error, the search continues with what was found before.
         with suppress(NumericalError, np.linalg.LinAlgError):
             for point in self.relaxation():

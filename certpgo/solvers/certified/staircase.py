@@ -59,7 +59,8 @@ class Staircase(Search):
     problem: Problem
 
     def __init__(self, posed: Problem, case: Case, settings: SolveSettings) -> None:
-        super().__init__(posed, case, _as_close_as(case, settings))
+        super().__init__(posed, case, settings)
+        self.settings = _as_close_as(case, settings)
         d, limit = self.problem.d, settings.max_rank
         self.highest = d + MORE_RANKS if limit is None else limit
         if self.highest < d:
@@ -126,7 +127,6 @@ class Staircase(Search):
 
     def relaxation(self) -> Iterator[Lift]:
         """Escape to higher ranks until the gap is closed or the relaxation is solved."""
-        self.levels = [Level(self.problem.d, self.best.cost, self.best.status)]
         self.point: Point = self.best.estimate
         while not self.ends():
             eigenvalue, direction = self.way_down(self.point)
