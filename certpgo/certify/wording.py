@@ -149,7 +149,7 @@ def meaning(certificate: Statement) -> str:
     return _LOWER if lower and c.verdict == "UNDECIDED" else _MEANINGS[c.verdict]
 
 
-_SMALL = "Both are negligible against the total weight W"
+_SMALL = "That is negligible against the total weight W"
 
 
 def _is_within_atol(c: Statement) -> bool:

@@ -150,9 +150,7 @@ EDGE_SE2 3 0 1 0 1.57 {0} 0 0 {0} 0 {0}
 """
 
 
-@pytest.mark.parametrize(
-    ("weight", "said"), [(1e6, "too small"), (1e4, ""), (1e-3, "too large")]
-)
+@pytest.mark.parametrize(("weight", "said"), [(1e6, "too small"), (1e4, ""), (1e-3, "too large")])
 def test_an_unusual_chi2_is_warned_of_wherever_a_verdict_is_printed(
     certpgo, tmp_path, weight, said
 ):
