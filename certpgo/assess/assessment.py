@@ -95,6 +95,7 @@ class Assessment:
     distance : from the estimate as given to ``best``
     edges : edges with the largest terms of F, in descending order
     rounding : effect of the file's digits; None for an estimate in full precision
+    farthest : the largest translation residual, metres; None where no translation is measured
     fit : chi^2 of the estimate as given; None where that is not known, see `certpgo.costs.fit`
     """
 
@@ -107,6 +108,7 @@ class Assessment:
     distance: Distance
     edges: tuple[CostlyEdge, ...]
     rounding: Rounding | None
+    farthest: float | None = None
     fit: Fit | None = None
 
     @property
@@ -150,6 +152,7 @@ def assess(
         distance=distance(estimate.subset(nodes), best.subset(nodes)),
         edges=costly_edges(problem, estimate, np.arange(problem.n) if ids is None else ids),
         rounding=None if writing is None else rounding_cost(problem, estimate, best, writing),
+        farthest=_farthest(problem, estimate),
         fit=fit,
     )
 
@@ -200,6 +203,12 @@ def residual_lengths(problem: Certifiable, estimate: Estimate) -> FloatArray | N
     if not isinstance(poses, PoseProblem):
         return None
     return np.asarray(np.linalg.norm(poses.translation_residuals(estimate), axis=1))
+
+
+def _farthest(problem: Certifiable, estimate: Estimate) -> float | None:
+    """The largest translation residual, metres; None where no translation is measured."""
+    lengths, (_, moved) = residual_lengths(problem, estimate), measured_parts(problem)
+    return float(lengths[moved].max()) if lengths is not None and moved.any() else None
 
 
 def rounding_cost(

@@ -164,7 +164,7 @@ def compare(
     instance: Instance,
     methods: Iterable[Competitor] | None = None,
     *,
-    cost: str = CHORDAL,
+    cost: str | None = None,
     announce: Callable[[str], None] = lambda label: None,
     errors: Callable[[Estimate], TrajectoryErrors] | None = None,
 ) -> Iterator[MethodResult]:
@@ -176,7 +176,8 @@ def compare(
     ----------
     methods : by default `METHODS`, as `methods_under` the cost
     cost : the cost that judges all estimates, whichever each method minimises: ``"chordal"``, or
-        for an instance with information matrices ``"g2o"`` or ``"gtsam"``, see `certpgo.costs`
+        for an instance with information matrices ``"g2o"`` or ``"gtsam"``, see `certpgo.costs`. By
+        default that of `certpgo.costs.own_cost`, as for `certpgo.solve`
     announce : called with the label of each method before it runs
     errors : the errors of an estimate, if the truth is known
 
@@ -188,6 +189,7 @@ def compare(
         Ctrl-C, also where a method returns an estimate after it.
     """
     judge = problem_under(instance, cost)
+    cost = judge.cost_name
     problem, objective = judge.chordal, OF_F if judge.is_chordal else judge.title
     for method in methods_under(cost) if methods is None else methods:
         announce(method.label)

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from certpgo.assess.comparison import OF_THE_FILE, MethodResult
 from certpgo.certify.certificate import CHORDAL as OF_F
+from certpgo.certify.wording import named_cost
 from certpgo.costs import CHORDAL
 from certpgo.graph.wording import counted, reading_sentence, rounded_up
 
@@ -59,22 +60,23 @@ COLUMNS = (
 OPTIONAL = ("f_ML", "gap", "RPE", "kept, %", "seconds")
 
 
-def notes(labels: Iterable[str], cost: str = CHORDAL) -> tuple[str, ...]:
-    """The notes about these methods, judged by a cost."""
-    present = tuple(labels)
-    known = NOTES if cost == CHORDAL else _OWN_NOTES
-    return tuple(
-        note for note in known if any(label.startswith(_ABOUT.get(note, "")) for label in present)
-    )
+def notes(results: Iterable[MethodResult]) -> tuple[str, ...]:
+    """The notes about these methods and the costs that judge them."""
+    said = {
+        note
+        for result in results
+        for note in (NOTES if result.objective == OF_F else _OWN_NOTES)
+        if result.method and result.method.startswith(_ABOUT.get(note, ""))
+    }
+    return tuple(note for note in (*_OWN_NOTES[:1], *NOTES) if note in said)
 
 
 def title(result: MethodResult) -> str:
-    """Name and size of the graph, and the cost if it is not F."""
+    """Name and size of the graph, and the cost."""
     if result.nodes is None or result.edges is None or result.d is None:
         return result.graph
     size = sizes(result.nodes, result.edges, result.d)
-    cost = "" if result.objective == OF_F else f": {result.objective}"
-    return f"{result.graph} ({size}){cost}"
+    return f"{result.graph} ({size}): {named_cost(result.objective)}"
 
 
 def columns(result: MethodResult) -> tuple[str, ...]:

@@ -7,7 +7,8 @@ then solved and certified. The same eigenvector says which loop closure would he
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from scipy.spatial import KDTree
 
 from certpgo.assess.metrics import TrajectoryErrors, trajectory_errors
 from certpgo.costs import CHORDAL, certifiable
+from certpgo.costs.fit import Fit
 from certpgo.errors import GraphError, InputError
 from certpgo.graph import Estimate, Graph, Instance, RotationGraph
 from certpgo.graph.edges import components_of
@@ -86,6 +88,11 @@ class Sparsified(Speaking):
         least = self.whole.cost
         return (self.cost - least) / least if least > 0.0 else 0.0
 
+    @cached_property
+    def fit(self) -> Fit | None:
+        """chi^2 of the measurements kept, where their source states the noise."""
+        return replace(self.answer, instance=self.instance).fit
+
     @property
     def _headline(self) -> str:
         kept = f"{len(self.chosen)} of {counted(self.loops, 'loop closure{s}')} kept"
@@ -101,10 +108,12 @@ class Sparsified(Speaking):
         )
         yield "whole", self.whole.certificate.in_brief
         yield "sparse", f"{self.answer.certificate.in_brief} of the measurements kept"
-        yield "loss", f"F of all measurements {self.cost:.10g}, {100.0 * self.loss:.3g} % more"
+        loss = f"{self.cost:.10g} for all measurements, {100.0 * self.loss:.3g} % more"
+        yield "loss", f"chordal cost F = {loss}"
+        if self.fit is not None:
+            yield "chi^2", str(self.fit)
         metres = "" if self.moved.ate_m is None else f"{self.moved.ate_m:.4g} m and "
         yield "moved", f"{metres}{self.moved.ate_deg:.4g} degrees (root mean square)"
-        yield "cost", "F, the chordal cost"
 
     def _picture(self) -> str:
         return self.instance._picture()

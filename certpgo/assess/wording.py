@@ -21,18 +21,26 @@ NOTABLE = 0.01
 
 
 def provenance(instance: Instance, certificate: Certificate) -> Iterable[tuple[str, str]]:
-    """What stands between the source and the verdict: averages, fixed nodes, what was skipped."""
+    """What stands between the source and the verdict: averaged weights and fixed nodes."""
     if certificate.objective == CHORDAL and instance.averaged:
-        yield "averaged", f"information {instance.averaged}"
+        yield "weights", f"kappa and tau average {instance.averaged}"
     if instance.fixed:
         yield "fixed", f"{few(instance.ids[list(instance.fixed)].tolist())} by the file"
-    for sentence in instance.notices:
-        yield "notice", sentence
+
+
+def redundancy(instance: Instance) -> Iterable[tuple[str, str]]:
+    """That no measurement checks another, if so."""
+    graph = instance.graph
+    if instance.ranges is None and graph.num_edges < graph.num_nodes:
+        yield (
+            "redundancy",
+            "none: a tree fits any measurements, so the verdict says nothing of them",
+        )
 
 
 def hint(disagreement: Disagreement) -> str:
-    """How many measurements disagree, and what to try."""
-    return f"{disagreement}: try certpgo solve --robust"
+    """How many measurements disagree, and which command rejects them."""
+    return f"{disagreement}; certpgo solve --robust rejects such measurements"
 
 
 def few_edges(instance: Instance, edges: IntArray) -> str:
@@ -74,17 +82,18 @@ def distances(a: Assessment) -> Iterable[tuple[str, str]]:
     if not a.excess > c.tolerance:
         return
     which = "the optimum" if a.best_is_optimal else "the best estimate found"
-    apart = f"{which} is {d.mean_deg:.3g} degrees away on average, {d.worst_deg:.3g} at most"
-    if d.mean_m is not None:
-        apart += f"; {d.mean_m:.3g} m on average, {d.worst_m:.3g} m at most"
-    yield "distance", apart
+    metres = (
+        "" if d.mean_m is None else f", {d.mean_m:.3g} m on average and {d.worst_m:.3g} at most"
+    )
+    degrees = f"{d.mean_deg:.3g} degrees on average and {d.worst_deg:.3g} at most"
+    yield "distance", f"to {which}: {degrees}{metres}"
     share = f" ({part(a.excess / c.cost_upper)})" if math.isfinite(c.cost_upper) else ""
-    yield "", f"and costs {a.excess:.4g}{share} less than this one"
+    yield "", f"{which} costs {a.excess:.4g}{share} less"
 
 
 def _edges(a: Assessment, instance: Instance) -> Iterable[tuple[str, str]]:
     for k, edge in enumerate(a.edges[:EDGES]):
-        share = f"{ends(instance, *edge.ids)}: {100.0 * edge.share:.3g} % of F"
+        share = f"{ends(instance, *edge.ids)}: {100.0 * edge.share:.3g} % of the cost"
         degrees = [] if edge.angle is None else [f"{math.degrees(edge.angle):.4g} degrees"]
         metres = [] if edge.metres is None else [f"{edge.metres:.3g} m"]
         residual = ", ".join([*degrees, *metres])
@@ -92,15 +101,15 @@ def _edges(a: Assessment, instance: Instance) -> Iterable[tuple[str, str]]:
 
 
 def digits(a: Assessment) -> Iterable[tuple[str, str]]:
-    """The increase of F by rounding to the file's digits, if notable."""
+    """By how much rounding to the file's digits raises the cost, if notable."""
     if a.rounding is None:
         return
     written, cost = a.rounding.digits, a.rounding.cost
     if cost is None:
-        yield "digits", f"the file's {written} are too few for rotations"
+        yield "digits", f"{written} in the file are too few for rotations"
     elif cost > NOTABLE * a.certificate.tolerance:
-        share = f", {cost / a.best_cost:.1e} of F" if a.best_cost > a.certificate.tolerance else ""
+        share = f", {cost / a.best_cost:.1e} of it" if a.best_cost > a.certificate.tolerance else ""
         yield (
             "digits",
-            f"rounding to the file's {written} raises even the best F by {cost:.1g}{share}",
+            f"rounding to the file's {written} raises even the lowest cost by {cost:.1g}{share}",
         )

@@ -143,8 +143,8 @@ class Certificate(Statement):
     >>> print(f"{certificate.max_residual_angle:.3f}")  # theta / n at every edge, radians
     0.050
     >>> print(certificate)
-    CERTIFIED: no estimate can be better by more than the tolerance; this is proven
-    cost F, at most   0.029993...
+    CERTIFIED. Proven: at most ... above the optimum
+    cost              0.029993...  (chordal cost F)
     lower bound       0.029993...  (no estimate of this graph costs less)
     ...
     next              nothing: keep the estimate

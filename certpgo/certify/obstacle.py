@@ -66,6 +66,11 @@ class Obstacle:
         """Whether a limit, the monitor or Ctrl-C ended the search before it was through."""
         return self.stopped is not None or self.patience is not None
 
+    @property
+    def is_final(self) -> bool:
+        """Whether the relaxation is solved and not tight, so that no search closes the gap."""
+        return self.of_distances and self.searched
+
 
 #: The gap is closed, up to the tolerance.
 NOTHING = Obstacle()

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from certpgo.certify.obstacle import LimitedBy, Obstacle
+from certpgo.graph import Estimate
 from certpgo.graph.speaking import Speaking
 from certpgo.graph.wording import (
     bound_shown,
@@ -19,50 +20,47 @@ from certpgo.graph.wording import (
 from certpgo.objective.base import CHORDAL
 
 _MEANINGS = {
-    "CERTIFIED": "no estimate can be better by more than the tolerance; this is proven",
-    "BOUNDED": "the gap to the best possible estimate is proven, but exceeds the tolerance",
-    "REFUTED": "a lower-cost estimate exists that local descent from this one does not reach",
-    "UNDECIDED": "nothing useful could be proven, for or against",
+    "REFUTED": "A better estimate is known. Local descent from yours does not reach it",
+    "UNDECIDED": "Nothing useful could be proven, for or against this estimate",
 }
-_LOWER = "no bound could be proven, and an estimate of lower cost is known"
-_RIGHT_BASIN = "not the optimum, but local descent from here reaches it; this is proven"
-_RIGHT_ROTATIONS = "not the optimum, but with its best translations it is; this is proven"
-_HINT = "a hint of the gap to the best possible estimate; this tier proves nothing"
+_LOWER = "No bound could be proven. An estimate of lower cost is known"
+_RIGHT_BASIN = "Right basin. Local descent from your estimate reaches the proven optimum"
+_RIGHT_ROTATIONS = "Right rotations. With its best translations your estimate is the proven optimum"
 _TRUSTS = {
-    "screen": "a plain factorization whose rounding errors are not bounded: a hint, no proof",
+    "screen": "a factorization whose rounding errors are not bounded: a hint, not a proof",
     "standard": (
-        "a factorization with bounded rounding errors, provided that the linear algebra library "
-        "keeps the usual error bound"
+        "a factorization with bounded rounding errors, if the linear algebra library keeps the "
+        "usual error bound"
     ),
     "proof": (
-        "the residual of a factorization, measured in integers and exact products: only IEEE 754 "
+        "the residual of a factorization, computed in integers and exact products: only IEEE 754 "
         "arithmetic, Python and NumPy's sums of products are trusted"
     ),
 }
-_ANGLES = ", and its library's sine and arctangent to 4 units in the last place"
+_ANGLES = ", and NumPy's sine and arctangent to 4 units in the last place"
 
-#: Gap relative to F that is never called small.
+#: Gap relative to the cost that is never called small.
 LARGE = 0.01
 #: Why the relaxation may be loose where positions alone join parts: for those on a line of the
 #: plane or in a plane of space, and else.
 _MIRRORED = {
-    "line": "the relaxation does not know left from right, and positions on a line fit a mirror "
-    "image as well: attitudes, or positions off the line, would tell",
-    "plane": "the relaxation does not know left from right, and positions in a plane fit a mirror "
-    "image as well: attitudes, or positions out of the plane, would tell",
-    "perhaps": "the relaxation does not know left from right, and may mirror what only positions "
-    "and odometry hold: attitudes or loop closures would tell",
+    "line": "the positions lie on a line, so a mirror image fits them as well and the relaxation "
+    "cannot exclude it: attitudes, or positions off the line, would",
+    "plane": "the positions lie in a plane, so a mirror image fits them as well and the relaxation "
+    "cannot exclude it: attitudes, or positions off the plane, would",
+    "perhaps": "the relaxation may mirror what only positions and odometry hold: attitudes or "
+    "loop closures would exclude this",
 }
 
 #: What to do next, in Python; the quickstart says more.
-_SEARCH = "certpgo.solve(graph, initial=estimate) searches further; the gap holds all the same"
 _NEXT = {
     "CERTIFIED": "nothing: keep the estimate",
-    "BOUNDED": _SEARCH,
+    "BOUNDED": "certpgo.solve(graph, initial=estimate) searches further; the gap holds meanwhile",
     "REFUTED": "take certificate.better, or start your solver from certpgo.solve(graph).estimate",
-    "UNDECIDED": "the reason says what was in the way; certpgo.solve(graph) finds an estimate",
+    "UNDECIDED": "see the reason; certpgo.solve(graph) finds an estimate",
 }
-_POLISHED = "take certificate.refined, or keep the estimate: the gap is all that it can lose"
+_POLISHED = "take certificate.refined, or keep the estimate: it can lose no more than the gap"
+_FINAL = "keep the estimate: it can lose no more than the gap"
 _SCREENED = 'certify(..., tier="standard") proves a gap'
 
 
@@ -83,6 +81,7 @@ class Statement(Speaking):
         basin_is_global: bool
         better_cost: float | None
         objective: str
+        refined: Estimate
         descended: bool
         settled: bool
         obstacle: Obstacle
@@ -98,17 +97,17 @@ class Statement(Speaking):
 
     @property
     def reason(self) -> str:
-        """The reason for the verdict in one sentence."""
+        """The reason for the verdict: what is proven, and what limits it."""
         return reason_of(self)
 
     @property
     def in_brief(self) -> str:
         """The verdict and the cost that it is about."""
-        return f"{self.verdict}, F = {cost_shown(self.cost_upper)}"
+        return f"{self.verdict}, {named_cost(self.objective)} = {cost_shown(self.cost_upper)}"
 
     @property
     def _headline(self) -> str:
-        return f"{self.verdict}: {meaning(self)}"
+        return f"{self.verdict}. {meaning(self)}"
 
     def _facts(self) -> Iterator[tuple[str, str]]:
         yield from self._proven()
@@ -116,9 +115,13 @@ class Statement(Speaking):
 
     def _proven(self) -> Iterator[tuple[str, str]]:
         yield from numbers(self)
-        yield "reason", self.reason
+        yield from limits(self)
         yield from trusts(self)
-        yield "objective", self.objective
+
+
+def named_cost(objective: str) -> str:
+    """A cost by its name, from the objective of a certificate."""
+    return "chordal cost F" if objective == CHORDAL else objective
 
 
 def advice(certificate: Statement) -> str:
@@ -127,35 +130,57 @@ def advice(certificate: Statement) -> str:
         return _NEXT[certificate.verdict]
     if certificate.tier == "screen":
         return _SCREENED
-    return _POLISHED if certificate.basin_is_global else _NEXT["BOUNDED"]
+    if certificate.basin_is_global:
+        return _POLISHED
+    return _FINAL if certificate.obstacle.is_final else _NEXT["BOUNDED"]
 
 
 def meaning(certificate: Statement) -> str:
-    """What the verdict means."""
-    verdict = certificate.verdict
-    if certificate.tier == "screen" and verdict == "BOUNDED":
-        return _HINT
-    in_right_basin = verdict == "BOUNDED" and certificate.basin_is_global
-    if in_right_basin:
-        return _RIGHT_BASIN if certificate.descended else _RIGHT_ROTATIONS
-    if verdict == "CERTIFIED" and certificate.gap > certificate.rtol * certificate.cost_upper:
-        return _within(certificate)
-    lower = certificate.best_cost < certificate.cost_upper - certificate.tolerance
-    return _LOWER if lower and verdict == "UNDECIDED" else _MEANINGS[verdict]
+    """What the verdict means, in sentences without the last stop."""
+    c = certificate
+    if c.verdict == "BOUNDED" and c.tier == "screen":
+        return f"Probably {_above(c)} above the optimum. This tier proves nothing"
+    if c.verdict == "BOUNDED" and c.basin_is_global:
+        return _RIGHT_BASIN if c.descended else _RIGHT_ROTATIONS
+    if c.verdict in ("CERTIFIED", "BOUNDED"):
+        proven = f"Proven: {_above(c)} above the optimum"
+        return f"{proven}. {_SMALL}" if _is_within_atol(c) else proven
+    lower = c.best_cost < c.cost_upper - c.tolerance
+    return _LOWER if lower and c.verdict == "UNDECIDED" else _MEANINGS[c.verdict]
 
 
-def _within(certificate: Statement) -> str:
-    """What CERTIFIED means where only the part of W makes it so."""
-    share = f", {part(certificate.relative_gap)} of F" if certificate.cost_upper > 0.0 else ""
-    gap = gap_shown(certificate.gap)
-    return f"to within atol W{share}: no estimate can be better by more than {gap}; this is proven"
+_SMALL = "That is negligible against the total weight W"
+
+
+def _is_within_atol(c: Statement) -> bool:
+    """Whether only the part of W in the tolerance makes it CERTIFIED."""
+    return c.verdict == "CERTIFIED" and c.gap > c.rtol * c.cost_upper
+
+
+def _above(c: Statement) -> str:
+    """The gap, in absolute terms and relative to the cost."""
+    share = f" ({part(c.relative_gap)} of the cost)" if c.cost_upper > 0.0 else ""
+    return f"at most {gap_shown(c.gap)}{share}"
+
+
+def limits(certificate: Statement) -> Iterable[tuple[str, str]]:
+    """What keeps the gap open, where the numbers do not say it."""
+    c = certificate
+    if not math.isfinite(c.cost_upper):
+        yield "reason", _OVERFLOW
+    elif c.verdict in ("BOUNDED", "UNDECIDED") and (why := limit_in_words(c)):
+        yield "reason", why
+    elif c.verdict == "UNDECIDED":
+        yield "reason", _NO_BOUND
 
 
 def trusts(certificate: Statement) -> Iterable[tuple[str, str]]:
     """The assumptions of the proof, unless nothing was proven."""
-    if certificate.verdict != "UNDECIDED":
-        angles = certificate.tier == "proof" and "EdgeSE2" in certificate.objective
-        yield "proof rests on", _TRUSTS[certificate.tier] + (_ANGLES if angles else "")
+    c = certificate
+    if c.verdict != "UNDECIDED":
+        in_plane = c.refined.rotations.shape[-1] == 2
+        angles = c.tier == "proof" and c.objective != CHORDAL and in_plane
+        yield "proof rests on", _TRUSTS[c.tier] + (_ANGLES if angles else "")
 
 
 def objective(reading: Mapping[str, str], certificate: Statement | None = None) -> str:
@@ -180,37 +205,46 @@ def part(share: float) -> str:
 
 def bound_claim(certificate: Statement) -> str:
     """What the lower bound says of all estimates."""
-    claim = "no estimate of this graph costs less"
-    return f"likely: {claim}" if certificate.tier == "screen" else claim
+    return "probably no estimate costs less" if certificate.tier == "screen" else _CLAIM
 
 
-def numbers(certificate: Statement) -> Iterable[tuple[str, str]]:
-    """Cost, bound, gap and tolerance as names and values."""
-    yield "cost F, at most", cost_shown(certificate.cost_upper)
-    if math.isfinite(certificate.lower_bound):
-        shown = f"{bound_shown(certificate.lower_bound)}  ({bound_claim(certificate)})"
-        yield "lower bound", shown
-        positive = certificate.cost_upper > 0.0
-        share = f"  ({part(certificate.relative_gap)} of the cost)" if positive else ""
-        yield "gap", f"{gap_shown(certificate.gap)}{share}"
-    mostly = certificate.atol * certificate.scale > certificate.rtol * certificate.cost_upper
-    of_weights = f"  (mostly {certificate.atol:.3g} of the total weight W)" if mostly else ""
-    yield "tolerance", f"{certificate.tolerance:.3g}{of_weights}"
-    yield "largest residual", f"{math.degrees(certificate.max_residual_angle):.4g} degrees"
-    if certificate.refined_cost < certificate.cost_upper - certificate.tolerance:
-        ended = "" if certificate.settled else "part of a "
-        name, what = ("after descent", f"after {ended}local descent")
-        if not certificate.descended:
-            name, what = "translations", "with its best translations"
-        yield name, f"{cost_shown(certificate.refined_cost)}  (its cost {what})"
-    if certificate.better_cost is not None:
-        yield "lower cost", cost_shown(certificate.better_cost)
+def numbers(certificate: Statement, metres: float | None = None) -> Iterable[tuple[str, str]]:
+    """Cost, bound, gap and tolerance as names and values.
+
+    Parameters
+    ----------
+    metres : the largest translation residual, if it is known
+    """
+    c = certificate
+    yield "cost", f"{cost_shown(c.cost_upper)}  ({named_cost(c.objective)})"
+    if math.isfinite(c.lower_bound):
+        yield "lower bound", f"{bound_shown(c.lower_bound)}  ({bound_claim(c)})"
+        share = f"  ({part(c.relative_gap)} of the cost)" if c.cost_upper > 0.0 else ""
+        yield "gap", f"{gap_shown(c.gap)}{share}"
+    mostly = c.atol * c.scale > c.rtol * c.cost_upper
+    of_weights = f"  (mostly {c.atol:.3g} of the total weight W)" if mostly else ""
+    yield "tolerance", f"{c.tolerance:.3g}{of_weights}"
+    far = "" if metres is None else f", {metres:.4g} m"
+    yield "largest residual", f"{math.degrees(c.max_residual_angle):.4g} degrees{far}"
+    if c.refined_cost < c.cost_upper - c.tolerance:
+        ended = "" if c.settled else "part of a "
+        name, what = ("after descent", f"its cost after {ended}local descent")
+        if not c.descended:
+            name, what = "translations", "its cost with its best translations"
+        yield name, f"{cost_shown(c.refined_cost)}  ({what})"
+    if c.better_cost is not None:
+        yield "lower cost", f"{cost_shown(c.better_cost)}  (of the better estimate)"
+
+
+_CLAIM = "no estimate of this graph costs less"
+_OVERFLOW = "the cost of this estimate is beyond the range of doubles"
+_NO_BOUND = "no lower bound above zero could be proven"
 
 
 def reason_of(c: Statement) -> str:
-    """One sentence on what is proven about the estimate, and why it is not more."""
+    """What is proven about the estimate, and why it is not more."""
     if not math.isfinite(c.cost_upper):
-        return "the cost of this estimate is beyond the range of doubles"
+        return _OVERFLOW
     why = limit_in_words(c) if c.verdict in ("BOUNDED", "UNDECIDED") else ""
     if why and c.verdict == "UNDECIDED" and c.obstacle.searched:
         return why
@@ -219,53 +253,43 @@ def reason_of(c: Statement) -> str:
 
 def _proven(c: Statement) -> str:
     """What is proven about the estimate."""
-    floor = f"no estimate of this graph costs less than {bound_shown(c.lower_bound)}"
+    floor = f"{_CLAIM} than {bound_shown(c.lower_bound)}"
     if c.tier == "screen":
-        floor = f"likely, though not proven at this tier: {floor}"
-    own = f"this one costs {cost_shown(c.cost_upper)}"
-    by = "after local descent" if c.descended else "with its best translations"
-    by = by if c.settled or not c.descended else "after part of a local descent"
-    improved = f"{own} and, {by}, {cost_shown(c.refined_cost)}"
-    lower = c.refined_cost < c.cost_upper - c.tolerance
+        floor = f"probably, though this tier proves nothing, {floor}"
+    own, improved = f"this one costs {cost_shown(c.cost_upper)}", _improved(c)
     if c.verdict == "CERTIFIED":
-        within = f"{floor}; {own}, within {_of_f(c)} of the optimum"
-        if c.gap <= c.rtol * c.cost_upper:
-            return within
-        small = f"{within}, which is negligible relative to the total weight W = {c.scale:.2g}"
-        return (
-            f"{small}, though not to F: atol=0 compares with F alone"
-            if c.gap > LARGE * c.cost_upper
-            else small
-        )
-    if c.better_cost is not None and c.verdict != "REFUTED":
-        also = f"another estimate costs {cost_shown(c.better_cost)}"
-        return f"{floor}; {improved if lower else own}; {also}"
+        return f"{floor}; {own}, {_above(c)} above the optimum{_against_weight(c)}"
     if c.better_cost is not None:
+        better = f"another estimate costs {cost_shown(c.better_cost)}"
+        if c.verdict != "REFUTED":
+            return f"{floor}; {improved or own}; {better}"
         descent = "does not lead there" if c.settled else "was given up far from it"
-        return (
-            f"another estimate costs {cost_shown(c.better_cost)}; "
-            f"{improved if lower else own}, and local descent from it {descent}; {floor}"
-        )
+        return f"{better}; {improved or own}, and local descent from it {descent}; {floor}"
     if c.verdict == "UNDECIDED":
-        return f"{own}, and no lower bound above zero could be proven"
-    if c.basin_is_global and not c.descended:
-        return f"{floor}; {improved}, the optimum: only its translations are not the best"
+        return f"{own}; {_NO_BOUND}"
     if c.basin_is_global:
-        return (
-            f"{floor}; {improved}, the optimum: this one is in the right basin, but not at its "
-            "minimum"
-        )
-    if lower:
-        return f"{floor}; {improved}: the optimum is at most that"
-    return f"{floor}; {own}, at most {_of_f(c)} above the optimum"
+        return f"{floor}; {improved or own}, which is the optimum"
+    if improved:
+        return f"{floor}; {improved}, so the optimum is at most that"
+    return f"{floor}; {own}, {_above(c)} above the optimum"
 
 
-def _of_f(c: Statement) -> str:
-    """The gap relative to F and in absolute terms."""
-    if not c.cost_upper > 0.0:
-        return gap_shown(c.gap)
-    share = part(c.relative_gap)
-    return f"{share}{' of' * share.endswith('%')} F = {gap_shown(c.gap)}"
+def _improved(c: Statement) -> str:
+    """The cost before and after descent, if that lowers it."""
+    if not c.refined_cost < c.cost_upper - c.tolerance:
+        return ""
+    by = "after local descent" if c.settled else "after part of a local descent"
+    by = by if c.descended else "with its best translations"
+    return f"this one costs {cost_shown(c.cost_upper)}, {by} {cost_shown(c.refined_cost)}"
+
+
+def _against_weight(c: Statement) -> str:
+    """That the gap is small only against the total weight, if so."""
+    if not _is_within_atol(c):
+        return ""
+    small = f", which is negligible against the total weight W = {c.scale:.2g}"
+    large = c.gap > LARGE * c.cost_upper
+    return f"{small}, though not against the cost: atol=0 ignores W" if large else small
 
 
 def limit_in_words(c: Statement) -> str:
@@ -274,24 +298,31 @@ def limit_in_words(c: Statement) -> str:
     undecided = c.verdict == "UNDECIDED"
     if o.missing and o.edge is not None:
         count = counted(o.missing, "measurement{s}")
-        return f"{count} without a minorant there, such as edge {o.edge}"
+        return f"{count} without a minorant at this estimate, such as edge {o.edge}"
     if o.mirrored is not None:
         return _MIRRORED[o.mirrored]
     if o.of_distances:
         return _of_distances(o)
     if o.kind is LimitedBy.STOPPED:
         return _stopped(o, undecided=undecided)
-    if o.kind is not LimitedBy.ROUNDING or not o.searched:
+    if not o.searched:
+        return ""
+    if o.kind is LimitedBy.LOOSE:
+        return "" if undecided else _LOOSE
+    if o.kind is not LimitedBy.ROUNDING:
         return ""
     if not undecided:
-        return "the relaxation has no lower point beyond rounding, which limits the proof"
+        return "only rounding keeps the gap open: the relaxation has no lower point"
     share = c.cost_upper / c.scale
     return (
-        "the relaxation has no lower point beyond rounding, but the cost, "
-        f"{c.cost_upper:.4g}, is only {share:.1g} of the total weight W, too little for a proof "
-        f"that allows for rounding: atol={2.0 * share:.1g} treats it as zero, and weights that "
-        "state the true precision of the data raise it"
+        f"the relaxation has no lower point, but the cost, {c.cost_upper:.4g}, is only "
+        f"{share:.1g} of the total weight W, too little for a proof that allows for rounding: "
+        f"atol={2.0 * share:.1g} treats it as zero, and weights that state the true precision of "
+        "the data raise it"
     )
+
+
+_LOOSE = "the relaxation is not tight, as far as is known: its optimum is below all estimates"
 
 
 def _stopped(o: Obstacle, *, undecided: bool) -> str:
@@ -308,17 +339,17 @@ def _of_distances(o: Obstacle) -> str:
     """What the relaxation of measured distances is worth."""
     if o.searched:
         return (
-            f"the relaxation of distances is not tight: its optimum has rank {o.rank} and is no "
-            "map, so that this gap cannot be closed"
+            f"the range relaxation is not tight: its optimum has rank {o.rank} and is not a map, "
+            "so this gap cannot be closed"
         )
     if o.stopped is not None:
-        return f"the relaxation was not solved before the search was stopped ({o.stopped})"
-    return f"the relaxation was not solved: the climb ended by itself, at rank {o.rank}"
+        return f"the range relaxation was not solved: the search was stopped ({o.stopped})"
+    return f"the range relaxation was not solved: the staircase ended by itself, at rank {o.rank}"
 
 
 def early(patience: float) -> str:
     """That a search ended by its own limit, and how to let it continue."""
     return (
-        f"{patience:g} s after a first bound; setting a time limit (time_limit, --time-limit) lets "
-        "it continue"
+        f"{patience:g} s after a first bound; a time limit (time_limit, --time-limit) lets it "
+        "continue"
     )

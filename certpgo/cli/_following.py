@@ -97,7 +97,7 @@ class Followed:
         """Name what disagrees, with both certificates."""
         found = self.session.suspicion()
         if found is not None:
-            notice(f"{found}; --robust puts such measurements aside")
+            notice(f"{found}; --robust leaves such measurements out")
 
     def tell(self, json: bool, *, interrupted: bool = False) -> int:
         """Print the last line; returns the exit code."""
@@ -131,7 +131,7 @@ class Followed:
     @property
     def sentence(self) -> str:
         """What is proven, in a line."""
-        from certpgo.certify.certificate import CHORDAL
+        from certpgo.certify.wording import named_cost
         from certpgo.graph.wording import cost_shown, counted, gap_shown
 
         s = self.standing
@@ -139,9 +139,9 @@ class Followed:
             return ""
         aside = f"; {self.rejected} put aside" if self.rejected else ""
         size = f"{counted(s.nodes, 'node{s}')}, {counted(s.edges, 'measurement{s}')}"
-        proven = f"{s.verdict.value}: F {cost_shown(s.cost)}, at most {gap_shown(s.gap)} above F*"
-        cost = "the chordal cost" if s.objective == CHORDAL else s.objective
-        return f"{proven}; {size}{aside}; F is {cost}"
+        cost = f"{named_cost(s.objective)} = {cost_shown(s.cost)}"
+        proven = f"{s.verdict.value}: {cost}, at most {gap_shown(s.gap)} above the optimum"
+        return f"{proven}; {size}{aside}"
 
     def best(self) -> tuple[Instance, Estimate]:
         """The graph so far and its estimate, nodes by id; the whole graph once all are there."""

@@ -20,7 +20,8 @@ GraphName = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Data = Annotated[
-    Path | None, typer.Option("--data", metavar="DIR", help="Folder to search for datasets first.")
+    Path | None,
+    typer.Option("--data", metavar="DIR", help="Folder in which to look for datasets first."),
 ]
 ProofOut = Annotated[
     Path | None,
@@ -36,8 +37,8 @@ Timestamps = Annotated[
         "--timestamps",
         metavar="ids|index|FILE",
         show_default="node ids if they can be",
-        help="What the poses' timestamps are: node ids (ids), nothing, for poses in the nodes' "
-        "order (index), or times to match with the nodes' times, which FILE gives, one per line.",
+        help="How to match poses with nodes: timestamps are node ids (ids), poses are in the order "
+        "of the nodes (index), or timestamps are times and FILE has those of the nodes, by line.",
     ),
 ]
 MaxDifference = Annotated[
@@ -45,7 +46,7 @@ MaxDifference = Annotated[
     typer.Option(
         "--max-difference",
         metavar="SECONDS",
-        help="Largest difference between the times of a node and of its pose.",
+        help="Largest difference in time between a node and its pose.",
     ),
 ]
 
@@ -63,7 +64,7 @@ CostOption = Annotated[
     typer.Option(
         "--cost",
         show_default="g2o for g2o files with information, chordal for others",
-        help="The cost to minimise or judge by: F with isotropic weights (chordal), or that of g2o "
+        help="Cost to minimise or to judge by: chordal (F, with isotropic weights), or that of g2o "
         "or GTSAM with the file's full information matrices.",
     ),
 ]
@@ -110,12 +111,12 @@ def chosen_cost(cost: Cost | None, instance: Instance, **options: Any) -> str:
     for name, value in options.items():
         if value:
             if own != CHORDAL:
-                notice(f"--{name} minimises F, the chordal cost, not {own}'s, which is the default")
+                notice(f"--{name} minimises the chordal cost F, not the default cost of {own}")
             return CHORDAL
     if own == CHORDAL and information is not None and information.residual is not None:
         bad = int((~information.is_definite).sum())
         if not bad:
-            notice("without relative poses the cost is F, with isotropic weights (chordal)")
+            notice("there are no relative poses: the cost is F, with isotropic weights (chordal)")
             return own
         notice(
             f"{bad} of {len(information.index)} information matrices are not positive definite: "
@@ -130,15 +131,14 @@ def tier_for(proof: Path | None, tier: str | None, cost: Cost | None) -> str | N
     Raises
     ------
     InputError
-        A proof is asked for, with the tier ``screen``, which proves nothing, or about a cost that
-        the checker does not know.
+        The tier ``screen``, or a proof about a cost that the checker does not know.
     """
+    if tier == "screen":
+        raise InputError("--tier screen proves nothing and is for Python only: use --tier standard")
     if proof is None:
         return tier
     if cost is Cost.GTSAM:
         raise InputError(f"--proof is for --cost chordal and g2o, not for --cost {cost.value}")
-    if tier == "screen":
-        raise InputError("--proof needs the proof tier, not --tier screen")
     return tier or "proof"
 
 
@@ -151,8 +151,8 @@ def tier_option(default: str) -> Any:
     """The option --tier of a command with this default."""
     return typer.Option(
         "--tier",
-        metavar="screen|standard|proof",
+        metavar="standard|proof",
         show_default=default,
-        help="Rigor: screen ignores rounding (no proof), standard bounds it, and proof relies on "
-        "IEEE 754 arithmetic only.",
+        help="What the verdict may rely on: the usual error bounds of linear algebra (standard), "
+        "or IEEE 754 arithmetic alone (proof).",
     )

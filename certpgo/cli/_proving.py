@@ -46,7 +46,7 @@ def prove(
     enough = certificate.rtol * certificate.cost_upper
     if certificate.objective == CHORDAL and certificate.gap <= enough < proven.upper - proven.lower:
         notice(
-            f"the bound in {out} is weaker than the certificate's: a proof file treats the graph "
-            "as a whole, a certificate the parts between long bridges separately"
+            f"the bound in {out} is weaker than the certificate's: the proof is for the graph as a "
+            "whole, the certificate for the parts between long bridges"
         )
     return True

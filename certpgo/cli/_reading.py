@@ -30,7 +30,7 @@ _PANEL = "Reading the graph"
 
 
 class Keep(StrEnum):
-    """Which of several measurements between the same two nodes to keep."""
+    """Which of several measurements between two nodes to keep."""
 
     ALL = "all"
     FIRST = "first"
@@ -74,13 +74,13 @@ class Reading:
     """How graphs are read; each field is an option of every command that reads one."""
 
     keep: Annotated[
-        Keep, _option("--keep", help="Which parallel edges to keep; all adds their terms.")
+        Keep, _option("--keep", help="Which of several measurements between two nodes to keep.")
     ] = Keep.ALL
     rotation_information: Annotated[
         About | None,
         _option(
             "--rotation-information",
-            help="Coordinates of the file's rotational information; by default the format's: "
+            help="Coordinates of the file's rotational information (default: those of the format): "
             "tangent vector, quaternion vector, or roll-pitch-yaw.",
         ),
     ] = None
@@ -93,43 +93,45 @@ class Reading:
     unit_weights: Annotated[
         bool, _option("--unit-weights", help="Set all weights to 1, ignoring the file's.")
     ] = False
-    mahalanobis: Annotated[
-        bool,
-        _option(
-            "--mahalanobis",
-            help="Weigh rotations by all of the file's rotational information: half of it in 2D, "
-            "a matrix per edge in 3D.",
-        ),
-    ] = False
+    mahalanobis: Annotated[bool, typer.Option("--mahalanobis", hidden=True)] = False
     weights_are: Annotated[
         Stated | None,
         _option(
             "--weights-are",
-            help="How to read the file's precisions, if it does not say; information by default.",
+            help="How to interpret the file's precision values (default: information).",
         ),
     ] = None
     priors: Annotated[
         bool,
-        _option("--priors/--no-priors", help="Read priors, such as GPS, or skip them."),
+        _option("--priors/--no-priors", help="Read or skip priors, such as GPS."),
     ] = True
     landmarks: Annotated[
         bool,
-        _option("--landmarks/--no-landmarks", help="Read landmarks and sightings, or skip them."),
+        _option("--landmarks/--no-landmarks", help="Read or skip landmarks and their sightings."),
     ] = True
     components: Annotated[
         Components,
-        _option("--components", help="Components of a disconnected graph to use."),
+        _option("--components", help="Which components of a disconnected graph to use."),
     ] = Components.REFUSE
     rotations: Annotated[
         bool, _option("--rotations", help="Ignore translations: rotation averaging.")
     ] = False
     topic: Annotated[
         str | None,
-        _option("--topic", help="Topic of a ROS bag, if several could be read.", metavar="NAME"),
+        _option("--topic", help="Topic to read from a ROS bag that has several.", metavar="NAME"),
     ] = None
     data: Annotated[
-        Path | None, _option("--data", metavar="DIR", help="Folder to search for datasets first.")
+        Path | None,
+        _option("--data", metavar="DIR", help="Folder in which to look for datasets first."),
     ] = None
+
+    def __post_init__(self) -> None:
+        """Refuse an option of earlier versions."""
+        if self.mahalanobis:
+            raise InputError(
+                "--mahalanobis is for Python only, as read(..., mahalanobis=True): use --cost g2o "
+                "or --cost gtsam, which take the file's full information matrices"
+            )
 
     @overload
     def resolve(self, name: str) -> Source: ...
@@ -166,7 +168,7 @@ class Reading:
             return
         listed = [one for given in arguments for one in (given if _is_list(given) else [given])]
         if not any(has_topics(Path(one)) for one in listed if isinstance(one, str | Path)):
-            raise InputError("--topic is about a bag of ROS, and none is given")
+            raise InputError("--topic is for ROS bags, and none is given")
 
     @property
     def options(self) -> dict[str, Any]:
@@ -178,7 +180,6 @@ class Reading:
             "kappa": self.kappa,
             "tau": self.tau,
             "unit_weights": self.unit_weights,
-            "mahalanobis": self.mahalanobis,
             "weights_are": None if self.weights_are is None else self.weights_are.value,
             "priors": self.priors,
             "landmarks": self.landmarks,
@@ -201,7 +202,7 @@ class Reading:
             notice(f"{instance.name}: {sentence}")
         if instance.ranges is not None and not distances:
             left_out = counted(instance.ranges.num_edges, "distance{s}")
-            taken = "which only certpgo solve and certify take"
+            taken = "as only certpgo solve and certify use them"
             notice(f"{instance.name}: {left_out} left out, {taken}")
             instance = replace(instance, ranges=None)
         return rotations_alone(instance) if self.rotations else instance
@@ -222,7 +223,7 @@ class Reading:
         except GraphError as error:
             raise GraphError(
                 f"{instance.source or instance.name}: {error}; "
-                "--components largest uses the largest one, --components each all of them",
+                "--components largest takes the largest one, --components each all of them",
                 component_sizes=error.component_sizes,
             ) from None
         alone = sum(size == 1 for size in instance.graph.component_sizes)

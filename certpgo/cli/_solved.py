@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -18,6 +19,7 @@ from certpgo.cli._show import facts, notice
 from certpgo.cli._truth import KnownPoses
 
 if TYPE_CHECKING:
+    from certpgo.assess.assessment import Assessment
     from certpgo.assess.metrics import TrajectoryErrors
     from certpgo.costs import Certifiable
     from certpgo.costs.fit import Fit
@@ -84,20 +86,17 @@ class Solved(Result):
         weights = self.solution.weights
         return fit_of(self.part, self._judged, self.solution.estimate, weights)
 
-    @property
-    def _costs(self) -> list[tuple[str, str]]:
-        """The cost; of a robust method the certified one first, then that of all measurements."""
-        from certpgo.graph.wording import cost_shown
+    @cached_property
+    def assessment(self) -> Assessment | None:
+        """The costliest measurements and the rest of the page; None without a certificate."""
+        from certpgo.assess.assessment import assess
 
-        solution, certificate = self.solution, self.certificate
-        if solution.kept is None:
-            cost = solution.cost if certificate is None else certificate.cost_upper
-            return [("cost F", cost_shown(cost))]
-        kept = self.certified_cost if certificate is None else certificate.cost_upper
-        return [
-            ("cost F", f"{cost_shown(kept)}  (of the {solution.kept} measurements kept)"),
-            ("cost of all", f"{cost_shown(solution.cost)}  (with those rejected; not certified)"),
-        ]
+        if self.certificate is None:
+            return None
+        part, estimate = self.part, self.solution.estimate
+        return assess(
+            self._problem, estimate, self.certificate, ids=part.ids, nodes=part.poses, fit=self.fit
+        )
 
     def write(self, outputs: Outputs) -> None:
         """Write the estimate."""
@@ -142,6 +141,76 @@ class Solved(Result):
             },
         }
 
+    def show(self, outputs: Outputs) -> None:
+        """Print the verdict, how the estimate was found, what is proven, and what to do next."""
+        certificate, written = self.certificate, str(outputs.estimate or "")
+        if certificate is None:
+            facts([*self._search(written), *self._uncertified()])
+            notice(f"{self._own_bound()}; --certify certifies the estimate")
+            return
+        _verdict.headline(certificate)
+        facts(self._search(written))
+        typer.echo()
+        _verdict.show(
+            certificate,
+            self.part,
+            self.assessment,
+            self.disagreement,
+            more=self._uncertified(),
+            steps=self._steps(written),
+            fit=self.fit,
+        )
+        uncertified = certificate.verdict.value != "CERTIFIED"
+        if self.found is None and self.solution.kept is None and uncertified:
+            notice("without --method, certpgo searches for the best estimate")
+
+    def _search(self, written: str) -> Iterator[tuple[str, str]]:
+        """How the estimate was found, as names and values."""
+        from certpgo.assess.provenance import peak_memory
+
+        solution, part = self.solution, self.part
+        yield "graph", part.name
+        yield "method", self.method
+        yield "ended", solution.status.value
+        if solution.iterations:
+            yield "iterations", str(solution.iterations)
+        yield "seconds", ", ".join(f"{phase} {s:.3f}" for phase, s in solution.seconds.items())
+        if (memory := peak_memory()) >= MUCH_MEMORY:
+            yield "memory", f"{memory:.1f} GB at most"
+        if solution.note:
+            yield "note", solution.note
+        yield from self._kept()
+        if written:
+            yield "written", written
+        if self.found is not None and (chordal := self.found.chordal) is not None:
+            yield "chordal", f"{chordal.certificate.in_brief}, at another estimate"
+        if self._undetermined is not None:
+            yield "undetermined", self._undetermined
+
+    def _kept(self) -> Iterator[tuple[str, str]]:
+        """What a robust method kept and rejected."""
+        from certpgo.assess.wording import few_edges
+
+        solution, part = self.solution, self.part
+        if solution.kept is not None:
+            kept = f"{solution.kept} of {part.graph.num_edges} measurements"
+            yield "kept", f"{kept}; the verdict is about these, with their final weights"
+        if len(solution.rejected):
+            yield "rejected", few_edges(part, solution.rejected)
+
+    def _uncertified(self) -> Iterator[tuple[str, str]]:
+        """The numbers that no certificate is about."""
+        from certpgo.assess import wording
+        from certpgo.graph.wording import cost_shown
+
+        solution = self.solution
+        if self.certificate is None:
+            yield "cost", f"{cost_shown(self.certified_cost)}  (chordal cost F)"
+        if solution.kept is not None:
+            yield "cost of all", f"{cost_shown(solution.cost)}  (with those rejected)"
+        if self.accuracy is not None:
+            yield from wording.accuracy(self.accuracy)
+
     def _own_bound(self) -> str:
         """The method's own bound, in words."""
         bound = self.solution.lower_bound
@@ -149,58 +218,17 @@ class Solved(Result):
             return "the gap to the optimum is not known"
         return f"the method's own lower bound, which ignores rounding, is {bound:.12g}"
 
-    def show(self, outputs: Outputs) -> None:
-        """Print the result, and what to do next."""
-        from certpgo.assess import wording
-        from certpgo.assess.provenance import peak_memory
-        from certpgo.assess.wording import few_edges
-
-        solution, part = self.solution, self.part
-        seconds = ", ".join(f"{phase} {value:.3f}" for phase, value in solution.seconds.items())
-        lines = [("graph", part.name), ("method", self.method), ("ended", solution.status.value)]
-        if solution.iterations:
-            lines.append(("iterations", str(solution.iterations)))
-        lines += [*self._costs, ("seconds", seconds)]
-        if (memory := peak_memory()) >= MUCH_MEMORY:
-            lines.append(("memory", f"{memory:.1f} GB at most"))
-        if solution.note:
-            lines.append(("note", solution.note))
-        if solution.kept is not None:
-            lines.append(("kept", f"{solution.kept} of {part.graph.num_edges} measurements"))
-        if len(solution.rejected):
-            lines.append(("rejected", few_edges(part, solution.rejected)))
-        written = "" if outputs.estimate is None else str(outputs.estimate)
-        if written:
-            lines.append(("written", written))
-        if self.found is not None and (chordal := self.found.chordal) is not None:
-            lines.append(("chordal cost", f"{chordal.certificate.in_brief} at another estimate"))
-        if self._undetermined is not None:
-            lines.append(("undetermined", self._undetermined))
-        accuracy = self.accuracy
-        if accuracy is not None:
-            lines += wording.accuracy(accuracy)
-        facts(lines)
-        if self.certificate is None:
-            notice(f"{self._own_bound()}; --certify certifies the estimate")
-            return
-        typer.echo()
-        if solution.kept is not None:
-            typer.echo("The certificate is about the kept measurements, with their final weights:")
-        steps: list[str] = []
-        if self.method == "certified":
-            steps = steps_after(
-                self.certificate,
-                part,
-                self.asked._replace(estimate=written),
-                searched=True,
-                disagreement=self.disagreement,
-            )
-        _verdict.show(
-            self.certificate, part, disagreement=self.disagreement, steps=steps, fit=self.fit
+    def _steps(self, written: str) -> list[str]:
+        """What to do next after the certified search."""
+        if self.certificate is None or self.method != "certified":
+            return []
+        return steps_after(
+            self.certificate,
+            self.part,
+            self.asked._replace(estimate=written),
+            searched=True,
+            disagreement=self.disagreement,
         )
-        uncertified = self.certificate.verdict.value != "CERTIFIED"
-        if self.found is None and solution.kept is None and uncertified:
-            notice("without --method, certpgo searches for the best estimate")
 
     def prove(self, out: Path, source: Path, *, json: bool) -> bool:
         """Write the proof; returns False if there is none."""
@@ -263,10 +291,8 @@ class Solved(Result):
 
     def write_page(self, out: Path, outputs: Outputs) -> None:
         """Write the page of the certificate."""
-        from certpgo.assess.assessment import assess
-
-        solution, part = self.solution, self.part
-        if self.certificate is None:
+        solution, part, assessment = self.solution, self.part, self.assessment
+        if assessment is None:
             return
         remarks = [f"Status: {solution.status.value}; {solution.note}."] if solution.note else []
         if solution.kept is not None:
@@ -278,15 +304,6 @@ class Solved(Result):
             remarks.append(f"{many[0].upper()}{many[1:]}.")
         if self.disagreement is not None:
             remarks.append(f"{self.disagreement}.")
-        problem = self._problem
-        assessment = assess(
-            problem,
-            solution.estimate,
-            self.certificate,
-            ids=part.ids,
-            nodes=part.poses,
-            fit=self.fit,
-        )
         origin = origin_of(
             self.asked.graph,
             self.asked.reading,
@@ -298,4 +315,4 @@ class Solved(Result):
             disagreeing=self.disagreement is not None,
             settings=None if self.found is None else self.found.settings,
         )
-        write_page(out, part, problem, solution.estimate, assessment, origin, solution.trace)
+        write_page(out, part, self._problem, solution.estimate, assessment, origin, solution.trace)

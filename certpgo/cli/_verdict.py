@@ -6,7 +6,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from certpgo.cli._show import facts
+import typer
+
+from certpgo.cli._show import facts, paragraph
 
 if TYPE_CHECKING:
     from certpgo.assess.assessment import Assessment
@@ -31,31 +33,41 @@ def weakest(verdicts: Iterable[str]) -> int:
     return max((EXIT_CODES[verdict] for verdict in verdicts), default=0)
 
 
+def headline(certificate: Certificate) -> None:
+    """Print the verdict and what it means, alone."""
+    from certpgo.certify.wording import meaning
+
+    paragraph(f"{certificate.verdict.value}. {meaning(certificate)}.")
+    typer.echo()
+
+
 def show(
     certificate: Certificate,
     part: Instance,
     assessment: Assessment | None = None,
     disagreement: Disagreement | None = None,
-    accuracy: TrajectoryErrors | None = None,
+    *,
+    more: Iterable[tuple[str, str]] = (),
     steps: Sequence[str] = (),
     fit: Fit | None = None,
 ) -> None:
-    """Print the verdict, its reason, the numbers behind it, the objective, and what to do next."""
+    """Print the numbers behind a verdict, ``more`` of them, what limits it, and what to do next."""
     from certpgo.assess import wording
-    from certpgo.assess.wording import comparison, hint
-    from certpgo.certify.wording import meaning, numbers, stated_objective, trusts
+    from certpgo.certify.certificate import CHORDAL
+    from certpgo.certify.wording import limits, numbers, stated_objective, trusts
 
+    chordal = certificate.objective == CHORDAL
     facts(
         [
-            (certificate.verdict.value, meaning(certificate)),
-            ("reason", certificate.reason),
-            *numbers(certificate),
-            *(() if fit is None else [("chi^2", str(fit))]),
-            *(() if accuracy is None else wording.accuracy(accuracy)),
-            *(() if disagreement is None else [("outliers?", hint(disagreement))]),
-            *(() if assessment is None else comparison(assessment, part)),
+            *numbers(certificate, None if assessment is None else assessment.farthest),
+            *limits(certificate),
+            *([] if fit is None else [("chi^2", str(fit))]),
+            *wording.redundancy(part),
+            *more,
+            *([] if disagreement is None else [("outliers?", wording.hint(disagreement))]),
+            *([] if assessment is None else wording.comparison(assessment, part)),
             *trusts(certificate),
-            ("objective", stated_objective(part.options, certificate)),
+            *([("objective", stated_objective(part.options, certificate))] if chordal else []),
             *wording.provenance(part, certificate),
             *(("" if k else "next", step) for k, step in enumerate(steps)),
         ]
@@ -63,7 +75,7 @@ def show(
 
 
 def warnings(fit: Fit | None, solution: Solution | None = None) -> list[str]:
-    """What a verdict does not say: chi^2 that is unusual, and that many were rejected."""
+    """What a verdict does not say: an unusual chi^2, and many rejections."""
     rejected, kept = 0, 0
     if solution is not None and solution.kept is not None:
         rejected, kept = len(solution.rejected), solution.kept
@@ -77,8 +89,8 @@ def rejecting_many(rejected: int, kept: int) -> str:
     if not rejected > MANY * total:
         return ""
     return (
-        f"{rejected} of {total} measurements are rejected, more than a third: another choice may "
-        "fit as well, and no verdict says which ones are right"
+        f"{rejected} of {total} measurements are rejected, more than a third; another choice may "
+        "fit as well, and no verdict says which one is right"
     )
 
 

@@ -25,15 +25,13 @@ def command(
     graph: GraphName,
     estimate: Annotated[
         str | None,
-        typer.Argument(
-            metavar="ESTIMATE", help="Estimate to compare with; by default the best found for F."
-        ),
+        typer.Argument(metavar="ESTIMATE", help="Estimate to judge (default: the best found)."),
     ] = None,
     sdp: Annotated[
         bool, typer.Option("--sdp", help="Also solve the semidefinite program (slow).")
     ] = False,
     force: Annotated[
-        bool, typer.Option("--force", help="Solve it even if memory may not suffice.")
+        bool, typer.Option("--force", help="Solve it even if memory may run out.")
     ] = False,
     timestamps: Timestamps = None,
     max_difference: MaxDifference = 0.01,
@@ -104,7 +102,7 @@ def _head(part: Instance, found: Ladder) -> Iterable[tuple[str, str]]:
     yield "graph", part.name
     source = "of the given estimate" if found.given else "of the best estimate found"
     cost = cost_shown(found.certificate.cost_upper)
-    yield "cost F, at most", f"{cost}  ({source}: {found.certificate.verdict.value})"
+    yield "chordal cost F", f"{cost}  ({source}: {found.certificate.verdict.value})"
     yield "largest residual", f"{math.degrees(found.largest):.4g} degrees"
     if found.settled is not None:
         after = "after local descent, where the residual-angle bounds apply"

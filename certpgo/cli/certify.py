@@ -56,7 +56,7 @@ def command(
     cost: CostOption = None,
     tier: Annotated[str | None, tier_option("standard, or proof with --proof")] = None,
     rtol: Annotated[
-        float, typer.Option("--rtol", help="Tolerance on the gap, relative to the cost F.")
+        float, typer.Option("--rtol", help="Tolerance on the gap, relative to the cost.")
     ] = 1e-5,
     atol: Annotated[
         float, typer.Option("--atol", help="Additional tolerance, relative to the total weight W.")
@@ -173,8 +173,8 @@ class _Assessed(Result):
         outputs.write(self.found.best, instance=self.part.instance)
 
     def show(self, outputs: Outputs) -> None:
-        if self.title:
-            typer.echo(self.title)
+        from certpgo.assess.wording import accuracy
+
         found, instance = self.found, self.part.instance
         steps = steps_after(
             found.certificate,
@@ -182,8 +182,17 @@ class _Assessed(Result):
             self.asked,
             disagreement=self.disagreement,
         )
+        if self.title:
+            typer.echo(self.title)
+        _verdict.headline(found.certificate)
         _verdict.show(
-            found.certificate, instance, found, self.disagreement, self.accuracy, steps, found.fit
+            found.certificate,
+            instance,
+            found,
+            self.disagreement,
+            more=[] if self.accuracy is None else accuracy(self.accuracy),
+            steps=steps,
+            fit=found.fit,
         )
 
     def report(self, outputs: Outputs) -> dict[str, Any]:
@@ -204,7 +213,7 @@ class _Assessed(Result):
         elif _is_better_known(self.found, outputs.json):
             yield "--best OUT writes the lower-cost estimate"
         if not self.standing and _may_gain(self.found, self.part):
-            yield "rounding may limit the bound: try --tier proof"
+            yield "only rounding may keep the gap open: try --tier proof"
 
     def prove(self, out: Path, source: Path, *, json: bool) -> bool:
         certificate = self.found.certificate

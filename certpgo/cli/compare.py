@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import itertools
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from certpgo.cli._interrupting import tell_interrupted
-from certpgo.cli._options import Cost, Json, MaxDifference, Timestamps
+from certpgo.cli._options import Cost, CostOption, Json, MaxDifference, Timestamps, chosen_cost
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, notice, paragraph, table, working
 from certpgo.cli._truth import KnownPoses, TruthFile, TruthOffset
@@ -21,7 +22,7 @@ from certpgo.graph.wording import counted
 
 if TYPE_CHECKING:
     from certpgo.assess.comparison import Competitor, MethodResult
-    from certpgo.graph import Instance
+    from certpgo.graph import Graph, Instance
     from certpgo.io.datasets.source import Source
 
 #: Datasets compared by default, if available locally; otherwise small files of the gtsam wheel.
@@ -50,18 +51,14 @@ QUICK = ("smallGrid3D", "MIT", "w100")
 def command(
     graphs: Annotated[
         list[str] | None,
-        typer.Argument(metavar="DATASET|FILE", help="By default the usual datasets found locally."),
+        typer.Argument(
+            metavar="DATASET|FILE", help="Graphs (default: the usual datasets found locally)."
+        ),
     ] = None,
     methods: Annotated[
         str | None, typer.Option("--methods", help="Method names or labels, separated by commas.")
     ] = None,
-    cost: Annotated[
-        Cost,
-        typer.Option(
-            "--cost",
-            help="The cost that judges every estimate, and that methods minimise if they can.",
-        ),
-    ] = Cost.CHORDAL,
+    cost: CostOption = None,
     out: Annotated[
         Path, typer.Option("--out", metavar="DIR", help="Folder for the results.")
     ] = Path("compare-results"),
@@ -77,67 +74,68 @@ def command(
     *,
     reading: Reading,
 ) -> int:
-    """Compare methods on graphs: cost, proven gap, verdict and run time of each."""
-    from certpgo.assess.comparison import MethodResult, as_data
-    from certpgo.assess.comparison_table import notes
-    from certpgo.costs import problem_under
-    from certpgo.io.matching import Matching
-    from certpgo.io.timestamps import timed
+    """Compare methods on graphs: cost, proven gap, verdict and run time of each.
 
-    chosen = _default_methods(cost) if methods is None else _methods(methods.split(","), cost)
+    One cost judges every estimate. Methods minimise it if they can.
+    """
+    from certpgo.assess.comparison import as_data
+    from certpgo.assess.comparison_table import notes
+    from certpgo.io.matching import Matching
+
+    names = None if methods is None else methods.split(",")
+    _refuse_unknown(names, cost)
     named = [reading.resolve(name) for name in dict.fromkeys(graphs or ())]
     sources, of_truth = named or _usual(reading, quick), reading.resolve(truth)
     for source in sources:
         source.path()  # report missing files and download datasets before any work
     if truth is not None and len(sources) > 1:
-        raise InputError("--truth is of one graph")
+        raise InputError("--truth is for a single graph")
     if timestamps is not None and truth is None:
-        raise InputError("--timestamps is about --truth")
+        raise InputError("--timestamps needs --truth")
     how = Matching.of(timestamps, max_difference).of_truth(truth_offset)
-    if (about := _duration(sources, len(chosen))) is not None:
-        notice(f"this takes about {about}")
-    results = _Results(out, cost)
-    left_out: list[str] = []
-    interrupted = False
-    try:
+    _announce(sources, names)
+    results = _Results(out)
+    with results.kept():
         for source in sources:
             try:
-                failed = "not read"
-                parts = reading.parts(timed(reading.open(source, notices=False), timestamps))
-                failed = "not compared"
-                for part in parts:
-                    problem_under(part, cost.value)  # report graphs without this cost
+                parts, under = _parts(source, reading, timestamps, cost)
             except CertPGOError as error:
                 if len(sources) == 1:
                     raise
-                left_out.append(f"{failed}: {error}")
-                results.add(MethodResult(source.name, error=left_out[-1]))
+                results.leave_out(source.name, str(error))
                 continue
             for part in parts:
-                # A method requested by name is run anyway, and reports why it is unsuited.
-                suited = [method for method in chosen if methods or method.suits(part.graph)]
                 known = KnownPoses.of(of_truth, part, reading, how)
-                _compare(part, suited, results, known, None if json else phases)
-        results.complete()
-    except BaseException as error:
-        kept = f"{counted(len(results.rows), 'result{s}')} so far kept in {results.partial}"
-        if not (results.rows and isinstance(error, KeyboardInterrupt)):
-            if results.rows:
-                notice(kept)
-            raise
-        tell_interrupted(kept, [results.path, results.path.with_suffix(".md")])
-        interrupted = True
+                chosen = _methods(names, under, part.graph)
+                _compare(part, chosen, under, results, known, None if json else phases)
     if json:
         document([as_data(result) for result in results.rows])
     else:
         typer.echo()
-        for sentence in notes((result.method for result in results.rows), cost.value):
+        for sentence in notes(results.rows):
             paragraph(sentence)
-    if not interrupted:
-        notice(f"results written to {results.path} and {results.path.with_suffix('.md')}")
-    for reason in left_out:
-        notice(reason)
-    return INTERRUPTED if interrupted else int(bool(left_out))
+    return results.told()
+
+
+def _parts(
+    source: Source, reading: Reading, timestamps: str | None, cost: Cost | None
+) -> tuple[list[Instance], str]:
+    """The connected graphs of a source, and the cost that judges estimates of them.
+
+    Raises
+    ------
+    CertPGOError
+        It cannot be read, is not connected, or does not have this cost.
+    """
+    from certpgo.costs import problem_under
+    from certpgo.io.timestamps import timed
+
+    instance = timed(reading.open(source, notices=False), timestamps)
+    parts = reading.parts(instance)
+    under = chosen_cost(cost, instance)
+    for part in parts:
+        problem_under(part, under)
+    return parts, under
 
 
 class _Results:
@@ -145,16 +143,49 @@ class _Results:
 
     Attributes
     ----------
-    cost : what judges the estimates
     path, partial : the file of all results, and the one of those so far
     rows : the results so far
+    left_out : why graphs were left out
+    interrupted : whether Ctrl-C ended the comparison
     """
 
-    def __init__(self, folder: Path, cost: Cost) -> None:
-        self.cost = cost
+    def __init__(self, folder: Path) -> None:
         self.path = folder / "compare.jsonl"
         self.partial = folder / "compare.jsonl.partial"
         self.rows: list[MethodResult] = []
+        self.left_out: list[str] = []
+        self.interrupted = False
+
+    @contextmanager
+    def kept(self) -> Iterator[None]:
+        """Complete the files after the block; if it is cut short, say where the results are."""
+        try:
+            yield
+            self.complete()
+        except BaseException as error:
+            if not self.rows:
+                raise
+            kept = f"{counted(len(self.rows), 'result{s}')} so far kept in {self.partial}"
+            if not isinstance(error, KeyboardInterrupt):
+                notice(kept)
+                raise
+            tell_interrupted(kept, [self.path, self.path.with_suffix(".md")])
+            self.interrupted = True
+
+    def told(self) -> int:
+        """Say what was written and left out; returns the exit code."""
+        if not self.interrupted:
+            notice(f"results written to {self.path} and {self.path.with_suffix('.md')}")
+        for reason in self.left_out:
+            notice(reason)
+        return INTERRUPTED if self.interrupted else int(bool(self.left_out))
+
+    def leave_out(self, graph: str, reason: str) -> None:
+        """Add a row with the reason why a graph has no results."""
+        from certpgo.assess.comparison import MethodResult
+
+        self.left_out.append(f"not compared: {reason}")
+        self.add(MethodResult(graph, error=self.left_out[-1]))
 
     def add(self, result: MethodResult) -> None:
         """Write a result; the first one replaces those of an interrupted run."""
@@ -177,7 +208,7 @@ class _Results:
         """Replace the results of an earlier run."""
         from certpgo.io.writing import write_whole
 
-        write_whole(self.path.with_suffix(".md"), _markdown(self.rows, self.cost).encode())
+        write_whole(self.path.with_suffix(".md"), _markdown(self.rows).encode())
         write_whole(self.path, self.partial.read_bytes())
         self.partial.unlink()
 
@@ -185,6 +216,7 @@ class _Results:
 def _compare(
     part: Instance,
     methods: Sequence[Competitor],
+    cost: str,
     results: _Results,
     truth: KnownPoses | None,
     phases: bool | None,
@@ -205,9 +237,7 @@ def _compare(
                 status.update(f"{part.name}: {label}")
 
             errors = None if truth is None else truth.errors
-            judged = compare(
-                part, methods, cost=results.cost.value, announce=announce, errors=errors
-            )
+            judged = compare(part, methods, cost=cost, announce=announce, errors=errors)
             for result in judged:
                 results.add(result)
                 if in_lines:
@@ -243,7 +273,7 @@ def _section(
     return title(results[0]), header, rows, " ".join(captions(results))
 
 
-def _markdown(results: Sequence[MethodResult], cost: Cost) -> str:
+def _markdown(results: Sequence[MethodResult]) -> str:
     from certpgo.assess.comparison_table import TITLE, notes, title
     from certpgo.view.markdown_tables import markdown_table
 
@@ -255,20 +285,21 @@ def _markdown(results: Sequence[MethodResult], cost: Cost) -> str:
             continue
         heading, header, body, caption = _section(rows)
         lines += [f"## {heading}", "", caption, "", *markdown_table(header, body), ""]
-    for sentence in notes((result.method for result in results), cost.value):
+    for sentence in notes(results):
         lines += [sentence, ""]
     return "\n".join(lines)
 
 
-def _default_methods(cost: Cost) -> tuple[Competitor, ...]:
-    """The default methods that are here; a notice names the others."""
-    from certpgo.assess.comparison import METHODS, methods_under
+def _announce(sources: Sequence[Source], names: Sequence[str] | None) -> None:
+    """Say which of the default methods are not here, and how long it takes."""
+    from certpgo.assess.comparison import METHODS
 
     here = _available()
     absent = dict.fromkeys(method.solver for method in METHODS if method not in here)
-    if absent:
+    if absent and names is None:
         notice(f"not compared, as these are in a checkout only: {', '.join(absent)}")
-    return methods_under(cost.value, here)
+    if (about := _duration(sources, len(names or here))) is not None:
+        notice(f"this takes about {about}")
 
 
 def _available() -> tuple[Competitor, ...]:
@@ -279,19 +310,30 @@ def _available() -> tuple[Competitor, ...]:
     return tuple(method for method in METHODS if method.solver in known)
 
 
-def _methods(names: Sequence[str], cost: Cost) -> tuple[Competitor, ...]:
-    """Methods by label among the default ones, or by name in the registry."""
+def _refuse_unknown(names: Sequence[str] | None, cost: Cost | None) -> None:
+    """Refuse methods that are neither labels under a cost nor in the registry."""
     from certpgo import registry
-    from certpgo.assess.comparison import Competitor, methods_under
+    from certpgo.assess.comparison import methods_under
 
-    labelled = {method.label: method for method in methods_under(cost.value, _available())}
-    known = {*labelled, *registry.solver_names()}
-    for name in names:
+    costs = Cost if cost is None else (cost,)
+    labels = {one.label for under in costs for one in methods_under(under.value, _available())}
+    known = labels.union(registry.solver_names())
+    for name in names or ():
         if name not in known:
             raise registry.unknown_method(name, known)
-    others = [Competitor(name) for name in names if name not in labelled]
-    known_by = labelled | {method.label: method for method in methods_under(cost.value, others)}
-    return tuple(known_by[name] for name in dict.fromkeys(names))
+
+
+def _methods(names: Sequence[str] | None, cost: str, graph: Graph) -> list[Competitor]:
+    """Methods by label or name, suited or not; by default those that suit the graph."""
+    from certpgo.assess.comparison import Competitor, methods_under
+
+    usual = methods_under(cost, _available())
+    if names is None:
+        return [method for method in usual if method.suits(graph)]
+    known = {method.label: method for method in usual}
+    others = [Competitor(name) for name in names if name not in known]
+    known |= {method.label: method for method in methods_under(cost, others)}
+    return [known[name] for name in dict.fromkeys(names)]
 
 
 def _duration(sources: Sequence[Source], methods: int) -> str | None:

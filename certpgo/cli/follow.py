@@ -29,9 +29,7 @@ def command(
     ],
     every: Annotated[
         int,
-        typer.Option(
-            "--every", min=1, help="Refresh the certificate after this many measurements."
-        ),
+        typer.Option("--every", min=1, help="Renew the certificate after this many measurements."),
     ] = 100,
     cost: CostOption = None,
     robust: Annotated[
@@ -45,7 +43,10 @@ def command(
         bool, typer.Option("--view", help="Show the map in the browser as it grows, until Ctrl-C.")
     ] = False,
     port: Annotated[
-        int, typer.Option("--port", min=1, max=65535, help="Port of --view; else the next ones.")
+        int,
+        typer.Option(
+            "--port", min=1, max=65535, help="Port of --view; the next free one if it is taken."
+        ),
     ] = 8080,
     time_limit: Annotated[
         float | None,
@@ -83,7 +84,7 @@ def command(
         interrupted = _fed(followed, stream, every)
         if interrupted:
             nothing = [] if session.nodes else [out]
-            tell_interrupted("what came so far stands, with its last certificate", nothing)
+            tell_interrupted("the estimate so far stands, with its last certificate", nothing)
         if out is not None and session.nodes:
             instance, estimate = followed.best()
             outputs.write(estimate, instance=instance)

@@ -26,15 +26,15 @@ def command(
         list[str], typer.Argument(metavar="MAP MAP...", help="Graphs: files or dataset names.")
     ],
     between: Annotated[
-        str, typer.Option("--between", help="Graph file with the measurements between the maps.")
+        str, typer.Option("--between", help="Graph with the measurements between the maps.")
     ],
     offset: Annotated[
         int | None,
         typer.Option(
             "--offset",
             min=1,
-            help="Raise the ids of the second map by this, of the third by twice this, and so on, "
-            "as in --between.",
+            help="Raise the ids of the second map by this, those of the third by twice this, and "
+            "so on; --between has the raised ids.",
         ),
     ] = None,
     robust: Annotated[
@@ -51,7 +51,7 @@ def command(
     """Merge maps whose relative poses are unknown, and prove how good the result is.
 
     Each map is certified alone, then all measurements together. The measurements between maps are
-    listed with what they add to F, the worst first.
+    listed with their terms of the chordal cost F, the largest first.
     """
     from certpgo.solvers.certified.merging import merge
 
@@ -123,5 +123,8 @@ class _Merged(Result):
             ]
             for _, nodes, term, tail, disagrees in self._worst()[:SHOWN]
         ]
+        typer.echo(f"{self.merged}\n")
         table("Between the maps", ["nodes", "term of F", "probability", ""], rows)
-        typer.echo(str(self.merged))
+
+    def notices(self, outputs: Outputs) -> list[str]:
+        return _verdict.warnings(self.merged.fit)

@@ -41,7 +41,7 @@ def command(
         ),
     ] = None,
     synthetic: Annotated[
-        bool, typer.Option("--synthetic", help="Frames of an embedded room in place of a folder.")
+        bool, typer.Option("--synthetic", help="Use frames of a computed room.")
     ] = False,
     wallpaper: Annotated[
         bool, typer.Option("--wallpaper", help="With --synthetic: one pattern on all walls.")
@@ -57,38 +57,38 @@ def command(
     ] = None,
     html: HtmlOut = None,
     mesh: Annotated[
-        bool, typer.Option("--mesh", help="Write a mesh to --out, not points.")
+        bool, typer.Option("--mesh", help="Write a mesh to --out instead of points.")
     ] = False,
     camera: Annotated[
         str | None, typer.Option("--camera", help="fx,fy,cx,cy in pixels, or a file of them.")
     ] = None,
     depth_scale: Annotated[
         float | None,
-        typer.Option("--depth-scale", help="Units of a metre in depth images.", show_default=False),
+        typer.Option("--depth-scale", help="Depth units per metre.", show_default=False),
     ] = None,
     every: Annotated[int, typer.Option("--every", min=1, help="Use every K-th frame.")] = 1,
     cutoff: Annotated[
-        float, typer.Option("--cutoff", metavar="M", help="Largest depth, metres.")
+        float, typer.Option("--cutoff", metavar="M", help="Largest depth used, metres.")
     ] = 4.0,
     grid: Annotated[
         float | None,
         typer.Option(
-            "--grid", metavar="M", help="Voxels of the scene, metres.", show_default="0.01"
+            "--grid", metavar="M", help="Voxel size of the scene, metres.", show_default="0.01"
         ),
     ] = None,
     gate: Annotated[
         bool,
-        typer.Option("--gate/--no-gate", help="Leave out loops that contradict dead reckoning."),
+        typer.Option("--gate/--no-gate", help="Reject loops that contradict dead reckoning."),
     ] = True,
     consistent: Annotated[
         bool,
-        typer.Option("--consistent", help="Keep only loops that agree with one another in pairs."),
+        typer.Option("--consistent", help="Keep only loops that agree with each other pairwise."),
     ] = False,
     calibrate: Annotated[
         bool | None,
         typer.Option(
             "--calibrate/--no-calibrate",
-            help="Estimate the colour camera, if not depth's, from frames.",
+            help="Estimate the colour camera from the frames.",
             show_default="for frames of 7-Scenes",
         ),
     ] = None,
@@ -97,7 +97,9 @@ def command(
     ] = "pose_graph",
     cache: Annotated[
         Path | None,
-        typer.Option("--cache", help="Folder of results to resume from; the user's by default."),
+        typer.Option(
+            "--cache", help="Folder of results to resume from (default: the user's cache)."
+        ),
     ] = None,
     no_cache: Annotated[bool, typer.Option("--no-cache", help="Keep no results.")] = False,
     json: Json = False,
@@ -105,11 +107,11 @@ def command(
     """Reconstruct a scene from RGB-D frames, and certify the trajectory.
 
     Frames are registered in pairs by keypoints and generalized ICP, and the pose graph is solved
-    with a certificate. It says that no trajectory fits the kept measurements better, and not that
-    images were matched to the right places: how well loops agree is printed with it.
+    with a certificate. It says that no trajectory fits the kept measurements better. It does not
+    say that images were matched to the right places: see how well loops agree.
 
-    With --frames, the pose graph in place of FOLDER is solved and certified, and frames are fused
-    at its poses: ids of nodes are numbers of frames.
+    With --frames, FOLDER is a pose graph. It is solved and certified, and frames are fused at its
+    poses. Node ids are frame numbers.
     """
     from certpgo.registration.fuse import GRID
     from certpgo.registration.reconstruct import ReconstructSettings, reconstruct
@@ -120,7 +122,7 @@ def command(
     if wallpaper and not synthetic:
         raise InputError("--wallpaper needs --synthetic")
     if no_cache and cache is not None:
-        raise InputError("--cache and --no-cache exclude one another")
+        raise InputError("--cache and --no-cache exclude each other")
     if method != "pose_graph":
         raise InputError(_refusal(method))
     format = "tum" if trajectory is not None and trajectory.suffix in ("", ".txt") else None
@@ -177,16 +179,13 @@ class _Reconstructed(Result):
             write_reconstruction(outputs.html, found, self.graph)
 
     def show(self, outputs: Outputs) -> None:
-        from certpgo.certify.wording import meaning
+        from certpgo.certify.wording import named_cost
 
         found, certificate = self.found, self.found.averaged.answer.certificate
-        cost = "g2o's cost" if found.averaged.instance.information is not None else "F"
+        _verdict.headline(certificate)
         facts(
             [
-                (
-                    certificate.verdict.value,
-                    f"{meaning(certificate)}; in {cost}, of the kept edges",
-                ),
+                ("cost", f"{named_cost(certificate.objective)}, of the kept edges"),
                 *found.consistency(),
                 *(("written", str(path)) for path in outputs.files),
             ]

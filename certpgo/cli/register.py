@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 #: What the verdict leaves open.
 LIMITS = (
-    "the verdict is about the measured pairs: that no poses fit them better, not that the right "
-    "surfaces were matched"
+    "the verdict says that no poses fit the measured pairs better, not that the right surfaces "
+    "were matched"
 )
 
 
@@ -38,7 +38,7 @@ def command(
     initial: Annotated[
         Path | None,
         typer.Option(
-            "--initial", help="About where each scan was taken: bun.conf, or a trajectory (TUM)."
+            "--initial", help="Approximate pose of each scan: bun.conf, or a trajectory (TUM)."
         ),
     ] = None,
     method: Annotated[
@@ -50,7 +50,7 @@ def command(
             "--voxel",
             metavar="METRES",
             show_default="about 10,000 points a scan",
-            help="Edge of the voxels whose points are averaged.",
+            help="Voxel size; points in a voxel are averaged.",
         ),
     ] = None,
     reach: Annotated[
@@ -59,7 +59,7 @@ def command(
             "--reach",
             metavar="METRES",
             show_default="20 voxels",
-            help="How far points may be misplaced to begin with.",
+            help="Largest initial displacement of points.",
         ),
     ] = None,
     graph: Annotated[
@@ -118,7 +118,7 @@ class _Registered(Result):
 
     def notices(self, outputs: Outputs) -> Iterator[str]:
         if not self.found.coarse.converged:
-            yield "global ICP ended at its limit of rounds: look at the scene"
+            yield "global ICP reached its limit of rounds: look at the scene"
         if self.found.solution is None:
             yield "global ICP proves nothing: --method pose_graph does"
             return
@@ -150,6 +150,8 @@ class _Registered(Result):
                     f"at most {found.disagreement.max():.2g} m, between a pair and the poses",
                 ),
             ]
+        if found.solution is not None:
+            _verdict.headline(found.solution.certificate)
         facts([*lines, ("written", str(outputs.scene))])
         if found.solution is not None and found.instance is not None:
             typer.echo()

@@ -90,13 +90,13 @@ def command(
         bool,
         typer.Option(
             "--file-start/--no-file-start",
-            help="Also try the initial values in the file, if nothing better is certified.",
+            help="Also start from the file's initial values, unless the optimum is found without.",
         ),
     ] = True,
     max_rank: Annotated[
         int | None,
         typer.Option(
-            "--max-rank", min=2, show_default="d + 7", help="Highest rank of the staircase."
+            "--max-rank", min=2, show_default="d + 7", help="Largest rank of the staircase."
         ),
     ] = None,
     robust: Annotated[
@@ -125,8 +125,7 @@ def command(
 
     The certified pipeline initializes, optimizes and certifies; if that fails, it climbs the
     Riemannian staircase. Ctrl-C returns the best estimate so far; a second Ctrl-C aborts. With
-    --method, the first Ctrl-C aborts. With --robust the verdict is only about the measurements that
-    are kept.
+    --method, the first Ctrl-C aborts. With --robust, the verdict is about the kept measurements.
     """
     from certpgo import SolveSettings
     from certpgo.io.matching import Matching
@@ -173,7 +172,7 @@ def command(
                 requested = (tier or "standard") if certify else None
                 found = _by_method(part, method, solver, begin, requested, monitor, status, asked)
         if trace and not found.solution.trace:
-            notice(f"{found.method} reports no iterations: nothing to --trace")
+            notice(f"{found.method} reports no iterations to --trace")
         return replace(found, truth=known)
 
     with nullcontext() if scheduler is None else _distributed(scheduler):

@@ -52,8 +52,8 @@ def command(
 ) -> int:
     """Keep the loop closures that connect a graph best, and show what is lost.
 
-    Chosen by the algebraic connectivity of the graph, with a bound on every other choice of as
-    many. The whole and the sparse graph are solved and certified. Parallel edges are all read.
+    They are chosen by algebraic connectivity, with a bound on every other choice of as many. The
+    whole and the sparse graph are solved and certified. Parallel edges are all read.
     """
     from certpgo.assess.sparsifying import sparsify
 
@@ -79,6 +79,9 @@ class _Sparsified(Result):
 
     def show(self, outputs: Outputs) -> None:
         typer.echo(str(self.found))
+
+    def notices(self, outputs: Outputs) -> list[str]:
+        return _verdict.warnings(self.found.fit)
 
     def report(self, outputs: Outputs) -> dict[str, Any]:
         whole, found = self.whole, self.found

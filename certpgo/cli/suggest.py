@@ -22,7 +22,7 @@ def command(
         typer.Option(
             "--within",
             metavar="METRES",
-            help="Only between places at most this far from each other in the best estimate.",
+            help="Largest distance between the two nodes in the best estimate.",
         ),
     ] = None,
     json: Json = False,
@@ -31,8 +31,8 @@ def command(
 ) -> None:
     """Name the pairs of nodes whose loop closures would connect a graph best.
 
-    Each raises the algebraic connectivity most, after those before it; a loop closure is assumed to
-    be as precise as the median of those the graph has.
+    Each raises the algebraic connectivity most, given those before it. New loop closures are
+    assumed to have the median precision of those in the graph.
     """
     from certpgo.assess.sparsifying import suggest_loops
 

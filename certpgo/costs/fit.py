@@ -78,12 +78,12 @@ class Fit:
         said = f"chi^2 is {self}: residuals are {self.ratio:.3g} times the stated noise"
         if above < RARE:
             return (
-                f"{said}; measurements may be wrong or their noise understated, which no verdict "
-                "excludes"
+                f"{said}; measurements may be wrong, or the stated noise too small: no verdict "
+                "excludes it"
             )
         if below < RARE:
             return (
-                f"{said}, which is probably overstated; verdicts do not depend on its scale, "
+                f"{said}, which is probably too large; verdicts do not depend on its scale, "
                 "covariances do"
             )
         return ""

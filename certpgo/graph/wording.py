@@ -10,9 +10,9 @@ from pathlib import Path
 
 from certpgo.linalg.arrays import FloatArray
 
-#: Characters left of a value, at least, however long its name.
+#: Least number of characters for a value, however long its name.
 ROOM = 24
-#: Ratio of a matrix's eigenvalues from which its average is another weight in some direction.
+#: Ratio of a matrix's eigenvalues from which it counts as anisotropic.
 ROUND = 1.01
 
 
@@ -116,7 +116,7 @@ def reading_sentence(reading: Mapping[str, str]) -> str:
 
 
 def averaged(anisotropy: tuple[float, float]) -> str:
-    """What averaging matrices over directions left out, from `Information.anisotropy`; or empty."""
+    """That weights average over directions, from `Information.anisotropy`; or empty."""
     parts = [
         f"{ratio:.3g} in {what}"
         for ratio, what in zip(anisotropy, ("translation", "rotation"), strict=True)
@@ -124,7 +124,7 @@ def averaged(anisotropy: tuple[float, float]) -> str:
     ]
     if not parts:
         return ""
-    return f"over directions, whose precisions differ by factors of up to {' and '.join(parts)}"
+    return f"over directions (anisotropy up to {' and '.join(parts)})"
 
 
 def shown_path(path: str | Path) -> str:

@@ -45,7 +45,7 @@ class ChosenWeights:
                 "unit weights (--unit-weights) exclude a kappa or tau (--kappa, --tau)"
             )
         if self.mahalanobis and str(replace(self, mahalanobis=False)) != "file":
-            raise InputError("Mahalanobis weights exclude --kappa, --tau and --unit-weights")
+            raise InputError("Mahalanobis weights exclude kappa, tau and unit weights")
         for name, value in (("kappa", self.kappa), ("tau", self.tau)):
             if value is not None and not 0.0 < value < np.inf:
                 raise InputError(f"{name} must be positive and finite, not {value}")
@@ -92,8 +92,8 @@ def _with_mahalanobis(instance: Instance) -> Instance:
     graph, information = instance.graph, instance.information
     if not isinstance(graph, PoseGraph) or information is None:
         raise InputError(
-            f"{instance.source or instance.name}: Mahalanobis weights (--mahalanobis) need poses "
-            "with rotational information, about a tangent vector or a quaternion, on every edge"
+            f"{instance.source or instance.name}: Mahalanobis weights need poses with "
+            "rotational information, about a tangent vector or a quaternion, on every edge"
         )
     scale = 0.25 if instance.options.get("rotation_information") == "quaternion" else 1.0
     graph, clipped = mahalanobis_weights(graph, information, scale)

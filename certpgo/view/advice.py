@@ -15,6 +15,7 @@ from certpgo.optimize.solution import Status
 #: A sentence, and a command or an empty text.
 Step = tuple[str, str]
 _ENDED = "The search ended by itself, and more time would not help. The gap"
+_SOLVED = "The relaxation is solved, so more time would not help. The gap"
 _GUARANTEE = "is still a guarantee, and may be small enough to act on."
 _REJECT = "If measurements may be wrong, reject those that disagree."
 
@@ -145,14 +146,16 @@ def _after_bounded(certificate: Certificate, given: _Given) -> Iterator[Step]:
         yield "Rounding limits this proof; the tier proof has less of it.", given.at("proof")
     if given.rejects and given.disagreeing:
         yield _REJECT, given.reject()
-    if not given.searched:
+    final = certificate.obstacle.is_final
+    if not given.searched and not final:
         yield "Search further from it.", given.search_on()
-    elif given.stopped:
+    elif given.stopped and not final:
         yield "The search was stopped early: search longer.", given.solve("--time-limit", "600")
     if given.rejects and not given.disagreeing:
         yield _REJECT, given.reject()
-    ended = given.searched and not given.stopped
-    yield f"{_ENDED if ended else 'If the gap stays, it'} {_GUARANTEE}", ""
+    by_itself = given.searched and not given.stopped
+    stays = _SOLVED if final else _ENDED if by_itself else "If the gap stays, it"
+    yield f"{stays} {_GUARANTEE}", ""
 
 
 def _after_refuted(given: _Given) -> Iterator[Step]:

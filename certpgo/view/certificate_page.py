@@ -231,6 +231,7 @@ def _facts(instance: Instance, assessment: Assessment) -> Iterable[tuple[str, st
     yield from trusts(certificate)
     yield "objective", stated_objective(instance.options, certificate)
     yield from provenance(instance, certificate)
+    yield from (("notice", sentence) for sentence in instance.notices)
 
 
 def _edge(edge: CostlyEdge, instance: Instance) -> tuple[str, ...]:

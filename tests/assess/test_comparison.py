@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from certpgo import read, solve
-from certpgo.assess.comparison import METHODS, Competitor, compare, methods_under
+from certpgo.assess.comparison import METHODS, Competitor, MethodResult, compare, methods_under
 from certpgo.assess.comparison_table import COLUMNS, NOTES, captions, columns, notes, title
 from certpgo.certify import certify
 from certpgo.costs import information_problem
@@ -35,12 +35,15 @@ def named(*names, cost):
 
 
 def test_notes_about_gtsam_need_its_rows():
+    def said(labels, objective="F"):
+        return notes(MethodResult("g", method=one, objective=objective) for one in labels)
+
     labels = [method.label for method in METHODS]
-    assert notes(labels) == NOTES
+    assert said(labels) == NOTES
     without_file = [label for label in labels if "(file)" not in label]
-    assert notes(without_file) == (*NOTES[:2], *NOTES[3:])
-    assert notes(["certified", "newton"]) == (NOTES[0], NOTES[3])
-    first, *rest = notes(labels, "g2o")
+    assert said(without_file) == (*NOTES[:2], *NOTES[3:])
+    assert said(["certified", "newton"]) == (NOTES[0], NOTES[3])
+    first, *rest = said(labels, "g2o's chi2")
     assert first.startswith("The cost is that of each table's title")
     assert tuple(rest) == NOTES[2:]
 
@@ -62,14 +65,15 @@ def test_estimates_are_judged_by_the_cost_whatever_they_minimise(uneven, cost):
     assert "Methods that minimise the cost: certified." in list(captions([own, of_f, tree]))
 
 
-def test_the_chordal_cost_is_the_default(uneven):
+def test_the_default_cost_is_that_of_solve(uneven):
     assert methods_under("chordal") == METHODS
-    [row] = compare(uneven, named("certified", cost="chordal"))
-    problem = problem_of(uneven.graph)
-    assert (row.objective, row.minimised) == ("F", "chordal")
-    assert row.cost == problem.cost(solve(uneven.graph).estimate)
-    assert columns(row) == COLUMNS
-    assert title(row) == "uneven (4 nodes, 5 edges, 2D)"
+    [row] = compare(uneven, named("certified", cost="g2o"))
+    assert (row.minimised, row.cost) == ("g2o", solve(uneven).cost)
+    [chordal] = compare(uneven, named("certified", cost="chordal"), cost="chordal")
+    assert (chordal.objective, chordal.minimised) == ("F", "chordal")
+    assert title(chordal).endswith(", 2D): chordal cost F")
+    assert chordal.cost == problem_of(uneven.graph).cost(solve(uneven.graph).estimate)
+    assert columns(chordal) == COLUMNS
 
 
 def test_the_verdict_on_a_robust_method_is_about_what_it_keeps(tmp_path):

@@ -71,9 +71,12 @@ def test_without_descent_none_is_reported(shifted):
         assert any("descent" in line for line in said) == refine
 
 
-def test_the_two_costs_in_an_output_have_two_names(shifted):
+def test_numbers_name_their_cost(shifted):
     certificate = certify(*shifted)
-    assert next(iter(numbers(certificate)))[0] == "cost F, at most"
+    assert next(iter(numbers(certificate)))[1].endswith("(chordal cost F)")
+    other = replace(certificate, objective="GTSAM's error")
+    assert next(iter(numbers(other)))[1].endswith("(GTSAM's error)")
+    assert dict(numbers(certificate, 0.5))["largest residual"].endswith(" degrees, 0.5 m")
 
 
 def test_a_proof_rests_on_something_only_where_there_is_one(shifted):

@@ -196,49 +196,49 @@ def made(**changes):
 
 
 FLOOR_6 = "no estimate of this graph costs less than 6"
-SMALL = "negligible relative to the total weight W = 1e+03"
+ABOVE = "at most 2 (25 % of the cost) above the optimum"
+DESCENDED = "this one costs 8, after local descent 7"
+MOVED = "this one costs 8, with its best translations 7"
+SMALL = "which is negligible against the total weight W = 1e+03"
 
 
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
-        ({}, f"{FLOOR_6}; this one costs 8, at most 25 % of F = 2 above the optimum"),
+        ({}, f"{FLOOR_6}; this one costs 8, {ABOVE}"),
         (
             {"tier": Tier.SCREEN},
-            f"likely, though not proven at this tier: {FLOOR_6}; this one costs 8, at most 25 % of "
-            "F = 2 above the optimum",
+            f"probably, though this tier proves nothing, {FLOOR_6}; this one costs 8, {ABOVE}",
         ),
         (
             {"gap": 0.004},
-            f"{FLOOR_6}; this one costs 8, at most 5.01e-04 F = 0.00401 above the optimum",
+            f"{FLOOR_6}; this one costs 8, at most 0.00401 (5.01e-04 of the cost) above the "
+            "optimum",
         ),
         ({"cost_upper": math.inf}, "the cost of this estimate is beyond the range of doubles"),
         (
             {"verdict": Verdict.UNDECIDED, "lower_bound": 0.0},
-            "this one costs 8, and no lower bound above zero could be proven",
+            "this one costs 8; no lower bound above zero could be proven",
         ),
         (
             {"refined_cost": 7.0},
-            f"{FLOOR_6}; this one costs 8 and, after local descent, 7: the optimum is at most that",
+            f"{FLOOR_6}; {DESCENDED}, so the optimum is at most that",
         ),
         (
             {"refined_cost": 7.0, "basin_is_global": True},
-            f"{FLOOR_6}; this one costs 8 and, after local descent, 7, the optimum: this one is in "
-            "the right basin, but not at its minimum",
+            f"{FLOOR_6}; {DESCENDED}, which is the optimum",
         ),
         (
             {"refined_cost": 7.0, "descended": False},
-            f"{FLOOR_6}; this one costs 8 and, with its best translations, 7: the optimum is at "
-            "most that",
+            f"{FLOOR_6}; {MOVED}, so the optimum is at most that",
         ),
         (
             {"refined_cost": 7.0, "basin_is_global": True, "descended": False},
-            f"{FLOOR_6}; this one costs 8 and, with its best translations, 7, the optimum: only "
-            "its translations are not the best",
+            f"{FLOOR_6}; {MOVED}, which is the optimum",
         ),
         (
             {"gap": 8.0, "lower_bound": 6.0},
-            f"{FLOOR_6}; this one costs 8, at most 100 % of F = 8 above the optimum",
+            f"{FLOOR_6}; this one costs 8, at most 8 (100 % of the cost) above the optimum",
         ),
         (
             {"verdict": Verdict.REFUTED, "better_cost": 6.5},
@@ -247,35 +247,36 @@ SMALL = "negligible relative to the total weight W = 1e+03"
         ),
         (
             {"verdict": Verdict.REFUTED, "better_cost": 6.5, "refined_cost": 7.0},
-            "another estimate costs 6.5; this one costs 8 and, after local descent, 7, and local "
-            f"descent from it does not lead there; {FLOOR_6}",
+            f"another estimate costs 6.5; {DESCENDED}, and local descent from it does not lead "
+            f"there; {FLOOR_6}",
         ),
         (
             {"better_cost": 6.5, "refined_cost": 7.0},
-            f"{FLOOR_6}; this one costs 8 and, after local descent, 7; another estimate costs 6.5",
+            f"{FLOOR_6}; {DESCENDED}; another estimate costs 6.5",
         ),
         ({"better_cost": 6.5}, f"{FLOOR_6}; this one costs 8; another estimate costs 6.5"),
         (
             {"verdict": Verdict.CERTIFIED, "gap": 8e-6},
-            f"{FLOOR_6}; this one costs 8, within 1.00e-06 F = 8e-06 of the optimum",
+            f"{FLOOR_6}; this one costs 8, at most 8e-06 (1.00e-06 of the cost) above the optimum",
         ),
         (
             {"verdict": Verdict.CERTIFIED, "gap": 0.004},
-            f"{FLOOR_6}; this one costs 8, within 5.01e-04 F = 0.00401 of the optimum, which is "
-            f"{SMALL}",
+            f"{FLOOR_6}; this one costs 8, at most 0.00401 (5.01e-04 of the cost) above the "
+            f"optimum, {SMALL}",
         ),
         (
             {"verdict": Verdict.CERTIFIED},
-            f"{FLOOR_6}; this one costs 8, within 25 % of F = 2 of the optimum, which is "
-            f"{SMALL}, though not to F: atol=0 compares with F alone",
+            f"{FLOOR_6}; this one costs 8, {ABOVE}, {SMALL}, though not against the cost: atol=0 "
+            "ignores W",
         ),
         (
             {"verdict": Verdict.CERTIFIED, "cost_upper": 0.5, "gap": 5e-7},
-            f"{FLOOR_6}; this one costs 0.5, within 1.00e-06 F = 5e-07 of the optimum",
+            f"{FLOOR_6}; this one costs 0.5, at most 5e-07 (1.00e-06 of the cost) above the "
+            "optimum",
         ),
         (
             {"verdict": Verdict.CERTIFIED, "cost_upper": 0.0, "gap": 0.0},
-            f"{FLOOR_6}; this one costs 0, within 0 of the optimum",
+            f"{FLOOR_6}; this one costs 0, at most 0 above the optimum",
         ),
     ],
 )

@@ -185,7 +185,7 @@ def test_an_answer_that_is_not_certified_says_what_to_try(certpgo, square):
     chordal = certpgo("solve", square, "--method", "newton", "--cost", "chordal")
     assert "note" not in chordal.err
     default = certpgo("solve", square, "--method", "newton")
-    assert "--method minimises F, the chordal cost, not g2o's" in default.err
+    assert "--method minimises the chordal cost F, not the default cost of g2o" in default.err
 
 
 def test_list_shows_settings_as_they_are_given(certpgo):
@@ -237,12 +237,15 @@ def test_a_wrong_winding_is_refuted(certpgo, tmp_path):
     assert "lower cost" in done.out
 
 
-def test_the_screening_tier_never_certifies(certpgo, square, tmp_path):
-    out = tmp_path / "out.g2o"
-    certpgo("solve", square, "--method", "newton", "-o", out)
-    done = certpgo("certify", square, out, "--tier", "screen")
-    assert done.code == 3
-    assert "no proof" in done.out
+@pytest.mark.parametrize(
+    ("old", "new"), [(("--tier", "screen"), "--tier standard"), (("--mahalanobis",), "--cost g2o")]
+)
+def test_an_option_of_earlier_versions_names_its_successor(certpgo, square, old, new):
+    done = certpgo("solve", square, *old)
+    assert (done.code, done.out) == (1, "")
+    assert new in done.err
+    assert len(done.err.splitlines()) == 1
+    assert "screen" not in certpgo("certify", "--help").out
 
 
 def test_convert_a_graph_there_and_back(certpgo, square, tmp_path):
@@ -543,7 +546,7 @@ def test_a_method_that_breaks_is_a_row_with_the_reason(certpgo, square, tmp_path
         raise ZeroDivisionError("by design\nand more")
 
     monkeypatch.setattr(SpanningTree, "solve", breaks)
-    methods = ("--methods", "spanning_tree,newton")
+    methods = ("--methods", "spanning_tree,newton", "--cost", "chordal")
     broken, fine = certpgo("compare", square, *methods, "--out", tmp_path / "r", "--json").json
     assert (broken["error"], broken["cost"]) == ("ZeroDivisionError: by design", None)
     assert fine["verdict"] == "CERTIFIED"
@@ -564,7 +567,7 @@ def test_a_named_graph_that_cannot_be_read_fails_the_comparison(certpgo, square,
     assert (fine["method"], fine["error"]) == ("newton", "")
     assert (unread["graph"], unread["method"], unread["nodes"]) == (str(bad), "", None)
     assert "bad.g2o:1" in unread["error"]
-    assert f"## {bad}\n\nnot read: " in (tmp_path / "r" / "compare.md").read_text()
+    assert f"## {bad}\n\nnot compared: " in (tmp_path / "r" / "compare.md").read_text()
     first = certpgo("compare", bad, square, *common)
     assert (first.code, "Methods side by side" in first.out) == (1, True)
 
@@ -573,7 +576,7 @@ def test_a_graph_in_pieces_is_a_row_with_the_reason(certpgo, square, tmp_path):
     path = tmp_path / "two.g2o"
     lines = [f"EDGE_SE2 {i} {i + 1} 1 0 0.1 1 0 0 1 0 1" for i in (0, 1, 5)]
     path.write_text("\n".join(lines) + "\n")
-    common = ("--methods", "newton", "--out", tmp_path / "r", "--json")
+    common = ("--methods", "certified", "--out", tmp_path / "r", "--json")
     done = certpgo("compare", path, square, *common)
     assert done.code == 1
     assert "2 components" in done.err
@@ -620,10 +623,10 @@ def test_certify_says_how_far_the_best_answer_is_and_where_the_cost_sits(certpgo
     _, rounded, square, _ = answers
     done = certpgo("certify", square, rounded, "--cost", "chordal")
     assert done.code == 3
-    assert "the right basin" in done.out
-    assert "the optimum is" in done.out
-    assert "rounding to the file's 3 decimals raises even the best F by" in done.out
-    assert done.out.count("% of F, residual") == 3
+    assert done.out.startswith("BOUNDED. Right basin. ")
+    assert "to the optimum: " in done.out
+    assert "rounding to the file's 3 decimals raises even the lowest cost by" in done.out
+    assert done.out.count("% of the cost, residual") == 3
     assert "Take the estimate that descent ends at, which is optimal: certpgo certify" in done.out
     report = certpgo("certify", square, rounded, "--cost", "chordal", "--json").json
     assert report["objective"].startswith("F with weights from the file")
@@ -644,7 +647,7 @@ def test_certify_polishes_to_the_better_answer(certpgo, tmp_path):
     package.write(estimate, wound)
     done = certpgo("certify", graph, estimate, "--best", best)
     assert done.code == 4
-    assert "local descent from it does not lead there" in done.out
+    assert "Local descent from yours does not reach it" in done.out
     assert certpgo("certify", graph, best).code == 0
 
 

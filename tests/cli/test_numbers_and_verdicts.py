@@ -150,9 +150,7 @@ EDGE_SE2 3 0 1 0 1.57 {0} 0 0 {0} 0 {0}
 """
 
 
-@pytest.mark.parametrize(
-    ("weight", "said"), [(1e6, "understated"), (1e4, ""), (1e-3, "overstated")]
-)
+@pytest.mark.parametrize(("weight", "said"), [(1e6, "too small"), (1e4, ""), (1e-3, "too large")])
 def test_an_unusual_chi2_is_warned_of_wherever_a_verdict_is_printed(
     certpgo, tmp_path, weight, said
 ):
@@ -195,3 +193,19 @@ def test_rejecting_more_than_a_third_is_warned_of(certpgo, tmp_path):
         assert done.code == 0, done.err
         assert (f"{count} of {17 + count} measurements are rejected" in done.err) == wrong
         assert math.isfinite(certpgo("solve", graph, "--robust", "--json").json["cost"])
+
+
+def test_a_tree_is_said_to_have_no_redundancy_and_notes_are_said_once(certpgo, tmp_path):
+    path = tmp_path / "tree.g2o"
+    lines = [f"EDGE_SE2 {i} {i + 1} 1 0 0.1 1 0 0 1 0 1" for i in range(3)]
+    path.write_text("\n".join([*lines, "EDGE_BEARING_SE2_XY 0 9 0.1 5"]) + "\n")
+    done = certpgo("solve", path)
+    assert done.out.startswith("CERTIFIED. Proven: at most ")
+    assert done.out.partition("\n")[2].startswith("\n")  # alone
+    assert "redundancy        none: a tree fits any measurements" in done.out
+    assert (done.out + done.err).count("skipped") == 1
+    path.write_text("\n".join([*lines, "EDGE_SE2 3 0 1 0 0.1 1 0 0 1 0 1"]) + "\n")
+    closed = certpgo("solve", path).out
+    assert "redundancy" not in closed
+    assert "costliest edges   " in closed
+    assert " degrees, " in next(line for line in closed.splitlines() if "largest res" in line)

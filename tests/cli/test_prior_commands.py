@@ -146,4 +146,4 @@ def test_what_is_not_determined_is_said(certpgo, tmp_path):
     done = certpgo("solve", graph)
     assert done.code == 1
     assert "determines the rotation of node 30" in done.err
-    assert "without relative poses the cost is F" in done.err
+    assert "there are no relative poses: the cost is F" in done.err

@@ -24,7 +24,7 @@ def test_a_verdict_is_said_to_be_of_what_was_kept(certpgo, wrong):
     done = certpgo("solve", wrong, "--method", "adaptive_trimming")
     assert done.code == 0
     assert "measurements" in flat(done.out)
-    assert "The certificate is about the kept measurements" in flat(done.out)
+    assert "the verdict is about these, with their final weights" in flat(done.out)
     assert "without --method" not in done.err
     report = certpgo("solve", wrong, "--method", "adaptive_trimming", "--json").json
     assert report["solution"]["kept"] > 200
@@ -54,7 +54,7 @@ def test_solve_robust_names_what_it_rejects(certpgo, wrong):
     assert done.code == 0
     assert "rejected" in done.out
     assert "more" in done.out
-    assert "The certificate is about the kept measurements" in flat(done.out)
+    assert "the verdict is about these, with their final weights" in flat(done.out)
     report = certpgo("solve", wrong, "--robust", "--json").json
     assert report["solution"]["method"] == "robust"
     assert report["solution"]["kept"] is not None

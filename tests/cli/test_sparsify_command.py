@@ -21,7 +21,7 @@ def test_the_sparse_graph_is_written_with_its_estimate(certpgo, path, tmp_path):
     out = tmp_path / "sparse.g2o"
     done = certpgo("sparsify", path, "--keep", "25%", "-o", out)
     assert done.code == 0
-    assert "loop closures kept; the sparse graph is CERTIFIED: " in done.out
+    assert "loop closures kept; the sparse graph is CERTIFIED. " in done.out
     again = package.read(out)
     best = package.solve(again.graph)
     assert package.PoseProblem(again.graph).cost(again.initial) == pytest.approx(best.cost)

@@ -17,7 +17,7 @@ def test_a_scene_is_written_as_one_page(certpgo, square, tmp_path):
     assert done.code == 0
     assert done.out == ""
     said = done.err.splitlines()
-    assert said[0].startswith("note: square: CERTIFIED, F = ")
+    assert said[0].startswith("note: square: CERTIFIED, g2o's chi2 of EdgeSE2 with ")
     assert said[1] == f"note: scene written to {out}"
     page = out.read_text()
     assert "<title>square</title>" in page

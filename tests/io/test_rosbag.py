@@ -221,7 +221,7 @@ def test_a_trajectory_in_a_bag_is_certified_on_the_command_line(ros2, tmp_path, 
     assert main(["convert", str(path), str(tum), "--topic", "/solved", "--timestamps", "ids"]) == 0
     assert len(tum.read_text().splitlines()) == solved.num_nodes
     assert main(["info", str(graph), "--topic", "/solved"]) == 1
-    assert "--topic is about a bag of ROS" in capsys.readouterr().err
+    assert "--topic is for ROS bags" in capsys.readouterr().err
 
 
 def test_without_rosbags_the_extra_is_named(ros2, monkeypatch):

@@ -152,7 +152,7 @@ def test_a_certificate_page_is_whole(solved):
     certificate = solved[2].certificate
     assert certificate.verdict.value == "CERTIFIED"
     upper, lower = rounded_up(certificate.cost_upper, 12), rounded_down(certificate.lower_bound, 12)
-    for said in (certificate.verdict.value, upper, "is proven", HOSTILE):
+    for said in (certificate.verdict.value, upper, "Proven: at most", HOSTILE):
         assert said in reader.text
     assert f"{lower} (no estimate of this graph costs less)" in reader.text
     assert "certpgo certify 'a graph.g2o' best.g2o --proof estimate.cert" in reader.text
@@ -304,21 +304,41 @@ def test_rejecting_is_advised_where_it_can_be_done(solved):
 
 def test_the_bound_of_a_tier_that_proves_nothing_is_called_likely(solved):
     instance, problem, found, _ = solved
-    for tier, said in (("screen", "likely: no estimate"), ("standard", "no estimate")):
+    for tier, said in (
+        ("screen", "probably no estimate costs less"),
+        ("standard", "no estimate of this graph costs less"),
+    ):
         certificate = certify(problem, found.estimate, tier=tier)
         assessment = assess(problem, found.estimate, certificate, ids=instance.ids)
         about = instance, problem, found.estimate, assessment, Origin("g", "e")
         page = certificate_page(*about)
         notes = re.findall(r'<dd class="note">([^<]*)</dd>', page)
-        assert notes[1] == f"{said} of this graph costs less"
+        assert notes[1] == said
+
+
+def test_what_cannot_be_closed_is_not_searched_further(solved):
+    """The sentences and the advice follow from the same fields."""
+    obstacle = Obstacle(LimitedBy.LOOSE, True, 6, Status.TIME_LIMIT, of_distances=True)
+    judged = replace(solved[2].certificate, verdict=Verdict.BOUNDED, basin_is_global=False)
+    judged = replace(judged, obstacle=obstacle)
+    assert "this gap cannot be closed" in judged.reason
+    assert "searches further" not in str(judged)
+    ranges = Ranges(27, np.array([[0, 26]]), np.ones(1), np.ones(1))
+    about = replace(solved[0], ranges=ranges), "g.pyfg"
+    for searched in (True, False):
+        [(sentence, command)] = advice_on(judged, *about, cost="chordal", searched=searched)
+        assert ("more time would not help" in sentence, command) == (True, "")
+    unsolved = replace(judged, obstacle=replace(obstacle, searched=False))
+    longer = dict(advice_on(unsolved, *about, cost="chordal", searched=True))
+    assert "certpgo solve g.pyfg --time-limit 600" in longer.values()
 
 
 def test_undecided_says_whether_a_lower_cost_is_known(solved):
     judged = replace(solved[2].certificate, verdict=Verdict.UNDECIDED)
     judged = replace(judged, refined_cost=judged.cost_upper)
-    assert "nothing useful" in meaning(judged)
+    assert "Nothing useful" in meaning(judged)
     for lower in ({"refined_cost": 0.01 * judged.cost_upper}, {"better_cost": 0.0}):
-        assert meaning(replace(judged, **lower)).endswith("an estimate of lower cost is known")
+        assert meaning(replace(judged, **lower)).endswith("An estimate of lower cost is known")
 
 
 @pytest.fixture(scope="module")

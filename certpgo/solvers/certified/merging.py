@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from scipy import special
 
 from certpgo.costs import CHORDAL, certifiable, range_problem
-from certpgo.costs.fit import squares
+from certpgo.costs.fit import Fit, squares
 from certpgo.costs.ranges import RangeProblem
 from certpgo.errors import GraphError, InputError
 from certpgo.graph import Estimate, Graph, Instance
@@ -80,6 +81,11 @@ class Merged(Speaking):
         """By how much F* exceeds the sum of the maps' own, as found: what merging costs."""
         return self.answer.cost - sum(part.cost for part in self.parts)
 
+    @cached_property
+    def fit(self) -> Fit | None:
+        """chi^2 of the measurements that the answer is about, where all state their noise."""
+        return replace(self.answer, instance=self.instance).fit
+
     @property
     def _headline(self) -> str:
         return f"{counted(len(self.parts), 'map{s}')} merged: {self.answer._headline}"
@@ -97,6 +103,8 @@ class Merged(Speaking):
         yield "between", f"{measured}, whose terms add up to {float(terms.sum()):.4g}"
         ranged = Kind.RANGE in self.instance.measurements.counts
         yield "cost", "F and squared errors of distances" if ranged else "F, the chordal cost"
+        if self.fit is not None:
+            yield "chi^2", str(self.fit)
         if len(self.disagreeing):
             named = few([self.named(edge) for edge in self.disagreeing.tolist()])
             yield "left out" if self.left_out else "disagree", named

@@ -45,6 +45,8 @@ class Standing(Speaking):
 
     @property
     def _headline(self) -> str:
+        if not self.nodes:
+            return "empty: no measurements yet"
         size = f"{counted(self.nodes, 'node{s}')}, {counted(self.edges, 'measurement{s}')}"
         return f"{self.verdict.value}: {size}, F {cost_shown(self.cost)}"
 
