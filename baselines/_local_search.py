@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from certpgo.costs import InformationProblem
-from certpgo.costs.gtsam import GtsamCost
+from certpgo.costs.edge_costs.gtsam import GtsamCost
 from certpgo.errors import InputError, SpecError
 from certpgo.graph import Estimate
 from certpgo.objective.problem import Problem

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from flint import arb, ctx
 
-from certpgo.costs.g2o import G2oCost
+from certpgo.costs.edge_costs.g2o import G2oCost
 from certpgo.graph import PoseGraph, RotationGraph
 from certpgo.graph.information import InformationGraph
 from certpgo.linalg import so

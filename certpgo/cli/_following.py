@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from certpgo.cli import _verdict
-from certpgo.cli._options import Cost, chosen_cost
+from certpgo.cli._options import chosen_cost
 from certpgo.cli._reading import Reading
 from certpgo.cli._show import document, notice
 from certpgo.cli._verdict import rejecting_many
@@ -198,7 +198,7 @@ class Stream:
 
     @classmethod
     def of(
-        cls, source: Source | None, every: int, reading: Reading, cost: Cost | None, robust: bool
+        cls, source: Source | None, every: int, reading: Reading, cost: str | None, robust: bool
     ) -> Stream:
         """Open a file, or the pipe if there is none.
 
@@ -219,9 +219,8 @@ class Stream:
         if reading.keep.value != "all":
             kept = f"--keep {reading.keep.value}"
             raise InputError(f"{kept} is for files: a pipe keeps all measurements")
-        asked = None if cost is None else cost.value
         chordal = robust or reading.rotations
-        return cls(None, _piped(every, reading), CHORDAL if chordal else asked)
+        return cls(None, _piped(every, reading), CHORDAL if chordal else cost)
 
 
 def _piped(every: int, reading: Reading) -> Iterator[tuple[Instance, Sequence[Label]]]:

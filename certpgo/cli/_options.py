@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from certpgo.cli._show import notice
-from certpgo.errors import InputError
+from certpgo.costs import CHORDAL, COSTS, own_cost
+from certpgo.errors import InputError, SpecError
 
 if TYPE_CHECKING:
     from certpgo.graph import Instance
@@ -51,18 +51,19 @@ MaxDifference = Annotated[
 ]
 
 
-class Cost(StrEnum):
-    """The cost that a verdict is about."""
-
-    CHORDAL = "chordal"
-    G2O = "g2o"
-    GTSAM = "gtsam"
+def _known(cost: str) -> str:
+    """The name of a cost, if there is such a cost."""
+    if cost not in (CHORDAL, *COSTS):
+        raise typer.BadParameter(str(SpecError.unknown("cost", cost, [CHORDAL, *COSTS])))
+    return cost
 
 
 CostOption = Annotated[
-    Cost | None,
+    str | None,
     typer.Option(
         "--cost",
+        parser=_known,
+        metavar="|".join((CHORDAL, *COSTS)),
         show_default="g2o for g2o files with information, chordal for others",
         help="Cost to minimise or to judge by: chordal (F, with isotropic weights), or that of g2o "
         "or GTSAM with the file's full information matrices.",
@@ -70,7 +71,7 @@ CostOption = Annotated[
 ]
 
 
-def refuse_chordal_only(cost: Cost | None, **options: Any) -> None:
+def refuse_chordal_only(cost: str | None, **options: Any) -> None:
     """Refuse options that exist for the chordal cost only.
 
     Raises
@@ -79,7 +80,7 @@ def refuse_chordal_only(cost: Cost | None, **options: Any) -> None:
         One is given with another cost.
     """
     for name, value in options.items():
-        if cost not in (None, Cost.CHORDAL) and value:
+        if cost not in (None, CHORDAL) and value:
             raise InputError(f"--{name} is for --cost chordal, not for --cost {cost}")
 
 
@@ -96,15 +97,13 @@ def refuse_with_distances(instance: Instance, **options: Any) -> None:
             raise InputError(f"{instance.name}: --{name} is not for graphs with distances")
 
 
-def chosen_cost(cost: Cost | None, instance: Instance, **options: Any) -> str:
+def chosen_cost(cost: str | None, instance: Instance, **options: Any) -> str:
     """The cost that was asked for; else chordal with options that exist for it only, else the own.
 
     If that of the file's program has no certificate, a notice says so.
     """
-    from certpgo.costs import CHORDAL, own_cost
-
     if cost is not None:
-        return cost.value
+        return cost
     if instance.ranges is not None:
         return CHORDAL
     own, information = own_cost(instance), instance.information
@@ -125,7 +124,7 @@ def chosen_cost(cost: Cost | None, instance: Instance, **options: Any) -> str:
     return own
 
 
-def tier_for(proof: Path | None, tier: str | None, cost: Cost | None) -> str | None:
+def tier_for(proof: Path | None, tier: str | None, cost: str | None) -> str | None:
     """The tier that is asked for; with a proof that of proofs, if none is.
 
     Raises
@@ -137,8 +136,9 @@ def tier_for(proof: Path | None, tier: str | None, cost: Cost | None) -> str | N
         raise InputError("--tier screen proves nothing and is for Python only: use --tier standard")
     if proof is None:
         return tier
-    if cost is Cost.GTSAM:
-        raise InputError(f"--proof is for --cost chordal and g2o, not for --cost {cost.value}")
+    if cost not in (None, CHORDAL) and not COSTS[cost].provable:
+        known = " and ".join([CHORDAL, *(name for name in COSTS if COSTS[name].provable)])
+        raise InputError(f"--proof is for --cost {known}, not for --cost {cost}")
     return tier or "proof"
 
 

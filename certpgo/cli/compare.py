@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from certpgo.cli._interrupting import tell_interrupted
-from certpgo.cli._options import Cost, CostOption, Json, MaxDifference, Timestamps, chosen_cost
+from certpgo.cli._options import CostOption, Json, MaxDifference, Timestamps, chosen_cost
 from certpgo.cli._reading import Reading, takes_reading
 from certpgo.cli._show import document, notice, paragraph, table, working
 from certpgo.cli._truth import KnownPoses, TruthFile, TruthOffset
@@ -118,7 +118,7 @@ def command(
 
 
 def _parts(
-    source: Source, reading: Reading, timestamps: str | None, cost: Cost | None
+    source: Source, reading: Reading, timestamps: str | None, cost: str | None
 ) -> tuple[list[Instance], str]:
     """The connected graphs of a source, and the cost that judges estimates of them.
 
@@ -310,13 +310,14 @@ def _available() -> tuple[Competitor, ...]:
     return tuple(method for method in METHODS if method.solver in known)
 
 
-def _refuse_unknown(names: Sequence[str] | None, cost: Cost | None) -> None:
+def _refuse_unknown(names: Sequence[str] | None, cost: str | None) -> None:
     """Refuse methods that are neither labels under a cost nor in the registry."""
     from certpgo import registry
     from certpgo.assess.comparison import methods_under
+    from certpgo.costs import CHORDAL, COSTS
 
-    costs = Cost if cost is None else (cost,)
-    labels = {one.label for under in costs for one in methods_under(under.value, _available())}
+    costs = (CHORDAL, *COSTS) if cost is None else (cost,)
+    labels = {one.label for under in costs for one in methods_under(under, _available())}
     known = labels.union(registry.solver_names())
     for name in names or ():
         if name not in known:

@@ -12,6 +12,7 @@ import typer
 from certpgo.cli._options import GraphName, Json
 from certpgo.cli._reading import Components, Reading, takes_reading
 from certpgo.cli._show import document, facts, working
+from certpgo.costs import costs_of
 from certpgo.graph.wording import shown_path
 
 if TYPE_CHECKING:
@@ -79,6 +80,7 @@ def _as_json(
         "notices": list(instance.notices),
         "initial": instance.initial is not None,
         "truth": instance.truth is not None,
+        "costs": list(costs_of(instance)),
         "world_id": None if instance.world is None else int(instance.ids[instance.world]),
         "fixed_ids": [int(instance.ids[node]) for node in instance.fixed],
         "spectra": {
@@ -113,6 +115,8 @@ def _lines(
     if found.tau is not None:
         yield "tau", f"{_range(found.tau)} per m^2 (translational weights)"
     yield "read as", reading_sentence(instance.options)
+    own, *others = costs_of(instance)
+    yield "costs", ", ".join([f"{own} (default)", *others])
     if instance.world is not None:
         yield "world", f"node {instance.ids[instance.world]}, which priors are measured from"
     yield "initial values", "in the file" if instance.initial is not None else "none"

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from certpgo.costs.edge_cost import EdgeCost
-from certpgo.costs.g2o import G2oCost
-from certpgo.costs.gtsam import GtsamCost
+from certpgo.costs.edge_costs import COSTS
 from certpgo.costs.positions import WithPositions
 from certpgo.costs.problem import InformationProblem, Surrogate, surrogate
 from certpgo.costs.ranges import RangeProblem
@@ -18,8 +17,6 @@ from certpgo.objective.problem import Problem, problem_of
 Certifiable = Problem | InformationProblem | RangeProblem
 #: The name of F itself.
 CHORDAL = "chordal"
-#: The costs of other programs by name.
-COSTS: dict[str, type[EdgeCost]] = {cost.name: cost for cost in (G2oCost, GtsamCost)}
 
 __all__ = [
     "CHORDAL",
@@ -29,6 +26,7 @@ __all__ = [
     "RangeProblem",
     "Surrogate",
     "certifiable",
+    "costs_of",
     "edge_cost",
     "information_problem",
     "own_cost",
@@ -44,12 +42,23 @@ def own_cost(instance: Instance) -> str:
     That is ``"g2o"`` for a g2o file whose information matrices are all positive definite, and
     ``"chordal"`` otherwise.
     """
+    own = None if instance.information is None else instance.information.residual
+    return own if own is not None and own in COSTS and _is_weighed(instance) else CHORDAL
+
+
+def costs_of(instance: Instance) -> tuple[str, ...]:
+    """The costs that an instance can be certified under, that of `own_cost` first."""
+    own = own_cost(instance)
+    others = COSTS if instance.ranges is None and _is_weighed(instance) else ()
+    return own, *(cost for cost in (CHORDAL, *others) if cost != own)
+
+
+def _is_weighed(instance: Instance) -> bool:
+    """Whether an instance has relative poses, and definite information matrices alone."""
     information, graph = instance.information, instance.graph
-    if information is None or information.residual not in COSTS:
-        return CHORDAL
-    if isinstance(graph, PoseGraph) and not graph.rotation.kappa.any():
-        return CHORDAL
-    return information.residual if information.is_definite.all() else CHORDAL
+    if information is None or not isinstance(graph, PoseGraph):
+        return False
+    return bool(graph.rotation.kappa.any() and information.is_definite.all())
 
 
 def problem_under(
@@ -121,7 +130,7 @@ def information_problem(instance: Instance, cost: str) -> InformationProblem:
     Parameters
     ----------
     instance : as read from a file with information matrices
-    cost : ``"g2o"`` or ``"gtsam"``
+    cost : the name of one of `COSTS`, such as ``"g2o"`` or ``"gtsam"``
 
     Raises
     ------
@@ -145,7 +154,7 @@ def information_problem(instance: Instance, cost: str) -> InformationProblem:
 
 
 def edge_cost(graph: InformationGraph, cost: str) -> EdgeCost:
-    """The cost of a program, ``"g2o"`` or ``"gtsam"``, for measurements of poses or positions."""
+    """The cost of that name in `COSTS`, for measurements of poses or positions."""
     whole = graph.rotation.measures_rotation.all()
     return COSTS[cost](graph) if whole else WithPositions(graph, COSTS[cost])
 

@@ -62,11 +62,12 @@ class Minorants(Brief):
 
 @dataclass(frozen=True, eq=False)
 class EdgeCost(ABC):
-    """A residual e(v, Q) of each edge with cost e^T Omega e.
+    """A residual e(v, Q) of each edge with cost e^T W e.
 
     Attributes
     ----------
-    graph : the measurements with their information matrices Omega
+    graph : the measurements with their information matrices; a cost has no other weights, so that
+        scaling and removing measurements need to know the graph alone
     """
 
     graph: InformationGraph
@@ -80,6 +81,11 @@ class EdgeCost(ABC):
     @abstractmethod
     def title(self) -> str:
         """What it is, in the words of the program's users."""
+
+    @property
+    def weights(self) -> FloatArray:
+        """(m, k, k) weights W of the residuals: by default the information."""
+        return self.graph.information
 
     @cached_property
     def measured(self) -> Ball:
@@ -95,11 +101,11 @@ class EdgeCost(ABC):
 
     @abstractmethod
     def residuals(self, v: FloatArray, Q: FloatArray) -> FloatArray:
-        """(m, p) residuals, in the order of the information: translation, rotation."""
+        """(m, k) residuals, in the order of the weights: translation, rotation."""
 
     @abstractmethod
     def linearized(self, v: FloatArray, Q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Residuals (m, p) with their derivatives in v, (m, p, d), and in w, (m, p, q).
+        """Residuals (m, k) with their derivatives in v, (m, k, d), and in w, (m, k, q).
 
         Q moves to Q exp(w), as in `certpgo.linalg.so`.
         """
@@ -136,4 +142,4 @@ class EdgeCost(ABC):
     def costs(self, v: FloatArray, Q: FloatArray) -> FloatArray:
         """(m,) costs."""
         e = self.residuals(v, Q)
-        return np.asarray(np.einsum("ma,mab,mb->m", e, self.graph.information, e))
+        return np.asarray(np.einsum("ma,mab,mb->m", e, self.weights, e))

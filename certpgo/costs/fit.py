@@ -160,9 +160,9 @@ def goodness_of_fit(
     0.2099 at 3 degrees of freedom
     """
     if isinstance(problem, InformationProblem):
-        ranks = _ranks(problem.graph.information)
+        ranks = _ranks(problem.edge_cost.weights)
         law = _Law(problem.cost(estimate), int(ranks.sum()), 1.0)
-        partial = bool((ranks < problem.graph.information.shape[1]).any())
+        partial = bool((ranks < problem.edge_cost.weights.shape[1]).any())
     else:
         law = _law(problem, estimate, information, mahalanobis)
         partial = isinstance(problem.graph, PoseGraph) and problem.graph.is_general

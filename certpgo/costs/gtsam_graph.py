@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from certpgo.costs.gtsam import GtsamCost
+from certpgo.costs.edge_costs.gtsam import GtsamCost
 from certpgo.costs.problem import InformationProblem
 from certpgo.errors import InputError, MissingDependency, kind_of
 from certpgo.graph import Estimate, PoseGraph, RotationGraph

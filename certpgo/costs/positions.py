@@ -19,7 +19,6 @@ from certpgo.costs.schur import blocks, is_isotropic, remainder
 from certpgo.graph.information import InformationGraph
 from certpgo.linalg.arrays import BoolArray, FloatArray
 from certpgo.linalg.balls import Ball
-from certpgo.linalg.so import tangent_dim
 
 #: Share of the smallest eigenvalue of T that a minorant keeps.
 SHARE = 0.99
@@ -63,6 +62,14 @@ class WithPositions(EdgeCost):
         """The cost of the other edges."""
         return self.between(self.graph.with_edges(~self._positions))
 
+    @cached_property
+    def weights(self) -> FloatArray:
+        """(m, k, k) weights of the residuals: for positions their information, then zeros."""
+        of_poses = self._poses.weights
+        T, _, _ = blocks(self.graph.information[self._positions], self.graph.d)
+        rest = of_poses.shape[1] - self.graph.d
+        return self._joined(of_poses, np.pad(T, ((0, 0), (0, rest), (0, rest))))
+
     def _joined(self, of_poses: FloatArray, of_positions: FloatArray) -> FloatArray:
         """(m, ...) values of all edges from those of both kinds."""
         kind = np.result_type(of_poses, of_positions)
@@ -71,24 +78,24 @@ class WithPositions(EdgeCost):
         return out
 
     def residuals(self, v: FloatArray, Q: FloatArray) -> FloatArray:
-        """(m, p) residuals; those of rotations are zero for positions."""
+        """(m, k) residuals; those beyond translations are zero for positions."""
         whole, here = ~self._positions, self._positions
-        q = tangent_dim(self.graph.d)
-        y = v[here] - self.graph.translations[here]
         of_poses = self._poses.residuals(v[whole], Q[whole])
-        return self._joined(of_poses, np.pad(y, ((0, 0), (0, q))))
+        rest = of_poses.shape[1] - self.graph.d
+        y = v[here] - self.graph.translations[here]
+        return self._joined(of_poses, np.pad(y, ((0, 0), (0, rest))))
 
     def linearized(self, v: FloatArray, Q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Residuals and their derivatives; see `EdgeCost.linearized`."""
         whole, here = ~self._positions, self._positions
-        d, q, k = self.graph.d, tangent_dim(self.graph.d), int(here.sum())
+        of_poses = self._poses.linearized(v[whole], Q[whole])
+        k, d, count = of_poses[0].shape[1], self.graph.d, int(here.sum())
         y = v[here] - self.graph.translations[here]
         of_positions = (
-            np.pad(y, ((0, 0), (0, q))),
-            np.tile(np.eye(d + q, d), (k, 1, 1)),
-            np.zeros((k, d + q, q)),
+            np.pad(y, ((0, 0), (0, k - d))),
+            np.tile(np.eye(k, d), (count, 1, 1)),
+            np.zeros((count, *of_poses[2].shape[1:])),
         )
-        of_poses = self._poses.linearized(v[whole], Q[whole])
         e, in_v, in_w = (self._joined(*pair) for pair in zip(of_poses, of_positions, strict=True))
         return e, in_v, in_w
 

@@ -47,7 +47,8 @@ class NormalEquations:
         """The Gauss-Newton matrix of half the cost."""
         graph, n = self.problem.graph, self.problem.n
         i, j = graph.edges.T
-        heavy_i, heavy_j = graph.information @ self.at_i, graph.information @ self.at_j
+        W = self.problem.edge_cost.weights
+        heavy_i, heavy_j = W @ self.at_i, W @ self.at_j
         diagonal = scatter_sum(i, np.swapaxes(self.at_i, 1, 2) @ heavy_i, n)
         diagonal += scatter_sum(j, np.swapaxes(self.at_j, 1, 2) @ heavy_j, n)
         upper = np.swapaxes(self.at_i, 1, 2) @ heavy_j
@@ -218,7 +219,7 @@ class InformationProblem(Speaking):
         turned = in_w if self.d == 2 else in_w @ np.swapaxes(Q, 1, 2)
         at_i = np.concatenate([-by_t, in_v @ lever(v) - turned], axis=2)
         at_j = np.concatenate([by_t, in_w], axis=2)
-        weighted = self.graph.information @ e[:, :, None]
+        weighted = self.edge_cost.weights @ e[:, :, None]
         gradient = scatter_sum(i, (np.swapaxes(at_i, 1, 2) @ weighted)[:, :, 0], self.n)
         gradient += scatter_sum(j, (np.swapaxes(at_j, 1, 2) @ weighted)[:, :, 0], self.n)
         cost = float((e[:, None, :] @ weighted).sum())

@@ -22,8 +22,8 @@ import numpy as np
 from certpgo import PoseGraph, RotationGraph, certify, solve
 from certpgo.costs import InformationProblem, information_problem, surrogate
 from certpgo.costs.descent import descend
-from certpgo.costs.g2o import G2oCost
-from certpgo.costs.gtsam import GtsamCost
+from certpgo.costs.edge_costs.g2o import G2oCost
+from certpgo.costs.edge_costs.gtsam import GtsamCost
 from certpgo.errors import InputError
 from certpgo.graph import Estimate
 from certpgo.graph.information import InformationGraph

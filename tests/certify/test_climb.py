@@ -10,7 +10,7 @@ from certpgo.certify.curvature import negative_curvature, resolution
 from certpgo.certify.own_cost import OwnCostCase
 from certpgo.costs import InformationProblem
 from certpgo.costs.descent import descend
-from certpgo.costs.g2o import G2oCost
+from certpgo.costs.edge_costs.g2o import G2oCost
 from certpgo.graph import PoseGraph
 from certpgo.graph.information import InformationGraph
 from certpgo.io.datasets.synthetic import grid3d, winding_cycle

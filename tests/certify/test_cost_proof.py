@@ -21,7 +21,7 @@ from certpgo.certify.proof import exact_graph, quaternions
 from certpgo.certify.proof_file import write_proof
 from certpgo.costs import InformationProblem, information_problem, surrogate
 from certpgo.costs.descent import descend
-from certpgo.costs.g2o import G2oCost
+from certpgo.costs.edge_costs.g2o import G2oCost
 from certpgo.costs.problem import surrogate_of
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate

@@ -13,7 +13,7 @@ from certpgo.certify.judge import Judge
 from certpgo.certify.own_cost import OwnCostCase
 from certpgo.certify.units import unit_of
 from certpgo.costs import InformationProblem, RangeProblem
-from certpgo.costs.g2o import G2oCost
+from certpgo.costs.edge_costs.g2o import G2oCost
 from certpgo.errors import InputError, NumericalError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.information import InformationGraph

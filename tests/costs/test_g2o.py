@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from strategies import dimensions, rng_of, seeds
 
 from certpgo.costs import InformationProblem
-from certpgo.costs.g2o import G2oCost
+from certpgo.costs.edge_costs.g2o import G2oCost
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.information import InformationGraph
 from certpgo.linalg import so

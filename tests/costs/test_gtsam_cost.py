@@ -10,7 +10,7 @@ from flint import arb, fmpq
 from certpgo import PoseGraph, RotationGraph
 from certpgo.costs import gtsam_plane, gtsam_space
 from certpgo.costs.edge_cost import Minorants
-from certpgo.costs.gtsam import GtsamCost
+from certpgo.costs.edge_costs.gtsam import GtsamCost
 from certpgo.graph.information import InformationGraph
 from certpgo.linalg import so
 from certpgo.linalg.balls import Ball, near_rotations

@@ -24,7 +24,7 @@ from certpgo.costs import (
     surrogate,
 )
 from certpgo.costs.descent import descend
-from certpgo.costs.g2o import G2oCost
+from certpgo.costs.edge_costs.g2o import G2oCost
 from certpgo.costs.problem import NormalEquations
 from certpgo.errors import GraphError, InputError, NumericalError, SpecError
 from certpgo.graph import Instance

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from strategies import definite, dimensions, pose_graph, rng_of, seeds
 
 from certpgo.costs import COSTS
-from certpgo.costs.g2o import G2oCost
+from certpgo.costs.edge_costs.g2o import G2oCost
+from certpgo.costs.edge_costs.gtsam import GtsamCost
 from certpgo.costs.g2o_space import quaternions
-from certpgo.costs.gtsam import GtsamCost
 from certpgo.costs.schur import blocks, lowered, remainder, set_aside
 from certpgo.graph.information import InformationGraph
 from certpgo.linalg import so

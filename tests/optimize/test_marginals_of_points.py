@@ -9,7 +9,7 @@ from strategies import definite, dimensions, point_graph, rng_of, seeds
 import certpgo
 from certpgo import Estimate, InputError, Marginals, NumericalError, PoseGraph, RotationGraph
 from certpgo.costs import InformationProblem
-from certpgo.costs.g2o import G2oCost
+from certpgo.costs.edge_costs.g2o import G2oCost
 from certpgo.costs.positions import WithPositions
 from certpgo.graph.information import InformationGraph, of_positions
 from certpgo.linalg import so

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -46,8 +46,8 @@ def solve(
     graph : the measurements of n poses or rotations, connected, or the instance that was read, or
         the path of its file, see `certpgo.read`
     cost : ``"chordal"``, the F of this package; or for an instance with information matrices
-        ``"g2o"`` or ``"gtsam"``, the cost that these programs minimise, see `certpgo.costs`. By
-        default that of `certpgo.costs.own_cost` for an instance, and F for a graph
+        another of `certpgo.costs.COSTS`, such as ``"g2o"`` or ``"gtsam"``, which these programs
+        minimise. By default that of `certpgo.costs.own_cost` for an instance, and F for a graph
     settings : limits, tolerances and tuning, see `SolveSettings`
     initial : initial estimate, n poses, in metres, or an answer, or the path of a file; by default
         one is computed. An instance's own initial values are tried too, see ``try_file_start``
@@ -125,7 +125,7 @@ class Certified(SolveSettings):
 
     poses: ClassVar[bool] = True
     rotations: ClassVar[bool] = True
-    own_costs: ClassVar[tuple[str, ...]] = tuple(COSTS)
+    own_costs: ClassVar[Collection[str]] = COSTS
 
     def solve(
         self,

@@ -154,3 +154,6 @@ def _hulls(balls: Ball, other: Ball, edges: IntArray) -> Ball:
     radius[edges] += np.abs(mid[edges] - other.mid) + other.radius
     radius[edges] *= 1.0 + 1e-14
     return Ball(mid, radius)
+
+
+COST = GtsamCost

@@ -148,3 +148,6 @@ def _vector_parts(E: Ball) -> tuple[Ball, FloatArray]:
     distance = sums(apart * apart).sqrt().upper
     radius = 0.51 * distance + 2.0 * np.abs(norm.mid - 1.0) + 1e-15
     return Ball.within(q[:, 1:], radius[:, None]), np.asarray(q[:, 0] > radius)
+
+
+COST = G2oCost
