@@ -1,9 +1,6 @@
 """g2o's chi2 and a prior that poses move in their own plane, w v_z^2 on every edge.
 
-A convex function lies above its tangents: where the minorant is to touch, at v_z = s,
-
-    w v_z^2 >= w (2 s v_z - s^2).
-
+A convex function lies above its tangents: w v_z^2 >= w (2 s v_z - s^2), with equality at v_z = s.
 g2o's minorant tau |v - b|^2 - 2 <N, Q> + C takes up the linear term as b' = b - (w s / tau) z.
 What b' as rounded leaves, d = b_z - b'_z, is tau d (b_z + b'_z) - 2 tau d v_z + w v_z^2, at least
 tau d (b_z + b'_z) - (tau d)^2 / w: that is added to C, rounded down.

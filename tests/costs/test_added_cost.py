@@ -1,0 +1,230 @@
+"""A cost in a file of its own, found by its name: everything that takes a cost knows it."""
+
+import json
+import sys
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+from strategies import definite
+
+import certpgo
+from certpgo import Estimate, PoseGraph, RotationGraph, Session, certify, solve, write
+from certpgo.cli import main
+from certpgo.costs import COSTS, costs_of, edge_costs, information_problem
+from certpgo.errors import SpecError, UnusableFile
+from certpgo.graph import Instance
+from certpgo.graph.information import Information, InformationGraph
+from certpgo.linalg import so
+from certpgo.linalg.balls import Ball
+
+ADDED = Path(__file__).parents[1] / "data" / "edge_costs"
+PRIOR = "and a planar-motion prior"
+
+
+@pytest.fixture
+def added(monkeypatch):
+    """Adds files to the folder of costs for the time of a test, by default the toy one."""
+
+    def add(folder):
+        monkeypatch.setattr(edge_costs, "__path__", [*edge_costs.__path__, str(folder)])
+
+    known = tuple(COSTS)
+    add(ADDED)
+    yield add
+    for name in set(COSTS) - set(known):
+        sys.modules.pop(f"{edge_costs.__name__}.{name}", None)
+
+
+@pytest.fixture
+def path(tmp_path):
+    """A file of eight poses in space on a circle, with noisy steps and chords."""
+    rng, n = np.random.default_rng(0), 8
+    angle = 2.0 * np.pi * np.arange(n) / n
+    R = so.exp(np.outer(angle, [0.0, 0.0, 1.0]))
+    t = 5.0 * np.stack([np.sin(angle), -np.cos(angle), np.zeros(n)], axis=1)
+    edges = np.array([(k, (k + s) % n) for s in (1, 3) for k in range(n)])
+    i, j = edges.T
+    m, back = len(edges), np.swapaxes(R[i], 1, 2)
+    turns = back @ R[j] @ so.exp(0.03 * rng.standard_normal((m, 3)))
+    v = (back @ (t[j] - t[i])[:, :, None])[:, :, 0] + 0.1 * rng.standard_normal((m, 3))
+    graph = PoseGraph(RotationGraph(n, edges, turns, np.ones(m)), v, np.ones(m))
+    information = Information(definite(rng, m, 6, 4.0), np.arange(m), "g2o")
+    file = tmp_path / "flat.g2o"
+    initial = Estimate(R, t)
+    write(file, Instance("flat", graph, np.arange(n), information=information, initial=initial))
+    return file
+
+
+def test_the_file_is_short_and_found_by_its_name(added):
+    assert len((ADDED / "planar.py").read_text().splitlines()) < 60
+    assert tuple(COSTS) == ("g2o", "gtsam", "planar")
+    assert COSTS["planar"].name == "planar"
+
+
+def test_a_file_that_is_no_cost_is_named(added, tmp_path):
+    (tmp_path / "broken.py").write_text("1 / 0\n")
+    (tmp_path / "other.py").write_text("from certpgo.costs.edge_costs.g2o import COST\n")
+    added(tmp_path)
+    with pytest.raises(UnusableFile, match=r"broken\.py: cannot be loaded: ZeroDivisionError"):
+        COSTS["broken"]
+    with pytest.raises(UnusableFile, match=r"other\.py: COST must be called other, not g2o"):
+        COSTS["other"]
+
+
+def cost_of(rng, d, m=50, measured=None):
+    """The toy cost of unconnected edges."""
+    measured = so.random(rng, m, d) if measured is None else measured
+    tau = 10.0 ** rng.uniform(-2.0, 2.0, m)
+    edges = np.arange(2 * m).reshape(m, 2)
+    graph = PoseGraph(
+        RotationGraph(2 * m, edges, measured, np.ones(m)), rng.standard_normal((m, d)), tau
+    )
+    Omega = definite(rng, m, d * (d + 1) // 2, 10.0)
+    return COSTS["planar"](InformationGraph(graph, Omega))
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_minorants_touch_and_are_nowhere_above(added, d):
+    rng = np.random.default_rng(1)
+    cost = cost_of(rng, d)
+    m = cost.graph.num_edges
+    Q0 = cost.graph.rotations @ so.exp(0.2 * rng.standard_normal((m, so.tangent_dim(d))))
+    v0 = cost.graph.translations + rng.standard_normal((m, d))
+    found = cost.minorants(v0, Q0)
+    assert found.exist.mean() > 0.9
+
+    def below(v, Q):
+        arm = v + (Q @ found.a[:, :, None])[:, :, 0] - found.b
+        inner = np.einsum("mab,mab->m", found.N, Q)
+        return found.tau * (arm**2).sum(axis=1) - 2.0 * inner + found.constant
+
+    here, kept = cost.costs(v0, Q0), found.exist
+    assert (np.abs(here - below(v0, Q0))[kept] <= 1e-9 * here[kept]).all()
+    for size in (1e-3, 1.0, 1e3):
+        v = v0 + size * rng.standard_normal((m, d))
+        Q = so.random(rng, m, d) if size == 1.0 else Q0
+        there = cost.costs(v, Q)
+        assert (below(v, Q)[kept] <= there[kept] * (1.0 + 1e-12)).all()
+
+
+def rational_rotation(q):
+    """The rotation of a unit quaternion (w, x, y, z) of fractions."""
+    w, x, y, z = q
+    return [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+
+
+def test_the_enclosure_contains_the_exact_cost(added):
+    """Squares of integer quaternions have rational norms; axes are turned into each other."""
+    rng = np.random.default_rng(2)
+    m = 20
+    cost = cost_of(rng, 3, m, np.tile(np.roll(np.eye(3), 1, axis=0), (m, 1, 1)))
+    p = rng.integers(1, 9, (m, 4)).tolist()
+    exact, Q = [], np.empty((m, 3, 3))
+    t = cost.graph.translations
+    v = t + rng.standard_normal((m, 3))
+    for e, (a, *b) in enumerate(p):
+        norm = a * a + sum(x * x for x in b)
+        w = Fraction(2 * a * a - norm, norm)
+        q = [w, *(Fraction(2 * a * x, norm) for x in b)]
+        sign = 1 if w > 0 else -1
+        E = rational_rotation(q)
+        Q[e] = [[float(x) for x in row] for row in (E[2], E[0], E[1])]  # R~ E
+        step = [Fraction(x) - Fraction(y) for x, y in zip(v[e], t[e], strict=True)]
+        y = [step[1], step[2], step[0]]  # R~^T
+        r = [*y, *(sign * x for x in q[1:])]
+        Omega = [[Fraction(x) for x in row] for row in cost.graph.information[e]]
+        prior = Fraction(10.0 * cost.graph.isotropic.tau[e]) * Fraction(v[e, 2]) ** 2
+        exact.append(prior + sum(Omega[k][n] * r[k] * r[n] for k in range(6) for n in range(6)))
+    found = cost.enclosures(Ball.exact(v), Ball.within(Q, 2.0**-52))
+    low, high = found.lower, found.upper
+    assert all(Fraction(a) <= x <= Fraction(b) for a, x, b in zip(low, exact, high, strict=True))
+    assert (high - low <= 1e-9 * high).all()
+
+
+def descended(graph, start):
+    """The cost that scipy's least squares reaches from poses, by residuals of their own."""
+    i, j = graph.edges.T
+    roots = np.swapaxes(np.linalg.cholesky(graph.information), 1, 2)
+    measured = Rotation.from_matrix(graph.rotations)
+    weight = np.sqrt(10.0 * graph.isotropic.tau)
+
+    def residuals(x):
+        x = x.reshape(-1, 6)
+        R = Rotation.from_matrix(start.rotations) * Rotation.from_rotvec(x[:, 3:])
+        t = start.translations + x[:, :3]
+        v = R[i].inv().apply(t[j] - t[i])
+        q = (measured.inv() * R[i].inv() * R[j]).as_quat(canonical=True)
+        e = np.concatenate([measured.inv().apply(v - graph.translations), q[:, :3]], axis=1)
+        return np.concatenate([(roots @ e[:, :, None]).ravel(), weight * v[:, 2]])
+
+    zeros = np.zeros(6 * len(start.translations))
+    return 2.0 * least_squares(residuals, zeros, xtol=1e-15, ftol=1e-15, gtol=1e-12).cost
+
+
+def test_solve_certify_and_sessions_know_it(added, path):
+    instance = certpgo.read(path)
+    assert costs_of(instance) == ("g2o", "chordal", "gtsam", "planar")
+    answer = solve(instance, cost="planar")
+    assert answer.verdict.value == "CERTIFIED"
+    assert answer.certificate.objective.endswith(PRIOR)
+    problem = information_problem(instance, "planar")
+    best = descended(problem.graph, instance.initial)
+    assert answer.cost == pytest.approx(best, rel=1e-9)
+    assert answer.certificate.lower_bound <= best * (1.0 + 1e-12)
+    # Another cost: g2o's optimum is not planar, and is refined to this one.
+    free = solve(instance, cost="g2o")
+    assert problem.cost(free.estimate) > 1.001 * best
+    judged = certify(problem, free.estimate)
+    assert judged.verdict.value == "BOUNDED"
+    assert judged.refined_cost == pytest.approx(best, rel=1e-9)
+
+    session = Session(cost="planar")
+    session.add(instance)
+    assert PRIOR in session.standing.objective
+
+
+def test_the_commands_know_it(added, path, tmp_path, capsys):
+    def run(*arguments):
+        code = main([*map(str, arguments)])
+        return code, capsys.readouterr()
+
+    code, done = run("info", path, "--json")
+    assert json.loads(done.out)["costs"] == ["g2o", "chordal", "gtsam", "planar"]
+    _, done = run("info", path)
+    assert "g2o (default), chordal, gtsam, planar" in done.out
+
+    best, page = tmp_path / "best.g2o", tmp_path / "page.html"
+    code, done = run("solve", path, "--cost", "planar", "-o", best, "--html", page)
+    assert code == 0
+    assert PRIOR in done.out
+    assert PRIOR in page.read_text()
+    assert "--cost planar" in page.read_text()
+    code, done = run("certify", path, best, "--cost", "planar", "--json")
+    assert (code, json.loads(done.out)["verdict"]) == (0, "CERTIFIED")
+    code, done = run("certify", path, best, "--cost", "planar", "--proof", tmp_path / "p.cert")
+    assert (code, "not for --cost planar" in done.err) == (1, True)
+
+    methods = ("--methods", "certified,certified (F)", "--out", tmp_path / "r")
+    code, done = run("compare", path, "--cost", "planar", *methods, "--json")
+    rows = json.loads(done.out)
+    assert [row["minimised"] for row in rows] == ["planar", "chordal"]
+    assert [row["verdict"] for row in rows] == ["CERTIFIED", "BOUNDED"]
+    assert all(row["objective"].endswith(PRIOR) for row in rows)
+
+    code, done = run("follow", path, "--cost", "planar")
+    assert (code, PRIOR in done.out) == (0, True)
+
+
+def test_a_cost_that_is_not_there_is_refused(path, capsys):
+    with pytest.raises(SpecError, match="unknown cost 'planar'; known: chordal, g2o, gtsam"):
+        solve(certpgo.read(path), cost="planar")
+    assert main(["solve", str(path), "--cost", "planar"]) == 2
+    assert "unknown cost 'planar'" in capsys.readouterr().err
