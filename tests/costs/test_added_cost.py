@@ -14,7 +14,14 @@ from strategies import definite
 import certpgo
 from certpgo import Estimate, PoseGraph, RotationGraph, Session, certify, solve, write
 from certpgo.cli import main
-from certpgo.costs import COSTS, costs_of, edge_costs, information_problem
+from certpgo.costs import (
+    COSTS,
+    InformationProblem,
+    costs_of,
+    edge_cost,
+    edge_costs,
+    information_problem,
+)
 from certpgo.errors import SpecError, UnusableFile
 from certpgo.graph import Instance
 from certpgo.graph.information import Information, InformationGraph
@@ -189,6 +196,23 @@ def test_solve_certify_and_sessions_know_it(added, path):
     session = Session(cost="planar")
     session.add(instance)
     assert PRIOR in session.standing.objective
+
+
+def test_it_goes_with_positions(added, path):
+    """An edge of a position alone has g2o's term and no prior."""
+    instance = certpgo.read(path)
+    full = information_problem(instance, "planar").graph
+    kappa, Omega = full.rotation.kappa.copy(), full.information.copy()
+    kappa[0], Omega[0, 3:], Omega[0, :, 3:] = 0.0, 0.0, 0.0
+    partial = InformationGraph(full.isotropic.with_weights(kappa), Omega)
+    problem = InformationProblem(edge_cost(partial, "planar"))
+    answer = solve(problem)
+    assert answer.verdict.value == "CERTIFIED"
+    terms = information_problem(instance, "planar").edge_costs(answer.estimate)
+    v, _ = problem.relative(answer.estimate)
+    y = v[0] - full.translations[0]
+    expected = [y @ Omega[0, :3, :3] @ y, *terms[1:]]
+    np.testing.assert_allclose(problem.edge_costs(answer.estimate), expected, rtol=1e-9)
 
 
 def test_the_commands_know_it(added, path, tmp_path, capsys):

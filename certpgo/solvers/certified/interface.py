@@ -46,7 +46,7 @@ def solve(
     graph : the measurements of n poses or rotations, connected, or the instance that was read, or
         the path of its file, see `certpgo.read`
     cost : ``"chordal"``, the F of this package; or for an instance with information matrices
-        one of `certpgo.costs.COSTS`, such as ``"g2o"`` or ``"gtsam"``: what these programs
+        one of `certpgo.costs.edge_costs`, such as ``"g2o"`` or ``"gtsam"``: what these programs
         minimise. By default that of `certpgo.costs.own_cost` for an instance, and F for a graph
     settings : limits, tolerances and tuning, see `SolveSettings`
     initial : initial estimate, n poses, in metres, or an answer, or the path of a file; by default

@@ -1,4 +1,4 @@
-"""The cost whose terms a session adds up: F, or that of g2o or GTSAM."""
+"""The cost whose terms a session adds up: F, or an edge cost."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Terms:
 
     Attributes
     ----------
-    cost : ``"chordal"``, ``"g2o"`` or ``"gtsam"``
+    cost : ``"chordal"`` or the name of one of `certpgo.costs.edge_costs`
     """
 
     cost: str

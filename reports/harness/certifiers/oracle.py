@@ -52,7 +52,7 @@ def _cost(problem: Problem, estimate: Estimate) -> tuple[float, float]:
 def _own_cost(problem: InformationProblem, estimate: Estimate) -> tuple[float, float]:
     flint, t = library(), estimate.translations
     R, measured = _rotations(estimate.rotations), _rotations(problem.graph.rotations)
-    residual = _gtsam_residual if problem.edge_cost.name == "gtsam" else _g2o_residual
+    residual = RESIDUALS[problem.edge_cost.name]
     total = flint.arb(0)
     for e, (i, j) in enumerate(problem.graph.edges.tolist()):
         step = R[i].transpose() * (_column(t[j]) - _column(t[i]))  # type: ignore[index]
@@ -100,6 +100,10 @@ def _gtsam_residual(y: Any, E: Any) -> Any:
         hat = arb_mat([[0, -v, z], [v, 0, -x], [-z, x, 0]])
     u = y - hat * y / 2 + hat * (hat * y) * c
     return arb_mat([[x] for x in (*u.entries(), *omega)])
+
+
+#: By name, the costs of measured poses that the oracle knows.
+RESIDUALS = {"g2o": _g2o_residual, "gtsam": _gtsam_residual}
 
 
 def _vee(E: Any) -> list[Any]:

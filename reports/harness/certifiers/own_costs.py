@@ -19,6 +19,7 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import FloatArray, IntArray
 from certpgo.solvers.certified.interface import solve
 from reports.harness.certifiers import made
+from reports.harness.certifiers.oracle import RESIDUALS
 from reports.harness.certifiers.points import (
     ZooPoint,
     best_of,
@@ -35,7 +36,7 @@ def wound(quick: bool) -> Iterator[ZooPoint]:
     that add up to at least theta cost at least w theta^2 / n.
     """
     theta, weight = 0.3, 8.0
-    for cost, d, n in itertools.product(COSTS, (2, 3), (10, 60) if quick else (10, 60, 200)):
+    for cost, d, n in itertools.product(RESIDUALS, (2, 3), (10, 60) if quick else (10, 60, 200)):
         ring = made.wound(n, theta, 1, d)
         rng = np.random.default_rng(np.random.SeedSequence((n, d)))
         information = _information(n, d, 2.0, rng)
@@ -52,7 +53,7 @@ def wound(quick: bool) -> Iterator[ZooPoint]:
 
 def exact(quick: bool) -> Iterator[ZooPoint]:
     """Data without noise, f* = 0: the truth, and where descents from other starts end."""
-    for cost, d, seed in itertools.product(COSTS, (2, 3), range(1 if quick else 10)):
+    for cost, d, seed in itertools.product(RESIDUALS, (2, 3), range(1 if quick else 10)):
         rng = np.random.default_rng(np.random.SeedSequence((1, d, seed)))
         problem, true = _measured(cost, d, 0.0, rng)
         truth = truth_by_form(problem, true, 0.0)
@@ -63,7 +64,7 @@ def exact(quick: bool) -> Iterator[ZooPoint]:
 
 def noisy(quick: bool) -> Iterator[ZooPoint]:
     """Noise from little to all: the best and the worst end of several descents."""
-    for cost, d, seed in itertools.product(COSTS, (2, 3), range(1 if quick else 30)):
+    for cost, d, seed in itertools.product(RESIDUALS, (2, 3), range(1 if quick else 30)):
         rng = np.random.default_rng(np.random.SeedSequence((2, d, seed)))
         noise = 10.0 ** rng.uniform(-2.0, 0.3)
         problem, true = _measured(cost, d, noise, rng)
@@ -78,7 +79,7 @@ def read(quick: bool) -> Iterator[ZooPoint]:
 
     The optimum is the one that `solve` finds.
     """
-    for name, cost in itertools.product(("MIT",) if quick else ("MIT", "intel"), COSTS):
+    for name, cost in itertools.product(("MIT",) if quick else ("MIT", "intel"), RESIDUALS):
         if datasets.find(name) is None:
             continue
         with warnings.catch_warnings():
