@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from exact_costs import applied, inner, product, quadratic, spatial
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from strategies import definite
@@ -118,42 +119,26 @@ def test_minorants_touch_and_are_nowhere_above(added, d):
         assert (below(v, Q)[kept] <= there[kept] * (1.0 + 1e-12)).all()
 
 
-def rational_rotation(q):
-    """The rotation of a unit quaternion (w, x, y, z) of fractions."""
-    w, x, y, z = q
-    return [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-
-
 def test_the_enclosure_contains_the_exact_cost(added):
-    """Squares of integer quaternions have rational norms; axes are turned into each other."""
-    rng = np.random.default_rng(2)
-    m = 20
-    cost = cost_of(rng, 3, m, np.tile(np.roll(np.eye(3), 1, axis=0), (m, 1, 1)))
-    p = rng.integers(1, 9, (m, 4)).tolist()
-    exact, Q = [], np.empty((m, 3, 3))
-    t = cost.graph.translations
-    v = t + rng.standard_normal((m, 3))
-    for e, (a, *b) in enumerate(p):
-        norm = a * a + sum(x * x for x in b)
-        w = Fraction(2 * a * a - norm, norm)
-        q = [w, *(Fraction(2 * a * x, norm) for x in b)]
-        sign = 1 if w > 0 else -1
-        E = rational_rotation(q)
-        Q[e] = [[float(x) for x in row] for row in (E[2], E[0], E[1])]  # R~ E
-        step = [Fraction(x) - Fraction(y) for x, y in zip(v[e], t[e], strict=True)]
-        y = [step[1], step[2], step[0]]  # R~^T
-        r = [*y, *(sign * x for x in q[1:])]
-        Omega = [[Fraction(x) for x in row] for row in cost.graph.information[e]]
-        prior = Fraction(10.0 * cost.graph.isotropic.tau[e]) * Fraction(v[e, 2]) ** 2
-        exact.append(prior + sum(Omega[k][n] * r[k] * r[n] for k in range(6) for n in range(6)))
+    """Squares of integer quaternions have rational norms; the measured turn permutes the axes."""
+    rng, m = np.random.default_rng(2), 20
+    turn = np.roll(np.eye(3, dtype=int), 1, axis=0)
+    cost = cost_of(rng, 3, m, np.tile(turn.astype(float), (m, 1, 1)))
+    t, tau = cost.graph.translations, cost.graph.isotropic.tau
+    v, exact, Q = t + rng.standard_normal((m, 3)), [], np.empty((m, 3, 3))
+    for e, (a, *b) in enumerate(rng.integers(1, 9, (m, 4)).tolist()):
+        norm = a * a + inner(b, b)
+        q = [Fraction(2 * a * a - norm, norm), *(Fraction(2 * a * x, norm) for x in b)]
+        Q[e] = np.array(product(turn.tolist(), spatial(q)), dtype=float)
+        there, measured = map(Fraction, v[e]), map(Fraction, t[e])
+        y = applied(turn.T.tolist(), [x - z for x, z in zip(there, measured, strict=True)])
+        r = [*y, *(x if q[0] > 0 else -x for x in q[1:])]
+        Omega = [[*map(Fraction, row)] for row in cost.graph.information[e]]
+        exact.append(quadratic(Omega, r) + Fraction(10.0 * tau[e]) * Fraction(v[e, 2]) ** 2)
     found = cost.enclosures(Ball.exact(v), Ball.within(Q, 2.0**-52))
-    low, high = found.lower, found.upper
-    assert all(Fraction(a) <= x <= Fraction(b) for a, x, b in zip(low, exact, high, strict=True))
-    assert (high - low <= 1e-9 * high).all()
+    for low, value, high in zip(found.lower, exact, found.upper, strict=True):
+        assert Fraction(low) <= value <= Fraction(high)
+        assert high - low <= 1e-9 * high
 
 
 def descended(graph, start):
