@@ -268,7 +268,7 @@ def _proven(c: Statement) -> str:
     if c.verdict == "UNDECIDED":
         return f"{own}; {_NO_BOUND}"
     if c.basin_is_global:
-        return f"{floor}; {improved or own}, which is the optimum"
+        return f"{floor}; {improved or own}, which is the optimum: right basin"
     if improved:
         return f"{floor}; {improved}, so the optimum is at most that"
     return f"{floor}; {own}, {_above(c)} above the optimum"
