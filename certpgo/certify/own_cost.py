@@ -21,12 +21,12 @@ from certpgo.certify.climb import climb
 from certpgo.certify.dual import DualBound, Support, dual_bound
 from certpgo.certify.obstacle import LimitedBy, Obstacle
 from certpgo.certify.proof import proven_surrogate
-from certpgo.costs.descent import descend
 from certpgo.costs.problem import InformationProblem, Surrogate, surrogate_at, surrogate_of
 from certpgo.errors import GraphError, NumericalError
 from certpgo.graph import Estimate
 from certpgo.graph.lift import Point
 from certpgo.linalg.arrays import FloatArray
+from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.monitor import Monitor, silent
 from certpgo.optimize.newton import NewtonSettings
 from certpgo.optimize.solution import Solution

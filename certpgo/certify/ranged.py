@@ -15,14 +15,16 @@ from certpgo.certify.case import Basin, Case
 from certpgo.certify.certificate import Certificate, Verdict
 from certpgo.certify.dual import DualBound, dual_bound
 from certpgo.certify.obstacle import LimitedBy, Obstacle
-from certpgo.costs.range_descent import descend, escape
+from certpgo.costs.range_saddles import escape
 from certpgo.costs.ranges import FAINT, SHORTEST, RangeProblem
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate, PoseGraph
 from certpgo.graph.lift import Lift, Point, lifted, main_subspace, translations_of
 from certpgo.graph.trees import tree_initialization
 from certpgo.linalg import so
+from certpgo.optimize.levenberg_marquardt import descend, minimise
 from certpgo.optimize.monitor import Monitor
+from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Level, Solution, Status
 
 #: Relative gap between a point of the relaxation and its bound below which it is solved.
@@ -31,6 +33,8 @@ SOLVED = 1e-6
 PROJECTIONS = 12
 #: By which a start leaves the space of d dimensions, over the median distance.
 OUT = 0.3
+#: Stationarity at which a rank of the relaxation ends, and steps: its bound needs all digits.
+STATIONARY, RANK_STEPS = 1e-11, 400
 #: Steps of a descent to an estimate.
 STEPS = 250
 #: Share of the remaining time for the climb; the rest is for descents from its end.
@@ -79,14 +83,10 @@ class RangedCase(Case):
         """The estimate itself: its best translations come by descent."""
         return estimate
 
-    def descent(self, start: Point, monitor: Monitor | None = None) -> Solution:
-        """Local descent on the cost, at rank d."""
-        monitor = monitor or self.stop
-        point, status = descend(
-            self.problem, start, max_iterations=STEPS, monitor=monitor, watch=self.stop.watch
-        )
-        estimate = Estimate(point.rotations, point.translations)
-        return Solution(estimate, self.problem.cost(estimate), status, 0)
+    def descent(self, start: Estimate, monitor: Monitor | None = None) -> Solution:
+        """Local descent on the cost from an estimate."""
+        monitor, watch = monitor or self.stop, self.stop.watch
+        return descend(self.problem, start, max_iterations=STEPS, monitor=monitor, watch=watch)
 
     def bound(self, point: Point, cost: float, **_: bool) -> DualBound | None:
         """The bound by the tangents at a point; see `range_bound`."""
@@ -181,10 +181,10 @@ class Relaxed:
         following: Lift | None = self.point
         with suppress(NumericalError, np.linalg.LinAlgError):
             while following is not None and following.rank <= self.highest:
-                with self.stop.watch.phase("descend"):
-                    self.point, status = descend(self.problem, following, monitor=self.stop)
-                cost = self.problem.cost(self.point)
-                self.levels.append(Level(self.rank, cost, self.stop.request or status))
+                progress = Progress(self.stop, STATIONARY, RANK_STEPS, self.stop.watch)
+                end = minimise(self.problem.linearized(following), progress)
+                self.point, cost = end.point, end.cost
+                self.levels.append(Level(self.rank, cost, self.stop.request or progress.status))
                 if self.stop.cuts():
                     break
                 with self.stop.watch.phase("certify"):

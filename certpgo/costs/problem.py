@@ -20,30 +20,36 @@ from certpgo.graph.speaking import Speaking
 from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray
 from certpgo.linalg.blocks import Layout, scatter_sum
-from certpgo.linalg.factor import Symbolic, default_engine
+from certpgo.linalg.factor import Factor, Symbolic, default_engine
 from certpgo.objective.operators import lever
 from certpgo.objective.problem import PoseProblem
+from certpgo.optimize.levenberg_marquardt import largest_step
+from certpgo.optimize.newton import ROUNDING
+
+#: Damping after the first step that fails without any.
+FIRST_DAMPING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """A cost and its linearization at an estimate.
+    """A cost and its linearization at an estimate, a `QuadraticModel`.
 
     Attributes
     ----------
     cost : the cost there
-    gradient : (n, d + p) half its gradient
+    gradient : (N,) half its gradient
     at_i, at_j : (m, k, d + p) derivatives of the residuals by the first and the second pose
     """
 
     problem: InformationProblem
+    point: Estimate
     cost: float
     gradient: FloatArray
     at_i: FloatArray
     at_j: FloatArray
 
     @cached_property
-    def matrix(self) -> CSC:
+    def gauss_newton(self) -> CSC:
         """The Gauss-Newton matrix of half the cost."""
         graph, n = self.problem.graph, self.problem.n
         i, j = graph.edges.T
@@ -55,9 +61,44 @@ class NormalEquations:
         return self.problem.chordal.pattern.assemble(diagonal, upper, graph.d)
 
     @property
-    def curvature(self) -> FloatArray:
-        """(n, d + p) diagonal of the matrix."""
-        return self.problem.tangent_layout.unpack(self.matrix.diagonal())
+    def hessian(self) -> CSC:
+        """The Gauss-Newton matrix; second derivatives of the residuals are not computed."""
+        return self.gauss_newton
+
+    @property
+    def rounding(self) -> float:
+        """A decrease of the cost that may be lost in rounding."""
+        return ROUNDING * self.cost
+
+    @property
+    def gauge(self) -> FloatArray:
+        """(N,) one for a pose that hardly moves, zero for the others."""
+        return self.problem.held
+
+    def scale(self, H: CSC) -> FloatArray:
+        """(N,) the diagonal of the matrix."""
+        return np.asarray(H.diagonal())
+
+    def raised(self, damping: float) -> float:
+        """The damping after a failed step: ten times as much, or the first."""
+        return 10.0 * damping or FIRST_DAMPING
+
+    def stationarity(self, scale: FloatArray) -> float:
+        """The largest gradient over ``scale``, see `InformationProblem.stationarity`."""
+        unpack = self.problem.tangent_layout.unpack
+        length = self.problem.length
+        return largest_step(unpack(self.gradient), unpack(scale), self.problem.d, length)
+
+    def factor(self, A: CSC) -> Factor | None:
+        """The factor of a matrix with the same pattern."""
+        return self.problem.symbolic(A).factor(A)
+
+    def moved(self, x: FloatArray) -> NormalEquations:
+        """The normal equations after a step x (N,)."""
+        moves, d = self.problem.tangent_layout.unpack(x), self.problem.d
+        turned = so.project(so.turned(self.point.rotations, moves[:, d:]))
+        t = translations_of(self.point) + moves[:, :d]
+        return self.problem.linearized(Estimate.trusted(turned, t))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -206,7 +247,7 @@ class InformationProblem(Speaking):
         """(m,) angles between R_i R_ij and R_j, radians."""
         return self.chordal.residual_angles(estimate)
 
-    def normal_equations(self, estimate: Estimate) -> NormalEquations:
+    def linearized(self, estimate: Estimate) -> NormalEquations:
         """The cost and its linearization at an estimate.
 
         Poses move by world-frame translations, then body-frame rotations.
@@ -223,7 +264,8 @@ class InformationProblem(Speaking):
         gradient = scatter_sum(i, (np.swapaxes(at_i, 1, 2) @ weighted)[:, :, 0], self.n)
         gradient += scatter_sum(j, (np.swapaxes(at_j, 1, 2) @ weighted)[:, :, 0], self.n)
         cost = float((e[:, None, :] @ weighted).sum())
-        return NormalEquations(self, cost, gradient, at_i, at_j)
+        packed = self.tangent_layout.pack(gradient)
+        return NormalEquations(self, estimate, cost, packed, at_i, at_j)
 
     @property
     def tangent_layout(self) -> Layout:
@@ -231,8 +273,8 @@ class InformationProblem(Speaking):
         return self.chordal.tangent_layout
 
     def gauss_newton(self, estimate: Estimate) -> CSC:
-        """The Gauss-Newton matrix of half the cost, as in `normal_equations`."""
-        return self.normal_equations(estimate).matrix
+        """The Gauss-Newton matrix of half the cost, as in `linearized`."""
+        return self.linearized(estimate).gauss_newton
 
     def symbolic(self, A: CSC) -> Symbolic:
         """The symbolic analysis of a block matrix of this graph."""
@@ -240,17 +282,21 @@ class InformationProblem(Speaking):
 
     def stationarity(self, estimate: Estimate) -> float:
         """Largest gradient of a pose over its curvature, radians and relative translations."""
-        found = self.normal_equations(estimate)
-        return self.stationarity_of(found.gradient, found.curvature)
+        here = self.linearized(estimate)
+        return here.stationarity(here.scale(here.gauss_newton))
 
-    def stationarity_of(self, gradient: FloatArray, curvature: FloatArray) -> float:
-        """`stationarity`, from half the gradient and the matrix's diagonal, each (n, d + p)."""
+    @cached_property
+    def length(self) -> float:
+        """Of the measured translations: their root mean square, or 1."""
         t = self.graph.translations
-        length = math.sqrt(float(np.einsum("ma,ma->", t, t)) / len(t)) or 1.0
-        unit = np.r_[np.full(self.d, length), np.ones(gradient.shape[1] - self.d)]
-        with np.errstate(all="ignore"):
-            size = np.abs(gradient) / (curvature * unit)
-        return float(np.nan_to_num(size, nan=0.0).max())
+        return math.sqrt(float(np.einsum("ma,ma->", t, t)) / len(t)) or 1.0
+
+    @cached_property
+    def held(self) -> FloatArray:
+        """(N,) one for the anchor's coordinates, zero for the others."""
+        held = np.zeros((self.n, self.d + so.tangent_dim(self.d)))
+        held[self.chordal.anchor] = 1.0
+        return self.tangent_layout.pack(held)
 
     def refuse_indefinite(self, source: str = "") -> None:
         """Refuse information matrices that have no lower bound.

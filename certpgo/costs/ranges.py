@@ -25,7 +25,7 @@ from certpgo.costs.signed import OrientedProblem, SignedGraph, SignedProblem
 from certpgo.errors import GraphError, InputError
 from certpgo.graph import Estimate, PoseGraph, RotationGraph
 from certpgo.graph.edges import components_of
-from certpgo.graph.lift import Point, translations_of
+from certpgo.graph.lift import Lift, Point, translations_of
 from certpgo.graph.priors import require_held
 from certpgo.graph.ranges import Ranges
 from certpgo.graph.speaking import Brief
@@ -33,10 +33,13 @@ from certpgo.linalg import so
 from certpgo.linalg.arrays import CSC, FloatArray, IntArray
 from certpgo.linalg.balls import U
 from certpgo.linalg.blocks import Layout, scatter_sum
-from certpgo.linalg.factor import Symbolic, default_engine
+from certpgo.linalg.factor import Factor, Symbolic, default_engine
 from certpgo.objective import operators
 from certpgo.objective.edge_sums import EdgeSums
 from certpgo.objective.problem import PoseProblem
+from certpgo.optimize.levenberg_marquardt import largest_step
+from certpgo.optimize.low_rank import orthonormal
+from certpgo.optimize.newton import ROUNDING
 
 #: Least weight of the tangents between two nodes, over that of their distances: any weight below a
 #: distance's is a minorant's.
@@ -44,6 +47,8 @@ FAINT = 1e-10
 #: Distances of estimates below this share of the measured ones have no direction, nor have those
 #: below this share of the coordinates, which may be rounding.
 SHORTEST, INEXACT = 1e-12, 16.0 * U
+#: Least damping after a step that fails.
+DAMPING = 1e-4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -225,6 +230,15 @@ class RangeProblem(Brief):
         G[:, :, 0] += scatter_sum(j, pull, self.n) - scatter_sum(i, pull, self.n)
         return G
 
+    def linearized(self, point: Point) -> RangeModel:
+        """The quadratic model of f at a point of any rank."""
+        return RangeModel(self, point)
+
+    @cached_property
+    def length(self) -> float:
+        """Of the distances: their root mean square, or 1."""
+        return math.sqrt(float(np.mean(self.ranges.distances**2))) or 1.0
+
     def hessian(self, point: Point, basis: FloatArray, multipliers: FloatArray | None) -> CSC:
         """The Riemannian Hessian of f/2; the Gauss-Newton matrix without multipliers.
 
@@ -299,3 +313,76 @@ class RangeProblem(Brief):
         constant = math.nextafter(math.fsum(constants), -math.inf)
         weights = np.r_[self.measured.tau, tau]
         return self.whole.of_same_edges(replace(self.graph, tau=weights)), constant
+
+
+class RangeModel:
+    """The cost near a point, a `QuadraticModel` over translations and an orthonormal basis."""
+
+    #: At higher ranks no single node holds all motions of the whole.
+    gauge = 1e-9
+
+    def __init__(self, problem: RangeProblem, point: Point) -> None:
+        self.problem, self.point = problem, Lift(point.rotations, point.translations)
+        self.cost = problem.cost(point)
+        self.rank = point.rotations.shape[1]
+        self._layout = problem.layout(self.rank)
+
+    @property
+    def rounding(self) -> float:
+        """A decrease of the cost that may be lost in rounding of the lengths."""
+        return max(ROUNDING * self.cost, 2.0 * U * math.sqrt(self.problem.scale * self.cost))
+
+    @cached_property
+    def _euclidean(self) -> FloatArray:
+        return self.problem.gradient(self.point)
+
+    @cached_property
+    def _basis(self) -> FloatArray:
+        return self.problem.whole.tangent_basis(self.point.rotations)
+
+    @cached_property
+    def gradient(self) -> FloatArray:
+        """(N,) half the gradient of f."""
+        G = self._euclidean
+        turn = np.einsum("nqrd,nrd->nq", self._basis, G[:, :, 1:])
+        return self._layout.pack(np.concatenate([G[:, :, 0], turn], axis=1))
+
+    @cached_property
+    def gauss_newton(self) -> CSC:
+        """The Gauss-Newton matrix of f/2."""
+        return self.problem.hessian(self.point, self._basis, None)
+
+    @cached_property
+    def hessian(self) -> CSC:
+        """The Riemannian Hessian of f/2."""
+        lam = self.problem.whole.constrained(self._euclidean[:, :, 1:], self.point.rotations)
+        return self.problem.hessian(self.point, self._basis, lam)
+
+    def scale(self, H: CSC) -> FloatArray:
+        """(N,) the diagonal, positive, and one number for each position."""
+        size, r = self._layout.unpack(np.abs(H.diagonal())), self.rank
+        # Of positions and of turns by themselves, as their ratio depends on the unit of length.
+        largest = np.repeat([size[:, :r].max(), size[:, r:].max()], [r, size.shape[1] - r])
+        # Each position's mean: entries of single coordinates depend on how the world is turned.
+        size[:, :r] = size[:, :r].mean(axis=1, keepdims=True)
+        return self._layout.pack(np.maximum(size, 1e-12 * largest))
+
+    def raised(self, damping: float) -> float:
+        """The damping after a failed step: ten times as much, enough for most Hessians at once."""
+        return max(10.0 * damping, DAMPING)
+
+    def stationarity(self, scale: FloatArray) -> float:
+        """The largest gradient over ``scale``, radians and shares of the distances."""
+        unpack = self._layout.unpack
+        return largest_step(unpack(self.gradient), unpack(scale), self.rank, self.problem.length)
+
+    def factor(self, A: CSC) -> Factor | None:
+        """The factor of a matrix with the same pattern."""
+        return self.problem.symbolic(A).factor(A)
+
+    def moved(self, x: FloatArray) -> RangeModel:
+        """The model after a step x (N,)."""
+        step, r = self._layout.unpack(x), self.rank
+        V = np.einsum("nq,nqrd->nrd", step[:, r:], self._basis)
+        t = translations_of(self.point) + step[:, :r]
+        return RangeModel(self.problem, Lift(orthonormal(self.point.rotations + V), t))

@@ -21,7 +21,6 @@ import numpy as np
 
 from certpgo import PoseGraph, RotationGraph, certify, solve
 from certpgo.costs import InformationProblem, information_problem, surrogate
-from certpgo.costs.descent import descend
 from certpgo.costs.edge_costs.g2o import G2oCost
 from certpgo.costs.edge_costs.gtsam import GtsamCost
 from certpgo.errors import InputError
@@ -30,6 +29,7 @@ from certpgo.graph.information import InformationGraph
 from certpgo.io import datasets
 from certpgo.io.datasets.synthetic import grid3d
 from certpgo.linalg import so
+from certpgo.optimize.levenberg_marquardt import descend
 from reports.harness.experiments.figure import STYLE
 
 # %% [markdown]

@@ -9,12 +9,12 @@ from certpgo.certify.climb import climb
 from certpgo.certify.curvature import negative_curvature, resolution
 from certpgo.certify.own_cost import OwnCostCase
 from certpgo.costs import InformationProblem
-from certpgo.costs.descent import descend
 from certpgo.costs.edge_costs.g2o import G2oCost
 from certpgo.graph import PoseGraph
 from certpgo.graph.information import InformationGraph
 from certpgo.io.datasets.synthetic import grid3d, winding_cycle
 from certpgo.linalg import so
+from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.newton import newton
 
 

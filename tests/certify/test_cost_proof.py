@@ -20,7 +20,6 @@ from certpgo.certify.own_cost import OwnCostCase
 from certpgo.certify.proof import exact_graph, quaternions
 from certpgo.certify.proof_file import write_proof
 from certpgo.costs import InformationProblem, information_problem, surrogate
-from certpgo.costs.descent import descend
 from certpgo.costs.edge_costs.g2o import G2oCost
 from certpgo.costs.problem import surrogate_of
 from certpgo.errors import InputError, NumericalError
@@ -29,6 +28,7 @@ from certpgo.graph.information import InformationGraph
 from certpgo.graph.lift import lifted
 from certpgo.linalg import so
 from certpgo.objective.problem import PoseProblem
+from certpgo.optimize.levenberg_marquardt import descend
 
 few = settings(max_examples=10, deadline=None)
 

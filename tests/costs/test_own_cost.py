@@ -23,7 +23,6 @@ from certpgo.costs import (
     problem_under,
     surrogate,
 )
-from certpgo.costs.descent import descend
 from certpgo.costs.edge_costs.g2o import G2oCost
 from certpgo.costs.problem import NormalEquations
 from certpgo.errors import GraphError, InputError, NumericalError, SpecError
@@ -31,6 +30,7 @@ from certpgo.graph import Instance
 from certpgo.graph.components import connected_parts
 from certpgo.graph.information import Information, InformationGraph
 from certpgo.linalg import so
+from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.solution import Status
 from certpgo.optimize.starts import start_of
 
@@ -119,9 +119,9 @@ def test_descents_never_rise_and_report_the_steps_that_would(seed, d):
 def test_a_factor_serves_as_long_as_its_steps_converge_fast(monkeypatch):
     problem, x = problem_of_random(rng_of(0), 30, 3, noise=0.1)
     matrices = []
-    assemble = NormalEquations.matrix.func
+    assemble = NormalEquations.gauss_newton.func
     monkeypatch.setattr(
-        NormalEquations, "matrix", property(lambda p: matrices.append(p) or assemble(p))
+        NormalEquations, "gauss_newton", property(lambda p: matrices.append(p) or assemble(p))
     )
     found = descend(problem, x)
     assert found.status.value == "converged"
@@ -164,8 +164,9 @@ def test_a_surrogate_equals_the_cost_at_its_point_and_is_stationary_there(seed, 
 def test_normal_equations_are_derivatives_of_the_cost(seed, d):
     rng = rng_of(seed)
     problem, x = problem_of_random(rng, 6, d, noise=0.2)
-    here = problem.normal_equations(x)
-    cost, gradient, H = here.cost, here.gradient, here.matrix
+    here = problem.linearized(x)
+    cost, H = here.cost, here.gauss_newton
+    gradient = problem.tangent_layout.unpack(here.gradient)
     assert cost == pytest.approx(problem.cost(x), rel=1e-12)
     v = rng.standard_normal(gradient.shape)
 

@@ -12,12 +12,12 @@ from strategies import definite, dimensions, point_graph, rng_of, seeds
 import certpgo
 from certpgo import Estimate, InputError, certify, solve
 from certpgo.costs import COSTS, InformationProblem, information_problem, own_cost, surrogate
-from certpgo.costs.descent import descend
 from certpgo.costs.positions import WithPositions
 from certpgo.graph.information import InformationGraph, of_positions
 from certpgo.linalg import so
 from certpgo.linalg.balls import Ball
 from certpgo.linalg.so import rotation_defect, tangent_dim
+from certpgo.optimize.levenberg_marquardt import descend
 
 few = settings(max_examples=12)
 costs = st.sampled_from(["g2o", "gtsam"])

@@ -21,12 +21,15 @@ from certpgo import (
 )
 from certpgo.certify.ranged import RangedCase, Relaxed, range_bound
 from certpgo.costs import range_problem
-from certpgo.costs.range_descent import descend, escape
+from certpgo.costs.range_saddles import escape
 from certpgo.costs.ranges import RangeProblem
 from certpgo.costs.signed import SignedProblem, quarter_turn
-from certpgo.graph.lift import Lift, lifted
+from certpgo.graph.lift import Lift
 from certpgo.linalg import so
+from certpgo.optimize.levenberg_marquardt import descend, minimise
 from certpgo.optimize.low_rank import orthonormal
+from certpgo.optimize.monitor import Stopwatch, silent
+from certpgo.optimize.progress import Progress
 from certpgo.optimize.solution import Status
 
 few = settings(max_examples=12)
@@ -53,6 +56,11 @@ def anywhere(rng, problem, rises):
     if problem.d == 2:
         Z[:, :, 1] = quarter_turn(Z[:, :, 0])
     return Lift(orthonormal(Z), 3.0 * rng.standard_normal((problem.n, rank)))
+
+
+def stationary(problem, point):
+    """The end of a descent at the rank of a point."""
+    return minimise(problem.linearized(point), Progress(silent, 1e-11, 400, Stopwatch()))
 
 
 def written_out(problem, point):
@@ -133,11 +141,8 @@ def test_bounds_are_below_what_descents_find(seed, d):
     answer = solve(problem)
     assert answer.certificate.lower_bound <= written_out(problem, truth)
     for _ in range(5):
-        start = lifted(
-            Estimate(so.random(rng, problem.n, d), rng.standard_normal((problem.n, d))), d
-        )
-        found, _ = descend(problem, start)
-        cost = problem.cost(found)
+        start = Estimate(so.random(rng, problem.n, d), rng.standard_normal((problem.n, d)))
+        cost = descend(problem, start).cost
         assert answer.certificate.lower_bound <= cost * (1.0 + 1e-12)
     # So is that of any point, whether stationary or not.
     bound = range_bound(problem, anywhere(rng, problem, 1), answer.cost)
@@ -195,7 +200,7 @@ def test_oriented_points_stay_so(seed):
         [problem.whole.position_rows(rising.translations)[:, :, 0], rising.rotations[:, 0]], axis=1
     )
     np.testing.assert_array_equal(first, rows)
-    found, _ = descend(problem, point)
+    found = stationary(problem, point).point
     for Y in (rising.rotations, found.rotations):
         np.testing.assert_allclose(quarter_turn(Y[:, :, 0]), Y[:, :, 1], atol=1e-12)
     (frame,) = problem.whole.frames(np.linalg.qr(rng.standard_normal((6, 2)))[0])
@@ -371,7 +376,7 @@ def test_a_descent_does_not_depend_on_how_the_world_is_turned(seed):
     n = problem.n
     far = Estimate(so.random(rng, n, 3), 5.0 * rng.standard_normal((n, 3)))
     ends = [
-        problem.cost(descend(problem, start)[0])
+        descend(problem, start).cost
         for start in (far, far.moved(so.random(rng, 1, 3)[0], np.ones(3)))
     ]
     assert ends[1] == pytest.approx(ends[0], rel=1e-9)
@@ -416,7 +421,7 @@ def test_the_values_of_the_file_are_a_start(clock):
 def test_ways_down_are_not_looked_for_after_a_stop():
     problem, _, _ = measured(2, 3, noise=1.0, poses=12, points=4)
     relaxed = Relaxed(RangedCase.of(problem, "standard", 0.0, 0.0))
-    point, _ = descend(problem, relaxed.point)
+    point = stationary(problem, relaxed.point).point
     asked = []
 
     def third():
@@ -438,10 +443,10 @@ def test_rejected_steps_are_reported_and_may_be_the_last():
         steps.append(step)
         return not step.accepted
 
-    found, status = descend(problem, start, monitor=at_the_first_rejected)
-    assert status is Status.INTERRUPTED
+    found = descend(problem, start, monitor=at_the_first_rejected)
+    assert found.status is Status.INTERRUPTED
     assert [step.accepted for step in steps] == [True] * (len(steps) - 1) + [False]
-    assert problem.cost(found) == steps[-1].cost == steps[-2].cost
+    assert found.cost == steps[-1].cost == steps[-2].cost
 
 
 def test_a_map_stuck_elsewhere_is_refuted(dataset):

@@ -8,11 +8,11 @@ from enum import Enum
 
 from certpgo.certify.case import ATOL, RTOL
 from certpgo.costs import InformationProblem
-from certpgo.costs.descent import descend
 from certpgo.errors import NumericalError
 from certpgo.graph import Estimate
 from certpgo.linalg import so
 from certpgo.objective.problem import Problem, RotationProblem
+from certpgo.optimize.levenberg_marquardt import descend
 from certpgo.optimize.newton import NewtonSettings, newton
 from reports.harness.certifiers import oracle, search
 
